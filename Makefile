@@ -1,0 +1,44 @@
+# Two commands on a fresh machine: make demo, make test. Both set up .venv from pinned versions.
+PYTHON ?= python3
+VENV   ?= .venv
+BIN     = $(VENV)/bin
+PIP     = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.PHONY: demo test lint bench bundled docs clean
+demo: $(VENV)/.run
+	$(BIN)/pliant demo -o results/demo
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/codespell
+
+bench: $(VENV)/.bench
+	$(BIN)/python benchmarks/run.py
+
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx -b html -W --keep-going docs docs/_build/html
+
+bundled: $(VENV)/.run  # the recordings of the virtual actuator that come with the package
+	$(BIN)/python -m pliant.testbed.bundle
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "pliant needs Python >= 3.11; run: make PYTHON=/path/to/python3.11"; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.run: $(BIN)/python pyproject.toml constraints.txt
+	$(PIP) -e . && touch $@
+$(VENV)/.dev: $(BIN)/python pyproject.toml constraints.txt
+	$(PIP) -e '.[dev,io]' && touch $@ $(VENV)/.run
+$(VENV)/.docs: $(VENV)/.run
+	$(PIP) -e '.[docs]' && touch $@
+$(VENV)/.bench: $(VENV)/.dev
+	$(PIP) -e '.[bench]' && touch $@
+
+clean:
+	rm -rf $(VENV) results docs/_build .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,203 @@
+"""Closed loops on the virtual actuators: one table and one figure by one command.
+
+    python benchmarks/control.py -o benchmarks/results/control.json --figure docs/figures/control_step
+
+Everything was tuned on actuator a and on variants of it; b and c are run with a's model and their own rest shape.
+`python benchmarks/control.py --speed` measures the time of a frame alone.
+Settling: 2 % of a step of 25 mm, of the true tip. Error: mean of the last 0.4 s, of the true tip and of the tip that
+the estimator sees. Push: 50 mN at the cap, largest error 0.5 s later. Path: a sine between 7 and 23 mm at 1 Hz.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+from pliant.model import load_model
+from pliant.runtime.control import Limits, SupplyValve, Task, prepare_control
+from pliant.runtime.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
+from pliant.simulation import state
+from pliant.testbed.plant import Plant
+
+MODELS = Path(__file__).parents[1] / "examples" / "control"
+VALVE = SupplyValve(9.01, 6.46, 0.765, 8.12e-3)  # of the rig, found by examples/control/identify.py
+PERIOD, HIGHEST, STEP = 4e-3, 190e3, 0.025
+KINDS = {
+    "PI, shaped (ZVD), memory inverted": {"feedback": "pid"},
+    "LQR": {"planned": False, "ramp": 0.0},
+    "LQR on a planned reference": {},
+    "MPC on a planned reference": {"feedback": "mpc"},
+}
+
+
+class Loop:
+    def __init__(self, body, model, perfect, **task):
+        self.plant, late = Plant(body, perfect=perfect), 0 if perfect else 1
+        frames = np.array([self.plant.advance(0.0).shape for _ in range(50)])
+        self.ready = prepare_control(
+            load_model(MODELS / f"model_{model}.json"), self.plant.arc_length, frames, Task(**task), Limits(HIGHEST),
+            PERIOD, late=late, supply=VALVE,
+        )
+        self.clock = VirtualClock()
+        arm = VirtualActuator(self.plant, self.clock)
+        self.loop = ControlLoop(
+            [arm], arm, self.ready.estimator, self.ready.control, Watchdog(Bounds(1.15 * HIGHEST)), PERIOD, self.clock
+        )
+        self.rest, self.body, self.deadline = self.plant.tip, self.ready.estimator.model, 0
+        self.still = state.tips(self.body, self.ready.estimator.angle)[-1].copy()
+
+    def go(self, seconds):
+        """True and seen displacement, command, and seconds of processor for each period."""
+        rows = []
+        for _ in range(round(seconds / PERIOD)):
+            self.clock.sleep_until(self.deadline)
+            self.loop.period(self.deadline, self.deadline)
+            self.deadline += round(PERIOD * 1e9)
+            seen = np.linalg.norm(state.tips(self.body, self.ready.estimator.angle)[-1] - self.still)
+            rows.append((np.linalg.norm(self.plant.tip - self.rest), seen, self.loop.command))
+        return np.array(rows).T
+
+
+def settling(moved):
+    outside = np.flatnonzero(np.abs(moved - STEP) > 0.02 * STEP)
+    return float((outside[-1] + 1) * PERIOD) if outside.size else 0.0
+
+
+def measure(body, model, kind, perfect):
+    run = Loop(body, model, perfect, time=[0.0], displacement=[STEP], duration=1.6, **KINDS[kind])
+    moved, seen, command = run.go(1.6)
+    row = {
+        "actuator": body, "model": model, "controller": kind, "sensors": "perfect" if perfect else "fibre",
+        "settling_s": settling(moved), "overshoot_percent": 100 * (moved.max() / STEP - 1),
+        "highest_kpa": 1e-3 * command.max(), "error_true_mm": 1e3 * (moved[-100:].mean() - STEP),
+        "error_seen_mm": 1e3 * (seen[-100:].mean() - STEP),
+    }
+    if perfect:
+        run.plant.push(0.05)
+        pushed = run.go(0.6)[0]
+        row["push_largest_mm"] = 1e3 * float(np.abs(pushed - STEP).max())
+        row["push_left_mm"] = 1e3 * float(np.abs(pushed[-25:] - STEP).max())
+    row["fault"] = run.loop.watchdog.fault
+    return row, moved, command
+
+
+def tracking(body, kind):
+    clock = np.arange(0.0, 2.0, PERIOD)
+    wanted = 0.015 - 0.008 * np.cos(2 * np.pi * clock) - 0.007 * np.clip(1 - clock / 0.25, 0, 1)
+    run = Loop(body, "a", True, time=clock, displacement=wanted, duration=2.0, path=True, **KINDS[kind])
+    moved = run.go(2.0)[0]
+    return 1e3 * float(np.sqrt(np.mean((moved - wanted)[125:] ** 2)))
+
+
+def spent(call, frames=1, calls=300):
+    """Median time of a frame, us."""
+    clock, took = time.perf_counter_ns, []
+    for _ in range(calls):
+        began = clock()
+        call()
+        took.append((clock() - began) / frames)
+    return 1e-3 * float(np.median(took))
+
+
+def speed():
+    """Time of a frame at the loop's period: filter or observer with memory, and the regulator; us."""
+    from pliant.equations._compiled import twin
+    from pliant.runtime import default_noise
+    from pliant.runtime import loops as filter_loops
+    from pliant.runtime.control import frame_loops
+    from pliant.runtime.estimation import chain_of
+    from pliant.runtime.scratch import make_scratch
+
+    run = Loop("a", "a", True, time=[0.0], displacement=[STEP], duration=1.0)
+    run.go(0.3)
+    seen, control, lead = run.ready.estimator, run.ready.control, run.ready.reference.lead[9]
+    regulator, observer = control.law.inputs(6e4, np.zeros(2)), seen.inputs(1)
+    many = twin(frame_loops.many_followed, seen.model.n)
+    many(1, observer, regulator, lead, np.zeros(8))
+    told = {"observer_lqr_us": spent(lambda: many(50, observer, regulator, lead, np.zeros(8)), 50)}
+    points, now = run.plant.advance(0.0).shape, [0.3]
+
+    def frame():
+        now[0] += PERIOD
+        seen.drive(now[0], 6e4)
+        control.step(now[0], *seen.update(now[0], points), 6e4)
+
+    told["observer_lqr_python_us"] = spent(frame, calls=3000)
+    body, n, noise = seen.model, seen.model.n, default_noise(seen.model)
+    rows, P = np.array([(filter_loops.JOINT, i, 0.0, 0.0) for i in range(n)]), noise.initial(body)
+    state_of = (state.absolute(body, np.zeros(n)), np.zeros(n), np.zeros(n), P, state.relaxed(body, np.zeros(n)))
+    sight = (body.link_length, body.first_joint, rows, body.rest_angle.copy(), np.full(n, 1e-6), np.empty(n))
+    many, one = (twin(kernel, n) for kernel in (frame_loops.many_filtered, frame_loops.filter_and_steer))
+    for name, steps, span in (("filter_lqr", 1, PERIOD), ("filter_lqr_75hz_3_steps", 3, 1 / 75)):
+        call = (state_of, np.zeros(n), (chain_of(body), seen.body),
+                (steps, span / steps, 0.05, (*noise.densities(body), np.zeros(1))), sight, regulator, lead,
+                make_scratch(body, P.shape[0], n), np.zeros(8))  # fmt: skip
+        many(1, *call)
+        told[f"{name}_us"] = spent(lambda call=call: many(50, *call), 50)
+        one(*call)
+        told[f"{name}_python_us"] = spent(lambda call=call: one(*call), calls=3000)
+    return told
+
+
+def figure(traces, path):
+    from pliant.plotting import new_figure, style
+
+    kinds = ((":", 0.9, "0.45"), ("--", 0.9, "0.35"), ("-", 1.4, "0.0"), ("-.", 1.0, "0.0"))
+    looks = dict(zip(KINDS, kinds, strict=True))
+    with style():
+        made, panels = new_figure(2, 3, height=3.8, sharex=True, sharey="row")
+        for kind, body, moved, command in traces:
+            clock, column, (line, width, grey) = np.arange(1, moved.size + 1) * PERIOD, "abc".index(body), looks[kind]
+            look = {"linestyle": line, "linewidth": width, "color": grey}
+            panels[0, column].plot(clock, 1e3 * moved, label=kind, **look)
+            panels[1, column].step(clock - PERIOD, 1e-3 * command, where="post", **look)
+        for column, body in enumerate("abc"):
+            panels[0, column].axhspan(24.5, 25.5, color="0.88", zorder=0)
+            panels[0, column].set(title=f"actuator {body}", xlim=(0.0, 0.7))
+            panels[1, column].set(xlabel="time (s)")
+        panels[0, 0].set_ylabel("true tip displacement (mm)")
+        panels[1, 0].set_ylabel("command (kPa)")
+        panels[0, 2].legend(loc="lower right", fontsize="x-small")
+        for ending in (".png", ".svg"):
+            made.savefig(path.with_suffix(ending), dpi=200)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("-o", "--output", type=Path, default=Path("benchmarks/results/control.json"))
+    parser.add_argument("--figure", type=Path, help="path without ending")
+    parser.add_argument("--speed", action="store_true", help="only the time of a frame")
+    args = parser.parse_args()
+    if args.speed:
+        print(json.dumps(speed(), indent=1))
+        return
+    rows, traces = [], []
+    began = time.process_time()
+    for kind in KINDS:
+        for body in "abc":
+            row, moved, command = measure(body, "a", kind, perfect=True)
+            if body == "a" and kind != "LQR":
+                row["path_rmse_mm"] = tracking(body, kind)
+            rows.append(row)
+            traces.append((kind, body, moved, command))
+            print(json.dumps(row), flush=True)
+    kind = "LQR on a planned reference"
+    rest = [(b, "a", False) for b in "abc"] + [(b, b, True) for b in "bc"]
+    for body, model, perfect in rest:
+        rows.append(measure(body, model, kind, perfect)[0])
+        print(json.dumps(rows[-1]), flush=True)
+    rows.append(speed())
+    print(json.dumps(rows[-1]), flush=True)
+    args.output.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    print(f"{time.process_time() - began:.0f} s of processor")
+
+    if args.figure:
+        figure(traces, args.figure)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""How the cost of one step grows with the number of links: dense and articulated, as loops and as straight lines.
+
+`chosen` is what every simulation runs; see `pliant.equations._fast`.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from pliant.actuators import chen2018
+from pliant.campaign.bench.timing import best, machine
+from pliant.equations._compiled import options, rebuild, twin
+from pliant.equations._fast import fast_step
+from pliant.equations._straight import straight
+from pliant.equations.articulated import step_articulated
+from pliant.equations.motion import step
+from pliant.simulation import loops
+from pliant.simulation.state import workspace
+
+LINKS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 30, 40, 50)
+MOST_DENSE = 16  # links of a dense straight line: more take long to compile
+CALLS, STEP, TORQUE = 500, 1e-4, 0.05
+
+
+def step_ns(compiled, n: int) -> tuple[float, np.ndarray]:
+    """Time of one step in a march, ns, and the angles after `CALLS` of them."""
+    model = chen2018.model(links=n)
+    march = rebuild(loops.march, njit(**{**options(loops.march), "cache": False}), {"step": compiled})
+    h, torque = np.full(CALLS, STEP), np.full(CALLS, TORQUE)
+    keep, rows = np.append(np.full(CALLS - 1, -1), 0), (np.empty((1, n)), np.empty((1, n)), np.empty((1, 2)))
+
+    def run():
+        march(
+            np.zeros(n), np.zeros(n), 0.0, h, torque, keep, model.body(), model.joints(), workspace(n), *rows
+        )
+
+    seconds = best(run, seconds=0.2)
+    return 1e9 * seconds / CALLS, rows[0][0].copy()
+
+
+def kinds(n: int) -> dict[str, object]:
+    """The compiled steps that exist for n links."""
+    made = {"dense": twin(step)}
+    if n <= MOST_DENSE:
+        made["dense_straight"] = straight(step, n)
+    if n >= 4:
+        made |= {"articulated": twin(step_articulated), "articulated_straight": straight(step_articulated, n)}
+    return made
+
+
+def main() -> None:
+    """Print a line a number of links, and write the table."""
+    rows = []
+    names = ("dense", "dense_straight", "articulated", "articulated_straight", "chosen")
+    print(f"{'links':>5} " + " ".join(f"{name:>20}" for name in names) + f" {'difference rad':>15}   (ns)")
+    for n in LINKS:
+        made = kinds(n)
+        found = {name: step_ns(compiled, n) for name, compiled in made.items()}
+        chosen = next(name for name, compiled in made.items() if compiled is fast_step(n))
+        difference = max(float(np.abs(found["dense"][1] - angle).max()) for _, angle in found.values())
+        row = {f"{name}_ns": found[name][0] for name in found} | {"chosen": chosen, "chosen_ns": found[chosen][0]}
+        rows.append({"links": n, **row, "difference_rad": difference})
+        shown = " ".join(f"{row[f'{name}_ns']:>20.0f}" if f"{name}_ns" in row else f"{'-':>20}" for name in names)
+        print(f"{n:>5} {shown} {difference:>15.1e}", flush=True)
+    path = Path(__file__).parent / "results" / "growth.json"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps({"machine": machine(), "rows": rows}, indent=1) + "\n", encoding="utf-8")
+    print(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    main()

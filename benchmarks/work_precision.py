@@ -1,0 +1,84 @@
+"""Error against time of every method on the paper's pulse: docs/figures/work_precision.png and .svg, and a table.
+
+`--seconds S` ends each method after about S seconds, coarse settings first; the figure is then not replaced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+from peers import all_peers
+
+from pliant.campaign.bench.methods import mujoco_methods, pliant_extrapolated, pliant_midpoint, scipy_methods
+from pliant.campaign.bench.problem import TARGET_MM, Problem
+from pliant.campaign.bench.race import curve
+from pliant.campaign.bench.timing import machine
+
+ROOT = Path(__file__).resolve().parents[1]
+MARKERS = "os^vD<>Pp*Xh8d"
+
+
+def draw(curves: dict[str, list[dict[str, float]]], processor: str):
+    """The diagram: one line a method, told apart by markers and by the darkness of the line."""
+    fig, ax = plt.subplots(figsize=(7.5, 6.2), layout="constrained")
+    for k, (name, rows) in enumerate(curves.items()):
+        ours = name.startswith("pliant")
+        shade = "0.0" if ours else f"{0.25 + 0.06 * (k % 8):.2f}"
+        ax.loglog(
+            [r["error_mm"] for r in rows], [r["ms"] for r in rows], marker=MARKERS[k % len(MARKERS)], color=shade,
+            linewidth=2.0 if ours else 1.0, markersize=5 if ours else 4, label=name,
+            linestyle="-" if ours else ("--", "-.", ":")[k % 3], markerfacecolor=shade if ours else "white",
+        )
+    ax.axvline(TARGET_MM, color="0.6", linewidth=0.8, zorder=0)
+    ax.annotate(f"{TARGET_MM} mm", (TARGET_MM, 0.0), xycoords=("data", "axes fraction"), fontsize=8, color="0.4",
+                xytext=(-2, 4), textcoords="offset points", ha="right", va="bottom")
+    ax.set(xlabel="largest error of any tip [mm]", ylabel="processor time of the 4 s experiment [ms]", xlim=(1e-8, 30))
+    ax.invert_xaxis()
+    ax.grid(visible=True, which="major", color="0.9")
+    fig.legend(fontsize=7.5, ncols=3, loc="outside lower center", handlelength=3.5)
+    ax.set_title(f"The paper's pulse of 119 kPa, five links, one core of {processor}", fontsize=9)
+    return fig
+
+
+def main() -> None:
+    """Race, draw and write."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--seconds", type=float, default=float("inf"))
+    limit = asked.parse_args().seconds
+    problem = Problem()
+    methods = [
+        pliant_midpoint(problem), pliant_extrapolated(problem), *scipy_methods(problem), *mujoco_methods(problem),
+        *all_peers(problem),
+    ]
+    curves = {}
+    never = "never within the target" if limit == float("inf") else "not within the target in the time given"
+    for method in methods:
+        rows = curve(problem, method, limit)
+        if rows:
+            curves[method.name] = rows
+            at = [r for r in rows if r["error_mm"] <= TARGET_MM]
+            fastest = min(at, key=lambda r: r["ms"]) if at else None
+            said = f"{fastest['ms']:.3g} ms at {fastest['error_mm']:.2g} mm" if fastest else never
+            print(f"{method.name:<28} {said}", flush=True)
+        else:
+            print(f"{method.name:<28} no setting gives an answer", flush=True)
+    if limit < float("inf"):
+        return
+    about = machine()
+    figure = draw(curves, str(about["processor"]))
+    for ending in ("png", "svg"):
+        figure.savefig(ROOT / "docs" / "figures" / f"work_precision.{ending}", dpi=160)
+    path = ROOT / "benchmarks" / "results" / "work_precision.json"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps({"machine": about, "curves": curves}, indent=1) + "\n", encoding="utf-8")
+    print(f"wrote docs/figures/work_precision.png, .svg and {path.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,46 @@
+"""Sphinx: `make docs` builds the site into docs/_build/html; warnings are errors, examples run at every build."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from pathlib import Path
+
+import pliant
+from pliant.version import __version__
+
+sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
+
+project = "pliant"
+author = "The pliant developers"
+copyright = author  # noqa: A001
+version = release = __version__
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
+html_math_renderer = "mathml"
+exclude_patterns = ["_build"]
+html_theme = "furo"
+html_title = f"pliant {__version__}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
+myst_heading_anchors = 3
+
+source = sorted(Path(pliant.__file__).parent.rglob("*.py"))
+digest = hashlib.sha256(b"".join(path.read_bytes() for path in source)).hexdigest()[:12]
+nb_execution_mode = "cache"  # a page runs again when its code or any line of pliant changes
+nb_execution_cache_path = str(Path(__file__).parent / "_build" / f"executed-{digest}")
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+python_use_unqualified_type_names = True
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+nitpicky = True
+nitpick_ignore_regex = [(r"py:(class|obj|exc|data)", r".*")]  # types are words; other packages' need a network

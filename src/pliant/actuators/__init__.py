@@ -1,0 +1,1 @@
+"""Sourced numbers: one file for each actuator, named after its source."""

@@ -1,0 +1,150 @@
+"""The whole paper in one page of plain NumPy, to be read beside it.
+
+Source: Chen, Galloway, Godage, "Efficient Reduced-Order Models for Soft Actuators", Sec. III.
+Slow and obvious on purpose: tests hold the fast kernels of `pliant.equations` to it; no line is shared.
+Index 0 is the first link, i = 1 in the paper; SI; q (n,) are joint angles from the rest shape.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+S = np.array([[0.0, -1.0], [1.0, 0.0]])  # quarter turn about +z
+
+
+class Actuator(NamedTuple):
+    """What the equations need to know of an actuator of n links."""
+
+    l: np.ndarray  # (n,) m, link lengths
+    theta0: np.ndarray  # (n,) rad, rest angle of each joint
+    m: np.ndarray  # (n,) kg, link masses
+    c: np.ndarray  # (n,) m, centre of mass of each link from its joint
+    I: np.ndarray  # (n,) kg m^2, rotary inertia of each link about its centre of mass
+    K: np.ndarray  # (n,) N m/rad
+    D: np.ndarray  # (n,) N m s/rad
+    r2: float  # m, inner radius of the bladder
+    m_tip: float = 0.0  # kg, cap at the last tip
+    g: tuple[float, float] = (0.0, 0.0)  # m/s^2, gravity in the base frame
+
+
+def paper(n=5, theta0=0.0):
+    """The paper's actuator: 17 cm, 69 g, K_b and D as printed, mass at the link tips (its frames {O_i})."""
+    one = np.ones(n)
+    return Actuator(
+        l=0.17 / n * one, theta0=theta0 * one, m=0.069 / n * one, c=0.17 / n * one, I=0 * one,
+        K=1.6067 * one, D=8e-3 * one, r2=0.010,
+    )  # fmt: skip
+
+
+def section(r2):
+    """Bladder area A = pi r2^2 / 2 and lever arm d = 4 r2 / (3 pi). Sec. III-C."""
+    return np.pi * r2**2 / 2, 4 * r2 / (3 * np.pi)
+
+
+def torque(pressure, actuator):
+    """tau_i = p A d, the same on every joint (n,). Sec. III-C."""
+    A, d = section(actuator.r2)
+    return pressure * A * d * np.ones(len(actuator.l))
+
+
+def link_transform(q_i, theta0_i, l_i):
+    """T_i = R_z(q_i + theta_i0) P_y(l_i), (3, 3). Eq. (1)."""
+    c, s = np.cos(q_i + theta0_i), np.sin(q_i + theta0_i)
+    Rz = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    Py = np.array([[1, 0, 0], [0, 1, l_i], [0, 0, 1]])
+    return Rz @ Py
+
+
+def chain(q, actuator):
+    """T^i = T_1 ... T_i of every link, (n, 3, 3). Eq. (2); its blocks R^i and p^i are Eq. (3)."""
+    T, T_i = [], np.eye(3)
+    for link in zip(q, actuator.theta0, actuator.l, strict=True):
+        T_i = T_i @ link_transform(*link)
+        T.append(T_i)
+    return np.array(T)
+
+
+def tips(q, actuator):
+    """Tip positions p^i of the links, (n, 2)."""
+    return chain(q, actuator)[:, :2, 2]
+
+
+def body_velocities(q, dq, actuator):
+    """Omega_i (n, 2, 2) and upsilon_i (n, 2) of the link tips in their own frames. Eq. (4)."""
+    Omega, v, Omegas, vs = np.zeros((2, 2)), np.zeros(2), [], []
+    for q_i, dq_i, theta0_i, l_i in zip(q, dq, actuator.theta0, actuator.l, strict=True):
+        T = link_transform(q_i, theta0_i, l_i)
+        R, p = T[:2, :2], T[:2, 2]
+        dR, dp = S @ R * dq_i, S @ p * dq_i
+        v = R.T @ (v + Omega @ p + dp)
+        Omega = R.T @ (Omega @ R + dR)
+        Omegas.append(Omega)
+        vs.append(v)
+    return np.array(Omegas), np.array(vs)
+
+
+def jacobians(q, actuator, point=None):
+    """J_w (n, n) and J_v (n, 2, n), in the links' frames, of points at distance `point` (n,) along each link.
+
+    J_v_i[:, m] = R^iT S (x_i - p^{m-1}) for m <= i: joint m swings the lever from itself to the point x_i.
+    At the tips, J_v dq is upsilon and J_w dq is omega of Eq. (4). None means the centres of mass.
+    """
+    T = chain(q, actuator)
+    R, joints = T[:, :2, :2], np.vstack([np.zeros(2), T[:-1, :2, 2]])
+    points = joints + R[:, :, 1] * (actuator.c if point is None else point)[:, None]
+    J_w = np.tri(len(q))
+    lever = (points[:, None] - joints) * J_w[:, :, None]
+    return J_w, np.einsum("iba,bc,imc->iam", R, S, lever)
+
+
+def inertia(q, actuator):
+    """M = sum_i m_i J_v^T J_v + I_i J_w^T J_w, (n, n), with the cap at the last tip. Eq. (5)."""
+    J_w, J_v = jacobians(q, actuator)
+    J_tip = jacobians(q, actuator, actuator.l)[1][-1]
+    M = np.einsum("i,iab,iac->bc", actuator.m, J_v, J_v) + np.einsum("i,ib,ic->bc", actuator.I, J_w, J_w)
+    return M + actuator.m_tip * J_tip.T @ J_tip
+
+
+def coriolis(q, dq, actuator):
+    """C_ab = sum_r 1/2 (dM_ab/dq_r + dM_ar/dq_b - dM_rb/dq_a) dq_r, (n, n). Eq. (5).
+
+    dM/dq_r is exact to rounding: the imaginary part of M at q + i h e_r, divided by h.
+    """
+    h = 1e-30
+    dM = np.stack([inertia(q + 1j * h * e, actuator).imag / h for e in np.eye(len(q))], axis=-1)
+    return 0.5 * (dM @ dq + np.einsum("arb,r->ab", dM, dq) - np.einsum("rba,r->ab", dM, dq))
+
+
+def gravity(q, actuator):
+    """Joint torques (n,) of gravity: sum_i m_i J_v^T R^iT g. The paper has none; here for other set-ups."""
+    R, g = chain(q, actuator)[:, :2, :2], np.array(actuator.g)
+    J_v, J_tip = jacobians(q, actuator)[1], jacobians(q, actuator, actuator.l)[1][-1]
+    return np.einsum("i,ian,iba,b->n", actuator.m, J_v, R, g) + actuator.m_tip * J_tip.T @ R[-1].T @ g
+
+
+def acceleration(q, dq, tau, actuator):
+    """M ddq + (C + D) dq + K q = tau, solved for ddq (n,). Eq. (5)."""
+    rest = (coriolis(q, dq, actuator) + np.diag(actuator.D)) @ dq + actuator.K * q
+    return np.linalg.solve(inertia(q, actuator), tau + gravity(q, actuator) - rest)
+
+
+def pulse(actuator, pressure=119e3, start=0.12, duration=2.76, end=4.5, rtol=1e-4):
+    """The paper's experiment from rest: rectangular `pressure` [Pa] from `start` for `duration` [s].
+
+    Returns times (T,) and joint angles q (T, n). Each edge starts a new integration (paper: ode15s).
+    """
+    n = len(actuator.l)
+    edges = [0.0, start, start + duration, end]
+    times, angles, state = [], [], np.zeros(2 * n)
+    for t0, t1, p in zip(edges[:-1], edges[1:], (0.0, pressure, 0.0), strict=True):
+        tau = torque(p, actuator)
+        run = solve_ivp(
+            lambda _, x, tau=tau: np.r_[x[n:], acceleration(x[:n], x[n:], tau, actuator)],
+            (t0, t1), state, method="LSODA", rtol=rtol, atol=1e-3 * rtol)  # fmt: skip
+        times.append(run.t)
+        angles.append(run.y[:n].T)
+        state = run.y[:, -1]
+    return np.concatenate(times), np.concatenate(angles)

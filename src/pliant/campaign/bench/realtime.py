@@ -1,0 +1,98 @@
+"""The stepping object against the clock: one step every millisecond, for as long as asked."""
+
+from __future__ import annotations
+
+import gc
+import time
+import tracemalloc
+from typing import Any
+
+import numpy as np
+
+from pliant.actuators import chen2018
+from pliant.errors import InputError
+from pliant.simulation import Stepper
+
+Array = np.ndarray
+SPIN_NS = 200_000  # the last part of a wait is spent looking at the clock: a sleep ends late
+
+
+def realtime(seconds: float = 10.0, period: float = 1e-3) -> dict[str, Any]:
+    """Step times and missed deadlines of a `Stepper` at a fixed rate.
+
+    Parameters
+    ----------
+    seconds : float
+        How long, s.
+    period : float
+        Between two steps, s; also the length of a step.
+
+    Returns
+    -------
+    dict
+        Median, 99.9 % and worst time of a step [us]; deadlines missed: steps that were not done when the next was due;
+        how many of them had begun late because the system gave the process no time; bytes that 20,000 steps leave
+        behind, as Python's own account has it.
+    """
+    count = round(seconds / period) if np.isfinite(seconds) and seconds > 0 else 0
+    if count < 10:
+        raise InputError(f"a real-time run needs at least ten steps, got {seconds} s in steps of {period} s")
+    stepper = Stepper(chen2018.model(), period)
+    left = left_behind(stepper)
+    pressures = 6e4 * (1.0 - np.cos(2 * np.pi * 0.5 * period * np.arange(count)))
+    took, late = run_clock(stepper, pressures.tolist(), round(period * 1e9))
+    due = round(period * 1e9)
+    missed = took + late > due
+    return {
+        "realtime_median_us": 1e-3 * float(np.median(took)), "realtime_p999_us": 1e-3 * float(np.quantile(took, 0.999)),
+        "realtime_worst_us": 1e-3 * float(took.max()), "realtime_missed": int(missed.sum()),
+        "realtime_missed_by_the_system": int((missed & (late > due // 2)).sum()), "realtime_steps": count,
+        "realtime_late_p999_us": 1e-3 * float(np.quantile(late, 0.999)), "realtime_seconds": seconds,
+        "realtime_period_ms": 1e3 * period, "realtime_bytes_left": left,
+    }
+
+
+def left_behind(stepper: Stepper, count: int = 20_000) -> int:
+    """Bytes that `count` steps take and do not give back, after as many that fill Python's lists of free objects."""
+    step, pressures = stepper.step, [1e4] * count
+    gc.collect()
+    gc.disable()
+    tracemalloc.start()
+    try:
+        for p in pressures:
+            step(p)
+        before = tracemalloc.get_traced_memory()[0]
+        for p in pressures:
+            step(p)
+        return tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+        gc.enable()
+        stepper.reset()
+
+
+def run_clock(stepper: Stepper, pressures: list[float], period: int) -> tuple[Array, Array]:
+    """Time of each step and how late it began (count,), ns; nothing is collected while the clock runs."""
+    took, late = np.zeros(len(pressures), dtype=np.int64), np.zeros(len(pressures), dtype=np.int64)
+    now, step, sleep = time.perf_counter_ns, stepper.step, time.sleep
+    for p in pressures[:100]:
+        step(p)
+    stepper.reset(pressures[0])
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        due = now() + period
+        for k, pressure in enumerate(pressures):
+            while (left := due - now()) > 0:
+                if left > SPIN_NS:
+                    sleep((left - SPIN_NS) * 1e-9)
+            began = now()
+            step(pressure)
+            took[k] = now() - began
+            late[k] = began - due
+            due = max(due + period, began)  # a step that missed is not made up for by a burst
+    finally:
+        gc.enable()
+        gc.unfreeze()
+    return took, late

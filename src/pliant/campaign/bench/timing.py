@@ -1,0 +1,69 @@
+"""How long something takes, and on what machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+
+def best(
+    job: Callable[[], Any], seconds: float = 0.5, repeats: int = 5, clock: Callable[[], float] = perf_counter,
+) -> float:
+    """Shortest time of `job` [s] by `clock` over at least `repeats` runs and about `seconds`, one before not counted.
+
+    The shortest is what the machine can do; the others are what it was disturbed by.
+    """
+    job()
+    times: list[float] = []
+    began = perf_counter()
+    while len(times) < repeats or (perf_counter() - began < seconds and len(times) < 1000):
+        start = clock()
+        job()
+        times.append(clock() - start)
+    return min(times)
+
+
+def best_in_turn(jobs: Sequence[Callable[[], Any]], seconds: float = 6.0) -> list[float]:
+    """Shortest wall time of each job [s], one run of each after the other: what disturbs one disturbs all alike."""
+    for job in jobs:
+        job()
+    times: list[list[float]] = [[] for _ in jobs]
+    began = perf_counter()
+    while perf_counter() - began < seconds or len(times[0]) < 5:
+        for job, own in zip(jobs, times, strict=True):
+            start = perf_counter()
+            job()
+            own.append(perf_counter() - start)
+    return [min(own) for own in times]
+
+
+def machine() -> dict[str, Any]:
+    """What the numbers of a benchmark depend on."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    versions = {}
+    for name in ("numpy", "scipy", "numba", "mujoco", "scikit-sundae", "casadi", "pin"):
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "absent"
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
+    return {
+        "processor": processor(), "cores": cores, "load_before": load, "python": platform.python_version(),
+        "system": platform.system(), **versions,
+    }
+
+
+def processor() -> str:
+    """Name of the processor, as the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return named[0] if named else platform.processor()

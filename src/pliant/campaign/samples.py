@@ -1,0 +1,205 @@
+"""Many models of one chain as arrays, the samples last: what a batch needs of them, without a thousand objects."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pliant.equations import inertia
+from pliant.errors import InputError, SimulationError
+from pliant.model import Model, Valve
+from pliant.simulation import state
+
+Array = np.ndarray
+PER_LINK = ("link_length", "link_mass", "rest_angle", "stiffness", "damping", "joint_gain", "stiffening")
+SCALARS = (
+    "tip_mass", "base_length", "base_angle", "swell_share", "swell_time", "inflation_limit", "inflation_time"
+)
+VALVE = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time"}
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Parameters of N chains of n links.
+
+    Attributes
+    ----------
+    template : Model
+        What all share: number of links, where the mass sits, the sense of bending.
+    values : dict
+        By field of `Model`: per link (n, N), torque (k, N), gravity (2, N), scalars (N,).
+    valves : tuple of Valve
+        One for each sample.
+    """
+
+    template: Model
+    values: dict[str, Array]
+    valves: tuple[Valve, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return len(self.valves)
+
+    def model(self, i: int) -> Model:
+        """Sample `i` as a model."""
+        return self.template.with_(**{k: v[..., i] for k, v in self.values.items()}, valve=self.valves[i])
+
+    def inertia(self) -> tuple[Array, Array, Array]:
+        """B (n, n, N), I (n, N) and h (n, N) of `symbols.Body`, by the kernel that one model uses."""
+        n, v = self.template.n, self.values
+        rod = self.template.mass_at == "rod"
+        l, m = v["link_length"], v["link_mass"]
+        B, h = np.empty((n, n, self.size)), np.empty((n, self.size))
+        inertia.body_constants(l, m, l * (0.5 if rod else 1.0), v["tip_mass"], B, h)
+        return B, m * l**2 / 12.0 * rod, h
+
+    def gravity(self) -> Array:
+        """Gravity (2, N) as the kernels take it, m/s^2."""
+        return self.values["gravity"] * np.array([[self.template.bend_sign], [1.0]])
+
+    def torque_at(self, pressure: Array) -> Array:
+        """Torque law of each sample at its own `pressure` (N,) [Pa], N m."""
+        powers = np.arange(1, len(self.values["torque"]) + 1)
+        torque = np.sum(self.values["torque"] * pressure ** powers[:, None], axis=0)
+        limit = self.values["inflation_limit"]
+        soft = np.flatnonzero(limit)
+        left = 1.0 - pressure[soft] / limit[soft]
+        torque[soft] *= np.where(left > 0.0, 1.0 / np.where(left > 0.0, left, 1.0), np.inf) ** 0.75
+        return torque
+
+    def rest(self, pressure: Array) -> Array:
+        """Joint angles (n, N) at rest under `pressure` (N,) [Pa] and gravity."""
+        if not self.values["gravity"].any():
+            q = self.values["joint_gain"] * self.torque_at(pressure) / self.values["stiffness"]
+            root = 1.0 + 4.0 * self.values["stiffening"] * q
+            if not (root > 0).all():
+                raise SimulationError(
+                    f"in {int((~(root > 0).all(axis=0)).sum())} of {self.size} samples the springs, which soften with "
+                    "their angles, cannot hold the pressure: lower the pressure or the size of the stiffening"
+                )
+            return np.asarray(q * (2.0 / (1.0 + np.sqrt(root))))
+        known: dict[bytes, Array] = {}
+        q = np.empty((self.template.n, self.size))
+        for i in range(self.size):  # where samples differ in the pressure alone, one search serves all
+            key = b"".join(np.ascontiguousarray(v[..., i]).tobytes() for v in (*self.values.values(), pressure))
+            if key not in known:
+                known[key] = state.equilibrium(self.model(i), float(pressure[i]))
+            q[:, i] = known[key]
+        return q
+
+    def absolute(self, q: Array) -> Array:
+        """Absolute link angles (n, N) of joint angles (n, N)."""
+        return self.values["base_angle"] + np.cumsum(q + self.values["rest_angle"], axis=0)
+
+    def small_motions(self) -> tuple[Array, Array]:
+        """Inertia and stiffness (N, n, n) of small motions about rest without pressure, in joint angles."""
+        n, v = self.template.n, self.values
+        B, rotary, h = self.inertia()
+        q = self.rest(np.zeros(self.size))
+        phi = self.absolute(q)
+        c, s, g = np.cos(phi), np.sin(phi), self.gravity()
+        X, M = np.empty_like(B), np.empty_like(B)
+        inertia.inertia_absolute(c, s, B, rotary, X)
+        inertia.to_joint_angles(X, M)
+        tail = np.cumsum((h * (g[1] * c - g[0] * s))[::-1], axis=0)[::-1]
+        tangents = v["stiffness"] * (1.0 + 2.0 * v["stiffening"] * q)
+        K = tangents * np.eye(n)[..., None] + tail[np.maximum.outer(np.arange(n), np.arange(n))]
+        return np.moveaxis(M, -1, 0), np.moveaxis(K, -1, 0)
+
+    def first_frequency(self) -> Array:
+        """Undamped first natural frequency (N,) at rest without pressure, Hz; see `simulation.modes`."""
+        M, K = self.small_motions()
+        inverse = np.linalg.inv(np.linalg.cholesky(M))
+        squared = np.linalg.eigvalsh(inverse @ K @ np.swapaxes(inverse, 1, 2))[:, 0]
+        return np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi)
+
+    def highest_first_frequency(self) -> float:
+        """No sample's first frequency is higher, Hz: Rayleigh's quotient of a bend that is the same in every joint."""
+        M, K = self.small_motions()
+        squared = K.sum(axis=(1, 2)) / M.sum(axis=(1, 2))
+        return float(np.sqrt(max(0.0, squared.max())) / (2 * np.pi))
+
+
+def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None, size: int) -> Samples:
+    """Samples from a list of models, or from one model with arrays of parameters; `size` > 1 repeats one model."""
+    if isinstance(models, Model):
+        return spread(models, parameters or {}, size)
+    if parameters:
+        raise InputError("give a list of models, or one model with parameters, not both")
+    models = tuple(models)
+    if not models:
+        raise InputError("a batch needs at least one model")
+    template = models[0]
+    for name in ("n", "mass_at", "bend_sign", "memory"):
+        if len({getattr(m, name) for m in models}) > 1:
+            raise InputError(f"the models of a batch must share {name}: simulate others in a batch of their own")
+    values: dict[str, Array] = {}
+    longest = max(m.torque.size for m in models)
+    for name in (*PER_LINK, *SCALARS, "gravity"):
+        values[name] = np.stack([getattr(m, name) for m in models], axis=-1)
+    values["torque"] = np.stack([np.pad(m.torque, (0, longest - m.torque.size)) for m in models], axis=-1)
+    return Samples(template, values, tuple(m.valve for m in models))
+
+
+def spread(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
+    """Samples of one model whose `parameters` are arrays with the samples first."""
+    given = {name: np.asarray(value, dtype=float) for name, value in parameters.items()}
+    lengths = {a.shape[0] for a in given.values() if a.ndim} | ({size} if size > 1 else set())
+    if len(lengths) > 1:
+        raise InputError(f"all parameters and pressures of a batch need the same number of samples, got {lengths}")
+    count = lengths.pop() if lengths else 1
+    values = {}
+    for name in (*PER_LINK, *SCALARS, "gravity", "torque"):
+        own = np.asarray(getattr(model, name), dtype=float)
+        values[name] = np.repeat(own[..., None], count, axis=-1)
+    valves: dict[str, Array] = {}
+    for name in sorted(given, key=lambda name: name[-1].isdigit()):  # what holds for all joints first, then for one
+        put(values, valves, name, given[name])
+    every = {field: np.broadcast_to(a, (count,)) for field, a in valves.items()}
+    lag = tuple(
+        replace(model.valve, **{f: float(a[i]) for f, a in every.items()}) for i in range(count if every else 1)
+    )
+    samples = Samples(model, values, lag if every else lag * count)
+    check_extremes(samples)
+    return samples
+
+
+def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Array) -> None:
+    """Put one parameter (N,) or (N, n) into `values`; the names are those of a fit, and the fields of `Model`."""
+    joint = re.fullmatch(r"(stiffness|damping)_(\d+)", name)
+    power = re.fullmatch(r"torque_([1-9])", name)
+    if joint and 1 <= int(joint[2]) <= len(values["stiffness"]):
+        values[joint[1]][int(joint[2]) - 1] = given
+    elif power:
+        missing = int(power[1]) - len(values["torque"])
+        values["torque"] = np.pad(values["torque"], ((0, max(0, missing)), (0, 0)))
+        values["torque"][int(power[1]) - 1] = given
+    elif name == "mass":
+        values["link_mass"] = values["link_mass"] * (given / values["link_mass"].sum(axis=0))
+    elif name == "gain":
+        values["joint_gain"] = values["joint_gain"] * (given / values["joint_gain"].mean(axis=0))
+    elif name in VALVE:
+        valves[VALVE[name]] = given
+    elif name in values and (given.ndim < 2 or given.T.shape == values[name].shape):
+        values[name] = np.broadcast_to(given.T, values[name].shape).copy()
+    else:
+        known = [*values, "stiffness_<i>", "damping_<i>", "torque_<k>", "mass", "gain", *VALVE]
+        raise InputError(
+            f"batch parameter {name!r} of shape {given.shape} does not fit: use (samples,), or (samples, links) for "
+            f"what each link has, of {', '.join(known)}"
+        )
+
+
+def check_extremes(samples: Samples) -> None:
+    """Refuse what no model may have: the least and the greatest of every parameter make models themselves."""
+    for name, a in samples.values.items():
+        bad = int((~np.isfinite(np.atleast_2d(a)).all(axis=0)).sum())
+        if bad:
+            raise InputError(f"batch parameter {name} must be finite: in {bad} of {samples.size} samples it is not")
+    for extreme in (np.min, np.max):
+        samples.template.with_(**{name: extreme(a, axis=-1) for name, a in samples.values.items()})

@@ -1,0 +1,126 @@
+"""Chunks on disk: each file whole or absent, named by its place, so that nothing is lost and nothing counted twice."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError, PliantError
+from pliant.files import whole, write_text
+from pliant.version import __version__
+
+Array = np.ndarray
+Arrays = dict[str, Array]
+
+
+class DiskError(PliantError):
+    """The disk does not take what was computed; what is written stays good."""
+
+
+def write_dataset(ds: xr.Dataset, path: Path) -> None:
+    """Write netCDF, whole or not at all, and onto the disk itself: a chunk that is told of survives a power cut.
+
+    Raises
+    ------
+    DiskError
+        When the disk is full or refuses; no draft is left behind.
+    """
+    content = BytesIO()  # in memory first: HDF5 that meets a full disk takes the process down with it
+    ds.to_netcdf(content, engine="h5netcdf")
+    try:
+        with whole(path) as draft, draft.open("wb") as file:
+            file.write(content.getbuffer())
+            file.flush()
+            os.fsync(file.fileno())
+    except InputError as error:
+        raise DiskError(
+            f"{error}. All chunks written so far are whole: make room and start the same sweep again, it goes on where "
+            "it stopped"
+        ) from None
+
+
+class Store:
+    """The folder of one campaign.
+
+    Parameters
+    ----------
+    folder : Path
+    identity : dict
+        What makes the campaign what it is; a folder that holds another one is refused.
+    """
+
+    def __init__(self, folder: Path, identity: dict[str, Any]) -> None:
+        self.folder = Path(folder)
+        self.key = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:16]
+        self.chunks = self.folder / "chunks"
+        try:
+            self.chunks.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"cannot write into {self.folder}: {error.strerror or error}") from None
+        note = self.folder / "campaign.json"
+        if note.exists():
+            try:
+                before = json.loads(note.read_text(encoding="utf-8")).get("key")
+            except (OSError, ValueError, AttributeError):
+                before = None
+            if before != self.key:
+                raise InputError(
+                    f"{self.folder} holds another campaign: use another folder, or remove this one to start anew"
+                )
+        else:
+            self.note({"key": self.key, "identity": identity})
+        self.identity = identity
+
+    def note(self, content: dict[str, Any]) -> None:
+        """Write campaign.json."""
+        write_text(self.folder / "campaign.json", json.dumps({"key": self.key, **content}, indent=1) + "\n")
+
+    def path(self, chunk: int) -> Path:
+        """The file of a chunk."""
+        return self.chunks / f"chunk_{chunk:06d}.nc"
+
+    def save(self, chunk: int, first: int, arrays: Arrays) -> None:
+        """Write one chunk, whole or not at all.
+
+        Raises
+        ------
+        DiskError
+            See `write_dataset`.
+        """
+        ds = xr.Dataset(
+            {name: (("sample", *(f"{name}_{k}" for k in range(1, a.ndim))), a) for name, a in arrays.items()},
+            coords={"sample": first + np.arange(len(next(iter(arrays.values()))))},
+            attrs={"campaign": self.key, "chunk": chunk, "source": f"pliant {__version__}"},
+        )
+        write_dataset(ds, self.path(chunk))
+
+    def load(self, chunk: int, first: int, last: int) -> xr.Dataset | None:
+        """A chunk that is there, whole and of this campaign; None otherwise."""
+        try:
+            with xr.open_dataset(self.path(chunk), engine="h5netcdf") as opened:
+                ds = opened.load()
+        except (OSError, ValueError, KeyError, RuntimeError):
+            return None
+        right = ds.attrs.get("campaign") == self.key and ds.sizes.get("sample") == last - first
+        return ds if right and int(ds["sample"].values[0]) == first else None
+
+    def combine(self, bounds: list[tuple[int, int]]) -> xr.Dataset:
+        """All chunks as one dataset, every sample once and in order."""
+        parts = []
+        for chunk, (first, last) in enumerate(bounds):
+            ds = self.load(chunk, first, last)
+            if ds is None:
+                raise PliantError(f"chunk {chunk} (samples {first} to {last - 1}) is missing or damaged: sweep again")
+            parts.append(ds)
+        whole = xr.concat(parts, dim="sample", data_vars="all", join="exact", combine_attrs="override")
+        if not np.array_equal(whole["sample"].values, np.arange(bounds[-1][1])):
+            raise PliantError("the chunks do not make every sample once: remove the folder and sweep again")
+        whole.attrs.pop("chunk", None)
+        return whole

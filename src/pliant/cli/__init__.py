@@ -1,0 +1,70 @@
+"""The command line: thin commands, one file each; everything heavy is imported when a command runs."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import typer
+
+from pliant.cli.bench import bench
+from pliant.cli.contact import contact
+from pliant.cli.control import control
+from pliant.cli.demo import demo
+from pliant.cli.design import design
+from pliant.cli.estimate import estimate
+from pliant.cli.inspect import inspect
+from pliant.cli.new import new
+from pliant.cli.order import order
+from pliant.cli.run import run as run_command
+from pliant.cli.shape import shape
+from pliant.cli.simulate import simulate
+from pliant.cli.sweep import sweep
+from pliant.cli.testbed import run_testbed
+from pliant.errors import PliantError
+from pliant.version import __version__
+
+app = typer.Typer(
+    name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False,
+    help="From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.",
+    epilog="The journey: inspect a recording, draft a study, run it, use its model. Every command takes --json, and "
+    "`pliant COMMAND --help` ends in an example. Exit codes: 0 good, 1 the job failed, 2 bad usage or bad input.",
+)
+
+
+def version(asked: bool) -> None:
+    """Print the version and leave."""
+    if asked:
+        typer.echo(f"pliant {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    _version: bool = typer.Option(False, "--version", callback=version, is_eager=True, help="Show the version."),
+) -> None:
+    """Options of the program itself."""
+
+
+JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # panels of the help, in the order of the journey
+    "See it work": {"demo": demo},
+    "Your recording": {"inspect": inspect, "new": new, "shape": shape, "order": order},
+    "Your model": {"run": run_command, "design": design, "simulate": simulate, "sweep": sweep},
+    "The model at work": {"estimate": estimate, "contact": contact, "control": control},
+    "The laboratory and the machine": {"testbed": run_testbed, "bench": bench},
+}
+for panel, commands in JOURNEY.items():
+    for name, command in commands.items():
+        app.command(name, rich_help_panel=panel)(command)
+
+
+def run() -> None:
+    """Run the command line; a known error becomes one sentence and its exit code."""
+    try:
+        app()
+    except PliantError as error:
+        typer.echo(f"pliant: {error}", err=True)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        typer.echo("pliant: interrupted; nothing half written was left behind", err=True)
+        sys.exit(130)

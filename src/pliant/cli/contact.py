@@ -1,0 +1,77 @@
+"""`pliant contact`: when something touched the body, where, how hard, and a map of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def contact(
+    recordings: Annotated[list[Path], typer.Argument(help="Aligned recordings to judge; several pokes make one map.")],
+    model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
+    free: Annotated[list[Path], typer.Option("--free", help="Recording without contact; may be given several times.")],
+    false_alarms_per_hour: Annotated[
+        float, typer.Option("--false-alarms-per-hour", help="What the threshold allows.")
+    ] = 1.0,
+    latency_ms: Annotated[float, typer.Option("--latency-ms", help="Delay of the shape's stamps, ms.")] = 0.0,
+    half_width_mm: Annotated[float, typer.Option("--half-width-mm", help="From centreline to surface, mm.")] = 0.0,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Contacts of the first one (.nc).")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure of test, place and force.")] = None,
+    chart: Annotated[Path | None, typer.Option("--map", help="Map of all pokes (.nc, .csv or .png).")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+) -> None:
+    """Find contact in recordings; the threshold comes from recordings in which nothing touched.
+
+    Example: pliant contact poke.nc --model model.json --free pulse_60.nc --free pulse_180.nc --figure poke.png
+    """
+    from pliant.cli.estimate import tell
+    from pliant.cli.output import busy, save_trajectory, write_figure
+    from pliant.cli.reading import read_with_mapping
+    from pliant.model import load_model
+    from pliant.runtime import find_contact, free_motion, map_contacts
+    from pliant.runtime.mapping import save_map
+
+    loaded, latency = load_model(model), latency_ms * 1e-3
+    quiet, touched = ([read_with_mapping(f, None) for f in files] for files in (free, recordings))
+    with busy("finding contact"):
+        learnt = free_motion(quiet, loaded, false_alarms_per_hour=false_alarms_per_hour, latency=latency)
+        found = [find_contact(ds, loaded, free=learnt, latency=latency) for ds in touched]
+    if output is not None:
+        save_trajectory(found[0], output)
+    if figure is not None:
+        from pliant.runtime.figures import contact_overview
+
+        write_figure(contact_overview(found[0]), figure)
+    if chart is not None:
+        save_map(map_contacts(found, half_width=half_width_mm * 1e-3), chart)
+    for path, one in zip(recordings, found, strict=True):
+        tell({"recording": str(path), **report(one)}, as_json=json)
+
+
+def report(found: xr.Dataset) -> dict[str, float | int | str]:
+    """What a reader should know of a contact, in a few numbers and sentences."""
+    a = found.attrs
+    said = "extrapolated beyond it" if a["threshold_extrapolated"] else "within it"
+    made: dict[str, float | int | str] = {
+        "contacts": len(a["alarm_s"]), "frames_in_contact": int(found["in_contact"].sum()),
+        "threshold": a["threshold"],
+        "threshold_from": f"{a['free_motion_s']:.3g} s of free motion, {a['false_alarms_per_hour']:g} alarm/h {said}",
+    }
+    if not a["alarm_s"]:
+        return made
+    touching = found.where(found["in_contact"], drop=True)
+    hidden = float(found["hidden_tangential"].values[found["in_contact"].values].mean())
+    return made | {
+        "first_onset_s": a["onset_s"][0], "first_alarm_s": a["alarm_s"][0],
+        "place_mm": 1e3 * float(touching["contact_arc_length"].median()),
+        "place_95_width_mm": 1e3 * float((touching["arc_high"] - touching["arc_low"]).median()),
+        "normal_force_n": float(touching["normal_force"].median()),
+        "normal_force_sd_n": float(touching["normal_force_sd"].median()),
+        "tangential_force_n": float(touching["tangential_force"].median()),
+        "tangential_hidden_share": hidden,
+    }

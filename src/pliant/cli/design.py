@@ -1,0 +1,51 @@
+"""`pliant design`: what to record next."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from pliant.identification.design import Design
+
+
+def design(
+    study: Annotated[Path, typer.Argument(help="Study file (TOML) with the recordings at hand.")],
+    max_kpa: Annotated[
+        float | None, typer.Option("--max-kpa", help="Pressure not to pass, kPa gauge; default: the highest recorded.")
+    ] = None,
+    criterion: Annotated[
+        str, typer.Option("--criterion", help="E: shrink the weakest direction; D: shrink all together.")
+    ] = "E",
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Rank pulses and chirps by what one more recording would teach the study's model.
+
+    Example: pliant design study.toml --max-kpa 30
+    """
+    from pliant.study import load_study
+    from pliant.study.design import design_study
+
+    highest = None if max_kpa is None else max_kpa * 1e3
+    found = design_study(
+        load_study(study), highest=highest, criterion=criterion, progress=lambda line: typer.echo(line, err=True)
+    )
+    if json:
+        typer.echo(json_format.dumps(found.to_dict(), indent=2))
+        return
+    print_design(found)
+
+
+def print_design(found: Design) -> None:
+    """The proposals as a table: expected standard errors after one more recording."""
+    typer.echo(
+        f"Known worst: {', '.join(found.direction)}, to {100 * found.now.weakest:.3g} % along their weakest direction; "
+        f"all directions together {100 * found.now.volume:.3g} %."
+    )
+    for p in found.proposals[:8]:
+        typer.echo(f"  {p.words:<52} weakest {100 * p.weakest:8.3g} %   all {100 * p.volume:8.3g} %")
+    for line in found.refused:
+        typer.echo(f"  left out: {line}")

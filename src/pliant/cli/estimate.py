@@ -1,0 +1,86 @@
+"""`pliant estimate`: joint angles, rates and unknown torques of a recording, with their uncertainty."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from pliant.simulation.inputs import Input
+
+
+def estimate(
+    recording: Annotated[Path, typer.Argument(help="Aligned (planar) recording.")],
+    model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
+    disturbance: Annotated[bool, typer.Option(help="Estimate an unknown torque of each joint too.")] = True,
+    level_kpa: Annotated[
+        float | None, typer.Option("--level-kpa", help="Commanded pulse, kPa; default: the measured pressure.")
+    ] = None,
+    start: Annotated[float, typer.Option(help="Start of that pulse, s.")] = 0.12,
+    width: Annotated[float, typer.Option(help="Width of that pulse, s.")] = 2.76,
+    latency_ms: Annotated[float, typer.Option("--latency-ms", help="Delay of the shape's stamps, ms.")] = 0.0,
+    lag: Annotated[int, typer.Option(help="Frames that smoothed states wait for.")] = 10,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="States and covariances (.nc).")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure of angles, rates and innovations.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+) -> None:
+    """Estimate joint angles and rates by an extended Kalman filter and a smoother.
+
+    Example: pliant estimate arm.nc --model results/arm/model.json --latency-ms 4 -o states.nc --figure states.png
+    """
+    from pliant.cli.output import busy, save_trajectory, write_figure
+    from pliant.cli.reading import read_with_mapping
+    from pliant.model import load_model
+    from pliant.runtime import estimate as filter_recording
+    from pliant.simulation import Pulse
+
+    pressure: Input | None = None if level_kpa is None else Pulse(level_kpa * 1e3, start, width)
+    recorded, body = read_with_mapping(recording, None), load_model(model)
+    with busy("estimating"):
+        found = filter_recording(
+            recorded, body, pressure=pressure, disturbance=disturbance, latency=latency_ms * 1e-3, lag=lag
+        )
+    if output is not None:
+        save_trajectory(found, output)
+    if figure is not None:
+        from pliant.runtime.figures import estimate_overview
+
+        write_figure(estimate_overview(found), figure)
+    tell(report(found), as_json=json)
+
+
+def report(found: xr.Dataset) -> dict[str, float | int | str]:
+    """What a reader should know of an estimate, in a few numbers and sentences."""
+    a = found.attrs
+    low, high = a["nis_bounds"]
+    ratio, correlation, bound = a["nis_ratio"], a["innovation_correlation"], a["innovation_correlation_bound"]
+    consistent = "as large as claimed"
+    if not low <= ratio <= high:
+        consistent = "larger than claimed (noise set too low)" if ratio > high else "smaller than claimed (too high)"
+    white = "white" if abs(correlation) <= bound else "not white: the model errs from frame to frame in the same way"
+    made: dict[str, float | int | str] = {
+        "frames": a["frames"], "frames_skipped": a["frames_skipped"], "frames_in_part": a["frames_in_part"],
+        "normalised_innovation": ratio, "normalised_innovation_95_low": low, "normalised_innovation_95_high": high,
+        "innovation_correlation": correlation, "innovations_are": f"{consistent}; {white}",
+        "largest_rate_rad_s": float(abs(found["smooth_joint_rate"]).max()),
+        "typical_rate_sd_rad_s": float(found["joint_rate_sd"].median()),
+    }
+    if "disturbance" in found:
+        made["largest_disturbance_mn_m"] = 1e3 * float(abs(found["disturbance"]).max())
+        made["typical_disturbance_sd_mn_m"] = 1e3 * float(found["disturbance_sd"].median())
+    return made
+
+
+def tell(numbers: dict[str, float | int | str], *, as_json: bool) -> None:
+    """Print a report as JSON or as lines."""
+    import json as jsonlib
+
+    if as_json:
+        typer.echo(jsonlib.dumps(numbers))
+        return
+    for name, value in numbers.items():
+        typer.echo(f"{name:<30} {value:.4g}" if isinstance(value, float) else f"{name:<30} {value}")

@@ -1,0 +1,29 @@
+"""`pliant inspect`: what is in a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def inspect(
+    recording: Annotated[Path, typer.Argument(help="A recording: .c3d, .csv, .nc, .npz, .mat, .tsv, ...")],
+    mapping: Annotated[Path | None, typer.Option(help="TOML file that says what the columns mean.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Draw every station against time (.png or .svg).")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+) -> None:
+    """Show what is in a recording and how good it is: frames, stations, gaps, drop-outs, noise, units.
+
+    Example: pliant inspect pulse.c3d --figure pulse.png
+    """
+    from pliant.cli.reading import print_recording, read_with_mapping
+
+    ds = read_with_mapping(recording, mapping)
+    print_recording(ds, recording, as_json=json)
+    if figure is not None:
+        from pliant.cli.output import write_figure
+        from pliant.plotting import recording_overview
+
+        write_figure(recording_overview(ds), figure)

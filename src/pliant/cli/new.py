@@ -1,0 +1,78 @@
+"""`pliant new`: a commented study for the user's own files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def new(
+    study: Annotated[Path, typer.Argument(help="Study file to write (.toml); an existing one is left alone.")],
+    files: Annotated[
+        list[Path], typer.Option("--from", help="Recording to look at; give it again for each further one.")
+    ],
+    mapping: Annotated[Path | None, typer.Option(help="TOML file that says what the columns mean.")] = None,
+    length: Annotated[float | None, typer.Option(help="Of the body, m.")] = None,
+    mass: Annotated[float | None, typer.Option(help="Of the body, kg.")] = None,
+    level_kpa: Annotated[
+        float | None, typer.Option("--level-kpa", help="Level of pulses whose pressure was not recorded, kPa gauge.")
+    ] = None,
+    gravity: Annotated[
+        str | None, typer.Option(help="In the tracker's axes, m/s^2: 'x,y,z', such as '0,0,-9.81'.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print what was written and asked as JSON.")] = False,
+) -> None:
+    """Look at recordings and write a commented study for them; what only you know is marked "?".
+
+    Example: pliant new arm.toml --from 100mbar.c3d --from 200mbar.c3d --mass 0.15
+    """
+    from pliant.cli.output import busy
+    from pliant.cli.reading import load_mapping
+    from pliant.errors import InputError
+    from pliant.study.draft import draft_study
+
+    if study.suffix != ".toml":
+        raise InputError(f"a study file ends in .toml, not {study.name!r}")
+    if study.exists():
+        raise InputError(f"{study} exists and is left as it is: choose another name, or remove it first")
+    if not study.parent.is_dir():
+        raise InputError(f"there is no folder {study.parent}: make it first")
+    told = {"length": length, "mass": mass, "level": None if level_kpa is None else 1e3 * level_kpa}
+    direction, columns = vector(gravity), load_mapping(mapping)
+    with busy("looking at the recordings"):
+        draft = draft_study(files, study, mapping=columns, gravity=direction, **told)
+    try:
+        with study.open("x", encoding="utf-8") as out:
+            out.write(draft.text)
+    except OSError as error:
+        raise InputError(f"cannot write {study}: {error.strerror or error}") from None
+    tell(study, draft.questions, as_json=json)
+
+
+def vector(text: str | None) -> list[float] | None:
+    """Three numbers from 'x,y,z'; None stays None."""
+    from pliant.errors import InputError
+
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--gravity is three numbers 'x,y,z', not {text!r}") from None
+    return [x, y, z]
+
+
+def tell(study: Path, questions: tuple[str, ...], *, as_json: bool) -> None:
+    """What was written, what is open, what comes next."""
+    if as_json:
+        import json
+
+        typer.echo(json.dumps({"study": str(study), "open": list(questions)}))
+        return
+    typer.echo(f"wrote {study}")
+    for question in questions:
+        typer.echo(f"? {question}")
+    answer = 'answer the "?" in it, then: ' if questions else ""
+    typer.echo(f"next: {answer}pliant run {study} -o results/{study.stem}")

@@ -1,0 +1,99 @@
+"""`pliant order`: how many links a recorded shape asks for."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pliant.cli.output import busy
+from pliant.cli.reading import read_with_mapping
+from pliant.errors import InputError
+
+if TYPE_CHECKING:
+    from pliant.reduction import OrderResult
+
+
+def order(
+    file: Annotated[Path, typer.Argument(help="Recording of a body's shape, base first.")],
+    max_order: Annotated[int, typer.Option("--max-order", help="Highest number of segments to try.")] = 8,
+    bound_mm: Annotated[
+        float | None, typer.Option("--bound-mm", help="Largest error allowed in any frame, mm.")
+    ] = None,
+    boundary: Annotated[
+        str, typer.Option("--boundary", help="natural, not-a-knot or clamped+not-a-knot.")
+    ] = "clamped+not-a-knot",
+    placement: Annotated[
+        str, typer.Option("--placement", help="equal: joints at equal arc length; best: smallest largest error.")
+    ] = "equal",
+    metric: Annotated[
+        str, typer.Option("--metric", help="arc: error at equal arc length; closest: to the closest point.")
+    ] = "arc",
+    mapping: Annotated[
+        Path | None, typer.Option("--mapping", help="TOML file that describes the columns of FILE.")
+    ] = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Save a figure; without an ending as .svg and .png.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Choose the number of links: the error of the shape rebuilt from 2, 3, ... segments, and the lowest in a bound.
+
+    Example: pliant order body.nc --bound-mm 3 --figure order.png
+    """
+    from pliant.reduction import select_order
+
+    recording = read_with_mapping(file, mapping)
+    with busy("trying orders"):
+        result = select_order(
+            recording, max_order=max_order, bound_mm=bound_mm, boundary=boundary, placement=placement, metric=metric
+        )
+    if figure is not None:
+        for path in _draw(result, figure):
+            typer.echo(f"figure: {path}", err=True)
+    if as_json:
+        typer.echo(json_format.dumps(result.to_dict(), indent=2))
+        if result.frames_left_out:
+            typer.echo(f"{result.frames_left_out} frame(s) with missing stations left out", err=True)
+        return
+    _print_table(result)
+
+
+def _print_table(result: OrderResult) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{result.frames} frames, {result.stations} stations, errors in mm")
+    columns = ("n", "max", "mean", "median of max", "95 % of max", "within bound", "stations between", "flops")
+    for name in columns:
+        table.add_column(name, justify="right")
+    for n, row in zip(result.orders, result.to_dict()["orders"].values(), strict=True):
+        numbers = (f"{row[key]:.3f}" for key in ("max_mm", "mean_mm", "median_of_max_mm", "p95_of_max_mm"))
+        within = "" if result.bound is None else f"{100 * result.fraction_within(n):.1f} %"
+        between = str(result.stations_between[result.orders.index(n)])
+        chosen = "bold" if n == result.chosen else None
+        table.add_row(str(n), *numbers, within, between, str(result.operations(n)), style=chosen)
+    console = Console(soft_wrap=True)
+    console.print(table)
+    console.print(result.summary(), highlight=False)
+    shown = result.chosen or result.orders[-1]
+    worst = ", ".join(f"{t:.3f} s ({e * 1e3:.2f} mm)" for t, e in result.worst_frames(shown, 3))
+    console.print(f"Worst frames for n = {shown}: {worst}.", highlight=False)
+    for note in result.notes:
+        console.print(f"- {note}", highlight=False)
+
+
+def _draw(result: OrderResult, path: Path) -> list[Path]:
+    from pliant.plotting import error_by_order, new_figure, order_bars, save_figure, style
+
+    errors = dict(zip(result.orders, result.max_error, strict=True))
+    with style():
+        figure, (left, right) = new_figure(1, 2, width_ratios=(2, 1))
+        error_by_order(left, result.time, errors, bound=result.bound)
+        order_bars(right, errors, bound=result.bound)
+        try:
+            return save_figure(figure, path)
+        except (OSError, ValueError) as error:
+            raise InputError(f"cannot save the figure {path}: {error}") from None

@@ -1,0 +1,63 @@
+"""Reading recordings for commands, and showing what is in them."""
+
+from __future__ import annotations
+
+import json as jsonlib
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from pliant.cli.output import busy
+from pliant.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def load_mapping(path: Path | None) -> dict[str, Any] | None:
+    """The mapping that a TOML file holds; None without a file."""
+    if path is None:
+        return None
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read the mapping {path}: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"mapping {path} is not valid TOML: {error}") from None
+
+
+def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
+    """Read a recording, with the mapping in a TOML file where one is given."""
+    from pliant.recording import read
+
+    with busy(f"reading {path.name}"):
+        return read(path, mapping=load_mapping(mapping))
+
+
+def print_recording(ds: xr.Dataset, path: Path, *, as_json: bool) -> None:
+    """Print what is in a recording and its quality."""
+    from pliant.preprocessing.quality import quality
+
+    with busy("judging the recording"):
+        found = quality(ds)
+    if as_json:
+        content = {"file": str(path), "format": ds.attrs.get("source_format"), "sizes": dict(ds.sizes)}
+        content["station_names"] = [str(s) for s in ds["station"].values] if "station" in ds else []
+        typer.echo(jsonlib.dumps({**content, "quality": plain(found.to_dict())}))
+        return
+    typer.echo(f"{path} ({ds.attrs.get('source_format', 'unknown format')})")
+    if "station" in ds:
+        names = [str(s) for s in ds["station"].values]
+        typer.echo(f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}")
+    typer.echo(found.summary())
+
+
+def plain(value: Any) -> Any:
+    """The value with NaN as None, as JSON wants it."""
+    if isinstance(value, dict):
+        return {k: plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    return None if isinstance(value, float) and value != value else value  # noqa: PLR0124  NaN is not itself

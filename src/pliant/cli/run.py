@@ -1,0 +1,28 @@
+"""`pliant run`: from a study file to a validated model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def run(
+    study: Annotated[Path, typer.Argument(help="Study file (TOML), or the study.json of an earlier run.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for model, metrics, figures and report.")],
+    json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
+) -> None:
+    """Check, align, fit, predict and report: the whole chain from recordings to a validated model.
+
+    Example: pliant run examples/pneumatic_arm_pulses.toml -o results/arm
+    """
+    from pliant.study import load_study, run_study
+
+    outcome = run_study(load_study(study), output, progress=lambda line: typer.echo(line, err=True))
+    if json:
+        typer.echo((output / "metrics.json").read_text(encoding="utf-8"))
+        return
+    for sentence in outcome.verdict:
+        typer.echo(f"- {sentence}")
+    typer.echo(f"report: {output / 'report.html'}")

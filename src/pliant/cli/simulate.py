@@ -1,0 +1,75 @@
+"""`pliant simulate`: what a model does under a pressure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pliant.errors import InputError
+
+if TYPE_CHECKING:
+    from pliant.simulation import Trace
+
+
+def simulate(
+    model: Annotated[Path, typer.Argument(help="Model file, as `pliant run` writes it.")],
+    level_kpa: Annotated[
+        float | None, typer.Option("--level-kpa", help="Pressure of a pulse, kPa gauge.", show_default="119")
+    ] = None,
+    start: Annotated[float, typer.Option(help="Start of the pulse, s.")] = 0.12,
+    width: Annotated[float, typer.Option(help="Width of the pulse, s.")] = 2.76,
+    trace: Annotated[Path | None, typer.Option(help="Recording whose measured pressure is used instead.")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Simulated time, s.", show_default="4, or the length of the trace")
+    ] = None,
+    step_ms: Annotated[float, typer.Option("--step-ms", help="Longest step, ms.")] = 1.0,
+    method: Annotated[str, typer.Option(help="midpoint, extrapolated, LSODA, BDF or Radau.")] = "midpoint",
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Trajectory file (.nc).")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure of all tips against time (.png or .svg).")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+) -> None:
+    """Simulate a model under a pressure pulse or a measured pressure.
+
+    Example: pliant simulate results/arm/model.json --level-kpa 25 --duration 5 -o path.nc --figure path.png
+    """
+    from pliant.cli.output import busy, print_summary, save_trajectory, write_figure
+    from pliant.model import load_model
+    from pliant.simulation import Pulse
+    from pliant.simulation import simulate as solve
+
+    loaded = load_model(model)
+    if trace is None:
+        pulse = Pulse(1e3 * (119.0 if level_kpa is None else level_kpa), start, width)
+        seconds = 4.0 if duration is None else duration
+        with busy("simulating"):
+            result = solve(loaded, pulse, duration=seconds, step=step_ms * 1e-3, method=method)
+    elif level_kpa is not None:
+        raise InputError("give either --level-kpa for a pulse or --trace for a measured pressure, not both")
+    else:
+        measured, times = measured_pressure(trace, duration, step_ms * 1e-3)
+        with busy("simulating"):
+            result = solve(loaded, measured, times=times, step=step_ms * 1e-3, method=method)
+    if output is not None:
+        save_trajectory(result, output)
+    if figure is not None:
+        from pliant.validation.figures import demo_figure
+
+        write_figure(demo_figure(result), figure)
+    print_summary(result, as_json=json)
+
+
+def measured_pressure(path: Path, duration: float | None, step: float) -> tuple[Trace, Any]:
+    """The pressure of a recording and the output times (T,) [s] from its first sample on."""
+    from pliant.identification.experiment import one_chamber
+    from pliant.recording import read
+    from pliant.simulation import Trace
+    from pliant.simulation.solve import output_times
+
+    recorded = read(path)
+    if "pressure" not in recorded:
+        raise InputError(f"{path} holds no measured pressure: give a pulse by --level-kpa instead")
+    trace = Trace(recorded["pressure_time"].values, one_chamber(path.name, recorded["pressure"]))
+    first, last = float(trace.time[0]), float(trace.time[-1])
+    return trace, first + output_times(last - first if duration is None else duration, None, step)

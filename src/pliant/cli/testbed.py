@@ -1,0 +1,92 @@
+"""`pliant testbed`: a recording of the virtual actuator."""
+
+from __future__ import annotations
+
+import json as jsonlib
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+
+def run_testbed(
+    scenario: Annotated[
+        str | None, typer.Argument(help="name of a scenario, see --list; or pulse_<kPa>_<ms>ms")
+    ] = None,
+    *,
+    actuator: Annotated[str, typer.Option(help="virtual actuator: a, b or c")] = "a",
+    seed: Annotated[int, typer.Option(min=0, help="seed of the sensors")] = 1,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="recording to write (.nc)")] = None,
+    truth: Annotated[Path | None, typer.Option(help="file for the true states (.nc), kept apart")] = None,
+    record: Annotated[str, typer.Option(help="what is recorded: position, strain or markers")] = "position",
+    show: Annotated[bool, typer.Option("--list", help="list the scenarios and leave")] = False,
+    json: Annotated[bool, typer.Option("--json", help="print what was recorded, or the list, as JSON")] = False,
+) -> None:
+    """Record a scenario of the virtual actuator, whose truth is known.
+
+    The recording looks like any laboratory's: raw sensor frame, its own pressure clock, noise and
+    drop-outs. A file that already holds this content is left as it is.
+
+    Example: pliant testbed pulse_119 --actuator b --seed 7 -o pulse.nc --truth truth.nc
+    """
+    from pliant.errors import InputError
+
+    if show:
+        _list_scenarios(as_json=json)
+        return
+    if scenario is None:
+        raise InputError("name a scenario; --list shows them")
+    if record not in ("position", "strain", "markers"):
+        raise InputError(f"--record takes position, strain or markers, not {record!r}")
+    from pliant.testbed.laboratory import Laboratory, generate_file
+
+    path = output or Path(f"{scenario}-{actuator}-{seed}.nc")
+    with _progress(scenario) as progress:
+        lab = Laboratory(output=record)  # type: ignore[arg-type]
+        ran = generate_file(scenario, path, body=actuator, seed=seed, lab=lab, truth=truth, progress=progress)
+    if json:
+        typer.echo(jsonlib.dumps({"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran}))
+        return
+    typer.echo(f"{path}: {'recorded' if ran else 'already there, nothing to do'}")
+
+
+def _list_scenarios(*, as_json: bool) -> None:
+    from pliant.testbed.scenarios import SCENARIOS
+
+    if as_json:
+        told = [{"duration_s": c.duration, "rate_hz": c.rate, "summary": c.summary} for c in SCENARIOS.values()]
+        typer.echo(jsonlib.dumps(dict(zip(SCENARIOS, told, strict=True))))
+        return
+
+    width = max(map(len, SCENARIOS))
+    for case in SCENARIOS.values():
+        typer.echo(f"{case.name:{width}}  {case.duration:5.1f} s  {case.rate:5.1f} Hz  {case.summary}")
+
+
+@contextmanager
+def _progress(name: str) -> Iterator[Callable[[float], None]]:
+    """A bar on the terminal once a run has taken a second; nothing in a pipe."""
+    import time
+
+    from rich.console import Console
+    from rich.progress import Progress
+
+    start = time.monotonic()
+    console = Console(stderr=True)
+    bar = Progress(console=console, transient=True, disable=not sys.stderr.isatty())
+    task = bar.add_task(name, total=1.0)
+
+    def update(done: float) -> None:
+        if not bar.live.is_started and time.monotonic() - start > 1.0:
+            bar.start()
+        bar.update(task, completed=done)
+
+    try:
+        yield update
+    finally:
+        bar.stop()

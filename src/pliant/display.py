@@ -1,0 +1,68 @@
+"""How results show themselves: as text in a terminal, as HTML in a notebook, from one card."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import NamedTuple
+
+MOST_ROWS = 12
+
+
+class Card(NamedTuple):
+    """What a result says of itself: a title, sentences, and a table whose first column is a name."""
+
+    title: str
+    lines: Sequence[str] = ()
+    head: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+
+
+class Shown:
+    """Prints the card that `card` gives; for dataclasses with ``repr=False``."""
+
+    def card(self) -> Card:
+        """Title, sentences and table."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return as_text(self.card())
+
+    def _repr_html_(self) -> str:
+        return as_html(self.card())
+
+
+def as_text(card: Card) -> str:
+    """A card as lines of text, the table aligned, numbers to the right."""
+    table = [list(row) for row in (card.head, *shortened(card)) if row]
+    width = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []
+    rows = []
+    for row in table:
+        cells = [cell.rjust(w) for cell, w in zip(row[1:], width[1:], strict=True)]
+        rows.append("  " + "  ".join([row[0].ljust(width[0]), *cells]))
+    return "\n".join(line.rstrip() for line in (card.title, *rows, *card.lines))
+
+
+def as_html(card: Card) -> str:
+    """A card as HTML that needs no style of its own."""
+    made = [f"<p><strong>{escape(card.title)}</strong></p>"]
+    if card.rows:
+        head = "".join(f'<th scope="col">{escape(h)}</th>' for h in card.head)
+        made.append(f"<table><thead><tr>{head}</tr></thead><tbody>")
+        for first, *rest in shortened(card):
+            cells = "".join(f"<td>{escape(cell)}</td>" for cell in rest)
+            made.append(f'<tr><th scope="row">{escape(first)}</th>{cells}</tr>')
+        made.append("</tbody></table>")
+    if card.lines:
+        made.append(f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in card.lines)}</ul>")
+    return f"<div>{''.join(made)}</div>"
+
+
+def shortened(card: Card) -> list[Sequence[str]]:
+    """The rows; of very many the first and the last, with their number between."""
+    rows = list(card.rows)
+    if len(rows) <= MOST_ROWS:
+        return rows
+    half = MOST_ROWS // 2
+    left_out = [f"... {len(rows) - 2 * half} more", *[""] * (len(rows[0]) - 1)]
+    return [*rows[:half], left_out, *rows[-half:]]

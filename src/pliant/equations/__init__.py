@@ -1,0 +1,17 @@
+"""The paper's Section III as plain kernels, in its order and its letters.
+
+Source: Y. Chen, K. C. Galloway, I. S. Godage, "Efficient Reduced-Order Models for Soft Actuators".
+
+    section     Sec. III-C   A, d, tau = p A d
+    chain       Eqs. (1)-(3) angles, rotations and positions of the links
+    velocity    Eq. (4)      body velocities, Jacobians, Hessian
+    inertia     Eq. (5)      M
+    coriolis    Eq. (5)      C
+    elastic     Eq. (5)      K q, D dq, gravity, tau
+    motion      Eq. (5)      acceleration, its derivatives, one implicit step
+    energy                   kinetic, elastic, gravitational energy and power
+
+A kernel is plain Python on scalars and arrays; it writes into arrays that the caller owns. The same text runs on
+floats, on complex numbers (derivatives by complex step), on symbols, and compiled (`pliant.equations._compiled.twin`).
+Index 0 is the first link here, i = 1 in the paper. All quantities are SI.
+"""

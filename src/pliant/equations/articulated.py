@@ -1,0 +1,135 @@
+"""The implicit step of `motion.step` with work that grows as the number of links: for long chains, same answers.
+
+In absolute angles the inertia is h_k l_j cos(phi_k - phi_j) below its diagonal, so that the step's equations are the
+minimum of a sum over links that know each other only through v_k = sum_{j<=k} l_j (cos, sin)(phi_j) x_j and x_k. The
+minimum is found link by link, from the tip to the base and back: Featherstone's articulated bodies, without a change
+of frame. Springs and dampers enter as an armature of each joint.
+
+Source: Featherstone, Rigid Body Dynamics Algorithms, Ch. 7, rederived for the planar chain in absolute angles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.equations.elastic import joint_tangents, joint_torques
+
+
+def step_articulated(phi, w, base_angle, h, torque, body, joints, work):
+    """As `motion.step`, in O(n); for n >= 4, since rows of `work.A` and `work.S` hold what each link needs.
+
+    Paper: Eq. (5) [eq:eom]
+    """
+    n = len(phi)
+    half = 0.5 * h
+    quarter = half * half
+    c = work.c
+    s = work.s
+    r = work.r
+    a = work.a
+    t = work.t
+    length = work.S[0]
+    diagonal = work.S[1]
+    armature = work.S[2]
+    square = work.S[3]
+    scale = 1.0 / body.h[n - 1]
+    for k in range(n):
+        c[k] = np.cos(phi[k] + half * w[k])
+        s[k] = np.sin(phi[k] + half * w[k])
+        length[k] = scale * body.B[n - 1, k]  # of the last link nothing depends on it
+    joint_torques(phi, w, base_angle, joints, torque, half, t)
+    joint_tangents(phi, w, base_angle, joints, half, a)
+    for k in range(n):
+        r[k] = h * (t[k] - t[k + 1] - body.h[k] * (body.gx * c[k] + body.gy * s[k]))
+        diagonal[k] = body.B[k, k] + body.I[k] + quarter * body.h[k] * (body.gy * c[k] - body.gx * s[k])
+        armature[k] = half * joints.D[k] + quarter * a[k]
+    fold(c, s, body.h, length, diagonal, armature, work.A)
+    for k in range(n):
+        square[k] = h * w[k] * w[k]
+    centrifugal_sums(c, s, body.h, length, square, r, a)
+    unfold(c, s, length, armature, work.A, t, a)
+    for k in range(n):
+        middle = w[k] + 0.5 * a[k]
+        square[k] = h * middle * middle
+    centrifugal_sums(c, s, body.h, length, square, r, a)
+    unfold(c, s, length, armature, work.A, t, a)
+    for k in range(n):
+        phi[k] = phi[k] + h * (w[k] + 0.5 * a[k])
+        w[k] = w[k] + a[k]
+
+
+def fold(c, s, first_moment, length, diagonal, armature, F):
+    """From the tip to the base: how link k answers what is before it; rows 0, 1, 2 of F take R_x, R_y and 1/d.
+
+    Beyond joint k the minimum is 1/2 v^T P v + y p . v + 1/2 z y^2 in v = v_{k-1} and y = x_{k-1}.
+    """
+    n = len(c)
+    pxx = 0.0 * c[0]
+    pxy = pxx
+    pyy = pxx
+    px = pxx
+    py = pxx
+    z = pxx
+    for i in range(n):
+        k = n - 1 - i
+        lx = length[k] * c[k]
+        ly = length[k] * s[k]
+        ux = pxx * lx + pxy * ly
+        uy = pxy * lx + pyy * ly
+        rx = px + ux + first_moment[k] * c[k]
+        ry = py + uy + first_moment[k] * s[k]
+        d = z + 2.0 * (px * lx + py * ly) + lx * ux + ly * uy + diagonal[k] + armature[k]
+        inverse = 1.0 / d
+        F[0, k] = rx
+        F[1, k] = ry
+        F[2, k] = inverse
+        gx = rx * inverse
+        gy = ry * inverse
+        pxx = pxx - gx * rx
+        pxy = pxy - gx * ry
+        pyy = pyy - gy * ry
+        px = armature[k] * gx
+        py = armature[k] * gy
+        z = armature[k] - armature[k] * armature[k] * inverse
+
+
+def unfold(c, s, length, armature, F, G, a):
+    """Solve with the rows of `fold`: a (n,) comes as right-hand side and leaves as solution; G (n + 1,) is scratch."""
+    n = len(c)
+    fx = 0.0 * a[0]
+    fy = fx
+    g = fx
+    for i in range(n):
+        k = n - 1 - i
+        total = g + length[k] * (fx * c[k] + fy * s[k]) - a[k]
+        G[k] = total
+        share = total * F[2, k]
+        fx = fx - F[0, k] * share
+        fy = fy - F[1, k] * share
+        g = armature[k] * share
+    vx = 0.0 * a[0]
+    vy = vx
+    before = vx
+    for k in range(n):
+        before = (armature[k] * before - G[k] - F[0, k] * vx - F[1, k] * vy) * F[2, k]
+        a[k] = before
+        vx = vx + length[k] * c[k] * before
+        vy = vy + length[k] * s[k] * before
+
+
+def centrifugal_sums(c, s, first_moment, length, square, r, a):
+    """a_k = r_k - sum_j B_kj sin(phi_k - phi_j) square_j by two running sums, as `motion.centrifugal` by two loops."""
+    n = len(c)
+    x = 0.0 * r[0]
+    y = x
+    for k in range(n):
+        a[k] = r[k] - first_moment[k] * (s[k] * x - c[k] * y)
+        x = x + length[k] * c[k] * square[k]
+        y = y + length[k] * s[k] * square[k]
+    x = 0.0 * r[0]
+    y = x
+    for i in range(n):
+        k = n - 1 - i
+        a[k] = a[k] - length[k] * (s[k] * x - c[k] * y)
+        x = x + first_moment[k] * c[k] * square[k]
+        y = y + first_moment[k] * s[k] * square[k]

@@ -1,0 +1,49 @@
+"""Centrifugal and Coriolis forces C dq of Eq. (5), with Mdot - 2C skew-symmetric."""
+
+from __future__ import annotations
+
+
+def coriolis_from_hessian(J, H, m, J_tip, H_tip, m_tip, dq, C):
+    """C (n, n) by the Christoffel symbols of M, from body Jacobians and Hessians of the centres of mass.
+
+    dM_ab/dq_r = sum_i m_i (H_i[:, a, r] . J_i[:, b] + J_i[:, a] . H_i[:, b, r])
+    C_ab = sum_r 1/2 (dM_ab/dq_r + dM_ar/dq_b - dM_rb/dq_a) dq_r
+
+    Paper: Eq. (5) [eq:eom], by the recursive formulation of Godage et al., IJRR 35(6), 2016
+    """
+    n = len(m)
+    for a in range(n):
+        for b in range(n):
+            total = 0.0 * dq[0]
+            for r in range(n):
+                total = total + 0.5 * dq[r] * (
+                    inertia_derivative(J, H, m, J_tip, H_tip, m_tip, a, b, r)
+                    + inertia_derivative(J, H, m, J_tip, H_tip, m_tip, a, r, b)
+                    - inertia_derivative(J, H, m, J_tip, H_tip, m_tip, r, b, a)
+                )
+            C[a, b] = total
+
+
+def inertia_derivative(J, H, m, J_tip, H_tip, m_tip, a, b, r):
+    """dM_ab/dq_r, kg m^2/rad; see `coriolis_from_hessian`."""
+    value = m_tip * (
+        H_tip[0, a, r] * J_tip[0, b] + H_tip[1, a, r] * J_tip[1, b]
+        + J_tip[0, a] * H_tip[0, b, r] + J_tip[1, a] * H_tip[1, b, r]
+    )
+    for i in range(len(m)):
+        value = value + m[i] * (
+            H[i, 0, a, r] * J[i, 0, b] + H[i, 1, a, r] * J[i, 1, b]
+            + J[i, 0, a] * H[i, 0, b, r] + J[i, 1, a] * H[i, 1, b, r]
+        )
+    return value
+
+
+def coriolis_absolute(c, s, B, w, C):
+    """C (n, n) in absolute angles, given c = cos(phi), s = sin(phi) and w = dphi/dt.
+
+    C_kl = B_kl sin(phi_k - phi_l) w_l;  Mdot - 2C = -B_kl sin(phi_k - phi_l) (w_k + w_l) is skew-symmetric
+    """
+    n = len(c)
+    for k in range(n):
+        for j in range(n):
+            C[k, j] = B[k, j] * (s[k] * c[j] - c[k] * s[j]) * w[j]

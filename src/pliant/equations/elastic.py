@@ -1,0 +1,64 @@
+"""Springs, dampers, drive and gravity of Eq. (5)."""
+
+from __future__ import annotations
+
+
+def joint_torques(phi, w, base_angle, joints, torque, ahead, t):
+    """Net torque t (n,) of drive, spring and damper at each joint, with t[n] = 0 behind the last one; N m.
+
+    t_i = gain_i torque - K_i q_m - K2_i q_m^2 - D_i dq_i,  q_m = q_i + ahead dq_i
+
+    K2 = K s makes springs K q (1 + s q), which stiffen (s > 0) or soften (s < 0) with the angle; s = 0 is the paper's.
+
+    `ahead` [s] looks ahead along the present velocity: half a step in the implicit midpoint rule, 0 elsewhere.
+
+    Paper: Eq. (5) [eq:eom]
+    """
+    n = len(phi)
+    angle = base_angle
+    rate = 0.0 * w[0]
+    for i in range(n):
+        q = phi[i] - angle - joints.theta0[i]
+        dq = w[i] - rate
+        more = phi[i] - angle - joints.unbent[i] + ahead * dq
+        spring = joints.K[i] * (q + ahead * dq) + joints.K2[i] * more * more
+        t[i] = joints.gain[i] * torque - spring - joints.D[i] * dq
+        angle = phi[i]
+        rate = w[i]
+    t[n] = 0.0 * t[0]
+
+
+def joint_tangents(phi, w, base_angle, joints, ahead, slope):
+    """Slopes K_i + 2 K2_i q_m (n,) of the springs of `joint_torques`; N m/rad."""
+    angle = base_angle
+    rate = 0.0 * w[0]
+    for i in range(len(phi)):
+        more = phi[i] - angle - joints.unbent[i] + ahead * (w[i] - rate)
+        slope[i] = joints.K[i] + 2.0 * joints.K2[i] * more
+        angle = phi[i]
+        rate = w[i]
+
+
+def tangent(i, phi, base_angle, joints):
+    """Slope K_i + 2 K2_i q_i of the spring of joint i, N m/rad: what is not positive holds nothing."""
+    angle = phi[i] - joints.unbent[i]
+    if i > 0:
+        angle = angle - phi[i - 1]
+    else:
+        angle = angle - base_angle
+    return joints.K[i] + 2.0 * joints.K2[i] * angle
+
+
+def gravity_absolute(c, s, body, g):
+    """Gravity torques g (n,) on the left-hand side of Eq. (5), in absolute angles; N m.
+
+    g_k = h_k (gx cos phi_k + gy sin phi_k), the slope of the potential -sum m (gx x + gy y); c, s: cos, sin of phi.
+    """
+    for k in range(len(c)):
+        g[k] = body.h[k] * (body.gx * c[k] + body.gy * s[k])
+
+
+def to_joint_torques(g):
+    """Carry torques from absolute to joint angles, in place: T^T g, T the lower triangle of ones (suffix sums)."""
+    for i in range(len(g) - 2, -1, -1):
+        g[i] = g[i] + g[i + 1]

@@ -1,0 +1,55 @@
+"""Energies and power of the chain: what the tests balance and what a trajectory reports. All in absolute angles."""
+
+from __future__ import annotations
+
+
+def kinetic_energy(c, s, w, body):
+    """1/2 w^T M w, J, given c = cos(phi), s = sin(phi) and w = dphi/dt."""
+    n = len(w)
+    value = 0.0 * w[0]
+    for k in range(n):
+        value = value + 0.5 * (body.B[k, k] + body.I[k]) * w[k] * w[k]
+        for j in range(k):
+            value = value + body.B[k, j] * (c[k] * c[j] + s[k] * s[j]) * w[k] * w[j]
+    return value
+
+
+def elastic_energy(phi, base_angle, joints):
+    """sum_i 1/2 K_i q_i^2 + 1/3 K2_i q_i^3, J, zero in the rest shape."""
+    value = 0.0 * phi[0]
+    before = base_angle
+    for i in range(len(phi)):
+        q = phi[i] - before - joints.theta0[i]
+        more = phi[i] - before - joints.unbent[i]
+        value = value + 0.5 * joints.K[i] * q * q + joints.K2[i] * more * more * more / 3.0
+        before = phi[i]
+    return value
+
+
+def gravity_energy(c, s, body):
+    """-sum m (gx x + gy y), J, zero where every link lies at the first joint; c = cos(phi), s = sin(phi)."""
+    value = 0.0 * c[0]
+    for k in range(len(c)):
+        value = value + body.h[k] * (body.gx * s[k] - body.gy * c[k])
+    return value
+
+
+def damping_power(w, joints):
+    """sum_i D_i dq_i^2, W, what the dampers take."""
+    value = 0.0 * w[0]
+    before = 0.0 * w[0]
+    for i in range(len(w)):
+        dq = w[i] - before
+        value = value + joints.D[i] * dq * dq
+        before = w[i]
+    return value
+
+
+def input_power(w, joints, torque):
+    """sum_i gain_i torque dq_i, W, what the pressure gives: p dV/dt by virtual work."""
+    value = 0.0 * w[0]
+    before = 0.0 * w[0]
+    for i in range(len(w)):
+        value = value + joints.gain[i] * torque * (w[i] - before)
+        before = w[i]
+    return value

@@ -1,0 +1,78 @@
+"""The symbol table as code: what the kernels call their parameters.
+
+Two coordinate sets describe the same motion: the joint angles q of the paper, relative to the rest shape, and
+the absolute link angles phi_i = base_angle + sum_{k<=i} (q_k + theta0_k), from the base tangent +y.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class Body(NamedTuple):
+    """Constants of the inertia in absolute angles, from `inertia.body_constants`.
+
+    In absolute angles the kinetic energy is 1/2 sum_kl B_kl cos(phi_k - phi_l) w_k w_l + 1/2 sum_k I_k w_k^2 with
+    constant B: all that depends on the shape is the cosine (Sec. III-C; derived, see docs/equations.md).
+    """
+
+    B: np.ndarray  # (n, n) kg m^2, coupling of the link directions
+    I: np.ndarray  # (n,)   kg m^2, rotary inertia of each link about its centre of mass
+    h: np.ndarray  # (n,)   kg m, first moment of what link k carries
+    gx: float  # m/s^2, gravity along x of the base frame
+    gy: float  # m/s^2, gravity along y of the base frame
+
+
+class Joints(NamedTuple):
+    """Springs, dampers and drive of the joints."""
+
+    theta0: np.ndarray  # (n,) rad, rest angle of each joint; theta0[0] is measured from the base tangent
+    K: np.ndarray  # (n,) N m/rad
+    D: np.ndarray  # (n,) N m s/rad
+    gain: np.ndarray  # (n,) share of the torque law that each joint feels; 1 by virtual work
+    K2: np.ndarray  # (n,) N m/rad^2, of a spring that stiffens with its angle: K times the stiffening
+    unbent: np.ndarray  # (n,) rad, theta0, from which K2 counts also where memory moves a step's theta0
+
+
+class Memory(NamedTuple):
+    """Creep, slip and Bouc-Wen of `equations.memory`, the same for all joints, each a share of the joint's K."""
+
+    creep_share: np.ndarray  # (P,) stiffness of each Prony branch, in parts of K
+    creep_time: np.ndarray  # (P,) s, its relaxation time
+    slip_share: np.ndarray  # (S,) stiffness of each Maxwell-slip element, in parts of K
+    slip_angle: np.ndarray  # (S,) rad, the stretch at which it slips
+    boucwen_share: float  # stiffness of the Bouc-Wen branch at z = 0, in parts of K
+    boucwen_beta: float  # 1/rad^n
+    boucwen_gamma: float  # 1/rad^n, at most beta in size
+    boucwen_exponent: float  # n, at least 1
+
+
+class Held(NamedTuple):
+    """Scratch arrays of one step with memory: its start, its turn, and the springs that the step sees."""
+
+    phi: np.ndarray  # (n,) rad, at the start
+    w: np.ndarray  # (n,) rad/s, at the start
+    q: np.ndarray  # (n,) rad, at the start
+    dq: np.ndarray  # (n,) rad, turn of each joint over the step
+    creep_slope: np.ndarray  # (n,) of creep's line in the middle angle, in parts of K
+    creep_offset: np.ndarray  # (n,) rad, of the same
+    slope: np.ndarray  # (n,) of the line of all branches
+    offset: np.ndarray  # (n,) rad, of the same
+    K: np.ndarray  # (n,) N m/rad, that of `springs`
+    theta0: np.ndarray  # (n,) rad, that of `springs`
+    springs: Joints
+
+
+class Workspace(NamedTuple):
+    """Scratch arrays of one step, owned by the caller so that no kernel allocates."""
+
+    A: np.ndarray  # (n, n)
+    S: np.ndarray  # (n, n)
+    c: np.ndarray  # (n,)
+    s: np.ndarray  # (n,)
+    t: np.ndarray  # (n + 1,)
+    r: np.ndarray  # (n,)
+    a: np.ndarray  # (n,)

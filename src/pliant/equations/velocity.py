@@ -1,0 +1,93 @@
+"""How the links move: Eq. (4), its Jacobians and Hessian, all in the links' own (body) frames."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def body_velocities(q, dq, theta0, l, omega, v):
+    """Angular velocity omega (n,) [rad/s] and tip velocity v (n, 2) [m/s] of each link in its own frame.
+
+    Omega_i = R_i^T (Omega_{i-1} R_i + dR_i/dt)               ->  omega_i = omega_{i-1} + dq_i
+    upsilon_i = R_i^T (upsilon_{i-1} + Omega_{i-1} p_i + dp_i/dt)  with p_i = R_i (0, l_i)
+
+    Paper: Eq. (4) [eq:wvi_recursive]; omega = [Omega]_21 where the paper prints [Omega]_12.  # D3
+    """
+    w = 0.0 * dq[0]
+    vx = w
+    vy = w
+    for i in range(len(l)):
+        c = np.cos(q[i] + theta0[i])
+        s = np.sin(q[i] + theta0[i])
+        px = -s * l[i]
+        py = c * l[i]
+        # Omega_{i-1} p_i = w (-py, px);  dp_i/dt = dq_i (-py, px)
+        ux = vx - w * py - dq[i] * py
+        uy = vy + w * px + dq[i] * px
+        vx = c * ux + s * uy
+        vy = -s * ux + c * uy
+        w = w + dq[i]
+        omega[i] = w
+        v[i, 0] = vx
+        v[i, 1] = vy
+
+
+def body_jacobian(q, theta0, l, c, J):
+    """Jacobians J (n, 2, n) of the point at distance c_i along each link, in the link's frame: v_i = J_i dq.
+
+    J_i = R_i^T J_{i-1} - l_i e_x 1_{m<=i}, with c_i in place of l_i in the last step; omega_i = sum_{m<=i} dq_m.
+
+    Source: Godage et al., IJRR 35(6), 2016, for the planar chain; from Eq. (4) [eq:wvi_recursive]
+    """
+    n = len(l)
+    for m in range(n):
+        ux = 0.0 * q[0]
+        uy = 0.0 * q[0]
+        for i in range(n):
+            if i < m:
+                J[i, 0, m] = ux
+                J[i, 1, m] = uy
+                continue
+            cq = np.cos(q[i] + theta0[i])
+            sq = np.sin(q[i] + theta0[i])
+            turned = cq * ux + sq * uy
+            uy = -sq * ux + cq * uy
+            J[i, 0, m] = turned - c[i]
+            J[i, 1, m] = uy
+            ux = turned - l[i]
+
+
+def body_hessian(q, theta0, l, c, H):
+    """Hessian H (n, 2, n, n) of the same points: H[i, :, m, k] = dJ_i[:, m] / dq_k.
+
+    H_i[:, m, k] = R^{iT} (p^{k-1} - p^{m-1}) for m < k <= i, else 0: turning joint k turns what lies before it, seen
+    from link i.
+
+    Source: Godage et al., IJRR 35(6), 2016, for the planar chain
+    """
+    n = len(l)
+    for i in range(n):
+        for m in range(n):
+            for k in range(n):
+                H[i, 0, m, k] = 0.0 * q[0]
+                H[i, 1, m, k] = 0.0 * q[0]
+        for m in range(i + 1):
+            x = 0.0 * q[0]
+            y = 0.0 * q[0]
+            for k in range(m + 1, i + 1):
+                # (x, y) = p^{k-1} - p^{m-1} in the frame of link k-1, then carried on to link i
+                cq = np.cos(q[k - 1] + theta0[k - 1])
+                sq = np.sin(q[k - 1] + theta0[k - 1])
+                turned = cq * x + sq * y
+                y = -sq * x + cq * y + l[k - 1]
+                x = turned
+                ax = x
+                ay = y
+                for j in range(k, i + 1):
+                    cj = np.cos(q[j] + theta0[j])
+                    sj = np.sin(q[j] + theta0[j])
+                    turned = cj * ax + sj * ay
+                    ay = -sj * ax + cj * ay
+                    ax = turned
+                H[i, 0, m, k] = ax
+                H[i, 1, m, k] = ay

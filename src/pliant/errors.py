@@ -1,0 +1,43 @@
+"""Every error that pliant raises on purpose: one root, one clear sentence each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class PliantError(Exception):
+    """Root of all errors that pliant raises on purpose.
+
+    The message says what was expected, what came and what to do about it. The command line prints
+    it as one sentence and leaves with ``exit_code``: 2 for bad input, 1 for a job that failed.
+    """
+
+    exit_code = 1
+
+
+class InputError(PliantError, ValueError):
+    """A file, an option or an argument is not what it must be."""
+
+    exit_code = 2
+
+
+class SimulationError(PliantError, ArithmeticError):
+    """A simulation cannot go on: the step is too long, or a value stopped being finite."""
+
+
+class FitError(PliantError):
+    """An identification cannot start or did not end in a usable model."""
+
+
+def explain_validation(error: Any, what: str) -> InputError:
+    """One sentence from a pydantic ValidationError: which entry of `what` is wrong, why, and what came."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"]) or "the whole"
+    more = len(error.errors()) - 1
+    came = "" if first["type"] in {"missing", "extra_forbidden"} else f" (got {first['input']!r:.60})"
+    reason = {
+        "missing": "is missing: add it",
+        "extra_forbidden": "is not a known entry: remove it or correct its name",
+    }.get(first["type"], first["msg"].removeprefix("Value error, ").removeprefix("Input "))
+    others = f"; {more} more such problem{'s' * (more > 1)}" if more else ""
+    return InputError(f"{what}: '{where}' {reason}{came}{others}")

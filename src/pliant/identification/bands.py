@@ -1,0 +1,210 @@
+"""From the uncertainty of parameters to that of predictions: bands by the delta method, and by block bootstrap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from pliant.display import Card, Shown
+from pliant.errors import InputError
+from pliant.identification.experiment import Experiment, predict
+from pliant.identification.fit import predict_held_out, solve
+from pliant.identification.problem import Problem
+from pliant.identification.residuals import correlated_frames
+from pliant.identification.result import FitResult
+from pliant.identification.sensitivity import sensitivities
+from pliant.identification.uncertainty import HIDDEN
+
+Array = np.ndarray
+FEWEST = 20  # replicates of a bootstrap, of which a covariance can be taken
+
+
+@dataclass(frozen=True, repr=False)
+class Band(Shown):
+    """A prediction with its band.
+
+    Attributes
+    ----------
+    position, std, lower, upper : array (T, S, 2)
+        Predicted coordinates, their standard error, and the limits of the band, m.
+    level : float
+        Share of cases in which the band holds each coordinate.
+    """
+
+    position: Array
+    std: Array
+    lower: Array
+    upper: Array
+    level: float
+
+    def holds(self, position: Array) -> float:
+        """Share of the coordinates of `position` (T, S, 2) [m] that lie within; what was not seen does not count."""
+        seen = np.isfinite(position)
+        return float(((self.lower <= position) & (position <= self.upper))[seen].mean())
+
+    def card(self) -> Card:
+        """How wide the band is."""
+        half = 5e2 * (self.upper - self.lower)
+        frames, stations = self.position.shape[:2]
+        wide = f"half its width is {np.nanmedian(half):.3g} mm (median), {np.nanmax(half):.3g} mm at most"
+        return Card(f"Band of {100 * self.level:g} % about {frames} frames of {stations} station(s): {wide}")
+
+
+def prediction_band(
+    experiment: Experiment, fitted: FitResult, *, step: float = 2e-3, level: float = 0.95,
+    noise: float | Array = 0.0, own: FitResult | None = None,
+) -> Band:
+    """The prediction of an experiment with the band that the fit's covariance gives it (delta method).
+
+    What is the experiment's own (edge times) is fitted to it, and takes up of the shared parameters' errors what it
+    can.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Recorded or planned, one that the fit has not seen.
+    fitted : FitResult
+    step : float
+        Longest step of the integration, s.
+    level : float
+        Share of cases in which the band shall hold each coordinate.
+    noise : float or array (S, 2)
+        Standard deviation of the measurement, m, for a band that holds the measured points; 0: the motion itself.
+        `residual_noise` takes it from the training records.
+    own : FitResult, optional
+        The fit of what is the experiment's own, from `predict_held_out`, where it is there already.
+
+    Returns
+    -------
+    Band
+        Arrays of shape (T, S, 2), m.
+
+    Raises
+    ------
+    InputError
+        When the fit has no covariance, or the level is not between 0 and 1.
+    """
+    if fitted.covariance is None:
+        raise InputError("a prediction band needs a fit with free parameters: this one has no covariance")
+    if not 0 < level < 1:
+        raise InputError(f"the level of a band lies between 0 and 1, got {level}")
+    own = own or predict_held_out(experiment, fitted, step=step)[1]
+    shared = [k for k, n in enumerate(fitted.covariance.names) if "." not in n or n.partition(".")[0] not in
+              {e.partition(".")[0] for e in fitted.rmse}]
+    names = [fitted.covariance.names[k] for k in shared] + list(experiment.own_parameters)
+    scale = {p.name: p.scale for p in own.parameters}
+    sizes = {n: scale[n] or max(abs(own.values[n]), 1e-6) for n in names}
+    rows, slopes = sensitivities(own.model, experiment, own.values, sizes, step)
+    scaled = slopes[..., :2] * np.array(list(sizes.values()))[:, None, None, None]
+    theirs, mine = scaled[: len(shared)], scaled[len(shared) :]
+    if len(mine):
+        seen = np.isfinite(experiment.position)
+        taken = np.linalg.lstsq(mine[:, seen].T, theirs[:, seen].T, rcond=HIDDEN)[0]
+        theirs = theirs - np.tensordot(taken.T, mine, axes=1)
+    unit = np.array([sizes[n] for n in names[: len(shared)]])
+    spread = fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(unit, unit)
+    variance = np.einsum("itsc,ij,jtsc->tsc", theirs, spread, theirs)
+    std = np.sqrt(np.maximum(variance, 0.0) + noise**2)
+    half = float(norm.ppf(0.5 + 0.5 * level)) * std
+    return Band(rows[..., :2], std, rows[..., :2] - half, rows[..., :2] + half, level)
+
+
+def residual_noise(
+    train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *, step: float = 2e-3,
+    weighting: str = "travel",
+) -> Array:
+    """Standard deviation (S, 2) of what the model leaves of a record, m, as the training records have it.
+
+    With the weighting by travel, residuals are taken in shares of each record's travel, and come back as shares of the
+    `modelled` (T, S, 2) travel of the experiment. A station that no training record shows gets the mean of all.
+    """
+    left: dict[str, list[Array]] = {}
+    for exp in train:
+        away = predict(fitted.model, exp, fitted.values, step)["position"] - exp.position
+        square = np.nanmean(away**2, axis=0) / (exp.travel if weighting == "travel" else 1.0) ** 2
+        for name, row in zip(exp.stations, square, strict=True):
+            left.setdefault(name, []).append(row)
+    mean = {name: np.mean(rows, axis=0) for name, rows in left.items()}
+    usual = np.mean(list(mean.values()), axis=0)
+    path = modelled[:, -1]
+    reach = float(np.linalg.norm(path - path[0], axis=1).max()) if weighting == "travel" else 1.0
+    rows = np.array([mean.get(name, usual) for name in experiment.stations])
+    return np.asarray(reach * np.sqrt(rows))
+
+
+def bootstrapped(
+    experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, step: float = 2e-3,
+    weighting: str = "travel", loss: str = "linear", rng: np.random.Generator | int | None = 0,
+) -> FitResult:
+    """The fit with covariance and standard errors from `bootstrap`; reports and bands then rest on it.
+
+    Raises
+    ------
+    InputError
+        When the fit has no covariance, or the replicates are too few for one.
+    """
+    if fitted.covariance is None or replicates < FEWEST:
+        raise InputError(f"a bootstrap needs a fit with free parameters and {FEWEST} replicates, got {replicates}")
+    _, values = bootstrap(
+        experiments, fitted, replicates=replicates, step=step, weighting=weighting, loss=loss, rng=rng
+    )
+    spread = fitted.covariance._replace(matrix=np.atleast_2d(np.cov(values.T)), source="block bootstrap")
+    errors = dict(zip(spread.names, spread.std, strict=True))
+    parameters = tuple(p.with_(std=errors.get(p.name)) for p in fitted.parameters)
+    told = f"Standard errors come from {replicates} replicates that keep residuals correlated as they are."
+    return replace(fitted, parameters=parameters, covariance=spread, notes=(*fitted.notes, told))
+
+
+def bootstrap(
+    experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, block: int | None = None,
+    step: float = 2e-3, weighting: str = "travel", loss: str = "linear",
+    rng: np.random.Generator | int | None = 0,
+) -> tuple[tuple[str, ...], Array]:
+    """Parameters (R, P), SI, of fits to the model's motion plus its own residuals, drawn again in blocks of frames.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Those of the fit.
+    block : int, optional
+        Frames in a block; default: twice as many as residuals are correlated over.
+    weighting, loss : str
+        Those of the fit.
+
+    Returns
+    -------
+    names, values
+        Of the free parameters; percentiles of a column are an interval.
+    """
+    free = [p for p in fitted.parameters if p.free]
+    generator = np.random.default_rng(rng)
+    base = Problem(list(experiments), fitted.model, list(fitted.parameters), step, weighting)
+    parts = np.split(base.data_residual(base.start), base.ends[:-1])
+    frames = [block or int(np.ceil(2 * correlated_frames(o, r))) for o, r in zip(base.observed, parts, strict=True)]
+    motions = [predict(fitted.model, e, fitted.values, step)["position"] for e in experiments]
+    drawn = []
+    for _ in range(replicates):
+        again = [
+            replace(e, position=redrawn(e, p, width, generator))
+            for e, p, width in zip(experiments, motions, frames, strict=True)
+        ]
+        problem = Problem(again, fitted.model, list(fitted.parameters), step, weighting)
+        drawn.append(solve(problem, problem.start, loss, 20).x * problem.scale)
+    return tuple(p.name for p in free), np.array(drawn)
+
+
+def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator) -> Array:
+    """Positions (T, S, 2): the modelled motion plus the residuals' blocks of `width` frames in another order.
+
+    Blocks wrap around the end, so that every frame is drawn alike; what was not seen stays so, and a residual that is
+    missing where it is drawn to is replaced by none.
+    """
+    residual = exp.position - motion
+    count = exp.time.size
+    first = rng.integers(count, size=-(-count // width))
+    index = ((first[:, None] + np.arange(width)) % count).ravel()[:count]
+    drawn = np.nan_to_num(residual[index], nan=0.0)
+    return np.where(np.isfinite(exp.position), motion + drawn, np.nan)

@@ -1,0 +1,90 @@
+"""Which of several fitted models the recordings support: BIC on training records, paired errors on held-out ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.identification.experiment import Experiment
+from pliant.identification.fit import predict_held_out
+from pliant.identification.problem import Problem
+from pliant.identification.residuals import correlated_frames, falling_correlations
+from pliant.identification.result import FitResult
+
+Array = np.ndarray
+
+
+class Follows(NamedTuple):
+    """How a fit follows its training records, on a scale that all fits to them share."""
+
+    mean_square: float  # of the residuals, weighted alike for every model
+    numbers: float  # that were seen, less what the residuals' correlation takes from them
+    free: int  # parameters, edge times of the records included
+
+    def bic(self, numbers: float) -> float:
+        """Bayesian information criterion, the residuals taken for as many independent `numbers`."""
+        return float(numbers * np.log(max(self.mean_square, 1e-300)) + self.free * np.log(numbers))
+
+
+def follows(train: Sequence[Experiment], result: FitResult, step: float, weighting: str) -> Follows:
+    """How `result` follows the records: weights are those that a fit begins with, never those that it learned."""
+    problem = Problem(list(train), result.model, list(result.parameters), step, weighting)
+    r = problem.data_residual(problem.start)
+    parts = np.split(r, problem.ends[:-1])
+    numbers = sum(p.size / correlated_frames(o, p) for o, p in zip(problem.observed, parts, strict=True))
+    return Follows(float(np.mean(r**2)), float(numbers), len(problem.free))
+
+
+def shared_bic(fits: Sequence[Follows]) -> list[float]:
+    """BIC of models fitted to the same records, all counting as many numbers as the residuals of the closest one hold.
+
+    Residuals of a poor model are correlated for longer and hold fewer independent numbers: with each model's own
+    count the criteria could not be compared.
+    """
+    numbers = min(fits, key=lambda f: f.mean_square).numbers
+    return [f.bic(numbers) for f in fits]
+
+
+def missed(exp: Experiment, result: FitResult, step: float) -> Array:
+    """Squared distance (T,) of each frame of a record that the fit has not seen, in (% of travel)^2.
+
+    The mean is the square of the record's error; a station that was not seen adds nothing.
+    """
+    prediction, _ = predict_held_out(exp, result, step=step)
+    square = np.sum((prediction["position"] - exp.position) ** 2, axis=-1)
+    seen = np.isfinite(square)
+    per_frame = np.where(seen, square, 0.0).sum(axis=1) * exp.time.size / seen.sum()
+    return np.asarray(per_frame * (100 / exp.travel) ** 2)
+
+
+def error(records: dict[str, Array]) -> float:
+    """Mean over records of the root of the mean of `missed`, % of travel."""
+    return float(np.mean([np.sqrt(m.mean()) for m in records.values()]))
+
+
+def lead(one: dict[str, Array], other: dict[str, Array]) -> tuple[float, float]:
+    """By how much the error of one model is above that of another on the same records, and its standard error.
+
+    Both in % of travel, from the frame-by-frame differences of `missed`, frames counted as far as they are
+    independent. The scatter from record to record is not in it: few are ever held out.
+
+    Raises
+    ------
+    InputError
+        When the records differ.
+    """
+    if one.keys() != other.keys() or not one:
+        raise InputError(f"models are compared on the same records, got {', '.join(one)} and {', '.join(other)}")
+    gaps, variances = [], []
+    for name, mine in one.items():
+        theirs = other[name]
+        size = max(np.sqrt(mine.mean()) + np.sqrt(theirs.mean()), 1e-300)  # d(root) from d(square)
+        apart = (mine - theirs) / size
+        r = (apart - apart.mean())[:, None]
+        frames = 1.0 + 2.0 * sum(falling_correlations(r, 2.0 / np.sqrt(r.size)))
+        gaps.append(apart.mean())
+        variances.append(apart.var() * frames / r.size)
+    return float(np.mean(gaps)), float(np.sqrt(np.sum(variances)) / len(gaps))

@@ -1,0 +1,264 @@
+"""One recording as an experiment: what was done, what was seen, and what the model says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from pliant.display import Card, Shown
+from pliant.errors import InputError
+from pliant.identification.parameters import Parameter
+from pliant.identification.setup import moved, set_up
+from pliant.model import Model
+from pliant.recording.schema import check_recording
+from pliant.simulation import Trace
+
+Array = np.ndarray
+HELD_S = 0.05  # s before a release, over which the held pose is a median
+Excitation = Literal["trace", "pulse", "release"]
+Held = Literal["unloaded", "measured"]
+AngleReference = Literal["rest", "base", ""]
+
+
+@dataclass(frozen=True, repr=False)
+class Experiment(Shown):
+    """A planar recording with the excitation that made it.
+
+    Parameters
+    ----------
+    name : str
+    time : array (T,)
+        s.
+    position : array (T, S, 2)
+        Observed points in the base frame, m; NaN where a point was not seen.
+    stations : tuple of str
+        Names of the S points; the model carries points of the same names.
+    excitation : {"trace", "pulse", "release"}
+        A measured pressure; a pressure of known level between unknown edges (parameters ``start`` and ``stop``); or a
+        body held by hand in its unloaded shape, or by a force (``hold_force``), and let go at an unknown time
+        (``release``).
+    pressure : Trace or None
+        The measured pressure, Pa.
+    level : float
+        The nominal level of a pulse, Pa.
+    known : dict
+        Parameters of this recording alone whose values are known, such as the tip_mass that it carried.
+    angle : array (T, S) or None
+        Observed angles about +z, rad; NaN where an angle was not seen.
+    angle_reference : {"rest", "base", ""}
+        What the angles are measured from: the rest pose, or the base tangent.
+    noise : dict
+        Standard deviation of a station's coordinates where it is known, m; by name.
+    angle_noise : float or None
+        Standard deviation of the angles where it is known, rad.
+    arc_length : array (S,) or None
+        Of the stations, m: each then counts by the length that it stands for, so that a crowd counts no more.
+    held : array (S, 2) or None
+        Where a release held the observed points, m, when not in the unloaded shape: the hand's pose is then taken as
+        measured, pulled there from the unloaded shape.
+    travel : float
+        Largest displacement of the last station from its rest, m; found from the data.
+    """
+
+    name: str
+    time: Array
+    position: Array
+    stations: tuple[str, ...]
+    excitation: Excitation
+    pressure: Trace | None = None
+    level: float = 0.0
+    known: Mapping[str, float] = field(default_factory=dict)
+    angle: Array | None = None
+    angle_reference: AngleReference = ""
+    noise: Mapping[str, float] = field(default_factory=dict)
+    angle_noise: float | None = None
+    arc_length: Array | None = None
+    held: Array | None = None
+    travel: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        if not self.name or "." in self.name:
+            raise InputError(f"an experiment has a name without a dot, got {self.name!r}")
+        for key, value in self.known.items():
+            Parameter(key, value)  # refuses what is not known, not finite or not possible
+        if self.position.shape != (self.time.size, len(self.stations), 2):
+            raise InputError(
+                f"experiment {self.name}: positions must be (time, station, 2) = "
+                f"{(self.time.size, len(self.stations), 2)}, got {self.position.shape}"
+            )
+        if (self.excitation == "trace") != (self.pressure is not None):
+            raise InputError(f"experiment {self.name}: excitation 'trace', and it alone, goes with a measured pressure")
+        if self.excitation == "pulse" and not self.level > 0:
+            raise InputError(f"experiment {self.name}: a pulse needs its nominal level in Pa, got {self.level}")
+        for k, station in enumerate(self.stations):
+            if np.isfinite(self.position[:, k]).all(axis=1).sum() < 10:
+                raise InputError(f"experiment {self.name}: station {station!r} was seen in fewer than 10 frames")
+        check_extras(self)
+        seen = self.last_station[np.isfinite(self.last_station).all(axis=1)]
+        travel = float(np.linalg.norm(seen - np.median(seen[:5], axis=0), axis=1).max())
+        if travel == 0:
+            raise InputError(f"experiment {self.name}: its last station, {self.stations[-1]!r}, never moves")
+        object.__setattr__(self, "travel", travel)
+
+    def card(self) -> Card:
+        """What was done and how much was seen."""
+        pulse = f"a pulse of {self.level / 1e3:.4g} kPa"
+        done = {"trace": "a measured pressure", "pulse": pulse, "release": "a release"}
+        seen = f"{self.time.size} frames of {', '.join(self.stations)} over {np.ptp(self.time):.3g} s"
+        return Card(f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, travel {1e3 * self.travel:.3g} mm")
+
+    @property
+    def last_station(self) -> Array:
+        """Positions (T, 2) of the last station, m."""
+        return self.position[:, -1]
+
+    @property
+    def own_parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that belong to this recording alone and cannot be carried to another."""
+        names = {"trace": (), "pulse": ("start", "stop"), "release": ("release",)}[self.excitation]
+        return tuple(f"{self.name}.{n}" for n in names)
+
+
+def check_extras(exp: Experiment) -> None:
+    """Refuse angles, noise levels and arc lengths that do not go with the positions."""
+    if exp.angle is not None and exp.angle.shape != exp.position.shape[:2]:
+        raise InputError(
+            f"experiment {exp.name}: angles must be (time, station) = {exp.position.shape[:2]}, got {exp.angle.shape}"
+        )
+    if exp.angle is not None and exp.angle_reference not in ("rest", "base"):
+        raise InputError(f"experiment {exp.name}: say what its angles are measured from: angle_reference rest or base")
+    if strange := [s for s in exp.noise if s not in exp.stations]:
+        raise InputError(f"experiment {exp.name} has a noise level for {strange[0]!r}, which is no station of it")
+    levels = [*exp.noise.values(), *([] if exp.angle_noise is None else [exp.angle_noise])]
+    if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
+        raise InputError(f"experiment {exp.name}: noise levels must be positive, in m and rad, got {bad[0]}")
+    if exp.held is not None and (exp.excitation != "release" or exp.held.shape != exp.position.shape[1:]):
+        raise InputError(f"experiment {exp.name}: a held pose (station, 2) goes with a release alone")
+    if exp.arc_length is not None and not (
+        exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
+    ):
+        raise InputError(f"experiment {exp.name}: arc_length must rise from station to station, one number for each")
+
+
+def experiment(
+    name: str, recording: xr.Dataset, *, stations: tuple[str, ...] | None = None, excitation: Excitation | None = None,
+    known: Mapping[str, float] | None = None, noise: Mapping[str, float] | None = None, angles: bool = False,
+    held: Held = "unloaded",
+) -> Experiment:
+    """An experiment from an aligned (planar) recording.
+
+    Parameters
+    ----------
+    name : str
+        Without a dot: parameters of this recording alone are called ``name.parameter``.
+    recording : xarray.Dataset
+        Schema of `pliant.recording.schema`, frame "planar".
+    stations : tuple of str, optional
+        Which to use, in order; the last one is the tip. Default: all.
+    excitation : {"trace", "pulse", "release"}, optional
+        Default: "trace" when the recording has a measured pressure, "pulse" when it has a nominal one.
+    noise : dict, optional
+        Standard deviation of coordinates by station, m, where it is known.
+    angles : bool
+        Whether to fit the recorded angles too.
+    held : {"unloaded", "measured"}
+        Where a body that is let go was held: in its unloaded shape, or pulled aside, as the recording shows it in the
+        moments before the release.
+
+    Raises
+    ------
+    InputError
+        When the recording is not planar, has no pressure of either kind and is not a release, or lacks a station.
+    """
+    check_recording(recording)
+    if recording.attrs.get("frame") != "planar":
+        raise InputError(f"recording {name} is in the frame {recording.attrs.get('frame')!r}: align it first")
+    available = [str(s) for s in recording.station.values]
+    used = tuple(stations or available)
+    if missing := [s for s in used if s not in available]:
+        raise InputError(f"recording {name} has no station {missing[0]!r}; it has {', '.join(available)}")
+    excitation = excitation or default_excitation(name, recording)
+    trace = None
+    if excitation == "trace":
+        pressure = recording["pressure"]
+        trace = Trace(recording["pressure_time"].values, one_chamber(name, pressure))
+    made = Experiment(
+        name, recording.time.values.astype(float), recording["position"].sel(station=list(used)).values.astype(float),
+        used, excitation, trace, float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
+        **recorded_angles(name, recording, used, wanted=angles), noise=dict(noise or {}),
+        arc_length=dense_arc_length(recording, used),
+    )
+    return replace(made, held=held_pose(made)) if held == "measured" else made
+
+
+def held_pose(exp: Experiment) -> Array:
+    """Places (S, 2) of the stations in the last moments before the body is let go, m."""
+    from pliant.identification.start import edges  # which knows experiments
+
+    if exp.excitation != "release":
+        raise InputError(f"experiment {exp.name}: a pose was held before a release, but this is a {exp.excitation}")
+    onset = edges(exp)["release"]
+    held = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
+    if np.isnan(held).all(axis=0).any():  # always one frame: the onset is one
+        raise InputError(f"experiment {exp.name}: not every station is seen in the {HELD_S} s before the release")
+    return np.asarray(np.nanmedian(held, axis=0))
+
+
+def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...], *, wanted: bool) -> dict[str, Any]:
+    """Angles of a recording and their reference, where they are wanted."""
+    if not wanted:
+        return {}
+    if "angle" not in recording:
+        raise InputError(f"recording {name} has no angles to fit: leave angles out")
+    angle = recording["angle"]
+    reference = str(angle.attrs.get("reference", "base"))
+    return {"angle": angle.sel(station=list(stations)).values.astype(float), "angle_reference": reference}
+
+
+def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array | None:
+    """Arc lengths of the stations where they rise along the body; None where a recording does not have them."""
+    if "arc_length" not in recording.coords or len(stations) < 2:
+        return None
+    s = recording["arc_length"].sel(station=list(stations)).values.astype(float)
+    return s if np.all(np.diff(s) > 0) else None
+
+
+def one_chamber(name: str, pressure: xr.DataArray) -> Array:
+    """The samples of the one pressure that a record was driven with; InputError when it has several chambers."""
+    if pressure.ndim > 1 and pressure.sizes["chamber"] > 1:
+        chambers = ", ".join(str(c) for c in pressure["chamber"].values)
+        raise InputError(f"recording {name} has several pressures ({chambers}): select the one that bends the body")
+    return np.asarray(pressure.values, dtype=float).reshape(pressure.shape[0])
+
+
+def default_excitation(name: str, recording: xr.Dataset) -> Excitation:
+    """What the recording's own pressure says of its excitation."""
+    if "pressure" in recording:
+        return "trace"
+    if "nominal_pressure" in recording.attrs:
+        return "pulse"
+    raise InputError(
+        f"recording {name} has neither a measured pressure nor a nominal level: state nominal_pressure, "
+        "or excitation 'release' for a body that was let go"
+    )
+
+
+def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
+    """What the model says of an experiment: positions (T, S, 2) [m], angles (T, S) [rad], pressure (T,) [Pa].
+
+    `values` holds parameter values by name; those of the experiment `exp` overrule shared ones. `step` is that of the
+    integration, s.
+    """
+    made = set_up(model, exp, values, step)
+    rows = moved(made, made.numbers, np.float64, exp.time.size)
+    return {"position": rows[..., :2], "angle": turned(exp, rows), "pressure": made.pressure, "model": made.model}
+
+
+def turned(exp: Experiment, rows: Array) -> Array:
+    """Angles (..., T, S) [rad] of observed rows (..., T, S, 3), from the rest pose where the experiment's are."""
+    angle = rows[..., 2]
+    return angle - angle[..., :1, :] if exp.angle_reference == "rest" else angle

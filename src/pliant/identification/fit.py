@@ -1,0 +1,253 @@
+"""Output-error identification: simulate every experiment, compare with what was seen, move the parameters."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.optimize import OptimizeResult, least_squares
+
+from pliant.errors import FitError, InputError
+from pliant.identification.experiment import Experiment, predict
+from pliant.identification.identifiability import combinations, examine
+from pliant.identification.parameters import Parameter, apply
+from pliant.identification.problem import Problem, root_mean_square
+from pliant.identification.residuals import WEIGHTINGS
+from pliant.identification.result import FitResult, cautions, parameter_dict, status_sentence
+from pliant.identification.start import prepare
+from pliant.identification.uncertainty import covariance
+from pliant.model import Model
+from pliant.simulation.solve import check_step
+
+__all__ = ["FitResult", "fit", "parameter_dict", "parameters_from", "predict_held_out"]
+Array = np.ndarray
+LOSSES = ("linear", "soft_l1", "huber", "cauchy")
+ROBUST_FROM = 0.01  # of the travel: beyond, a robust loss bounds the pull of a residual
+ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
+NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
+
+
+def fit(
+    experiments: Sequence[Experiment],
+    model: Model,
+    parameters: Sequence[Parameter | str],
+    *,
+    step: float = 2e-3,
+    loss: str = "linear",
+    starts: int = 3,
+    weighting: str = "travel",
+    regularise: bool = False,
+    section_area: float | None = None,
+    rng: np.random.Generator | int | None = 0,
+    max_evaluations: int = 200,
+    progress: Callable[[str], None] | None = None,
+) -> FitResult:
+    """Fit parameters of a model to several experiments at once.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+    model : Model
+        Geometry and everything that is not fitted.
+    parameters : sequence of Parameter or str
+        A name alone is a free parameter whose start is estimated; ``stiffness_*`` means one for each joint. The edge
+        times of a pulse or release are added.
+    step : float
+        Integration step, s.
+    loss : {"linear", "soft_l1", "huber", "cauchy"}
+        Robust losses bound the pull of outliers beyond 1 % of travel, or three standard deviations of the noise.
+    starts : int
+        Number of starts: the estimate, and others scattered about it.
+    weighting : {"travel", "metre", "noise"}
+        Residuals relative to each experiment's own travel (every level counts alike), all in the same unit, or in
+        standard deviations of each station's noise: as given with the experiment, else estimated from the residuals.
+    regularise : bool
+        Fit although the recordings do not show some direction: there the parameters stay by their start values.
+    section_area : float, optional
+        Solid cross-section of the body, m^2, against which a fitted mass is checked.
+    rng : Generator, int or None
+        For the scattered starts.
+    max_evaluations : int
+        Limit of each start.
+    progress : callable, optional
+        Called with one line as the fit goes on.
+
+    Returns
+    -------
+    FitResult
+
+    Raises
+    ------
+    InputError
+        When a parameter is unknown or out of bounds, or the step is too long for the model's first mode.
+    FitError
+        When nothing is free, the recordings cannot tell the parameters apart, a start cannot be found, or no start can
+        be simulated.
+    """
+    began = clock.perf_counter()
+    check_choices(loss, weighting)
+    model, filled = prepare(experiments, model, parameters)
+    if not any(p.free for p in filled):
+        raise FitError("nothing to fit: every parameter is fixed; free at least one")
+    check_step(model, step, "midpoint")
+    problem = Problem(list(experiments), model, filled, step, weighting)
+    simulable = starts_of(problem, starts, np.random.default_rng(rng))
+    if regularise:
+        problem.hold_to_start()
+    else:
+        check_identifiable(problem)
+    ends: list[OptimizeResult] = []
+    for k, x0 in enumerate(simulable):
+        ends.append(solve(problem, x0, loss, max_evaluations))
+        if progress:
+            progress(f"start {k + 1} of {len(simulable)}: cost {ends[-1].cost:.4g} after {problem.evaluations} sets")
+    best = min(ends, key=lambda end: float(end.cost))
+    for _ in range(2 if problem.learns else 0):
+        problem.learn_sizes(best.x)
+        best = solve(problem, best.x, loss, max_evaluations)
+    return finished(problem, best, loss, section_area, clock.perf_counter() - began)
+
+
+def starts_of(problem: Problem, starts: int, rng: np.random.Generator) -> list[Array]:
+    """The estimate and points scattered about it, as far as they can be simulated; FitError when none can."""
+    points = [problem.start, *(problem.scattered(rng) for _ in range(starts - 1))]
+    good = []
+    broken = ""
+    for x in points:
+        if np.isfinite(problem.residual(x)).all() and not problem.broken:
+            good.append(x)
+        broken = problem.broken or broken
+    if not good:
+        raise FitError(f"no start could be simulated: {broken or 'check the start values'}")
+    return good
+
+
+def check_identifiable(problem: Problem) -> None:
+    """FitError in one sentence where the recordings do not tell the free parameters apart."""
+    found = [d for d in examine(problem).directions if d.kind == "null"]
+    if found:
+        said = "; ".join(f"{d.sentence} ({d.cure})" for d in found)
+        raise FitError(f"these parameters cannot be fitted together: {said}; or pass regularise=True")
+
+
+def solve(problem: Problem, x0: Array, loss: str, max_evaluations: int) -> OptimizeResult:
+    """Least squares from x0, with exact derivatives.
+
+    The optimiser sees moves from x0 in sizes of the parameters, so that its first step is of one size at most: where
+    a start shows little of a parameter, a step scaled by the derivatives would leave all that is physical.
+    """
+    residual, jacobian = condensed(problem) if loss == "linear" else (problem.residual, problem.jacobian)
+    best = least_squares(
+        lambda move: residual(x0 + move), np.zeros_like(x0), lambda move: jacobian(x0 + move),
+        bounds=(problem.bounds[0] - x0, problem.bounds[1] - x0), loss=loss,
+        f_scale=ROBUST_SIGMAS if problem.weighting == "noise" else ROBUST_FROM * problem.unit,
+        max_nfev=max_evaluations, xtol=1e-9, ftol=1e-9, gtol=1e-10,
+    )
+    best.x = np.clip(x0 + best.x, *problem.bounds)
+    return best
+
+
+def condensed(problem: Problem) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+    """Residual and Jacobian, turned by one rotation so that all but P + 1 rows vanish: less for the optimiser to do.
+
+    With [r J] = Q R, the first column of R is the length of r and zeros below it, wherever r points: sums of squares,
+    gradient and singular values are those of r and J.
+    """
+    rows = len(problem.free) + 1
+    latest: dict[bytes, Array] = {}
+
+    def residual(x: Array) -> Array:
+        r = problem.residual(x)
+        latest.clear()
+        latest[x.tobytes()] = r
+        return np.asarray(np.sqrt(np.sum(r * r)) * np.eye(1, rows)[0])  # no BLAS: its threads cost more than they do
+
+    def jacobian(x: Array) -> Array:
+        r = latest.get(x.tobytes())
+        whole = np.column_stack([problem.residual(x) if r is None else r, problem.jacobian(x)])
+        R = np.zeros((rows, rows))
+        triangle = np.linalg.qr(whole, mode="r")
+        R[: len(triangle)] = triangle
+        return np.asarray(R[:, 1:] * np.where(np.arange(rows) == 0, np.copysign(1.0, R[0, 0]), 1.0)[:, None])
+
+    return residual, jacobian
+
+
+def predict_held_out(
+    experiment: Experiment, fitted: FitResult, *, step: float = 2e-3,
+) -> tuple[dict[str, Any], FitResult]:
+    """Predict an experiment that the fit has not seen: everything frozen but what it can't share (its edge times).
+
+    `step` is that of the integration, s. Returns the prediction (see `predict`) and the little fit of the edge times;
+    where an experiment has none of its own, nothing is fitted.
+    """
+    fixed = [p.with_(free=False, prior=None, prior_std=None, shrink=0.0) for p in fitted.parameters]
+    if not experiment.own_parameters:
+        values = fitted.values
+        prediction = predict(fitted.model, experiment, values, step)
+        rmse = {experiment.name: root_mean_square(prediction["position"], experiment.position)}
+        told = "nothing was fitted to this record"
+        return prediction, FitResult(fitted.model, tuple(fixed), told, rmse, 1, 0.0, True)
+    own = fit([experiment], fitted.model, fixed, step=step, starts=1)
+    return predict(own.model, experiment, own.values, step), own
+
+
+def check_choices(loss: str, weighting: str) -> None:
+    """Refuse a loss or a weighting that does not exist."""
+    for what, value, known in (("loss", loss, LOSSES), ("weighting", weighting, WEIGHTINGS)):
+        if value not in known:
+            raise InputError(f"unknown {what} {value!r}: use one of {', '.join(known)}")
+
+
+def finished(
+    problem: Problem, best: OptimizeResult, loss: str, section_area: float | None, seconds: float,
+) -> FitResult:
+    """The result with covariance, status, cautions and errors of each record."""
+    values = problem.values(best.x)
+    spread = covariance(problem, best.x, robust=loss != "linear")
+    named = dict(zip(spread.names, spread.std, strict=True))
+    parameters = tuple(p.with_(value=values[p.name], std=named.get(p.name)) for p in problem.parameters)
+    own = tuple(f"{e.name}." for e in problem.experiments)
+    model = apply(problem.model, {k: v for k, v in values.items() if not k.startswith(own)})
+    rmse = {
+        e.name: root_mean_square(predict(problem.model, e, values, problem.step)["position"], e.position)
+        for e in problem.experiments
+    }
+    notes = cautions(model, parameters, problem.experiments, section_area) + combinations(problem, best.x, spread)
+    if spread.correlated:
+        notes.append(f"Residuals are correlated over {spread.correlated:.2g} s, which the standard errors count in.")
+    r = problem.data_residual(best.x)
+    bic = spread.effective * np.log(max(float(np.mean(r**2)), 1e-300)) + best.x.size * np.log(spread.effective)
+    return FitResult(
+        model, parameters, status_sentence(best, parameters), rmse, problem.evaluations, seconds, best.status > 0,
+        spread, tuple(notes), float(bic),
+    )
+
+
+def parameters_from(entries: Mapping[str, Any]) -> list[Parameter]:
+    """Parameters from a mapping of names to a start value, "free", or a table of `Parameter` entries."""
+    made = []
+    for name, entry in entries.items():
+        if entry == "free" or entry is None:
+            made.append(Parameter(name))
+        elif isinstance(entry, Mapping):
+            made.append(Parameter(name, **checked_table(name, entry)))
+        else:
+            made.append(Parameter(name, **checked_table(name, {"value": entry})))
+    return made
+
+
+def checked_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of a parameter's table, of the right kind; InputError names the wrong one."""
+    kinds: dict[str, type] = dict.fromkeys(NUMBERS, float) | {"free": bool, "source": str}
+    checked = {}
+    for key, value in table.items():
+        kind = kinds.get(key)
+        if kind is None:
+            raise InputError(f"parameter {name}: {key!r} is not a known entry; use {', '.join(kinds)}")
+        if not isinstance(value, kind) and not (kind is float and type(value) is int):
+            raise InputError(f"parameter {name}: {key} must be a {kind.__name__}, got {value!r:.60}")
+        checked[key] = kind(value)
+    return checked

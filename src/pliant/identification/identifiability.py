@@ -1,0 +1,265 @@
+"""What recordings can tell before anything is fitted: directions that they do not show, and what would cure it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pliant.display import Card, Shown
+from pliant.errors import PliantError
+from pliant.identification.experiment import Experiment
+from pliant.identification.parameters import Parameter, kind_of
+from pliant.identification.problem import Problem
+from pliant.identification.start import prepare, shared_name
+from pliant.identification.uncertainty import HIDDEN, Covariance
+from pliant.model import Model
+
+Array = np.ndarray
+WEAK = 0.5  # expected standard error, in sizes of the parameter, above which a direction is weak
+TAKES_PART = 0.03  # of the largest entry of a direction
+FIX_FIRST = (  # what a user most likely knows, or can do without
+    "mass", "valve_dead_time", "gain", "tip_mass", "base_x", "base_y", "along", "across", "gravity_angle", "rest_angle",
+    "base_angle", "torque_3", "torque_2", "valve_fall", "valve_rise", "torque_1", "start", "damping", "stiffness",
+)
+RECORD = (  # parameters of a direction, and the recording that would show it
+    ({"mass"}, "a known load at the tip"),
+    ({"torque_1", "torque_2"}, "another pressure level"), ({"torque_1", "torque_3"}, "another pressure level"),
+    ({"valve_fall"}, "the fall of the pressure"), ({"valve_rise"}, "the rise of the pressure"),
+    ({"valve_dead_time"}, "the pressure itself"), ({"gravity_angle"}, "another orientation of the base"),
+    ({"damping"}, "a free decay"),
+)
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A combination of parameters that the recordings show badly or not at all.
+
+    Attributes
+    ----------
+    names : tuple of str
+    change : tuple of float
+        How much each changes along the direction, in shares of its size, the largest 1.
+    kind : {"null", "weak"}
+    sentence, cure : str
+    """
+
+    names: tuple[str, ...]
+    change: tuple[float, ...]
+    kind: str
+    sentence: str
+    cure: str
+
+
+@dataclass(frozen=True, repr=False)
+class Identifiability(Shown):
+    """What the recordings can tell of each free parameter.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the free parameters.
+    expected_std : tuple of float or None
+        Standard errors to expect from the noise alone, SI; None where the recordings do not show the parameter.
+    information : array (P,)
+        Eigenvalues of the Fisher information scaled to unit diagonal, falling; 1 each where all are independent.
+    directions : tuple of Direction
+        Null ones first.
+    """
+
+    names: tuple[str, ...]
+    expected_std: tuple[float | None, ...]
+    information: Array
+    directions: tuple[Direction, ...]
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether every direction shows."""
+        return not any(d.kind == "null" for d in self.directions)
+
+    def card(self) -> Card:
+        """Standard errors to expect, and the directions that do not show."""
+        std = ["not shown" if s is None else f"{s:.2g}" for s in self.expected_std]
+        rows = [[n, s, kind_of(n).unit] for n, s in zip(self.names, std, strict=True)]
+        title = "Every free parameter shows" if self.identifiable else "Not every free parameter shows"
+        lines = [f"{d.sentence}: {d.cure}." for d in self.directions]
+        return Card(title, lines, ["parameter", "std. error to expect", "unit"], rows)
+
+    def __str__(self) -> str:
+        if not self.directions:
+            return f"The recordings show every one of {', '.join(self.names)}."
+        return "\n".join(f"{d.sentence}: {d.cure}." for d in self.directions)
+
+
+def identifiability(
+    experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], *, step: float = 2e-3,
+) -> Identifiability:
+    """What the recordings can tell of the free parameters, from the model's exact sensitivities at the start values.
+
+    Parameters
+    ----------
+    experiments, model, parameters, step
+        As in `fit`.
+
+    Returns
+    -------
+    Identifiability
+
+    Raises
+    ------
+    InputError
+        As `fit`.
+    SimulationError
+        When the start values cannot be simulated.
+    """
+    model, filled = prepare(experiments, model, parameters)
+    return examine(Problem(list(experiments), model, filled, step, "noise"))
+
+
+def examine(problem: Problem) -> Identifiability:
+    """Identifiability at the start of a problem; where it seems blind there, a point close by must agree.
+
+    At some values, as a torque of zero, everything looks blind though the fit can leave them.
+    """
+    info = information(problem, problem.start)
+    if info.identifiable:
+        return info
+    try:
+        away = 0.05 * np.cos(1.0 + np.arange(len(info.names)))
+        beside = problem.start + away * np.maximum(np.abs(problem.start), 1.0)
+        again = information(problem, np.clip(beside, *problem.bounds))
+    except PliantError:
+        return info
+    return again if again.identifiable else min(info, again, key=lambda i: sum(d.kind == "null" for d in i.directions))
+
+
+def information(problem: Problem, x: Array) -> Identifiability:
+    """Null and weak directions of the information at the scaled parameters x."""
+    J = np.concatenate([problem.data_jacobian(x), problem.size * problem.known[0]])
+    sizes = problem_sizes(problem, x)
+    relative = J * (sizes / problem.scale)
+    length = np.linalg.norm(relative, axis=0)
+    norm = np.where(length > 1e-12 * max(float(length.max()), 1e-300), length, np.inf)
+    triangle = np.linalg.qr(relative / norm, mode="r")
+    _, s, vt = np.linalg.svd(np.concatenate([triangle, np.zeros((len(norm) - len(triangle), len(norm)))]))
+    dark = np.isinf(norm)
+    blind = s <= HIDDEN * max(float(s[0]), 1e-300)
+    names = tuple(p.name for p in problem.free)
+    basis = np.concatenate([np.eye(len(names))[dark], (vt[blind] / np.where(dark, 1.0, norm))[:, :] * ~dark])
+    basis = simplest(basis[np.abs(basis).max(axis=1, initial=0.0) > 0])
+    noise = 1.0 if problem.weighting == "noise" else problem.size
+    inverse = (vt[~blind].T / s[~blind] ** 2) @ vt[~blind] * noise**2
+    expected = np.sqrt(np.diag(inverse)) / np.where(dark, 1.0, norm)
+    hidden = (np.abs(basis) > 1e-6).any(axis=0) if basis.size else np.zeros(len(names), dtype=bool)
+    directions = [direction(names, v, "null") for v in basis]
+    weak = (expected > WEAK) & ~hidden
+    if weak.any():
+        directions.append(weak_direction(names, vt[~blind][-1] / norm, expected, weak))
+    std = tuple(None if h else float(e * z) for h, e, z in zip(hidden, expected, sizes, strict=True))
+    return Identifiability(names, std, s**2, tuple(directions))
+
+
+def problem_sizes(problem: Problem, x: Array) -> Array:
+    """Size of each parameter, SI: its value where it is a factor, its typical size where it may be zero."""
+    value = np.abs(x * problem.scale)
+    return np.where(is_factor(problem) & (value > 0), value, problem.scale)
+
+
+def is_factor(problem: Problem) -> Array:
+    """Which parameters are judged by shares of their value: those that cannot as well be zero."""
+    return np.array([kind_of(p.name).scale in (0.0, 1.0) for p in problem.free])
+
+
+def simplest(basis: Array) -> Array:
+    """The same space spanned by directions of few parameters each (Gauss-Jordan elimination), the largest entry 1."""
+    rows = basis / np.abs(basis).max(axis=1, keepdims=True) if basis.size else basis
+    taken: list[int] = []
+    for k in range(len(rows)):
+        left = np.abs(rows[k:]).copy()
+        left[:, taken] = 0.0
+        best, pivot = (int(i) for i in np.unravel_index(int(np.argmax(left)), left.shape))
+        rows[[k, k + best]] = rows[[k + best, k]]
+        rows[k] /= rows[k, pivot]
+        for other in range(len(rows)):
+            if other != k:
+                rows[other] -= rows[other, pivot] * rows[k]
+        taken.append(pivot)
+    rows = np.where(np.abs(rows) < 1e-3 * np.abs(rows).max(axis=1, keepdims=True, initial=1e-300), 0.0, rows)
+    return rows / np.abs(rows).max(axis=1, keepdims=True, initial=1e-300)
+
+
+def direction(names: tuple[str, ...], v: Array, kind: str) -> Direction:
+    """A null direction in words."""
+    part = np.flatnonzero(np.abs(v) > TAKES_PART)
+    mine, change = tuple(names[i] for i in part), v[part]
+    listed = join_words(mine)
+    if len(mine) == 1:
+        sentence = f"the recordings do not show {listed}"
+    elif np.allclose(change, change[0], rtol=0.05):
+        sentence = f"{listed} share one scale, of which the recordings show only ratios"
+    elif len(mine) == 2 and np.isclose(change[0], -change[1], rtol=0.05):
+        sentence = f"{listed} act as one product, whose factors the recordings do not tell apart"
+    else:
+        sentence = f"{listed} make up for each other, and the recordings do not tell them apart"
+    return Direction(mine, tuple(float(c) for c in change), kind, sentence, cure(mine))
+
+
+def weak_direction(names: tuple[str, ...], v: Array, expected: Array, weak: Array) -> Direction:
+    """The weakest direction in words, with the errors to expect."""
+    v = v / np.abs(v).max()
+    part = np.flatnonzero((np.abs(v) > 0.3) | weak)
+    mine = tuple(names[i] for i in part)
+    shares = ", ".join(f"{names[i]} to {100 * expected[i]:.0f} %" for i in np.flatnonzero(weak))
+    return Direction(
+        mine, tuple(float(c) for c in v[part]), "weak", f"the recordings show {shares} of its size at best", cure(mine)
+    )
+
+
+def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
+    """Sentences about parameters that a fit ended on and knows badly, with those that make up for them.
+
+    Model error counts in here, which the information before a fit does not know.
+    """
+    sizes = problem_sizes(problem, x)
+    C = found.matrix / np.outer(sizes, sizes)
+    judged = ~found.hidden & is_factor(problem)
+    rel = np.where(judged, np.sqrt(np.maximum(np.diag(C), 0.0)), 0.0)
+    prior = np.array([p.prior_std or np.inf for p in problem.free]) / sizes
+    names = found.names
+    told = [
+        f"{names[i]} rests on its prior, which the recordings hardly narrow." for i in np.flatnonzero(rel > 0.8 * prior)
+    ]
+    worst = int(np.argmax(rel))
+    if rel[worst] <= WEAK:
+        return told
+    alone = np.sqrt(np.maximum(np.diag(C) - C[:, worst] ** 2 / C[worst, worst], 0.0))
+    others = [i for i in np.flatnonzero((rel > 0.1) & (alone < 0.8 * rel)) if i != worst]
+    if not others:
+        share = f"{100 * rel[worst]:.0f} % of its size"
+        return [*told, f"{names[worst]} is known to {share} only: {cure((names[worst],))}."]
+    move = 10 * C[:, worst] / C[worst, worst]
+    along = join_words([f"{names[i]} {abs(move[i]):.1f} % {'higher' if move[i] > 0 else 'lower'}" for i in others])
+    gain = join_words([f"{names[i]} to {100 * alone[i]:.0f} % instead of {100 * rel[i]:.0f} %" for i in others])
+    listed = (*(names[i] for i in others), names[worst])
+    return [*told, (
+        f"{join_words(listed)} make up for each other: {names[worst]} 10 % higher with {along} follows the recordings "
+        f"as well. {names[worst]} is known to {100 * rel[worst]:.0f} % of its size; were it fixed, {gain} would be "
+        "known."
+    )]
+
+
+def cure(names: tuple[str, ...]) -> str:
+    """What to fix, or what to record, so that the recordings tell the parameters apart."""
+    stems = {shared_name(n): n for n in names}
+    tail = {n: shared_name(n).rpartition(".")[2] for n in names}
+    order = sorted(names, key=lambda n: FIX_FIRST.index(tail[n]) if tail[n] in FIX_FIRST else len(FIX_FIRST))
+    fix = f"fix {order[0]}" if len(names) == 1 else f"fix {order[0]} or {order[1]}, or give a prior"
+    record = next((what for group, what in RECORD if group <= set(stems)), "")
+    return f"{fix}, or record {record}" if record else fix
+
+
+def join_words(names: Sequence[Any]) -> str:
+    """Names as a list in words."""
+    return str(names[0]) if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

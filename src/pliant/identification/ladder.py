@@ -1,0 +1,165 @@
+"""A ladder of models: each rung frees more, and held-out recordings say how far to climb."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pliant.display import Card, Shown
+from pliant.errors import FitError, InputError
+from pliant.identification.choice import lead, shared_bic
+from pliant.identification.climb import Climber, Step, entry_name
+from pliant.identification.experiment import Experiment
+from pliant.identification.result import FitResult
+from pliant.identification.rungs import RUNGS, Entry, Rung
+from pliant.model import Model
+
+MATERIAL = 0.05  # of the held-out error: a gain below this buys nothing
+
+
+@dataclass(frozen=True, repr=False)
+class Ladder(Shown):
+    """All rungs, the one that the recordings support, and why."""
+
+    steps: tuple[Step, ...]
+    chosen: str
+    reason: str
+
+    @property
+    def step(self) -> Step:
+        """The chosen rung."""
+        (step,) = (s for s in self.steps if s.rung.name == self.chosen)
+        return step
+
+    @property
+    def result(self) -> FitResult:
+        """The fit of the chosen rung."""
+        assert self.step.result is not None  # a rung without a fit is never chosen
+        return self.step.result
+
+    def card(self) -> Card:
+        """Error, criterion and cost of every rung."""
+        rows = [[
+            s.rung.title + " *" * (s.rung.name == self.chosen), str(len(s.freed)), shown(s.train), shown(s.held_out),
+            f"{s.bic:.0f}" if s.bic is not None else "-", f"{s.step_ns:.0f}", f"{s.seconds:.2g}",
+        ] for s in self.steps]
+        head = ("rung", "free", "training %", "held out %", "BIC", "ns/step", "fit s")
+        return Card("Ladder of models; * chosen", (self.reason,), head, rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, for JSON."""
+        return {
+            "chosen": self.chosen, "reason": self.reason,
+            "rungs": {
+                s.rung.name: {
+                    "title": s.rung.title, "stands_on": s.stands_on, "free": list(s.freed), "train_percent": s.train,
+                    "held_out_percent": s.held_out, "bic": s.bic, "fit_s": s.seconds,
+                    "step_ns": s.step_ns if s.result else None, "told": s.told,
+                } for s in self.steps
+            },
+        }
+
+
+def ladder(
+    train: Sequence[Experiment], held_out: Sequence[Experiment], model: Model, *, common: Sequence[Entry] = (),
+    rungs: Sequence[Rung] = RUNGS, step: float = 2e-3, weighting: str = "travel", loss: str = "linear",
+    starts: int = 1, rng: np.random.Generator | int | None = 0, progress: Callable[[str], None] | None = None,
+) -> Ladder:
+    """Fit every rung, each from where a lower one ended, and judge it on records that it has not seen.
+
+    A rung stands on the one below it, unless that one does not pay: has a higher BIC than the rung that it stands on
+    itself. The held-out records have no say in that; they choose among the fitted rungs at the end.
+
+    Parameters
+    ----------
+    train, held_out : sequences of Experiment
+    model : Model
+        As given: the lowest rung moves nothing of it but `common`. Where it has no torque law, torque_1 is free on
+        every rung.
+    common : sequence of Parameter or str
+        What every rung frees, such as the place of a marker.
+    rungs : sequence of Rung
+    step : float, s
+        Longest step of the integration.
+    weighting, loss, starts, rng
+        As in `fit`.
+    progress : callable, optional
+        Called with one line for each rung.
+
+    Returns
+    -------
+    Ladder
+
+    Raises
+    ------
+    FitError
+        When no rung can be fitted.
+    InputError
+        As `fit`.
+    """
+    if not rungs or len({r.name for r in rungs}) < len(rungs):
+        raise InputError("a ladder needs rungs whose names differ")
+    options = {"step": step, "weighting": weighting, "loss": loss, "starts": starts, "rng": rng}
+    climber = Climber(train, held_out, model, options)
+    free = {entry_name(e): e for e in common}
+    if not model.torque.any() and any(e.excitation != "release" for e in train):
+        free.setdefault("torque_1", "torque_1")
+    below, steps = Step(Rung("", "")), []
+    for rung in rungs:
+        made, taken = climber.climb(rung, below, free)
+        if made.result and pays(made, below):
+            below, free = made, taken
+        steps.append(made)
+        if progress:
+            progress(f"rung {rung.title}: {made.told or f'{made.error:.3g} % of travel'}")
+    return chosen(steps)
+
+
+def pays(step: Step, below: Step) -> bool:
+    """Whether a rung has a lower BIC than the one that it stands on."""
+    if below.follows is None or step.follows is None:
+        return True
+    mine, theirs = shared_bic([step.follows, below.follows])
+    return mine < theirs
+
+
+def chosen(steps: Sequence[Step]) -> Ladder:
+    """The lowest rung that is as good as the best on held-out records, or of the lowest BIC where there are none.
+
+    As good: its error is above the best by less than `MATERIAL` of it, or by less than one standard error of the
+    difference.
+    """
+    fitted = [s for s in steps if s.result and s.follows]
+    if not fitted:
+        raise FitError(f"no rung of the ladder can be fitted: {steps[0].told}")
+    bic = shared_bic([s.follows for s in fitted if s.follows])
+    criteria = {s.rung.name: value for s, value in zip(fitted, bic, strict=True)}
+    steps = tuple(replace(s, bic=criteria.get(s.rung.name)) for s in steps)
+    if not fitted[0].held_out:
+        lowest = fitted[int(np.argmin(bic))].rung
+        return Ladder(steps, lowest.name, f"{lowest.title}: lowest BIC; no record is held out, so nothing is proved.")
+    best = min(fitted, key=lambda s: s.error)
+    enough, why = next((s, why) for s in fitted if (why := as_good(s, best)))
+    below = fitted[: fitted.index(enough)]
+    said = f"{enough.rung.title}: {enough.error:.3g} % of travel on held-out records"
+    said += f", against {below[-1].error:.3g} % one rung lower" if below else ""
+    return Ladder(steps, enough.rung.name, f"{said}; {why}.")
+
+
+def as_good(step: Step, best: Step) -> str:
+    """In which sense a rung is as good as the best on held-out records; empty where it is not."""
+    if step is best:
+        return "no other rung has less"
+    gap, doubt = lead(step.missed or {}, best.missed or {})
+    which = f"the least of any rung, {best.error:.3g} % ({best.rung.title}), is lower by less than"
+    if gap <= MATERIAL * best.error:
+        return f"{which} {100 * MATERIAL:.0f} % of it"
+    return f"{which} the standard error of the difference, {doubt:.2g} %" if gap <= doubt else ""
+
+
+def shown(errors: dict[str, float] | None) -> str:
+    """Mean of some records' errors, as text."""
+    return f"{np.mean(list(errors.values())):.3g}" if errors else "-"

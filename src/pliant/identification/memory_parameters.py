@@ -1,0 +1,81 @@
+"""Memory, swelling and the valve's limits as parameters: names, bounds, where a fit begins, the way into the model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.model import Model
+
+# name: (unit, lower, upper, scale, meaning)
+ROWS: dict[str, tuple[str, float, float, float, str]] = {
+    r"creep_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of a creep branch in parts of each joint's"),
+    r"creep_time_[1-9]": ("s", 1e-3, 1e4, 0.0, "relaxation time of a creep branch"),
+    r"slip_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of a slip element in parts of each joint's"),
+    r"slip_angle_[1-9]": ("rad", 1e-6, 10.0, 0.0, "joint turn at which a slip element slips"),
+    "boucwen_share": ("1", 1e-9, 50.0, 0.1, "stiffness of the Bouc-Wen branch in parts of each joint's"),
+    "boucwen_beta": ("1/rad^n", 1e-6, 1e8, 0.0, "Bouc-Wen beta"),
+    "boucwen_gamma": ("1/rad^n", -1e8, 1e8, 10.0, "Bouc-Wen gamma, at most beta in size"),
+    "boucwen_exponent": ("1", 1.0, 10.0, 1.0, "Bouc-Wen exponent n"),
+    "stiffening": ("1/rad", -10.0, 10.0, 0.2, "s of springs K q (1 + s q), the same for all joints"),
+    "swell_share": ("1", 0.0, 1.0, 0.1, "share of the torque law's growth with pressure that comes late"),
+    "valve_rise_rate": ("Pa/s", 1e3, 1e9, 0.0, "fastest rise of the pressure"),
+    "valve_fall_rate": ("Pa/s", 1e3, 1e9, 0.0, "fastest fall of the pressure"),
+    "valve_settle_share": ("1", 0.0, 0.9, 0.1, "share of the pressure that comes late"),
+    "valve_settle_time": ("s", 0.2, 1e3, 0.0, "how late"),
+    "swell_time": ("s", 1e-3, 1e4, 0.0, "how late"),
+    "inflation_limit": ("Pa", 1e3, 1e9, 0.0, "pressure towards which the chamber's wall gives way without end"),
+    "inflation_time": ("s", 1e-4, 1e3, 0.0, "time that the wall takes at low pressure"),
+}
+CHAMBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time")
+PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle")}
+
+
+def usual_start(name: str) -> float | None:
+    """Where a fit of this parameter begins unless told otherwise; None for a name that is not one of memory.
+
+    Branches of one kind begin apart: from equal ones no fit would tell them from each other.
+    """
+    own = name.rpartition(".")[2]
+    single = {"boucwen_share": 0.1, "boucwen_beta": 20.0, "boucwen_gamma": 10.0, "boucwen_exponent": 1.5,
+              "stiffening": 0.0, "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05,
+              "valve_settle_share": 0.1, "valve_settle_time": 2.0,
+              "valve_rise_rate": 3e5, "valve_fall_rate": 3e5}  # fmt: skip
+    if own in single:
+        return single[own]
+    if found := re.fullmatch(r"(creep|slip)_(share|time|angle)_([1-9])", own):
+        j = int(found[3]) - 1
+        return {"share": 0.1, "time": 0.3 * 8.0**j, "angle": 0.01 * 3.0**j}[found[2]]
+    return None
+
+
+def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
+    """The model's memory and swelling with those of `values` put in; new branches follow the model's own."""
+    changes: dict[str, Any] = {k: values[k] for k in CHAMBER if k in values}
+    if "stiffening" in values:
+        changes["stiffening"] = np.full(model.n, values["stiffening"])
+    entries: dict[str, Any] = {k: v for k, v in values.items() if re.fullmatch(r"boucwen_[a-z]+", k)}
+    for kind, fields in PAIRS.items():
+        for field in fields:
+            row = list(getattr(model.memory, f"{kind}_{field}"))
+            given = {int(k[-1]): v for k, v in values.items() if re.fullmatch(rf"{kind}_{field}_[1-9]", k)}
+            for j in sorted(given):
+                if j > len(row) + 1:
+                    raise InputError(f"parameter {kind}_{field}_{j}: number branches 1, 2, ... without a gap")
+                row[j - 1 :] = [given[j], *row[j:]]
+            if given:
+                entries[f"{kind}_{field}"] = tuple(row)
+        lengths = [len(entries.get(f"{kind}_{f}", getattr(model.memory, f"{kind}_{f}"))) for f in fields]
+        if lengths[0] != lengths[1]:
+            raise InputError(
+                f"each {kind} branch needs a {kind}_{fields[0]}_<j> and a {kind}_{fields[1]}_<j>: "
+                f"there are {lengths[0]} and {lengths[1]}"
+            )
+    if entries:
+        changes["memory"] = replace(model.memory, **entries)
+    return changes

@@ -1,0 +1,247 @@
+"""What can be fitted: names, units, bounds, and how a value enters the model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.identification.memory_parameters import ROWS, memory_changes, usual_start
+from pliant.model import Model
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of the model or of a recording, in SI units: `unit` is filled in by its name.
+
+    Parameters
+    ----------
+    name : str
+        One of `KNOWN`; ``record.name`` when it belongs to one recording alone.
+    value : float or None
+        Start (free) or value (fixed), SI; None: estimated from the recordings.
+    lower, upper : float
+        Bounds, SI.
+    free : bool
+    scale : float
+        A typical size, for the optimiser; 0: from the start value.
+    source : str
+        Where the number comes from.
+    std : float or None
+        Standard error after a fit.
+    prior, prior_std : float or None
+        Mean and standard deviation of what is known of the value before the recordings are seen, SI; the mean of a
+        prior without one is the start value.
+    shrink : float
+        Of a parameter of one joint: standard deviation about the mean of its kind, in shares of that mean; 0: no pull.
+
+    Raises
+    ------
+    InputError
+        When the name is unknown, the bounds cross, the value lies outside them, or a fixed one has no value.
+    """
+
+    name: str
+    value: float | None = None
+    lower: float = -np.inf
+    upper: float = np.inf
+    free: bool = True
+    unit: str = ""
+    scale: float = 0.0
+    source: str = ""
+    std: float | None = None
+    prior: float | None = None
+    prior_std: float | None = None
+    shrink: float = 0.0
+
+    def __post_init__(self) -> None:
+        kind = kind_of(self.name)
+        object.__setattr__(self, "unit", self.unit or kind.unit)
+        object.__setattr__(self, "lower", max(self.lower, kind.lower))
+        object.__setattr__(self, "upper", min(self.upper, kind.upper))
+        object.__setattr__(self, "scale", self.scale or kind.scale)
+        usual = usual_start(self.name)
+        if self.value is None and self.free and usual is not None:
+            object.__setattr__(self, "value", float(np.clip(usual, self.lower, self.upper)))
+            object.__setattr__(self, "source", self.source or "usual start")
+        if not self.lower < self.upper:
+            raise InputError(f"parameter {self.name}: lower bound {self.lower} is not below upper bound {self.upper}")
+        if self.value is not None and not (np.isfinite(self.value) and self.lower <= self.value <= self.upper):
+            raise InputError(
+                f"parameter {self.name}: value {self.value} is not within its bounds {self.lower} ... {self.upper}"
+            )
+        if self.value is None and not self.free:
+            raise InputError(f"parameter {self.name} is fixed and needs a value")
+        if self.prior is not None and self.prior_std is None:
+            raise InputError(f"parameter {self.name}: a prior has a standard deviation too: give prior_std")
+        if self.prior_std is not None and not self.prior_std > 0:
+            raise InputError(f"parameter {self.name}: prior_std must be positive, got {self.prior_std}")
+        if self.shrink < 0 or (self.shrink and not re.search(r"_(\d+|\*)$", self.name)):
+            raise InputError(f"parameter {self.name}: shrink is a positive share, for the parameters of single joints")
+
+    def with_(self, **changes: Any) -> Parameter:
+        """A copy with some entries changed."""
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What pliant knows of a parameter by its name alone."""
+
+    unit: str
+    lower: float = -np.inf
+    upper: float = np.inf
+    scale: float = 0.0
+    meaning: str = ""
+
+
+PER_JOINT = ("stiffness", "damping", "rest_angle")
+KNOWN: dict[str, Kind] = {
+    "stiffness": Kind("N m/rad", lower=1e-9, meaning="stiffness of every joint"),
+    "damping": Kind("N m s/rad", lower=0.0, meaning="damping of every joint"),
+    r"stiffness_(\d+|\*)": Kind("N m/rad", lower=1e-9, meaning="stiffness of one joint, 1 the first, * each"),
+    r"damping_(\d+|\*)": Kind("N m s/rad", lower=0.0, meaning="damping of one joint, 1 the first, * each"),
+    "rest_angle": Kind("rad", lower=-3.2, upper=3.2, scale=0.05, meaning="rest angle of every joint"),
+    r"rest_angle_(\d+|\*)": Kind("rad", lower=-3.2, upper=3.2, scale=0.05, meaning="rest angle of one joint, * each"),
+    "joint_share": Kind("1", lower=0.0, upper=0.99, scale=0.1, meaning="place of a joint in its segment: 0 its base"),
+    "gravity_angle": Kind("rad", lower=-6.3, upper=6.3, scale=0.05, meaning="angle of gravity from the base tangent"),
+    "gain": Kind("1", scale=1.0, meaning="mean of the joints' gains: a factor on the whole torque law"),
+    r"torque_[1-9]": Kind("N m/Pa^k", meaning="coefficient of pressure^k in the torque law"),
+    "mass": Kind("kg", lower=1e-9, meaning="mass of all links together, without the tip mass"),
+    "tip_mass": Kind("kg", lower=0.0, scale=5e-3, meaning="cap or load at the last tip"),
+    "valve_rise": Kind("s", lower=0.0, upper=30.0, scale=0.02, meaning="valve time constant, pressure rising"),
+    "valve_fall": Kind("s", lower=0.0, upper=30.0, scale=0.02, meaning="valve time constant, pressure falling"),
+    "valve_dead_time": Kind("s", lower=0.0, upper=5.0, scale=0.01, meaning="valve dead time"),
+    "base_angle": Kind("rad", lower=-1.0, upper=1.0, scale=0.05, meaning="angle of the base tangent from +y"),
+    "base_x": Kind("m", scale=1e-3, meaning="offset of the recording's frame, x"),
+    "base_y": Kind("m", scale=1e-3, meaning="offset of the recording's frame, y"),
+    r".+\.along": Kind("m", scale=2e-3, meaning="place of a station along its link"),
+    r".+\.across": Kind("m", scale=2e-3, meaning="place of a station across its link"),
+    "start": Kind("s", scale=0.01, meaning="when the pulse begins, or the pressure clock's offset"),
+    "stop": Kind("s", scale=0.01, meaning="when the pulse ends"),
+    "release": Kind("s", scale=0.01, meaning="when the held body is let go"),
+    "base_turn": Kind("rad", lower=-0.2, upper=0.2, scale=0.01, meaning="turn of a clamp that gives way at release"),
+    "hold_force": Kind("N", scale=0.05, meaning="force at the tip, along x, that holds the body before its release"),
+    **{name: Kind(*row) for name, row in ROWS.items()},
+}
+
+
+def kind_of(name: str) -> Kind:
+    """The kind of parameter that `name` (with or without its recording) means; InputError lists the known ones."""
+    for candidate in (name, name.partition(".")[2]):
+        for pattern, kind in KNOWN.items():
+            if candidate and re.fullmatch(pattern, candidate):
+                return kind
+    readable = [p.replace(r"(\d+|\*)", "<i>").replace("[1-9]", "<k>").replace(r".+\.", "<station>.") for p in KNOWN]
+    raise InputError(f"unknown parameter {name!r}: use one of {', '.join(readable)}, or <record>.<one of these>")
+
+
+def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
+    """The values that hold for one recording: shared ones, overruled by its own with the prefix taken off."""
+    prefix = f"{record}."
+    own = {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
+    return {**values, **own}
+
+
+def apply(model: Model, values: Mapping[str, float]) -> Model:
+    """The model with `values` put in; names that do not concern the model are left to others.
+
+    Every value replaces what the model has, so that putting the same values in twice changes nothing.
+    """
+    if "joint_share" in values:
+        model = moved_joints(model, values["joint_share"])
+    changes: dict[str, Any] = {k: values[k] for k in ("tip_mass", "base_angle") if k in values}
+    for field in PER_JOINT:
+        joint = {int(k.rpartition("_")[2]): v for k, v in values.items() if re.fullmatch(rf"{field}_\d+", k)}
+        if field in values or joint:
+            array = np.full(model.n, values[field]) if field in values else getattr(model, field).copy()
+            for i, value in joint.items():
+                array[i - 1] = value
+            changes[field] = array
+    changes |= torque_changes(model, values) | memory_changes(model, values)
+    if "gravity_angle" in values:
+        changes["gravity"] = turned_gravity(model, values["gravity_angle"])
+    if "mass" in values:
+        changes["link_mass"] = model.link_mass * (values["mass"] / model.link_mass.sum())
+    valve = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time",
+             "valve_rise_rate": "rise_rate", "valve_fall_rate": "fall_rate",
+             "valve_settle_share": "settle_share", "valve_settle_time": "settle_time"}  # fmt: skip
+    if moved := {field: values[name] for name, field in valve.items() if name in values}:
+        changes["valve"] = replace(model.valve, **moved)
+    if any(name.endswith((".along", ".across")) for name in values):
+        changes["stations"] = tuple(
+            s._replace(along=values.get(f"{s.name}.along", s.along), across=values.get(f"{s.name}.across", s.across))
+            for s in model.points
+        )
+    return model.with_(**changes) if changes else model
+
+
+def moved_joints(model: Model, share: float) -> Model:
+    """The chain of equal segments with every joint at this share of its segment; points stay where they are at rest."""
+    segment = model.length / model.n
+    length = np.full(model.n, segment)
+    length[-1] = (1.0 - share) * segment
+    if not np.allclose(model.link_length[:-1], segment, rtol=1e-6):
+        raise InputError("the parameter joint_share moves the joints of a chain of equal segments: this one has others")
+    shift = share * segment - model.base_length
+    density = model.link_mass.sum() / model.link_length.sum()
+    stations = tuple(s._replace(along=s.along - shift) if s.link >= 0 else s for s in model.points)
+    return model.with_(
+        link_length=length, base_length=share * segment, link_mass=density * length, stations=stations
+    )
+
+
+def turned_gravity(model: Model, angle: float) -> np.ndarray:
+    """Gravity (2,) of the model's strength at `angle` [rad] from the base tangent +y."""
+    strength = float(np.hypot(*model.gravity))
+    if strength == 0:
+        raise InputError("the parameter gravity_angle turns gravity, but the model has none: give it gravity")
+    return strength * np.array([-np.sin(angle), np.cos(angle)])
+
+
+def each_joint(parameters: Iterable[Parameter], joints: int) -> list[Parameter]:
+    """The parameters with every ``stiffness_*`` and its like written out for all joints."""
+    written = []
+    for p in parameters:
+        stem = p.name.removesuffix("_*")
+        written += [p] if stem == p.name else [p.with_(name=f"{stem}_{i + 1}") for i in range(joints)]
+    return written
+
+
+def torque_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
+    """The torque law with the coefficients of `values`, the joints' gains with their mean at its gain."""
+    changes: dict[str, Any] = {}
+    if powers := {int(k[-1]): v for k, v in values.items() if re.fullmatch(r"torque_[1-9]", k)}:
+        law = np.zeros(max([model.torque.size, *powers]))
+        law[: model.torque.size] = model.torque
+        for k, value in powers.items():
+            law[k - 1] = value
+        changes["torque"] = law
+    if "gain" in values:
+        mean = float(model.joint_gain.mean())
+        if mean == 0:
+            raise InputError("the parameter gain scales the joints' gains, but their mean is 0: give the model others")
+        changes["joint_gain"] = model.joint_gain * (values["gain"] / mean)
+    return changes
+
+
+def check_names(parameters: Iterable[Parameter], model: Model, records: set[str], stations: set[str]) -> None:
+    """Refuse duplicates, joints that the model does not have, and records or stations that nobody knows."""
+    if both := records & stations:
+        raise InputError(f"{min(both)!r} names a recording and a station: rename one, their parameters would be mixed")
+    seen: set[str] = set()
+    for p in parameters:
+        if p.name in seen:
+            raise InputError(f"parameter {p.name} is listed twice")
+        seen.add(p.name)
+        owner, dot, own = p.name.partition(".")
+        if dot and owner not in records | stations:
+            there = ", ".join(sorted(records | stations))
+            raise InputError(f"parameter {p.name}: no recording or station is called {owner!r}; there are {there}")
+        number = re.fullmatch(rf"(?:{'|'.join(PER_JOINT)})_(\d+)", own or owner)
+        if number and not 1 <= int(number[1]) <= model.n:
+            raise InputError(f"parameter {p.name}: the model has joints 1 to {model.n}")

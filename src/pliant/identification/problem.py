@@ -1,0 +1,173 @@
+"""The least-squares problem of a fit: residuals of the recordings and of what was known before, and their Jacobian."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import PliantError
+from pliant.identification.experiment import Experiment
+from pliant.identification.parameters import Parameter
+from pliant.identification.residuals import Observations, correlated_frames
+from pliant.identification.sensitivity import slopes_of
+from pliant.identification.setup import Plans, moved, set_up
+from pliant.model import Model
+
+Array = np.ndarray
+FAR = 1e3  # residual, in scales, of a parameter set that cannot be simulated
+BLIND = 1e-11  # of the longest column: a shorter one is rounding
+MOST_PLANS = 100  # steps and torques kept from one evaluation for the next
+FIRST_GUESS = 0.01  # of a travel: the size of residuals before there are any
+
+
+def root_mean_square(modelled: Array, measured: Array) -> float:
+    """Euclidean root-mean-square distance over stations and time, m; points that were not seen do not count."""
+    return float(np.sqrt(np.nanmean(np.sum((modelled - measured) ** 2, axis=-1))))
+
+
+class Problem:
+    """Residuals of all experiments as a function of the free parameters, each in units of its own scale.
+
+    A residual is a distance in travels of its experiment, in metres, or in standard deviations of the noise; in the
+    first two cases an experiment with many samples counts no more than one with few. Below them stand the residuals
+    of priors and of parameters that shrink to their mean, weighted by `size`, the size of the recordings' residuals.
+    """
+
+    def __init__(
+        self, experiments: list[Experiment], model: Model, parameters: list[Parameter], step: float, weighting: str,
+    ) -> None:
+        self.experiments = experiments
+        self.model = model
+        self.parameters = parameters
+        self.step = step
+        self.weighting = weighting
+        self.free = [p for p in parameters if p.free]
+        self.scale = np.array([p.scale or 1.0 for p in self.free])
+        self.fixed = {p.name: p.value for p in parameters if not p.free}
+        self.bounds = tuple(np.array([(p.lower, p.upper) for p in self.free]).reshape(-1, 2).T / self.scale)
+        margin = 1e-9 * np.where(np.isfinite(self.bounds[1] - self.bounds[0]), self.bounds[1] - self.bounds[0], 1.0)
+        raw = np.array([p.value for p in self.free]) / self.scale
+        self.start = np.clip(raw, self.bounds[0] + margin, self.bounds[1] - margin)
+        self.observed = [Observations(e, weighting) for e in experiments]
+        travels = np.array([e.travel for e in experiments])
+        self.unit = float(np.median(travels)) if weighting == "metre" else 1.0  # what a travel is in residuals
+        counts = np.array([o.count for o in self.observed])
+        if weighting != "noise":
+            for o, balance in zip(self.observed, np.sqrt(counts.mean() / counts), strict=True):
+                o.weight *= balance
+        self.ends = np.cumsum(counts)
+        self.known = known_rows(self.free, self.scale, self.start)
+        self.held = np.zeros((0, len(self.free))), np.zeros(0)
+        self.size = 1.0 if weighting == "noise" else FIRST_GUESS * self.unit
+        self.evaluations = 0
+        self.broken = ""
+        self.plans: Plans = {}
+        self.latest: tuple[bytes, Array] = (b"", np.zeros(0))  # scaled parameters and the Jacobian there
+
+    def values(self, x: Array) -> dict[str, Any]:
+        """Values by name of the scaled free parameters x."""
+        return {**self.fixed, **{p.name: float(v) for p, v in zip(self.free, x * self.scale, strict=True)}}
+
+    def residual(self, x: Array) -> Array:
+        """Residuals of the recordings, then of what was known before; FAR where x cannot be simulated."""
+        rows, aim = self.all_known
+        return np.concatenate([self.data_residual(x), self.size * (rows @ x - aim)])
+
+    def data_residual(self, x: Array) -> Array:
+        """Weighted differences of every seen number."""
+        self.evaluations += 1
+        self.broken = ""
+        values = self.values(x)
+        parts = []
+        for o in self.observed:
+            try:
+                made = set_up(self.model, o.exp, values, self.step, self.plans)
+                parts.append(o.residual(moved(made, made.numbers, np.float64, o.exp.time.size)))
+            except PliantError as error:
+                self.broken = str(error)
+                parts.append(FAR * o.exp.travel * o.flat_weight)
+        return np.concatenate(parts)
+
+    def jacobian(self, x: Array) -> Array:
+        """Exact derivatives of `residual`."""
+        return np.concatenate([self.data_jacobian(x), self.size * self.all_known[0]])
+
+    def data_jacobian(self, x: Array) -> Array:
+        """Exact derivatives (N, P) of `data_residual`."""
+        if self.latest[0] == x.tobytes():
+            return self.latest[1]
+        values = self.values(x)
+        sizes = {p.name: float(s) for p, s in zip(self.free, self.scale, strict=True)}
+        if len(self.plans) > MOST_PLANS:
+            self.plans.clear()
+        parts = [
+            o.slopes(slopes_of(self.model, o.exp, values, sizes, self.step, self.plans)) for o in self.observed
+        ]
+        J = np.concatenate(parts, axis=1).T * self.scale
+        length = np.linalg.norm(J, axis=0)
+        J[:, length < BLIND * length.max(initial=0.0)] = 0.0  # rounding alone: it would send the optimiser far off
+        self.latest = (x.tobytes(), J)
+        return np.asarray(J)
+
+    @property
+    def learns(self) -> bool:
+        """Whether the sizes of the residuals, found by a first fit, change a second one."""
+        return len(self.all_known[1]) > 0 or self.weighting == "noise"
+
+    def hold_to_start(self) -> None:
+        """Hold every parameter to its start, give or take its size, where nothing else does."""
+        loose = [i for i, p in enumerate(self.free) if not p.prior_std]
+        self.held = np.eye(len(self.free))[loose], self.start[loose]
+
+    @property
+    def all_known(self) -> tuple[Array, Array]:
+        """What is known before, and what is held to its start, as rows and aims."""
+        return np.concatenate([self.known[0], self.held[0]]), np.concatenate([self.known[1], self.held[1]])
+
+    def scattered(self, rng: np.random.Generator) -> Array:
+        """A start near the estimate: every shared parameter moved by up to 30 % of itself or one scale."""
+        moved = self.start.copy()
+        for i, p in enumerate(self.free):
+            if p.name.rpartition(".")[2] not in ("start", "stop", "release"):
+                moved[i] += 0.3 * rng.uniform(-1, 1) * max(abs(moved[i]), 1e-3)
+        return np.clip(moved, *self.bounds)
+
+    def learn_sizes(self, x: Array) -> None:
+        """Take the size of the residuals at x for what the priors are weighed against, and for unknown noise levels.
+
+        Residuals that are correlated over many frames tell as little as one of them: priors then weigh the more.
+        """
+        residual = self.data_residual(x)
+        parts = np.split(residual, self.ends[:-1])
+        frames = [correlated_frames(o, part) for o, part in zip(self.observed, parts, strict=True)]
+        told = sum(part.size / f for part, f in zip(parts, frames, strict=True))
+        self.size = float(np.sqrt(residual.size / told))
+        if self.weighting != "noise":
+            self.size *= max(float(np.sqrt(np.mean(residual**2))), 1e-12 * self.unit)
+            return
+        for o, part in zip(self.observed, parts, strict=True):
+            for s, name in enumerate(o.exp.stations):
+                for channel, known in (((0, 1), name in o.exp.noise), ((2,), o.exp.angle_noise is not None)):
+                    mine = (o.station == s) & np.isin(o.channel, channel)
+                    if not known and mine.any():
+                        self.latest = (b"", np.zeros(0))
+                        o.weight[s, list(channel)] /= max(float(np.sqrt(np.mean(part[mine] ** 2))), 1e-6)
+
+
+def known_rows(free: list[Parameter], scale: Array, start: Array) -> tuple[Array, Array]:
+    """Rows (R, P) and aims (R,) of what is known before: priors, and joints that shrink to their mean."""
+    rows, aims = [], []
+    for i, p in enumerate(free):
+        if p.prior_std:
+            rows.append(np.eye(len(free))[i] * scale[i] / p.prior_std)
+            aims.append((start[i] * scale[i] if p.prior is None else p.prior) / p.prior_std)
+    stems = [p.name.rpartition("_")[0] if p.shrink else "" for p in free]
+    for stem in sorted(set(stems) - {""}):
+        mine = np.array([s == stem for s in stems])
+        share = np.array([p.shrink for p in free])
+        level = abs(float((start * scale)[mine].mean())) or 1.0
+        away = (np.eye(len(free)) - mine / mine.sum())[mine]
+        rows += list(away * scale / (share[mine][:, None] * level))
+        aims += [0.0] * int(mine.sum())
+    return np.array(rows).reshape(len(rows), len(free)), np.array(aims)

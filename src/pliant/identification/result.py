@@ -1,0 +1,154 @@
+"""What a fit gives, and what to think of it in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import OptimizeResult
+
+from pliant.display import Card, Shown
+from pliant.identification.experiment import Experiment
+from pliant.identification.parameters import Parameter
+from pliant.identification.uncertainty import Covariance
+from pliant.model import Model
+
+Array = np.ndarray
+DENSEST, LIGHTEST = 3000.0, 300.0  # kg/m^3: no silicone body lies beyond
+
+
+@dataclass(frozen=True, repr=False)
+class FitResult(Shown):
+    """A fitted model with what made it.
+
+    Attributes
+    ----------
+    model : Model
+        With the shared parameters put in.
+    parameters : tuple of Parameter
+        Free and fixed, with values and standard errors.
+    status : str
+        One sentence: how the optimisation ended and what to think of it.
+    rmse : dict
+        Euclidean error over stations and time of each training record, m.
+    evaluations : int
+        Simulated parameter sets.
+    seconds : float
+        Wall time.
+    converged : bool
+    covariance : Covariance or None
+        Of the free parameters; from the sandwich where residuals are coloured.
+    notes : tuple of str
+        What is not physical about the optimum, and how far residuals are correlated.
+    bic : float or None
+        Bayesian information criterion, counting correlated residuals once; lower is better, on the same recordings.
+    """
+
+    model: Model
+    parameters: tuple[Parameter, ...]
+    status: str
+    rmse: dict[str, float]
+    evaluations: int
+    seconds: float
+    converged: bool
+    covariance: Covariance | None = None
+    notes: tuple[str, ...] = ()
+    bic: float | None = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Value of every parameter by name."""
+        return {p.name: float(p.value) for p in self.parameters if p.value is not None}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, for JSON."""
+        return {
+            "status": self.status, "converged": self.converged, "notes": list(self.notes),
+            "evaluations": self.evaluations, "seconds": self.seconds, "bic": self.bic,
+            "rmse_mm": {k: 1e3 * v for k, v in self.rmse.items()},
+            "parameters": {p.name: parameter_dict(p) for p in self.parameters},
+        }
+
+    def card(self) -> Card:
+        """Status, parameters with standard errors, errors of the training records."""
+        rows = [
+            [p.name, "" if p.value is None else f"{p.value:.5g}", "" if p.std is None else f"+- {p.std:.2g}",
+             p.unit.replace("^k", f"^{p.name[-1]}").replace("^1", ""), "free" if p.free else "fixed"]
+            for p in self.parameters
+        ]
+        errors = ", ".join(f"{name} {1e3 * value:.3g} mm" for name, value in self.rmse.items())
+        lines = [*self.notes, *([f"RMSE of the training records: {errors}"] if errors else [])]
+        return Card(self.status, lines, ["parameter", "value", "std. error", "unit", ""], rows)
+
+
+def parameter_dict(p: Parameter) -> dict[str, Any]:
+    """A parameter as plain values."""
+    return {
+        "value": p.value, "unit": p.unit, "free": p.free, "std": p.std, "source": p.source,
+        "lower": p.lower if np.isfinite(p.lower) else None, "upper": p.upper if np.isfinite(p.upper) else None,
+    }
+
+
+def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter]) -> str:
+    """How the fit ended, in words."""
+    end = {
+        0: "stopped at the limit of evaluations before it converged: raise max_evaluations",
+        1: "converged: the gradient vanished", 2: "converged: the cost no longer fell",
+        3: "converged: the parameters no longer moved", 4: "converged: neither cost nor parameters moved",
+    }.get(best.status, best.message)
+    at_bound = [p.name for p in parameters if p.free and touches_bound(p)]
+    unseen = [p.name for p in parameters if p.free and p.std is None]
+    notes = ""
+    if at_bound:
+        notes += f"; at a bound: {', '.join(at_bound)}"
+    if unseen:
+        notes += f"; the data do not show: {', '.join(unseen)}"
+    return f"The fit {end}{notes}."
+
+
+def touches_bound(p: Parameter) -> bool:
+    """Whether the value lies on one of its bounds, to a millionth of its scale."""
+    return p.value is not None and min(abs(p.value - p.lower), abs(p.value - p.upper)) < 1e-6 * (p.scale or 1.0)
+
+
+def cautions(
+    model: Model, parameters: Sequence[Parameter], experiments: Sequence[Experiment], section_area: float | None,
+) -> list[str]:
+    """Sentences about an optimum that no soft body has, and about the correlation that hides in it."""
+    values = {p.name: float(p.value) for p in parameters if p.value is not None}
+    free = {p.name for p in parameters if p.free}
+    none = sorted(n for n in free if n.startswith("damping") and values[n] <= 1e-9 * model.stiffness.mean())
+    found = [f"{n} is zero, as of no body: something else takes up the decay, or the step is too long." for n in none]
+    if section_area is not None:
+        density = float(model.link_mass.sum()) / (section_area * float(model.link_length.sum()))
+        if not LIGHTEST <= density <= DENSEST:
+            found.append(
+                f"the mass and the section make {1e-3 * density:.1f} t/m3, no density of silicone: mass has taken up "
+                "another effect, such as a lag of the pressure that is not in the model."
+            )
+    for exp in experiments:
+        lag, width = max(model.valve.rise_time, model.valve.fall_time), pulse_width(exp, values)
+        if lag > width and free & {"valve_rise", "valve_fall"}:
+            found.append(
+                f"the valve's lag of {lag:.3g} s is longer than the pulse of {exp.name}, {width:.3g} s: it has taken "
+                "up another effect, such as creep."
+            )
+            break
+    gain = float((model.joint_gain * model.torque_at(highest(experiments))).min()) if experiments else 1.0
+    if gain < 0 and any(n.startswith(("torque_", "gain")) for n in free):
+        found.append("the torque is negative at the highest pressure: model and recordings bend opposite ways.")
+    return [sentence[0].upper() + sentence[1:] for sentence in found]
+
+
+def pulse_width(exp: Experiment, values: dict[str, float]) -> float:
+    """How long the pressure was on, s; the whole recording where that is not a pulse."""
+    if exp.excitation == "pulse":
+        return values[f"{exp.name}.stop"] - values[f"{exp.name}.start"]
+    return float(np.inf) if exp.excitation == "release" else float(np.ptp(exp.time))
+
+
+def highest(experiments: Sequence[Experiment]) -> float:
+    """The highest pressure of the experiments, Pa."""
+    return max(float(e.pressure.pressure.max()) if e.pressure is not None else e.level for e in experiments)

@@ -1,0 +1,50 @@
+"""The rungs of a ladder of models: what each frees beyond the one that it stands on."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from pliant.identification.parameters import Parameter
+
+Entry = Parameter | str
+Scan = tuple[tuple[str, tuple[float, ...]], ...]  # names, and the values [SI] that they begin at, one after another
+
+
+class Rung(NamedTuple):
+    """What a rung frees beyond the one that it stands on.
+
+    `frees` lists choices: of those that the recordings can tell, the one of the lowest BIC is taken. `drops` names
+    parameters of lower rungs that this one replaces. Times and thresholds in `scan` are tried from values far apart,
+    since a fit finds what is near its start.
+    """
+
+    name: str
+    title: str
+    frees: tuple[tuple[Entry, ...], ...] = ()
+    drops: tuple[str, ...] = ()
+    scan: Scan = ()
+
+
+LAGS = (0.02, 0.1, 0.4, 1.5)
+ELASTIC = ("stiffness", "damping")
+CREEP = ("creep_share_1", "creep_time_1")
+BOUC_WEN = ("boucwen_share", "boucwen_beta", Parameter("boucwen_gamma", 0.0, free=False))
+RUNGS: tuple[Rung, ...] = (
+    Rung("given", "as given"),
+    Rung("elastic", "K and D", (ELASTIC,)),
+    Rung("torque", "+ torque law", ((*ELASTIC, "torque_1", "torque_2"), (*ELASTIC, "torque_1"))),
+    Rung("lag", "+ lag of the pressure", (("valve_rise", "valve_fall"), ("valve_rise",)),
+         scan=(("valve_rise", LAGS), ("valve_fall", LAGS))),
+    Rung("joints", "+ K of each joint", ((Parameter("stiffness_*", shrink=0.3),),), drops=("stiffness",)),
+    Rung("creep", "+ creep", (CREEP,), scan=(("creep_time_1", (0.1, 0.7, 5.0)),)),
+    Rung("hysteresis", "+ hysteresis", (("slip_share_1", "slip_angle_1"), BOUC_WEN),
+         scan=(("slip_angle_1", (0.003, 0.02, 0.1)), ("boucwen_beta", (300.0, 50.0, 10.0)))),
+)
+MORE_RUNGS: tuple[Rung, ...] = (  # taken where a study names them
+    Rung("odd", "odd cubic torque law", (("torque_1", "torque_3"),), drops=("torque_2",)),
+    Rung("soften", "+ springs that soften", (("stiffening",),)),
+    Rung("vent", "+ limited fall", (("valve_fall_rate",),), scan=(("valve_fall_rate", (1e4, 1e5, 1e6)),)),
+    Rung("swell", "+ late swelling", (("swell_share", "swell_time"),), scan=(("swell_time", (0.1, 0.5, 2.0)),)),
+    Rung("creep_2", "+ second creep branch", ((*CREEP, "creep_share_2", "creep_time_2"),),
+         scan=(("creep_time_2", (0.5, 2.0, 10.0)),)),
+)

@@ -1,0 +1,160 @@
+"""Exact derivatives of a simulated experiment with respect to its parameters, propagated with the steps.
+
+The inputs of the compiled loop are closed forms of the parameters; their derivatives come from central differences,
+good to ten digits, since they are smooth and cheap. They are carried through the steps in the imaginary parts of
+complex numbers, so no difference is taken of two motions and no equation is written twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pliant.equations import motion
+from pliant.equations._compiled import twin
+from pliant.equations.symbols import Body, Joints
+from pliant.errors import FitError, PliantError
+from pliant.identification.setup import Numbers, Plans, SetUp, moved, set_up
+from pliant.model import Model
+from pliant.simulation import state
+
+if TYPE_CHECKING:
+    from pliant.identification.experiment import Experiment
+
+Array = np.ndarray
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
+SHARE = 1e-5  # step of the differences of the inputs, in sizes of the parameter
+STENCILS = (((-1.0, -0.5), (1.0, 0.5)), ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5)), ((0.0, 1.5), (-1.0, -2.0), (-2.0, 0.5)))
+
+
+def sensitivities(
+    model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
+) -> tuple[Array, Array]:
+    """Observed rows (T, S, 3) of an experiment and their derivatives (P, T, S, 3), one for each name in `sizes`.
+
+    Parameters
+    ----------
+    values : mapping
+        All parameters by name, SI.
+    sizes : mapping
+        Those to differentiate by, with their typical sizes, SI.
+
+    Returns
+    -------
+    rows, derivatives : arrays
+        x [m], y [m] and angle [rad]; derivatives per SI unit of the parameter.
+
+    Raises
+    ------
+    SimulationError
+        When the parameters cannot be simulated.
+    FitError
+        When a derivative exists on neither side of a value.
+    """
+    here = set_up(model, exp, values, step)
+    return moved(here, here.numbers, np.float64, exp.time.size), slopes_of(model, exp, values, sizes, step)
+
+
+def slopes_of(
+    model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
+    plans: Plans | None = None,
+) -> Array:
+    """The derivatives of `sensitivities` alone."""
+    plans = {} if plans is None else plans
+    rows = exp.time.size
+    here = set_up(model, exp, values, step, plans)
+    slopes = np.zeros((len(sizes), rows, len(exp.stations), 3))
+    rest = state.joint_angles(here.model, here.numbers.phi) if here.from_rest else None
+    for k, (name, size) in enumerate(sizes.items()):
+        owner, dot, own = name.partition(".")
+        if (own if dot and owner == exp.name else name) in exp.known:
+            continue
+
+        def at(value: float, name: str = name) -> SetUp:
+            return set_up(model, exp, {**values, name: value}, step, plans, rest)
+
+        base, slope = input_slopes(at, here, values[name], SHARE * max(abs(values[name]), size))
+        if all(not np.any(v) for v in leaves(slope)):
+            continue
+        if here.from_rest:
+            tilt = equilibrium_slope(base.numbers, slope)
+            slope = slope._replace(held=tilt, phi=tilt)
+        tilted = Numbers(*join(base.numbers, slope))
+        slopes[k] = moved(base, tilted, np.complex128, rows).imag / TINY
+    return slopes
+
+
+def input_slopes(at: Callable[[float], SetUp], here: SetUp, value: float, size: float) -> tuple[SetUp, Numbers]:
+    """A set-up and the derivative of its numbers: at `value`, or where the steps change there, close beside it."""
+    for stencil in STENCILS:
+        made = tried(at, value, size, stencil)
+        if made and all(same_steps(here, m) for m in made):
+            return here, combined(made, stencil, size)
+    for side, stencil in zip((1.0, -1.0), STENCILS[1:], strict=True):  # an edge exactly on a frame: look beside it
+        made = tried(at, value + side * size, size, stencil)
+        if made and all(same_steps(made[0], m) for m in made):
+            return made[0], combined(made, stencil, size)
+    raise FitError(f"no derivative exists at the value {value:.6g}: move the start value or its bounds")
+
+
+def tried(at: Callable[[float], SetUp], value: float, size: float, stencil: Any) -> list[SetUp] | None:
+    """The set-ups of a stencil; None where one of them is not possible."""
+    try:
+        return [at(value + offset * size) for offset, _ in stencil]
+    except PliantError:
+        return None
+
+
+def same_steps(a: SetUp, b: SetUp) -> bool:
+    """Whether two set-ups take the same steps and show the same rows."""
+    return a.still == b.still and np.array_equal(a.keep, b.keep)
+
+
+def combined(made: list[SetUp], stencil: Any, size: float) -> Numbers:
+    """The weighted sum of the numbers of some set-ups, over `size`."""
+    weights = [weight / size for _, weight in stencil]
+
+    def mix(*entries: Any) -> Any:
+        if isinstance(entries[0], tuple):
+            return type(entries[0])(*(mix(*parts) for parts in zip(*entries, strict=True)))
+        return sum(w * e for w, e in zip(weights, entries, strict=True))
+
+    return mix(*(m.numbers for m in made))
+
+
+def join(real: Any, slope: Any) -> list[Any]:
+    """Numbers with their derivatives, times the imaginary step, as imaginary parts."""
+    return [
+        type(a)(*join(a, b)) if isinstance(a, tuple) else a + 1j * TINY * b for a, b in zip(real, slope, strict=True)
+    ]
+
+
+def leaves(numbers: Any) -> list[Any]:
+    """Every array and number of nested tuples."""
+    return [leaf for part in numbers for leaf in (leaves(part) if isinstance(part, tuple) else [part])]
+
+
+def equilibrium_slope(numbers: Numbers, slope: Numbers) -> Array:
+    """Derivative (n,) of the absolute angles at rest: those at which the acceleration stays zero."""
+    n = len(numbers.phi)
+    a, a_phi, a_w, still = np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    twin(motion.acceleration_jacobian)(
+        numbers.phi, still, numbers.base_angle, numbers.torque_before, numbers.body, numbers.joints,
+        state.workspace(n), a, a_phi, a_w,
+    )
+    tilted = Numbers(*join(numbers._replace(held=0.0, phi=0.0), slope._replace(held=0.0, phi=0.0)))
+    scratch = state.workspace(n)
+    work = type(scratch)(*(w.astype(complex) for w in scratch))
+    push = np.zeros(n, dtype=complex)
+    twin(motion.acceleration)(
+        numbers.phi.astype(complex), still.astype(complex), complex(tilted.base_angle), complex(tilted.torque_before),
+        Body(*(complex_of(v) for v in tilted.body)), Joints(*(complex_of(v) for v in tilted.joints)), work, push,
+    )
+    return -np.linalg.solve(a_phi.T, push.imag / TINY)
+
+
+def complex_of(value: Any) -> Any:
+    """A number or an array made complex."""
+    return np.asarray(value, dtype=complex) if np.ndim(value) else complex(value)

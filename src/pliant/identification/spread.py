@@ -1,0 +1,60 @@
+"""From the uncertainty of parameters to that of numbers computed from them, whatever the way they are computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from scipy.stats import norm
+
+from pliant.errors import PliantError
+from pliant.identification.result import FitResult
+
+Array = np.ndarray
+LEAST = 1e-6  # of the largest variance of scaled parameters: directions below move nothing
+
+
+def half_widths(
+    fitted: FitResult, measure: Callable[[Mapping[str, float]], Array], *, level: float = 0.95,
+) -> Array:
+    """Half-widths of the interval of `level` about numbers that `measure` computes from parameter values by name.
+
+    Each principal direction of the covariance is walked by one standard error to both sides, within the bounds; half
+    the difference of what comes out is its share. Exact where numbers are linear in the parameters, and steadier than
+    a derivative where they are not. Parameters of the training recordings alone, as their edge times, stay.
+
+    Parameters
+    ----------
+    fitted : FitResult
+    measure : callable
+        Takes values by name, returns numbers of any one shape; NaN where there is none.
+
+    Returns
+    -------
+    array
+        Of the shape that `measure` returns; 0 where the fit has no covariance, NaN where a number is lost on the way
+        or the way cannot be simulated.
+    """
+    here = np.asarray(measure(fitted.values), dtype=float)
+    total = np.zeros_like(here)
+    if fitted.covariance is None:
+        return total
+    own = tuple(f"{name}." for name in fitted.rmse)
+    shared = [k for k, name in enumerate(fitted.covariance.names) if not name.startswith(own)]
+    parameters = {p.name: p for p in fitted.parameters}
+    chosen = [parameters[fitted.covariance.names[k]] for k in shared]
+    size = np.array([p.scale or 1.0 for p in chosen])
+    variance, directions = np.linalg.eigh(fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(size, size))
+    for v, direction in zip(variance, directions.T, strict=True):
+        if v <= LEAST * max(float(variance[-1]), 1e-300):
+            continue
+        ends = []
+        for side in (-1.0, 1.0):
+            moved = side * np.sqrt(v) * direction * size
+            values = {p.name: float(np.clip(p.value + m, p.lower, p.upper)) for p, m in zip(chosen, moved, strict=True)}
+            try:
+                ends.append(np.asarray(measure({**fitted.values, **values}), dtype=float))
+            except PliantError:
+                ends.append(np.full_like(here, np.nan))
+        total += (0.5 * (ends[1] - ends[0])) ** 2
+    return np.asarray(float(norm.ppf(0.5 + 0.5 * level)) * np.sqrt(total))

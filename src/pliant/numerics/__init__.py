@@ -1,0 +1,1 @@
+"""Textbook pieces without physics: factorisations, splines, bases."""

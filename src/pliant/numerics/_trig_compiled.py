@@ -1,0 +1,41 @@
+"""The compiled `cos_sin`, for real and for complex angles. Imported only when something is compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, types
+from numba.extending import overload, register_jitable
+
+from pliant.numerics import trig
+
+_real = register_jitable(trig.cos_sin)
+
+
+def _pair(x):
+    return np.cos(x), np.sin(x)
+
+
+def _complex_pair(x):
+    """Where a derivative is carried the imaginary part is tiny, and its first power exact to the last bit."""
+    if not abs(x.imag) < 1e-9:
+        return np.cos(x), np.sin(x)
+    c, s = _real(x.real)
+    return complex(c, -s * x.imag), complex(s, c * x.imag)
+
+
+@overload(_pair)
+def _choose(x):
+    if isinstance(x, types.Complex):
+        return _complex_pair
+    return lambda x: _real(x)  # noqa: PLW0108  Numba wants a function of its own
+
+
+def pair(x):
+    """(cos x, sin x) of an angle of any kind, for `compile_internal`."""
+    return _pair(x)
+
+
+@njit(cache=True)
+def cos_sin(x):
+    """(cos x, sin x) of a real or complex angle."""
+    return _pair(x)

@@ -1,0 +1,42 @@
+"""Dense LDL^T factorisation of a small symmetric positive definite matrix, in place and without allocation.
+
+Source: Golub and Van Loan, Matrix Computations, 4th ed., Sec. 4.1.
+"""
+
+from __future__ import annotations
+
+
+def ldl_factor(A):
+    """Overwrite A (n, n), of which only the lower triangle is read, by its factors.
+
+    Strictly below the diagonal: L; on it: 1/D, so that a solve has no division; above it: D L^T, so that the
+    factorisation has one division a column.
+    """
+    n = A.shape[0]
+    for j in range(n):
+        pivot = A[j, j]
+        for k in range(j):
+            pivot = pivot - A[j, k] * A[k, j]
+        pivot = 1.0 / pivot
+        A[j, j] = pivot
+        for i in range(j + 1, n):
+            value = A[i, j]
+            for k in range(j):
+                value = value - A[i, k] * A[k, j]
+            A[j, i] = value
+            A[i, j] = value * pivot
+
+
+def ldl_solve(A, b):
+    """Solve in place with the factors of `ldl_factor`; b (n,) becomes the solution."""
+    n = A.shape[0]
+    for i in range(1, n):
+        value = b[i]
+        for k in range(i):
+            value = value - A[i, k] * b[k]
+        b[i] = value
+    for i in range(n - 1, -1, -1):
+        value = b[i] * A[i, i]
+        for k in range(i + 1, n):
+            value = value - A[k, i] * b[k]
+        b[i] = value

@@ -1,0 +1,98 @@
+"""Frequency, damping and settling of a measured or simulated response: what a ring-down tells without a model."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+Array = np.ndarray
+SHARE_NEEDED = 0.5  # of the variance of the detrended signal that the damped sine must explain
+PERIODS_NEEDED = 2.0
+RETURN_NEEDED = 0.01  # of the range: an over-damped motion, fitted by a sine and an exponential, turns back by less
+
+
+class RingDown(NamedTuple):
+    """A damped sine found in a free decay."""
+
+    frequency: float  # Hz, damped
+    damping_ratio: float
+    amplitude: float  # unit of the signal, at the start of the window
+    explained: float  # share of the variance (trend removed) that the damped sine explains
+
+
+def ring_down(time: Array, signal: Array) -> RingDown | None:
+    """Fit offset + slow exponential + damped sine to a free decay; None when there is no clear oscillation.
+
+    Parameters
+    ----------
+    time, signal : array (T,)
+        s (any origin) and any unit, evenly sampled within a few per cent, from just after the edge.
+
+    Returns
+    -------
+    RingDown or None
+        The log decrement is 2 pi zeta / sqrt(1 - zeta^2). The slow exponential stands for creep and filling.
+    """
+    t = np.asarray(time, dtype=float) - np.asarray(time, dtype=float)[:1]
+    y = np.asarray(signal, dtype=float)
+    if t.size < 16 or not np.isfinite(t + y).all() or np.ptp(y) == 0:
+        return None
+    scale = float(np.std(y))
+    y = y / scale
+    span = float(t[-1])
+    fits = []
+    for f in peak_frequencies(t, y):
+        start = [np.log(2 * np.pi * f), np.log(0.1 * 2 * np.pi * f), np.log(0.3 * span)]
+        fits.append(least_squares(decay_residual, start, args=(t, y), method="lm", max_nfev=200))
+    for fit in sorted(fits, key=lambda fit: fit.cost):  # the best may be a slow part that bends twice
+        ring = oscillation(fit.x, t, y)
+        if ring is not None:
+            return ring._replace(amplitude=ring.amplitude * scale)
+    return None
+
+
+def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
+    """The damped sine of `decay_basis`; None where it explains little, spans no two periods or does not return."""
+    omega, sigma = np.exp(x[0]), np.exp(x[1])
+    basis = decay_basis(x, t)
+    weights = np.linalg.lstsq(basis, y, rcond=None)[0]
+    left = y - basis @ weights
+    slow = y - basis[:, 2:] @ weights[2:]
+    explained = 1.0 - float(np.sum(left**2) / max(np.sum((slow - slow.mean()) ** 2), 1e-300))
+    frequency = float(omega / (2 * np.pi))
+    highest = 0.4 / float(np.median(np.diff(t)))
+    if explained < SHARE_NEEDED or frequency * float(t[-1]) < PERIODS_NEEDED or frequency > highest:
+        return None
+    curve = basis @ weights
+    rise, fall = curve - np.minimum.accumulate(curve), np.maximum.accumulate(curve) - curve
+    if min(float(rise.max()), float(fall.max())) < RETURN_NEEDED * float(np.ptp(curve)):
+        return None
+    amplitude = float(np.hypot(weights[0], weights[1]))
+    return RingDown(frequency, float(sigma / np.hypot(sigma, omega)), amplitude, explained)
+
+
+def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:
+    """The strongest spectral peaks [Hz] of the signal with its slow part removed."""
+    slow = np.polynomial.Polynomial.fit(t, y, 3)(t)
+    power = np.abs(np.fft.rfft((y - slow) * np.hanning(y.size), 4 * y.size))
+    frequency = np.fft.rfftfreq(4 * y.size, float(np.median(np.diff(t))))
+    inner = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (frequency[1:-1] > 1.0 / t[-1])
+    peaks = np.flatnonzero(inner) + 1
+    return frequency[peaks[np.argsort(power[peaks])[::-1][:count]]]
+
+
+def decay_basis(x: Array, t: Array) -> Array:
+    """Columns that enter linearly: damped cosine and sine, constant, slow exponential."""
+    omega, sigma, lag = np.exp(np.clip(x, -20, 20))
+    envelope = np.exp(-np.minimum(sigma * t, 700.0))
+    return np.stack(
+        [envelope * np.cos(omega * t), envelope * np.sin(omega * t), np.ones_like(t), np.exp(-t / lag)], axis=1
+    )
+
+
+def decay_residual(x: Array, t: Array, y: Array) -> Array:
+    """Residual after the best linear weights (variable projection)."""
+    basis = decay_basis(x, t)
+    return y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]

@@ -1,0 +1,218 @@
+"""Figures on matplotlib axes, readable in greyscale: lines differ by dash and width, not by colour alone."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from cycler import cycler
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
+
+COLUMN_WIDTH, PAGE_WIDTH = 3.5, 7.16  # inches, two-column page
+# dark to light, so that the order survives greyscale; told apart by dashes as well
+COLOURS = ("#000000", "#123e91", "#cc4a10", "#45a87a", "#b794d6", "#8a6d00", "#808080")
+DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
+REST_COLOUR = "#d00000"
+RC: dict[str, Any] = {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "legend.fontsize": 7,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 1.0,
+    "axes.grid": True,
+    "grid.linewidth": 0.3,
+    "grid.color": "0.85",
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "legend.handlelength": 2.8,
+    "figure.dpi": 100,
+    "savefig.dpi": 200,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "pliant",
+    "pdf.fonttype": 42,
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Fonts, sizes and line styles of all figures."""
+    lines = cycler(color=COLOURS) + cycler(linestyle=DASHES)
+    settings: Any = RC | {"axes.prop_cycle": lines}
+    with mpl.rc_context(settings):
+        yield
+
+
+def new_figure(rows: int = 1, columns: int = 1, *, width: float = PAGE_WIDTH, height: float = 2.6, **kw: Any) -> Any:
+    """A figure without global state and its axes: ``figure, axes = new_figure(2, 1)``; sizes in inches."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, **kw)
+
+
+def save_figure(figure: Figure, path: str | Path) -> list[Path]:
+    """Save a figure; a path without an ending gives a vector (.svg) and a pixel (.png) file.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+    """
+    path = Path(path)
+    targets = [path] if path.suffix else [path.with_suffix(".svg"), path.with_suffix(".png")]
+    for target in targets:
+        metadata = {"Date": None} if target.suffix == ".svg" else None  # the same figure, the same bytes
+        figure.savefig(target, metadata=metadata)
+    return targets
+
+
+def decades(ax: Axes) -> None:
+    """A logarithmic y axis over a few decades, numbers at 1, 2 and 5 of each and nowhere else."""
+    ax.set_yscale("log", subs=(3, 4, 6, 7, 8, 9))
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def curvature_fan(ax: Axes, s: ArrayLike, kappa: ArrayLike, rest: ArrayLike, *, most: int = 60) -> None:
+    """Profiles of curvature along the body, the rest profile in red and thick.
+
+    Parameters
+    ----------
+    ax : Axes
+    s : (S,) array, m
+    kappa : (T, S) array, 1/m
+        At most `most` evenly spread frames are drawn.
+    rest : (S,) array, 1/m
+    """
+    millimetres = np.asarray(s) * 1e3
+    profiles = np.asarray(kappa)
+    shown = profiles[np.unique(np.linspace(0, len(profiles) - 1, min(most, len(profiles))).astype(int))]
+    for k, profile in enumerate(shown):
+        label = f"{len(shown)} of {len(profiles)} frames" if k == 0 else None
+        ax.plot(millimetres, profile, color="0.45", linestyle="-", linewidth=0.4, alpha=0.7, label=label)
+    ax.plot(millimetres, np.asarray(rest), color="white", linestyle="-", linewidth=3.6)
+    ax.plot(millimetres, np.asarray(rest), color=REST_COLOUR, linestyle="-", linewidth=2.2, label="rest")
+    ax.set(xlabel="arc length (mm)", ylabel="curvature (1/m)", xlim=(millimetres[0], millimetres[-1]))
+    ax.legend()
+
+
+def error_by_order(
+    ax: Axes, time: ArrayLike, errors: Mapping[int, ArrayLike], *, bound: float | None = None, most: int = 4
+) -> None:
+    """Largest error against time, one line for each order.
+
+    Parameters
+    ----------
+    ax : Axes
+    time : (T,) array, s
+    errors : order -> (T,) array, m
+        At most the first `most` orders and the last are drawn.
+    bound : float, m, optional
+    """
+    orders = sorted(errors)
+    shown = orders if len(orders) <= most + 1 else [*orders[:most], orders[-1]]
+    for n in shown:
+        ax.plot(np.asarray(time), np.asarray(errors[n]) * 1e3, label=f"n = {n}", linewidth=0.9)
+    if bound is not None:
+        ax.axhline(bound * 1e3, color="0.3", linestyle="-", linewidth=0.6)
+        ax.annotate(
+            f"bound {bound * 1e3:g} mm", (1, bound * 1e3), xycoords=("axes fraction", "data"),
+            xytext=(-2, 2), textcoords="offset points", ha="right", fontsize=7,
+            bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
+        )  # fmt: skip
+    ax.set(xlabel="time (s)", ylabel="largest error (mm)")
+    decades(ax)
+    ax.legend(loc="lower center", ncols=len(shown), bbox_to_anchor=(0.5, 1.0), columnspacing=1.2)
+
+
+def order_bars(ax: Axes, errors: Mapping[int, ArrayLike], *, bound: float | None = None) -> None:
+    """Spread of the largest error of the frames for each order: median, middle 90 %, maximum.
+
+    Parameters
+    ----------
+    ax : Axes
+    errors : order -> (T,) array, m
+    bound : float, m, optional
+    """
+    orders = sorted(errors)
+    values = [np.asarray(errors[n]) * 1e3 for n in orders]
+    low, median, high = (np.array([np.percentile(v, p) for v in values]) for p in (5, 50, 95))
+    ax.errorbar(
+        orders, median, yerr=(median - low, high - median), fmt="s", color="black", markersize=4, capsize=3,
+        linewidth=0.9, label="median, 5 to 95 %",
+    )  # fmt: skip
+    ax.plot(orders, [v.max() for v in values], "v", color=REST_COLOUR, markerfacecolor="none", label="maximum")
+    if bound is not None:
+        ax.axhline(bound * 1e3, color="0.3", linestyle="-", linewidth=0.6)
+    ax.set(xlabel="number of segments n", ylabel="largest error of a frame (mm)", xticks=orders)
+    decades(ax)
+    ax.legend()
+
+
+def snapshots(
+    ax: Axes, measured: ArrayLike, joints: ArrayLike, reconstructed: ArrayLike, *, every: int | None = None
+) -> None:
+    """Measured points (+), joints (o) and the spline through them (line) for a few frames.
+
+    Parameters
+    ----------
+    ax : Axes
+    measured : (F, S, 2) array, m
+    joints : (F, n + 1, 2) array, m
+    reconstructed : (F, P, 2) array, m
+    every : int, optional
+        Draw every so many measured points; default about 30 of them.
+    """
+    points, nodes, curves = (np.asarray(a) * 1e3 for a in (measured, joints, reconstructed))
+    step = every or max(1, points.shape[1] // 30)
+    for k in range(len(points)):
+        first = k == 0
+        ax.plot(*curves[k].T, color="black", linestyle="-", linewidth=0.9, label="spline" if first else None)
+        ax.plot(
+            *points[k, ::step].T, linestyle="", marker="+", color="#0b5fa5", markersize=5, markeredgewidth=0.7,
+            label="measured" if first else None,
+        )  # fmt: skip
+        ax.plot(
+            *nodes[k].T, linestyle="", marker="o", color=REST_COLOUR, markerfacecolor="white", markersize=5,
+            label="joints" if first else None, zorder=3,
+        )  # fmt: skip
+    ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
+    ax.legend()
+
+
+def recording_overview(ds: Any, *, most: int = 5) -> Figure:
+    """Displacement of a recording's stations against time, one panel an axis, with the pressure below.
+
+    Of many stations, `most` are shown, from base to tip.
+    """
+    has_pressure = "pressure" in ds
+    axes_names = [str(a) for a in ds["axis"].values]
+    names = [str(s) for s in ds["station"].values]
+    shown = sorted(set(np.linspace(0, len(names) - 1, min(most, len(names))).round().astype(int)))
+    moved = 1e3 * (ds["position"].values - np.nanmedian(ds["position"].values[:10], axis=0))
+    rows = len(axes_names) + has_pressure
+    with style():
+        figure, panels = new_figure(rows, 1, height=1.3 * rows + 0.6, sharex=True, squeeze=False)
+        for ax, name, k in zip(panels[:, 0], axes_names, range(len(axes_names)), strict=False):
+            for i in shown:
+                ax.plot(ds["time"].values, moved[:, i, k], label=names[i])
+            ax.set_ylabel(f"displacement {name} (mm)")
+        panels[0, 0].legend(ncols=len(shown), loc="lower right", bbox_to_anchor=(1, 1))
+        if has_pressure:
+            panels[-1, 0].plot(ds["pressure_time"].values, 1e-3 * ds["pressure"].values)
+            panels[-1, 0].set_ylabel("gauge pressure (kPa)")
+        panels[-1, 0].set_xlabel("time (s)")
+        figure.align_ylabels()
+    return figure

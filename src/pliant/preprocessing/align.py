@@ -1,0 +1,291 @@
+"""From tracker coordinates to the model's frame: base at the origin, base tangent along +y, bending in x-y."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing.alignment import Alignment, alignment_of
+from pliant.preprocessing.base import base_rotation_at_rest, base_tangent, bending_normal, still_noise
+from pliant.preprocessing.detectors import BLOCK_FRAMES, by_blocks, mean_place, orientation_jumps, seen_points
+from pliant.preprocessing.repair import undo_orientation_jumps
+from pliant.preprocessing.rest import rest_window
+from pliant.preprocessing.rotations import angle_about, mean_rotation, to_matrix
+from pliant.recording import append_history, check_recording, make_recording
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import xarray as xr
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Alignment", "align", "alignment_of"]
+
+DENSE_STATIONS = 8
+VAGUE_PLANE = 0.5
+Bend = Literal["positive", "negative"]
+
+
+def align(
+    ds: xr.Dataset,
+    *,
+    base: str | None = None,
+    tangent: str | ArrayLike = "chord",
+    plane: str | ArrayLike = "motion",
+    bend: Bend | None = "positive",
+    rest: Sequence[float] | None = None,
+    origin_offset: float | Sequence[float] = 0.0,
+    clamp_length: float | None = None,
+    remove_base_motion: bool = False,
+    undo_jumps: bool = False,
+    arc_length: Sequence[float] | None = None,
+) -> xr.Dataset:
+    """Turn a tracked recording into the planar frame of the models.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        Recording in frame ``tracker``.
+    base : str, optional
+        Station at the base. Default: ``base`` when there is one, else the first station.
+    tangent : str or 3 numbers
+        Direction of the body at the base; see `pliant.preprocessing.base.base_tangent`.
+    plane : {"motion", "body"} or 3 numbers
+        Plane of bending, which contains the tangent: the one of the displacements from rest, of all points,
+        or given by its normal.
+    bend : {"positive", "negative"} or None
+        The normal is chosen so that the body bends about +z (tip toward -x) or -z under the highest pressure
+        or, where none was measured, at the tip's largest excursion. None keeps a given normal as it is.
+    rest : (start, end), s, optional
+        Where the body is at rest. Default: `rest_window`.
+    origin_offset : float or 3 floats, m
+        From the base station to the origin: along the tangent, or as a vector in tracker coordinates.
+    clamp_length : float, m, optional
+        For ``tangent="clamp"``.
+    remove_base_motion : bool
+        Take the motion of the base station, which must have an orientation, out of every frame.
+    undo_jumps : bool
+        Undo jumps of orientation first; see `pliant.preprocessing.repair.undo_orientation_jumps`. Without
+        it, a recording with such jumps is refused, since its angles would be wrong.
+    arc_length : floats, m, optional
+        One per station. Default: that of the recording or, with eight stations or more, the polyline at rest.
+
+    Returns
+    -------
+    xarray.Dataset
+        Planar recording; `angle` is each station's rotation about +z since rest. Read the report with
+        `alignment_of`.
+
+    Raises
+    ------
+    InputError
+        When base, tangent or plane cannot be told from the recording.
+    """
+    check_recording(ds)
+    if "position" not in ds or ds.attrs["frame"] != "tracker":
+        raise InputError("align needs tracked positions; this recording is planar already or holds none")
+    ds = _without_jumps(ds, undo=undo_jumps)
+    index = _base_index(ds, base)
+    window, span = _rest(ds, rest)
+    position = ds["position"].values
+    matrices = to_matrix(ds["quaternion"].values) if "quaternion" in ds else None
+    pose = mean_place(position[window])
+    _require_base(pose, index, ds)
+    base_rotation = base_rotation_at_rest(_quaternion(ds), index, window)
+    base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=-1)))
+    if remove_base_motion:
+        position, matrices = _without_base_motion(position, matrices, index, pose[index], base_rotation)
+        pose = mean_place(position[window])
+    y = base_tangent(tangent, pose, index, base_rotation, clamp_length)
+    offset = _offset(origin_offset)
+    origin = pose[index] + (offset * y if offset.ndim == 0 else offset)
+    about = {"motion": mean_place(position), "body": origin}  # the mean: a rest pose outside the plane must not tilt it
+    normal, flatness = bending_normal(plane, y, position, about, still_noise(position))
+    sign = _bending(ds, position, pose, origin, np.cross(y, normal))
+    if bend is not None:
+        wanted = _wanted_sign(bend)
+        normal, sign = (normal, sign) if sign in (0, wanted) else (-normal, -sign)
+    rotation = np.stack([np.cross(y, normal), y, normal])
+    report = Alignment(
+        base=str(ds["station"].values[index]), origin=tuple(origin.tolist()),
+        rotation=tuple(tuple(row) for row in rotation.tolist()), tangent=_named(tangent), plane=_named(plane),
+        bend_sign=sign, rest_s=span, flatness=flatness, base_travel_m=base_travel,
+        base_motion_removed=remove_base_motion, **_out_of_plane(position, about["motion"], normal),
+    )  # fmt: skip
+    arc = _arc_length(ds, arc_length, pose, index, offset)
+    return _planar(ds, _turned(position, origin, rotation[:2]), _angles(matrices, window, normal), arc, report)
+
+
+def _without_jumps(ds: xr.Dataset, *, undo: bool) -> xr.Dataset:
+    if "quaternion" not in ds:
+        return ds
+    if undo:
+        return undo_orientation_jumps(ds)
+    counts = orientation_jumps(ds["quaternion"].values)
+    if counts.any():
+        told = ", ".join(f"{n} {c}" for n, c in zip(ds["station"].values, counts, strict=True) if c)
+        raise InputError(
+            f"the orientation jumps by more than 30 degrees from frame to frame ({told}): undo the jumps of "
+            "symmetric marker clusters with undo_jumps, or leave the orientation out"
+        )
+    return ds
+
+
+def _base_index(ds: xr.Dataset, base: str | None) -> int:
+    names = [str(n) for n in ds["station"].values]
+    if base is None:
+        return names.index("base") if "base" in names else 0
+    if base not in names:
+        raise InputError(f"there is no station {base!r} to be the base; available: {', '.join(names)}")
+    return names.index(base)
+
+
+def _rest(ds: xr.Dataset, rest: Sequence[float] | None) -> tuple[NDArray, tuple[float, float]]:
+    time = ds["time"].values
+    start, end = rest_window(ds) if rest is None else _pair(rest)
+    window = (time >= start) & (time <= end)
+    if not window.any():
+        raise InputError(f"the rest window {start:g} to {end:g} s holds no frame: the recording lasts from "
+                         f"{time[0]:g} to {time[-1]:g} s")  # fmt: skip
+    return window, (float(start), float(end))
+
+
+def _pair(rest: Sequence[float]) -> tuple[float, float]:
+    try:
+        start, end = (float(value) for value in rest)
+    except (TypeError, ValueError):
+        raise InputError(f"rest is two times in seconds, start and end, not {rest!r}") from None
+    return start, end
+
+
+def _offset(value: float | Sequence[float]) -> NDArray:
+    try:
+        offset = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        offset = np.full(2, np.nan)
+    if offset.shape not in ((), (3,)) or not np.isfinite(offset).all():
+        raise InputError(f"origin_offset is a length along the tangent or three numbers, in metres, not {value!r}")
+    return offset
+
+
+def _quaternion(ds: xr.Dataset) -> NDArray | None:
+    return ds["quaternion"].values if "quaternion" in ds else None
+
+
+def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
+    """(T, S, 2) places relative to the origin in the directions of the (2, 3) `rows`."""
+    made = np.empty((*position.shape[:2], len(rows)))
+    for i in range(0, len(position), BLOCK_FRAMES):
+        made[i : i + BLOCK_FRAMES] = (position[i : i + BLOCK_FRAMES] - origin) @ rows.T
+    return made
+
+
+def _require_base(pose: NDArray, index: int, ds: xr.Dataset) -> None:
+    unseen = [str(n) for n, p in zip(ds["station"].values, pose, strict=True) if not np.isfinite(p).all()]
+    if unseen:
+        raise InputError(f"{', '.join(unseen)} is never seen in the rest window: choose another rest window "
+                         f"(the base is {ds['station'].values[index]})")  # fmt: skip
+
+
+def _without_base_motion(
+    position: NDArray, matrices: NDArray | None, index: int, place: NDArray, rotation: NDArray | None
+) -> tuple[NDArray, NDArray | None]:
+    if matrices is None or rotation is None:
+        raise InputError("the motion of the base can be removed only when the base has an orientation")
+    back = rotation @ np.swapaxes(matrices[:, index], -1, -2)
+    moved = np.einsum("tij,tsj->tsi", back, position - position[:, index : index + 1]) + place
+    return moved, back[:, None] @ matrices
+
+
+def _bending(ds: xr.Dataset, position: NDArray, pose: NDArray, origin: NDArray, x_axis: NDArray) -> int:
+    """Sign of the rotation about +z: +1 when the station that moves most goes toward -x, 0 when it cannot be told."""
+    travel = by_blocks(lambda part: np.nanmax(np.abs(part), axis=0, initial=0.0), position @ x_axis - pose @ x_axis)
+    most = int(np.argmax(travel))
+    sideways = (position[:, most] - pose[most]) @ x_axis if travel.max() > 0 else (position[:, -1] - origin) @ x_axis
+    weight = sideways
+    if "pressure" in ds:
+        values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
+        rise = np.nan_to_num(values - np.nanmin(values, axis=0, initial=np.inf)).sum(1)
+        level = np.interp(ds["time"].values, ds["pressure_time"].values, rise)
+        if level.max() > level.min():
+            chosen = level > 0.5 * (level.max() + level.min())
+            weight = np.where(chosen, sideways, 0.0)
+    largest = np.nan_to_num(weight)
+    return -int(np.sign(largest[np.argmax(np.abs(largest))]))
+
+
+def _wanted_sign(bend: str) -> int:
+    if bend not in ("positive", "negative"):
+        raise InputError(f"bend is 'positive', 'negative' or None, not {bend!r}")
+    return 1 if bend == "positive" else -1
+
+
+def _named(option: Any) -> str:
+    return option if isinstance(option, str) else f"given {[float(v) for v in option]}"
+
+
+def _out_of_plane(position: NDArray, middle: NDArray, normal: NDArray) -> dict[str, float]:
+    whole = square = largest = count = 0.0
+    for moved in seen_points(position, middle):
+        out = moved @ normal
+        count += len(moved)
+        whole += float((moved**2).sum())
+        square += float(out @ out)
+        largest = max(largest, float(np.abs(out).max(initial=0.0)))
+    whole, rms = math.sqrt(whole / max(count, 1.0)), math.sqrt(square / max(count, 1.0))
+    return {
+        "out_of_plane_rms_m": rms, "out_of_plane_max_m": largest,
+        "out_of_plane_share": rms / whole if whole > 0 else 0.0,
+    }  # fmt: skip
+
+
+def _angles(matrices: NDArray | None, window: NDArray, normal: NDArray) -> NDArray | None:
+    """(T, S) rotation about the normal since rest, without jumps of a full turn."""
+    if matrices is None:
+        return None
+    start = mean_rotation(matrices[window])
+    angle = angle_about(matrices @ np.swapaxes(start, -1, -2), normal)
+    for s in range(angle.shape[1]):
+        seen = np.flatnonzero(np.isfinite(angle[:, s]))
+        angle[seen, s] = np.unwrap(angle[seen, s])
+    return angle if np.isfinite(angle).any() else None
+
+
+def _arc_length(
+    ds: xr.Dataset, given: Sequence[float] | None, pose: NDArray, index: int, offset: NDArray
+) -> ArrayLike | None:
+    if given is not None:
+        return given
+    if "arc_length" in ds.coords:
+        return ds["arc_length"].values
+    if len(pose) < DENSE_STATIONS:
+        return None
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(pose, axis=0), axis=-1))])
+    return arc - arc[index] - (float(offset) if offset.ndim == 0 else 0.0)
+
+
+def _planar(
+    ds: xr.Dataset, place: NDArray, angle: NDArray | None, arc: ArrayLike | None, report: Alignment
+) -> xr.Dataset:
+    attrs = dict(ds.attrs) | {"frame": "planar", "alignment": json.dumps(asdict(report))}
+    made = make_recording(
+        ds["time"].values, place, station=[str(n) for n in ds["station"].values], angle=angle,
+        arc_length=arc, frame="planar", attrs=attrs,
+    )  # fmt: skip
+    others = ds.drop_dims("station").drop_vars(["axis", "component"], errors="ignore")
+    made = made.assign({n: others[n] for n in others.data_vars}).assign_attrs(attrs)
+    frame = f"base {report.base} at the origin, tangent {report.tangent} along +y, plane {report.plane}"
+    rest = f"rest {report.rest_s[0]:.3g} to {report.rest_s[1]:.3g} s, bending sign {report.bend_sign:+d}"
+    out = f"{1e3 * report.out_of_plane_rms_m:.3g} mm rms ({100 * report.out_of_plane_share:.2g} % of the motion)"
+    lines = [f"aligned: {frame}, {rest}", f"out of plane {out}, left out"]
+    if report.flatness > VAGUE_PLANE:
+        lines.append(f"the plane is vague: the motion across it is {100 * report.flatness:.0f} % of that in it")
+    if report.base_travel_m > 0:
+        what = "removed" if report.base_motion_removed else "kept as part of the motion"
+        lines.append(f"the base moved up to {1e3 * report.base_travel_m:.3g} mm; its motion is {what}")
+    return check_recording(append_history(made, *lines))

@@ -1,0 +1,143 @@
+"""Base and directions of an alignment: which station is the base, the tangent there, the plane of bending."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing import detectors
+from pliant.preprocessing.rotations import mean_rotation, to_matrix
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+AXIS_NAME = re.compile(r"(base:)?([+-])([xyz])")
+TANGENTS = "'chord', 'clamp', an axis of the tracker such as '+x', an axis of the base such as 'base:+z', or a vector"
+PARALLEL = 0.05  # sine of the angle below which a normal is parallel to the tangent
+
+
+def unit_vector(value: ArrayLike, what: str) -> NDArray:
+    """Unit vector of three finite numbers; InputError names `what` when it is none."""
+    try:
+        vector = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be three numbers, not {value!r}") from None
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not np.linalg.norm(vector) > 0:
+        raise InputError(f"{what} must be three finite numbers that are not all zero, not {value!r}")
+    return vector / np.linalg.norm(vector)
+
+
+def base_tangent(
+    option: Any, rest: NDArray, base: int, rotation: NDArray | None, clamp_length: float | None
+) -> NDArray:
+    """Unit tangent at the base, in tracker axes.
+
+    Parameters
+    ----------
+    option : str or 3 numbers
+        ``"chord"``: from the base to the last station. ``"clamp"``: line through the stations within
+        `clamp_length` of the base, or the first three. ``"+x"``: axis of the tracker. ``"base:+z"``: axis of
+        the base station's orientation at rest. Or the vector itself.
+    rest : (S, 3) array, m
+        Stations at rest.
+    base : int
+    rotation : (3, 3) array or None
+        Orientation of the base at rest.
+    clamp_length : float or None, m
+    """
+    if not isinstance(option, str):
+        return unit_vector(option, "tangent")
+    if option == "chord":
+        if base == len(rest) - 1:
+            raise InputError("the last station is the base, so there is no chord: give the tangent")
+        return unit_vector(rest[-1] - rest[base], "the chord from the base to the last station")
+    if option == "clamp":
+        return _clamp_tangent(rest[base:], clamp_length)
+    found = AXIS_NAME.fullmatch(option)
+    if found is None:
+        raise InputError(f"tangent is {TANGENTS}, not {option!r}")
+    axis = np.zeros(3)
+    axis["xyz".index(found.group(3))] = 1.0 if found.group(2) == "+" else -1.0
+    if found.group(1) is None:
+        return axis
+    if rotation is None:
+        raise InputError(f"tangent {option!r} needs the base's orientation, but the base has none at rest")
+    return rotation @ axis
+
+
+def _clamp_tangent(body: NDArray, clamp_length: float | None) -> NDArray:
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(body, axis=0), axis=-1))])
+    count = min(3, len(body)) if clamp_length is None else int((arc <= clamp_length).sum())
+    if count < 2:
+        raise InputError(
+            f"the clamp's tangent needs two stations, but {count} lie in the clamp"
+            + ("" if clamp_length is None else f" of {1e3 * clamp_length:.3g} mm: lengthen clamp_length")
+        )
+    points = body[:count]
+    direction = np.linalg.svd(points - points.mean(0))[2][0]
+    return direction if direction @ (points[-1] - points[0]) > 0 else -direction
+
+
+def bending_normal(
+    option: Any, tangent: NDArray, position: NDArray, about: dict[str, NDArray], noise: float
+) -> tuple[NDArray, float]:
+    """Unit normal of the plane of bending, square to the tangent, and how flat the data are.
+
+    Parameters
+    ----------
+    option : {"motion", "body"} or 3 numbers
+        Plane of the displacements from rest, of all points of the body, or its normal.
+    tangent : (3,) array
+    position : (T, S, 3) array, m
+    about : dict
+        From where the displacements count: ``motion`` the stations' places (S, 3), ``body`` the origin (3,), m.
+    noise : float, m
+
+    Returns
+    -------
+    normal : (3,) array
+    ratio : float
+        Second to first singular value square to the tangent: 0 for a plane, 1 when no plane is distinguished.
+    """
+    if not isinstance(option, str):
+        normal = unit_vector(option, "plane, a normal,")
+        normal = normal - (normal @ tangent) * tangent
+        if np.linalg.norm(normal) < PARALLEL:
+            raise InputError("the normal of the plane must not be parallel to the base tangent")
+        return normal / np.linalg.norm(normal), 0.0
+    if option not in ("motion", "body"):
+        raise InputError(f"plane is 'motion', 'body' or a normal of three numbers, not {option!r}")
+    square = np.eye(3) - np.outer(tangent, tangent)
+    scatter = np.zeros((3, 3))
+    for rows in detectors.seen_points(position, about[option]):
+        across = rows @ square
+        scatter += across.T @ across
+    values, directions = np.linalg.eigh(scatter)
+    values = np.sqrt(np.clip(values, 0.0, None))
+    main = square @ directions[:, 2]
+    largest = max((np.abs(rows @ main).max(initial=0.0) for rows in detectors.seen_points(position, about[option])),
+                  default=0.0)
+    if largest < max(6.0 * noise, 1e-6):
+        what = "nothing moves" if option == "motion" else "nothing bends"
+        raise InputError(f"{what} across the base tangent beyond the noise: give the plane's normal")
+    normal = np.cross(directions[:, 2], tangent)
+    normal = normal * (np.sign(normal[np.argmax(np.abs(normal))]) or 1.0)
+    return normal / np.linalg.norm(normal), float(values[1] / values[2])
+
+
+def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray) -> NDArray | None:
+    """(3, 3) mean orientation of the base over the frames of the rest window; None without one."""
+    if quaternion is None:
+        return None
+    matrix = mean_rotation(to_matrix(quaternion[window, base]))
+    return matrix if np.isfinite(matrix).all() else None
+
+
+def still_noise(position: NDArray) -> float:
+    """Noise in metres of the median station; zero when it cannot be told."""
+    noise = detectors.by_blocks(detectors.noise_level, position)
+    noise = noise[np.isfinite(noise)]
+    return float(np.median(noise)) if noise.size else 0.0

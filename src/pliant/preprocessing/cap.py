@@ -1,0 +1,167 @@
+"""Find the tip: a cap of constant curvature, mounted at the tip, shows in the curvature along the fibre.
+
+The template along the fibre is [mean of the body | k_c over L_c | tail], seen through the gauge of the sensor.
+It slides over every frame; the place with the least squared error is refined below the sample, and the frames
+in which the cap differs from the body agree on one tip.
+
+Paper: Sec. II ("a cap with a constant curvature at the tip")
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing.cap_template import CapTemplate
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+PLATEAU_TOLERANCE = 0.25  # of k_c: how far the plateau and the tail may be from what they should be
+LEAST_CONTRAST = 0.15  # of k_c: a body closer than that to the cap hides its edge
+CLEAR_CONTRAST = 0.3  # of k_c
+NEEDED_CONFIDENCE = 0.5
+MAD_GATE = 4.0
+
+
+@dataclass(frozen=True)
+class Tip:
+    """Where the body ends and the cap begins.
+
+    Attributes
+    ----------
+    found : bool
+        False when the cap cannot be told from the body, or there is none; `arc_length` is then NaN.
+    arc_length : float, m
+        Median over the frames that agree.
+    spread : float, m
+        Standard deviation of the frames that agree, robust.
+    confidence : float
+        0 to 1: share of frames with a clear cap that agree, times how far the cap stands out from the body.
+    status : str
+        A sentence.
+    per_frame : (T,) array, m
+        Tip of every frame; NaN where a frame shows no cap.
+    frames_used, frames_without_cap, frames_ambiguous, frames_rejected : int
+        Agreeing; no plateau of the cap's curvature; body too close to the cap's curvature; off the consensus.
+    """
+
+    found: bool
+    arc_length: float
+    spread: float
+    confidence: float
+    status: str
+    per_frame: NDArray[np.float64]
+    frames_used: int
+    frames_without_cap: int
+    frames_ambiguous: int
+    frames_rejected: int
+
+
+def find_tip(
+    curvature: NDArray[np.float64] | xr.DataArray,
+    spacing: float,
+    *,
+    cap_curvature: float,
+    cap_length: float,
+    gauge_length: float | None = None,
+    tail_curvature: float = 0.0,
+) -> Tip:
+    """Find the tip in curvatures over time and along the fibre.
+
+    Parameters
+    ----------
+    curvature : (T, S) array, 1/m
+        Signed, evenly spaced; a frame with NaN is left out and counted as one without cap.
+    spacing : float, m
+        Distance of the samples.
+    cap_curvature : float, 1/m
+        Signed like `curvature`.
+    cap_length : float, m
+        Of the fibre in the cap.
+    gauge_length : float, m, optional
+        Length over which the sensor averages; default, and least, one spacing.
+    tail_curvature : float, 1/m
+        Of the fibre that runs on behind the cap.
+
+    Returns
+    -------
+    Tip
+        Arc length counts from the first sample.
+
+    Raises
+    ------
+    InputError
+        When the numbers cannot describe a cap, or the fibre is too short for one.
+    """
+    kappa = np.asarray(curvature, dtype=np.float64)
+    width = max(spacing, gauge_length or 0.0)
+    template = _template(kappa, spacing, cap_curvature, cap_length, width, tail_curvature)
+    whole = np.isfinite(kappa).all(axis=1)
+    place, fit = np.full(len(kappa), np.nan), np.full((4, len(kappa)), np.nan)
+    if whole.any():
+        place[whole], fit[:, whole] = template.locate(kappa[whole])
+    body, plateau, tail, edge_error = fit
+    allowed = PLATEAU_TOLERANCE * abs(cap_curvature) + 3.0 * edge_error
+    capped = (np.abs(plateau - cap_curvature) < allowed) & (np.abs(tail - tail_curvature) < allowed)
+    contrast = np.abs(body - cap_curvature) / abs(cap_curvature)
+    clear = capped & (contrast * abs(cap_curvature) > LEAST_CONTRAST * abs(cap_curvature) + 3.0 * edge_error)
+    return _consensus(np.where(capped, place, np.nan), capped, clear, contrast, spacing)
+
+
+def _template(
+    kappa: NDArray[np.float64], spacing: float, cap_curvature: float, cap_length: float, width: float, tail: float
+) -> CapTemplate:
+    if kappa.ndim != 2:
+        raise InputError(f"curvature must have shape (time, station), but has {kappa.shape}")
+    numbers = (spacing, cap_curvature, cap_length, width, tail)
+    if not np.isfinite(numbers).all() or spacing <= 0 or cap_curvature == 0:
+        raise InputError("spacing, cap_curvature and cap_length must be finite, spacing positive, curvature not zero")
+    if cap_length < 2 * width:
+        raise InputError(
+            f"a cap of {cap_length * 1e3:g} mm cannot be seen through a gauge of {width * 1e3:g} mm: "
+            "it must be at least twice as long"
+        )
+    template = CapTemplate(spacing, cap_curvature, cap_length, width, tail)
+    if kappa.shape[1] < template.samples:
+        raise InputError(
+            f"the fibre is too short: {kappa.shape[1]} samples, but body, cap and tail need {template.samples}"
+        )
+    return template
+
+
+def _consensus(
+    place: NDArray[np.float64],
+    capped: NDArray[np.bool_],
+    clear: NDArray[np.bool_],
+    contrast: NDArray[np.float64],
+    spacing: float,
+) -> Tip:
+    without, ambiguous = int((~capped).sum()), int((capped & ~clear).sum())
+    counted = f"{len(place)} frame(s): {without} without a cap, {ambiguous} with a body that bends like the cap"
+    if not clear.any():
+        why = "the cap cannot be told from the body" if ambiguous else "there is no cap of this curvature and length"
+        return Tip(False, np.nan, np.nan, 0.0, f"No tip: {why} ({counted}).", place, 0, without, ambiguous, 0)
+    candidates = place[clear]
+    median = float(np.median(candidates))
+    deviation = 1.4826 * float(np.median(np.abs(candidates - median)))
+    agree = np.abs(candidates - median) <= max(MAD_GATE * deviation, spacing)
+    tip = float(np.median(candidates[agree]))
+    spread = 1.4826 * float(np.median(np.abs(candidates[agree] - tip)))
+    outstanding = np.clip(float(np.median(contrast[clear])) / CLEAR_CONTRAST, 0.0, 1.0)
+    share = agree.sum() / (clear.sum() + without)
+    steady = 1.0 / (1.0 + (deviation / (2 * spacing)) ** 2)
+    confidence = float(share * outstanding * steady)
+    rejected = int((~agree).sum())
+    counted += f", {rejected} off the consensus"
+    found = confidence >= NEEDED_CONFIDENCE
+    if found:
+        status = f"Tip at {tip * 1e3:.2f} mm, confidence {confidence:.2f}, from {int(agree.sum())} of {counted}."
+    else:
+        status = f"No tip: the frames do not agree, confidence {confidence:.2f} ({counted})."
+    used = int(agree.sum())
+    return Tip(found, tip if found else np.nan, spread, confidence, status, place, used, without, ambiguous, rejected)

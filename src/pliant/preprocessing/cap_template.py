@@ -1,0 +1,96 @@
+"""The curvature of body, cap and tail as a sensor of finite gauge sees it, and its place in measured curvature."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+REFINEMENTS = 8
+
+
+class CapTemplate:
+    """Body, cap and tail behind a gauge that averages over `width`."""
+
+    def __init__(self, spacing: float, cap_curvature: float, cap_length: float, width: float, tail: float) -> None:
+        self.spacing, self.cap_curvature, self.cap_length = spacing, cap_curvature, cap_length
+        self.width, self.tail = width, tail
+        side = max(3, int(np.ceil((cap_length / 2 + width) / spacing)))
+        self.before = side
+        self.samples = 2 * side + int(np.ceil(cap_length / spacing)) + 1
+        self.s = (np.arange(self.samples) - side) * spacing  # 0 is the edge between body and cap
+
+    def shares(self, edge: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Shares (T, M) of body and tail in every sample for edges at `edge` (T,), m."""
+        low = self.s - self.width / 2
+        body = np.clip((edge[:, None] - low) / self.width, 0.0, 1.0)
+        tail = np.clip((low + self.width - edge[:, None] - self.cap_length) / self.width, 0.0, 1.0)
+        return body, tail
+
+    def locate(self, kappa: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Place of the tip (T,), and (body, plateau, tail, their standard error), each (T,)."""
+        body, tail = (share[0] for share in self.shares(np.zeros(1)))
+        fixed = self.cap_curvature * (1 - body - tail) + self.tail * tail
+        weight = float(body @ body)
+        b = (kappa @ self._sliding(body, kappa.shape[1]) - fixed @ body) / weight
+        squared = np.square(kappa) @ self._sliding(np.ones_like(body), kappa.shape[1])
+        squared += fixed @ fixed - weight * b**2 - 2 * kappa @ self._sliding(fixed, kappa.shape[1])
+        best = squared.argmin(axis=1)
+        rows = np.arange(len(kappa))
+        window = kappa[rows[:, None], best[:, None] + np.arange(self.samples)]
+        edge, mean = self._refine(window, self._parabola(squared, best), b[rows, best])
+        return (best + self.before) * self.spacing + edge, self._levels(window, edge, mean)
+
+    def _sliding(self, weights: NDArray[np.float64], stations: int) -> NDArray[np.float64]:
+        """Matrix (S, S - M + 1) whose columns hold the weights at every place of the window."""
+        columns = np.arange(stations - self.samples + 1)
+        matrix = np.zeros((stations, columns.size))
+        matrix[columns[None, :] + np.arange(self.samples)[:, None], columns[None, :]] = weights[:, None]
+        return matrix
+
+    def _parabola(self, squared: NDArray[np.float64], best: NDArray[np.intp]) -> NDArray[np.float64]:
+        rows = np.arange(len(best))
+        inner = np.clip(best, 1, max(1, squared.shape[1] - 2))
+        if squared.shape[1] < 3:
+            return np.zeros(len(best))
+        left, middle, right = (squared[rows, inner + k] for k in (-1, 0, 1))
+        bend = left - 2 * middle + right
+        shift = np.where((bend > 0) & (inner == best), (left - right) / (2 * np.where(bend > 0, bend, 1.0)), 0.0)
+        return np.asarray(np.clip(shift, -1, 1) * self.spacing)
+
+    def _refine(
+        self, window: NDArray[np.float64], edge: NDArray[np.float64], mean: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Gauss-Newton on the edge and the mean of the body."""
+        for _ in range(REFINEMENTS):
+            body, tail = self.shares(edge)
+            residual = window - mean[:, None] * body - self.tail * tail - self.cap_curvature * (1 - body - tail)
+            on_body, on_tail = (body > 0) & (body < 1), (tail > 0) & (tail < 1)
+            slope = (mean[:, None] - self.cap_curvature) * on_body + (self.cap_curvature - self.tail) * on_tail
+            slope = slope / self.width
+            a11, a12, a22 = (slope * slope).sum(1), (slope * body).sum(1), (body * body).sum(1)
+            g1, g2 = (slope * residual).sum(1), (body * residual).sum(1)
+            determinant = a11 * a22 - a12**2
+            solvable = determinant > 1e-12 * np.maximum(a11 * a22, 1e-300)
+            safe = np.where(solvable, determinant, 1.0)
+            step = np.where(solvable, (a22 * g1 - a12 * g2) / safe, 0.0)
+            edge = np.clip(edge + np.clip(step, -self.spacing, self.spacing), -2 * self.spacing, 2 * self.spacing)
+            mean = np.where(solvable, mean + (a11 * g2 - a12 * g1) / safe, mean)
+        return edge, mean
+
+    def _levels(
+        self, window: NDArray[np.float64], edge: NDArray[np.float64], mean: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Body, plateau and tail as measured, and the standard error of the plateau."""
+        body, tail = self.shares(edge)
+        cap = 1 - body - tail
+        inside, behind = cap > 0.999, tail > 0.999
+        plateau = (window * inside).sum(1) / np.maximum(inside.sum(1), 1)
+        end = (window * behind).sum(1) / np.maximum(behind.sum(1), 1)
+        scatter = np.where(inside, window - plateau[:, None], np.where(behind, window - end[:, None], 0.0))
+        count = inside.sum(1) + behind.sum(1)
+        sigma = np.sqrt(np.square(scatter).sum(1) / np.maximum(count - 2, 1))
+        return np.stack([mean, plateau, end, sigma / np.sqrt(np.maximum(inside.sum(1), 1))])

@@ -1,0 +1,119 @@
+"""Curvature over arc length and time from points.
+
+The best way is to fit the curvature, not the points: kappa(s) = sum_j c_j b_j(s) is integrated to positions and
+fitted to them by Gauss-Newton. Differentiating the points by a Savitzky-Golay filter is the fast way.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing.arc_length import station_arc_length, whole_frames
+from pliant.preprocessing.curvature_fit import fit_curvature
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+METHODS = ("basis", "savgol")
+UNEVEN = 0.01  # largest relative deviation of the spacing that a Savitzky-Golay filter may see
+POLYNOMIAL = 4
+
+
+def curvature_of(
+    recording: xr.Dataset,
+    *,
+    method: str = "basis",
+    terms: int | None = None,
+    smoothing: float | None = None,
+    window: int = 51,
+) -> xr.DataArray:
+    """Curvature of a body over time and arc length.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Positions along one body. Planar recordings give signed curvature (positive turns about +z);
+        three-dimensional ones its magnitude, by `savgol` only.
+    method : {"basis", "savgol"}
+        Least-squares curvature basis, or Savitzky-Golay derivatives (evenly spaced stations).
+    terms : int, optional
+        Number of basis functions; default a quarter of the stations, 4 to 20.
+    smoothing : float, m^5, optional
+        Factor of int kappa''(s)^2 ds beside the sum of squared distances (m^2); default by generalised
+        cross-validation on a few frames.
+    window : int
+        Samples of the Savitzky-Golay filter, odd.
+
+    Returns
+    -------
+    xarray.DataArray
+        (time, arc_length), 1/m. Attributes tell the method, the frames left out for missing stations and, for
+        the basis, the root-mean-square distance of the fit from the points.
+
+    Raises
+    ------
+    InputError
+        When the recording or an option does not allow the method.
+    """
+    import xarray as xr
+
+    if method not in METHODS:
+        raise InputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+    position, time, dropped = whole_frames(recording)
+    s, notes = station_arc_length(recording, position)
+    attrs = {"units": "1/m", "long_name": "curvature", "method": method, "frames_left_out": dropped}
+    if method == "savgol":
+        kappa = savgol_curvature(position, s, window)
+        attrs["window"] = window
+    else:
+        if position.shape[2] != 2:
+            raise InputError("the curvature basis needs a planar recording: align it first, or use method='savgol'")
+        fit = fit_curvature(position, s, terms=terms, smoothing=smoothing)
+        kappa = fit.curvature
+        attrs |= {"terms": fit.terms, "smoothing_m5": fit.smoothing, "rms_distance_m": fit.rms_distance}
+        if fit.unsettled:
+            attrs["frames_not_converged"] = fit.unsettled
+    attrs["notes"] = "\n".join(notes)
+    coords = {
+        "time": ("time", time, {"units": "s", "long_name": "time on the clock of the shape"}),
+        "arc_length": ("arc_length", s, {"units": "m", "long_name": "arc length from the base"}),
+    }
+    return xr.DataArray(kappa, coords, ("time", "arc_length"), name="curvature", attrs=attrs)
+
+
+def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], window: int = 51) -> NDArray[np.float64]:
+    """Curvature (T, S), 1/m, of positions (T, S, d) by Savitzky-Golay derivatives of order 4.
+
+    kappa = (x' y'' - y' x'') / (x'^2 + y'^2)^(3/2); in three dimensions |r' x r''| / |r'|^3
+
+    Raises
+    ------
+    InputError
+        When the stations are unevenly spaced or fewer than the window.
+    """
+    from scipy.signal import savgol_filter
+
+    if window % 2 == 0 or not POLYNOMIAL < window <= s.size:
+        raise InputError(f"the window must be odd, above {POLYNOMIAL} and at most {s.size} stations, not {window}")
+    spacing = np.diff(s)
+    uneven = float(np.abs(spacing / spacing.mean() - 1).max())
+    if uneven > UNEVEN:
+        raise InputError(
+            f"Savitzky-Golay needs evenly spaced stations, but the spacing deviates by {100 * uneven:.1f} %: "
+            "resample along arc length first, or use method='basis'"
+        )
+    first, second = (
+        savgol_filter(position, window, POLYNOMIAL, deriv=order, delta=float(spacing.mean()), axis=1)
+        for order in (1, 2)
+    )
+    speed = np.linalg.norm(first, axis=2)
+    if position.shape[2] == 2:
+        turning = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    else:
+        turning = np.linalg.norm(np.cross(first, second), axis=2)
+    curvature: NDArray[np.float64] = turning / speed**3
+    return curvature

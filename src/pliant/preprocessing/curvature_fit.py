@@ -1,0 +1,170 @@
+"""Planar curvature by least squares on positions: Gauss-Newton on a few coefficients, all frames at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.numerics.basis import legendre_basis, legendre_integrals, legendre_roughness
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+CHUNK = 64  # frames at a time
+ITERATIONS = 12
+SETTLED = 1e-9  # change of the angle, rad
+GROUPS = 24  # means of stations for the start of the iteration
+FINEST = 100  # quadrature intervals along the body, at least
+SAMPLE_FRAMES = 20  # for the choice of the smoothing
+
+
+@dataclass(frozen=True)
+class CurvatureFit:
+    """Curvature (T, S) at the stations, 1/m, and how well its integral meets the points."""
+
+    curvature: NDArray[np.float64]
+    terms: int
+    smoothing: float
+    rms_distance: float
+    unsettled: int
+
+
+def fit_curvature(
+    position: NDArray[np.float64],
+    s: NDArray[np.float64],
+    *,
+    terms: int | None = None,
+    smoothing: float | None = None,
+) -> CurvatureFit:
+    """Fit kappa(s) = sum_j c_j P_j, start point and start angle of every frame to its points.
+
+    Minimises sum_k |p(s_k) - p_k|^2 + smoothing * int kappa''^2 ds with
+    p(s) = p_0 + int (-sin phi, cos phi) ds,  phi(s) = phi_0 + int kappa ds.
+
+    Parameters
+    ----------
+    position : (T, S, 2) array, m
+    s : (S,) array, m
+    terms : int, optional
+    smoothing : float, m^5, optional
+        Default: generalised cross-validation, which takes the noise of the points to be independent.
+
+    Returns
+    -------
+    CurvatureFit
+    """
+    count = int(np.clip(s.size // 4, 4, 20)) if terms is None else terms
+    if not 1 <= count <= 2 * s.size - 4:
+        raise InputError(f"the number of terms must lie between 1 and {2 * s.size - 4}, not {count}")
+    if smoothing is not None and smoothing < 0:
+        raise InputError(f"smoothing must not be negative, but is {smoothing}")
+    model = _Model(s, count)
+    weight = model.cross_validated(position) if smoothing is None else smoothing
+    curvature = np.empty(position.shape[:2])
+    squared, unsettled = 0.0, 0
+    for start in range(0, len(position), CHUNK):
+        rows = slice(start, start + CHUNK)
+        parameters, distance, moving = model.solve(position[rows], weight)
+        curvature[rows] = parameters[:, 3:] @ model.basis.T
+        squared += float(np.square(distance).sum())
+        unsettled += moving
+    rms = float(np.sqrt(squared / curvature.size))
+    return CurvatureFit(curvature, count, weight, rms, unsettled)
+
+
+class _Model:
+    """Positions as a function of (x_0, y_0, phi_0, c); quadrature by two Gauss points an interval."""
+
+    def __init__(self, s: NDArray[np.float64], terms: int) -> None:
+        length = float(s[-1])
+        self.s = s
+        self.basis = legendre_basis(s, length, terms)
+        self.station_integrals = legendre_integrals(s, length, terms)
+        fold = int(np.ceil(FINEST / (s.size - 1)))
+        grid = np.interp(np.arange((s.size - 1) * fold + 1) / fold, np.arange(s.size), s)
+        half = np.diff(grid) / 2
+        gauss = (grid[:-1] + half)[:, None] + half[:, None] * np.array([-1.0, 1.0]) / np.sqrt(3.0)
+        self.points_per_station = 2 * fold
+        self.weights = np.repeat(half, 2)
+        self.integrals = legendre_integrals(gauss.ravel(), length, terms)
+        self.roughness = np.zeros((terms + 3, terms + 3))
+        self.roughness[3:, 3:] = legendre_roughness(length, terms)
+
+    def start(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Parameters (T, 3 + m) from a linear fit to the angles of the chords between means of a few stations.
+
+        Chords between neighbours would be too short for the noise of dense stations.
+        """
+        group = np.arange(self.s.size) * min(GROUPS, self.s.size) // self.s.size
+        mean = (group[None, :] == np.arange(group[-1] + 1)[:, None]).astype(float)
+        mean /= mean.sum(axis=1, keepdims=True)
+        chord = np.diff(np.matmul(mean, position), axis=1)
+        angle = np.unwrap(np.arctan2(-chord[..., 0], chord[..., 1]), axis=1)
+        centre = mean @ self.station_integrals
+        design = np.concatenate((np.ones((len(centre) - 1, 1)), (centre[1:] + centre[:-1]) / 2), axis=1)
+        ridge = 1e-6 * np.eye(design.shape[1]) * np.square(design).sum(axis=0).max()
+        fitted = np.linalg.solve(design.T @ design + ridge, design.T @ angle.T).T
+        return np.concatenate((position[:, 0], fitted), axis=1)
+
+    def linearised(
+        self, parameters: NDArray[np.float64], position: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Residual (T, 2 S) and its Jacobian (T, 2 S, 3 + m)."""
+        frames, stations = position.shape[:2]
+        phi = parameters[:, 2:3] + parameters[:, 3:] @ self.integrals.T
+        c, w = np.cos(phi) * self.weights, np.sin(phi) * self.weights
+        jacobian = np.zeros((frames, 2, stations, parameters.shape[1]))
+        residual = parameters[:, :2, None] - position.transpose(0, 2, 1)
+        for axis, tangent, normal in ((0, -w, -c), (1, c, -w)):
+            residual[:, axis, 1:] += self._sums(tangent[..., None])[..., 0]
+            jacobian[:, axis, :, axis] = 1.0
+            jacobian[:, axis, 1:, 2] = self._sums(normal[..., None])[..., 0]
+            jacobian[:, axis, 1:, 3:] = self._sums(normal[..., None] * self.integrals)
+        return residual.reshape(frames, -1), jacobian.reshape(frames, 2 * stations, -1)
+
+    def solve(
+        self, position: NDArray[np.float64], smoothing: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+        """Parameters (T, 3 + m), distances (T, S), m, and the number of frames that did not settle."""
+        parameters = self.start(position)
+        penalty = smoothing * self.roughness
+        scale = np.abs(self.station_integrals).max(axis=0)
+        moving = np.ones(len(position), dtype=bool)
+        for _ in range(ITERATIONS):
+            residual, jacobian = self.linearised(parameters[moving], position[moving])
+            transposed = jacobian.transpose(0, 2, 1)
+            gradient = np.matmul(transposed, residual[..., None]) + penalty @ parameters[moving][..., None]
+            step = np.linalg.solve(np.matmul(transposed, jacobian) + penalty, gradient)[..., 0]
+            parameters[moving] -= step
+            size = np.abs(step[:, 2]) + np.abs(step[:, 3:]) @ scale
+            moving[moving] = size > SETTLED
+            if not moving.any():
+                break
+        residual, _ = self.linearised(parameters, position)
+        distance = np.hypot(*residual.reshape(len(position), 2, -1).transpose(1, 0, 2))
+        return parameters, distance, int(moving.sum())
+
+    def cross_validated(self, position: NDArray[np.float64]) -> float:
+        """Smoothing with the least score of generalised cross-validation, pooled over a few frames."""
+        sample = position[np.unique(np.linspace(0, len(position) - 1, SAMPLE_FRAMES).astype(int))]
+        values = 2 * self.s.size
+        _, jacobian = self.linearised(self.start(sample), sample)
+        normal = np.matmul(jacobian.transpose(0, 2, 1), jacobian).mean(axis=0)
+        ratio = np.trace(normal[3:, 3:]) / np.trace(self.roughness) if self.roughness.any() else 0.0
+        best, best_score = 0.0, np.inf
+        for smoothing in ratio * 10.0 ** np.arange(-8.0, 3.0, 0.5):
+            _, distance, _ = self.solve(sample, float(smoothing))
+            trace = float(np.trace(np.linalg.solve(normal + smoothing * self.roughness, normal)))
+            score = float(np.square(distance).sum()) / (1 - trace / values) ** 2
+            if score < best_score:
+                best, best_score = float(smoothing), score
+        return best
+
+    def _sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Running integrals (T, S - 1, m) at the stations after the first, of values (T, G, m)."""
+        frames, _, columns = values.shape
+        cells = values.reshape(frames, self.s.size - 1, self.points_per_station, columns).sum(axis=2)
+        return np.cumsum(cells, axis=1)

@@ -1,0 +1,86 @@
+"""Cut lead, cap and tail off a fibre, so that only the body is left."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.numerics.spline import local_cubic_matrix
+from pliant.preprocessing.arc_length import station_arc_length, whole_frames
+from pliant.recording.schema import append_history, check_recording
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+
+def cut_body(recording: xr.Dataset, base: float, tip: float) -> xr.Dataset:
+    """Cut the lead before `base` and cap and tail behind `tip` off a recording; arc length then starts at 0.
+
+    Positions at exactly `base` and `tip` are interpolated by a local cubic; a recording with orientations is
+    cut at whole stations instead.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Positions along one fibre.
+    base, tip : float, m
+        Arc length from the first station.
+
+    Returns
+    -------
+    xarray.Dataset
+        With a line of history. Pressure is kept, strain is not.
+
+    Raises
+    ------
+    InputError
+        When less than four stations lie between `base` and `tip`.
+    """
+    position, _, _ = whole_frames(recording)
+    s, _ = station_arc_length(recording, position)
+    if not (np.isfinite([base, tip]).all() and 0 <= base < tip <= s[-1] + 1e-9):
+        raise InputError(f"the body must lie within 0 to {s[-1]:.6g} m of the fibre, not {base:.6g} to {tip:.6g} m")
+    inside = np.flatnonzero((s >= base - 1e-9) & (s <= tip + 1e-9))
+    if inside.size < 4:
+        raise InputError(f"only {inside.size} station(s) lie between {base:.6g} and {tip:.6g} m; four are needed")
+    cut = recording.isel(station=inside).drop_vars("strain", errors="ignore")
+    if {"quaternion", "angle"} & set(recording.data_vars):
+        at, start = s[inside], s[inside[0]]
+    else:
+        cut, at = _with_exact_ends(recording, cut, s, inside, (base, tip))
+        start = base
+    cut = cut.assign_coords(arc_length=("station", at - start))
+    cut["arc_length"].attrs.update(units="m", long_name="arc length of the station from the base")
+    lead, tail = int((s < base - 1e-9).sum()), int((s > tip + 1e-9).sum())
+    line = f"cut to the body from {base * 1e3:.2f} to {tip * 1e3:.2f} mm: {lead} station(s) of lead, {tail} of tail"
+    return check_recording(append_history(cut, line))
+
+
+def _with_exact_ends(
+    recording: xr.Dataset,
+    cut: xr.Dataset,
+    s: NDArray[np.float64],
+    inside: NDArray[np.intp],
+    ends: tuple[float, float],
+) -> tuple[xr.Dataset, NDArray[np.float64]]:
+    """The cut recording with stations at exactly both ends, and the arc lengths of its stations."""
+    names, at = [str(n) for n in cut["station"].values], s[inside]
+    points = [cut["position"].values]
+    neighbours = max(0, inside[0] - 2), max(0, min(inside[-1] - 1, s.size - 4))
+    for end, near, gap in ((0, neighbours[0], at[0] - ends[0]), (1, neighbours[1], ends[1] - at[-1])):
+        if gap <= 1e-6 * ends[1]:
+            continue
+        around = slice(near, near + 4)
+        weights = local_cubic_matrix(s[around], [ends[end]])
+        new = np.matmul(weights, recording["position"].values[:, around])
+        place = len(names) * end
+        names.insert(place, ("base", "tip")[end])
+        at = np.insert(at, place, ends[end])
+        points.insert(len(points) * end, new)
+    array = np.concatenate(points, axis=1)
+    kept = cut.drop_dims("station").assign_coords(station=names)
+    kept = kept.assign(position=(("time", "station", "axis"), array, dict(recording["position"].attrs)))
+    return kept, at

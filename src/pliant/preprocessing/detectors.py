@@ -1,0 +1,214 @@
+"""Detectors of faults in tracked positions: plain functions on arrays, which change nothing.
+
+All take position as (T, S, 3) or (T, S, 2) in metres with NaN for drop-outs, and time as (T,) in seconds.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+BLOCK_STATIONS = 16
+BLOCK_FRAMES = 512
+MAD = 0.6745  # median absolute deviation of a unit normal
+SPIKE_RATIO = 10.0  # how far a fault stands out of its surroundings
+WINDOW = 6
+ORIENTATION_JUMP = np.deg2rad(30.0)
+FLOOR_SHARE = 3e-3  # faults below this share of the station's travel are no faults
+
+
+def by_blocks(detector: Callable[[NDArray], NDArray], position: NDArray, overlap: int = 0) -> NDArray:
+    """A detector of single stations on a few stations at a time: its intermediate arrays stay small.
+
+    Its result has the stations last; with `overlap` = 1 one for each pair of neighbours.
+    """
+    blocks = range(0, max(position.shape[1] - overlap, 1), BLOCK_STATIONS)
+    return np.concatenate([detector(position[:, i : i + BLOCK_STATIONS + overlap]) for i in blocks], axis=-1)
+
+
+def seen_points(position: NDArray, about: NDArray) -> Iterator[NDArray]:
+    """Places (N, axes) relative to `about`, a few frames at a time; points with a missing coordinate are left out."""
+    for i in range(0, len(position), BLOCK_FRAMES):
+        points = (position[i : i + BLOCK_FRAMES] - about).reshape(-1, position.shape[-1])
+        yield points[np.isfinite(points).all(-1)]
+
+
+def mean_place(position: NDArray) -> NDArray:
+    """(S, 3) mean over time of what was seen; NaN for a station that never was."""
+    total, count = np.zeros(position.shape[1:]), np.zeros((position.shape[1], 1))
+    for i in range(0, len(position), BLOCK_FRAMES):
+        part = position[i : i + BLOCK_FRAMES]
+        seen = np.isfinite(part).all(-1, keepdims=True)
+        total += np.where(seen, part, 0.0).sum(0)
+        count += seen.sum(0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def repeated_frames(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
+    """(T,) bool: a frame that equals the one before it in every number (drop-outs in the same places)."""
+    same, seen = np.ones(len(position), dtype=bool), np.zeros(len(position), dtype=bool)
+    for values in (position, quaternion):
+        if values is None:
+            continue
+        flat = values.reshape(len(position), -1)
+        for i in range(1, len(flat), BLOCK_FRAMES):
+            now, before = flat[i : i + BLOCK_FRAMES], flat[i - 1 : i - 1 + BLOCK_FRAMES][: len(flat) - i]
+            same[i : i + BLOCK_FRAMES] &= ((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=1)
+            seen[i : i + BLOCK_FRAMES] |= np.isfinite(now).any(axis=1)
+    same[:1] = False
+    return same & seen
+
+
+def noise_level(position: NDArray) -> NDArray:
+    """(S,) noise per coordinate in metres, from third differences; NaN with fewer than 8 frames.
+
+    Third differences of white noise have sqrt(20) times its deviation, and smooth motion hardly any; the
+    median keeps fast stretches and faults out.
+    """
+    if len(position) < 8:
+        return np.full(position.shape[1], np.nan)
+    third = np.diff(position, n=3, axis=0)
+    return np.sqrt(np.mean((_nanmedian(np.abs(third)) / MAD) ** 2 / 20.0, axis=-1))
+
+
+def travel(position: NDArray) -> NDArray:
+    """(S,) largest distance in metres between a station and its median place; NaN where never seen."""
+    distance = np.linalg.norm(position - _nanmedian(position), axis=-1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.nanmax(distance, axis=0)
+
+
+def spread(position: NDArray) -> NDArray:
+    """(S,) root-mean-square distance in metres between a station and its mean place."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.sqrt(np.nansum(np.nanvar(position, axis=0), axis=-1))
+
+
+def spikes(position: NDArray) -> NDArray:
+    """(T, S) bool: single frames in which a station is elsewhere and back again.
+
+    The residual against the cubic through two neighbours on each side must stand out of its surroundings,
+    and the steps to and from the frame must oppose each other.
+    """
+    found = np.zeros(position.shape[:2], dtype=bool)
+    if len(position) < 2 * WINDOW:
+        return found
+    x = position
+    residual = np.zeros_like(x)
+    residual[2:-2] = x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6
+    size = np.linalg.norm(residual, axis=-1)
+    step = np.diff(x, axis=0)
+    opposed = (step[:-1] * step[1:]).sum(-1) < 0
+    returned = np.linalg.norm(x[2:] - x[:-2], axis=-1) < 0.5 * size[1:-1]
+    largest = (size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:])
+    found[1:-1] = opposed & returned & largest
+    return found & _stands_out(size, 3, _floor(position))
+
+
+def jumps(position: NDArray, time: NDArray) -> NDArray:
+    """(T, S) bool: frames at which a station has jumped and stays; a step over a gap in time is none.
+
+    The step is compared with what the velocities before and after it make plausible.
+    """
+    found = np.zeros(position.shape[:2], dtype=bool)
+    if len(position) < 2 * WINDOW:
+        return found
+    dt = np.diff(time)
+    step = np.diff(position, axis=0)
+    velocity = step / dt[:, None, None]
+    # step k leads from frame k to k + 1; its neighbours are the steps k - 1 and k + 1
+    expected = 0.5 * (velocity[:-2] + velocity[2:]) * dt[1:-1, None, None]
+    excess = np.zeros(step.shape[:2])
+    excess[1:-1] = np.linalg.norm(step[1:-1] - expected, axis=-1)
+    neighbours = np.linalg.norm(velocity[:-2], axis=-1) + np.linalg.norm(velocity[2:], axis=-1)
+    sudden = _stands_out(excess, 2, _floor(position))
+    sudden[1:-1] &= excess[1:-1] > 2.0 * neighbours * dt[1:-1, None]
+    sudden &= (dt < 1.5 * np.median(dt))[:, None]
+    found[1:] = sudden
+    return found
+
+
+def sign_flips(quaternion: NDArray) -> NDArray:
+    """(S,) count of frames whose quaternion has the opposite sign of the one before, at about the same pose."""
+    product = (quaternion[1:] * quaternion[:-1]).sum(-1)
+    return (product < -np.cos(0.5 * ORIENTATION_JUMP)).sum(0)
+
+
+def orientation_jumps(quaternion: NDArray) -> NDArray:
+    """(S,) count of turns by more than 30 degrees from one sighting to the next.
+
+    A tracker that cannot tell the orientations of a symmetric marker cluster apart jumps between them.
+    """
+    counts = []
+    for s in range(quaternion.shape[1]):
+        q = quaternion[np.isfinite(quaternion[:, s]).all(-1), s]
+        half = np.arccos(np.clip(np.abs((q[1:] * q[:-1]).sum(-1)), 0.0, 1.0))
+        counts.append(int((2.0 * half > ORIENTATION_JUMP).sum()))
+    return np.array(counts)
+
+
+def stretched(position: NDArray, share: float) -> NDArray:
+    """(T, S - 1) bool: spacing between neighbours that differs from its median by more than `share`."""
+    spacing = np.linalg.norm(np.diff(position, axis=1), axis=-1)
+    middle = _nanmedian(spacing)
+    return np.abs(spacing - middle) > share * middle
+
+
+def out_of_plane_share(position: NDArray) -> float:
+    """Share of the motion (root mean square) square to the plane of bending.
+
+    That plane holds the mean chord from the first station to the last and the direction across it in which
+    most of the motion is; a single station's plane is the one that holds most of its motion.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        place = by_blocks(lambda part: np.nanmean(part, axis=0).T, position).T
+    chord = np.nan_to_num(place[-1] - place[0])
+    length = np.linalg.norm(chord)
+    chord = chord / length if length > 0 else chord
+    scatter, whole = np.zeros((position.shape[-1],) * 2), 0.0
+    for moved in seen_points(position, place):
+        across = moved - (moved @ chord)[:, None] * chord
+        scatter += across.T @ across
+        whole += float((moved**2).sum())
+    values = np.linalg.eigvalsh(scatter)[1 if length > 0 else 0:]  # the chord's own is zero
+    return float(np.sqrt(max(values[0], 0.0) / max(whole, 1e-300)))
+
+
+def _floor(position: NDArray) -> NDArray:
+    """(1, S) least size of a fault, from noise and travel."""
+    noise = np.nan_to_num(noise_level(position))
+    return (SPIKE_RATIO * noise + FLOOR_SHARE * np.nan_to_num(travel(position)))[None]
+
+
+def _stands_out(size: NDArray, hole: int, floor: NDArray) -> NDArray:
+    """(T, S) bool: above the floor and far above the median of the frames around it.
+
+    That median leaves out the frame itself and those nearer than `hole`; few frames are above the floor, so
+    it is taken for them alone.
+    """
+    found = np.zeros(size.shape, dtype=bool)
+    rows, columns = np.nonzero(size > floor)
+    offsets = np.array([k for k in range(-WINDOW, WINDOW + 1) if abs(k) >= hole])
+    around = np.clip(rows[:, None] + offsets, 0, len(size) - 1)
+    level = np.nan_to_num(_nanmedian(size[around, columns[:, None]].T))
+    found[rows, columns] = size[rows, columns] > SPIKE_RATIO * level + floor[0, columns]
+    return found
+
+
+def _nanmedian(values: NDArray) -> NDArray:
+    """Median over the first dimension; NaN, without a warning, where nothing was seen."""
+    if not np.isnan(values).any():
+        return np.median(values, axis=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.nanmedian(values, axis=0)

@@ -1,0 +1,265 @@
+"""What is wrong with a recording, and what is in it: found and counted, never repaired."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pliant.display import Card, Shown
+from pliant.preprocessing import detectors
+from pliant.preprocessing.detectors import by_blocks
+from pliant.recording.schema import check_recording
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+IRREGULAR_SHARE = 0.2  # a step of the clock is irregular beyond this share of the median step
+GAP_RATIO = 2.5  # and a gap beyond this multiple of it
+STRETCH_SHARE = 0.05
+DENSE_STATIONS = 8  # chords between fewer stations change with bending, so their spacing is not judged
+STANDING_SHARE = 0.03
+LEAST_PRESSURE, MOST_PRESSURE = 1e3, 2e6  # Pa: what soft actuators are driven with
+LEAST_BODY, MOST_BODY = 5e-3, 10.0  # m
+
+
+@dataclass(frozen=True, repr=False)
+class Quality(Shown):
+    """Findings about a recording; see `quality`.
+
+    Attributes
+    ----------
+    frames, stations : int
+    duration_s, rate_hz : float
+        The rate is that of the median step of the clock.
+    irregular_steps : int
+        Steps of the clock that differ by more than 20 % from the median one.
+    gaps : tuple of (start_s, length_s)
+        Steps of more than 2.5 times the median one.
+    repeated_frames : int
+        Frames that equal the one before in every number.
+    missing, spikes, station_jumps, sign_flips, orientation_jumps : dict
+        Counts per station (frames); stations without any are left out.
+    frame_jumps_s : tuple of float
+        Times at which more than half of the stations jumped at once.
+    stretched : dict
+        Frames per pair of neighbours whose spacing differs by more than 5 % from its median.
+    standing : tuple of str
+        Stations that stand still while others move, such as a base.
+    noise_m, travel_m : dict
+        Per station: noise of one coordinate, and largest distance from the median place.
+    out_of_plane_share : float
+        Share of the motion (root mean square) outside the plane of bending: the one through the chord from
+        the first to the last station that holds most of the motion.
+    pressure_kpa : dict
+        Per chamber: (smallest, largest).
+    findings : tuple of str
+        One sentence for each thing that a user should know.
+    """
+
+    frames: int = 0
+    stations: int = 0
+    duration_s: float = 0.0
+    rate_hz: float = float("nan")
+    irregular_steps: int = 0
+    gaps: tuple[tuple[float, float], ...] = ()
+    repeated_frames: int = 0
+    missing: dict[str, int] = field(default_factory=dict)
+    spikes: dict[str, int] = field(default_factory=dict)
+    station_jumps: dict[str, int] = field(default_factory=dict)
+    sign_flips: dict[str, int] = field(default_factory=dict)
+    orientation_jumps: dict[str, int] = field(default_factory=dict)
+    frame_jumps_s: tuple[float, ...] = ()
+    stretched: dict[str, int] = field(default_factory=dict)
+    standing: tuple[str, ...] = ()
+    noise_m: dict[str, float] = field(default_factory=dict)
+    travel_m: dict[str, float] = field(default_factory=dict)
+    out_of_plane_share: float = float("nan")
+    pressure_kpa: dict[str, tuple[float, float]] = field(default_factory=dict)
+    findings: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        """Text that one can read at a glance."""
+        size = f"{self.frames} frames of {f'{self.stations} station(s)' if self.stations else 'strain or pressure'}"
+        lines = [f"{size}, {self.duration_s:.2f} s at {self.rate_hz:.4g} Hz"]
+        seen = [v for v in self.travel_m.values() if np.isfinite(v)]
+        noise = [v for v in self.noise_m.values() if np.isfinite(v)]
+        if seen:
+            told = f", noise {1e3 * float(np.median(noise)):.2g} mm (median station)" if noise else ""
+            lines.append(f"largest travel {1e3 * max(seen):.3g} mm{told}")
+        if np.isfinite(self.out_of_plane_share):
+            lines.append(f"out of the plane of bending: {100 * self.out_of_plane_share:.2g} % of the motion")
+        for name, (low, high) in self.pressure_kpa.items():
+            lines.append(f"pressure {name}: {low:.3g} to {high:.3g} kPa")
+        lines += [f"! {finding}" for finding in self.findings] or ["nothing suspicious was found"]
+        return "\n".join(lines)
+
+    def card(self) -> Card:
+        """The summary, as it is shown."""
+        title, *lines = self.summary().splitlines()
+        return Card(title, lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain dict for JSON."""
+        return asdict(self)
+
+
+def quality(ds: xr.Dataset) -> Quality:
+    """Find and count what is suspicious in a recording; nothing is changed.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        A recording.
+
+    Returns
+    -------
+    Quality
+        Counts and one sentence per finding; ``summary()`` is text for a terminal.
+    """
+    check_recording(ds)
+    found: dict[str, Any] = {}
+    if "time" in ds.coords:
+        found |= _clock(ds["time"].values)
+    if "position" in ds:
+        found |= _positions(ds)
+    if "strain" in ds:
+        lost = np.isnan(ds["strain"].values).sum((0, 2))
+        found["missing"] = {str(c): int(n) for c, n in zip(ds["core"].values, lost, strict=True) if n}
+    if "pressure" in ds:
+        found["pressure_kpa"] = _pressure_range(ds)
+    result = Quality(**found)
+    return Quality(**found, findings=(*_sentences(result), *_unit_sentences(ds, result)))
+
+
+def _clock(time: np.ndarray) -> dict[str, Any]:
+    found: dict[str, Any] = {"frames": len(time), "duration_s": float(time[-1] - time[0])}
+    if len(time) < 2:
+        return found
+    step = np.diff(time)
+    middle = float(np.median(step))
+    wide = np.flatnonzero(step > GAP_RATIO * middle)
+    return found | {
+        "rate_hz": 1.0 / middle,
+        "irregular_steps": int((np.abs(step - middle) > IRREGULAR_SHARE * middle).sum()),
+        "gaps": tuple((float(time[i]), float(step[i])) for i in wide),
+    }
+
+
+def _positions(ds: xr.Dataset) -> dict[str, Any]:
+    names = [str(n) for n in ds["station"].values]
+    position, time = ds["position"].values, ds["time"].values
+    quaternion = ds["quaternion"].values if "quaternion" in ds else None
+    repeated = detectors.repeated_frames(position, quaternion)
+    fresh, clock = (position[~repeated], time[~repeated]) if repeated.any() else (position, time)
+    jumped = by_blocks(lambda part: detectors.jumps(part, clock), fresh)
+    whole = jumped.mean(1) > 0.5
+    single = jumped & ~whole[:, None]
+    noise, spread, travel = (by_blocks(f, fresh) for f in (detectors.noise_level, detectors.spread, detectors.travel))
+    found = {
+        "stations": len(names), "repeated_frames": int(repeated.sum()),
+        "missing": _counts(names, by_blocks(lambda part: np.isnan(part).any(-1).sum(0), position)),
+        "spikes": _counts(names, by_blocks(lambda part: detectors.spikes(part).sum(0), fresh)),
+        "station_jumps": _counts(names, single.sum(0)), "frame_jumps_s": tuple(clock[whole].tolist()),
+        "noise_m": dict(zip(names, noise.tolist(), strict=True)),
+        "travel_m": dict(zip(names, travel.tolist(), strict=True)),
+        "standing": _standing(names, spread, noise),
+    }  # fmt: skip
+    if quaternion is not None:
+        found["sign_flips"] = _counts(names, detectors.sign_flips(quaternion))
+        found["orientation_jumps"] = _counts(names, detectors.orientation_jumps(quaternion))
+    if len(names) >= DENSE_STATIONS:
+        pairs = [f"{a}-{b}" for a, b in pairwise(names)]
+        found["stretched"] = _counts(pairs, by_blocks(_stretched, fresh, overlap=1))
+    if position.shape[-1] == 3 and by_blocks(lambda part: np.isfinite(part).all(-1).sum(0), position).sum() > 3:
+        found["out_of_plane_share"] = detectors.out_of_plane_share(fresh)
+    return found
+
+
+def _stretched(part: np.ndarray) -> np.ndarray:
+    """Frames of each pair of neighbours with a spacing off its median."""
+    return np.asarray(detectors.stretched(part, STRETCH_SHARE).sum(0))
+
+
+def _counts(names: list[str], numbers: np.ndarray) -> dict[str, int]:
+    return {name: int(n) for name, n in zip(names, numbers, strict=True) if n}
+
+
+def _standing(names: list[str], spread: np.ndarray, noise: np.ndarray) -> tuple[str, ...]:
+    largest = float(np.nanmax(spread)) if np.isfinite(spread).any() else 0.0
+    limit = np.fmax(STANDING_SHARE * largest, 3.0 * np.sqrt(3.0) * np.nan_to_num(noise))
+    return tuple(name for name, still in zip(names, spread <= limit, strict=True) if still)
+
+
+def _pressure_range(ds: xr.Dataset) -> dict[str, tuple[float, float]]:
+    values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1) / 1e3
+    names = [str(c) for c in ds["chamber"].values] if "chamber" in ds.coords else ["p"]
+    seen = {n: v[np.isfinite(v)] for n, v in zip(names, values.T, strict=True)}
+    nan = float("nan")
+    return {n: (float(v.min()), float(v.max())) if v.size else (nan, nan) for n, v in seen.items()}
+
+
+def _extent(position: np.ndarray) -> float:
+    """Diagonal of the box that holds every point that was seen, m."""
+    parts = [p for p in detectors.seen_points(position, np.zeros(position.shape[-1])) if p.size]
+    low, high = (np.array([f(p, axis=0) for p in parts]) for f in (np.min, np.max))
+    return float(np.linalg.norm(high.max(axis=0) - low.min(axis=0))) if parts else 0.0
+
+
+def _listed(counts: dict[str, int]) -> str:
+    if len(counts) > 6 and len(set(counts.values())) == 1:
+        return f"{next(iter(counts.values()))} in each of {len(counts)} stations"
+    shown = sorted(counts.items(), key=lambda item: -item[1])[:6]
+    more = f" and {len(counts) - 6} more" if len(counts) > 6 else ""
+    return ", ".join(f"{name} {count}" for name, count in shown) + more
+
+
+def _sentences(q: Quality) -> list[str]:
+    said = []
+    if q.irregular_steps:
+        said.append(f"the clock is irregular: {q.irregular_steps} of {q.frames - 1} steps differ by more than "
+                    "20 % from the median step")  # fmt: skip
+    if q.gaps:
+        longest = max(q.gaps, key=lambda gap: gap[1])
+        said.append(f"{len(q.gaps)} gap(s) in time, the longest {longest[1]:.3g} s at {longest[0]:.3g} s")
+    if q.repeated_frames:
+        said.append(f"{q.repeated_frames} of {q.frames} frames repeat the one before "
+                    f"({100 * q.repeated_frames / q.frames:.1f} %)")  # fmt: skip
+    for counts, what in (
+        (q.missing, "drop-outs"), (q.spikes, "spikes of one frame"), (q.station_jumps, "sudden jumps"),
+        (q.sign_flips, "flips of the quaternion's sign (the orientation stays the same)"),
+        (q.orientation_jumps, "jumps of orientation by more than 30 degrees (a symmetric marker cluster?)"),
+        (q.stretched, "frames with spacing more than 5 % off its median"),
+    ):  # fmt: skip
+        if counts:
+            said.append(f"{what}: {_listed(counts)}")
+    if q.frame_jumps_s:
+        times = ", ".join(f"{t:.3g}" for t in q.frame_jumps_s[:6])
+        said.append(f"{len(q.frame_jumps_s)} jump(s) of whole frames, at {times} s")
+    if q.stations and len(q.standing) == q.stations:
+        said.append("no station moves beyond its noise")
+    elif q.standing:
+        few = len(q.standing) <= 6
+        told = ", ".join(q.standing) if few else f"{len(q.standing)} stations, {q.standing[0]} to {q.standing[-1]}"
+        said.append(f"standing still: {told}")
+    return said
+
+
+def _unit_sentences(ds: xr.Dataset, q: Quality) -> list[str]:
+    said = []
+    highest = max((high for _, high in q.pressure_kpa.values() if np.isfinite(high)), default=None)
+    if highest is not None and 0 < 1e3 * highest < LEAST_PRESSURE:
+        said.append(f"the pressure never exceeds {1e3 * highest:.3g} Pa: was it kPa, mbar or psi read as Pa?")
+    if highest is not None and 1e3 * highest > MOST_PRESSURE:
+        said.append(f"the pressure reaches {highest / 1e3:.3g} MPa: check its unit")
+    if "pressure" in ds and np.isnan(ds["pressure"].values).any():
+        said.append(f"{int(np.isnan(ds['pressure'].values).sum())} samples of pressure are missing")
+    if "position" in ds and ds.sizes["station"] > 1 and np.isfinite(ds["position"].values).any():
+        extent = _extent(ds["position"].values)
+        if not LEAST_BODY < extent < MOST_BODY:
+            said.append(f"the stations lie within {extent:.3g} m: check the unit of length")
+        elif q.travel_m and np.nanmax(list(q.travel_m.values())) < 0.01 * extent:
+            said.append("the recording hardly moves: its largest travel is below 1 % of its extent")
+    return said

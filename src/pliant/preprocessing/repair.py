@@ -1,0 +1,138 @@
+"""Repairs that a user asks for by name; each counts what it changed and says so in the history."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing import detectors
+from pliant.preprocessing.rotations import continuous, from_matrix, mean_rotation, to_matrix
+from pliant.recording import append_history, check_recording
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+SAME_SYMMETRY = np.deg2rad(25.0)
+
+
+def fill_gaps(ds: xr.Dataset, *, longest_s: float) -> xr.Dataset:
+    """Interpolate drop-outs of positions linearly in time, if the stretch between two sightings is short.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+    longest_s : float, s
+        Longest time between the two sightings around a gap. Longer gaps and those at the ends stay NaN.
+
+    Returns
+    -------
+    xarray.Dataset
+        Orientation and angle are not filled.
+    """
+    check_recording(ds)
+    if "position" not in ds or not longest_s > 0:
+        raise InputError("fill_gaps needs positions and a positive longest_s in seconds")
+    time, position = ds["time"].values, ds["position"].values.copy()
+    filled = 0
+    for s in range(position.shape[1]):
+        seen = np.isfinite(position[:, s]).all(-1)
+        if seen.all() or seen.sum() < 2:
+            continue
+        rows = np.flatnonzero(seen)
+        after = np.searchsorted(rows, np.arange(len(time)))
+        inside = (~seen) & (after > 0) & (after < len(rows))
+        left, right = rows[np.clip(after - 1, 0, None)], rows[np.clip(after, None, len(rows) - 1)]
+        short = inside & (time[right] - time[left] <= longest_s)
+        for axis in range(position.shape[2]):
+            position[short, s, axis] = np.interp(time[short], time[seen], position[seen, s, axis])
+        filled += int(short.sum())
+    left_over = int(np.isnan(position).any(-1).sum())
+    line = f"filled {filled} drop-out(s) of at most {longest_s:g} s by linear interpolation, {left_over} are left"
+    return append_history(ds.assign(position=ds["position"].copy(data=position)), line)
+
+
+def drop_repeated_frames(ds: xr.Dataset) -> xr.Dataset:
+    """Leave out frames that equal the one before in every number, as when a log runs faster than its tracker.
+
+    The pressure, which has its own clock, keeps all samples.
+    """
+    check_recording(ds)
+    if "position" not in ds:
+        raise InputError("drop_repeated_frames needs positions")
+    quaternion = ds["quaternion"].values if "quaternion" in ds else None
+    repeated = detectors.repeated_frames(ds["position"].values, quaternion)
+    line = f"left out {int(repeated.sum())} of {len(repeated)} frames that repeat the one before"
+    return append_history(ds.isel(time=np.flatnonzero(~repeated)), line)
+
+
+def undo_orientation_jumps(ds: xr.Dataset) -> xr.Dataset:
+    """Undo jumps between the orientations that a symmetric marker cluster cannot tell apart.
+
+    Such a tracker reports R S in place of R for a while, with the same turn S of the cluster's symmetry each
+    time. The turns are found from the jumps (more than 30 degrees from frame to frame, there and back again);
+    every frame takes the one that continues the frame before it.
+
+    Raises
+    ------
+    InputError
+        When a jump is left that no turn of the symmetry explains.
+    """
+    check_recording(ds)
+    if "quaternion" not in ds:
+        raise InputError("undo_orientation_jumps needs orientations, but the recording holds none")
+    quaternion = ds["quaternion"].values.copy()
+    changed = {}
+    for s, name in enumerate(ds["station"].values):
+        seen = np.flatnonzero(np.isfinite(quaternion[:, s]).all(-1))
+        matrix, count = _continued(to_matrix(quaternion[seen, s]), str(name))
+        if count:
+            changed[str(name)] = count
+            quaternion[seen, s] = from_matrix(matrix)
+    quaternion, _ = continuous(quaternion)
+    told = ", ".join(f"{name} {count}" for name, count in changed.items()) or "none"
+    line = f"undid jumps of orientation by the markers' symmetry, frames turned back: {told}"
+    return append_history(ds.assign(quaternion=ds["quaternion"].copy(data=quaternion)), line)
+
+
+def _continued(matrix: NDArray, name: str) -> tuple[NDArray, int]:
+    """(T, 3, 3) rotations without jumps, and how many were turned back to the one most frames use."""
+    step = np.swapaxes(matrix[:-1], -1, -2) @ matrix[1:]
+    places = np.flatnonzero(rotation_angle(step) > detectors.ORIENTATION_JUMP)
+    if places.size == 0:
+        return matrix, 0
+    turns = [np.eye(3), *_symmetries(step[places])]
+    result = matrix.copy()
+    state = np.zeros(len(matrix), dtype=int)
+    for place, end in zip(places + 1, [*(places[1:] + 1), len(matrix)], strict=True):
+        options = [matrix[place] @ turn.T for turn in turns]
+        away = [float(rotation_angle(result[place - 1].T @ option)) for option in options]
+        best = int(np.argmin(away))
+        if away[best] > detectors.ORIENTATION_JUMP:
+            raise InputError(
+                f"the orientation of {name} jumps by {np.rad2deg(min(away)):.0f} degrees at frame {place}, which "
+                "no symmetry of its markers explains: leave its orientation out"
+            )
+        state[place:end] = best
+        result[place:end] = matrix[place:end] @ turns[best].T
+    most = int(np.argmax(np.bincount(state)))
+    return result @ turns[most], int((state != most).sum())
+
+
+def _symmetries(jumps: NDArray) -> list[NDArray]:
+    """Distinct turns among the jumps and their inverses, each the mean of its group."""
+    found: list[NDArray] = []
+    for jump in (*jumps, *np.swapaxes(jumps, -1, -2)):
+        near = [g for g in found if rotation_angle(g.T @ jump) < SAME_SYMMETRY]
+        if not near:
+            group = np.concatenate([jumps, np.swapaxes(jumps, -1, -2)])
+            group = group[rotation_angle(jump.T @ group) < SAME_SYMMETRY]
+            found.append(mean_rotation(group))
+    return found
+
+
+def rotation_angle(matrix: NDArray) -> NDArray:
+    """(...) angle in rad of rotation matrices."""
+    return np.arccos(np.clip(0.5 * (np.trace(matrix, axis1=-2, axis2=-1) - 1.0), -1.0, 1.0))

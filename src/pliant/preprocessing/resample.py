@@ -1,0 +1,180 @@
+"""New samples in time or along the body; what lies too far from a measurement stays missing, and is counted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing.arc_length import station_arc_length
+from pliant.preprocessing.rotations import continuous
+from pliant.recording import append_history, check_recording, make_recording
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import ArrayLike, NDArray
+
+LEAST_STATIONS = 4  # a cubic needs four points
+GAP_RATIO = 2.5
+
+
+def resample_time(
+    ds: xr.Dataset, *, rate_hz: float | None = None, time: ArrayLike | None = None, longest_gap_s: float
+) -> xr.Dataset:
+    """Interpolate the shape linearly to a regular clock (or given times).
+
+    Orientations are interpolated by component and normalised. No low-pass filter is applied, so a rate below
+    that of the recording folds what is faster into it. The pressure keeps its own clock.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+    rate_hz : float, optional
+        New frame rate, from the first frame on.
+    time : (T,) array, s, optional
+        New times, instead of `rate_hz`.
+    longest_gap_s : float
+        Where the two sightings around a new sample lie further apart, it is NaN.
+    """
+    check_recording(ds)
+    if "position" not in ds:
+        raise InputError("resample_time needs positions")
+    if (rate_hz is None) == (time is None):
+        raise InputError("give either rate_hz or time")
+    if not longest_gap_s > 0 or (rate_hz is not None and not 0 < rate_hz < np.inf):
+        raise InputError("rate_hz and longest_gap_s must be positive and finite")
+    old = ds["time"].values
+    if time is None:
+        count = int(np.floor((old[-1] - old[0]) * float(rate_hz or 0.0) + 1e-9)) + 1
+        new = old[0] + np.arange(count) / float(rate_hz or np.nan)
+    else:
+        new = np.asarray(time, dtype=np.float64)
+    arrays = {n: ds[n].values for n in ("position", "quaternion", "angle") if n in ds}
+    if "quaternion" in arrays:
+        arrays["quaternion"] = continuous(arrays["quaternion"])[0]
+    made = {n: _in_time(old, value, new, longest_gap_s) for n, value in arrays.items()}
+    if "quaternion" in made:
+        norm = np.linalg.norm(made["quaternion"], axis=-1, keepdims=True)
+        made["quaternion"] = made["quaternion"] / np.where(norm > 0.1, norm, np.nan)
+    result = _with(ds.drop_dims("time"), ds, made, time=new)
+    empty = int(np.isnan(made["position"]).any(-1).sum())
+    bridged = f"gaps up to {longest_gap_s:g} s bridged, {empty} points missing"
+    return append_history(result, f"resampled from {len(old)} to {len(new)} frames, {bridged}")
+
+
+def pressure_on_shape_clock(ds: xr.Dataset) -> xr.Dataset:
+    """Interpolate the pressure linearly to the times of the shape; outside its own clock it is NaN."""
+    check_recording(ds)
+    if "pressure" not in ds or "time" not in ds.coords:
+        raise InputError("pressure_on_shape_clock needs a shape and a pressure")
+    clock, time = ds["pressure_time"].values, ds["time"].values
+    values = ds["pressure"].values.reshape(len(clock), -1)
+    new = np.stack([np.interp(time, clock, v, left=np.nan, right=np.nan) for v in values.T], -1)
+    chamber = [str(c) for c in ds["chamber"].values] if "chamber" in ds.coords else None
+    made = make_recording(
+        pressure=new if chamber else new[:, 0], pressure_time=time, chamber=chamber, attrs=dict(ds.attrs)
+    )
+    rest = ds.drop_dims("pressure_time").drop_vars("chamber", errors="ignore")
+    missing = int(np.isnan(new).any(1).sum())
+    line = f"pressure brought from {len(clock)} samples to the clock of the shape, {missing} samples missing"
+    return append_history(rest.merge(made, combine_attrs="override").assign_attrs(ds.attrs), line)
+
+
+def resample_arc_length(
+    ds: xr.Dataset, *, spacing_mm: float, longest_gap_mm: float | None = None
+) -> xr.Dataset:
+    """Interpolate a dense shape to stations of equal arc length, by cubic splines through each frame.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        At least four stations from base to tip; their arc length is the recorded one or the time-mean sum of
+        chords.
+    spacing_mm : float
+        New stations lie this far apart, from the first station on; the remainder before the last is left out.
+    longest_gap_mm : float, optional
+        Where stations around a new one lie further apart (because one between them was lost), it is NaN.
+        Default: 2.5 times the largest spacing of the stations, so that one lost station is bridged.
+
+    Returns
+    -------
+    xarray.Dataset
+        Positions only: orientations do not follow from points.
+    """
+    check_recording(ds)
+    if "position" not in ds or ds.sizes["station"] < LEAST_STATIONS:
+        raise InputError(f"resampling along the body needs positions of at least {LEAST_STATIONS} stations")
+    if not 0 < spacing_mm < np.inf:
+        raise InputError(f"spacing_mm must be positive and finite, not {spacing_mm!r}")
+    position = ds["position"].values
+    whole = np.isfinite(position).all((1, 2))
+    if not whole.any():
+        raise InputError("no frame has all stations, so their arc length cannot be told: give arc_length")
+    arc, told = station_arc_length(ds, position[whole])
+    if arc[-1] < spacing_mm * 1e-3:
+        raise InputError(f"the spacing of {spacing_mm:g} mm is longer than the body, {1e3 * arc[-1]:.3g} mm")
+    new = np.arange(int(np.floor(arc[-1] / (spacing_mm * 1e-3) + 1e-9)) + 1) * spacing_mm * 1e-3
+    gap = GAP_RATIO * float(np.diff(arc).max()) if longest_gap_mm is None else longest_gap_mm * 1e-3
+    place = _along(arc, position, new, gap)
+    result = _with(
+        ds.drop_dims("station"), ds, {"position": place}, station=[f"s{i:03d}" for i in range(len(new))], arc_length=new
+    )
+    empty = int(np.isnan(place).any(-1).sum())
+    line = (f"resampled from {len(arc)} to {len(new)} stations every {spacing_mm:g} mm ({told[0]}), "
+            f"{1e3 * (arc[-1] - new[-1]):.3g} mm left over at the tip, {empty} points missing")  # fmt: skip
+    return append_history(result, line)
+
+
+def _in_time(old: NDArray, values: NDArray, new: NDArray, longest: float) -> NDArray:
+    """Linear interpolation of (T, S, ...) station by station over its own sightings."""
+    flat = values.reshape(*values.shape[:2], -1)
+    result = np.full((len(new), *flat.shape[1:]), np.nan)
+    for s in range(flat.shape[1]):
+        seen = np.isfinite(flat[:, s]).all(-1)
+        if not seen.any():
+            continue
+        known = old[seen]
+        right = np.clip(np.searchsorted(known, new, side="left"), 0, len(known) - 1)
+        left = np.clip(np.searchsorted(known, new, side="right") - 1, 0, len(known) - 1)
+        good = (new >= known[0]) & (new <= known[-1]) & (known[right] - known[left] <= longest)
+        for axis in range(flat.shape[2]):
+            result[good, s, axis] = np.interp(new[good], known, flat[seen, s, axis])
+    return result.reshape(len(new), *values.shape[1:])
+
+
+def _along(arc: NDArray, position: NDArray, new: NDArray, gap: float) -> NDArray:
+    """Cubic splines over the stations that each frame has, frames with the same ones together.
+
+    A spline is linear in its points: one matrix of weights serves all frames with the same stations.
+    """
+    from scipy.interpolate import CubicSpline
+
+    result = np.full((len(position), len(new), position.shape[2]), np.nan)
+    seen = np.isfinite(position).all(-1)
+    patterns = seen[:1] if seen.all() else np.unique(seen, axis=0)
+    for pattern in patterns:
+        if pattern.sum() < LEAST_STATIONS:
+            continue
+        rows, known = np.flatnonzero((seen == pattern).all(1)), arc[pattern]
+        right = np.clip(np.searchsorted(known, new - 1e-12), 0, len(known) - 1)
+        left = np.clip(np.searchsorted(known, new + 1e-12) - 1, 0, len(known) - 1)
+        good = (new >= known[0] - 1e-12) & (new <= known[-1] + 1e-12) & (known[right] - known[left] <= gap)
+        weights = CubicSpline(known, np.eye(len(known)))(new[good])
+        points = position[rows] if pattern.all() else position[np.ix_(rows, np.flatnonzero(pattern))]
+        for axis in range(position.shape[2]):
+            result[rows[:, None], np.flatnonzero(good), axis] = points[..., axis] @ weights.T
+    return result
+
+
+def _with(kept: xr.Dataset, ds: xr.Dataset, arrays: dict, **coords: object) -> xr.Dataset:
+    """Recording with new arrays; what does not hang on the replaced dimension is kept."""
+    station = coords.get("station", [str(n) for n in ds["station"].values])
+    arc = coords.get("arc_length", ds["arc_length"].values if "arc_length" in ds.coords else None)
+    made = make_recording(
+        coords.get("time", ds["time"].values), station=station, arc_length=arc,  # type: ignore[arg-type]
+        frame=ds.attrs["frame"], attrs=dict(ds.attrs), **arrays,
+        angle_reference=ds["angle"].attrs.get("reference", "rest") if "angle" in ds else "rest",
+    )  # fmt: skip
+    others = {n: kept[n] for n in kept.data_vars if n == "pressure"}
+    return made.assign(others).assign_attrs(ds.attrs)

@@ -1,0 +1,111 @@
+"""Where in a recording the body is at rest."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing import detectors
+from pliant.recording.schema import check_recording
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+HALF_WINDOW_S = 0.1
+STILL_SHARE = 0.03  # of the largest travel
+EARLY_SHARE = 0.1  # of it: what a body at rest may drift before the still stretch
+LEAST_REST_S = 0.1
+PRESSURE_SHARE = 0.05
+FEWEST_FRAMES = 3
+
+
+def rest_window(ds: xr.Dataset) -> tuple[float, float]:
+    """Find the still stretch before the first motion.
+
+    Where pressure was measured, it is the time before the pressure first leaves its start by 5 % of its range, if
+    that holds three frames. Otherwise the shape decides: a frame is still when, within 0.1 s around it, every station
+    stays within 3 % of the largest travel or twenty times its noise, whichever is more. When no still stretch precedes
+    the first motion, the longest one anywhere is taken.
+
+    Returns
+    -------
+    (start, end) : float, s
+
+    Raises
+    ------
+    InputError
+        When no still stretch lasts 0.1 s.
+    """
+    check_recording(ds)
+    if "position" not in ds:
+        raise InputError("a rest window is found from positions, but the recording holds none")
+    time, position = ds["time"].values, ds["position"].values
+    quiet = _before_pressure(ds, time)
+    if quiet is not None:
+        return quiet
+    runs = [run for run in _runs(_still(position, time)) if time[run[1]] - time[run[0]] >= LEAST_REST_S]
+    if not runs:
+        raise InputError("the body is never at rest for 0.1 s: give the rest window as rest = [start, end]")
+    first = runs[0]
+    early = _precedes_motion(position, first)
+    chosen = first if early else max(runs, key=lambda run: time[run[1]] - time[run[0]])
+    return float(time[chosen[0]]), float(time[chosen[1]])
+
+
+def _before_pressure(ds: xr.Dataset, time: NDArray) -> tuple[float, float] | None:
+    """First and last frame before a measured pressure moves; None without one, or with fewer than three frames."""
+    if "pressure" not in ds:
+        return None
+    pressure = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
+    moved = np.abs(pressure - np.nanmedian(pressure[:5], axis=0)) > PRESSURE_SHARE * np.ptp(pressure, axis=0)
+    first = int(np.argmax(moved.any(axis=1))) if moved.any() else 0
+    before = time[time < ds["pressure_time"].values[first]]
+    return (float(before[0]), float(before[-1])) if before.size >= FEWEST_FRAMES else None
+
+
+def _precedes_motion(position: NDArray, run: tuple[int, int]) -> bool:
+    """Whether no station was far from its place in the run at any time before it."""
+    place = position[run[0] : run[1] + 1]
+    place = np.where(np.isfinite(place), place, 0.0).sum(0) / np.maximum(np.isfinite(place).sum(0), 1)
+    away, whole = (_farthest(part, place) for part in (position[: run[0]], position))
+    return bool(away <= EARLY_SHARE * whole)
+
+
+def _farthest(position: NDArray, place: NDArray) -> float:
+    """Largest distance of a station from its `place`, m."""
+    return max((float(np.linalg.norm(p, axis=-1).max(initial=0.0)) for p in detectors.seen_points(position, place)),
+               default=0.0)
+
+
+def _still(position: NDArray, time: NDArray) -> NDArray:
+    """(T,) bool."""
+    rate = (len(time) - 1) / max(time[-1] - time[0], 1e-12)
+    reach = max(1, round(HALF_WINDOW_S * rate))
+    width = detectors.by_blocks(lambda part: _width(part, reach), position)
+    seen = detectors.by_blocks(lambda part: np.isfinite(part).all(-1), position)
+    repeated = detectors.repeated_frames(position)
+    fresh = position[~repeated] if repeated.any() else position
+    travel = np.nan_to_num(detectors.by_blocks(detectors.travel, fresh))
+    noise = np.nan_to_num(detectors.by_blocks(detectors.noise_level, fresh))
+    limit = np.fmax(STILL_SHARE * travel.max(initial=0.0), 20.0 * noise)
+    return (width <= limit).all(-1) & seen.any(-1)
+
+
+def _width(position: NDArray, reach: int) -> NDArray:
+    """(T, S) diagonal in metres of the box in which a station stays for `reach` frames on both sides."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    seen = np.isfinite(position)
+    high = maximum_filter1d(np.where(seen, position, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    low = minimum_filter1d(np.where(seen, position, np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    with np.errstate(invalid="ignore"):
+        return np.linalg.norm(np.where(high >= low, high - low, 0.0), axis=-1)
+
+
+def _runs(flags: NDArray) -> list[tuple[int, int]]:
+    """First and last index of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -1,0 +1,96 @@
+"""Rotations of rigid bodies: quaternions x, y, z, w and the best rotation between two sets of points."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def to_matrix(quaternion: NDArray) -> NDArray:
+    """(..., 3, 3) rotation matrices of (..., 4) unit quaternions x, y, z, w; NaN stays NaN."""
+    x, y, z, w = np.moveaxis(quaternion, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def from_matrix(matrix: NDArray) -> NDArray:
+    """(..., 4) unit quaternions x, y, z, w with w >= 0 of (..., 3, 3) rotation matrices; NaN stays NaN."""
+    m = np.asarray(matrix)
+    trace = np.trace(m, axis1=-2, axis2=-1)
+    diagonal = np.diagonal(m, axis1=-2, axis2=-1)
+    # four times the products of each component with all others; the row with the largest square is exact
+    products = np.empty((*m.shape[:-2], 4, 4))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        products[..., i, i] = 1 + 2 * diagonal[..., i] - trace
+        products[..., i, j] = products[..., j, i] = m[..., i, j] + m[..., j, i]
+        products[..., i, 3] = products[..., 3, i] = m[..., k, j] - m[..., j, k]
+    products[..., 3, 3] = 1 + trace
+    squares = np.diagonal(products, axis1=-2, axis2=-1)
+    best = np.argmax(np.nan_to_num(squares), axis=-1)
+    quaternion = np.take_along_axis(products, best[..., None, None], axis=-2)[..., 0, :]
+    quaternion = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    return np.where(quaternion[..., 3:] < 0, -quaternion, quaternion)
+
+
+def continuous(quaternion: NDArray) -> tuple[NDArray, int]:
+    """(T, S, 4) quaternions without changes of sign along time, and how many frames were turned."""
+    result = quaternion.copy()
+    turned = 0
+    for s in range(result.shape[1]):
+        rows = np.flatnonzero(np.isfinite(result[:, s]).all(-1))
+        if rows.size < 2:
+            continue
+        q = result[rows, s]
+        sign = np.where((q[1:] * q[:-1]).sum(-1) < 0, -1.0, 1.0)
+        sign = np.concatenate([[1.0], np.cumprod(sign)])
+        turned += int((sign < 0).sum())
+        result[rows, s] = q * sign[:, None]
+    return result, turned
+
+
+def best_rotation(shape: NDArray, points: NDArray) -> NDArray:
+    """(T, 3, 3) rotations that bring the (N, 3) `shape` closest to each frame of the (T, N, 3) `points`.
+
+    Both are taken about their centroids. Source: W. Kabsch, Acta Cryst. A32 (1976) 922.
+    """
+    centred = points - points.mean(1, keepdims=True)
+    covariance = np.einsum("tni,nj->tij", centred, shape - shape.mean(0))
+    u, _, vt = np.linalg.svd(covariance)
+    sign = np.sign(np.linalg.det(u @ vt))
+    u[..., :, -1] *= sign[:, None]
+    return u @ vt
+
+
+def mean_rotation(matrix: NDArray) -> NDArray:
+    """(..., 3, 3) rotation closest to the mean over the first dimension; frames with NaN are left out."""
+    seen = np.isfinite(matrix)
+    count = seen.sum(0)
+    mean = np.where(seen, matrix, 0.0).sum(0) / np.maximum(count, 1)
+    u, _, vt = np.linalg.svd(mean)
+    sign = np.linalg.det(u @ vt)
+    u[..., :, -1] *= sign[..., None]
+    return np.where(count > 0, u @ vt, np.nan)
+
+
+def angle_about(matrix: NDArray, axis: NDArray) -> NDArray:
+    """(...) signed angle in rad, in (-pi, pi], of the part of each rotation that turns about the unit `axis`.
+
+    The rotation is split into a turn about `axis` and one about a direction square to it (swing and twist).
+    """
+    twist = np.einsum("...ij,ijk,k->...", matrix, _LEVI_CIVITA, axis)
+    along = np.einsum("...ij,i,j->...", matrix, axis, axis)
+    trace = np.trace(matrix, axis1=-2, axis2=-1)
+    return np.arctan2(-twist, trace - along)
+
+
+_LEVI_CIVITA = np.zeros((3, 3, 3))
+_LEVI_CIVITA[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0
+_LEVI_CIVITA[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = -1.0

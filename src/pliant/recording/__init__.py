@@ -1,0 +1,52 @@
+"""Recordings: one checked schema, and one file per format that is read or written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pliant.errors import InputError
+from pliant.recording.registry import Reader, read_recording, readers
+from pliant.recording.schema import append_history, check_recording, make_recording
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+read = read_recording
+
+__all__ = ["Reader", "append_history", "check_recording", "make_recording", "read", "readers", "write"]
+
+
+def write(ds: xr.Dataset, path: str | Path) -> Path:
+    """Write a recording as netCDF (.nc) or wide CSV (.csv), whole or not at all.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        A recording; see `check_recording`.
+    path : str or Path
+        Its ending chooses the format. A file of this name is replaced.
+
+    Returns
+    -------
+    Path
+        The file that was written.
+
+    Raises
+    ------
+    InputError
+        When the ending is unknown, the folder cannot be written, or the format cannot hold the recording.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in (".nc", ".nc4"):
+        from pliant.recording.netcdf import write_netcdf
+
+        write_netcdf(ds, path)
+    elif suffix == ".csv":
+        from pliant.recording.wide_csv import write_wide_csv
+
+        write_wide_csv(ds, path)
+    else:
+        raise InputError(f"recordings are written as .nc or .csv, not {path.name!r}")
+    return path

@@ -1,0 +1,162 @@
+"""Recordings that come as named arrays (NumPy, MATLAB): which name is what, and in which unit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import Field
+
+from pliant.errors import InputError
+from pliant.recording.mapping import FileMapping
+from pliant.recording.schema import make_recording
+from pliant.units import metre_per, pascal_per
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import xarray as xr
+    from numpy.typing import NDArray
+
+USUAL_NAMES = {
+    "time": ("time", "t"),
+    "position": ("position", "positions", "xyz", "points"),
+    "quaternion": ("quaternion",),
+    "pressure_time": ("pressure_time", "t_p"),
+    "strain": ("strain",),
+    "gauge_position": ("gauge_position",),
+    "arc_length": ("arc_length", "s"),
+}
+PRESSURE_NAMES = {"pressure": "pa", "p_pa": "pa", "p_kpa": "kpa", "p_bar": "bar", "p_mbar": "mbar", "p_psi": "psi"}
+
+
+class ArrayMapping(FileMapping):
+    """Names and units of the arrays of a file.
+
+    Attributes
+    ----------
+    time, position, quaternion, pressure, pressure_time, strain, gauge_position, arc_length : str, optional
+        Name of each array in the file. Default: the usual names, such as ``time`` or ``t``.
+    rate_hz : float, optional
+        Frame rate where there is no array of time.
+    length_unit : str
+        Unit of position, arc length and gauge position. Default m.
+    pressure_unit : str, optional
+        Unit of `pressure`. Needed when the array is named here; ``p_kpa`` and the like say it themselves.
+    station : list of str, optional
+        Names of the stations, from base to tip.
+    order : str
+        Meaning of the dimensions of `position`: any order of the letters t (time), s (station), a (axis).
+    """
+
+    time: str | None = None
+    position: str | None = None
+    quaternion: str | None = None
+    pressure: str | None = None
+    pressure_time: str | None = None
+    strain: str | None = None
+    gauge_position: str | None = None
+    arc_length: str | None = None
+    rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    length_unit: str = "m"
+    pressure_unit: str | None = None
+    station: list[str] | None = None
+    order: str = Field(default="tsa", pattern="^(tsa|tas|sta|sat|ats|ast)$")
+
+
+def recording_from_arrays(arrays: Mapping[str, Any], mapping: Mapping[str, Any] | None, file: str) -> xr.Dataset:
+    """Build a recording from the named arrays of `file`; options are those of `ArrayMapping`."""
+    options = ArrayMapping.load(mapping, file)
+    found = {role: _find(arrays, role, getattr(options, role), file) for role in USUAL_NAMES}
+    pressure = _pressure(arrays, options, file)
+    scale = metre_per(options.length_unit)
+    position = found["position"]
+    history = []
+    if position is not None:
+        position = _ordered(position, options.order, file) * scale
+        if position.shape[-1] == 2:
+            position = np.concatenate([position, np.zeros((*position.shape[:2], 1))], -1)
+            history.append("stations with two coordinates got z = 0")
+    if position is None and found["strain"] is None and pressure is None:
+        raise InputError(f"{file} holds no position, strain or pressure; its arrays are: {_listing(arrays)}")
+    time = _clock(found, position, options, file)
+    shapeless = position is None and found["strain"] is None
+    try:
+        return make_recording(
+            None if shapeless else time, position, quaternion=found["quaternion"],
+            station=options.station if position is not None else None,
+            pressure=pressure, pressure_time=_vector(found["pressure_time"], time) if pressure is not None else None,
+            strain=found["strain"], gauge_position=_scaled(found["gauge_position"], scale),
+            arc_length=_scaled(found["arc_length"], scale), history=history,
+        )  # fmt: skip
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+
+
+def _listing(arrays: Mapping[str, Any]) -> str:
+    return ", ".join(f"{k} {np.shape(v)}" for k, v in list(arrays.items())[:30]) or "none"
+
+
+def _find(arrays: Mapping[str, Any], role: str, name: str | None, file: str) -> NDArray | None:
+    names = USUAL_NAMES[role] if name is None else (name,)
+    present = [n for n in names if n in arrays]
+    if name is not None and not present:
+        raise InputError(f"{file} has no array {name!r} for {role}; its arrays are: {_listing(arrays)}")
+    if len(present) > 1:
+        raise InputError(f"{file} has {' and '.join(present)}, both usual names of {role}: name one in the mapping")
+    return _numbers(arrays[present[0]], present[0], file) if present else None
+
+
+def _numbers(value: Any, name: str, file: str) -> NDArray:
+    array = np.asarray(value)
+    if array.dtype.kind not in "iufb":
+        raise InputError(f"the array {name} of {file} holds no real numbers, but {array.dtype}")
+    return array.astype(np.float64)
+
+
+def _pressure(arrays: Mapping[str, Any], options: ArrayMapping, file: str) -> NDArray | None:
+    if options.pressure is not None:
+        if options.pressure not in arrays:
+            raise InputError(f"{file} has no array {options.pressure!r}; its arrays are: {_listing(arrays)}")
+        unit = options.pressure_unit or PRESSURE_NAMES.get(options.pressure.lower())
+        if unit is None:
+            raise InputError(f"say the unit of {options.pressure!r} in {file}: pressure_unit is missing")
+        name = options.pressure
+    else:
+        present = [n for n in PRESSURE_NAMES if n in arrays]
+        if len(present) > 1:
+            raise InputError(f"{file} has several pressures: {', '.join(present)}; name one in the mapping")
+        if not present:
+            return None
+        name, unit = present[0], options.pressure_unit or PRESSURE_NAMES[present[0]]
+    values = np.squeeze(_numbers(arrays[name], name, file))
+    return np.atleast_1d(values) * pascal_per(unit)
+
+
+def _ordered(position: NDArray, order: str, file: str) -> NDArray:
+    if position.ndim == 2 and "s" in order:  # a single station
+        position = np.expand_dims(position, order.index("s"))
+    if position.ndim != 3:
+        raise InputError(f"position in {file} must have 2 or 3 dimensions, but its shape is {position.shape}")
+    return np.transpose(position, [order.index(letter) for letter in "tsa"])
+
+
+def _clock(found: Mapping[str, Any], position: Any, options: ArrayMapping, file: str) -> NDArray | None:
+    if found["time"] is not None and options.rate_hz is not None:
+        raise InputError(f"{file} has an array of time, so rate_hz must not be given too")
+    if found["time"] is not None:
+        return np.ravel(found["time"])
+    first = position if position is not None else found["strain"]
+    if first is None:
+        return None
+    if options.rate_hz is None:
+        raise InputError(f"{file} has no array of time: give its name (time) or rate_hz")
+    return np.arange(len(first)) / options.rate_hz
+
+
+def _vector(value: NDArray | None, default: NDArray | None) -> NDArray | None:
+    return default if value is None else np.ravel(value)
+
+
+def _scaled(value: NDArray | None, scale: float) -> NDArray | None:
+    return None if value is None else np.ravel(value) * scale

@@ -1,0 +1,44 @@
+"""xarray's door: ``xarray.open_dataset(path, engine="pliant")`` for every format that `read` knows."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from xarray.backends import BackendEntrypoint
+
+from pliant.errors import InputError
+from pliant.recording.registry import read_recording
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    import xarray as xr
+
+
+class RecordingBackend(BackendEntrypoint):
+    """Open recordings of soft actuators (C3D, wide CSV, netCDF, ...) as xarray datasets."""
+
+    description = "recordings of soft actuators: C3D, wide CSV, netCDF, MATLAB, NumPy, Luna, Motive"
+    open_dataset_parameters = ("filename_or_obj", "drop_variables", "mapping", "format")
+
+    def open_dataset(
+        self,
+        filename_or_obj: Any,
+        *,
+        drop_variables: str | Iterable[str] | None = None,
+        mapping: Mapping[str, Any] | None = None,
+        format: str | None = None,  # noqa: A002
+    ) -> xr.Dataset:
+        """Read a file; `mapping` and `format` as in `pliant.read`."""
+        if not isinstance(filename_or_obj, (str, os.PathLike)):
+            raise InputError(f"a recording is opened by its path, not by {type(filename_or_obj).__name__}")
+        ds = read_recording(Path(filename_or_obj), mapping=mapping, format=format)
+        names = [drop_variables] if isinstance(drop_variables, str) else list(drop_variables or ())
+        return ds.drop_vars(names, errors="ignore")
+
+    def guess_can_open(self, filename_or_obj: Any) -> bool:
+        """Only C3D is ours beyond doubt; for other endings the engine must be named."""
+        is_path = isinstance(filename_or_obj, (str, os.PathLike))
+        return is_path and str(filename_or_obj).lower().endswith(".c3d")

@@ -1,0 +1,153 @@
+"""Luna ODiSI 6xxx strain tables (.tsv): a header of `Key:<TAB>value` lines, then one row per time stamp.
+
+Layout as readers of this format describe it: the header ends with a line of dashes; then come an optional row
+of gauge names, an optional ``Tare`` row, an ``x-axis`` row (metres) and the rows of measurements, whose first
+cell is a time stamp. Strain is in microstrain relative to the tare. One file is one core.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.recording.mapping import FileMapping
+from pliant.recording.registry import Reader
+from pliant.recording.schema import append_history, make_recording
+from pliant.recording.tables import parse_numbers, read_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    import xarray as xr
+
+LABEL_CELLS = 3  # time stamp, kind of row, quantity
+STRAIN_UNITS = {"microstrain": 1e-6, "ustrain": 1e-6, "με": 1e-6, "µε": 1e-6, "ue": 1e-6, "strain": 1.0}
+
+
+class LunaMapping(FileMapping):
+    """Options: the name of the `core` that this file measured."""
+
+    core: str = "core000"
+
+
+def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Read one core's strain; drop-outs (empty or NaN) stay NaN. Options are those of `LunaMapping`."""
+    options = LunaMapping.load(mapping, path.name)
+    lines = read_text(path).split("\n")
+    header, at = _header(lines, path.name)
+    scale = _strain_scale(header, path.name)
+    gauges, first = _gauges(lines, at, path.name)
+    rows = [(i, line) for i, line in enumerate(lines[first:], first) if line.strip()]
+    if not rows:
+        raise InputError(f"{path.name} holds no measurement after its x-axis row")
+    kept, dropped = [], 0
+    for number, line in rows:
+        if len(line.split("\t", LABEL_CELLS)) <= LABEL_CELLS:
+            raise InputError(f"line {number + 1} of {path.name} holds no values: the file may be cut")
+        if _label(line, 2) not in ("strain", ""):
+            dropped += 1
+            continue
+        kept.append((number, line))
+    if not kept:
+        raise InputError(f"none of the {len(rows)} rows of {path.name} is strain")
+    stamps = [_time_stamp(line.split("\t", 1)[0], number, path.name) for number, line in kept]
+    values = [line.split("\t", LABEL_CELLS)[LABEL_CELLS] for _, line in kept]
+    strain = _values(values, len(gauges), kept[0][0] + 1, path.name) * scale
+    history = [f"{dropped} row(s) are of another quantity than strain and were left out"] if dropped else []
+    time = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
+    return make_recording(
+        time, strain=strain[:, None, :], gauge_position=gauges, core=[options.core], history=history,
+        attrs={"start_time": stamps[0].isoformat(), "test_name": header.get("test name", "")},
+    )  # fmt: skip
+
+
+def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Join strain recordings of single cores, made at the same times and gauges, to one with several cores.
+
+    Raises
+    ------
+    InputError
+        When clocks or gauges differ, or a core's name repeats.
+    """
+    if not recordings or any("strain" not in ds for ds in recordings):
+        raise InputError("combine_cores needs recordings of strain")
+    first = recordings[0]
+    for ds in recordings[1:]:
+        for name in ("time", "gauge_position"):
+            same = ds[name].shape == first[name].shape and np.allclose(ds[name], first[name], rtol=0, atol=1e-6)
+            if not same:
+                raise InputError(f"the cores differ in {name}: resample them to one first")
+    names = [str(c) for ds in recordings for c in ds["core"].values]
+    if len(set(names)) != len(names):
+        raise InputError(f"the names of the cores must differ, but they are {', '.join(names)}")
+    joined = make_recording(
+        first["time"].values, strain=np.concatenate([ds["strain"].values for ds in recordings], 1),
+        gauge_position=first["gauge_position"].values, core=names, attrs=dict(first.attrs),
+    )  # fmt: skip
+    return append_history(joined, f"joined {len(names)} cores: {', '.join(names)}")
+
+
+def _label(line: str, index: int) -> str:
+    cells = line.split("\t", LABEL_CELLS)
+    return cells[index].strip().lower() if len(cells) > index else ""
+
+
+def _header(lines: list[str], name: str) -> tuple[dict[str, str], int]:
+    header: dict[str, str] = {}
+    for i, line in enumerate(lines[:500]):
+        if line.strip() and not line.strip().strip("-"):
+            return header, i + 1
+        key, found, value = line.partition(":")
+        if found:
+            header[key.strip().lower()] = value.strip()
+    raise InputError(f"{name} is no Luna table: its header does not end with a line of dashes")
+
+
+def _strain_scale(header: Mapping[str, str], name: str) -> float:
+    unit = header.get("units", "").lower()
+    if unit not in STRAIN_UNITS:
+        raise InputError(f"{name} must hold strain in microstrain, but its Units are {unit or 'not stated'!r}")
+    return STRAIN_UNITS[unit]
+
+
+def _gauges(lines: list[str], at: int, name: str) -> tuple[np.ndarray, int]:
+    for i in range(at, min(at + 20, len(lines))):
+        if _label(lines[i], 0) == "x-axis":
+            text = lines[i].rstrip().split("\t")[LABEL_CELLS:]
+            if not text:
+                break
+            gauges = parse_numbers(["\t".join(text)], name=name, first_line=i + 1, delimiter="\t",
+                                   columns=len(text))[0]  # fmt: skip
+            if not np.isfinite(gauges).all() or (np.diff(gauges) <= 0).any():
+                raise InputError(f"the x-axis of {name} must increase from gauge to gauge")
+            return gauges, i + 1
+    raise InputError(f"{name} has no x-axis row with the places of its gauges")
+
+
+def _time_stamp(text: str, number: int, name: str) -> datetime:
+    try:
+        return datetime.fromisoformat(text.strip())
+    except ValueError:
+        raise InputError(f"line {number + 1} of {name} does not begin with a time stamp: {text[:40]!r}") from None
+
+
+def _values(rows: list[str], gauges: int, first: int, name: str) -> np.ndarray:
+    """Numbers of the rows; empty cells at the end of a row belong to gauges without a value."""
+    for i, row in enumerate(rows):
+        if row.count("\t") + 1 > gauges and row.rstrip("\t\n ").count("\t") + 1 <= gauges:
+            rows[i] = "\t".join(row.split("\t")[:gauges])
+        if not row.strip():
+            rows[i] = "\t".join(["nan"] * gauges)
+    return parse_numbers(rows, name=name, first_line=first, delimiter="\t", columns=gauges)
+
+
+def _recognises(head: bytes) -> bool:
+    start = head[:4000].lower()
+    return start.startswith((b"test name:", b"\xef\xbb\xbftest name:")) or b"odisi" in start
+
+
+READER = Reader("luna", (".tsv", ".txt"), read_luna, _recognises)

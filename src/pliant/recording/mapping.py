@@ -1,0 +1,40 @@
+"""Base of the mappings: models whose unknown keys and wrong values end in one sentence."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Self
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from pliant.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+class FileMapping(BaseModel):
+    """What a file does not say about itself; frozen, and no other keys than its own."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @classmethod
+    def load(cls, mapping: Mapping[str, Any] | None, name: str) -> Self:
+        """Check a mapping for the file `name`; InputError names the key that does not fit."""
+        try:
+            return cls.model_validate(dict(mapping or {}))
+        except ValidationError as error:
+            first = error.errors()[0]
+            key = ".".join(map(str, first["loc"])) or "the whole"
+            if first["type"] == "extra_forbidden":
+                problem = f"unknown key {key!r}; known are {', '.join(cls.model_fields)}"
+            else:
+                problem = f"{key}: {first['msg'].removeprefix('Value error, ')}"
+            raise InputError(f"the mapping for {name} does not fit: {problem}") from None
+
+
+class PressureChannels(FileMapping):
+    """Names of the channels that hold gauge pressure, and their unit."""
+
+    channels: list[str]
+    unit: str
+    chamber: list[str] | None = None

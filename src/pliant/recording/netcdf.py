@@ -1,0 +1,100 @@
+"""netCDF: the recording as it is, with its units and history (HDF5 through h5netcdf; classic files read)."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.files import whole
+from pliant.recording.registry import Reader
+from pliant.recording.schema import COORDINATES, VARIABLES, check_recording
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+BROKEN_FILE = (OSError, ValueError, KeyError, RuntimeError, TypeError, AttributeError, IndexError,
+               NotImplementedError, OverflowError, MemoryError)  # fmt: skip
+
+
+def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Read a recording that was written as netCDF; float32 storage comes back as float64."""
+    if mapping:
+        raise InputError(f"a netCDF recording describes itself: no mapping is needed for {path.name}")
+    with path.open("rb") as file:
+        classic = file.read(3) == b"CDF"
+    try:
+        with xr.open_dataset(path, engine="scipy" if classic else "h5netcdf", decode_times=False) as ds:
+            loaded = ds.load()
+    except BROKEN_FILE as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
+        raise InputError(f"{path.name} is no readable netCDF file, or it is damaged: {reason}") from None
+    if loaded.attrs.get("schema") is None:
+        names = ", ".join(map(str, loaded.variables)) or "nothing"
+        raise InputError(f"{path.name} is netCDF, but no pliant recording; it holds {names}")
+    return _in_memory(loaded)
+
+
+def write_netcdf(ds: xr.Dataset, path: Path, *, float32: bool = False, compress: bool = False) -> None:
+    """Write a recording as netCDF, whole or not at all.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        A recording.
+    path : Path
+    float32 : bool
+        Store the measured arrays in single precision: half the size, 1e-7 relative error. Clocks stay double.
+    compress : bool
+        Deflate the measured arrays: smaller and slower.
+    """
+    check_recording(ds)
+    encoding: dict[str, dict[str, Any]] = {}
+    for name in VARIABLES:
+        if name in ds:
+            encoding[name] = {"dtype": "float32" if float32 else "float64", "_FillValue": None}
+            if compress:
+                encoding[name] |= {"zlib": True, "complevel": 1, "shuffle": True}
+    attrs = {key: _storable(value) for key, value in ds.attrs.items()} | {"Conventions": "CF-1.11"}
+    plain = ds.drop_encoding().assign_attrs(attrs)
+    with whole(path) as temporary:
+        try:
+            plain.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+        except (ValueError, TypeError, NotImplementedError) as error:
+            raise InputError(f"cannot write {path.name} as netCDF: {error}") from None
+
+
+def _storable(value: Any) -> Any:
+    """Attributes that netCDF can hold: text, numbers and arrays of numbers; the rest as JSON."""
+    if isinstance(value, (str, int, float, np.number)):
+        return value
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
+        return value
+    return json.dumps(value, default=str)
+
+
+def _in_memory(ds: xr.Dataset) -> xr.Dataset:
+    """Double precision, plain strings, no traces of the file."""
+    ds = ds.drop_encoding()
+    for name in ("station", "axis", "component", "chamber", "core"):
+        if name in ds.coords:
+            ds = ds.assign_coords({name: ds[name].astype(str)})
+    for name in (*VARIABLES, *COORDINATES):
+        if name in ds.variables and ds[name].dtype.kind in "iuf" and ds[name].dtype != np.float64:
+            converted = ds[name].astype(np.float64)
+            ds = ds.assign_coords({name: converted}) if name in ds.coords else ds.assign({name: converted})
+    attrs = {key: value.item() if isinstance(value, np.generic) else value for key, value in ds.attrs.items()}
+    attrs.pop("Conventions", None)
+    ds.attrs = attrs  # ds is ours since drop_encoding
+    return ds
+
+
+def _recognises(head: bytes) -> bool:
+    return head.startswith((b"\x89HDF\r\n\x1a\n", b"CDF"))
+
+
+READER = Reader("netcdf", (".nc", ".nc4", ".cdf", ".h5", ".hdf5"), read_netcdf, _recognises)

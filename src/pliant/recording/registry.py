@@ -1,0 +1,157 @@
+"""Which reader takes which file: the built-in formats and those of other packages.
+
+Another package adds a format by an entry point of the group ``pliant.readers`` that leads to a `Reader`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pliant.errors import InputError
+from pliant.recording.schema import check_recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import xarray as xr
+
+GROUP = "pliant.readers"
+HEAD_BYTES = 65536
+
+# kept equal to the entry points of the package, so that a source tree that is not installed can read
+BUILT_IN = {
+    "netcdf": "pliant.recording.netcdf:READER",
+    "c3d": "pliant.recording.c3d:READER",
+    "columns": "pliant.recording.columns:READER",
+    "npz": "pliant.recording.npz:READER",
+    "mat": "pliant.recording.mat:READER",
+    "luna": "pliant.recording.luna:READER",
+    "motive": "pliant.recording.motive:READER",
+    "csv": "pliant.recording.wide_csv:READER",  # last: it takes any table that no other reader knows
+}
+
+
+@dataclass(frozen=True)
+class Reader:
+    """One file format.
+
+    Attributes
+    ----------
+    name : str
+        Name of the format, as in ``read(path, format=name)``.
+    suffixes : tuple of str
+        File name endings in lower case, with the dot.
+    read : callable
+        ``read(path, mapping) -> Dataset``; `mapping` is None or a dict of options of this format.
+    recognises : callable
+        ``recognises(head) -> bool`` from the first 64 KiB; decides between formats that share an ending.
+    needs_mapping : bool
+        Whether the file cannot be read without a mapping.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    read: Callable[[Path, Mapping[str, Any] | None], xr.Dataset]
+    recognises: Callable[[bytes], bool] = lambda _head: True
+    needs_mapping: bool = False
+
+
+def readers() -> dict[str, Reader]:
+    """All known readers by name: the built-in ones first, then those of installed packages."""
+    found = {name: _load(name, target) for name, target in BUILT_IN.items()}
+    for point in entry_points(group=GROUP):
+        if point.name not in found:
+            found[point.name] = _load(point.name, point.value)
+    return found
+
+
+def read_recording(
+    path: str | Path, *, mapping: Mapping[str, Any] | None = None, format: str | None = None  # noqa: A002
+) -> xr.Dataset:
+    """Read a file into the recording schema.
+
+    Parameters
+    ----------
+    path : str or Path
+    mapping : dict, optional
+        What the file does not say itself: columns and units of a plain table, names of arrays, the unit
+        of length. The keys belong to the format; see the module of its reader.
+    format : str, optional
+        Name of the format. Default: found from the ending and the first bytes of the file. A mapping
+        that describes ``stations`` or ``points`` by columns means the format ``columns``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Keeps the schema of `pliant.recording.schema`; attributes name the source and its checksum.
+
+    Raises
+    ------
+    InputError
+        When the file is absent, of no known format, damaged, or does not fit the mapping.
+    """
+    path = Path(path)
+    if not path.is_file():
+        what = "a folder" if path.is_dir() else "absent"
+        raise InputError(f"no recording can be read from {path}: it is {what}")
+    if mapping is not None and not hasattr(mapping, "items"):
+        raise InputError(f"mapping must be a dict of options, not {type(mapping).__name__}")
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+            file.seek(0)
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    if not head:
+        raise InputError(f"{path.name} is empty")
+    reader = _choose(path, head, mapping, format)
+    ds = reader.read(path, mapping)
+    ds = ds.assign_attrs(_provenance(ds, path, reader.name, digest))
+    return check_recording(ds)
+
+
+def _provenance(ds: xr.Dataset, path: Path, name: str, digest: str) -> dict[str, str]:
+    """Attributes of origin; a recording that was read before keeps its first source."""
+    line = f"read {path.name} as {name}"
+    history = str(ds.attrs.get("history", ""))
+    attrs = {"history": f"{history}\n{line}" if history else line}
+    if not ds.attrs.get("source"):
+        attrs |= {"source": path.name, "source_format": name, "source_sha256": digest}
+    return attrs
+
+
+def _load(name: str, target: str) -> Reader:
+    module, _, attribute = target.partition(":")
+    try:
+        reader = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"the reader {name!r} of entry point {target!r} cannot be loaded: {error}") from None
+    if not isinstance(reader, Reader):
+        raise InputError(f"the entry point {target!r} must lead to a pliant Reader")
+    return reader
+
+
+def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: str | None) -> Reader:
+    known = readers()
+    if name is not None:
+        if name not in known:
+            raise InputError(f"unknown format {name!r}: use one of {', '.join(known)}")
+        return known[name]
+    if mapping is not None and {"stations", "points"} & set(mapping):
+        return known["columns"]
+    suffix = path.suffix.lower()
+    fitting = [r for r in known.values() if suffix in r.suffixes and r.recognises(head)]
+    ready = [r for r in fitting if not r.needs_mapping] or fitting
+    if not ready:
+        formats = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in known.values())
+        raise InputError(
+            f"{path.name} is of no known format: the ending or the first bytes fit none of {formats}; "
+            "a plain table can be described by a mapping with stations or points"
+        )
+    return ready[0]

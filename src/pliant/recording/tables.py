@@ -1,0 +1,138 @@
+"""Text tables of numbers: decode, split and convert, and name the line and cell that is not a number."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from pliant.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+MISSING = ("", "nan", "NaN", "NAN", "null", "NA")
+# narrower than float(), which also takes 1_000 and digits of other scripts
+NUMBER = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|infinity)", re.IGNORECASE)
+LONGEST_LINE = 4_000_000  # characters; a longer first line is no header
+
+
+def read_text(path: Path) -> str:
+    """Text of a UTF-8 file (a byte-order mark is taken off); InputError when it is anything else."""
+    data = path.read_bytes()
+    if not data.strip():
+        raise InputError(f"{path.name} is empty")
+    if b"\0" in data:
+        raise InputError(f"{path.name} is not UTF-8 text: it holds zero bytes, so it is binary or UTF-16")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path.name} is not UTF-8 text: byte {error.start} is 0x{data[error.start]:02x}; "
+            "save it as UTF-8"
+        ) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def find_delimiter(line: str, name: str) -> str:
+    """Delimiter of a header line among semicolon, tab and comma."""
+    if len(line) > LONGEST_LINE:
+        raise InputError(f"the header of {name} is {len(line)} characters long: this is no table")
+    for delimiter in (";", "\t", ","):
+        if delimiter in line:
+            return delimiter
+    return ","
+
+
+def split_cells(line: str, delimiter: str | None) -> list[str]:
+    """Cells of one line without surrounding blanks and quotes; `None` splits at white space."""
+    cells = line.split() if delimiter is None else line.split(delimiter)
+    return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def parse_numbers(
+    lines: Sequence[str], *, name: str, first_line: int, delimiter: str | None, columns: int
+) -> NDArray[np.float64]:
+    """Convert lines of text to numbers; empty cells and NaN become NaN.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Rows of the table; blank ones hold nothing and are passed over.
+    name : str
+        File name, for messages.
+    first_line : int
+        Line number of ``lines[0]`` in the file, counted from 1, for messages.
+    delimiter : str or None
+        `None` means any white space. With a semicolon or a tab a comma is a decimal comma.
+    columns : int
+        Cells that each row must have.
+
+    Returns
+    -------
+    (rows, columns) array
+
+    Raises
+    ------
+    InputError
+        For a row with another number of cells or a cell that is not a number.
+    """
+    rows = [(first_line + i, line) for i, line in enumerate(lines) if line.strip()]
+    if not rows:
+        raise InputError(f"{name} holds no row of numbers")
+    for number, line in rows:
+        count = len(line.split()) if delimiter is None else line.count(delimiter) + 1
+        if count != columns:
+            raise InputError(_wrong_count(name, number, count, columns, delimiter))
+    text = "\n".join(line for _, line in rows)
+    decimal = "," if delimiter != "," and "," in text else "."
+    if decimal == "," and "." in text:
+        raise InputError(f"{name} mixes decimal points and commas: write all numbers one way")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pandas warns about what the error below says better
+            frame = pd.read_csv(
+                io.StringIO(text), header=None, sep=r"\s+" if delimiter is None else delimiter,
+                decimal=decimal, dtype=np.float64, na_values=list(MISSING), keep_default_na=False,
+                skipinitialspace=True, float_precision="round_trip", skip_blank_lines=True,
+            )  # fmt: skip
+        values = frame.to_numpy(dtype=np.float64)
+    except (ValueError, OverflowError, pd.errors.ParserError):
+        return _parse_slowly(rows, name, delimiter, decimal)
+    if values.shape != (len(rows), columns):
+        return _parse_slowly(rows, name, delimiter, decimal)
+    return np.ascontiguousarray(values)
+
+
+def _wrong_count(name: str, number: int, count: int, columns: int, delimiter: str | None) -> str:
+    hint = ""
+    if delimiter == "," and count > columns:
+        hint = "; decimal commas need a semicolon or a tab between the columns"
+    elif count < columns:
+        hint = "; the file may be cut"
+    return f"line {number} of {name} has {count} cell(s) where {columns} belong{hint}"
+
+
+def _parse_slowly(
+    rows: Sequence[tuple[int, str]], name: str, delimiter: str | None, decimal: str
+) -> NDArray[np.float64]:
+    """Cell by cell, to name the one that is not a number."""
+    values = []
+    for number, line in rows:
+        cells = split_cells(line, delimiter)
+        for index, cell in enumerate(cells):
+            if cell in MISSING:
+                values.append(np.nan)
+                continue
+            text = cell.replace(",", ".") if decimal == "," else cell
+            if not NUMBER.fullmatch(text):
+                raise InputError(f"line {number}, cell {index + 1} of {name} is not a number: {cell[:40]!r}")
+            values.append(float(text))
+    return np.array(values).reshape(len(rows), -1)

@@ -1,0 +1,249 @@
+"""Wide CSV: one row per sample, `t,p_kpa,x_000,y_000,z_000,...`, metadata as JSON.
+
+Columns: ``t`` (s) or ``t_ms``; ``p_<unit>`` for one pressure or ``p_<unit>_<chamber>`` for several (gauge);
+``x_<station>``, ``y_<station>`` and, unless planar, ``z_<station>``; optional ``qx_ qy_ qz_ qw_<station>``
+and ``angle_<station>`` (rad). Their order is free. Metadata stand in a first line ``# {...}`` or in a JSON
+file of the same name beside the table; ``length_unit`` (default m), ``station``, ``arc_length`` (m), ``frame``.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.files import whole
+from pliant.recording.registry import Reader
+from pliant.recording.schema import COMPONENTS, check_recording, make_recording
+from pliant.recording.tables import find_delimiter, parse_numbers, read_text, split_cells
+from pliant.units import PASCAL, metre_per, pascal_per
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    import xarray as xr
+    from numpy.typing import NDArray
+
+CLOCKS = {"t": 1.0, "t_s": 1.0, "t_ms": 1e-3}
+KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
+STATION_COLUMN = re.compile(r"(x|y|z|qx|qy|qz|qw|angle)_(.+)")
+KNOWN_METADATA = {"length_unit", "station", "arc_length", "frame", "nominal_pressure", "rows", "history",
+                  "source", "source_format", "source_sha256", "angle_reference"}  # fmt: skip
+
+
+def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Read a wide CSV; `mapping` adds to or replaces the metadata of the file."""
+    lines = read_text(path).split("\n")
+    metadata, start = _metadata(path, lines)
+    metadata = metadata | dict(mapping or {})
+    header = lines[start]
+    delimiter = find_delimiter(header, path.name)
+    names = split_cells(header, delimiter)
+    _check_names(names, path.name)
+    table = parse_numbers(
+        lines[start + 1 :], name=path.name, first_line=start + 2, delimiter=delimiter, columns=len(names)
+    )
+    if "rows" in metadata and metadata["rows"] != len(table):
+        raise InputError(
+            f"{path.name} says that it has {metadata['rows']} rows, but {len(table)} came: it may be cut"
+        )
+    columns = dict(zip(names, table.T, strict=True))
+    return _recording(columns, metadata, path.name)
+
+
+def write_wide_csv(ds: xr.Dataset, path: Path) -> None:
+    """Write a recording as wide CSV with full precision; its pressure must be on the clock of the shape.
+
+    Raises
+    ------
+    InputError
+        When the recording holds what one table cannot: two clocks, or strain.
+    """
+    check_recording(ds)
+    if "position" not in ds or "strain" in ds:
+        raise InputError("a wide CSV holds positions and pressure, not strain: write netCDF (.nc) instead")
+    columns: dict[str, Any] = {"t": ds["time"].values}
+    if "pressure" in ds:
+        columns |= _pressure_columns(ds)
+    labels = [f"{i:03d}" for i in range(ds.sizes["station"])]
+    for i, label in enumerate(labels):
+        columns |= {f"{a}_{label}": ds["position"].values[:, i, k] for k, a in enumerate(ds["axis"].values)}
+        if "quaternion" in ds:
+            q = ds["quaternion"].values[:, i]
+            columns |= {f"q{c}_{label}": q[:, k] for k, c in enumerate(COMPONENTS)}
+        if "angle" in ds:
+            columns[f"angle_{label}"] = ds["angle"].values[:, i]
+    with whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+        file.write("# " + json.dumps(_written_metadata(ds), ensure_ascii=False) + "\n")
+        file.write(",".join(columns) + "\n")
+        for row in np.column_stack(list(columns.values())).tolist():
+            file.write(",".join("" if value != value else repr(value) for value in row) + "\n")  # noqa: PLR0124
+
+
+def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
+    """Metadata and the index of the header line."""
+    start = next((i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] != "#"), None)
+    if start is None:
+        raise InputError(f"{path.name} holds comments only, no header and no rows")
+    text = next((c for c in (line.lstrip()[1:].strip() for line in lines[:start]) if c.startswith("{")), "")
+    origin = "its comment line"
+    sidecar = path.with_suffix(".json")
+    if not text and sidecar.is_file():
+        text, origin = read_text(sidecar), sidecar.name
+    if not text:
+        return {}, start
+    try:
+        metadata = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"the metadata of {path.name} in {origin} are not JSON: {error}") from None
+    if not isinstance(metadata, dict):
+        raise InputError(f"the metadata of {path.name} in {origin} must be a JSON object")
+    return metadata, start
+
+
+def _check_names(names: list[str], file: str) -> None:
+    repeated = sorted({n for n in names if names.count(n) > 1}) if len(set(names)) < len(names) else []
+    if repeated:
+        raise InputError(f"{file} has repeated columns: {', '.join(repeated[:5])}")
+    clocks = [n for n in names if n in CLOCKS]
+    if len(clocks) != 1:
+        found = ", ".join(names[:8])[:200]
+        raise InputError(
+            f"{file} must have one column t (seconds) or t_ms in its first row, but that row is: {found}; "
+            "a table without such a header needs a mapping"
+        )
+
+
+def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str) -> xr.Dataset:
+    clock = next(n for n in CLOCKS if n in columns)
+    labels = _station_labels(columns)
+    history = []
+    pressure, chamber = _pressure(columns)
+    known = {clock, *(n for n in columns if STATION_COLUMN.fullmatch(n) or _pressure_unit(n))}
+    ignored = [n for n in columns if n not in known]
+    if ignored:
+        history.append(f"{len(ignored)} column(s) of {file} are of no known kind and left out: {ignored}")
+    arrays: dict[str, Any] = {}
+    if labels:
+        arrays, more = _stations(columns, labels, metadata, file)
+        history += more
+    elif pressure is None:
+        raise InputError(f"{file} has neither stations (x_000, y_000, ...) nor pressure (p_kpa)")
+    time = columns[clock] * CLOCKS[clock]
+    try:
+        return make_recording(
+            time if labels else None, pressure=pressure, pressure_time=None if pressure is None else time,
+            chamber=chamber, history=[*_lines(metadata), *history], **arrays, **_kept(metadata),
+        )  # fmt: skip
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+
+
+def _station_labels(columns: dict[str, NDArray]) -> list[str]:
+    found = [m.group(2) for m in map(STATION_COLUMN.fullmatch, columns) if m]
+    labels = list(dict.fromkeys(found))
+    if labels and all(label.isdigit() for label in labels):
+        labels = sorted(labels, key=int)
+        width = len(labels[0])
+        missing = [f"x_{i:0{width}d}" for i in range(int(labels[0]), int(labels[-1])) if
+                   f"{i:0{width}d}" not in set(labels)][:5]  # fmt: skip
+        if missing:
+            raise InputError(f"stations are missing between the first and the last: no column {missing}")
+    return labels
+
+
+def _stations(
+    columns: dict[str, NDArray], labels: list[str], metadata: dict[str, Any], file: str
+) -> tuple[dict[str, Any], list[str]]:
+    flat = not any(f"z_{label}" in columns for label in labels)
+    planar = metadata.get("frame", "tracker") == "planar"
+    scale = metre_per(str(metadata.get("length_unit", "m")))
+    wanted = {"position": ["x", "y"] if flat else ["x", "y", "z"]}
+    if any(f"q{c}_{label}" in columns for label in labels for c in COMPONENTS):
+        wanted["quaternion"] = ["qx", "qy", "qz", "qw"]
+    if any(f"angle_{label}" in columns for label in labels):
+        wanted["angle"] = ["angle"]
+    arrays: dict[str, Any] = {}
+    for variable, kinds in wanted.items():
+        missing = [f"{k}_{s}" for s in labels for k in kinds if f"{k}_{s}" not in columns]
+        if missing:
+            raise InputError(f"{file} lacks the column(s) {', '.join(missing[:5])}")
+        stack = [np.stack([columns[f"{k}_{s}"] for k in kinds], -1) for s in labels]
+        arrays[variable] = np.stack(stack, 1)
+    arrays["position"] = arrays["position"] * scale
+    if "angle" in arrays:
+        arrays["angle"] = arrays["angle"][..., 0]
+    history = []
+    if flat and not planar:
+        shape = (*arrays["position"].shape[:2], 1)
+        arrays["position"] = np.concatenate([arrays["position"], np.zeros(shape)], -1)
+        history.append("the table has no z columns: z = 0 at every station")
+    arrays["station"] = metadata.get("station") or [f"s{s}" if s.isdigit() else s for s in labels]
+    return arrays, history
+
+
+def _pressure_unit(name: str) -> str | None:
+    parts = name.split("_")
+    return parts[1] if len(parts) >= 2 and parts[0] == "p" and parts[1].lower() in PASCAL else None
+
+
+def _pressure(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | None]:
+    found = {name: unit for name in columns if (unit := _pressure_unit(name))}
+    if "p" in columns:
+        raise InputError("the column p does not say its unit: name it p_kpa, p_bar, p_psi or p_pa")
+    if not found:
+        return None, None
+    values = [columns[name] * pascal_per(unit) for name, unit in found.items()]
+    if len(found) == 1 and next(iter(found)).count("_") == 1:
+        return values[0], None
+    return np.stack(values, -1), ["_".join(name.split("_")[2:]) or "p" for name in found]
+
+
+def _lines(metadata: dict[str, Any]) -> list[str]:
+    return [line for line in str(metadata.get("history", "")).split("\n") if line]
+
+
+def _kept(metadata: dict[str, Any]) -> dict[str, Any]:
+    names = ("frame", "nominal_pressure", "arc_length", "source", "source_format", "source_sha256",
+             "angle_reference")  # fmt: skip
+    kept = {name: metadata[name] for name in names if metadata.get(name) is not None}
+    other = {k: v for k, v in metadata.items() if k not in KNOWN_METADATA}
+    if other:
+        kept["attrs"] = {"metadata": json.dumps(other, ensure_ascii=False)}
+    return kept
+
+
+def _pressure_columns(ds: xr.Dataset) -> dict[str, NDArray]:
+    if not np.array_equal(ds["pressure_time"].values, ds["time"].values):
+        raise InputError(
+            "a wide CSV has one clock, but pressure and shape have two: write netCDF (.nc), or resample the "
+            "pressure to the clock of the shape first"
+        )
+    values = ds["pressure"].values
+    if values.ndim == 1:
+        return {"p_pa": values}
+    return {f"p_pa_{c}": values[:, k] for k, c in enumerate(ds["chamber"].values)}
+
+
+def _written_metadata(ds: xr.Dataset) -> dict[str, Any]:
+    metadata = {"rows": ds.sizes["time"], "length_unit": "m", "station": ds["station"].values.tolist()}
+    for name in ("frame", "nominal_pressure", "history", "source", "source_format", "source_sha256"):
+        if ds.attrs.get(name) not in (None, ""):
+            metadata[name] = ds.attrs[name]
+    if "arc_length" in ds.coords:
+        metadata["arc_length"] = ds["arc_length"].values.tolist()
+    if "angle" in ds:
+        metadata["angle_reference"] = ds["angle"].attrs["reference"]
+    other = ds.attrs.get("metadata")
+    return metadata | (json.loads(other) if isinstance(other, str) else {})
+
+
+def _recognises(head: bytes) -> bool:
+    return not (head.startswith((b"Format Version", b"\xef\xbb\xbfFormat Version")) or b"\0" in head[:512])
+
+
+READER = Reader("csv", (".csv", ".tsv"), read_wide_csv, _recognises)

@@ -1,0 +1,86 @@
+"""What order selection needs of a recording: whole frames, arc length, the tangent at the base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.numerics.spline import polynomial_slope_weights
+from pliant.preprocessing.arc_length import station_arc_length, whole_frames
+from pliant.recording.schema import check_recording
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+TANGENT_SHARE = 0.1  # of the length: the stretch at the base whose fit gives the tangent
+
+
+@dataclass(frozen=True)
+class Body:
+    """Whole frames of a body as plain arrays.
+
+    Attributes
+    ----------
+    time : (T,) array, s
+    position : (T, S, d) array, m
+    arc_length : (S,) array, m
+        One abscissa for all frames, so that a node stays on the same piece of the body.
+    tangent : (T, d) array
+        Unit tangent at the first station.
+    dropped : int
+        Frames that were left out because a station was missing.
+    notes : tuple of str
+        What was assumed or found on the way.
+    """
+
+    time: NDArray[np.float64]
+    position: NDArray[np.float64]
+    arc_length: NDArray[np.float64]
+    tangent: NDArray[np.float64]
+    dropped: int
+    notes: tuple[str, ...]
+
+
+def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> Body:
+    """Take the whole frames of a recording, its arc length and base tangent.
+
+    Arc length is the recording's own where it carries one, otherwise the time-mean sum of chords. The base
+    tangent is +y in an aligned planar recording, otherwise that of a least-squares parabola through the first
+    tenth of the body (at least three stations), frame by frame.
+
+    Raises
+    ------
+    InputError
+        When the recording has no positions, too few stations, no whole frame, or stations that coincide.
+    """
+    check_recording(recording)
+    stations = recording.sizes.get("station", fewest_stations)
+    if stations < fewest_stations:
+        raise InputError(f"at least {fewest_stations} stations along the body are needed, but {stations} came")
+    position, time, dropped = whole_frames(recording)
+    notes = [f"{dropped} frame(s) with missing stations left out"] if dropped else []
+    arc_length, told = station_arc_length(recording, position)
+    notes += told
+    if recording.attrs["frame"] == "planar":
+        tangent = np.broadcast_to(np.array([0.0, 1.0]), (len(time), 2))
+        notes.append("base tangent: +y, the frame of the recording")
+    else:
+        tangent, count = _measured_tangent(position, arc_length)
+        notes.append(f"base tangent: parabola through the first {count} stations, frame by frame")
+    return Body(time, position, arc_length, tangent, dropped, tuple(notes))
+
+
+def _measured_tangent(
+    position: NDArray[np.float64], arc_length: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], int]:
+    count = max(3, int(np.searchsorted(arc_length, TANGENT_SHARE * arc_length[-1], side="right")))
+    weights = polynomial_slope_weights(arc_length[:count], 2)
+    slope = np.einsum("s,tsd->td", weights, position[:, :count])
+    length = np.linalg.norm(slope, axis=1, keepdims=True)
+    if (length == 0.0).any():
+        raise InputError(f"the base has no direction in {int((length == 0.0).sum())} frame(s)")
+    return slope / length, count

@@ -1,0 +1,241 @@
+"""Links and joint angles of a planar shape: chords between nodes on the curve (notation: docs, Sec. III-B)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.numerics.spline import local_cubic_matrix
+from pliant.reduction.body import body_of
+from pliant.reduction.placement import equal_nodes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import xarray as xr
+    from numpy.typing import ArrayLike, NDArray
+
+    from pliant.reduction.body import Body
+
+REST_DURATION = 0.1
+PRESSURE_AT_REST = 0.05  # of the range of the pressure
+
+
+@dataclass(frozen=True)
+class Links:
+    """A chain laid through a shape. Joint i owns link i; index 0 is the base.
+
+    Attributes
+    ----------
+    time : (T,) array, s
+    link_length : (n,) array, m
+    rest_angle : (n,) array, rad
+        theta_i0: angle of each link to the one before (the first: to the base tangent +y) at rest.
+    joint_angle : (T, n) array, rad
+        q_i: change of that angle from rest, continuous over time.
+    node_arc_length : (n + 1,) array, m
+    base : (2,) array, m
+        Mean position of the first node.
+    tips : (T, n, 2) array, m
+        Measured positions of the link tips.
+    length_variation : (n,) array
+        Range of each link's length over time, divided by `link_length`.
+    residual : (T, n) array, m
+        Distance between the measured tips and those of the chain with constant link lengths.
+    notes : tuple of str
+    """
+
+    time: NDArray[np.float64]
+    link_length: NDArray[np.float64]
+    rest_angle: NDArray[np.float64]
+    joint_angle: NDArray[np.float64]
+    node_arc_length: NDArray[np.float64]
+    base: NDArray[np.float64]
+    tips: NDArray[np.float64]
+    length_variation: NDArray[np.float64]
+    residual: NDArray[np.float64]
+    notes: tuple[str, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of links."""
+        return len(self.link_length)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Links over time as a dataset with units."""
+        import xarray as xr
+
+        def described(dims: tuple[str, ...], values: object, units: str, long_name: str) -> object:
+            return (dims, values, {"units": units, "long_name": long_name})
+
+        data = {
+            "joint_angle": described(("time", "joint"), self.joint_angle, "rad", "joint angle from rest"),
+            "tip": described(("time", "link", "axis"), self.tips, "m", "measured position of the link tips"),
+            "residual": described(("time", "link"), self.residual, "m", "distance of the chain from the tips"),
+            "link_length": described(("link",), self.link_length, "m", "link length"),
+            "rest_angle": described(("joint",), self.rest_angle, "rad", "joint angle at rest"),
+            "length_variation": described(("link",), self.length_variation, "1", "relative range of the length"),
+            "node_arc_length": described(("node",), self.node_arc_length, "m", "arc length of the nodes"),
+            "base": described(("axis",), self.base, "m", "position of the base"),
+        }
+        coords = {"time": described(("time",), self.time, "s", "time on the clock of the shape"), "axis": ["x", "y"]}
+        return xr.Dataset(data, coords, {"notes": "\n".join(self.notes)})
+
+
+def links_of(
+    recording: xr.Dataset,
+    n: int | None = None,
+    *,
+    node_arc_length: ArrayLike | None = None,
+    stations: Sequence[str] | None = None,
+    length: str = "rest",
+    rest: tuple[float, float] | None = None,
+) -> Links:
+    """Lay a chain through a planar shape.
+
+    alpha_i = atan2(-dx, dy) of chord i;  theta_i = alpha_i - alpha_{i-1}, alpha_0 = 0 (the base tangent +y);
+    theta_i0 = theta_i of the rest shape;  q_i = theta_i - theta_i0
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Planar recording, base first.
+    n : int, optional
+        Number of links of equal arc length.
+    node_arc_length : (n + 1,) array, m, optional
+        Nodes from base to tip, instead of `n`.
+    stations : names, optional
+        Nodes at these stations, instead of `n`.
+    length : {"rest", "mean"}
+        Link lengths of the rest shape, or their mean over time (better for large bends: chords shorten).
+    rest : (start, stop), s, optional
+        Time window of the rest shape; default the first 0.1 s.
+
+    Returns
+    -------
+    Links
+
+    Raises
+    ------
+    InputError
+        When the recording is not planar, the nodes are unusable, or the rest window holds no frame.
+    """
+    if recording.attrs.get("frame") != "planar":
+        raise InputError("links need a planar recording (base at the origin, base tangent +y): align it first")
+    if length not in ("rest", "mean"):
+        raise InputError(f"length must be rest or mean, not {length!r}")
+    body = body_of(recording, fewest_stations=2)
+    knots = _chosen_nodes(recording, body, n, node_arc_length, stations)
+    nodes = np.matmul(_node_matrix(body.arc_length, knots), body.position)
+    still, notes = _rest_frames(recording, body.time, rest)
+    rest_nodes = nodes[still].mean(axis=0)
+    lengths, relative = chain_of(nodes)
+    rest_lengths, rest_angle = (a[0] for a in chain_of(rest_nodes[None]))
+    link_length = rest_lengths if length == "rest" else lengths.mean(axis=0)
+    turns = _unwrapped_from(relative, rest_angle, int(np.argmax(still)))
+    base = nodes[:, 0].mean(axis=0)
+    tips = nodes[:, 1:]
+    chain = forward_tips(turns, link_length) + base
+    return Links(
+        time=body.time,
+        link_length=link_length,
+        rest_angle=rest_angle,
+        joint_angle=turns - rest_angle,
+        node_arc_length=knots,
+        base=base,
+        tips=tips,
+        length_variation=np.ptp(lengths, axis=0) / link_length,
+        residual=np.linalg.norm(chain - tips, axis=2),
+        notes=(*body.notes, *notes),
+    )
+
+
+def chain_of(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lengths and relative angles in (-pi, pi], both (T, n), of the chords between nodes (T, n + 1, 2)."""
+    chord = np.diff(nodes, axis=1)
+    alpha = np.arctan2(-chord[:, :, 0], chord[:, :, 1])
+    return np.hypot(chord[:, :, 0], chord[:, :, 1]), wrap(np.diff(alpha, axis=1, prepend=0.0))
+
+
+def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Tips (T, n, 2) of chains from the origin: turns (T, n) = q + theta_0, lengths (n,) or (T, n).
+
+    p^i = p^{i-1} + l_i (-sin phi_i, cos phi_i),  phi_i = sum_{k<=i} (q_k + theta_k0)
+
+    Paper: Eq. (3) [eq:Rp^i]
+    """
+    phi = np.cumsum(turns, axis=1)
+    return np.cumsum(np.stack([-np.sin(phi), np.cos(phi)], axis=2) * link_length[..., None], axis=1)
+
+
+def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same angle in (-pi, pi]."""
+    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+
+
+def _unwrapped_from(relative: NDArray[np.float64], rest: NDArray[np.float64], start: int) -> NDArray[np.float64]:
+    """Relative angles continuous over time, within half a turn of `rest` at frame `start`."""
+    turns: NDArray[np.float64] = np.unwrap(relative, axis=0)
+    return turns - 2 * np.pi * np.round((turns[start] - rest) / (2 * np.pi))
+
+
+def _chosen_nodes(
+    recording: xr.Dataset,
+    body: Body,
+    n: int | None,
+    node_arc_length: ArrayLike | None,
+    stations: Sequence[str] | None,
+) -> NDArray[np.float64]:
+    if sum(option is not None for option in (n, node_arc_length, stations)) != 1:
+        raise InputError("give exactly one of n, node_arc_length and stations")
+    s = body.arc_length
+    if n is not None:
+        if n < 1:
+            raise InputError(f"the number of links n must be at least 1, but is {n}")
+        knots = equal_nodes(s, n)
+    elif stations is not None:
+        names = [str(name) for name in recording["station"].values]
+        unknown = [name for name in stations if name not in names]
+        if unknown:
+            raise InputError(f"no station {', '.join(unknown)}; the recording has {', '.join(names)}")
+        knots = s[[names.index(name) for name in stations]]
+    else:
+        knots = np.array(node_arc_length, dtype=np.float64)
+    tolerance = 1e-9 * s[-1]
+    if knots.ndim != 1 or knots.size < 2 or not (np.diff(knots) > tolerance).all():
+        raise InputError(f"nodes must increase from base to tip, but lie at {np.round(knots, 6)} m")
+    if knots[0] < -tolerance or knots[-1] > s[-1] + tolerance:
+        raise InputError(f"nodes must lie between 0 and {s[-1]:.6g} m along the body, not at {np.round(knots, 6)} m")
+    return knots
+
+
+def _node_matrix(s: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[np.float64]:
+    nearest = np.abs(s[None, :] - knots[:, None]).argmin(axis=1)
+    if np.allclose(s[nearest], knots, rtol=0, atol=1e-9 * s[-1]):
+        return np.eye(s.size)[nearest]
+    if s.size < 4:
+        raise InputError("nodes between stations need at least 4 stations; put the nodes at stations")
+    return local_cubic_matrix(s, knots)
+
+
+def _rest_frames(
+    recording: xr.Dataset, time: NDArray[np.float64], rest: tuple[float, float] | None
+) -> tuple[NDArray[np.bool_], list[str]]:
+    start, stop = (time[0], time[0] + REST_DURATION) if rest is None else rest
+    still = (time >= start) & (time <= stop)
+    if not still.any():
+        raise InputError(
+            f"the rest window {start:g} to {stop:g} s holds no whole frame; the recording runs from "
+            f"{time[0]:g} to {time[-1]:g} s"
+        )
+    notes = [f"rest shape: mean of {int(still.sum())} frame(s) from {start:g} to {stop:g} s"]
+    if "pressure" in recording:
+        clock = recording["pressure_time"].values
+        pressure = np.abs(recording["pressure"].values).reshape(clock.size, -1)
+        window = pressure[(clock >= start) & (clock <= stop)]
+        if window.size and np.nanmax(window) > PRESSURE_AT_REST * np.nanmax(pressure) > 0:
+            notes.append(f"the pressure reaches {np.nanmax(window):.0f} Pa in the rest window")
+    return still, notes

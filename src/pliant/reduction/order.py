@@ -1,0 +1,131 @@
+"""How many links? The error of the spline through the joints against the number of segments."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pliant.errors import InputError
+from pliant.numerics.spline import BOUNDARIES, CLAMPED
+from pliant.reduction.body import body_of
+from pliant.reduction.error import frame_errors, spline_map
+from pliant.reduction.order_result import OrderResult
+from pliant.reduction.placement import best_nodes, equal_nodes, stations_between
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray as xr
+    from numpy.typing import NDArray
+
+    from pliant.reduction.body import Body
+
+PLACEMENTS = ("equal", "best")
+METRICS = ("arc", "closest")
+NODES = ("auto", "stations", "interpolated")
+
+
+def select_order(
+    recording: xr.Dataset,
+    *,
+    max_order: int = 8,
+    bound_mm: float | None = None,
+    boundary: str = CLAMPED,
+    placement: str = "equal",
+    metric: str = "arc",
+    nodes: str = "auto",
+) -> OrderResult:
+    """Error of the reconstructed shape for n = 2 ... `max_order` segments, and the lowest n within a bound.
+
+    In every frame a cubic spline goes through the n + 1 joints, base and tip included, and is compared with the
+    measured body at all its stations. Planar and three-dimensional bodies alike.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        A recording with positions along one body, base first. Frames with a missing station are left out and
+        counted.
+    max_order : int
+    bound_mm : float, optional
+        Largest error that is allowed in any frame, mm. Without it no order is chosen.
+    boundary : {"natural", "not-a-knot", "clamped+not-a-knot"}
+        End conditions of the spline. The default takes the base tangent as known: +y in an aligned planar
+        recording, otherwise measured frame by frame from the first tenth of the body.
+    placement : {"equal", "best"}
+        Joints at equal arc length, or where the largest error over the recording is smallest: that at equal arc
+        length, whatever the `metric`.
+    metric : {"arc", "closest"}
+        Distance at equal arc length (the paper's), or to the closest point of the spline.
+    nodes : {"auto", "stations", "interpolated"}
+        Whether joints at equal arc length sit at the nearest stations or exactly, between them; "auto"
+        interpolates from 65 stations on.
+
+    Returns
+    -------
+    OrderResult
+
+    Raises
+    ------
+    InputError
+        When an option is unknown, or the recording has no usable shape.
+
+    Notes
+    -----
+    Arc length is one abscissa for all frames (the recording's own, or the time-mean sum of chords), so a joint
+    keeps its place on the body.
+
+    Paper: Sec. III-A, Figs. 4 and 5 [fig:fitting, fig:matchCurve]
+    """
+    _check_options(boundary=boundary, placement=placement, metric=metric, nodes=nodes)
+    if max_order < 2:
+        raise InputError(f"max_order must be at least 2 segments, but is {max_order}")
+    if bound_mm is not None and not bound_mm > 0:
+        raise InputError(f"bound_mm must be a positive number of millimetres, but is {bound_mm}")
+    body = body_of(recording)
+    knots = _knots(body, max_order, boundary, placement, nodes)
+    largest, mean = frame_errors(body, [spline_map(body.arc_length, k, boundary) for k in knots], metric)
+    orders = tuple(k.size - 1 for k in knots)
+    notes = list(body.notes)
+    if len(orders) < max_order - 1:
+        notes.append(f"orders above {orders[-1]} need more than {body.arc_length.size} stations")
+    return OrderResult(
+        orders=orders,
+        time=body.time,
+        max_error=largest,
+        mean_error=mean,
+        node_arc_length=tuple(knots),
+        stations_between=tuple(stations_between(body.arc_length, k) for k in knots),
+        bound=None if bound_mm is None else bound_mm * 1e-3,
+        boundary=boundary,
+        placement=placement,
+        metric=metric,
+        stations=body.arc_length.size,
+        frames_left_out=body.dropped,
+        length=float(body.arc_length[-1]),
+        notes=tuple(notes),
+    )
+
+
+def _check_options(**options: str) -> None:
+    known = {"boundary": BOUNDARIES, "placement": PLACEMENTS, "metric": METRICS, "nodes": NODES}
+    for name, value in options.items():
+        if value not in known[name]:
+            raise InputError(f"{name} must be one of {', '.join(known[name])}, not {value!r}")
+
+
+def _knots(body: Body, max_order: int, boundary: str, placement: str, nodes: str) -> list[NDArray[np.float64]]:
+    """Node arc lengths of every order that the stations allow."""
+    s = body.arc_length
+    knots = []
+    for n in range(2, max_order + 1):
+        if s.size < n + 2:
+            break
+        equal = equal_nodes(s, n, nodes)
+        if (equal[1:] <= equal[:-1]).any():
+            break
+        enough = s.size >= 2 * n + 1  # a station inside every segment
+        knots.append(best_nodes(body, n, boundary, equal) if placement == "best" and enough else equal)
+    if not knots:
+        raise InputError(
+            f"the {s.size} stations are too few or too unevenly spaced for two segments: "
+            "four are needed, with one near the middle"
+        )
+    return knots

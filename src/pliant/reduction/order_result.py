@@ -1,0 +1,173 @@
+"""The outcome of an order selection: errors by order and frame, the choice and its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pliant.display import Card, Shown
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+FEW_STATIONS = 3  # inside a segment; with fewer the largest error at the stations may be a fifth too low
+
+
+@dataclass(frozen=True, repr=False)
+class OrderResult(Shown):
+    """Errors of the reconstructed shape for every order.
+
+    Attributes
+    ----------
+    orders : tuple of int
+        Numbers of segments n.
+    time : (T,) array, s
+        The frames that were used.
+    max_error, mean_error : (N, T) arrays, m
+        Over the stations of a frame, for each order.
+    node_arc_length : tuple of (n + 1,) arrays, m
+    stations_between : tuple of int
+        Fewest stations inside a segment, for each order. Without one an order cannot be judged.
+    bound : float or None, m
+    boundary, placement, metric : str
+    stations : int
+    frames_left_out : int
+        Frames with missing stations.
+    length : float, m
+        Arc length of the body.
+    notes : tuple of str
+        What was assumed on the way.
+    """
+
+    orders: tuple[int, ...]
+    time: NDArray[np.float64]
+    max_error: NDArray[np.float64]
+    mean_error: NDArray[np.float64]
+    node_arc_length: tuple[NDArray[np.float64], ...]
+    stations_between: tuple[int, ...]
+    bound: float | None
+    boundary: str
+    placement: str
+    metric: str
+    stations: int
+    frames_left_out: int
+    length: float
+    notes: tuple[str, ...]
+
+    @property
+    def frames(self) -> int:
+        """Number of frames that were used."""
+        return len(self.time)
+
+    @property
+    def chosen(self) -> int | None:
+        """Lowest order whose largest error over all frames keeps the bound; None when there is none."""
+        if self.bound is None:
+            return None
+        for n, errors, inside in zip(self.orders, self.max_error, self.stations_between, strict=True):
+            if inside > 0 and errors.max() <= self.bound:
+                return n
+        return None
+
+    @property
+    def reason(self) -> str:
+        """Why this order was chosen, or none, in a sentence; says when the stations are too few to judge it."""
+        if self.bound is None:
+            return "No order was chosen, because no bound was given."
+        bound = f"the bound of {self.bound * 1e3:g} mm"
+        judged = [n for n, inside in zip(self.orders, self.stations_between, strict=True) if inside > 0]
+        if self.chosen is None and not judged:
+            return f"No order can be judged: {self.stations} stations leave none between the joints."
+        if self.chosen is None:
+            n = min(judged, key=lambda m: float(self.max_error[self._row(m)].max()))
+            least = self.max_error[self._row(n)].max() * 1e3
+            text = f"No order up to {judged[-1]} keeps {bound}: the smallest maximum is {least:.2f} mm, with n = {n}."
+            return text + self._caution(n)
+        n = self.chosen
+        text = f"n = {n} is the lowest order that keeps {bound} in all {self.frames} frames"
+        return f"{text} (maximum {self.max_error[self._row(n)].max() * 1e3:.2f} mm)." + self._caution(n)
+
+    def fraction_within(self, order: int) -> float:
+        """Fraction of frames whose largest error keeps the bound; 1 when there is no bound."""
+        if self.bound is None:
+            return 1.0
+        return float((self.max_error[self._row(order)] <= self.bound).mean())
+
+    def worst_frames(self, order: int, count: int = 5) -> list[tuple[float, float]]:
+        """The `count` worst frames of an order: (time s, largest error m), worst first."""
+        errors = self.max_error[self._row(order)]
+        return [(float(self.time[k]), float(errors[k])) for k in np.argsort(-errors, kind="stable")[:count]]
+
+    def operations(self, order: int) -> int:
+        """Additions and multiplications of one evaluation of the n-link dynamics, about (dense, absolute angles)."""
+        return round(order**3 / 3 + 55 * order**2 / 6)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers in millimetres, as `pliant order --json` prints them."""
+        return {
+            "orders": {str(n): self._row_dict(k) for k, n in enumerate(self.orders)},
+            "chosen": self.chosen,
+            "bound_mm": None if self.bound is None else self.bound * 1e3,
+            "frames": self.frames,
+            "stations": self.stations,
+        }
+
+    def to_xarray(self) -> xr.Dataset:
+        """Errors over order and time, with units."""
+        import xarray as xr
+
+        about = {"max_error": (self.max_error, "largest"), "mean_error": (self.mean_error, "mean")}
+        data = {
+            name: (("order", "time"), values, {"units": "m", "long_name": f"{word} error over the stations"})
+            for name, (values, word) in about.items()
+        }
+        coords = {
+            "order": ("order", list(self.orders), {"units": "1", "long_name": "number of segments"}),
+            "time": ("time", self.time, {"units": "s", "long_name": "time on the clock of the shape"}),
+        }
+        attrs = {"boundary": self.boundary, "placement": self.placement, "metric": self.metric}
+        return xr.Dataset(data, coords, attrs | {"reason": self.reason, "notes": "\n".join(self.notes)})
+
+    def summary(self) -> str:
+        """The choice and what it rests on, in sentences."""
+        kind = "at equal arc length" if self.metric == "arc" else "to the closest point"
+        place = "at equal arc length" if self.placement == "equal" else "where the largest error is smallest"
+        text = f"{self.reason} Errors {kind}, joints {place}, {self.boundary} spline, {self.stations} stations"
+        text += f" over {self.length * 1e3:.1f} mm."
+        if self.frames_left_out:
+            text += f" {self.frames_left_out} frame(s) with missing stations were left out."
+        return text
+
+    def card(self) -> Card:
+        """The errors of every order, and the choice."""
+        head = ["segments", "max mm", "mean mm", "95 % of max mm", "frames within bound"]
+        rows = []
+        for n, row in zip(self.orders, self.to_dict()["orders"].values(), strict=True):
+            numbers = (f"{row[key]:.3f}" for key in ("max_mm", "mean_mm", "p95_of_max_mm"))
+            within = "" if self.bound is None else f"{100 * self.fraction_within(n):.1f} %"
+            rows.append([f"{n}{' *' if n == self.chosen else ''}", *numbers, within])
+        return Card(f"Order of {self.frames} frames of {self.stations} stations", [self.summary()], head, rows)
+
+    def _row(self, order: int) -> int:
+        return self.orders.index(order)
+
+    def _row_dict(self, k: int) -> dict[str, float]:
+        largest = self.max_error[k] * 1e3
+        return {
+            "max_mm": float(largest.max()),
+            "mean_mm": float(self.mean_error[k].mean() * 1e3),
+            "median_of_max_mm": float(np.median(largest)),
+            "p95_of_max_mm": float(np.percentile(largest, 95)),
+        }
+
+    def _caution(self, order: int) -> str:
+        inside = self.stations_between[self._row(order)]
+        if inside >= FEW_STATIONS:
+            return ""
+        return (
+            f" But a segment of n = {order} holds only {inside} station(s) between its joints: too few to judge this "
+            "order, the true maximum may be larger."
+        )

@@ -1,0 +1,16 @@
+"""The model at work: state from shape, contact, map."""
+
+from __future__ import annotations
+
+from pliant.runtime.contact import find_contact, free_motion
+from pliant.runtime.estimation import estimate
+from pliant.runtime.estimator import Estimator
+from pliant.runtime.locate import locate
+from pliant.runtime.mapping import map_contacts
+from pliant.runtime.noise import Noise, default_noise
+from pliant.runtime.sight import rows_of
+
+__all__ = [
+    "Estimator", "Noise", "default_noise", "estimate", "find_contact", "free_motion", "locate", "map_contacts",
+    "rows_of",
+]

@@ -1,0 +1,32 @@
+"""Least squares within bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+Array = np.ndarray
+
+
+def bounded(H: Array, b: Array, start: Array, highest: float) -> Array:
+    """X (F,) in 0 ... highest that minimises x H x / 2 - b x, H positive definite: projected Newton steps.
+
+    Source: Bertsekas, SIAM J. Control Optim. 20(2), 1982
+    """
+    x = np.clip(start, 0.0, highest)
+    for _ in range(60):
+        slope = H @ x - b
+        free = ~(((x <= 0.0) & (slope > 0)) | ((x >= highest) & (slope < 0)))
+        if not free.any() or np.abs(slope[free]).max() <= 1e-9 * np.abs(b).max():
+            break
+        move = np.zeros_like(x)
+        move[free] = -np.linalg.solve(H[np.ix_(free, free)], slope[free])
+        length = 1.0
+        while length > 1e-4:
+            step = np.clip(x + length * move, 0.0, highest) - x
+            if slope @ step + 0.5 * step @ H @ step < 0.0:
+                break
+            length *= 0.5
+        if np.abs(step).max() <= 1e-6 * highest:
+            return x + step
+        x = x + step
+    return x

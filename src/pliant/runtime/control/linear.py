@@ -1,0 +1,225 @@
+"""The model linearised about a rest under pressure: state space from the commanded pressure to angles and tip.
+
+State: absolute link angles phi (n,), their rates w (n,), then the valve: the pressure, and its rate where the valve is
+of second order. All are deviations from the rest. Memory enters as `pliant.modes` takes it: creep has no time to flow,
+slip elements stick; what flows later is left to integral action.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pliant.equations import motion, section
+from pliant.errors import InputError
+from pliant.model import Model, Valve
+from pliant.numerics.ldl import ldl_solve
+from pliant.simulation import state
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """dx/dt = A x + B u(t - dead_time), y = C x, about the rest under `pressure`.
+
+    Attributes
+    ----------
+    A, B, C : array (N, N), (N,), (outputs, N)
+        SI: rad, rad/s, Pa, Pa/s; u is the commanded pressure, Pa.
+    outputs : tuple of str
+        Names of the rows of C: tip_x, tip_y [m], angle_sum, q_1 ... q_n [rad].
+    states : tuple of str
+    angle : array (n,)
+        Absolute link angles at the rest, rad.
+    pressure : float
+        Pa, about which the model is linear.
+    dead_time : float
+        s.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    outputs: tuple[str, ...]
+    states: tuple[str, ...]
+    angle: Array
+    pressure: float
+    dead_time: float
+
+    @property
+    def n(self) -> int:
+        """Number of links."""
+        return self.angle.size
+
+    def row(self, output: str) -> Array:
+        """Row (N,) of C that gives an output.
+
+        Raises
+        ------
+        InputError
+            For an unknown output.
+        """
+        if output not in self.outputs:
+            raise InputError(f"unknown output {output!r}: use one of {', '.join(self.outputs)}")
+        return self.C[self.outputs.index(output)]
+
+    def poles(self) -> Array:
+        """Poles (N,) [1/s], slowest first."""
+        values = np.linalg.eigvals(self.A)
+        return values[np.argsort(np.abs(values))]
+
+    def zeros(self, output: str) -> Array:
+        """Finite transmission zeros [1/s] from the commanded pressure to one output, slowest first."""
+        return transmission_zeros(self.A, self.B, self.row(output))
+
+    def response(self, output: str, omega: Array) -> Array:
+        """Frequency response y/u at the angular frequencies `omega` (W,) [rad/s], dead time included."""
+        return frequency_response(self.A, self.B, self.row(output), omega) * np.exp(-1j * omega * self.dead_time)
+
+    def static_gain(self, output: str) -> float:
+        """Change of the output at rest for one pascal more."""
+        return float(-self.row(output) @ np.linalg.solve(self.A, self.B))
+
+
+def linearise(model: Model, pressure: float = 0.0) -> LinearModel:
+    """Linear model about the rest of `model` under a constant pressure, its valve included.
+
+    Parameters
+    ----------
+    model : Model
+        A valve with different time constants for rise and fall is taken at their mean.
+    pressure : float
+        Gauge pressure of the rest, Pa.
+
+    Returns
+    -------
+    LinearModel
+
+    Raises
+    ------
+    InputError, SimulationError
+        When the pressure is not finite, or the model finds no rest there.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> arm = pliant.chain_model(length=0.17, mass=0.069, mass_at="tip", stiffness=1.6, damping=8e-3, torque=[6.7e-7])
+    >>> linear = pliant.linearise(arm, pressure=0.0)  # doctest: +SKIP
+    >>> linear.zeros("angle_sum")  # doctest: +SKIP
+    """
+    phi = state.absolute(model, state.equilibrium(model, pressure))
+    a_phi, a_w, a_tau = derivatives(model, phi, pressure)
+    n = model.n
+    chain = np.zeros((2 * n, 2 * n))
+    chain[:n, n:] = np.eye(n)
+    chain[n:, :n], chain[n:, n:] = a_phi, a_w
+    drive = np.concatenate([np.zeros(n), a_tau * torque_slope(model, pressure)])
+    A, B, names = behind_valve(chain, drive, model.valve)
+    C, outputs = output_rows(model, phi, A.shape[0])
+    states = (*(f"phi_{i + 1}" for i in range(n)), *(f"w_{i + 1}" for i in range(n)), *names)
+    return LinearModel(A, B, C, outputs, states, phi, float(pressure), model.valve.dead_time)
+
+
+def derivatives(model: Model, phi: Array, pressure: float) -> tuple[Array, Array, Array]:
+    """Derivatives of the angular accelerations at rest: by phi, by w (n, n), by the torque (n,)."""
+    if model.inflation_limit:
+        raise InputError(
+            "the linear model and the controllers take a chamber with a rigid wall: fit a torque law without "
+            "inflation_limit for them"
+        )
+    n = model.n
+    joints, body = model.joints(), model.body()
+    stiff = joints._replace(K=joints.K * (1.0 + model.memory.instantaneous))
+    work, a = state.workspace(n), np.zeros(n)
+    a_phi, a_w = np.zeros((n, n)), np.zeros((n, n))
+    # at rest only K differs from the stiff joints' equilibrium, and the derivative does not see the offset when a = 0
+    motion.acceleration_jacobian(
+        phi, np.zeros(n), model.base_angle, float(model.torque_at(pressure)), body, joints, work, a, a_phi, a_w
+    )
+    if model.memory:
+        motion.acceleration(phi, np.zeros(n), model.base_angle, 0.0, body, joints, work, a)
+        relative = np.eye(n) - np.eye(n, k=-1)
+        more = relative.T @ np.diag(stiff.K - joints.K) @ relative
+        for row in more:
+            ldl_solve(work.A, row)
+        a_phi = a_phi - more
+    by_torque = joints.gain - np.append(joints.gain[1:], 0.0)
+    ldl_solve(work.A, by_torque)
+    return a_phi.T, a_w.T, by_torque
+
+
+def torque_slope(model: Model, pressure: float) -> float:
+    """Slope of the torque law at a pressure [Pa], the swelling held: N m/Pa."""
+    p = float(pressure)
+    by_slow = p * (1.0 - model.swell_share)
+    lever = section.torque(p, model.torque) / p if p else float(model.torque[0])
+    rest = float(section.secant(p, p, model.torque[1:])) if model.torque.size > 1 else 0.0
+    return float(lever + by_slow * rest)
+
+
+def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[str, ...]]:
+    """State space with the valve's states appended: the drive is then the commanded pressure."""
+    lag = 0.5 * (valve.rise_time + valve.fall_time)
+    N = A.shape[0]
+    order = 2 if valve.natural_frequency else int(lag > 0)
+    whole, drive = np.zeros((N + order, N + order)), np.zeros(N + order)
+    whole[:N, :N] = A
+    if not order:
+        return whole, B.copy(), ()
+    whole[:N, N] = B
+    if order == 1:
+        whole[N, N], drive[N] = -1.0 / lag, 1.0 / lag
+        return whole, drive, ("pressure",)
+    omega = 2 * np.pi * valve.natural_frequency
+    whole[N, N + 1] = 1.0
+    whole[N + 1, N:], drive[N + 1] = [-(omega**2), -2 * valve.damping_ratio * omega], omega**2
+    return whole, drive, ("pressure", "pressure_rate")
+
+
+def output_rows(model: Model, phi: Array, states: int) -> tuple[Array, tuple[str, ...]]:
+    """Rows of C and their names: the last tip, the sum of the joint angles, each joint angle."""
+    n = model.n
+    C = np.zeros((3 + n, states))
+    C[0, :n] = -model.bend_sign * model.link_length * np.cos(phi)
+    C[1, :n] = -model.link_length * np.sin(phi)
+    C[2, n - 1] = 1.0
+    C[3:, :n] = np.eye(n) - np.eye(n, k=-1)
+    return C, ("tip_x", "tip_y", "angle_sum", *(f"q_{i + 1}" for i in range(n)))
+
+
+def transmission_zeros(A: Array, B: Array, c: Array) -> Array:
+    """Finite zeros [1/s] of c (s - A)^{-1} B: finite generalised eigenvalues of the system's pencil, balanced first."""
+    from scipy.linalg import eig, matrix_balance
+
+    balanced, (scale, order) = matrix_balance(A, permute=False, separate=True)
+    del order
+    b, row = B / scale, c * scale
+    N = A.shape[0]
+    size = max(float(np.abs(balanced).max()), 1e-300)
+    pencil = np.zeros((N + 1, N + 1))
+    pencil[:N, :N] = balanced
+    pencil[:N, N] = b / np.abs(b).max() * size
+    pencil[N, :N] = row / np.abs(row).max() * size
+    mass = np.zeros_like(pencil)
+    mass[:N, :N] = np.eye(N)
+    alpha, beta = eig(pencil, mass, right=False, homogeneous_eigvals=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = alpha / beta
+    fastest = 1e3 * np.abs(np.linalg.eigvals(A)).max()
+    values = values[np.isfinite(values) & (np.abs(values) < fastest)]
+    return values[np.argsort(np.abs(values))]
+
+
+def frequency_response(A: Array, B: Array, c: Array, omega: Array) -> Array:
+    """C (i omega - A)^{-1} B at the angular frequencies `omega` (W,), rad/s."""
+    omega = np.atleast_1d(np.asarray(omega, dtype=float))
+    eye = np.eye(A.shape[0])
+    return np.array([c @ np.linalg.solve(1j * w * eye - A, B.astype(complex)) for w in omega])
+
+
+def frequency_and_damping(root: complex) -> tuple[float, float]:
+    """Frequency [Hz] and damping ratio of a pole or zero [1/s]; negative damping lies in the right half-plane."""
+    size = abs(root)
+    return size / (2 * np.pi), float(-np.real(root) / size) if size else 1.0

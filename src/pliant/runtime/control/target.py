@@ -1,0 +1,97 @@
+"""Where to: the rests of the model under every pressure, and which of them a set-point of the tip means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.model import Model
+from pliant.simulation import state
+
+Array = np.ndarray
+POINTS = 41
+ROUNDING = 1e-12  # m
+
+
+@dataclass(frozen=True)
+class Rests:
+    """The model at rest on a grid of pressures.
+
+    Attributes
+    ----------
+    pressure : array (G,)
+        Pa, from 0 to the highest allowed.
+    angle : array (G, n)
+        Absolute link angles, rad.
+    tip : array (G, 2)
+        m, in the model's frame.
+    travel : array (G,)
+        Length of the tip's path of rests from pressure 0, m: for a small bend its displacement.
+    direction : array (G, 2)
+        Unit tangent of that path, towards more pressure.
+    """
+
+    pressure: Array
+    angle: Array
+    tip: Array
+    travel: Array
+    direction: Array
+
+    @property
+    def reach(self) -> float:
+        """Largest tip displacement, m."""
+        return float(self.displacement[-1])
+
+    @property
+    def displacement(self) -> Array:
+        """Distance (G,) of the tip from its rest without pressure, m."""
+        return np.linalg.norm(self.tip - self.tip[0], axis=1)
+
+    def pressure_for(self, displacement: float) -> float:
+        """Pressure [Pa] at which the tip rests `displacement` [m] away from where it rests without pressure.
+
+        Raises
+        ------
+        InputError
+            When no pressure up to the highest allowed brings the tip that far.
+        """
+        far = self.displacement
+        rising = int(np.argmax(far)) + 1
+        if not (np.isfinite(displacement) and -ROUNDING <= displacement <= far[rising - 1]):
+            raise InputError(
+                f"a tip displacement of {displacement * 1e3:.4g} mm is out of reach: up to "
+                f"{self.pressure[-1] * 1e-3:.4g} kPa the model's tip moves 0 ... {far[rising - 1] * 1e3:.4g} mm"
+            )
+        return float(np.interp(displacement, far[:rising], self.pressure[:rising]))
+
+    def at(self, pressure: float) -> tuple[Array, Array, Array]:
+        """Angles (n,), tip (2,) and direction (2,) at the rest under a pressure, straight between the grid's."""
+        p = float(np.clip(pressure, self.pressure[0], self.pressure[-1]))
+        k = min(int(np.searchsorted(self.pressure, p, side="right")) - 1, self.pressure.size - 2)
+        share = (p - self.pressure[k]) / (self.pressure[k + 1] - self.pressure[k])
+        rows = (self.angle, self.tip, self.direction)
+        angle, tip, way = ((1 - share) * r[k] + share * r[k + 1] for r in rows)
+        return angle, tip, way
+
+
+def rests(model: Model, highest: float, points: int = POINTS) -> Rests:
+    """Rests of `model` from no pressure to `highest` [Pa].
+
+    Raises
+    ------
+    InputError
+        When the highest pressure is not positive, or more pressure does not bend the model further.
+    """
+    if not (np.isfinite(highest) and highest > 0):
+        raise InputError(f"the highest pressure must be positive, in Pa, got {highest}")
+    pressure = np.linspace(0.0, highest, points)
+    angle = np.array([state.absolute(model, state.equilibrium(model, p)) for p in pressure])
+    tip = state.tips(model, angle)[:, -1]
+    piece = np.linalg.norm(np.diff(tip, axis=0), axis=1)
+    if not np.all(np.diff(angle[:, -1]) > 0) or not np.all(piece > 0):
+        raise InputError("more pressure does not bend the model further everywhere up to the highest: lower it")
+    direction = np.gradient(tip, pressure, axis=0)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return Rests(pressure, angle, tip, np.concatenate([[0.0], np.cumsum(piece)]), direction)

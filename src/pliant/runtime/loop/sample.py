@@ -1,0 +1,84 @@
+"""What flows through the loop: samples with a time, a name, an array and a unit; where they come from and go to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from pliant.errors import InputError
+
+Array = np.ndarray
+SHAPE, PRESSURE, COMMAND = "shape", "pressure", "command"
+UNITS = {SHAPE: "m", PRESSURE: "Pa", COMMAND: "Pa"}
+
+
+class Sample(NamedTuple):
+    """One reading or one command."""
+
+    time_ns: int  # ns, on the clock of the loop
+    name: str  # "shape", "pressure", "command", or a name of your own
+    array: Array  # float64
+    unit: str  # SI
+
+    @property
+    def time(self) -> float:
+        """Time in s."""
+        return self.time_ns * 1e-9
+
+
+class Source(Protocol):
+    """Where samples come from. Never waits: a loop has other things to do."""
+
+    def read(self) -> Sample | None:
+        """The oldest sample that has arrived and was not read yet; None when there is none."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing will come any more."""
+
+    def close(self) -> None:
+        """Give back what is held."""
+
+
+class Sink(Protocol):
+    """Where samples go."""
+
+    def write(self, sample: Sample) -> None:
+        """Send a sample on."""
+
+    def close(self) -> None:
+        """Give back what is held."""
+
+
+def sample(name: str, value: Any, time_ns: int, unit: str | None = None) -> Sample:
+    """A sample of one of the known names in its SI unit, or of any name with its unit."""
+    return Sample(int(time_ns), name, np.atleast_1d(np.asarray(value, dtype=float)), unit or UNITS.get(name, "1"))
+
+
+def nanoseconds(seconds: float) -> int:
+    """Seconds as a whole number of nanoseconds."""
+    if not math.isfinite(seconds):
+        raise InputError(f"a time must be finite, in seconds, got {seconds}")
+    return round(seconds * 1e9)
+
+
+def connection(kind: str, name: str) -> Callable[..., Any]:
+    """A source or sink that another package offers: entry points of the groups ``pliant.sources``, ``pliant.sinks``.
+
+    Raises
+    ------
+    InputError
+        When nobody offers that name.
+    """
+    offered = {point.name: point for point in entry_points(group=f"pliant.{kind}s")}
+    if name not in offered:
+        there = ", ".join(sorted(offered)) or "none"
+        raise InputError(f"no {kind} is called {name!r}; installed packages offer: {there}")
+    made = offered[name].load()
+    if not callable(made):
+        raise InputError(f"the {kind} {name!r} of an installed package cannot be called: it must make a {kind}")
+    return made

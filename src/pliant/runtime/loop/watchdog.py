@@ -1,0 +1,100 @@
+"""The watchdog: what makes the loop vent (p = 0), and stay vented until somebody resets it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pliant.errors import InputError
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What is still in order.
+
+    Parameters
+    ----------
+    shape_age, pressure_age : float
+        s; an older last whole reading vents.
+    highest_pressure : float
+        Pa, of the reading (leave room for noise and overshoot) and of the command.
+    lowest_pressure : float
+        Pa, of the reading: below, the sensor is broken.
+    largest_angle : float
+        rad, of the last link against its rest.
+    largest_rate : float
+        rad/s, of any link.
+    """
+
+    highest_pressure: float
+    shape_age: float = 0.03
+    pressure_age: float = 0.03
+    lowest_pressure: float = -2e4
+    largest_angle: float = 3.0
+    largest_rate: float = 100.0
+
+    def __post_init__(self) -> None:
+        for name in ("highest_pressure", "shape_age", "pressure_age", "largest_angle", "largest_rate"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"watchdog bound {name} must be positive, got {getattr(self, name)}")
+
+
+class Watchdog:
+    """Checks every period; the first fault is kept and the command is 0 from then on.
+
+    Attributes
+    ----------
+    fault : str
+        Empty while all is well, else one sentence.
+    fault_time : int
+        ns
+    """
+
+    def __init__(self, bounds: Bounds, rest_angle: float = 0.0) -> None:
+        self.bounds, self._rest = bounds, rest_angle
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the fault."""
+        self.fault, self.fault_time = "", 0
+
+    def trip(self, sentence: str, now: int) -> None:
+        """Vent from now on; the first reason stays."""
+        if not self.fault:
+            self.fault, self.fault_time = sentence, now
+
+    def readings(self, now: int, shape_time: int, pressure_time: int, pressure: float) -> None:
+        """Look at the age of the newest whole readings [ns] and at the pressure [Pa]."""
+        b = self.bounds
+        for what, seen, limit in (("shape", shape_time, b.shape_age), ("pressure", pressure_time, b.pressure_age)):
+            age = (now - seen) * 1e-9
+            if age > limit:
+                self.trip(f"stale {what}: the last whole one is {age * 1e3:.1f} ms old, {limit * 1e3:.1f} allowed", now)
+        if not math.isfinite(pressure):
+            self.trip(f"the pressure reading is {pressure}", now)
+        elif not b.lowest_pressure <= pressure <= b.highest_pressure:
+            self.trip(f"the pressure of {pressure * 1e-3:.1f} kPa is outside {b.lowest_pressure * 1e-3:.1f} ... "
+                      f"{b.highest_pressure * 1e-3:.1f} kPa", now)
+
+    def estimate(self, now: int, angle: Array, rate: Array, consistent: bool) -> None:
+        """Look at the estimated state and at what the estimator says of itself."""
+        if not (np.isfinite(angle).all() and np.isfinite(rate).all()):
+            self.trip("the estimate is not a number", now)
+        elif abs(angle[-1] - self._rest) > self.bounds.largest_angle:
+            self.trip(f"the last link turned by {angle[-1] - self._rest:.2f} rad, beyond the limit", now)
+        elif np.abs(rate).max() > self.bounds.largest_rate:
+            self.trip(f"a link turns at {np.abs(rate).max():.1f} rad/s, beyond the limit", now)
+        elif not consistent:
+            self.trip("the estimator lost its consistency", now)
+
+    def command(self, now: int, command: float) -> float:
+        """The command that may go out: 0 after a fault, and where it is not a number or out of limits."""
+        if not math.isfinite(command):
+            self.trip(f"the command is {command}", now)
+        elif not 0.0 <= command <= self.bounds.highest_pressure:
+            self.trip(f"a command of {command * 1e-3:.1f} kPa is out of limits", now)
+        return 0.0 if self.fault else command

@@ -1,0 +1,287 @@
+"""The compiled loops of estimation: prediction by exact Jacobians, updates row by row, whole records at once.
+
+The state is (phi, w) or (phi, w, d): absolute angles [rad] and rates [rad/s] of the links, and a disturbance torque
+[N m] of each joint that wanders as a random walk. Memory of the joints moves with the estimate; what is not known of
+it is left to the disturbance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.equations.linearised import step_jacobian
+from pliant.equations.memory import remember, step_with_memory
+
+ANGLE, ALONG_X, ALONG_Y, JOINT = 0, 1, 2, 3  # what a row of a measurement sees
+FADE = 0.1  # s for which motion is remembered
+
+
+def predict(phi, w, d, P, memory_state, chain, h, torque, noise, scratch):
+    """Move the estimate and its covariance P (N, N) over one step of h [s] under the mean `torque` [N m].
+
+    `chain` is (base_angle, body, joints, law of the memory, whether there is memory, softening); springs, and the
+    torque that holds them bent, are weaker by the softening [1/(N m)] times that torque. `noise` holds the spectral
+    densities of the torque noise of each joint [(N m)^2 s], of a common one that the pressure brings, and of the rate
+    of the disturbance [(N m)^2/s], the growth of the last with motion, and how much motion there was of late, (1,).
+    Returns the Jacobian of the step in scratch.J, row by variable; -1 where the step failed, else 0.
+    """
+    base_angle, body, joints, law, remembers, softening = chain
+    n = len(phi)
+    N = P.shape[0]
+    springs = scratch.springs
+    left = 1.0 - softening * torque
+    torque = left * torque
+    for i in range(n):
+        springs.K[i] = left * joints.K[i]
+        springs.K2[i] = left * joints.K2[i]
+        springs.theta0[i] = joints.theta0[i] + d[i] / springs.K[i]
+    if remembers:
+        for i in range(n):
+            scratch.phi[i] = phi[i]
+            scratch.w[i] = w[i]
+        taken = step_with_memory(
+            scratch.phi, scratch.w, base_angle, h, torque, body, springs, law, memory_state, scratch.held, scratch.work,
+        )
+        if not taken >= 0.0:
+            return -1
+        springs = scratch.held.springs
+    step_jacobian(phi, w, base_angle, h, torque, body, springs, scratch.work, scratch.J)
+    for i in range(n):
+        if not abs(w[i]) * h <= 1.0:
+            return -1
+    spread(P, N, n, scratch.J, scratch.W)
+    recall(w, h, noise[4])
+    add_noise(P, N, n, h, joints.gain, noise, scratch.J, scratch.G)
+    return 0
+
+
+def moved(J, B, N, n, W):
+    """The first 2n rows of W become those of F B; the columns of F = [[A, G], [0, 1]] are the rows of J (3n, 2n).
+
+    Serves the covariance and the transition of a whole frame alike; the rows below stay those of B.
+    """
+    for a in range(2 * n):
+        for b in range(N):
+            W[a, b] = 0.0
+        for v in range(N):
+            f = J[v, a]
+            for b in range(N):
+                W[a, b] += f * B[v, b]
+
+
+def spread(P, N, n, J, W):
+    """P becomes F P F^T."""
+    m = 2 * n
+    moved(J, P, N, n, W)
+    for a in range(m):
+        for b in range(a + 1):
+            P[a, b] = 0.0
+        for v in range(N):
+            f = W[a, v]
+            for b in range(a + 1):
+                P[a, b] += f * J[v, b]
+        for b in range(a):
+            P[b, a] = P[a, b]
+        for b in range(m, N):
+            P[a, b] = W[a, b]
+            P[b, a] = W[a, b]
+
+
+def add_noise(P, N, n, h, gain, noise, J, G):
+    """Add what white torques held over the step, and the wandering of the disturbance, bring to P; G (2n,) scratch."""
+    own, common, wander, unrest, recent = noise
+    m = 2 * n
+    for i in range(n):
+        for a in range(m):
+            f = own[i] / h * J[m + i, a]
+            for b in range(m):
+                P[a, b] += f * J[m + i, b]
+    if common > 0.0:
+        for a in range(m):
+            G[a] = 0.0
+            for i in range(n):
+                G[a] += gain[i] * J[m + i, a]
+        for a in range(m):
+            for b in range(m):
+                P[a, b] += common / h * G[a] * G[b]
+    for i in range(N - m):
+        P[m + i, m + i] += wander[i] * (1.0 + unrest * recent[0]) * h
+
+
+def recall(w, h, recent):
+    """Mean square of the joint rates [rad^2/s^2], the highest of late: it fades within `FADE`."""
+    power = w[0] * w[0]
+    for i in range(1, len(w)):
+        power += (w[i] - w[i - 1]) * (w[i] - w[i - 1])
+    recent[0] = max(power / len(w), recent[0] / (1.0 + h / FADE))
+
+
+def observe(phi, l, first, rows, seen, H):
+    """What each row of a measurement sees (m,), and its slopes H (m, n) with respect to the absolute angles.
+
+    A row is (kind, link, along, across): the angle of a link, from +y or from the link before it, or x or y of a point
+    fixed to it.
+    """
+    for r in range(rows.shape[0]):
+        kind = int(rows[r, 0])
+        link = int(rows[r, 1])
+        for k in range(len(phi)):
+            H[r, k] = 0.0
+        if kind in (ANGLE, JOINT):
+            seen[r] = phi[link]
+            H[r, link] = 1.0
+            if kind == JOINT and link > 0:
+                seen[r] -= phi[link - 1]
+                H[r, link - 1] = -1.0
+            continue
+        value = first[kind - 1]
+        for k in range(link + 1):
+            along = rows[r, 2] if k == link else l[k]
+            across = rows[r, 3] if k == link else 0.0
+            c = np.cos(phi[k])
+            s = np.sin(phi[k])
+            if kind == ALONG_X:
+                value += -along * s - across * c
+                H[r, k] = -along * c + across * s
+            else:
+                value += along * c - across * s
+                H[r, k] = -along * s - across * c
+        seen[r] = value
+
+
+def update(phi, w, d, P, memory_state, chain, l, first, rows, z, R, innovation, scratch):
+    """Correct the estimate by a measurement z (m,) with variances R (m,); rows that are not numbers are skipped.
+
+    One row after the other, all linearised about the prediction: the same estimate as from all rows at once, without a
+    matrix to factor, and each innovation is white of those before it. Writes them (m,), of unit variance; returns
+    (number of rows used, normalised innovation squared, log of the determinant of the innovations' covariance).
+
+    Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), Sec. V
+    """
+    n = len(phi)
+    N = P.shape[0]
+    H, gain, change = scratch.H, scratch.gain, scratch.change
+    observe(phi, l, first, rows, scratch.seen, H)
+    used = 0
+    square = 0.0
+    logdet = 0.0
+    for a in range(N):
+        change[a] = 0.0
+    for r in range(rows.shape[0]):
+        innovation[r] = np.nan
+        if not np.isfinite(z[r]):
+            continue
+        nu = z[r] - scratch.seen[r]
+        S = R[r]
+        for a in range(N):
+            gain[a] = 0.0
+        for k in range(n):
+            slope = H[r, k]
+            if slope != 0.0:
+                nu -= slope * change[k]
+                for a in range(N):
+                    gain[a] += slope * P[k, a]
+        for k in range(n):
+            S += H[r, k] * gain[k]
+        share = 1.0 / S
+        for a in range(N):
+            f = share * gain[a]
+            change[a] += f * nu
+            for b in range(N):
+                P[a, b] -= f * gain[b]
+        used += 1
+        square += nu * nu * share
+        logdet += np.log(S)
+        innovation[r] = nu * np.sqrt(share)
+    correct(phi, w, d, memory_state, chain, change, scratch)
+    return used, square, logdet
+
+
+def correct(phi, w, d, memory_state, chain, change, scratch):
+    """Add a change (N,) to the state; slip elements and Bouc-Wen follow the joint, creep does not."""
+    _base, _body, joints, law, remembers, _softening = chain
+    n = len(phi)
+    if remembers:
+        angle = 0.0
+        before = 0.0
+        for a in range(n):
+            scratch.phi[a] = phi[a] - angle - joints.theta0[a]  # of the joint; the base angle does not matter here
+            angle = phi[a]
+            scratch.w[a] = change[a] - before
+            before = change[a]
+        remember(scratch.phi, scratch.w, 0.0, joints.K, memory_state, law)
+    for a in range(n):
+        phi[a] += change[a]
+        w[a] += change[n + a]
+    for a in range(2 * n, len(change)):
+        d[a - 2 * n] += change[a]
+
+
+def predict_span(phi, w, d, P, memory_state, chain, count, h, torque, noise, scratch):
+    """Predict over `count` steps of h [s] under one torque; -1 where a step failed, else 0."""
+    for _ in range(count):
+        if predict(phi, w, d, P, memory_state, chain, h, torque, noise, scratch) < 0:
+            return -1
+    return 0
+
+
+def many_frames(
+    count, steps, phi, w, d, P, memory_state, chain, period, torque, noise, l, first, rows, z, R, innovation, scratch
+):
+    """Filter `count` frames that all show z, `steps` steps of prediction each: what a frame costs, for a benchmark."""
+    for _ in range(count):
+        predict_span(phi, w, d, P, memory_state, chain, steps, period / steps, torque, noise, scratch)
+        update(phi, w, d, P, memory_state, chain, l, first, rows, z, R, innovation, scratch)
+
+
+def filter_record(x, P, memory_state, chain, l, first, plan, noise, rows, z, R, out, scratch):
+    """Filter a whole record. `plan` is (h, torque, first step of each frame); z (T, m), one R (m,) for all.
+
+    `out` takes, frame by frame, the prediction and the estimate (T, N), their covariances (T, N, N), the transition
+    from the frame before (T, N, N), whitened innovations (T, m) and (rows used, their sum of squares, log of the
+    determinant, motion of late). Returns the frame at which a step failed, or -1.
+    """
+    phi, w, d = x
+    h, torque, begin = plan
+    n = len(phi)
+    N = P.shape[0]
+    for f in range(z.shape[0]):
+        for a in range(N):
+            for b in range(N):
+                out.transition[f, a, b] = 1.0 if a == b else 0.0
+        for k in range(begin[f], begin[f + 1]):
+            if predict(phi, w, d, P, memory_state, chain, h[k], torque[k], noise, scratch) < 0:
+                return f
+            chain_transition(out.transition[f], N, n, scratch.J, scratch.W)
+        store(phi, w, d, P, out.predicted[f], out.predicted_covariance[f])
+        used, square, logdet = update(
+            phi, w, d, P, memory_state, chain, l, first, rows, z[f], R, out.innovation[f], scratch
+        )
+        out.score[f, 0] = used
+        out.score[f, 1] = square
+        out.score[f, 2] = logdet
+        out.score[f, 3] = noise[4][0]
+        store(phi, w, d, P, out.estimate[f], out.covariance[f])
+    return -1
+
+
+def chain_transition(F, N, n, J, W):
+    """F becomes the transition of one more step times F."""
+    moved(J, F, N, n, W)
+    for a in range(2 * n):
+        for b in range(N):
+            F[a, b] = W[a, b]
+
+
+def store(phi, w, d, P, x, C):
+    """Copy the estimate and its covariance into a record."""
+    n = len(phi)
+    for a in range(P.shape[0]):
+        if a < n:
+            x[a] = phi[a]
+        elif a < 2 * n:
+            x[a] = w[a - n]
+        else:
+            x[a] = d[a - 2 * n]
+        for b in range(P.shape[0]):
+            C[a, b] = P[a, b]

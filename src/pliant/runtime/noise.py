@@ -1,0 +1,96 @@
+"""How much the model and the sensors are trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.model import Model
+
+Array = np.ndarray
+TORQUE_SHARE = 2e-5  # rad sqrt(s): torque noise in parts of the stiffness, tuned on one virtual actuator
+ALONE_SHARE = 8e-4  # rad sqrt(s): torque noise where no disturbance takes up what the model lacks
+WANDER_SHARE = 3e-3  # rad/sqrt(s): wandering of the disturbance, likewise
+UNREST = 30.0  # s^2/rad^2, likewise
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations, all SI. Torques are those of one joint.
+
+    Parameters
+    ----------
+    position : float
+        Of a measured coordinate, m, with what a chain of straight links cannot show.
+    angle : float
+        Of a measured angle, rad.
+    torque : float
+        Square root of the spectral density of the torque that the model does not know, N m sqrt(s).
+    pressure : float
+        The same of the pressure sensor, Pa sqrt(s).
+    wander : float
+        Growth of the disturbance torque, N m/sqrt(s); 0 leaves the disturbance out of the state.
+    unrest : float
+        Growth of the disturbance's variance with motion, per mean square of the joint rates, s^2/rad^2: the model errs
+        more while the body moves.
+    initial_angle, initial_rate, initial_disturbance : float
+        Of what is assumed at the start, rad, rad/s, N m.
+    stations : mapping
+        Standard deviation of a coordinate by station, m, where it differs from `position`.
+
+    Raises
+    ------
+    InputError
+        When a number is negative or not finite, or one that must be positive is zero.
+    """
+
+    position: float = 5e-4
+    angle: float = 1e-3
+    torque: float = 3e-3
+    pressure: float = 0.0
+    wander: float = 0.0
+    unrest: float = 0.0
+    initial_angle: float = 0.05
+    initial_rate: float = 0.2
+    initial_disturbance: float = 0.0
+    stations: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        levels = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "stations"}
+        levels |= {f"stations[{name}]": value for name, value in self.stations.items()}
+        positive = {"position", "angle", "torque", "initial_angle", "initial_rate"}
+        for name, value in levels.items():
+            if not (np.isfinite(value) and value >= 0) or (value == 0 and (name in positive or "[" in name)):
+                sign = "positive" if name in positive or "[" in name else "not negative"
+                raise InputError(f"noise {name} must be finite and {sign} (a standard deviation, SI), got {value}")
+
+    def densities(self, model: Model) -> tuple[Array, float, Array, float]:
+        """For the loops: spectral densities of joint torques, a common torque, the disturbance's rate; its unrest."""
+        common = (float(model.torque[0]) * self.pressure) ** 2
+        return np.full(model.n, self.torque**2), common, np.full(model.n, self.wander**2), float(self.unrest)
+
+    def states(self, model: Model) -> int:
+        """Number of states: angles, rates and, where it wanders or is not known at the start, the disturbance."""
+        return model.n * (3 if self.wander > 0 or self.initial_disturbance > 0 else 2)
+
+    def initial(self, model: Model) -> Array:
+        """Covariance of the state at the start."""
+        levels = np.repeat([self.initial_angle, self.initial_rate, self.initial_disturbance], model.n)
+        return np.diag(levels[: self.states(model)] ** 2)
+
+
+def default_noise(model: Model, *, disturbance: bool = True) -> Noise:
+    """Noise in proportion to the model's stiffness, with or without a disturbance torque.
+
+    Without one, the model's errors are left to white torque noise, which suits them less.
+    """
+    stiffness = float(np.mean(model.stiffness))
+    if not disturbance:
+        return Noise(torque=ALONE_SHARE * stiffness)
+    return Noise(
+        torque=TORQUE_SHARE * stiffness, wander=WANDER_SHARE * stiffness, unrest=UNREST,
+        initial_disturbance=0.01 * stiffness,
+    )

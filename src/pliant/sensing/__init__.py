@@ -1,0 +1,17 @@
+"""From the strain of a multicore fibre to curvature and shape."""
+
+from pliant.sensing.curve import planar_curve, spatial_curve
+from pliant.sensing.recording import shape_from_strain
+from pliant.sensing.strain import CoreLayout, FibreState, curvature_from_strain
+from pliant.sensing.uncertainty import point_covariance, tip_sigma
+
+__all__ = [
+    "CoreLayout",
+    "FibreState",
+    "curvature_from_strain",
+    "planar_curve",
+    "point_covariance",
+    "shape_from_strain",
+    "spatial_curve",
+    "tip_sigma",
+]

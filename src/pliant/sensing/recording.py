@@ -1,0 +1,109 @@
+"""A recording of strain -> a recording of positions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.recording.schema import check_recording, make_recording
+from pliant.sensing.curve import spatial_curve
+from pliant.sensing.strain import CoreLayout, curvature_from_strain
+from pliant.sensing.uncertainty import tip_sigma
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+
+def shape_from_strain(
+    recording: xr.Dataset,
+    layout: CoreLayout,
+    *,
+    common_mode: str = "least-squares",
+    bridge: int = 0,
+    sigma_strain: float | None = None,
+) -> xr.Dataset:
+    """Integrate the strain of a multicore fibre to positions in space.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        With strain (time, core, gauge), relative to the straight fibre.
+    layout : CoreLayout
+        One entry for each core of the recording, in its order.
+    common_mode : {"least-squares", "centre"}
+    bridge : int
+        Up to so many neighbouring gauges that are missing are interpolated, and counted. Behind a longer gap the
+        shape is unknown: positions are NaN.
+    sigma_strain : float, optional
+        Standard deviation of the strain of one core and gauge; default from what the model leaves over, where
+        there are more cores than unknowns.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording in frame "tracker": first gauge at the origin, tangent there +y. Pressure is kept. Attribute
+        `tip_sigma_m`, where the noise is known: standard deviation of the last point of a straight fibre.
+
+    Raises
+    ------
+    InputError
+        When there is no strain, or the layout does not fit.
+    """
+    check_recording(recording)
+    if "strain" not in recording:
+        raise InputError("strain is needed, but the recording holds none")
+    if bridge < 0:
+        raise InputError(f"bridge must not be negative, but is {bridge}")
+    s = recording["gauge_position"].values
+    strain, filled, lost = _bridged(recording["strain"].values, s, bridge)
+    state = curvature_from_strain(strain, s, layout, common_mode=common_mode)
+    points, _ = spatial_curve(state.curvature, s)
+    sigma = sigma_strain if sigma_strain is not None else _estimated_noise(state.residual, layout, state.sees_twist)
+    attrs = {}
+    if sigma is not None:
+        spacing = float(np.diff(s).mean())
+        attrs["tip_sigma_m"] = tip_sigma(sigma * state.curvature_gain, spacing, float(s[-1] - s[0]))
+    optional: dict[str, Any] = {
+        name: recording[name].values for name in ("pressure", "pressure_time", "chamber") if name in recording.variables
+    }
+    seen = "seen" if state.sees_twist else "not seen by this layout, taken as zero"
+    counted = f"{filled} missing strain value(s) bridged, {lost} frame(s) unknown behind a gap"
+    history = [
+        *str(recording.attrs.get("history", "")).split("\n"),
+        f"shape from strain: {layout.radius.size} cores, common mode by {common_mode}, twist {seen}; {counted}",
+    ]
+    kept = {k: v for k, v in recording.attrs.items() if k in ("source", "source_format", "source_sha256")}
+    nominal = recording.attrs.get("nominal_pressure")
+    return make_recording(
+        recording["time"].values, points, arc_length=s - s[0], history=history, attrs=attrs,
+        nominal_pressure=nominal, **kept, **optional,
+    )  # fmt: skip
+
+
+def _bridged(
+    strain: NDArray[np.float64], s: NDArray[np.float64], bridge: int
+) -> tuple[NDArray[np.float64], int, int]:
+    """Strain with short gaps interpolated along the fibre, values filled, frames that keep a gap."""
+    missing = np.isnan(strain)
+    if not missing.any():
+        return strain, 0, 0
+    strain, filled = strain.copy(), 0
+    for t, c in np.argwhere(missing.any(axis=2)):
+        row = missing[t, c]
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], row.astype(int), [0]))))
+        for start, stop in edges.reshape(-1, 2):
+            if start > 0 and stop < row.size and stop - start <= bridge:
+                ends = [start - 1, stop]
+                strain[t, c, start:stop] = np.interp(s[start:stop], s[ends], strain[t, c, ends])
+                filled += int(stop - start)
+    return strain, filled, int(np.isnan(strain).any(axis=(1, 2)).sum())
+
+
+def _estimated_noise(residual: NDArray[np.float64], layout: CoreLayout, sees_twist: bool) -> float | None:
+    spare = layout.radius.size - (4 if sees_twist else 3)
+    if spare < 1:
+        return None
+    return float(np.sqrt(np.nanmean(np.square(residual)) * layout.radius.size / spare))

@@ -1,0 +1,198 @@
+"""Strain of the cores of one fibre -> bending, twist and what all cores share (tension, temperature).
+
+Core c at radius r_c and angle theta_c, counted from m1 towards m2, sees
+eps_c = eps_0 - r_c (k1 cos theta_c + k2 sin theta_c) + g_c phi',  g_c = (2 pi r_c^2 / P) / (1 + (2 pi r_c / P)^2)
+with the curvature vector (k1, k2), the twist rate phi' and the pitch P of a spun fibre (no g_c without spin).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+WELL_POSED = 1e-9  # least ratio of singular values of the scaled columns
+COMMON_MODES = ("centre", "least-squares")
+
+
+@dataclass(frozen=True)
+class CoreLayout:
+    """Where the cores lie in the cross-section.
+
+    Attributes
+    ----------
+    radius : (C,) array, m
+        Distance from the fibre's axis; 0 is a centre core.
+    angle : (C,) array, rad
+        From m1 towards m2, at the first gauge.
+    pitch : float, m, optional
+        Length of one turn of a spun fibre, positive for a right-handed helix; None for straight cores.
+    """
+
+    radius: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    pitch: float | None = None
+
+    def __post_init__(self) -> None:
+        radius, angle = np.asarray(self.radius, dtype=np.float64), np.asarray(self.angle, dtype=np.float64)
+        if radius.ndim != 1 or radius.shape != angle.shape or not np.isfinite([radius, angle]).all():
+            raise InputError(f"each core needs a finite radius and angle, but {radius.shape}, {angle.shape} came")
+        if (radius < 0).any() or self.pitch == 0:
+            raise InputError("core radii must not be negative, and the pitch of a spun fibre not zero")
+        object.__setattr__(self, "radius", radius)
+        object.__setattr__(self, "angle", angle)
+
+    @classmethod
+    def symmetric(
+        cls, outer: int, radius: float, *, centre: bool = True, first_angle: float = 0.0, pitch: float | None = None
+    ) -> CoreLayout:
+        """A centre core, where there is one, then `outer` evenly spread cores at `radius` (m)."""
+        angle = first_angle + 2 * np.pi * np.arange(outer) / outer
+        lead = [0.0] if centre else []
+        return cls(np.array([*lead, *([radius] * outer)]), np.array([*lead, *angle]), pitch)
+
+    @property
+    def twist_gain(self) -> NDArray[np.float64]:
+        """Strain (C,) per rad/m of twist; zero without spin."""
+        if self.pitch is None:
+            return np.zeros_like(self.radius)
+        turn = 2 * np.pi / self.pitch
+        gain: NDArray[np.float64] = turn * self.radius**2 / (1 + (turn * self.radius) ** 2)
+        return gain
+
+
+@dataclass(frozen=True)
+class FibreState:
+    """What the strain says along the fibre.
+
+    Attributes
+    ----------
+    curvature : (T, G, 2) array, 1/m
+        (k1, k2) in the frame that does not rotate about the tangent (Bishop).
+    twist : (T, G) array, rad/m
+        Zero where the layout cannot see it.
+    common : (T, G) array
+        Strain that all cores share.
+    residual : (T, G) array
+        Root mean square of the strain that the model leaves over; zero when there is nothing to spare.
+    curvature_gain : float, 1/m
+        Standard deviation of one curvature component per unit standard deviation of the strain of a core.
+    sees_twist : bool
+    """
+
+    curvature: NDArray[np.float64]
+    twist: NDArray[np.float64]
+    common: NDArray[np.float64]
+    residual: NDArray[np.float64]
+    curvature_gain: float
+    sees_twist: bool
+
+
+def curvature_from_strain(
+    strain: ArrayLike, gauge_position: ArrayLike, layout: CoreLayout, *, common_mode: str = "least-squares"
+) -> FibreState:
+    """Curvature vector, twist and common strain of every gauge.
+
+    Parameters
+    ----------
+    strain : (T, C, G) array
+        Relative to the straight, untwisted fibre. NaN stays NaN at its gauge.
+    gauge_position : (G,) array, m
+    layout : CoreLayout
+    common_mode : {"least-squares", "centre"}
+        Whether the shared strain is estimated from all cores, or is what the centre core shows. The first
+        averages noise over all cores; with straight symmetric cores both give the same curvature.
+
+    Returns
+    -------
+    FibreState
+
+    Raises
+    ------
+    InputError
+        When the cores are too few or badly placed, or there is no centre core to use.
+
+    Notes
+    -----
+    Twist turns the cores along the fibre; the curvature is turned back by 2 pi s / P + int phi' ds, counted from
+    the first gauge.
+    """
+    values, s = np.asarray(strain, dtype=np.float64), np.asarray(gauge_position, dtype=np.float64)
+    if values.ndim != 3 or values.shape[1] != layout.radius.size or values.shape[2] != s.size:
+        raise InputError(
+            f"strain must have shape (time, {layout.radius.size} cores, {s.size} gauges), but has {values.shape}"
+        )
+    if common_mode not in COMMON_MODES:
+        raise InputError(f"common_mode must be one of {', '.join(COMMON_MODES)}, not {common_mode!r}")
+    solve, sees_twist = _solver(layout, common_mode)
+    unknowns = np.einsum("uc,tcg->utg", solve, values)
+    twist = unknowns[3] if sees_twist else np.zeros_like(unknowns[0])
+    design = _design(layout, sees_twist=sees_twist)
+    left = values - np.einsum("cu,utg->tcg", design, unknowns[: design.shape[1]])
+    spin = _accumulated(twist, s) if sees_twist else np.zeros_like(twist)
+    if layout.pitch is not None:
+        spin = spin + 2 * np.pi * (s - s[0]) / layout.pitch
+    c, w = np.cos(spin), np.sin(spin)
+    curvature = np.stack([c * unknowns[1] - w * unknowns[2], w * unknowns[1] + c * unknowns[2]], axis=2)
+    gain = float(np.sqrt(np.square(solve[1:3]).sum() / 2))
+    return FibreState(curvature, twist, unknowns[0], np.sqrt(np.square(left).mean(axis=1)), gain, sees_twist)
+
+
+def _design(layout: CoreLayout, *, sees_twist: bool) -> NDArray[np.float64]:
+    """Strain (C, 3 or 4) of the cores per unit of eps_0, k1, k2 and, where it shows, twist."""
+    r, theta = layout.radius, layout.angle
+    columns = [np.ones_like(r), -r * np.cos(theta), -r * np.sin(theta)]
+    return np.stack([*columns, layout.twist_gain] if sees_twist else columns, axis=1)
+
+
+def _solver(layout: CoreLayout, common_mode: str) -> tuple[NDArray[np.float64], bool]:
+    """Matrix (3 or 4, C) from strains to unknowns, and whether twist is among them."""
+    centre = np.flatnonzero(layout.radius == 0)
+    if common_mode == "centre" and centre.size == 0:
+        raise InputError("common_mode='centre' needs a core at radius 0; use 'least-squares'")
+    for sees_twist in (True, False):
+        design = _design(layout, sees_twist=sees_twist)
+        if sees_twist and layout.pitch is None:
+            continue
+        if common_mode == "least-squares":
+            if _is_well_posed(design, sees_twist=sees_twist):
+                return _pseudo_inverse(design), sees_twist
+            continue
+        outer = np.flatnonzero(layout.radius > 0)
+        if _is_well_posed(design[outer, 1:], sees_twist=sees_twist):
+            share = np.zeros((1, layout.radius.size))
+            share[0, centre] = 1.0 / centre.size
+            difference = np.eye(layout.radius.size)[outer] - share
+            return np.concatenate((share, _pseudo_inverse(design[outer, 1:]) @ difference)), sees_twist
+    raise InputError(
+        f"{layout.radius.size} core(s) in this place cannot tell bending from tension: three cores that do not lie on "
+        "one line are needed"
+    )
+
+
+def _pseudo_inverse(design: NDArray[np.float64]) -> NDArray[np.float64]:
+    scale = np.abs(design).max(axis=0)
+    inverse = np.linalg.pinv(design / scale) / scale[:, None]
+    return np.asarray(inverse, dtype=np.float64)
+
+
+def _is_well_posed(design: NDArray[np.float64], *, sees_twist: bool) -> bool:
+    scale = np.abs(design).max(axis=0)
+    bending = slice(design.shape[1] - 3, design.shape[1] - 1) if sees_twist else slice(-2, None)
+    scale[bending] = scale[bending].max()  # one scale for both directions, or cores on a line would pass
+    if design.shape[0] < design.shape[1] or (scale == 0).any():
+        return False
+    singular = np.linalg.svd(design / scale, compute_uv=False)
+    return bool(singular[-1] > WELL_POSED * singular[0])
+
+
+def _accumulated(rate: NDArray[np.float64], s: NDArray[np.float64]) -> NDArray[np.float64]:
+    total = np.zeros_like(rate)
+    np.cumsum((rate[:, 1:] + rate[:, :-1]) / 2 * np.diff(s), axis=1, out=total[:, 1:])
+    return total

@@ -1,0 +1,229 @@
+"""Pressure inputs: what is commanded (or was measured) against time. Gauge pressure in Pa, time in s.
+
+Every input is a callable of time and says where it bends or jumps (`breakpoints`) and where it jumps (`jumps`), so
+that a simulation can integrate across these times exactly instead of sampling past them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from pliant.errors import InputError
+
+Array = np.ndarray
+
+
+class Input(Protocol):
+    """What `simulate` needs to know of a pressure input."""
+
+    @property
+    def jumps(self) -> Array:
+        """Times at which the pressure jumps, s."""
+
+    @property
+    def breakpoints(self) -> Array:
+        """Times at which the pressure jumps or bends, s."""
+
+    def __call__(self, t: Any) -> Array:
+        """Gauge pressure at the times `t`, Pa."""
+
+
+def _check(what: str, **values: float) -> None:
+    for name, value in values.items():
+        if not np.isfinite(value):
+            raise InputError(f"{what}: {name} must be finite, got {value}")
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """A rectangle: `level` [Pa] from `start` for `width` [s], zero elsewhere. A step is a pulse of infinite width.
+
+    Raises
+    ------
+    InputError
+        When a number is not finite, or the width not positive.
+    """
+
+    level: float
+    start: float = 0.0
+    width: float = np.inf
+
+    def __post_init__(self) -> None:
+        _check("pulse", level=self.level, start=self.start)
+        if not self.width > 0:
+            raise InputError(f"pulse width must be positive, got {self.width}")
+
+    @property
+    def jumps(self) -> Array:
+        edges = np.array([self.start, self.start + self.width])
+        return edges[np.isfinite(edges)]
+
+    @property
+    def breakpoints(self) -> Array:
+        return self.jumps
+
+    def __call__(self, t: Any) -> Array:
+        t = np.asarray(t, dtype=float)
+        return np.where((t >= self.start) & (t < self.start + self.width), self.level, 0.0)
+
+
+def step(level: float, start: float = 0.0) -> Pulse:
+    """A step to `level` [Pa] at `start` [s]."""
+    return Pulse(level, start)
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Straight lines through points: a measured trace, a ramp, a triangle. Constant outside the first and last.
+
+    Two points at the same time make a jump.
+
+    Parameters
+    ----------
+    time : (P,) array, s
+        Not decreasing.
+    pressure : (P,) array, Pa gauge
+
+    Raises
+    ------
+    InputError
+        When the arrays differ in length, are empty or not finite, or time goes back.
+    """
+
+    time: Array
+    pressure: Array
+    jumps: Array = field(init=False)
+    breakpoints: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        t = np.array(self.time, dtype=float)
+        p = np.array(self.pressure, dtype=float)
+        if t.ndim != 1 or t.shape != p.shape or t.size == 0:
+            raise InputError(f"a pressure trace needs as many times as pressures, got {t.shape} and {p.shape}")
+        if not (np.isfinite(t).all() and np.isfinite(p).all()):
+            bad = int((~(np.isfinite(t) & np.isfinite(p))).sum())
+            raise InputError(f"a pressure trace must be finite: {bad} of {t.size} samples are not; repair them first")
+        if np.any(np.diff(t) < 0):
+            raise InputError("the times of a pressure trace must not decrease")
+        same = np.diff(t) == 0
+        for name, value in (("time", t), ("pressure", p), ("breakpoints", np.unique(t)), ("jumps", t[1:][same])):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def __call__(self, t: Any) -> Array:
+        t = np.asarray(t, dtype=float)
+        after = np.clip(np.searchsorted(self.time, t, side="right"), 1, max(self.time.size - 1, 1))
+        if self.time.size == 1:
+            return np.full(t.shape, self.pressure[0])
+        t0, t1 = self.time[after - 1], self.time[after]
+        p0, p1 = self.pressure[after - 1], self.pressure[after]
+        share = np.clip((t - t0) / np.where(t1 > t0, t1 - t0, 1.0), 0.0, 1.0)
+        return np.where(t >= self.time[-1], self.pressure[-1], p0 + share * (p1 - p0))
+
+
+def ramp(level: float, start: float, duration: float) -> Trace:
+    """From 0 to `level` [Pa] in a straight line that begins at `start` and lasts `duration` [s], then constant.
+
+    Raises
+    ------
+    InputError
+        When the duration is not a positive time.
+    """
+    if not (np.isfinite(duration) and duration > 0):
+        raise InputError(f"ramp duration must be a positive time in seconds, got {duration}")
+    return Trace(np.array([start, start + duration]), np.array([0.0, level]))
+
+
+def triangle(level: float, period: float, cycles: int, start: float = 0.0) -> Trace:
+    """`cycles` triangles between 0 and `level` [Pa] of `period` [s], beginning at `start` [s].
+
+    Raises
+    ------
+    InputError
+        When the period is not positive, or there is no cycle.
+    """
+    if not (np.isfinite(period) and period > 0 and cycles >= 1):
+        raise InputError(f"a triangle needs a positive period (s) and at least one cycle, got {period} and {cycles}")
+    corners = np.arange(2 * cycles + 1)
+    return Trace(start + 0.5 * period * corners, level * (corners % 2))
+
+
+@dataclass(frozen=True)
+class Chirp:
+    """`offset` + `amplitude` sin(phase), the frequency going evenly from `f0` to `f1` [Hz] in `duration` [s].
+
+    Amplitude and offset in Pa; zero before `start` [s] and after the sweep.
+
+    Raises
+    ------
+    InputError
+        When a number is not finite, or the duration not positive.
+    """
+
+    amplitude: float
+    offset: float
+    f0: float
+    f1: float
+    duration: float
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check("chirp", amplitude=self.amplitude, offset=self.offset, f0=self.f0, f1=self.f1, start=self.start)
+        if not (np.isfinite(self.duration) and self.duration > 0):
+            raise InputError(f"chirp duration must be a positive time in seconds, got {self.duration}")
+
+    @property
+    def jumps(self) -> Array:
+        return np.array([self.start, self.start + self.duration])
+
+    @property
+    def breakpoints(self) -> Array:
+        return self.jumps
+
+    def __call__(self, t: Any) -> Array:
+        s = np.asarray(t, dtype=float) - self.start
+        phase = 2 * np.pi * (self.f0 * s + 0.5 * (self.f1 - self.f0) / self.duration * s**2)
+        return np.where((s >= 0) & (s < self.duration), self.offset + self.amplitude * np.sin(phase), 0.0)
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """`offset` + sines of equal `amplitude` [Pa] at `frequencies` [Hz], Schroeder phases for a low crest factor.
+
+    The offset in Pa; zero before `start` [s].
+
+    Raises
+    ------
+    InputError
+        When a number is not finite, or there is no positive frequency.
+    """
+
+    amplitude: float
+    offset: float
+    frequencies: Sequence[float]
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check("multisine", amplitude=self.amplitude, offset=self.offset, start=self.start)
+        if len(self.frequencies) == 0 or not np.all(np.isfinite(self.frequencies) & (np.asarray(self.frequencies) > 0)):
+            raise InputError(f"a multisine needs positive frequencies in Hz, got {self.frequencies!r:.80}")
+
+    @property
+    def jumps(self) -> Array:
+        return np.array([self.start])
+
+    @property
+    def breakpoints(self) -> Array:
+        return self.jumps
+
+    def __call__(self, t: Any) -> Array:
+        s = np.asarray(t, dtype=float) - self.start
+        total = np.full(s.shape, self.offset)
+        for k, frequency in enumerate(self.frequencies):
+            schroeder = -np.pi * k * (k + 1) / len(self.frequencies)
+            total = total + self.amplitude * np.sin(2 * np.pi * frequency * s + schroeder)
+        return np.where(s >= 0, total, 0.0)

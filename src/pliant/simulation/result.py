@@ -1,0 +1,75 @@
+"""The trajectory of a simulation: a labelled dataset with units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from pliant.model import Model
+from pliant.simulation import state
+from pliant.version import __version__
+
+Array = np.ndarray
+LABELS = {
+    "joint_angle": ("rad", "joint angle from the rest shape"),
+    "joint_rate": ("rad/s", "joint rate"),
+    "tip_position": ("m", "position of the link tips in the base frame"),
+    "station_position": ("m", "position of the observed points in the base frame"),
+    "station_angle": ("rad", "angle of the carrier of each observed point from +y"),
+    "pressure": ("Pa", "gauge pressure behind the valve"),
+    "hoop_stretch": ("1", "circumference of the chamber's wall over that without pressure"),
+    "kinetic_energy": ("J", "kinetic energy"),
+    "elastic_energy": ("J", "energy of the joint springs"),
+    "gravitational_energy": ("J", "potential energy of gravity"),
+    "input_work": ("J", "work done by the pressure since the start"),
+    "dissipated_energy": ("J", "energy taken by the dampers since the start"),
+    "memory_state": ("rad", "relaxed angle of creep branches, stretch of slip elements and of Bouc-Wen"),
+    "memory_torque": ("N m", "torque of creep, slip and Bouc-Wen against the bend"),
+    "memory_energy": ("J", "energy held by creep, slip and Bouc-Wen"),
+    "memory_dissipation": ("J", "energy dissipated by creep, slip and Bouc-Wen since the start"),
+}
+
+
+def trajectory(
+    model: Model, times: Array, pressure: Array, phi: Array, w: Array, energies: dict[str, Array],
+    memory: Mapping[str, tuple[tuple[str, ...], Array]], *, method: str, step: float,
+) -> xr.Dataset:
+    """Label the arrays of a simulation: absolute angles phi and rates w (T, n) at `times` (T,).
+
+    `memory` holds what `memory.told` tells, and the stretch of a chamber that inflates; empty for a model that
+    remembers nothing.
+    """
+    position, angle = state.stations(model, phi)
+    values: dict[str, tuple[tuple[str, ...], Array]] = {
+        "joint_angle": (("time", "joint"), state.joint_angles(model, phi)),
+        "joint_rate": (("time", "joint"), state.joint_rates(w)),
+        "tip_position": (("time", "link", "axis"), state.tips(model, phi)),
+        "station_position": (("time", "station", "axis"), position),
+        "station_angle": (("time", "station"), angle),
+        "pressure": (("time",), pressure),
+        **{name: (("time",), value) for name, value in energies.items()},
+        **memory,
+    }
+    labels = {"memory": list(model.memory.labels)} if model.memory else {}
+    return xr.Dataset(
+        {name: labelled(*entry, *LABELS[name]) for name, entry in values.items()},
+        coords={
+            "time": labelled(("time",), np.asarray(times, dtype=float), "s", "time"),
+            **{name: xr.Variable((name,), np.asarray(value), fastpath=True) for name, value in {
+                "joint": range(1, model.n + 1), "link": range(1, model.n + 1),
+                "station": [p.name for p in model.points], "axis": ["x", "y"], **labels,
+            }.items()},
+        },
+        attrs={"schema": "pliant-trajectory", "model": model.name, "method": method, "step_s": step,
+               "source": f"pliant {__version__}"},
+    )
+
+
+def labelled(dims: tuple[str, ...], values: Array, units: str, long_name: str) -> xr.Variable:
+    """A variable that says what it is.
+
+    The fast path spares xarray from loading Dask, where that is installed, to ask whether this is one of its arrays.
+    """
+    return xr.Variable(dims, np.asarray(values), {"units": units, "long_name": long_name}, fastpath=True)

@@ -1,0 +1,236 @@
+"""The chain at rest, its modes, and the arrays that the kernels work in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pliant.equations import chain, inertia
+from pliant.equations.symbols import Held, Workspace
+from pliant.errors import InputError, SimulationError
+from pliant.model import Model
+
+Array = np.ndarray
+
+
+def workspace(n: int) -> Workspace:
+    """Scratch arrays for the kernels of an n-link chain."""
+    return Workspace(
+        np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n + 1), np.zeros(n), np.zeros(n)
+    )
+
+
+def held(model: Model) -> Held:
+    """Scratch arrays for the steps of a model with memory."""
+    joints = model.joints()
+    rows = {name: np.zeros(model.n) for name in Held._fields if name != "springs"}
+    rows |= {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
+    springs = joints._replace(theta0=rows["theta0"], K=rows["K"])
+    return Held(springs=springs, **rows)
+
+
+def relaxed(model: Model, q: Array) -> Array:
+    """States (n, branches) of a memory long at rest at the joint angles q: creep relaxed, the others unstretched."""
+    memory = model.memory
+    creep = len(memory.creep_share)
+    states = np.zeros((model.n, creep + len(memory.slip_share) + 1))
+    states[:, :creep] = q[:, None]
+    return states
+
+
+def absolute(model: Model, q: Array) -> Array:
+    """Absolute link angles (n,) of the joint angles q (n,)."""
+    phi = np.empty(model.n)
+    chain.absolute_angles(np.asarray(q, dtype=float), model.rest_angle, model.base_angle, phi)
+    return phi
+
+
+def joint_angles(model: Model, phi: Array) -> Array:
+    """Joint angles (..., n) of absolute link angles (..., n)."""
+    return np.diff(phi, axis=-1, prepend=model.base_angle) - model.rest_angle
+
+
+def joint_rates(w: Array) -> Array:
+    """Joint rates (..., n) of absolute link rates (..., n)."""
+    return np.diff(w, axis=-1, prepend=0.0)
+
+
+def vector(model: Model, value: Any) -> Array:
+    """`value` as n finite numbers."""
+    a = np.asarray(value, dtype=float)
+    if a.shape != (model.n,) or not np.isfinite(a).all():
+        raise InputError(f"expected {model.n} finite numbers, one for each joint, got {value!r:.80}")
+    return a
+
+
+def equilibrium(model: Model, pressure: float = 0.0, tip_force: Array | None = None) -> Array:
+    """Joint angles (n,) at rest under constant `pressure` [Pa], gravity and a force at the last tip, rad.
+
+    Paper: Eq. (5) [eq:eom] without motion.
+
+    Parameters
+    ----------
+    model : Model
+    pressure : float, Pa gauge
+    tip_force : array (2,)
+        Force on the last tip in the base frame, N; none by default.
+
+    Returns
+    -------
+    array (n,)
+        Stable equilibrium, by Newton's method with the exact tangent, reached from the unloaded shape.
+
+    Raises
+    ------
+    SimulationError
+        When no stable equilibrium is found: the load buckles the chain, or the chamber's wall gives way.
+    InputError
+        When the pressure or the force is not finite.
+    """
+    body, joints = model.body(), model.joints()
+    force = np.zeros(2) if tip_force is None else np.asarray(tip_force, dtype=float) * [model.bend_sign, 1]
+    if not (np.isfinite(pressure) and np.isfinite(force).all()):
+        raise InputError(f"rest needs a finite pressure (Pa) and tip force (N), got {pressure} and {tip_force}")
+    load = np.outer(body.h, [body.gx, body.gy]) + np.outer(model.link_length, force)
+    push = float(model.torque_at(pressure))
+    if not np.isfinite(push):
+        raise SimulationError(
+            f"the chamber has no rest at {pressure:.6g} Pa: it grows without end from its inflation_limit of "
+            f"{model.inflation_limit:.6g} Pa on; lower the pressure"
+        )
+    torque = joints.gain * push
+    q = spring_angle(model, torque)
+    if not load.any():
+        return q
+
+    def residual(q: Array, share: float) -> tuple[Array, Array]:
+        phi = absolute(model, q)
+        c, s = np.cos(phi), np.sin(phi)
+        g = share * (load[:, 0] * c + load[:, 1] * s)
+        slope = share * (load[:, 1] * c - load[:, 0] * s)
+        tail = np.cumsum(slope[::-1])[::-1]
+        K = np.diag(tangents(model, q)) + tail[np.maximum.outer(np.arange(model.n), np.arange(model.n))]
+        return torque - (joints.K + joints.K2 * q) * q - np.cumsum(g[::-1])[::-1], K
+
+    for share in (0.25, 0.5, 0.75, 1.0):  # the load grows in parts, so that a long fall stays on its branch
+        for _ in range(50):
+            r, K = residual(q, share)
+            move = np.linalg.lstsq(K, r)[0]  # at the very load that buckles, K is singular
+            q = q + move * min(1.0, 0.5 / max(np.abs(move).max(), 1e-300))
+            if np.abs(move).max() < 1e-13:
+                break
+    r, K = residual(q, 1.0)
+    if not np.isfinite(q).all() or np.abs(r).max() > 1e-9 * np.abs(joints.K).max() or np.linalg.eigvalsh(K).min() <= 0:
+        raise SimulationError(
+            "the chain finds no stable rest under its load: it buckles; raise the stiffness or lower the load"
+        )
+    return q
+
+
+def tangents(model: Model, q: Array) -> Array:
+    """Slopes (..., n) of the springs K q (1 + s q) at joint angles (..., n), N m/rad."""
+    return np.asarray(model.stiffness * (1.0 + 2.0 * model.stiffening * q))
+
+
+def spring_angle(model: Model, torque: Array) -> Array:
+    """Joint angles (n,) at which the springs alone hold `torque` (n,) [N m], on the branch that begins at 0.
+
+    Raises
+    ------
+    SimulationError
+        When softening springs cannot hold it.
+    """
+    q = np.asarray(torque / model.stiffness)
+    root = 1.0 + 4.0 * model.stiffening * q
+    if not (root > 0).all():
+        i = int(np.argmin(root))
+        raise SimulationError(
+            f"the spring of joint {i + 1}, which softens with its angle, holds at most "
+            f"{-0.25 * model.stiffness[i] / model.stiffening[i]:.4g} N m, but {torque[i]:.4g} N m bend it: lower the "
+            "pressure or the size of the stiffening"
+        )
+    return np.asarray(q * (2.0 / (1.0 + np.sqrt(root))))
+
+
+def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
+    """A sentence on the first spring whose slope falls to a share `least` of K at angles phi (n,), or an empty one."""
+    q = joint_angles(model, phi)
+    lost = np.flatnonzero(tangents(model, q) <= least * model.stiffness)
+    if not lost.size:
+        return ""
+    i = int(lost[0])
+    return (
+        f"the spring of joint {i + 1} has softened to nothing at {q[i]:.4g} rad, beyond what the stiffening of "
+        f"{model.stiffening[i]:.4g} 1/rad describes: lower the pressure or the size of the stiffening"
+    )
+
+
+def first_given_way(model: Model, times: Array, phi: Array) -> str:
+    """As `given_way`, of a trajectory (T, n) at `times` [s], with the time."""
+    lost = np.flatnonzero((tangents(model, joint_angles(model, phi)) <= 0).any(axis=1))
+    return f"{times[lost[0]] - times[0]:.6g} s after the start {given_way(model, phi[lost[0]])}" if lost.size else ""
+
+
+def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
+    """Undamped natural frequencies [Hz] and damping ratios (n,), ascending, of small motions about `q` (default: rest).
+
+    The damping ratio is that of the modal diagonal of D: exact where D is proportional to K. Memory adds its stiffness
+    as before it gives way: creep has no time to flow, slip elements stick. Paper: Eq. (5) [eq:eom], linearised.
+
+    Parameters
+    ----------
+    model : Model
+    q : (n,) array, rad, optional
+        Joint angles of the shape.
+
+    Raises
+    ------
+    SimulationError
+        When the chain is not stable at this shape, or no equilibrium is found.
+    """
+    q = equilibrium(model) if q is None else vector(model, q)
+    phi = absolute(model, q)
+    body, joints = model.body(), model.joints()
+    c, s = np.cos(phi), np.sin(phi)
+    X, M = np.empty((model.n, model.n)), np.empty((model.n, model.n))
+    inertia.inertia_absolute(c, s, body.B, body.I, X)
+    inertia.to_joint_angles(X, M)
+    tail = np.cumsum((body.h * (body.gy * c - body.gx * s))[::-1])[::-1]
+    stiffness = tangents(model, q) + joints.K * model.memory.instantaneous
+    K = np.diag(stiffness) + tail[np.maximum.outer(np.arange(model.n), np.arange(model.n))]
+    L = np.linalg.cholesky(M)
+    inverse = np.linalg.inv(L)
+    squared, V = np.linalg.eigh(inverse @ K @ inverse.T)
+    if squared[0] <= 0:
+        raise SimulationError("the chain is not stable at this shape: it has no frequency of oscillation there")
+    omega = np.sqrt(squared)
+    modal = inverse.T @ V
+    damping = np.einsum("ik,i,ik->k", modal, joints.D, modal)
+    return omega / (2 * np.pi), damping / (2 * omega)
+
+
+def tips(model: Model, phi: Array) -> Array:
+    """Link tips (..., n, 2) of absolute link angles (..., n), in the model's frame, m."""
+    x = -np.cumsum(model.link_length * np.sin(phi), axis=-1) + model.first_joint[0]
+    y = np.cumsum(model.link_length * np.cos(phi), axis=-1) + model.first_joint[1]
+    return np.stack([model.bend_sign * x, y], axis=-1)
+
+
+def stations(model: Model, phi: Array) -> tuple[Array, Array]:
+    """Positions (..., S, 2) [m] and angles (..., S) [rad] of the model's observed points."""
+    joints = np.concatenate(
+        [np.broadcast_to([0.0, 0.0], (*phi.shape[:-1], 1, 2)),
+         np.broadcast_to(model.first_joint, (*phi.shape[:-1], 1, 2)),
+         tips(model, phi)[..., :-1, :] * [model.bend_sign, 1]], axis=-2,
+    )
+    angles = np.concatenate([np.full((*phi.shape[:-1], 1), model.base_angle), phi], axis=-1)
+    carrier = np.array([p.link + 1 for p in model.points])
+    along = np.array([p.along for p in model.points])
+    across = np.array([p.across for p in model.points])
+    a = angles[..., carrier]
+    x = joints[..., carrier, 0] - along * np.sin(a) - across * np.cos(a)
+    y = joints[..., carrier, 1] + along * np.cos(a) - across * np.sin(a)
+    return np.stack([model.bend_sign * x, y], axis=-1), model.bend_sign * a
+
+

@@ -1,0 +1,13 @@
+"""A study: which recordings, which actuator, what to fit, what to hold out; and the run that answers it."""
+
+from pathlib import Path
+
+from pliant.study.run import run_study
+from pliant.study.schema import Study, load_study
+
+__all__ = ["Study", "demo_study", "load_study", "run_study"]
+
+
+def demo_study() -> Path:
+    """The study file of the recordings that come with pliant."""
+    return Path(__file__).parent / "bundled" / "demo.toml"

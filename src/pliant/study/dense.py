@@ -1,0 +1,94 @@
+"""Dense shapes in a study: tip by the cap, body, alignment, order, links, experiment (paper, Secs. II and III-A)."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.identification import Experiment, experiment
+from pliant.preprocessing.align import align
+from pliant.preprocessing.alignment import alignment_of
+from pliant.preprocessing.cap import find_tip
+from pliant.preprocessing.curvature import curvature_of
+from pliant.preprocessing.cut import cut_body
+from pliant.recording import make_recording
+from pliant.reduction import Links, OrderResult, links_of, select_order
+from pliant.study.schema import Fibre, Reduction, Study
+from pliant.validation.outcome import Shape
+
+REST_S = 0.1  # the rest shape is the mean of the first frames, before the pressure
+
+
+def body_of_fibre(raw: xr.Dataset, fibre: Fibre) -> tuple[xr.Dataset, str]:
+    """The body alone, in the base frame, from a fibre with lead, body, cap and tail; and how its tip was found.
+
+    Parameters
+    ----------
+    raw : xarray.Dataset
+        Positions along the fibre in the tracker's frame, lead first.
+
+    Raises
+    ------
+    InputError
+        When the cap is not found, or the body would begin before the fibre does.
+    """
+    first = str(raw["station"].values[0])
+    whole = align(raw, base=first, tangent="clamp", clamp_length=fibre.clamp_length, rest=fibre.rest)
+    frame = alignment_of(whole)
+    kappa = curvature_of(whole, method="savgol", window=15)
+    kappa = kappa.sel(time=slice(*frame.rest_s))  # in a bent body the fibre has slid in its lumen, and the tip along it
+    s = kappa["arc_length"].values
+    tip = find_tip(
+        kappa.values, float(np.median(np.diff(s))), cap_curvature=fibre.cap_curvature, cap_length=fibre.cap_length,
+        gauge_length=fibre.gauge_length,
+    )
+    if not tip.found:
+        raise InputError(f"{tip.status} State the cap's curvature and length as they are, or cut the fibre yourself.")
+    if tip.arc_length < fibre.body_length:
+        raise InputError(
+            f"the tip lies {1e3 * tip.arc_length:.1f} mm along the fibre, less than the body's "
+            f"{1e3 * fibre.body_length:.1f} mm: state body_length as it lies along the fibre"
+        )
+    cut = cut_body(raw, tip.arc_length - fibre.body_length, tip.arc_length)
+    body = align(cut, base=str(cut["station"].values[0]), tangent=frame.rotation[1], plane=frame.rotation[2], bend=None)
+    return body, tip.status
+
+
+def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction) -> Shape:
+    """Curvature, order and links of the recording whose shape decides the chain."""
+    order: OrderResult = select_order(
+        body, max_order=max(reduction.max_order, reduction.links or 2), bound_mm=reduction.bound_mm,
+        boundary=reduction.boundary, placement=reduction.placement,
+    )
+    n = reduction.links or order.chosen
+    if n is None:
+        raise InputError(f"recording {name}: {order.reason} Raise max_order or bound_mm, or state links.")
+    links = links_of(body, node_arc_length=nodes_of(order, n))
+    kappa = curvature_of(body)
+    clock = kappa["time"].values
+    rest = np.nanmean(kappa.values[clock <= clock[0] + REST_S], axis=0)
+    return Shape(
+        name, kappa["arc_length"].values, body["position"].values, kappa.values, rest, order, links, tip_status
+    )
+
+
+def nodes_of(order: OrderResult, n: int) -> np.ndarray:
+    """Arc lengths (n + 1,) of the nodes that the order selection placed for n links."""
+    if n not in order.orders:
+        return np.array([0.0, order.length])
+    return np.asarray(order.node_arc_length[order.orders.index(n)])
+
+
+def link_experiment(study: Study, name: str, body: xr.Dataset, chain: Links) -> Experiment:
+    """The experiment that sees the link tips of a dense shape, nodes where `chain` has them."""
+    entry = study.recordings[name]
+    links = links_of(body, node_arc_length=chain.node_arc_length)
+    measured = "pressure" in body
+    tips = make_recording(
+        links.time, links.tips - links.base, station=[f"link_{i + 1}" for i in range(links.n)], frame="planar",
+        nominal_pressure=body.attrs.get("nominal_pressure"), source=str(body.attrs.get("source", "")),
+        pressure=body["pressure"].values if measured else None,
+        pressure_time=body["pressure_time"].values if measured else None,
+    )
+    return experiment(name, tips, excitation=entry.excitation, known=entry.known)

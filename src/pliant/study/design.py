@@ -1,0 +1,42 @@
+"""The next recording for a study: its first fit, or its ladder, and what would teach it most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from pliant.identification.design import Design, design
+from pliant.study.prepare import study_model, without
+from pliant.study.run import ladder_fit, prepare_all, run_fit, run_ladder
+from pliant.study.schema import Study
+
+
+def design_study(
+    study: Study, *, highest: float | None = None, criterion: str = "E", progress: Callable[[str], None] | None = None,
+) -> Design:
+    """Fit a study's model and rank what to record next.
+
+    Parameters
+    ----------
+    study : Study
+    highest : float, optional
+        Pressure that must not be passed, Pa; default: the highest that the training records had.
+    criterion : {"E", "D"}
+        As in `pliant.identification.design.design`.
+
+    Raises
+    ------
+    InputError, FitError
+        As `run_study`.
+    """
+    tell = progress or (lambda _line: None)
+    ready = prepare_all(study, tell)
+    study = without(study, ready.dropped)
+    model = study_model(study.actuator, ready.rotation, ready.shape.links if ready.shape else None)
+    climbed = run_ladder(study, ready.experiments, model, tell)
+    if climbed is not None:
+        fitted = ladder_fit(study, climbed, ready.experiments, tell)
+    else:
+        name, entry = next(iter(study.fits.items()))
+        fitted = run_fit(study, name, entry, ready.experiments, model, tell)
+    train = [r.experiment for r in fitted.records if r.role == "train"]
+    return design(fitted.result, train, highest=highest, criterion=criterion, step=study.step)

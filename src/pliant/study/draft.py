@@ -1,0 +1,246 @@
+"""The text of a first study: every entry with its unit and its reason, open questions marked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pliant.errors import InputError
+from pliant.study.new import Look, body_length, excitation, held_out, key, look_at, moved, relative, toml
+from pliant.study.questions import OPEN
+
+LONGEST = 150  # characters of a comment
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A drafted study.
+
+    Attributes
+    ----------
+    text : str
+        TOML.
+    questions : tuple of str
+        What only the user knows; each stands as "?" in the text.
+    """
+
+    text: str
+    questions: tuple[str, ...]
+
+
+class Lines:
+    """Lines of the text as they come, and the questions among them."""
+
+    def __init__(self) -> None:
+        self.text: list[str] = []
+        self.questions: list[str] = []
+
+    def say(self, *comments: str) -> None:
+        """Comments."""
+        lines = [" ".join(c.split()) for c in comments]
+        self.text += [f"# {c if len(c) <= LONGEST else c[: LONGEST - 4] + ' ...'}" for c in lines]
+
+    def table(self, name: str) -> None:
+        """Begin a table."""
+        self.text += ["", f"[{name}]"]
+
+    def put(self, name: str, value: Any, comment: str = "") -> None:
+        """An entry."""
+        self.text.append(f"{key(name)} = {toml(value)}" + (f"  # {comment}" if comment else ""))
+
+    def ask(self, name: str, question: str, value: Any = None, known: str = "") -> None:
+        """An entry that only the user knows, or its value where it is known after all."""
+        if value is not None:
+            self.put(name, float(f"{value:.4g}") if isinstance(value, float) else value, known)
+            return
+        self.put(name, OPEN, question)
+        self.questions.append(f"{name}: {question}")
+
+
+def draft_study(
+    files: Sequence[str | Path], study: str | Path, *, mapping: Mapping[str, Any] | None = None,
+    length: float | None = None, mass: float | None = None, level: float | None = None,
+    gravity: Sequence[float] | None = None,
+) -> Draft:
+    """Look at recordings of one actuator and draft their study.
+
+    Parameters
+    ----------
+    files : sequence of str or Path
+        Recordings of the same actuator in the same set-up.
+    study : str or Path
+        Where the study will lie; file names in it are relative to that folder. Nothing is written.
+    mapping : dict, optional
+        What the files do not say themselves; see `pliant.read`.
+    length, mass : float, optional
+        Of the body, m and kg.
+    level : float, optional
+        Nominal gauge pressure of recordings that hold none, Pa.
+    gravity : 3 floats, optional
+        In the axes of the tracker, m/s^2.
+
+    Returns
+    -------
+    Draft
+
+    Raises
+    ------
+    InputError
+        When a file cannot be read or holds no positions, or two files share a name.
+    """
+    looks = [look_at(Path(f), mapping) for f in files]
+    names = [look.name for look in looks]
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"a study needs recordings whose file names differ, got {', '.join(names) or 'none'}")
+    first, out = looks[0], Lines()
+    title = Path(study).stem
+    out.say('Drafted by `pliant new` from what the files show. What only you know stands as "?".',
+            "Every entry is explained in docs/studies.md. SI units, except where a name says otherwise.")
+    out.put("name", title)
+    out.put("title", title.replace("_", " "))
+    out.put("step", 2e-3, "s, of the integration")
+    actuator(out, first, length, mass)
+    weight(out, looks, gravity)
+    if first.capped:
+        fibre(out, first, length)
+    else:
+        alignment(out, first)
+    if first.dense:
+        reduction(out, looks)
+    for look in looks:
+        recording(out, look, Path(study).parent, level)
+    fit(out, looks)
+    out.table("targets")
+    out.say("what the verdict holds the predictions against; take a line away and it is not judged")
+    out.put("rmse_percent_of_travel", 5.0)
+    return Draft("\n".join(out.text) + "\n", tuple(out.questions))
+
+
+def actuator(out: Lines, look: Look, length: float | None, mass: float | None) -> None:
+    """The body."""
+    out.table("actuator")
+    told = "m, as you stated"
+    if length is None and (length := body_length(look)) is not None:
+        along = "along the stations" if look.dense else "from base to tip at rest"
+        told = f"m, {along} in {look.path.name}: correct it where you know better"
+    out.ask("length", "m, of the part that bends", length, told)
+    out.ask("mass", "kg, of the part that bends: weigh it, or density times volume; K, D and torque share its scale",
+            mass, "kg, as you stated")
+    if not look.dense:
+        out.put("links", 5)
+        out.put("joint_placement", "midsegment", "five links then ring within 1 % of a continuous beam")
+    out.say("tip_mass = 0.006  (kg, a cap or a load at the tip: take the # away where there is one)")
+
+
+def weight(out: Lines, looks: Sequence[Look], gravity: Sequence[float] | None) -> None:
+    """Gravity: asked for where a body is let go, since its weight is then all that drives it."""
+    released = any(excitation(look) == "release" for look in looks)
+    if released or gravity is not None:
+        out.ask("gravity", "m/s^2 in the axes of the tracker, such as [0.0, 0.0, -9.81]: it moves the released body",
+                None if gravity is None else [float(g) for g in gravity], "m/s^2 in the axes of the tracker")
+    else:
+        out.say("gravity = [0.0, 0.0, -9.81]  (m/s^2 in the axes of the tracker: needed unless the body lies flat)")
+
+
+def fibre(out: Lines, look: Look, length: float | None) -> None:
+    """A fibre whose tip a cap marks."""
+    out.table("fibre")
+    out.say("the cap's curvature marks the tip; the base lies one body length before it")
+    out.ask("body_length", "m, of the body along the fibre", length, "m, as you stated")
+    out.put("cap_curvature", float(look.ds.attrs["cap_curvature"]), "1/m, as the file says")
+    out.put("cap_length", float(look.ds.attrs["cap_length"]), "m, as the file says")
+
+
+def alignment(out: Lines, look: Look) -> None:
+    """From the tracker's frame to the base frame."""
+    if look.ds.attrs["frame"] == "planar":
+        if not look.dense:
+            out.table("alignment.options")
+            out.put("base", look.base, "the recording is planar already; this station stands still and is not fitted")
+        return
+    if look.stations:
+        out.table("alignment.stations")
+        out.say("markers on one rigid part make one station, base first, tip last; grouped by their names")
+        for name, markers in look.stations.items():
+            out.put(name, markers)
+    out.table("alignment.options")
+    out.put("base", look.options["base"])
+    tangent = "the first stations lie along the base tangent" if look.dense else \
+        "from base to tip at rest; or the body's axis in the tracker, such as \"+x\" or [1.0, 0.0, 0.0]"
+    out.put("tangent", look.options["tangent"], tangent)
+    if "undo_jumps" in look.options:
+        out.put("undo_jumps", True, "the orientation of a marker cluster jumps: counted and undone")
+    if look.problem:
+        out.say(f"The alignment fails so far: {look.problem}")
+        out.questions.append(f"alignment: {look.problem}")
+    elif look.aligned is not None:
+        out.say(*[line for line in str(look.aligned.attrs["history"]).splitlines()
+                  if line.startswith(("aligned", "out of plane", "the plane is", "the base moved"))])
+
+
+def reduction(out: Lines, looks: Sequence[Look]) -> None:
+    """From a dense shape to links."""
+    out.table("reduction")
+    widest = max(looks, key=lambda look: max(look.found.travel_m.values()))
+    out.put("recording", widest.name, "its shape decides: it moves most")
+    out.put("bound_mm", 3.0, "the lowest number of links whose shape errs less than this in every frame")
+    out.say("links = 5  (instead, a number of your own)")
+
+
+def recording(out: Lines, look: Look, folder: Path, level: float | None) -> None:
+    """One file: what is in it, and what drove it."""
+    out.table(f"recordings.{key(look.name)}")
+    out.say(*look.found.summary().splitlines())
+    out.put("file", relative(look.path, folder))
+    if look.chamber:
+        out.say(f"of several pressures a model takes one: {look.chamber} moves most, the mapping reads no other")
+    if look.mapping:
+        out.put("mapping", look.mapping)
+    kind, when = excitation(look), moved(look)
+    if kind == "release":
+        out.put("excitation", "release", "no pressure, and the body does not return: read as held and let go"
+                + (f" ({when})" if when else ""))
+        out.say('if a pressure moved it after all: nominal_pressure = 20.0 and pressure_unit = "kPa" instead')
+    elif kind == "pulse":
+        out.say("the pressure was not recorded: a pulse of one level, its edges found from the motion and fitted"
+                + (f" ({when})" if when else ""))
+        value, said = (level, "as you stated") if level is not None else (look.highest_pa, "read off the file's name")
+        out.ask("nominal_pressure", f"kPa gauge, the level of the pulse in {look.path.name}",
+                None if value is None else value / 1e3, said)
+        out.put("pressure_unit", "kPa")
+
+
+def fit(out: Lines, looks: Sequence[Look]) -> None:
+    """What is free, what it learns from, what it must predict."""
+    held = held_out(looks)
+    out.table("fits.first")
+    out.put("train", [look.name for look in looks if look.name != held])
+    if held:
+        out.put("held_out", [held], "never seen by the fit; the verdict rests on it")
+    else:
+        out.say('a model is judged by what it predicts: record one more and name it here, held_out = ["another"]')
+    out.table("fits.first.parameters")
+    out.say('"free": the start value is estimated from the recordings')
+    for name, meaning in free_parameters(looks, held):
+        out.put(name, "free", meaning)
+
+
+def free_parameters(looks: Sequence[Look], held: str | None) -> list[tuple[str, str]]:
+    """Names and meanings of what the recordings can tell."""
+    kinds, first = {excitation(look) for look in looks}, looks[0]
+    levels = {round(look.highest_pa, -2) for look in looks if look.name != held and look.highest_pa is not None}
+    free = [("stiffness", "N m/rad, of every joint"), ("damping", "N m s/rad, of every joint")]
+    if kinds != {"release"}:
+        free += [("torque_1", "N m/Pa")]
+        free += [("torque_2", "N m/Pa^2, seen because more than one level is trained on")] if len(levels) > 1 else []
+    if "trace" in kinds:
+        free += [("start", "s, the clock of the pressure against that of the shape")]
+    if "pulse" in kinds:
+        free += [("valve_rise", "s, time constant of the pressure"), ("valve_fall", "s")]
+    if not first.dense and first.ds.attrs["frame"] != "planar" and kinds != {"release"}:
+        tip = (list(first.stations) or [str(s) for s in first.ds["station"].values])[-1]
+        free += [("base_angle", "rad, error of the tangent"), (f"{tip}.along", "m, where the last station sits"),
+                 (f"{tip}.across", "m")]
+    return free

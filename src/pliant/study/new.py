@@ -1,0 +1,272 @@
+"""A first study for a user's own files: look at them, write what they tell, mark what only the user knows."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.identification import experiment
+from pliant.identification.experiment import Excitation
+from pliant.identification.start import edges
+from pliant.preprocessing.align import DENSE_STATIONS, align
+from pliant.preprocessing.clusters import assemble
+from pliant.preprocessing.quality import Quality, quality
+from pliant.recording import read
+from pliant.units import PASCAL, pascal_per
+
+LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
+NUMBERED = re.compile(r"(.*?)[ _.:-]*\d+")  # "Tip - 1" belongs to "Tip"
+RIGID_SHARE, RIGID_M = 0.02, 1e-3  # what distances within a rigid part may change, of themselves and in metres
+LINE = 0.15  # markers whose width is below this share of their length lie along a body, not on a plate
+RETURNED = 0.3  # of the travel: what a pulse leaves at its end, and a release does not undo
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one file told.
+
+    Attributes
+    ----------
+    path : Path
+    ds : xarray.Dataset
+    found : Quality
+    mapping : dict or None
+    stations : dict
+        Marker clusters, name -> markers; empty where every marker is a station.
+    options : dict
+        Of `align`.
+    aligned : xarray.Dataset or None
+        None when the alignment failed.
+    problem : str
+        Why it failed.
+    chamber : str
+        The one whose pressure was kept, where the file has several.
+    """
+
+    path: Path
+    ds: xr.Dataset
+    found: Quality
+    mapping: dict[str, Any] | None
+    stations: dict[str, list[str]] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+    aligned: xr.Dataset | None = None
+    problem: str = ""
+    chamber: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the recording in the study."""
+        return re.sub(r"[^A-Za-z0-9_-]+", "_", self.path.stem) or "recording"
+
+    @property
+    def base(self) -> str:
+        """Name of the base station."""
+        report = json.loads(str(self.ds.attrs.get("alignment", "{}")))
+        return str(self.options.get("base") or report.get("base") or self.ds["station"].values[0])
+
+    @property
+    def dense(self) -> bool:
+        """Whether the shape is known all along the body."""
+        return int(self.ds.sizes["station"]) >= DENSE_STATIONS
+
+    @property
+    def capped(self) -> bool:
+        """Whether the file says that a cap marks the tip."""
+        return "cap_curvature" in self.ds.attrs and "cap_length" in self.ds.attrs
+
+    @property
+    def highest_pa(self) -> float | None:
+        """Highest measured pressure, or the level that the file's name states, Pa; None when neither is known."""
+        if "pressure" in self.ds:
+            return float(np.nanmax(self.ds["pressure"].values))
+        named = LEVEL.search(self.path.stem)
+        return float(named[1]) * pascal_per(named[2]) if named else None
+
+
+def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
+    """Read a file, judge it, group its markers and try its alignment.
+
+    Parameters
+    ----------
+    path : Path
+    mapping : dict, optional
+        See `pliant.read`.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or holds no positions.
+    """
+    kept = dict(mapping) if mapping else None
+    ds = read(path, mapping=kept)
+    if "position" not in ds:
+        held = "strain: make positions of it with pliant.sensing.shape_from_strain first" if "strain" in ds else \
+            "pressure alone: a study needs the shape too"
+        raise InputError(f"{path.name} holds {held}")
+    found, chosen = quality(ds), ""
+    if chambers := several(ds):
+        kept, chosen = narrowed(kept, chambers, found, path.name)
+        ds = ds.assign(pressure=ds["pressure"].sel(chamber=chosen)).drop_vars("chamber")
+    look = Look(path, ds, found, kept, chamber=chosen)
+    if ds.attrs["frame"] == "planar":
+        return replace(look, aligned=ds)
+    stations = {} if look.dense else rigid_clusters(ds)
+    look = replace(look, stations=stations, options=directions(ds, found, stations, dense=look.dense))
+    if look.capped:
+        return look
+    try:
+        return replace(look, aligned=align(assemble(ds, stations) if stations else ds, **look.options))
+    except InputError as error:
+        return replace(look, problem=str(error))
+
+
+def several(ds: xr.Dataset) -> list[str]:
+    """Names of the chambers where a recording has more than one."""
+    return [str(c) for c in ds["chamber"].values] if "chamber" in ds.dims and ds.sizes["chamber"] > 1 else []
+
+
+def narrowed(
+    mapping: dict[str, Any] | None, chambers: list[str], found: Quality, name: str
+) -> tuple[dict[str, Any], str]:
+    """The mapping with the one chamber whose pressure moves most, and that chamber's name."""
+    spread = {c: high - low for c, (low, high) in found.pressure_kpa.items()}
+    chosen = max(chambers, key=lambda c: spread.get(c, 0.0))
+    told = dict((mapping or {}).get("pressure") or {}) if isinstance((mapping or {}).get("pressure"), dict) else {}
+    key = next((k for k in ("columns", "channels") if k in told), None)
+    if mapping is None or key is None:
+        raise InputError(
+            f"{name} has several pressures ({', '.join(chambers)}) and a model has one: write a file, or a mapping, "
+            f"with the one that bends the body (that of {chosen} moves most)"
+        )
+    told[key] = [told[key][chambers.index(chosen)]]
+    told.pop("chamber", None)
+    return {**mapping, "pressure": told}, chosen
+
+
+def clusters(names: Sequence[str]) -> dict[str, list[str]]:
+    """Markers on one rigid part, told by their names: ``Tip - 1``, ``Tip - 2``, ... -> ``tip``; base first.
+
+    Empty unless at least two groups come out, one with three markers or more.
+    """
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        match = NUMBERED.fullmatch(name)
+        label = re.sub(r"[^a-z0-9]+", "_", (match[1] if match and match[1] else name).lower()).strip("_")
+        groups.setdefault(label or name, []).append(name)
+    if len(groups) < 2 or max(map(len, groups.values())) < 3:
+        return {}
+    return dict(sorted(groups.items(), key=lambda item: "base" not in item[0]))
+
+
+def rigid_clusters(ds: xr.Dataset) -> dict[str, list[str]]:
+    """The groups that names suggest, where they can be plates: off one line, and keeping their distances."""
+    groups = clusters([str(s) for s in ds["station"].values])
+    found: dict[str, list[str]] = {}
+    for name, markers in groups.items():
+        found |= {name: markers} if rigid(ds, markers) else {m: [m] for m in markers}
+    return found if any(len(markers) > 1 for markers in found.values()) else {}
+
+
+def rigid(ds: xr.Dataset, markers: Sequence[str]) -> bool:
+    """Whether markers can sit on one plate: not on a line, and their distances hardly change (5 to 95 % of frames)."""
+    place = ds["position"].sel(station=list(markers)).values
+    apart = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1)
+    apart = apart[np.isfinite(apart).all(axis=(1, 2))]
+    if not len(apart):
+        return True  # never seen together: what is rigid cannot be told
+    low, high = np.percentile(apart, [5, 95], axis=0)
+    still = bool((high - low <= np.maximum(RIGID_M, RIGID_SHARE * high)).all())
+    shape = place[np.argmax(np.isfinite(place).all(axis=(1, 2)))]
+    size = np.linalg.svd(shape - shape.mean(axis=0), compute_uv=False)
+    return still and (len(markers) < 3 or bool(size[1] > LINE * size[0]))
+
+
+def directions(ds: xr.Dataset, found: Quality, stations: Mapping[str, list[str]], *, dense: bool) -> dict[str, Any]:
+    """Options of `align`: the base by its name, else what stands still, else the first."""
+    names = list(stations) or [str(s) for s in ds["station"].values]
+    named = [n for n in names if "base" in n.lower()]
+    standing = [n for n in found.standing if n in names] if len(found.standing) < len(names) else []
+    base = (named or ([] if dense else standing) or names)[0]
+    options: dict[str, Any] = {"base": base, "tangent": "clamp" if dense else "chord"}
+    if found.orientation_jumps:
+        options["undo_jumps"] = True
+    return options
+
+
+def body_length(look: Look) -> float | None:
+    """Length of the body as far as the file shows it, m: along the stations, or from base to tip at rest."""
+    if look.aligned is None or look.capped:
+        return None
+    if "arc_length" in look.aligned.coords:
+        return float(look.aligned["arc_length"].values[-1])
+    first = look.aligned["position"].values[:10, -1]
+    return float(np.linalg.norm(np.nanmedian(first, axis=0)))
+
+
+def excitation(look: Look) -> Excitation:
+    """"trace", "pulse" or "release", as far as the file shows it."""
+    if "pressure" in look.ds:
+        return "trace"
+    if look.aligned is None or look.highest_pa is not None:
+        return "pulse"
+    p = look.aligned["position"].values[:, -1]
+    u = np.linalg.norm(p - np.nanmedian(p[:5], axis=0), axis=-1)
+    end = np.nanmedian(u[-max(5, len(u) // 20):])
+    return "pulse" if end < RETURNED * np.nanmax(u) else "release"
+
+
+def held_out(looks: Sequence[Look]) -> str | None:
+    """Name of the recording to predict: of three or more the one with the middle pressure, of two the last."""
+    if len(looks) < 2:
+        return None
+    if len(looks) == 2 or any(look.highest_pa is None for look in looks):
+        return looks[-1].name
+    return sorted(looks, key=lambda look: look.highest_pa or 0.0)[len(looks) // 2].name
+
+
+def relative(path: Path, folder: Path) -> str:
+    """The file's name as the study, which lies in `folder`, should have it."""
+    whole, home = path.resolve(), folder.resolve()
+    if whole.parts[:2] != home.parts[:2]:  # nothing in common but the root
+        return whole.as_posix()
+    return Path(os.path.relpath(whole, home)).as_posix()
+
+
+def toml(value: Any) -> str:
+    """A value as TOML on one line."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key(k)} = {toml(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(toml(v) for v in value) + "]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value)
+
+
+def key(name: str) -> str:
+    """A key as TOML, quoted where it must be."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml(name)
+
+
+def moved(look: Look) -> str:
+    """When the motion begins and ends, as a comment; empty where that cannot be told."""
+    if look.aligned is None or excitation(look) == "trace":
+        return ""
+    stations = tuple(str(n) for n in look.aligned["station"].values if n != look.base)
+    ds = look.aligned.assign_attrs(nominal_pressure=1.0)  # any level: only times are asked for
+    try:
+        found = edges(experiment(look.name, ds, stations=stations, excitation=excitation(look)))
+    except InputError:
+        return ""
+    return ", ".join(f"{what} near {time:.2f} s" for what, time in found.items())

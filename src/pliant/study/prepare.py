@@ -1,0 +1,194 @@
+"""From a study's entries to a model and experiments: read, assemble, align."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pliant import actuators
+from pliant.errors import InputError
+from pliant.identification import Experiment, experiment
+from pliant.model import Model, chain_model
+from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
+from pliant.preprocessing.clusters import assemble
+from pliant.preprocessing.quality import LEAST_PRESSURE, quality
+from pliant.recording import read
+from pliant.reduction import Links
+from pliant.study.dense import body_of_fibre
+from pliant.study.schema import Actuator, Alignment, Recording, Study
+from pliant.units import pascal_per
+
+Array = np.ndarray
+LEAST_TRAVEL = 0.003  # of the body's length: the tip of a recording that tells anything moves further
+
+
+def load_recording(study: Study, name: str) -> xr.Dataset:
+    """Read one recording of the study, with its nominal pressure where that is all there is."""
+    entry = study.recordings[name]
+    path = Path(entry.file)
+    path = path if path.is_absolute() else Path(study.folder) / path
+    ds = read(path, mapping={**study.mapping, **(entry.mapping or {})} or None, format=entry.format)
+    if entry.nominal_pressure is not None:
+        ds = ds.assign_attrs(nominal_pressure=entry.nominal_pressure * pascal_per(entry.pressure_unit))
+    if not entry.allow_low_pressure:
+        check_pressure_unit(name, ds)
+    return ds
+
+
+def check_pressure_unit(name: str, ds: xr.Dataset) -> None:
+    """Refuse a pressure too low to move a soft body: psi, kPa or mbar that were read as Pa."""
+    nominal = ds.attrs.get("nominal_pressure", 0.0)
+    measured = float(np.nanmax(ds["pressure"].values, initial=0.0)) if "pressure" in ds else 0.0
+    for what, pascal in (("nominal pressure", nominal), ("highest pressure", measured)):
+        if 0 < pascal < LEAST_PRESSURE:
+            raise InputError(
+                f"recording {name}: its {what} is {pascal:.4g} Pa, too low to move a soft body; state its unit (psi, "
+                "kPa, mbar, ...) where it was read as Pa, or set allow_low_pressure = true if it is right"
+            )
+
+
+def planar(study: Study, name: str) -> tuple[xr.Dataset, tuple[str, ...]]:
+    """One aligned recording, and what reading and aligning it found."""
+    entry = study.recordings[name]
+    raw = load_recording(study, name)
+    found = [str(line) for line in quality(raw).findings]
+    if study.fibre is not None:
+        body, tip = body_of_fibre(raw, study.fibre)
+        return body, (*found, tip)
+    if raw.attrs.get("frame") == "planar":
+        return raw, tuple(found)
+    alignment = combined(study.alignment, entry.alignment)
+    ds = assemble(raw, alignment.stations) if alignment.stations else raw
+    before = len(str(raw.attrs.get("history", "")).splitlines())
+    ds = align(ds, **checked_options(alignment))
+    found += str(ds.attrs.get("history", "")).splitlines()[before:]
+    return ds, tuple(found)
+
+
+def combined(shared: Alignment, own: Alignment | None) -> Alignment:
+    """The study's alignment, overruled entry by entry by what a recording states itself."""
+    if own is None:
+        return shared
+    return Alignment(stations=own.stations or shared.stations, options={**shared.options, **own.options})
+
+
+def checked_options(alignment: Alignment) -> dict[str, Any]:
+    """Options of `align`, lists made arrays; an unknown one is refused."""
+    import inspect
+
+    known = [p for p in inspect.signature(align).parameters if p != "ds"]
+    for key in alignment.options:
+        if key not in known:
+            raise InputError(f"alignment option {key!r} is unknown: use one of {', '.join(known)}")
+    return dict(alignment.options)
+
+
+def study_experiment(study: Study, name: str, ds: xr.Dataset) -> Experiment:
+    """The experiment of an aligned recording: moving stations, excitation, what is known of it."""
+    entry: Recording = study.recordings[name]
+    base = alignment_of(ds).base if "alignment" in ds.attrs else "base"
+    stations = entry.stations or moving_stations(name, ds, base)
+    return experiment(
+        name, ds, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
+        angles=entry.angles, held=entry.held,
+    )
+
+
+def moving_stations(name: str, ds: xr.Dataset, base: str) -> list[str]:
+    """Every station but the base; refused when another one of a few stands still too, for it may be the base."""
+    stations = [str(s) for s in ds.station.values if str(s) != base]
+    still = [s for s in quality(ds).standing if s in stations]
+    if still and len(still) < len(stations) < DENSE_STATIONS:
+        raise InputError(
+            f"recording {name}: {', '.join(still)} stands still beside the base {base!r}; name the base in "
+            f"[alignment.options], and the stations to compare with in [recordings.{name}], as stations = [...]"
+        )
+    return stations
+
+
+def hardly_moved(experiments: Mapping[str, Experiment], length: float) -> dict[str, str]:
+    """Recordings in which the body hardly moved, with the sentence that says so: they would only fit the noise."""
+    return {
+        name: f"recording {name} is dropped: its tip moves by {1e3 * exp.travel:.2g} mm, less than "
+        f"{100 * LEAST_TRAVEL:g} % of the body's {1e3 * length:.3g} mm"
+        for name, exp in experiments.items() if exp.travel < LEAST_TRAVEL * length
+    }
+
+
+def without(study: Study, dropped: Collection[str]) -> Study:
+    """The study with some recordings taken off its fits and its ladder; InputError where nothing is left to learn."""
+    if not dropped:
+        return study
+
+    def rest(entry: Any, what: str) -> Any:
+        left = {k: [r for r in getattr(entry, k) if r not in dropped] for k in ("train", "held_out")}
+        if not left["train"]:
+            raise InputError(f"{what} has nothing to learn from: its recordings, {', '.join(entry.train)}, hardly move")
+        return entry.model_copy(update=left)
+
+    fits = {name: rest(entry, f"fit {name}") for name, entry in study.fits.items()}
+    climb = rest(study.ladder, "[ladder]") if study.ladder else None
+    return study.model_copy(update={"fits": fits, "ladder": climb})
+
+
+def study_model(actuator: Actuator, rotation: Array | None, links: Links | None = None) -> Model:
+    """The model of the study's actuator; `rotation` (3, 3) takes tracker vectors to the base frame.
+
+    With `links`, the chain is the one laid through the recorded shape: lengths and rest angles as measured, the mass
+    shared out by length.
+    """
+    values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area"})
+    values["source"] = dict(actuator.source)
+    if gravity := values.pop("gravity", None):
+        values["gravity"] = in_base_frame(np.array(gravity, dtype=float), rotation)
+    if actuator.preset:
+        defaults = dict(preset(actuator.preset).BODY)
+        values = {**defaults, **values, "source": {**defaults.get("source", {}), **values["source"]}}
+    missing = [k for k in ("length", "mass") if k not in values]
+    if missing:
+        raise InputError(f"[actuator] needs {' and '.join(missing)} (SI), or a preset: {', '.join(presets())}")
+    values.setdefault("stiffness", 1.0)
+    values.setdefault("damping", 1e-3)
+    values.setdefault("torque", [0.0])
+    return chain_model(**values) if links is None else measured_chain(values, links)
+
+
+def measured_chain(values: dict[str, Any], links: Links) -> Model:
+    """The chain laid through a measured shape, with the link tips as its observed points."""
+    for key in ("length", "links", "joint_placement"):
+        values.pop(key, None)
+    lengths = links.link_length
+    values["source"] |= dict.fromkeys(("link_length", "rest_angle"), "chords of the recorded rest shape")
+    mass = values.pop("mass") * lengths / lengths.sum()
+    model = Model(**{**values, "link_length": lengths, "rest_angle": links.rest_angle, "link_mass": mass})
+    return model.with_(stations=model.points)
+
+
+def presets() -> list[str]:
+    """Names of the actuators that pliant knows."""
+    return [m.name for m in iter_modules(actuators.__path__)]
+
+
+def preset(name: str) -> Any:
+    """The module of a known actuator; its BODY holds the arguments of `chain_model`."""
+    if name not in presets():
+        raise InputError(f"unknown actuator preset {name!r}: use one of {', '.join(presets())}")
+    return import_module(f"pliant.actuators.{name}")
+
+
+def in_base_frame(gravity: Array, rotation: Array | None) -> Array:
+    """Gravity (2,) in the base frame from two numbers there or three in the tracker's frame."""
+    if gravity.shape == (2,):
+        return gravity
+    if gravity.shape != (3,):
+        raise InputError(f"gravity is (x, y) of the base frame or (x, y, z) of the tracker, got {gravity.size} numbers")
+    if rotation is None:
+        raise InputError("gravity in the tracker's frame needs a recording aligned from it; give (x, y) instead")
+    turned = rotation @ gravity
+    return np.asarray(turned[:2])

@@ -1,0 +1,252 @@
+"""`run_study`: check, align, fit, predict, write."""
+
+from __future__ import annotations
+
+import json
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.files import write_text
+from pliant.identification import (
+    MORE_RUNGS,
+    RUNGS,
+    Experiment,
+    FitResult,
+    Ladder,
+    bootstrapped,
+    fit,
+    ladder,
+    predict,
+)
+from pliant.identification.fit import parameters_from
+from pliant.identification.spread import half_widths
+from pliant.identification.start import edges
+from pliant.model import Model, save_model
+from pliant.preprocessing.alignment import alignment_of
+from pliant.study.dense import link_experiment, shape_of
+from pliant.study.judge import records_of
+from pliant.study.prepare import hardly_moved, planar, study_experiment, study_model, without
+from pliant.study.schema import Fit, ForecastEntry, LadderEntry, Study
+from pliant.study.verdict import verdict
+from pliant.units import pascal_per
+from pliant.validation.metrics import response
+from pliant.validation.outcome import FitOutcome, Forecast, Shape, StudyOutcome
+from pliant.version import __version__
+
+Tell = Callable[[str], None]
+
+
+def run_study(study: Study, folder: str | Path | None = None, *, progress: Tell | None = None) -> StudyOutcome:
+    """Run a study and, with a folder, write what it found.
+
+    Parameters
+    ----------
+    study : Study
+        From `load_study`.
+    folder : str or Path, optional
+        Takes model.json, metrics.json, study.json (resolved), report.html and figures/. Made when absent; files in it
+        are replaced one by one, each whole.
+    progress : callable, optional
+        Called with one line for each thing done.
+
+    Returns
+    -------
+    StudyOutcome
+
+    Raises
+    ------
+    InputError
+        When a recording, an entry or the folder is not usable.
+    FitError, SimulationError
+        When a fit cannot start, or a prediction cannot be made.
+    """
+    began = clock.perf_counter()
+    tell = progress or (lambda _line: None)
+    target = writable(folder) if folder is not None else None
+    ready = prepare_all(study, tell)
+    study = without(study, ready.dropped)
+    check_forecasts(study, ready.experiments)
+    prepared = clock.perf_counter()
+    model = study_model(study.actuator, ready.rotation, ready.shape.links if ready.shape else None)
+    climbed = run_ladder(study, ready.experiments, model, tell)
+    fits = [ladder_fit(study, climbed, ready.experiments, tell)] if climbed else []
+    fits += [run_fit(study, name, entry, ready.experiments, model, tell) for name, entry in study.fits.items()]
+    fitted = clock.perf_counter()
+    first = fits[0].result
+    forecasts = tuple(run_forecast(study, n, e, ready.experiments, first) for n, e in study.forecasts.items())
+    outcome = StudyOutcome(
+        study.name, study.title or study.name, study.description, replace(first.model, name=study.name), tuple(fits),
+        forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
+        {"pliant": __version__, **ready.provenance}, climbed,
+    )
+    outcome = replace(outcome, verdict=verdict(outcome, study.targets))
+    if target is not None:
+        outcome = write_outcome(study, outcome, target, began, tell)
+    return outcome
+
+
+def writable(folder: str | Path) -> Path:
+    """The folder, made; InputError before any work is done when it cannot be written."""
+    folder = Path(folder)
+    probe = folder / ".writable"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"cannot write into the output folder {folder}: {error.strerror or error}") from None
+    return folder
+
+
+class Prepared(NamedTuple):
+    """The recordings of a study, ready for fits."""
+
+    experiments: dict[str, Experiment]
+    findings: dict[str, tuple[str, ...]]
+    provenance: dict[str, str]
+    rotation: np.ndarray | None  # (3, 3), tracker to base frame, of the first aligned recording
+    shape: Shape | None  # of the recording that decides the chain, where shapes are dense
+    dropped: Mapping[str, str]  # recordings that tell nothing, with the sentence that says why
+
+
+def prepare_all(study: Study, tell: Tell) -> Prepared:
+    """Read, align and, where the shape is dense, reduce every recording."""
+    aligned = {name: planar(study, name) for name in study.recordings}
+    shape = None
+    if study.reduction:
+        name = study.reduction.recording or next(iter(aligned))
+        shape = shape_of(name, aligned[name][0], aligned[name][1][-1], study.reduction)
+        tell(f"order from {name}: {shape.order.reason} The chain has {shape.links.n} links.")
+    experiments, provenance = {}, {}
+    rotation = None
+    for name, (ds, _) in aligned.items():
+        reduced = link_experiment(study, name, ds, shape.links) if shape else study_experiment(study, name, ds)
+        experiments[name] = reduced
+        digest = ds.attrs.get("source_sha256", "")
+        provenance[name] = f"{ds.attrs.get('source', '')}{f' sha256 {digest}' if digest else ''}"
+        if rotation is None and "alignment" in ds.attrs:
+            rotation = np.array(alignment_of(ds).rotation)
+        tell(f"prepared {name}: {reduced.time.size} frames, travel {1e3 * reduced.travel:.3g} mm")
+    length = study_model(study.actuator, rotation, shape.links if shape else None).length
+    dropped = hardly_moved(experiments, length)
+    for line in dropped.values():
+        tell(line)
+    findings = {n: (*found, *([dropped[n]] if n in dropped else [])) for n, (_, found) in aligned.items()}
+    return Prepared(experiments, findings, provenance, rotation, shape, dropped)
+
+
+def run_fit(
+    study: Study, name: str, entry: Fit, experiments: Mapping[str, Experiment], model: Model, tell: Tell,
+) -> FitOutcome:
+    """Fit on the training records, predict the held-out ones with everything frozen but their edge times."""
+    began = clock.perf_counter()
+    training = [experiments[r] for r in entry.train]
+    result = fit(
+        training, model, parameters_from(entry.parameters), step=study.step, loss=entry.loss, starts=entry.starts,
+        weighting=entry.weighting, regularise=entry.regularise, section_area=study.actuator.section_area,
+        rng=study.seed, progress=lambda line: tell(f"fit {name}: {line}"),
+    )
+    seconds = clock.perf_counter() - began
+    return whole_fit(study, name, entry.title or name, entry, result, seconds, experiments, tell)
+
+
+def whole_fit(
+    study: Study, name: str, title: str, entry: Fit | LadderEntry, result: FitResult, seconds: float,
+    experiments: Mapping[str, Experiment], tell: Tell,
+) -> FitOutcome:
+    """A fit with its records, its standard errors from a bootstrap where the study asks for one."""
+    train, held_out = ([experiments[r] for r in names] for names in (entry.train, entry.held_out))
+    if entry.bootstrap and result.covariance is not None:
+        tell(f"fit {name}: {entry.bootstrap} replicates of a block bootstrap")
+        result = bootstrapped(train, result, replicates=entry.bootstrap, step=study.step, weighting=entry.weighting,
+                              loss=entry.loss, rng=study.seed)
+    records = records_of(train, held_out, result, study.step, entry.weighting)
+    tell(f"fit {name}: {result.status}")
+    return FitOutcome(name, title, result, records, seconds)
+
+
+def run_ladder(study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell) -> Ladder | None:
+    """The study's ladder, climbed; None where it has none."""
+    entry = study.ladder
+    if entry is None:
+        return None
+    known = {r.name: r for r in (*RUNGS, *MORE_RUNGS)}
+    if unknown := [n for n in entry.rungs if n not in known]:
+        raise InputError(f"[ladder] has a rung {unknown[0]!r}: use some of {', '.join(known)}")
+    return ladder(
+        [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
+        common=parameters_from(entry.common), rungs=[known[n] for n in entry.rungs] or RUNGS, step=study.step,
+        weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
+        progress=lambda line: tell(f"ladder: {line}"),
+    )
+
+
+def ladder_fit(study: Study, climbed: Ladder, experiments: Mapping[str, Experiment], tell: Tell) -> FitOutcome:
+    """The rung that was chosen, as a fit of the study."""
+    entry = study.ladder or LadderEntry(train=[], starts=1)
+    step = climbed.step
+    return whole_fit(
+        study, "ladder", f"Ladder, {step.rung.title}", entry, climbed.result, step.seconds, experiments, tell
+    )
+
+
+def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None:
+    """Refuse a level for a case that is like a recording without one."""
+    for name, entry in study.forecasts.items():
+        excitation = experiments[entry.like].excitation
+        if entry.level is not None and excitation != "pulse":
+            raise InputError(f"forecast {name}: a level goes with a pulse, but {entry.like!r} is a {excitation}")
+
+
+def run_forecast(
+    study: Study, name: str, entry: ForecastEntry, experiments: Mapping[str, Experiment], result: FitResult,
+) -> Forecast:
+    """Predict a case that was not recorded: like a recorded one, with the stated changes."""
+    template = experiments[entry.like]
+    level = template.level if entry.level is None else entry.level * pascal_per(entry.pressure_unit)
+    case = replace(template, name=name, level=level, known={**template.known, **entry.known})
+    own = edge_values(case.own_parameters, template)
+    seen: list[str] = []
+
+    def measure(values: Mapping[str, float]) -> np.ndarray:
+        tip = predict(result.model, case, {**values, **own}, study.step)["position"][:, -1]
+        traits = response(template, tip)
+        seen[:] = seen or [k for k, v in traits.items() if v is not None]
+        numbers = [np.nan if (v := traits[k]) is None else v for k in seen]
+        return np.concatenate([numbers, tip.ravel()])
+
+    found, half = measure(result.values), half_widths(result, measure)
+    count = len(seen)
+    interval = {k: float(h) for k, h in zip(seen, half, strict=False) if h > 0}
+    stated = {**entry.known, **({"level": level} if entry.level is not None else {})}
+    return Forecast(
+        name, entry.title or name, stated, case.time, found[count:].reshape(-1, 2),
+        dict(zip(seen, found[:count].tolist(), strict=True)), interval, half[count:].reshape(-1, 2),
+    )
+
+
+def edge_values(names: Sequence[str], template: Experiment) -> dict[str, float]:
+    """Edge times of a case that was not recorded: those that the template's motion shows."""
+    found = edges(template)
+    return {name: found[name.rpartition(".")[2]] for name in names}
+
+
+def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:
+    """Write model, resolved study, report and figures, then metrics.json as the last and telling file."""
+    from pliant.validation.report import write_report  # draws: loaded when something is drawn
+
+    save_model(outcome.model, folder / "model.json")
+    resolved: dict[str, Any] = study.model_dump(exclude_none=True)
+    write_text(folder / "study.json", json.dumps(resolved, indent=1) + "\n")
+    outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
+    report = write_report(outcome, folder)
+    outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
+    write_text(folder / "metrics.json", json.dumps(outcome.to_dict(), indent=1, allow_nan=False) + "\n")
+    tell(f"wrote {report}")
+    return outcome

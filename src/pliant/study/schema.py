@@ -1,0 +1,227 @@
+"""The study file (TOML, or the JSON that a run leaves behind): its entries and their checks."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pliant.campaign.spec import Sweep
+from pliant.errors import InputError, explain_validation
+from pliant.identification.fit import parameters_from
+from pliant.study.questions import refuse_open
+
+Weighting = Literal["travel", "metre", "noise"]
+Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
+Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard errors; 0: the sandwich formula
+
+
+class Entry(BaseModel):
+    """A table of the study file; an unknown key is an error, never ignored."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class Actuator(Entry):
+    """The body, SI. A preset gives all of it; other entries overrule the preset."""
+
+    preset: str | None = None  # a module of pliant.actuators
+    length: float | None = None  # m
+    mass: float | None = None  # kg, without the tip mass
+    links: int | None = Field(None, ge=1, le=64)
+    joint_placement: Literal["base", "midsegment"] | None = None
+    mass_at: Literal["rod", "tip"] | None = None
+    tip_mass: float | None = None  # kg
+    stiffness: float | list[float] | None = None  # N m/rad
+    damping: float | list[float] | None = None  # N m s/rad
+    torque: list[float] | None = None  # N m/Pa^k
+    rest_angle: float | list[float] | None = None  # rad
+    gravity: list[float] | None = None  # m/s^2, (x, y) of the base frame or (x, y, z) of the tracker
+    bend_sign: Literal[1, -1] | None = None
+    section_area: float | None = Field(None, gt=0)  # m^2 of solid section, against which a fitted mass is checked
+    source: dict[str, str] = {}
+
+
+class Alignment(Entry):
+    """From the tracker to the base frame: which markers make a station, and the options of `pliant.align`."""
+
+    stations: dict[str, Any] = {}  # name -> list of markers, or a table; see pliant.assemble
+    options: dict[str, Any] = {}  # base, tangent, plane, ...
+
+
+class Fibre(Entry):
+    """A fibre along the body, its tip marked by a cap of constant curvature. The base is one body length before it."""
+
+    body_length: float  # m, along the fibre
+    cap_curvature: float  # 1/m, its sign as the body bends under positive pressure
+    cap_length: float  # m
+    gauge_length: float | None = None  # m, over which the sensor averages
+    rest: tuple[float, float] | None = None  # s, when the body is at rest; default: before the pressure or the motion
+    clamp_length: float = 0.012  # m of straight fibre at its start, held in the clamp: gives the base tangent
+
+
+class Reduction(Entry):
+    """From a dense shape to links."""
+
+    recording: str | None = None  # whose shape decides; default: the first
+    links: int | None = Field(None, ge=1, le=64)  # None: the lowest order within the bound
+    bound_mm: float = Field(3.0, gt=0)
+    max_order: int = Field(8, ge=2, le=64)
+    boundary: str = "clamped+not-a-knot"
+    placement: Literal["equal", "best"] = "equal"
+
+
+class Recording(Entry):
+    """One recording."""
+
+    file: str
+    mapping: dict[str, Any] | None = None
+    format: str | None = None
+    excitation: Literal["trace", "pulse", "release"] | None = None
+    held: Literal["unloaded", "measured"] = "unloaded"  # where a body that is let go was held before
+    nominal_pressure: float | None = None
+    pressure_unit: str = "Pa"  # of nominal_pressure
+    allow_low_pressure: bool = False  # a highest pressure below 1 kPa is right, not a wrong unit
+    stations: list[str] | None = None  # which to compare with, in order, the tip last
+    known: dict[str, float] = {}  # parameters of this recording alone, SI
+    noise: dict[str, float] = {}  # m, standard deviation of a station's coordinates, where it is known
+    angles: bool = False  # fit the recorded angles too
+    alignment: Alignment | None = None  # its entries overrule the study's
+
+
+class Fit(Entry):
+    """One fit: what is free, what it learns from, what it must predict."""
+
+    title: str = ""
+    train: list[str]
+    held_out: list[str] = []
+    parameters: dict[str, float | Literal["free"] | dict[str, Any]]
+    weighting: Weighting = "travel"
+    loss: Loss = "linear"
+    starts: int = Field(3, ge=1, le=100)
+    regularise: bool = False  # fit although the recordings do not tell the parameters apart
+    bootstrap: int = Replicates
+
+
+class LadderEntry(Entry):
+    """Models from the given one upwards, each freeing more; the held-out records say which becomes the study's."""
+
+    train: list[str]
+    held_out: list[str] = []
+    common: dict[str, float | Literal["free"] | dict[str, Any]] = {}  # free on every rung
+    rungs: list[str] = []  # names of `pliant.identification.RUNGS`; all when empty
+    weighting: Weighting = "travel"
+    loss: Loss = "linear"
+    starts: int = Field(1, ge=1, le=100)
+    bootstrap: int = Replicates
+
+
+class ForecastEntry(Entry):
+    """A prediction for a case that was not recorded."""
+
+    title: str = ""
+    like: str  # the recording whose excitation it shares
+    known: dict[str, float] = {}
+    level: float | None = None
+    pressure_unit: str = "Pa"
+
+
+class Targets(Entry):
+    """What the verdict holds the predictions against."""
+
+    rmse_percent_of_travel: float | None = None
+    frequency_percent: float | None = None
+    steady_state_percent: float | None = None
+
+
+class Study(Entry):
+    """A study file."""
+
+    name: str
+    title: str = ""
+    description: str = ""
+    actuator: Actuator
+    mapping: dict[str, Any] = {}  # of every recording; what a recording's own says overrules it
+    alignment: Alignment = Alignment()
+    fibre: Fibre | None = None
+    reduction: Reduction | None = None
+    recordings: dict[str, Recording]
+    fits: dict[str, Fit] = {}
+    ladder: LadderEntry | None = None
+    forecasts: dict[str, ForecastEntry] = {}
+    targets: Targets = Targets()
+    sweep: Sweep | None = None
+    step: float = Field(2e-3, gt=0, le=0.1)  # s, of the integration
+    seed: int = 0
+    folder: str = "."  # where relative file names start; set when the study is loaded
+
+
+def load_study(path: str | Path) -> Study:
+    """Read and check a study file.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML, or JSON as a run writes it.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, has an unknown or missing entry, or names a recording that it does not list.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+        content = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except OSError as error:
+        raise InputError(f"cannot read the study {path}: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"study {path} is not valid {'JSON' if path.suffix == '.json' else 'TOML'}: {error}") from None
+    try:
+        refuse_open(content, path)
+        study = Study.model_validate(content)
+    except ValidationError as error:
+        raise explain_validation(error, f"study {path}") from None
+    check_names(study, path)
+    return study.model_copy(update={"folder": str((path.parent / study.folder).resolve())})
+
+
+def check_names(study: Study, path: Path) -> None:
+    """Every recording that is used is listed, and no record is trained on and held out at once."""
+    if not study.recordings or not (study.fits or study.ladder):
+        raise InputError(f"study {path} needs at least one entry under [recordings] and one under [fits], or [ladder]")
+    listed = ", ".join(study.recordings)
+    learning: dict[str, Fit | LadderEntry] = {**study.fits, **({"[ladder]": study.ladder} if study.ladder else {})}
+    for name, fit in learning.items():
+        for record in [*fit.train, *fit.held_out]:
+            if record not in study.recordings:
+                raise InputError(f"study {path}: fit {name} uses recording {record!r}; listed are {listed}")
+        both = set(fit.train) & set(fit.held_out)
+        if both or not fit.train:
+            problem = f"trains on and holds out {min(both)!r}" if both else "trains on no recording"
+            raise InputError(f"study {path}: fit {name} {problem}")
+    if study.reduction and study.reduction.recording not in (None, *study.recordings):
+        raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}; listed are {listed}")
+    for name, entry in study.forecasts.items():
+        if entry.like not in study.recordings:
+            raise InputError(f"study {path}: forecast {name} is like recording {entry.like!r}; listed are {listed}")
+    if bad := [n for n in (*study.recordings, *study.forecasts) if "." in n or not n]:
+        raise InputError(f"study {path}: the name of a recording or forecast has no dot, got {bad[0]!r}")
+    check_parameters(study, path)
+
+
+def check_parameters(study: Study, path: Path) -> None:
+    """Every parameter that is fitted or known exists and is possible: said before any work is done."""
+    tables: dict[str, Mapping[str, Any]] = {f"recording {n}": r.known for n, r in study.recordings.items()}
+    tables |= {f"forecast {n}": f.known for n, f in study.forecasts.items()}
+    tables |= {f"fit {n}": f.parameters for n, f in study.fits.items()}
+    tables |= {"[ladder]": study.ladder.common} if study.ladder else {}
+    for where, entries in tables.items():
+        try:
+            parameters_from(entries)
+        except InputError as error:
+            raise InputError(f"study {path}, {where}: {error}") from None

@@ -1,0 +1,85 @@
+"""The verdict: plain sentences with their numbers, held-out records first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pliant.study.schema import Targets
+from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome, StudyOutcome
+from pliant.validation.rows import metric_label
+
+LONGER = 2.0  # % of its length: a body that grows by more is said to
+
+
+def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
+    """Sentences about every fit: held-out records against the targets, then training, then what the fit said."""
+    lines = [f"The ladder stops at {outcome.ladder.reason}"] if outcome.ladder else []
+    for fit in outcome.fits:
+        held = [r for r in fit.records if r.role == "held_out"]
+        lines += [record_sentence(fit, r, targets) for r in held or fit.records]
+        if held:
+            worst = max(r.metrics["rmse_percent_of_travel"] for r in fit.records if r.role == "train")
+            lines.append(f"{fit.title}: the training records are followed to {worst:.1f} % of travel or better.")
+        if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
+            lines.append(f"{fit.title}: {fit.result.status}")
+        lines += [f"{fit.title}: {note}" for note in fit.result.notes if "correlated" not in note]
+    for forecast in outcome.forecasts:
+        lines.append(forecast_sentence(forecast))
+    return tuple(lines)
+
+
+def forecast_sentence(forecast: Forecast) -> str:
+    """What is predicted of a case that was not recorded, with the interval that the fit's uncertainty gives it."""
+    parts = []
+    for key, value in forecast.numbers.items():
+        words, unit = metric_label(key)
+        half = forecast.interval.get(key)
+        about = "" if half is None else f" +- {half:.2g}"
+        parts.append(f"{words} {value:.3g}{about} {unit}".rstrip())
+    tail = " (95 % from the fit's uncertainty)" if forecast.interval else ""
+    return f"Forecast, {forecast.title}: {', '.join(parts)}{tail}."
+
+
+def record_sentence(fit: FitOutcome, record: RecordOutcome, targets: Targets) -> str:
+    """How well one record is followed, and which targets it meets."""
+    m = record.metrics
+    how = "has not been seen by the fit and is predicted" if record.role == "held_out" else "is followed"
+    sentence = (
+        f"{fit.title}: record {record.name} {how} to {m['rmse_mm']:.3g} mm RMSE, "
+        f"{m['rmse_percent_of_travel']:.1f} % of its travel"
+    )
+    return f"{sentence}{judged(m, targets)}.{unlike(m)}"
+
+
+def unlike(m: dict[str, Any]) -> str:
+    """What the recorded body does that a model of links does not, or cannot be compared by, as sentences."""
+    said = ""
+    measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
+    if measured is None and m["steady_state_mm"]["measured"] is not None:
+        rings = "and so does the model" if modelled is None else f"while the model rings at {modelled:.3g} Hz"
+        said = f" It comes to rest without ringing, over-damped, {rings}."
+    longer = m.get("extension_percent") or 0.0
+    if longer > LONGER:
+        said += f" The body lengthens by {m['extension_mm']:.2g} mm ({longer:.1f} %), the model does not."
+    return said
+
+
+def judged(m: dict[str, Any], targets: Targets) -> str:
+    """The targets and whether the metrics meet them, as the tail of a sentence."""
+    parts = []
+    if targets.rmse_percent_of_travel is not None:
+        good = m["rmse_percent_of_travel"] <= targets.rmse_percent_of_travel
+        parts.append(f"target {targets.rmse_percent_of_travel:g} %: {'met' if good else 'missed'}")
+    for key, what, limit in (
+        ("frequency_hz", "frequency", targets.frequency_percent),
+        ("steady_state_mm", "steady state", targets.steady_state_percent),
+    ):
+        measured, modelled = m[key]["measured"], m[key]["modelled"]
+        if limit is not None and measured:
+            if modelled is None:
+                parts.append(f"{what}: the model shows none, missed")
+                continue
+            off = 100 * (modelled / measured - 1)
+            good = abs(off) <= limit
+            parts.append(f"{what} {off:+.1f} %, target {limit:g} %: {'met' if good else 'missed'}")
+    return f" ({'; '.join(parts)})" if parts else ""

@@ -1,0 +1,251 @@
+"""From a scenario to a recording and its truth: cached by content, written whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zlib
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from pliant.errors import InputError, PliantError
+from pliant.recording import make_recording, read
+from pliant.recording.netcdf import write_netcdf
+from pliant.testbed import fibre as fibre_sensor
+from pliant.testbed.contact import obstacle_rows
+from pliant.testbed.fibre import FibreSensor
+from pliant.testbed.mocap import MotionCapture, marker_names, observe_markers
+from pliant.testbed.rod import RodParameters, actuator
+from pliant.testbed.scenarios import Scenario, scenario
+from pliant.testbed.stepping import Motion, simulate
+from pliant.testbed.truth import make_truth, write_truth
+from pliant.testbed.valve import Iso6358, PressureSensor, Regulator, read_pressure, supply_pressure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    import xarray as xr
+    from numpy.typing import NDArray
+
+Output = Literal["position", "strain", "markers"]
+SUPPLY_STEP = 1.25e-5  # s, of the valve's equations
+RECORD = 1e-3  # s between two kept states
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """Everything beside the actuator: valve, sensors and what is recorded."""
+
+    valve: Regulator | Iso6358 = field(default_factory=Regulator)
+    transducer: PressureSensor = field(default_factory=PressureSensor)
+    fibre: FibreSensor = field(default_factory=FibreSensor)
+    mocap: MotionCapture = field(default_factory=MotionCapture)
+    output: Output = "position"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A recording as a laboratory would have it, and the truth behind it."""
+
+    recording: xr.Dataset
+    truth: xr.Dataset
+
+
+@cache
+def source_digest() -> str:
+    """Digest of the test bed's source: recordings of other versions are made anew."""
+    files = sorted(p for p in Path(__file__).parent.rglob("*.py") if p.name not in ("bundle.py", "__init__.py"))
+    return hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest()
+
+
+def content_key(case: Scenario, rod: RodParameters, seed: int, lab: Laboratory) -> str:
+    """Digest of everything that decides what a recording holds."""
+    valve = type(lab.valve).__name__
+    settings = json.dumps([asdict(case), asdict(rod), int(seed), asdict(lab), valve], sort_keys=True)
+    return hashlib.sha256((settings + source_digest()).encode()).hexdigest()[:32]
+
+
+def run_rod(
+    case: Scenario, rod: RodParameters, lab: Laboratory, progress: Callable[[float], None] | None = None
+) -> Motion:
+    """The actuator's true motion in a scenario."""
+    stride = max(1, round(RECORD / case.step))
+    steps = int(np.ceil(case.duration / (case.step * stride))) * stride
+    fine = max(1, round(case.step / SUPPLY_STEP))  # the valve's own grid: edges stay where they are
+    time = np.asarray(np.arange(steps * fine + 1) * (case.step / fine), dtype=float)
+    loads = np.zeros((steps, 4))
+    loads[:, 0] = supply_pressure(case.command, time, lab.valve)[fine::fine]
+    rows = obstacle_rows(case.obstacles)
+    return simulate(
+        replace(rod, gravity=case.gravity), loads, case.step, stride=stride, obstacles=rows, progress=progress
+    )
+
+
+def generate(
+    case: str | Scenario,
+    body: str | RodParameters = "a",
+    seed: int = 1,
+    *,
+    lab: Laboratory | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Experiment:
+    """Run a scenario and record it.
+
+    Parameters
+    ----------
+    case : str or Scenario
+        Name from `pliant.testbed.scenarios.SCENARIOS`, or ``pulse_<kPa>_<ms>ms``.
+    body : str or RodParameters
+        Actuator "a", "b", "c", or parameters of your own.
+    seed : int
+        Of the sensors: their systematic errors belong to the seed, their noise to seed and scenario.
+    lab : Laboratory, optional
+    progress : callable, optional
+        Called with the fraction of the simulation that is done.
+
+    Returns
+    -------
+    Experiment
+
+    Raises
+    ------
+    InputError
+        For unknown names or settings without sense.
+    SimulationError
+        When the rod cannot follow.
+    """
+    case = scenario(case) if isinstance(case, str) else case
+    name, rod = (body, actuator(body)) if isinstance(body, str) else ("custom", body)
+    lab = lab or Laboratory()
+    if seed < 0:
+        raise InputError(f"a seed must be >= 0, got {seed}")
+    motion = run_rod(case, rod, lab, progress)
+    rate = lab.mocap.rate if lab.output == "markers" else case.rate
+    at = np.arange(0.0, case.duration - 0.5 * RECORD, 1.0 / rate)
+    attrs = {"scenario": case.name, "actuator": name, "seed": int(seed),
+             "content_key": content_key(case, rod, seed, lab)}  # fmt: skip
+    rod = replace(rod, gravity=case.gravity)
+    recording = record(motion, rod, lab, at, seed=seed, attrs=attrs)
+    settings = {"laboratory": json.dumps(asdict(lab)), "scenario_settings": json.dumps(asdict(case))}
+    truth = make_truth(motion, rod, at, attrs | settings)
+    return Experiment(recording, truth)
+
+
+def record(
+    motion: Motion,
+    rod: RodParameters,
+    lab: Laboratory,
+    at: NDArray[np.float64],
+    *,
+    seed: int,
+    attrs: dict[str, Any],
+) -> xr.Dataset:
+    """What the laboratory's instruments made of a motion at the instants `at`."""
+    stream = zlib.crc32(str(attrs["scenario"]).encode())
+    specimen = np.random.default_rng([seed, 1])  # stays with the instruments from one scenario to the next
+    rng = np.random.default_rng([seed, stream])
+    clock, pressure = read_pressure(motion.time, motion.pressure, lab.transducer, rng)
+    common: dict[str, Any] = {
+        "pressure": pressure, "pressure_time": clock, "source": f"testbed {attrs['scenario']}",
+        "source_format": "testbed", "history": f"recorded by the virtual laboratory as {lab.output}",
+    }  # fmt: skip
+    if lab.output == "markers":
+        position = observe_markers(motion, rod, lab.mocap, at, rng)
+        return make_recording(at, position, station=marker_names(lab.mocap), attrs=dict(attrs), **common)
+    sensor = lab.fibre
+    kappa = fibre_sensor.sensed_curvature(motion, rod, sensor, at, specimen, rng)
+    stamps = fibre_sensor.time_stamps(at, sensor, rng)
+    lost = fibre_sensor.drop_frames(at.size, sensor, rng)
+    known = dict(attrs) | {"cap_curvature": rod.cap_curvature, "cap_length": rod.cap_length}
+    if lab.output == "strain":
+        strain = fibre_sensor.core_strain(kappa, sensor, rng)
+        strain[lost] = np.nan
+        place = np.arange(strain.shape[2]) * sensor.spacing
+        known |= {"core_radius": [0.0] + [sensor.core_radius] * 3, "core_angle": list(fibre_sensor.CORE_ANGLE)}
+        return make_recording(stamps, strain=strain, gauge_position=place, attrs=known, **common)
+    position = fibre_sensor.place(fibre_sensor.integrate_shape(kappa, sensor.spacing), sensor, specimen)
+    position[lost] = np.nan
+    names = [f"{k:03d}" for k in range(position.shape[1])]
+    return make_recording(stamps, position, station=names, attrs=known, **common)
+
+
+def is_current(path: Path, key: str) -> bool:
+    """Whether `path` already holds the recording of this content."""
+    if not path.is_file():
+        return False
+    try:
+        return bool(read(path).attrs.get("content_key") == key)
+    except PliantError:
+        return False
+
+
+def generate_file(
+    case: str | Scenario,
+    path: str | Path,
+    *,
+    body: str | RodParameters = "a",
+    seed: int = 1,
+    lab: Laboratory | None = None,
+    truth: str | Path | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> bool:
+    """Generate a recording into a netCDF file unless it is there already; the truth goes elsewhere.
+
+    Returns
+    -------
+    bool
+        True when the scenario was run, False when the files were current.
+    """
+    path = Path(path)
+    if path.suffix not in (".nc", ".nc4"):
+        raise InputError(f"recordings of the test bed are written as .nc, not {path.name!r}")
+    if truth is not None and Path(truth).resolve() == path.resolve():
+        raise InputError("recording and truth need two different files")
+    case = scenario(case) if isinstance(case, str) else case
+    rod = actuator(body) if isinstance(body, str) else body
+    key = content_key(case, rod, seed, lab or Laboratory())
+    if is_current(path, key) and (truth is None or _truth_is_current(Path(truth), key)):
+        return False
+    made = generate(case, body, seed, lab=lab, progress=progress)
+    if truth is not None:
+        write_truth(made.truth, Path(truth))
+    write_netcdf(made.recording, path, float32=True, compress=True)
+    return True
+
+
+def _truth_is_current(path: Path, key: str) -> bool:
+    from pliant.testbed.truth import read_truth
+
+    try:
+        return bool(read_truth(path).attrs.get("content_key") == key)
+    except PliantError:
+        return False
+
+
+def generate_set(
+    cases: Iterable[tuple[str, str, int]],
+    folder: str | Path,
+    *,
+    lab: Laboratory | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> list[Path]:
+    """Generate many (scenario, actuator, seed) into `folder`, truths into its subfolder ``truth``.
+
+    A run that was interrupted goes on where it stopped: files of the right content are kept.
+    `progress` is called with the number done, the number asked for and the file's name.
+    """
+    folder = Path(folder)
+    (folder / "truth").mkdir(parents=True, exist_ok=True)
+    todo = list(cases)
+    made = []
+    for done, (case, body, seed) in enumerate(todo):
+        path = folder / f"{case}-{body}-{seed}.nc"
+        if progress is not None:
+            progress(done, len(todo), path.name)
+        generate_file(case, path, body=body, seed=seed, lab=lab, truth=folder / "truth" / path.name)
+        made.append(path)
+    return made

@@ -1,0 +1,199 @@
+"""A plant for controllers: the rod behind its regulator, seen by its sensors, moved on by one command at a time."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError, SimulationError
+from pliant.testbed.contact import obstacle_rows
+from pliant.testbed.fibre import FibreSensor
+from pliant.testbed.memory import prony_decay
+from pliant.testbed.rod import RodParameters, actuator, build_body
+from pliant.testbed.stepping.simulate import _clock, _out, _work, settle
+from pliant.testbed.valve import PressureSensor, Regulator
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pliant.testbed.contact import Circle, Wall
+
+Array = np.ndarray
+SUPPLY_STEP = 2.5e-5  # s, of the regulator's equations
+
+
+class Frame(NamedTuple):
+    """One reading of both sensors, as it arrives."""
+
+    time: float  # s, when the shape was taken
+    shape: Array  # (S, 2) m, points of the body in the base frame; NaN where the frame is lost
+    pressure: float  # Pa gauge, read when the frame arrives
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """What the plant's sensors do to the truth."""
+
+    fibre: FibreSensor
+    transducer: PressureSensor
+
+
+class Plant:
+    """The virtual actuator under a controller: rod, regulator with dead time, fibre sensor and pressure transducer.
+
+    The fibre's gain error, wandering bias and noise enter as curvature; its lumen is taken as corrected for, its frame
+    as registered: the points are those of the body in the base frame.
+
+    Parameters
+    ----------
+    body : str or RodParameters
+        Actuator "a", "b", "c", or parameters of your own.
+    rate : float
+        Frames of the shape a second, Hz.
+    step : float
+        Of the rod, s; the period of the frames is a multiple of it.
+    seed : int
+        Of the sensors.
+    perfect : bool
+        Sensors without error, latency and drop-out; the regulator stays.
+    valve : Regulator, optional
+    obstacles : sequence of Circle or Wall
+
+    Raises
+    ------
+    InputError
+        For an unknown actuator, or a frame that is no whole number of steps.
+
+    Examples
+    --------
+    >>> from pliant.testbed.plant import Plant
+    >>> plant = Plant("a")
+    >>> frame = plant.advance(40e3)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self, body: str | RodParameters = "a", *, rate: float = 250.0, step: float = 5e-4, seed: int = 1,
+        perfect: bool = False, valve: Regulator | None = None, obstacles: Sequence[Circle | Wall] = (),
+    ) -> None:
+        self.parameters = actuator(body) if isinstance(body, str) else body
+        self.period = 1.0 / rate
+        self._substeps = round(self.period / step)
+        if self._substeps < 1 or abs(self._substeps * step - self.period) > 1e-9:
+            raise InputError(f"a frame of {self.period:g} s is no whole number of steps of {step:g} s")
+        self._step = step
+        self._valve = valve or Regulator()
+        self._body = build_body(self.parameters)
+        self._rows = obstacle_rows(obstacles)
+        fibre, transducer = FibreSensor(), PressureSensor()
+        if perfect:
+            fibre = replace(fibre, noise=0.0, bias=0.0, gain_error=0.0, jitter=0.0, drop_out=0.0, latency=0.0)
+            transducer = replace(transducer, noise=0.0, bias=0.0, resolution=0.0)
+        self._sensing = Sensing(fibre, transducer)
+        self._clock, self._decay = _clock(step, static=False), None
+        self._decay = prony_decay(self._body.prony_time, float(self._clock[0]))
+        self._work = _work(self._body.rest_length.size + 1, self._body.weight.size)
+        self._out = _out(2, self._body.rest_length.size + 1, self._body.weight.size)
+        self._rest = settle(self.parameters, obstacles=self._rows)
+        self._specimen = np.random.default_rng([seed, 1]).standard_normal(2)
+        self._seed = seed
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to rest without pressure, time 0, memory relaxed; the sensors' noise starts anew."""
+        self._state = type(self._rest)(*(array.copy() for array in self._rest))
+        self.time = 0.0
+        self._held = np.zeros(2)
+        self._commands = deque([0.0] * round(self._valve.dead_time / self._step))
+        self._load = np.zeros(2)
+        self._rng = np.random.default_rng([self._seed, 7])
+        waves = np.random.default_rng([self._seed, 8]).standard_normal(24) / self._sensing.fibre.bias_length
+        s = np.cumsum(self._body.weight)
+        self._bias_shape = np.vstack([np.cos(np.outer(waves, s)), np.sin(np.outer(waves, s))])
+        self._bias = self._rng.standard_normal(48)
+        self._late: deque[tuple[float, Array]] = deque()
+
+    @property
+    def pressure(self) -> float:
+        """True gauge pressure behind the regulator, Pa."""
+        return float(self._held[0])
+
+    @property
+    def tip(self) -> Array:
+        """True position (2,) of the body's tip, m."""
+        return self._state.x[self.parameters.elements].copy()
+
+    def push(self, x: float, y: float = 0.0) -> None:
+        """Hold a force [N] on the cap from now on, in the base frame."""
+        self._load = np.array([x, y], dtype=float)
+
+    def advance(self, command: float) -> Frame:
+        """Hold a commanded gauge pressure [Pa] for one frame's period; the newest frame that has arrived by then.
+
+        Raises
+        ------
+        InputError
+            When the command is not finite or negative.
+        SimulationError
+            When the rod cannot follow.
+        """
+        from pliant.testbed.plant.loops import regulate_on
+        from pliant.testbed.stepping.loops import march
+
+        if not (np.isfinite(command) and command >= 0.0):
+            raise InputError(f"the commanded gauge pressure must be finite and >= 0 Pa, got {command}")
+        m, v = self._substeps, self._valve
+        self._commands.extend([float(command)] * m)
+        loads = np.zeros((m, 4))
+        loads[:, 1:3] = self._load
+        asked = np.array([self._commands.popleft() for _ in range(m)])
+        behind = np.empty(m)
+        regulate_on(
+            asked, self._step, max(1, round(self._step / SUPPLY_STEP)), 2 * np.pi * v.frequency, v.damping,
+            v.exhaust_slowdown, np.array([v.slew_up, v.slew_down]), v.dead_band, self._held, behind,
+        )
+        loads[:, 0] = behind
+        status, _, update, _ = march(
+            loads, 0, m, m, self._body, self._rows, self._state, self._clock, self._decay, self._work, self._out
+        )
+        if status != 0:
+            raise SimulationError(f"the rod does not converge at {self.time:.4f} s (last update {update:.1e} m)")
+        self.time += self.period
+        return self._frame()
+
+    def _frame(self) -> Frame:
+        fibre = self._sensing.fibre
+        self._late.append((self.time, self._sense()))
+        while len(self._late) > 1 and self._late[1][0] + fibre.latency <= self.time + 1e-9:
+            self._late.popleft()
+        taken, shape = self._late[0]
+        return Frame(taken + fibre.jitter * float(self._rng.standard_normal()), shape, self._read())
+
+    def _sense(self) -> Array:
+        """Points (S, 2) of the body as the fibre sees them: base, then the end of every element."""
+        fibre, rng = self._sensing.fibre, self._rng
+        keep = np.exp(-self.period / fibre.bias_time)
+        self._bias = keep * self._bias + np.sqrt(1.0 - keep**2) * rng.standard_normal(self._bias.size)
+        weight = self._body.weight
+        spread = np.sqrt(fibre.spacing / weight)  # white noise of the samples that one element averages
+        kappa = self._state.curvature * (1.0 + fibre.gain_error * self._specimen[0])
+        kappa = kappa + fibre.bias / np.sqrt(24) * self._bias @ self._bias_shape
+        kappa = kappa + fibre.noise * spread * rng.standard_normal(kappa.size)
+        count = self.parameters.elements
+        angle = np.cumsum(weight * kappa)[:count]
+        points = np.zeros((count + 1, 2))
+        points[1:, 0] = -np.cumsum(self._state.length[:count] * np.sin(angle))
+        points[1:, 1] = np.cumsum(self._state.length[:count] * np.cos(angle))
+        return points if rng.random() >= fibre.drop_out else np.full_like(points, np.nan)
+
+    def _read(self) -> float:
+        sensor = self._sensing.transducer
+        value = self.pressure + sensor.bias * self._specimen[1] + sensor.noise * float(self._rng.standard_normal())
+        return float(np.round(value / sensor.resolution) * sensor.resolution if sensor.resolution else value)
+
+    @property
+    def arc_length(self) -> Array:
+        """Arc lengths (S,) of the frame's points, m."""
+        return np.linspace(0.0, self.parameters.length, self.parameters.elements + 1)

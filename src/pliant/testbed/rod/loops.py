@@ -1,0 +1,250 @@
+"""Forces of the virtual actuator: an implicit planar discrete elastic rod in Cartesian nodes.
+
+Nodes ``x_0 .. x_{V-1}`` in the plane; ``x_0`` is clamped with the tangent +y. Edge ``e`` joins ``x_e`` and
+``x_{e+1}`` and has the direction ``theta_e``; vertex ``k`` bends by ``psi_k = theta_k - theta_{k-1}``, which
+is the curvature ``psi_k / weight_k`` (the clamp's vertex and the cap's carry half an element).
+
+``clock`` is (dt, h, 1/h^2): with the second-order backward difference ``h = 2/3 dt``, ``v = (x - x_s) / h`` and
+``a = (v - v_s) / h``, where ``y_s = (4 y_n - y_{n-1}) / 3``. All dissipation (Kelvin-Voigt, Prony, slip,
+friction) is the derivative of a convex term of one incremental potential, so its Hessian is symmetric.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+SOFT = 2e-4  # m, depth over which an obstacle's resistance sets in
+
+
+@njit(cache=True)
+def section_law(bend, stiffness, height, share, locking):
+    """Moment, its slope and energy density of the section at the curvature change `bend`.
+
+    The fibres at `height` above the inextensible base stretch by lam = 1 + bend height at fixed width:
+    W = (lam^2 + lam^-2 - 2) / 2, or Gent's form of it that locks when `locking` > 0.
+    """
+    if height.size == 0:
+        return stiffness * bend, stiffness, 0.5 * stiffness * bend * bend
+    moment = slope = energy = 0.0
+    for j in range(height.size):
+        lam = 1.0 + bend * height[j]
+        if lam <= 0.0:
+            return np.nan, np.nan, np.nan
+        square = 1.0 / (lam * lam)
+        invariant = lam * lam + square - 2.0
+        first = lam - square / lam
+        second = 1.0 + 3.0 * square * square
+        work = 0.5 * invariant
+        if locking > 0.0:
+            room = 1.0 - locking * invariant
+            if room <= 0.0:
+                return np.nan, np.nan, np.nan
+            second = second / room + 2.0 * locking * (first / room) ** 2
+            first = first / room
+            work = -0.5 * np.log(room) / locking
+        moment += share[j] * height[j] * first
+        slope += share[j] * height[j] * height[j] * second
+        energy += share[j] * work
+    return stiffness * moment, stiffness * slope, stiffness * energy
+
+
+@njit(cache=True)
+def memory_moment(k, bend, body, state, decay):
+    """Moment and slope of the Prony branches and the slip elements of vertex `k`, at the end of the step."""
+    moment = slope = 0.0
+    before = state.curvature[k] - body.rest_curvature[k]
+    for j in range(body.prony_share.size):
+        spring = body.prony_share[j] * body.stiffness[k]
+        inner = decay[j, 0] * state.prony[k, j] + decay[j, 1] * before + decay[j, 2] * bend
+        moment += spring * (bend - inner)
+        slope += spring * (1.0 - decay[j, 2])
+    change = bend - before
+    for j in range(body.slip_limit.shape[1]):
+        spring, limit = body.slip_stiffness[k, j], body.slip_limit[k, j]
+        trial = state.slip[k, j] + spring * change
+        if trial > limit:
+            moment += limit
+        elif trial < -limit:
+            moment -= limit
+        else:
+            moment += trial
+            slope += spring
+    return moment, slope
+
+
+@njit(cache=True)
+def turning(x, k):
+    """Angle psi_k between the edges that meet at vertex `k`, and the gradients of their directions."""
+    bx, by = x[k + 1, 0] - x[k, 0], x[k + 1, 1] - x[k, 1]
+    ax, ay = 0.0, 1.0
+    if k > 0:
+        ax, ay = x[k, 0] - x[k - 1, 0], x[k, 1] - x[k - 1, 1]
+    a2, b2 = ax * ax + ay * ay, bx * bx + by * by
+    return np.arctan2(ax * by - ay * bx, ax * bx + ay * by), -ay / a2, ax / a2, -by / b2, bx / b2
+
+
+@njit(cache=True)
+def curvatures(x, body, out):
+    """Curvature of every bending vertex, into `out`."""
+    for k in range(out.size):
+        out[k] = turning(x, k)[0] / body.weight[k]
+
+
+@njit(cache=True)
+def volume(kappa, body):
+    """Chamber volume above the straight shape: the gain integrates the curvature."""
+    total = 0.0
+    for k in range(kappa.size):
+        total += body.gain[k] * body.weight[k] * (kappa[k] + 0.5 * body.gain_slope * kappa[k] * kappa[k])
+    return total
+
+
+@njit(cache=True)
+def add_bending(x, load, body, state, clock, decay, band, torque, g):
+    """Bending of all vertices: stiffness into `band`, net couple on each edge into `torque`."""
+    torque[:] = 0.0
+    for k in range(body.weight.size):
+        psi, ax, ay, bx, by = turning(x, k)
+        kappa = psi / body.weight[k]
+        bend = kappa - body.rest_curvature[k]
+        moment, slope, _ = section_law(bend, body.stiffness[k], body.fibre_height, body.fibre_share, body.locking)
+        more, more_slope = memory_moment(k, bend, body, state, decay)
+        viscous = body.loss_time * body.stiffness[k] / clock[1]
+        back = (4.0 * state.curvature[k] - state.curvature_before[k]) / 3.0
+        moment += more + viscous * (kappa - back)
+        moment -= load[0] * body.gain[k] * (1.0 + body.gain_slope * kappa)
+        slope += more_slope + viscous - load[0] * body.gain[k] * body.gain_slope
+        torque[k] += moment
+        if k > 0:
+            torque[k - 1] -= moment
+        g[0], g[1], g[2], g[3], g[4], g[5] = ax, ay, -ax - bx, -ay - by, bx, by
+        first = 2 * (k - 2)
+        for i in range(max(0, -first), 6):
+            for j in range(max(0, -first), i + 1):
+                band[first + i, i - j] += slope / body.weight[k] * g[i] * g[j]
+    torque[torque.size - 1] -= load[3]
+
+
+@njit(cache=True)
+def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
+    """Force +f on the edge's far node and -f on its near one, with the stiffness between them."""
+    i = 2 * e
+    gradient[i] += fx
+    gradient[i + 1] += fy
+    band[i, 0] += kxx
+    band[i + 1, 0] += kyy
+    band[i + 1, 1] += kxy
+    if e > 0:
+        gradient[i - 2] -= fx
+        gradient[i - 1] -= fy
+        band[i - 2, 0] += kxx
+        band[i - 1, 0] += kyy
+        band[i - 1, 1] += kxy
+        band[i, 2] -= kxx
+        band[i, 1] -= kxy
+        band[i + 1, 3] -= kxy
+        band[i + 1, 2] -= kyy
+
+
+@njit(cache=True)
+def add_edges(x, body, state, clock, torque, geometric, gradient, band):
+    """Couples and stretch of the edges; `geometric` = 0 leaves out terms that may be indefinite."""
+    for e in range(body.rest_length.size):
+        dx, dy = x[e + 1, 0] - x[e, 0], x[e + 1, 1] - x[e, 1]
+        l2 = dx * dx + dy * dy
+        length = np.sqrt(l2)
+        tx, ty = dx / length, dy / length
+        stiff = body.axial[e] / body.rest_length[e]
+        back = (4.0 * state.length[e] - state.length_before[e]) / 3.0
+        viscous = body.loss_time * stiff / clock[1]
+        tension = stiff * (length - body.rest_length[e]) + viscous * (length - back)
+        c = torque[e]
+        fx, fy = tension * tx - c * dy / l2, tension * ty + c * dx / l2
+        stiff += viscous
+        side = geometric * tension / length
+        c *= geometric / (l2 * l2)
+        kxx = stiff * tx * tx + side * ty * ty + 2.0 * c * dx * dy
+        kyy = stiff * ty * ty + side * tx * tx - 2.0 * c * dx * dy
+        kxy = (stiff - side) * tx * ty + c * (dy * dy - dx * dx)
+        scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band)
+
+
+@njit(cache=True)
+def add_inertia(x, load, body, guess, clock, gradient, band):
+    """Inertia against the drifting state `guess`, weight, and the dead force on the last node."""
+    last = x.shape[0] - 1
+    for v in range(1, last + 1):
+        i = 2 * (v - 1)
+        for a in range(2):
+            pull = clock[2] * body.mass[v] * (x[v, a] - guess[v, a]) - body.mass[v] * body.gravity[a]
+            gradient[i + a] += pull
+            band[i + a, 0] += clock[2] * body.mass[v]
+    first = 2 * (last - 2)
+    for i in range(4):
+        for j in range(4):
+            drift = x[last - 1 + j // 2, j % 2] - guess[last - 1 + j // 2, j % 2]
+            gradient[first + i] += clock[2] * body.cap_mass[i, j] * drift
+            if j <= i:
+                band[first + i, i - j] += clock[2] * body.cap_mass[i, j]
+        gradient[first + i] -= body.cap_weight[i]
+    gradient[2 * last - 2] -= load[1]
+    gradient[2 * last - 1] -= load[2]
+
+
+@njit(cache=True)
+def gap_to(row, px, py):
+    """Distance of a point to an obstacle's surface and the outward normal there."""
+    if row[0] == 0.0:
+        dx, dy = px - row[1], py - row[2]
+        far = np.sqrt(dx * dx + dy * dy)
+        return far - row[3], dx / far, dy / far, 1.0 / far
+    return row[1] * px + row[2] * py - row[3], row[1], row[2], 0.0
+
+
+@njit(cache=True)
+def penalty(depth):
+    """Force, slope and energy per stiffness of a penetration, m: quadratic up to SOFT, then linear."""
+    if depth <= 0.0:
+        return 0.0, 0.0, 0.0
+    if depth < SOFT:
+        return depth * depth / (2.0 * SOFT), depth / SOFT, depth**3 / (6.0 * SOFT)
+    return depth - 0.5 * SOFT, 1.0, 0.5 * depth * depth - 0.5 * SOFT * depth + SOFT * SOFT / 6.0
+
+
+@njit(cache=True)
+def friction(row, grip, nx, ny, x, v, state, clock):
+    """Regularised Coulomb friction along the tangent: force and slope, normal force of the last step."""
+    tx, ty = -ny, nx
+    vt = (x[v, 0] - (4.0 * state.x[v, 0] - state.x_before[v, 0]) / 3.0) * tx
+    vt = (vt + (x[v, 1] - (4.0 * state.x[v, 1] - state.x_before[v, 1]) / 3.0) * ty) / clock[1]
+    speed = np.sqrt(vt * vt + row[6] * row[6])
+    return -grip * vt / speed, grip * row[6] * row[6] / (speed**3 * clock[1])
+
+
+@njit(cache=True)
+def add_contact(x, obstacles, body, state, clock, gradient, band, force):
+    """Penalty contact and friction of all nodes with all obstacles; the forces on the nodes into `force`."""
+    force[:] = 0.0
+    for o in range(obstacles.shape[0]):
+        row = obstacles[o]
+        for v in range(1, x.shape[0]):
+            gap, nx, ny, bent = gap_to(row, x[v, 0], x[v, 1])
+            push, k, _ = penalty(body.half_width - gap)
+            share = row[4] * body.contact_share[v]
+            if push == 0.0 or share == 0.0:
+                continue
+            push, k = share * push, share * k
+            was, mx, my, _ = gap_to(row, state.x[v, 0], state.x[v, 1])
+            grip = row[5] * share * penalty(body.half_width - was)[0]
+            rub, drag = friction(row, grip, mx, my, x, v, state, clock)
+            side = -push * bent
+            fx, fy = push * nx - rub * my, push * ny + rub * mx
+            i = 2 * (v - 1)
+            band[i, 0] += k * nx * nx + side * ny * ny + drag * my * my
+            band[i + 1, 0] += k * ny * ny + side * nx * nx + drag * mx * mx
+            band[i + 1, 1] += (k - side) * nx * ny - drag * mx * my
+            force[v, 0] += fx
+            force[v, 1] += fy
+            gradient[i] -= fx
+            gradient[i + 1] -= fy

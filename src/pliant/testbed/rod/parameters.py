@@ -1,0 +1,113 @@
+"""Parameters of the virtual actuator, and the three actuators that the test bed offers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from pliant.errors import InputError
+
+ACTUATORS = {"a": 1, "b": 2, "c": 3}  # name -> seed of everything that differs between specimens
+
+
+@dataclass(frozen=True)
+class RodParameters:
+    """A planar soft bending actuator: SI units, gauge pressure, positive bending about +z.
+
+    Means are means along the body; `*_variation` is the standard deviation of a smooth random field
+    relative to the mean (absolute, 1/m, for the rest curvature). `seed` draws all fields.
+
+    The section is a stack of fibres from the inextensible base (height 0) to `section_height`, of
+    ``mu (lam - lam^-3)`` each (``linear=True`` for ``M = EI kappa``); `locking` > 0 makes it stiffen as
+    Gent's law does. The pressure's moment is ``p A d G (1 + gain_slope kappa)``, the derivative of a chamber
+    volume. Memory: Prony branches (`prony_share` of EI, `prony_time`), and per vertex `slip_elements` Maxwell-slip
+    elements (in sum `slip_share` of EI) whose thresholds follow a Weibull law.
+    """
+
+    seed: int = 0
+    length: float = 0.17  # m
+    mass: float = 0.069  # kg, of the bending part
+    elements: int = 100
+    bending_stiffness: float = 0.0335  # N m2
+    stiffness_variation: float = 0.15
+    rest_curvature: float = 3.1  # 1/m
+    rest_variation: float = 1.6  # 1/m
+    correlation_length: float = 0.022  # m
+    end_stiffening: float = 0.35  # relative rise of EI and fall of the gain at both ends
+    end_length: float = 0.008  # m
+    chamber_area: float = 1.5708e-4  # m2, semicircle of radius 10 mm
+    chamber_height: float = 4.2441e-3  # m, centroid above the flat face
+    gain: float = 1.85  # moment over p A d: the base layer lies below the flat face
+    gain_variation: float = 0.13
+    gain_slope: float = 0.004  # m, the bladder bulges as it bends
+    section_height: float = 0.014  # m
+    locking: float = 0.25  # 1 / limit of the invariant
+    linear: bool = False
+    axial_stiffness: float = 2.0e4  # N, the inextensible layer
+    loss_time: float = 0.0036  # s, Kelvin-Voigt
+    prony_share: tuple[float, ...] = (0.06, 0.05, 0.06)
+    prony_time: tuple[float, ...] = (0.05, 0.6, 8.0)  # s
+    slip_share: float = 0.10
+    slip_elements: int = 15
+    slip_scale: float = 4.0  # 1/m
+    slip_shape: float = 1.4
+    cap_mass: float = 0.006  # kg; 0 leaves the tip free
+    cap_length: float = 0.03  # m along its arc
+    cap_curvature: float = 50.0  # 1/m, above the body's operating range
+    half_width: float = 0.005  # m, from the centreline to the surface that touches
+    gravity: tuple[float, float] = (0.0, 0.0)  # m/s2 in the plane of bending
+    tube_resistance: float = 2.0e7  # Pa s/m3, between the regulated supply and the chamber
+
+    def __post_init__(self) -> None:
+        """Refuse what no rod can be."""
+        positive = ("length", "mass", "bending_stiffness", "axial_stiffness", "correlation_length",
+                    "end_length", "slip_scale", "slip_shape", "cap_length")  # fmt: skip
+        free = {"gravity", "rest_curvature", "gain_slope", "cap_curvature"}
+        for field in fields(self):
+            value = np.asarray(getattr(self, field.name), dtype=float)
+            if not np.all(np.isfinite(value)):
+                raise InputError(f"rod parameter {field.name} must be finite, got {getattr(self, field.name)}")
+            if field.name in positive and value <= 0:
+                raise InputError(f"rod parameter {field.name} must be > 0, got {value}")
+            if field.name not in free and np.any(value < 0):
+                raise InputError(f"rod parameter {field.name} must be >= 0, got {getattr(self, field.name)}")
+        if self.elements < 4:
+            raise InputError(f"a rod needs at least 4 elements, got {self.elements}")
+        if len(self.prony_share) != len(self.prony_time) or min(self.prony_time, default=1.0) <= 0:
+            raise InputError("every Prony branch needs a share and a time > 0")
+
+    def uniform(self, **changes: object) -> RodParameters:
+        """A rod without variation, memory, damping or cap: what closed forms describe."""
+        plain = {"stiffness_variation": 0.0, "gain_variation": 0.0, "rest_variation": 0.0, "rest_curvature": 0.0,
+                 "end_stiffening": 0.0, "linear": True, "gain_slope": 0.0, "loss_time": 0.0, "prony_share": (),
+                 "prony_time": (), "slip_share": 0.0, "slip_elements": 0, "cap_mass": 0.0, "gain": 1.0,
+                 "tube_resistance": 0.0}  # fmt: skip
+        return replace(self, **(plain | changes))  # type: ignore[arg-type]
+
+
+def actuator(name: str = "a") -> RodParameters:
+    """One of the three actuators: means and fields drawn from the seed of its name.
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
+    """
+    if name not in ACTUATORS:
+        raise InputError(f"unknown actuator {name!r}: use one of {', '.join(ACTUATORS)}")
+    seed = ACTUATORS[name]
+    draw = np.random.default_rng([seed, 2018]).standard_normal(8)
+    base = RodParameters()
+    return replace(
+        base,
+        seed=seed,
+        mass=base.mass * float(np.exp(0.02 * draw[0])),
+        bending_stiffness=base.bending_stiffness * float(np.exp(0.07 * draw[1])),
+        rest_curvature=base.rest_curvature * float(np.exp(0.15 * draw[2])),
+        gain=base.gain * float(np.exp(0.05 * draw[3])),
+        loss_time=base.loss_time * float(np.exp(0.1 * draw[4])),
+        slip_share=base.slip_share * float(np.exp(0.2 * draw[5])),
+        cap_mass=base.cap_mass * float(np.exp(0.1 * draw[6])),
+        locking=base.locking * float(np.exp(0.3 * draw[7])),
+    )

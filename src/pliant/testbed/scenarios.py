@@ -1,0 +1,156 @@
+"""What the test bed can be asked to do: commanded pressures, obstacles and sensors, as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.testbed.contact import Circle, Wall
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+WAVES = ("steps", "triangle", "chirp", "multisine")
+
+
+@dataclass(frozen=True)
+class Command:
+    """Commanded gauge pressure against time.
+
+    Attributes
+    ----------
+    wave : "steps", "triangle", "chirp" or "multisine"
+    points : pairs of (s, Pa)
+        Steps: the level from that time on. Triangle: corners, joined by straight lines.
+    mean, amplitude : float, Pa
+        Chirp and multisine.
+    band : (float, float), Hz
+        First and last frequency.
+    start, stop : float, s
+        Outside, the chirp and the multisine rest at `mean`, which is held from 0.2 s on.
+    """
+
+    wave: str
+    points: tuple[tuple[float, float], ...] = ()
+    mean: float = 0.0
+    amplitude: float = 0.0
+    band: tuple[float, float] = (0.1, 15.0)
+    start: float = 1.0
+    stop: float = 1.0
+
+    def __call__(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pressure at the times, Pa."""
+        if self.wave in ("steps", "triangle"):
+            at, level = np.array(self.points, dtype=float).T
+            if self.wave == "triangle":
+                return np.asarray(np.interp(time, at, level))
+            return np.asarray(np.append(0.0, level)[np.searchsorted(at, time, side="right")])
+        inside = (time >= self.start) & (time < self.stop)
+        wave = self._sweep(time - self.start) if self.wave == "chirp" else self._lines(time - self.start)
+        held = np.where(time >= 0.2, self.mean, 0.0)
+        return np.asarray(held + np.where(inside, self.amplitude * wave, 0.0))
+
+    def _sweep(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        ratio = np.log(self.band[1] / self.band[0])
+        span = self.stop - self.start
+        return np.asarray(np.sin(2.0 * np.pi * self.band[0] * span / ratio * np.expm1(ratio * t / span)))
+
+    def _lines(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Equal lines at odd multiples of the lowest frequency, Schroeder phases, unit peak."""
+        lines = np.arange(self.band[0], self.band[1], 2.0 * self.band[0])
+        k = np.arange(lines.size)
+        phase = -np.pi * k * (k + 1) / lines.size
+
+        def total(at: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.asarray(sum(np.cos(2.0 * np.pi * f * at + p) for f, p in zip(lines, phase, strict=True)))
+
+        return total(t) / float(np.abs(total(np.linspace(0.0, 1.0 / self.band[0], 4001))).max())
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One experiment: command, duration, surroundings, frame rate and time step of the rod (SI)."""
+
+    name: str
+    summary: str
+    duration: float
+    command: Command
+    obstacles: tuple[Circle | Wall, ...] = ()
+    gravity: tuple[float, float] = (0.0, 0.0)
+    rate: float = 75.0
+    step: float = 2.5e-4
+
+
+def pulse(level: float, width: float, *, start: float = 0.12) -> Command:
+    """Rectangular pulse of gauge pressure: Pa, s, s."""
+    return Command("steps", ((start, level), (start + width, 0.0)))
+
+
+def _pulses() -> list[Scenario]:
+    made = []
+    for kpa in (60, 119, 180, 240):
+        for suffix, width, duration in (("", 2.76, 4.5), ("_medium", 1.5, 3.5), ("_short", 0.5, 2.5)):
+            text = f"{kpa} kPa for {width} s" + (", the paper's pulse" if (kpa, suffix) == (119, "") else "")
+            made.append(Scenario(f"pulse_{kpa}{suffix}", text, duration, pulse(kpa * 1e3, width)))
+    return made
+
+
+def _ramps(corners: list[float], rate: float) -> Command:
+    """Triangle through pressures (Pa) at one rate (Pa/s), starting at 0.5 s."""
+    time = 0.5 + np.append(0.0, np.cumsum(np.abs(np.diff(corners)))) / rate
+    return Command("triangle", tuple(zip(time.tolist(), corners, strict=True)))
+
+
+TRIANGLE = [0.0, 180e3, 0.0, 120e3, 40e3, 120e3, 0.0]
+POST = Circle((-0.081, 0.117), 0.008)
+WALL = Wall((1.0, 0.0), -0.085)
+SPRING = Circle((-0.095, 0.110), 0.022, stiffness=40.0, friction=0.1)
+
+SCENARIOS: dict[str, Scenario] = {
+    s.name: s
+    for s in (
+        *_pulses(),
+        Scenario("step_240", "240 kPa from 0.5 s to 4 s, the paper's step", 6.0, pulse(240e3, 3.5, start=0.5)),
+        Scenario("triangle", "slow triangles with a minor loop, 40 kPa/s, 25 Hz", 17.5,
+                 _ramps(TRIANGLE, 40e3), rate=25.0),
+        Scenario("triangle_slow", "the same triangles at 15 kPa/s", 46.0, _ramps(TRIANGLE, 15e3), rate=25.0),
+        Scenario("chirp", "100 +- 40 kPa, 0.1 to 15 Hz in 18 s", 20.0,
+                 Command("chirp", mean=100e3, amplitude=40e3, start=1.0, stop=19.0)),
+        Scenario("multisine", "100 +- 60 kPa, odd lines of 0.1 Hz up to 8 Hz, two periods", 22.0,
+                 Command("multisine", mean=100e3, amplitude=60e3, band=(0.1, 8.0), start=1.5, stop=21.5)),
+        Scenario("creep_hold", "119 kPa held for 30 s, then 10 s of recovery", 41.0, pulse(119e3, 30.0, start=0.5)),
+        Scenario("still", "no pressure: the noise floor", 5.0, Command("steps", ((0.0, 0.0),))),
+        Scenario("pulse_119_hanging", "119 kPa, gravity along the rest tangent", 4.5, pulse(119e3, 2.76),
+                 gravity=(0.0, 9.81)),
+        Scenario("pulse_119_sideways", "119 kPa, gravity across the rest tangent", 4.5, pulse(119e3, 2.76),
+                 gravity=(9.81, 0.0)),
+        Scenario("pulse_119_250hz", "the paper's pulse at the fibre's full rate", 4.5, pulse(119e3, 2.76), rate=250.0),
+        Scenario("contact_circle", "150 kPa against a rigid round post", 4.5, pulse(150e3, 2.76), (POST,), step=1e-4),
+        Scenario("contact_wall", "150 kPa against a rigid wall", 4.5, pulse(150e3, 2.76), (WALL,), step=1e-4),
+        Scenario("contact_spring", "150 kPa into a soft ball: a spring at a known place", 4.5,
+                 pulse(150e3, 2.76), (SPRING,), step=1e-4),
+    )
+}  # fmt: skip
+
+
+def scenario(name: str) -> Scenario:
+    """A scenario by name; any other pulse as ``pulse_<kPa>_<width in ms>ms``.
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
+    """
+    if name in SCENARIOS:
+        return SCENARIOS[name]
+    parts = name.removesuffix("ms").split("_")
+    if name.startswith("pulse_") and name.endswith("ms") and len(parts) == 3 and all(p.isdigit() for p in parts[1:]):
+        kpa, ms = int(parts[1]), int(parts[2])
+        if 0 < kpa <= 300 and 0 < ms <= 60_000:
+            return Scenario(name, f"{kpa} kPa for {ms} ms", 0.12 + ms / 1e3 + 2.0, pulse(kpa * 1e3, ms / 1e3))
+    raise InputError(
+        f"unknown scenario {name!r}: use one of {', '.join(SCENARIOS)}, or pulse_<kPa>_<ms>ms up to 300 kPa"
+    )

@@ -1,0 +1,268 @@
+"""Run the rod through a history of pressure and tip loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError, SimulationError
+from pliant.testbed.memory import prony_decay
+from pliant.testbed.rod.body import Body, build_body, node_position
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from pliant.testbed.rod.parameters import RodParameters
+
+Array = np.ndarray
+STATIC_STEP = 1e6  # s: a step so long that inertia, viscosity and relaxation have died out
+CHUNK = 400  # steps between two calls of the progress callback
+
+
+class State(NamedTuple):
+    """What the rod remembers between two steps; changed in place by the compiled loop."""
+
+    x: Array  # (V, 2) m
+    x_before: Array
+    v: Array  # (V, 2) m/s
+    v_before: Array
+    curvature: Array  # (B,) 1/m
+    curvature_before: Array
+    length: Array  # (E,) m
+    length_before: Array
+    prony: Array  # (B, P) inner curvature changes, 1/m
+    slip: Array  # (B, J) N m
+    chamber: Array  # (2,) m3 and m3/s
+
+
+class Work(NamedTuple):
+    """Scratch arrays of the compiled loop."""
+
+    x: Array
+    drift: Array
+    force: Array
+    gradient: Array
+    step: Array
+    band: Array
+    torque: Array
+    curvature: Array
+    six: Array
+
+
+class Out(NamedTuple):
+    """Records of the compiled loop, R of them."""
+
+    position: Array
+    velocity: Array
+    curvature: Array
+    force: Array
+    pressure: Array
+    volume: Array
+    energy: Array
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the rod truly did: R records, V nodes, B bending vertices.
+
+    Attributes
+    ----------
+    time : (R,) s
+    arc_length : (V,) m, of the nodes at rest
+    position, velocity, force : (R, V, 2) m, m/s, N (force of the obstacles on the nodes)
+    curvature : (R, B) 1/m, at the first B nodes
+    pressure : (R,) Pa gauge, in the chamber
+    volume : (R,) m3, above the straight shape
+    energy : (R, 5) J: kinetic, elastic, stored in memory, weight, contact
+    iterations : float, Newton iterations per step
+    """
+
+    time: NDArray[np.float64]
+    arc_length: NDArray[np.float64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    curvature: NDArray[np.float64]
+    force: NDArray[np.float64]
+    pressure: NDArray[np.float64]
+    volume: NDArray[np.float64]
+    energy: NDArray[np.float64]
+    iterations: float
+
+
+def rest_state(body: Body) -> State:
+    """The stress-free shape at standstill."""
+    turn = body.weight * body.rest_curvature
+    angle = np.cumsum(turn)
+    edge = body.rest_length[:, None] * np.column_stack([-np.sin(angle), np.cos(angle)])[: body.rest_length.size]
+    x = np.vstack([np.zeros(2), np.cumsum(edge, axis=0)])
+    b = body.weight.size
+    bulge = 1.0 + 0.5 * body.gain_slope * body.rest_curvature
+    now = float(np.sum(body.gain * body.weight * body.rest_curvature * bulge))
+    return State(
+        x, x.copy(), np.zeros_like(x), np.zeros_like(x), body.rest_curvature.copy(), body.rest_curvature.copy(),
+        body.rest_length.copy(), body.rest_length.copy(), np.zeros((b, body.prony_share.size)),
+        np.zeros((b, body.slip_limit.shape[1])), np.array([now, 0.0]),
+    )  # fmt: skip
+
+
+def _work(nodes: int, vertices: int) -> Work:
+    freedom = 2 * (nodes - 1)
+    return Work(
+        np.zeros((nodes, 2)), np.zeros((nodes, 2)), np.zeros((nodes, 2)), np.zeros(freedom), np.zeros(freedom),
+        np.zeros((freedom, 6)), np.zeros(nodes - 1), np.zeros(vertices), np.zeros(6),
+    )  # fmt: skip
+
+
+def _out(records: int, nodes: int, vertices: int) -> Out:
+    return Out(
+        np.zeros((records, nodes, 2)), np.zeros((records, nodes, 2)), np.zeros((records, vertices)),
+        np.zeros((records, nodes, 2)), np.zeros(records), np.zeros(records), np.zeros((records, 5)),
+    )  # fmt: skip
+
+
+def _clock(dt: float, *, static: bool) -> NDArray[np.float64]:
+    h = 2.0 * dt / 3.0
+    return np.array([dt, h, 0.0 if static else 1.0 / h**2])
+
+
+def settle(
+    p: RodParameters,
+    loads: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+    *,
+    obstacles: ArrayLike | None = None,
+    increments: int = 40,
+) -> State:
+    """Static equilibrium under constant loads, with all Prony branches relaxed.
+
+    Parameters
+    ----------
+    p : RodParameters
+    loads : pressure (Pa), force on the last node (N, N), couple on the last edge (N m)
+    obstacles : (O, 7) array, optional
+        See `pliant.testbed.contact`.
+    increments : int
+        Equal steps of loads and weight.
+
+    Raises
+    ------
+    SimulationError
+        When an increment does not converge.
+    """
+    from pliant.testbed.stepping.loops import march
+
+    body = build_body(p)
+    state = rest_state(body)
+    ramp = np.linspace(0.0, 1.0, increments + 1)[1:]
+    work = _work(state.x.shape[0], body.weight.size)
+    out = _out(1, state.x.shape[0], body.weight.size)
+    clock = _clock(STATIC_STEP, static=True)
+    decay = prony_decay(body.prony_time, STATIC_STEP)
+    rows = _obstacles(obstacles)
+    for share in ramp:
+        part = body._replace(gravity=body.gravity * share, cap_weight=body.cap_weight * share)
+        row = np.asarray(loads, dtype=float)[None, :] * share
+        _halt(state)
+        status, _, update, _ = march(row, 0, 1, 2, part, rows, state, clock, decay, work, out)
+        if status != 0:
+            raise SimulationError(
+                f"no static equilibrium at {share:.0%} of the loads {np.asarray(loads).tolist()} "
+                f"(last update {update:.1e} m): use smaller loads or more increments than {increments}"
+            )
+    _halt(state)
+    return state
+
+
+def _halt(state: State) -> None:
+    state.x_before[:], state.v[:], state.v_before[:] = state.x, 0.0, 0.0
+    state.curvature_before[:], state.length_before[:] = state.curvature, state.length
+    state.chamber[1] = 0.0
+
+
+def _obstacles(rows: ArrayLike | None) -> NDArray[np.float64]:
+    table = np.zeros((0, 7)) if rows is None else np.atleast_2d(np.asarray(rows, dtype=float))
+    if table.ndim != 2 or table.shape[1] != 7:
+        raise InputError(f"obstacles must be rows of 7 numbers, got shape {table.shape}")
+    return np.ascontiguousarray(table)
+
+
+def simulate(
+    p: RodParameters,
+    loads: ArrayLike,
+    dt: float,
+    *,
+    stride: int = 4,
+    obstacles: ArrayLike | None = None,
+    start: State | None = None,
+    static: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Motion:
+    """Motion of the rod under loads given at the end of every step.
+
+    Parameters
+    ----------
+    p : RodParameters
+    loads : (S, 4) array
+        Per step: regulated pressure (Pa gauge), force on the last node (N, N), couple on the last edge (N m).
+    dt : float, s
+    stride : int
+        Steps per record.
+    obstacles : (O, 7) array, optional
+    start : State, optional
+        Default: static equilibrium without pressure.
+    static : bool
+        Pass from equilibrium to equilibrium, without inertia, viscosity and relaxation; times mean nothing.
+    progress : callable, optional
+        Called with the fraction that is done.
+
+    Raises
+    ------
+    SimulationError
+        When a step does not converge or a value is no longer finite.
+    """
+    from pliant.testbed.stepping.loops import march
+
+    table = np.ascontiguousarray(loads, dtype=float)
+    if table.ndim != 2 or table.shape[1] != 4 or not np.all(np.isfinite(table)):
+        raise InputError(f"loads must be finite numbers in 4 columns, got shape {table.shape}")
+    if not (dt > 0 and stride >= 1):
+        raise InputError(f"the step must be > 0 and the stride >= 1, got {dt} and {stride}")
+    body, rows = build_body(p), _obstacles(obstacles)
+    state = settle(p, obstacles=obstacles) if start is None else State(*(array.copy() for array in start))
+    steps = table.shape[0]
+    out = _out(steps // stride + 1, state.x.shape[0], body.weight.size)
+    out.position[0], out.velocity[0], out.curvature[0] = state.x, state.v, state.curvature
+    out.volume[0] = state.chamber[0]
+    out.pressure[0] = table[0, 0] if steps else 0.0
+    work = _work(state.x.shape[0], body.weight.size)
+    clock = _clock(STATIC_STEP if static else dt, static=static)
+    decay = prony_decay(body.prony_time, float(clock[0]))
+    _first_energy(body, rows, state, out)
+    total = 0
+    for first in range(0, steps, CHUNK):
+        stop = min(first + CHUNK, steps)
+        status, at, update, count = march(table, first, stop, stride, body, rows, state, clock, decay, work, out)
+        total += count
+        if status != 0:
+            why = "did not converge" if status == 1 else "left the range where the section law is defined"
+            raise SimulationError(
+                f"the rod {why} at {at * dt:.4f} s, pressure {table[at, 0]:.0f} Pa, last update {update:.1e} m: "
+                f"use a step shorter than {dt:g} s or gentler loads"
+            )
+        if progress is not None:
+            progress(stop / steps)
+    return Motion(
+        time=np.asarray(np.arange(out.pressure.size) * (dt * stride), dtype=float),
+        arc_length=node_position(p),
+        **out._asdict(),
+        iterations=total / max(steps, 1),
+    )
+
+
+def _first_energy(body: Body, rows: NDArray[np.float64], state: State, out: Out) -> None:
+    from pliant.testbed.stepping.loops import energies
+
+    energies(body, rows, state, out.energy[0])

@@ -1,0 +1,114 @@
+"""What the rod truly did, in a file of its own: for tests and for the report's section on the truth alone."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.files import whole
+from pliant.testbed.rod.body import build_body, material_fields
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from pliant.testbed.rod.parameters import RodParameters
+    from pliant.testbed.stepping.simulate import Motion
+
+SCHEMA = "pliant-truth"
+ENERGY = ["kinetic", "elastic", "memory", "weight", "contact"]
+
+
+def joint_rates(motion: Motion, nodes: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rates (T, n) [rad/s] at the times `at` [s] of a chain with joints at arc lengths `nodes` (n + 1,) [m] of the rod.
+
+    From the rod's own velocities, without any difference in time.
+    """
+    x, v = (np.stack([[np.interp(nodes, motion.arc_length, row[:, k]) for k in (0, 1)] for row in field])
+            for field in (motion.position, motion.velocity))  # fmt: skip
+    d, u = np.diff(x, axis=2), np.diff(v, axis=2)
+    w = (d[:, 0] * u[:, 1] - d[:, 1] * u[:, 0]) / np.sum(d**2, axis=1)
+    dq = np.diff(w, axis=1, prepend=0.0)
+    return np.stack([np.interp(at, motion.time, row) for row in dq.T], axis=1)
+
+
+def node_positions(motion: Motion, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Node positions (T, V, 2) at the times `at`, by cubic Hermite interpolation of the records, m."""
+    step = motion.time[1] - motion.time[0]
+    index = np.clip(np.searchsorted(motion.time, at) - 1, 0, motion.time.size - 2)
+    u = np.clip((at - motion.time[index]) / step, 0.0, 1.0)[:, None, None]
+    x0, x1 = motion.position[index], motion.position[index + 1]
+    v0, v1 = motion.velocity[index] * step, motion.velocity[index + 1] * step
+    change = x1 - x0
+    return np.asarray(x0 + u * v0 + u**2 * (3 * change - 2 * v0 - v1) + u**3 * (v0 + v1 - 2 * change))
+
+
+def make_truth(motion: Motion, p: RodParameters, at: NDArray[np.float64], attrs: dict[str, Any]) -> xr.Dataset:
+    """Dataset of the true states at the instants `at` at which the shape was sampled.
+
+    `position` (time, node, axis) and `force` of obstacles (time, node, axis) in the actuator's frame: base at the
+    origin, tangent +y; `curvature` (time, vertex); `pressure` and `volume` of the chamber (record); `energy`
+    (record, store); stiffness, gain and rest curvature (vertex); all parameters as JSON in the attribute
+    `parameters`.
+    """
+    nearest = np.clip(np.searchsorted(motion.time, at), 0, motion.time.size - 1)
+    body = build_body(p)
+    s = motion.arc_length[: body.weight.size]
+    fields = material_fields(p, s)
+    ds = xr.Dataset(
+        {
+            "position": (("time", "node", "axis"), node_positions(motion, at), {"units": "m"}),
+            "force": (("time", "node", "axis"), motion.force[nearest], {"units": "N"}),
+            "curvature": (("time", "vertex"), motion.curvature[nearest], {"units": "1/m"}),
+            "pressure": ("record", motion.pressure, {"units": "Pa"}),
+            "volume": ("record", motion.volume, {"units": "m3"}),
+            "energy": (("record", "store"), motion.energy, {"units": "J"}),
+            "stiffness": ("vertex", fields["stiffness"], {"units": "N m2"}),
+            "gain": ("vertex", fields["gain"], {"units": "N m/Pa"}),
+            "rest_curvature": ("vertex", fields["rest_curvature"], {"units": "1/m"}),
+        },
+        coords={
+            "time": ("time", at, {"units": "s", "long_name": "true time of the shape's frames"}),
+            "record_time": ("record", motion.time, {"units": "s"}),
+            "arc_length": ("node", motion.arc_length, {"units": "m"}),
+            "vertex_position": ("vertex", s, {"units": "m"}),
+            "axis": ["x", "y"],
+            "store": ENERGY,
+        },
+    )
+    ds.attrs = {"schema": SCHEMA, "schema_version": 1, "parameters": json.dumps(asdict(p)), **attrs}
+    return ds
+
+
+def write_truth(ds: xr.Dataset, path: Path) -> None:
+    """Write the truth as compressed netCDF, single precision, whole or not at all."""
+    encoding = {
+        str(name): {"dtype": "float32", "zlib": True, "complevel": 4, "shuffle": True, "_FillValue": None}
+        for name in ds.data_vars
+    }
+    with whole(path) as temporary:
+        ds.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+
+
+def read_truth(path: Path) -> xr.Dataset:
+    """Read a truth file.
+
+    Raises
+    ------
+    InputError
+        When the file is absent or holds no truth.
+    """
+    try:
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as ds:
+            loaded = ds.load()
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read the truth {path}: {error}") from None
+    if loaded.attrs.get("schema") != SCHEMA:
+        raise InputError(f"{path} holds no truth of the test bed: schema {loaded.attrs.get('schema')!r}")
+    return loaded

@@ -1,0 +1,111 @@
+"""Valves with their parameters, and the pressure sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Regulator:
+    """Digital proportional regulator in closed loop: dead time, second order, slew limits (SI, gauge)."""
+
+    frequency: float = 9.0  # Hz
+    damping: float = 0.75
+    dead_time: float = 0.008  # s
+    exhaust_slowdown: float = 1.4
+    slew_up: float = 4.0e6  # Pa/s
+    slew_down: float = 3.0e6  # Pa/s
+    dead_band: float = 400.0  # Pa
+
+
+@dataclass(frozen=True)
+class Iso6358:
+    """Proportional spool that fills and empties a chamber through ISO 6358 restrictions."""
+
+    source: float = 5.0e5  # Pa gauge
+    ambient: float = 101325.0  # Pa
+    fill: float = 2.0e-9  # m3/(s Pa), sonic conductance
+    exhaust: float = 2.5e-9  # m3/(s Pa)
+    critical_ratio: float = 0.3
+    band: float = 2.5e4  # Pa, error at which the spool is fully open
+    frequency: float = 60.0  # Hz, of the spool
+    damping: float = 0.7
+    dead_time: float = 0.005  # s
+    volume: float = 3.2e-5  # m3, chamber and tube
+    polytropic: float = 1.2
+    temperature: float = 293.15  # K
+
+
+@dataclass(frozen=True)
+class PressureSensor:
+    """Pressure transducer on its own clock."""
+
+    rate: float = 750.0  # Hz
+    noise: float = 300.0  # Pa, standard deviation
+    bias: float = 150.0  # Pa, standard deviation over specimens
+    resolution: float = 3.0e5 / 4096  # Pa, 12 bits of 300 kPa
+
+
+def supply_pressure(
+    command: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    time: NDArray[np.float64],
+    valve: Regulator | Iso6358,
+) -> NDArray[np.float64]:
+    """Gauge pressure that the valve delivers for a command, on an even time grid.
+
+    Parameters
+    ----------
+    command : callable
+        Commanded gauge pressure, Pa, at an array of times.
+    time : (S,) array, s, evenly spaced
+    valve : Regulator or Iso6358
+
+    Returns
+    -------
+    (S,) array, Pa
+
+    Raises
+    ------
+    InputError
+        For a negative command or one above the source.
+    """
+    from pliant.testbed.valve.loops import fill_chamber, regulate
+
+    asked = np.ascontiguousarray(command(time - valve.dead_time), dtype=float)
+    if asked.size < 2 or not np.all(np.isfinite(asked)) or asked.min() < 0.0:
+        raise InputError("the commanded gauge pressure must be finite and >= 0 at two times or more")
+    dt = float(time[1] - time[0])
+    out = np.zeros(asked.size)
+    if isinstance(valve, Regulator):
+        regulate(asked, dt, 2.0 * np.pi * valve.frequency, valve.damping, valve.exhaust_slowdown,
+                 np.array([valve.slew_up, valve.slew_down]), valve.dead_band, out)  # fmt: skip
+        return out
+    if asked.max() > valve.source:
+        raise InputError(f"the command reaches {asked.max():.0f} Pa, above the source's {valve.source:.0f} Pa")
+    fill_chamber(asked, dt, 8, np.array([2.0 * np.pi * valve.frequency, valve.damping]), valve.band,
+                 valve.source + valve.ambient, valve.ambient, valve.fill, valve.exhaust, valve.critical_ratio,
+                 np.array([valve.volume, valve.polytropic, valve.temperature]), out)  # fmt: skip
+    return out
+
+
+def read_pressure(
+    time: NDArray[np.float64], pressure: NDArray[np.float64], sensor: PressureSensor, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Clock (P,) and readings (P,) of the transducer; its first sample falls anywhere in the first period."""
+    start = float(rng.uniform(0.0, 1.0 / sensor.rate))
+    clock = np.arange(start, float(time[-1]), 1.0 / sensor.rate)
+    value = np.interp(clock, time, pressure) + sensor.bias * float(rng.standard_normal())
+    value = value + sensor.noise * rng.standard_normal(clock.size)
+    if sensor.resolution > 0:
+        value = np.round(value / sensor.resolution) * sensor.resolution
+    return clock, value

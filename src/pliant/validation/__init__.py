@@ -1,0 +1,1 @@
+"""How good a model is: metrics on training and held-out recordings, figures, the report."""

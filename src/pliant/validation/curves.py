@@ -1,0 +1,93 @@
+"""What the figures draw, as plain arrays: thinned lines, autocorrelation, telling instants."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from pliant.validation.outcome import RecordOutcome
+
+Array = np.ndarray
+
+
+def thin(time: Array, value: Array, most: int = 1200) -> tuple[Array, Array]:
+    """A line with at most about `most` points that looks the same: the extremes of each short stretch, gaps kept.
+
+    Parameters
+    ----------
+    time, value : array (T,)
+        NaN where nothing was seen.
+    """
+    if time.size <= most:
+        return time, value
+    cuts = np.linspace(0, time.size, most // 2 + 1).astype(int)
+    keep: list[int] = [0, time.size - 1]
+    for a, b in pairwise(cuts):
+        seen = np.flatnonzero(np.isfinite(value[a:b]))
+        if seen.size:
+            stretch = value[a:b][seen]
+            keep += [a + int(seen[stretch.argmin()]), a + int(seen[stretch.argmax()])]
+        if seen.size < b - a:
+            keep.append(a + int(np.flatnonzero(~np.isfinite(value[a:b]))[0]))
+    index = np.unique(keep)
+    return time[index], value[index]
+
+
+def autocorrelation(time: Array, value: Array) -> tuple[Array, Array]:
+    """Lags [s] and autocorrelation of a signal, to a quarter of its length and at most 400 lags.
+
+    Parameters
+    ----------
+    time, value : array (T,)
+        NaN samples are left out of every product. The lag is the number of samples times the median interval, so a
+        clock that jitters is taken as even.
+
+    Returns
+    -------
+    lag, correlation : array (L,)
+        Biased estimate: products over the whole length, so that far lags, of which little is known, tend to zero.
+    """
+    seen = np.isfinite(value)
+    r = np.where(seen, value - (value[seen].mean() if seen.any() else 0.0), 0.0)
+    lags = np.arange(min(time.size // 4, 400) + 1)
+    power = float(r @ r)
+    if power <= 0.0:
+        return lags * 0.0, lags * 0.0
+    correlation = np.array([r[: r.size - k] @ r[k:] for k in lags]) / power
+    return lags * float(np.median(np.diff(time))), correlation
+
+
+def spread(count: int, most: int = 6) -> list[int]:
+    """At most `most` of `count` indices, evenly spread, the last always among them."""
+    if count <= most:
+        return list(range(count))
+    return sorted({round(i) - 1 for i in np.linspace(count / most, count, most)})
+
+
+def instants(path: Array, most: int = 4) -> list[int]:
+    """Frames that show a motion: the first that is seen, the farthest from it, and some at even distances between.
+
+    Parameters
+    ----------
+    path : array (T, 2)
+    """
+    seen = np.flatnonzero(np.isfinite(path).all(axis=1))
+    away = np.linalg.norm(path[seen] - path[seen[0]], axis=1)
+    farthest = int(away.argmax())
+    reached = [int(np.argmax(away >= share * away[farthest])) for share in np.linspace(0, 1, most)]
+    return [int(seen[k]) for k in dict.fromkeys(reached)]
+
+
+def level_of(record: RecordOutcome) -> float:
+    """The pressure level that a record is known by: its nominal level, or the largest of its trace, Pa."""
+    exp = record.experiment
+    return float(exp.pressure.pressure.max()) if exp.pressure is not None else float(exp.level)
+
+
+def slenderness(record: RecordOutcome, body: bool) -> float:
+    """Height over width of what a path figure shows, within what a page bears."""
+    points = [record.experiment.last_station, record.modelled[:, -1]] if not body else [
+        record.experiment.position.reshape(-1, 2), record.modelled.reshape(-1, 2), np.zeros((1, 2))]
+    width, height = np.ptp([np.nanmin(p, axis=0) for p in points] + [np.nanmax(p, axis=0) for p in points], axis=0)
+    return float(np.clip(height / max(width, 1e-9), 0.3, 1.1))

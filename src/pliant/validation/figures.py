@@ -1,0 +1,300 @@
+"""Figures of measured against modelled motion: thick grey lines or + are measured, thin dark lines are modelled."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import cycle
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pliant.errors import InputError
+from pliant.files import whole
+from pliant.plotting import DASHES, PAGE_WIDTH, style
+from pliant.validation.curves import autocorrelation, instants, level_of, slenderness, spread, thin
+from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome
+from pliant.validation.wording import ROLE, clip, digits, heading
+
+Array = np.ndarray
+MOST_FITS = 4
+BAND: dict[str, Any] = {"facecolor": "0.9", "edgecolor": "0.75", "linewidth": 0.4, "zorder": 0.5}
+SPARSE = 120  # up to so many frames, measured points are drawn one by one
+MEASURED: dict[str, Any] = {"color": "0.57", "linestyle": "-", "linewidth": 1.9, "label": "measured"}
+MEASURED_POINTS: dict[str, Any] = {
+    "color": "0.35", "linestyle": "", "marker": "+", "markersize": 4.5, "markeredgewidth": 0.9, "label": "measured",
+}
+MODELLED: dict[str, Any] = {"color": "#0b2f6b", "linestyle": "-", "linewidth": 0.9, "label": "modelled"}
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """The shared style, with text taken literally: a `$` in a recording's name is no formula."""
+    with style(), mpl.rc_context({"text.parse_math": False, "axes.titlelocation": "left", "axes.labelsize": 7.5}):
+        yield
+
+
+def record_figure(record: RecordOutcome) -> Figure:
+    """Measured and modelled x and y of each station in time, the residual, and the pressure below.
+
+    At most six stations, evenly spread, the last one always among them.
+    """
+    exp = record.experiment
+    chosen = spread(len(exp.stations))
+    forced = exp.excitation != "release"
+    heights = [1.0] * len(chosen) + [0.8] + [0.7] * forced
+    with drawing():
+        figure, axes = columns_in_time(heights)
+        for row, s in enumerate(chosen):
+            for axis, ax in enumerate(axes[row]):
+                draw_band(ax, record, s, axis)
+                measured(ax, exp.time, 1e3 * exp.position[:, s, axis])
+                ax.plot(*thin(exp.time, 1e3 * record.modelled[:, s, axis]), **MODELLED)
+                ax.set_ylabel(f"{clip(exp.stations[s], 18)} {'xy'[axis]} (mm)")
+        for axis, ax in enumerate(axes[len(chosen)]):
+            draw_residuals(ax, exp.time, 1e3 * (record.modelled - exp.position)[..., axis])
+            ax.set_ylabel(f"residual {'xy'[axis]}\n(mm)")
+        for ax in axes[-1] if forced else ():
+            draw_pressure(ax, record)
+        note = f"; {len(chosen)} of {len(exp.stations)} stations" if len(chosen) < len(exp.stations) else ""
+        figure.suptitle(f"{heading(record)}{note}", fontsize=9)
+        legend(figure, axes[:, 0])
+    return figure
+
+
+def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
+    """The last station of one record under several fits side by side, on shared scales; at most four fits.
+
+    Raises
+    ------
+    InputError
+        When no fit holds the record.
+    """
+    pairs = [(f, r) for f in fits for r in f.records if r.name == record_name]
+    if not pairs:
+        raise InputError(f"no fit holds the record {record_name!r}")
+    shown = pairs[:MOST_FITS]
+    with drawing():
+        figure = Figure(figsize=(PAGE_WIDTH, 4.2), layout="constrained")
+        axes = figure.subplots(3, len(shown), sharex=True, sharey="row", squeeze=False)
+        for column, (fit, record) in zip(axes.T, shown, strict=True):
+            exp = record.experiment
+            for axis in (0, 1):
+                measured(column[axis], exp.time, 1e3 * exp.last_station[:, axis])
+                column[axis].plot(*thin(exp.time, 1e3 * record.modelled[:, -1, axis]), **MODELLED)
+            distance = 1e3 * np.linalg.norm(record.modelled[:, -1] - exp.last_station, axis=-1)
+            column[2].plot(*thin(exp.time, distance), color="black", linestyle="-", linewidth=0.7, label="distance")
+            column[2].set_xlabel("time (s)")
+            rmse = digits(record.metrics.get("rmse_mm"))
+            title = fill(clip(fit.title, 2 * (96 // len(shown))), 96 // len(shown))
+            column[0].set_title(f"{title}\n{ROLE[record.role]}: RMSE {rmse} mm", fontsize=7)
+        axes[2, 0].set_ylim(0, None)
+        last = clip(shown[0][1].experiment.stations[-1], 18)
+        for ax, what in zip(axes[:, 0], (f"{last} x (mm)", f"{last} y (mm)", "distance (mm)"), strict=True):
+            ax.set_ylabel(what)
+        more = f" (first {len(shown)} of {len(pairs)} fits)" if len(shown) < len(pairs) else ""
+        figure.suptitle(f"{clip(record_name)} under each fit{more}", fontsize=9)
+        legend(figure, axes[:2, 0])
+    return figure
+
+
+def residual_figure(record: RecordOutcome) -> Figure:
+    """Residual of the last station in time, and its autocorrelation with the 95 % band of white noise."""
+    exp = record.experiment
+    residual = 1e3 * (record.modelled[:, -1] - exp.last_station)
+    with drawing():
+        figure = Figure(figsize=(PAGE_WIDTH, 2.5), layout="constrained")
+        left, right = figure.subplots(1, 2)
+        for axis, (colour, dash) in enumerate((("black", "-"), ("#c1440e", (0, (4, 1.5))))):
+            line: dict[str, Any] = {"color": colour, "linestyle": dash, "linewidth": 0.85, "label": "xy"[axis]}
+            left.plot(*thin(exp.time, residual[:, axis]), **line)
+            right.plot(*autocorrelation(exp.time, residual[:, axis]), **line)
+        band = 1.96 / np.sqrt(max(np.isfinite(residual[:, 0]).sum(), 1))
+        right.axhspan(-band, band, color="0.85", zorder=0, label="95 % of white noise")
+        left.set(xlabel="time (s)", ylabel="residual (mm)", title=f"{clip(exp.stations[-1], 18)}, modelled − measured")
+        right.set(xlabel="lag (s)", ylabel="autocorrelation", ylim=(-1.05, 1.05))
+        right.set_title("Pure measurement noise would stay in the band")
+        left.legend(ncols=2)
+        right.legend(ncols=3)
+        figure.suptitle(heading(record), fontsize=9)
+    return figure
+
+
+def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
+    """Torque law of each fit against pressure; filled marks at training levels, open ones at held-out levels."""
+    levels = [level_of(r) for f in fits for r in f.records]
+    pressure = np.linspace(0.0, 1.05 * max([*levels, 1.0]), 200)
+    with drawing():
+        figure = Figure(figsize=(PAGE_WIDTH, 3.2), layout="constrained")
+        ax = figure.subplots()
+        for fit, mark in zip(fits, cycle("osD^v<>ph"), strict=False):
+            model = fit.result.model
+            label = f" {clip(fit.title)}"  # the space: matplotlib hides labels that begin with _
+            line, = ax.plot(1e-3 * pressure, 1e3 * model.torque_at(pressure), label=label)
+            for r in fit.records:
+                ax.plot(
+                    1e-3 * level_of(r), 1e3 * model.torque_at(level_of(r)), linestyle="", marker=mark, markersize=5.5,
+                    color=line.get_color(), markerfacecolor=line.get_color() if r.role == "train" else "white",
+                )
+        ax.set(xlabel="gauge pressure (kPa)", ylabel="torque on each joint (mN m)", xlim=(0, None))
+        ax.set_title("Torque law; filled marks: training levels, open marks: held out")
+        ax.legend()
+    return figure
+
+
+def path_figure(record: RecordOutcome) -> Figure:
+    """Measured and modelled path of the last station in the plane; with more stations, the body at a few instants."""
+    exp = record.experiment
+    body = len(exp.stations) > 1
+    with drawing():
+        figure = Figure(figsize=(5.4, 1.2 + 4.4 * slenderness(record, body)), layout="constrained")
+        ax = figure.subplots()
+        seen = np.isfinite(exp.last_station).all(axis=1)
+        ax.plot(*(1e3 * exp.last_station).T, **MEASURED if seen.sum() > SPARSE else MEASURED_POINTS)
+        ax.plot(*(1e3 * record.modelled[:, -1]).T, **MODELLED)
+        shown = instants(exp.last_station) if body else []
+        for k in shown:
+            first = k == shown[0]
+            chain = 1e3 * np.vstack([np.zeros((1, 2)), record.modelled[k]])
+            ax.plot(*chain.T, color="0.15", linestyle="-", linewidth=0.8, marker="o", markersize=4,
+                    markerfacecolor="white", label="modelled stations" if first else None)
+            ax.plot(*(1e3 * exp.position[k]).T, linestyle="", marker="+", color="black", markersize=7,
+                    label="measured stations" if first else None)
+            if k in (shown[0], shown[-1]):
+                ax.annotate(f"{exp.time[k]:.2f} s", chain[-1], textcoords="offset points", xytext=(0, 9), fontsize=7,
+                            ha="center")
+        ax.plot(*(1e3 * exp.last_station[seen][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
+                linestyle="", label="first frame")
+        ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", adjustable="datalim")
+        figure.suptitle(f"Path of {clip(exp.stations[-1], 18)}, {heading(record)}", fontsize=9)
+        legend(figure, [ax])
+    return figure
+
+
+def forecast_figure(forecast: Forecast) -> Figure:
+    """Predicted x and y of the last station of a case that was not recorded."""
+    with drawing():
+        figure, axes = columns_in_time([1.0])
+        line = MODELLED | {"label": "predicted, not recorded"}
+        for axis, ax in enumerate(axes[0]):
+            ax.plot(*thin(forecast.time, 1e3 * forecast.tip[:, axis]), **line)
+            if forecast.half_width is not None:
+                tip, half = 1e3 * forecast.tip[:, axis], 1e3 * forecast.half_width[:, axis]
+                ax.fill_between(forecast.time, tip - half, tip + half, color="0.8", linewidth=0, label="95 % band")
+            ax.set_ylabel(f"tip {'xy'[axis]} (mm)")
+        figure.suptitle(f"Forecast: {clip(forecast.title)}", fontsize=9)
+        legend(figure, axes[:, 0])
+    return figure
+
+
+def demo_figure(trajectory: xr.Dataset) -> Figure:
+    """Simulated X_i and Y_i of the link tips in time with the pressure below, as the paper draws them.
+
+    Parameters
+    ----------
+    trajectory : xarray.Dataset
+        From `pliant.simulate`: tip_position (time, link, axis) in m, pressure (time) in Pa.
+    """
+    time, tips = trajectory["time"].values, trajectory["tip_position"].transpose("time", "link", "axis").values
+    greys = [f"{grey:.2f}" for grey in np.linspace(0.6, 0.0, 6)]
+    with drawing():
+        figure, axes = columns_in_time([2.6, 1.0])
+        for axis, ax in enumerate(axes[0]):
+            for i, colour, dash in zip(spread(tips.shape[1]), greys, DASHES, strict=False):
+                line: dict[str, Any] = {"color": colour, "linestyle": dash, "label": f"tip of link {i + 1}"}
+                ax.plot(*thin(time, 1e3 * tips[:, i, axis]), **line)
+            ax.set_ylabel(f"{'XY'[axis]} of the link tips (mm)")
+        for ax in axes[1]:
+            ax.plot(*thin(time, 1e-3 * trajectory["pressure"].values), color="black", linestyle="-", linewidth=0.9)
+            ax.set_ylabel("pressure (kPa)")
+        model = clip(str(trajectory.attrs.get("model", "model")))
+        figure.suptitle(f"{model}: simulated motion of the link tips", fontsize=9)
+        legend(figure, axes[:1, 0])
+    return figure
+
+
+def columns_in_time(heights: Sequence[float]) -> tuple[Figure, Any]:
+    """A figure with rows of the given relative heights and two columns, x and y, on one time axis."""
+    figure = Figure(figsize=(PAGE_WIDTH, 0.6 + 1.3 * sum(heights)), layout="constrained")
+    axes = figure.subplots(len(heights), 2, sharex=True, squeeze=False, gridspec_kw={"height_ratios": list(heights)})
+    for ax in axes[-1]:
+        ax.set_xlabel("time (s)")
+    return figure, axes
+
+
+def measured(ax: Axes, time: Array, value: Array) -> None:
+    """A measured curve: a thick grey line, or + when there are few points."""
+    if np.isfinite(value).sum() <= SPARSE:
+        ax.plot(time, value, **MEASURED_POINTS)
+    else:
+        ax.plot(*thin(time, value), **MEASURED)
+
+
+def draw_band(ax: Axes, record: RecordOutcome, station: int, axis: int) -> None:
+    """The band of a prediction, light grey with a thin edge, behind all lines."""
+    if (band := record.band) is not None:
+        time = record.experiment.time
+        every = np.unique(np.linspace(0, time.size - 1, 400).astype(int))
+        low, high = (1e3 * edge[every, station, axis] for edge in (band.lower, band.upper))
+        ax.fill_between(time[every], low, high, label=f"{100 * band.level:g} % band", **BAND)
+
+
+def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:
+    """Residuals (T, S): the last station as a line, every other one thin and light behind it."""
+    for k, s in enumerate(spread(residual.shape[1] - 1)):
+        label = "residual, other stations" if k == 0 else None
+        ax.plot(*thin(time, residual[:, s]), color="0.7", linestyle="-", linewidth=0.6, label=label)
+    ax.plot(*thin(time, residual[:, -1]), color="black", linestyle="-", linewidth=0.7, label="residual, last station")
+    ax.axhline(0.0, color="0.4", linestyle="-", linewidth=0.5)
+
+
+def draw_pressure(ax: Axes, record: RecordOutcome) -> None:
+    """Pressure behind the valve as modelled, over the measured trace or the nominal level."""
+    exp = record.experiment
+    if exp.pressure is not None:
+        trace = exp.pressure
+        near = (trace.time >= exp.time[0]) & (trace.time <= exp.time[-1])
+        ax.plot(*thin(trace.time[near], 1e-3 * trace.pressure[near]), **MEASURED | {"label": "measured pressure"})
+    else:
+        ax.axhline(1e-3 * exp.level, color="0.5", linestyle=":", linewidth=1.2, label="nominal pressure")
+    pressure = MODELLED | {"color": "black", "linestyle": (0, (5, 1.5)), "label": "modelled, behind the valve"}
+    ax.plot(*thin(exp.time, 1e-3 * record.pressure), **pressure)
+    ax.set_ylabel("pressure (kPa)")
+
+
+def legend(figure: Figure, axes: Iterable[Axes]) -> None:
+    """One legend below the figure for all that the axes show, each label once."""
+    entries = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    room = figure.get_figwidth() / (0.65 + 0.062 * max(map(len, entries)))  # inches of a handle and of a letter
+    columns = max(1, min(len(entries), int(room)))
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
+
+
+def save(figure: Figure, folder: str | Path, name: str) -> tuple[Path, Path]:
+    """Write ``name.svg`` and ``name.png`` (200 dpi) into `folder`, each whole or not at all, and clear the figure.
+
+    The same figure gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be made or written.
+    """
+    targets = (Path(folder) / f"{name}.svg", Path(folder) / f"{name}.png")
+    with drawing(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")  # the report has the name in full
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # laid out: once is enough
+        for target, metadata in zip(targets, ({"Date": None}, {"Software": None}), strict=True):
+            with whole(target) as draft:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                figure.savefig(draft, format=target.suffix[1:], dpi=200, metadata=metadata)
+    figure.clear()
+    return targets

@@ -1,0 +1,54 @@
+"""The figure of a ladder of models: what each rung buys on records that it has not seen, and what it costs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pliant.identification import Ladder
+from pliant.plotting import new_figure
+from pliant.validation.figures import drawing
+from pliant.validation.wording import clip, digits
+
+
+def ladder_figure(ladder: Ladder) -> Any:
+    """Errors of every rung on training and held-out records, the time of its fits, and that of a simulated step."""
+    steps = [s for s in ladder.steps if s.result]
+    at = np.arange(len(steps))
+    with drawing():
+        height = 0.9 + 0.32 * len(steps)
+        figure, axes = new_figure(1, 3, width_ratios=(2, 1, 1), height=height, sharey=True)
+        draw_errors(axes[0], ladder, at)
+        for ax, cost, what in (
+            (axes[1], [s.seconds for s in steps], "time of the fits (s)"),
+            (axes[2], [s.step_ns for s in steps], "simulated step (ns)"),
+        ):
+            bars = ax.barh(at, cost, height=0.5, color="0.75", edgecolor="black", linewidth=0.5)
+            ax.bar_label(bars, [digits(c, 2) for c in cost], padding=2, fontsize=6.5)
+            ax.set(xlabel=what, xlim=(0, 1.3 * max(cost)))
+            ax.grid(visible=False, axis="y")
+        figure.suptitle("Ladder of models", fontsize=9)
+    return figure
+
+
+def draw_errors(ax: Any, ladder: Ladder, at: np.ndarray) -> None:
+    """Mean error of every rung as a marker on a line, that of each record as a dash; the chosen rung on a band."""
+    steps = [s for s in ladder.steps if s.result]
+    for label, colour, marker, errors in (
+        ("training", "0.55", "o", [s.train for s in steps]),
+        ("held out", "#0b2f6b", "s", [s.held_out for s in steps]),
+    ):
+        if not all(errors):
+            continue
+        rows = [list(e.values()) for e in errors if e]
+        ax.plot([np.mean(row) for row in rows], at, color=colour, marker=marker, linestyle="-", markersize=4,
+                label=label)
+        for k, row in enumerate(rows if max(map(len, rows)) > 1 else ()):
+            ax.plot(row, [k] * len(row), color=colour, marker="|", linestyle="", markersize=8)
+    (chosen,) = (k for k, s in enumerate(steps) if s.rung.name == ladder.chosen)
+    ax.axhspan(chosen - 0.4, chosen + 0.4, color="0.88", zorder=0, label="chosen")
+    ax.set_yticks(at, [clip(s.rung.title, 26) for s in steps])
+    ax.invert_yaxis()
+    ax.set(xlabel="error (% of travel)", xlim=(0, None))
+    ax.legend()

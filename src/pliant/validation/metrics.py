@@ -1,0 +1,101 @@
+"""Numbers that compare a modelled motion with a measured one, the same definitions for both."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pliant.identification.experiment import Experiment
+from pliant.identification.start import edges, last_jump
+from pliant.numerics.ringdown import ring_down
+from pliant.validation.extension import extension
+
+Array = np.ndarray
+END_S = 0.2  # s before the end of the pulse or of the record that count as its steady state
+DEFINITIONS = {
+    "rmse_mm": "Euclidean distance between modelled and measured points, root mean square over stations and time, mm",
+    "max_mm": "largest Euclidean distance over stations and time, mm",
+    "rmse_percent_of_travel": "rmse_mm in % of the largest displacement of the last station from its rest",
+    "rmse_percent_of_length": "rmse_mm in % of the body's length",
+    "fit_percent": "100 (1 - |measured - modelled| / |measured - mean of measured|) over stations and time (NRMSE fit)",
+    "within_band_percent": "share of a held-out record's coordinates within the 95 % band of the prediction: what is "
+    "uncertain of the parameters, and residuals as the training records leave them; near 95 where the model holds",
+    "frequency_hz": "frequency of the damped ring-down after the pulse or the release, Hz",
+    "damping_ratio": "damping ratio of the same ring-down",
+    "overshoot_percent": "first peak above the value at the end of the pulse, in % of that value",
+    "steady_state_mm": "displacement of the last station from its rest at the pulse's end or after the release, mm",
+    "extension_mm": "growth of the measured body as it bends, by arcs through its stations; models do not grow",
+    "extension_percent": "the same in % of the length at rest",
+    "steady_state_error_mm": "difference of steady_state_mm, modelled less measured, mm",
+}
+
+
+def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
+    """Metrics of a modelled motion (T, S, 2) [m] against an experiment; `length` [m] of the body.
+
+    Returns plain numbers; ``frequency_hz`` and its like are pairs {"measured": ..., "modelled": ...} with None where
+    the motion has no such thing (no ring-down, no overshoot).
+    """
+    distance = np.linalg.norm(modelled - exp.position, axis=-1)
+    seen = np.isfinite(distance)
+    rmse = float(np.sqrt(np.mean(distance[seen] ** 2)))
+    spread = exp.position - np.nanmean(exp.position, axis=0)
+    fit = 1.0 - np.sqrt(np.sum(distance[seen] ** 2) / np.nansum(spread**2))
+    traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
+    modelled_mm, measured_mm = (traits[who]["steady_state_mm"] for who in ("modelled", "measured"))
+    return {
+        "rmse_mm": 1e3 * rmse,
+        "max_mm": 1e3 * float(distance[seen].max()),
+        "rmse_percent_of_travel": 100 * rmse / exp.travel,
+        "rmse_percent_of_length": 100 * rmse / length,
+        "fit_percent": 100 * float(fit),
+        **{name: {who: traits[who][name] for who in traits} for name in next(iter(traits.values()))},
+        "steady_state_error_mm": None if modelled_mm is None or measured_mm is None else modelled_mm - measured_mm,
+        "frames": int(exp.time.size),
+        "points_not_seen": int((~seen).sum()),
+        "travel_mm": 1e3 * exp.travel,
+        **extension(exp),
+    }
+
+
+def response(exp: Experiment, path: Array) -> dict[str, float | None]:
+    """Traits of the motion of one point, path (T, 2) [m], under the experiment's excitation."""
+    seen = np.isfinite(path).all(axis=1)
+    t, p = exp.time[seen], path[seen]
+    u = np.linalg.norm(p - np.median(p[:5], axis=0), axis=1)
+    edge = edges(exp)
+    after = edge.get("stop", edge.get("release", last_jump(exp)))
+    late = t > after + 0.03
+    ring = None
+    if late.sum() >= 16:
+        direction = np.linalg.svd(p[late] - p[late].mean(axis=0), full_matrices=False)[2][0]
+        ring = ring_down(t[late], p[late] @ direction)
+    on = on_window(exp, t)
+    end_s = np.ceil(END_S * ring.frequency) / ring.frequency if ring else END_S  # whole periods: no ringing in the mean
+    steady = overshoot = None
+    if on is not None and on.any():
+        end = t[on][-1]
+        steady = float(np.median(u[on & (t > end - end_s)]))
+        first = on & (t < t[on][0] + 0.5 * (end - t[on][0]))
+        overshoot = 100 * (float(u[first].max()) / steady - 1.0) if steady > 0 else None
+    elif exp.excitation == "release":
+        steady = float(np.median(u[t > t[-1] - end_s]))
+    return {
+        "frequency_hz": ring.frequency if ring else None,
+        "damping_ratio": ring.damping_ratio if ring else None,
+        "overshoot_percent": overshoot if overshoot is not None and overshoot > 0 else None,
+        "steady_state_mm": 1e3 * steady if steady is not None else None,
+    }
+
+
+def on_window(exp: Experiment, t: Array) -> Array | None:
+    """Which of the times `t` lie in the pressure's plateau; None when there is none."""
+    if exp.excitation == "pulse":
+        edge = edges(exp)
+        return (t > edge["start"]) & (t < edge["stop"])
+    if exp.pressure is None:
+        return None
+    p = exp.pressure(t)
+    on = p > 0.9 * p.max()
+    return on if p.max() > 0 and on.any() else None

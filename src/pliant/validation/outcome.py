@@ -1,0 +1,128 @@
+"""What a study found, in the form that metrics, figures and report share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from pliant.display import Card, Shown
+from pliant.identification import Band, Experiment, FitResult, Ladder
+from pliant.identification.fit import parameter_dict
+from pliant.model import Model
+from pliant.reduction import Links, OrderResult
+
+Array = np.ndarray
+Role = Literal["train", "held_out", "forecast"]
+
+
+@dataclass(frozen=True)
+class RecordOutcome:
+    """One recording beside the model."""
+
+    name: str
+    role: Role
+    experiment: Experiment
+    modelled: Array  # (T, S, 2) m
+    pressure: Array  # (T,) Pa, behind the valve, as modelled
+    metrics: dict[str, Any]
+    band: Band | None = None  # of the prediction of a held-out record
+
+
+@dataclass(frozen=True)
+class FitOutcome:
+    """One fit of the study: a choice of parameters and of training and held-out recordings."""
+
+    name: str
+    title: str
+    result: FitResult
+    records: tuple[RecordOutcome, ...]
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, for metrics.json."""
+        return {
+            "title": self.title,
+            "status": self.result.status,
+            "records": {r.name: {"role": r.role, **r.metrics} for r in self.records},
+            "parameters": {p.name: parameter_dict(p) for p in self.result.parameters},
+            "timing": {"fit_s": self.seconds, "simulated_sets": self.result.evaluations},
+        }
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What the dense shape of one recording gave: curvature, order, links."""
+
+    name: str
+    arc_length: Array  # (S,) m
+    position: Array  # (T, S, 2) m
+    curvature: Array  # (T, S) 1/m
+    rest_curvature: Array  # (S,) 1/m
+    order: OrderResult
+    links: Links
+    tip_status: str  # how the tip was found
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """A prediction for a case that was not recorded."""
+
+    name: str
+    title: str
+    stated: dict[str, float]  # what was changed, by parameter name
+    time: Array  # (T,) s
+    tip: Array  # (T, 2) m
+    numbers: dict[str, float]  # frequency_hz, static_drop_mm, ... with the unit in the name
+    interval: dict[str, float] = field(default_factory=dict)  # half-widths at 95 % of the numbers
+    half_width: Array | None = None  # (T, 2) m, of the 95 % band about the tip
+
+
+@dataclass(frozen=True, repr=False)
+class StudyOutcome(Shown):
+    """Everything that `pliant run` found."""
+
+    name: str
+    title: str
+    description: str
+    model: Model  # of the first fit
+    fits: tuple[FitOutcome, ...]
+    forecasts: tuple[Forecast, ...] = ()
+    shape: Shape | None = None
+    verdict: tuple[str, ...] = ()  # plain sentences with their numbers, the most important first
+    findings: dict[str, tuple[str, ...]] = field(default_factory=dict)  # what reading and aligning each record found
+    timing: dict[str, float] = field(default_factory=dict)
+    provenance: dict[str, str] = field(default_factory=dict)
+    ladder: Ladder | None = None
+
+    def card(self) -> Card:
+        """The verdict, and every record under the first fit that holds it."""
+        rows = []
+        for f in self.fits:
+            for r in f.records:
+                found = (r.metrics.get(k) for k in ("rmse_mm", "rmse_percent_of_travel", "max_mm"))
+                numbers = ["" if v is None else f"{v:.3g}" for v in found]
+                rows.append([r.name, f.title, r.role.replace("_", " "), *numbers])
+        head = ["record", "fit", "role", "RMSE mm", "% of travel", "largest mm"]
+        return Card(self.title, self.verdict, head, rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of metrics.json: every record from the first fit that holds it, and every fit whole."""
+        records: dict[str, Any] = {}
+        for f in self.fits:
+            for r in f.records:
+                records.setdefault(r.name, {"role": r.role, "fit": f.name, **r.metrics})
+        return {
+            "schema": "pliant-metrics", "schema_version": 1, "study": self.name, "verdict": list(self.verdict),
+            "records": records,
+            "parameters": {p.name: parameter_dict(p) for p in self.fits[0].result.parameters},
+            "fits": {f.name: f.to_dict() for f in self.fits},
+            "ladder": self.ladder.to_dict() if self.ladder else None,
+            "order": self.shape.order.to_dict() if self.shape else None,
+            "forecasts": {
+                f.name: {"stated": f.stated, **f.numbers, "half_width_95": f.interval} for f in self.forecasts
+            },
+            "findings": {k: list(v) for k, v in self.findings.items()},
+            "timing": self.timing, "provenance": self.provenance,
+        }

@@ -1,0 +1,58 @@
+"""Figures of a dense shape: its curvature, its order, and the chain laid through it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.plotting import curvature_fan, error_by_order, new_figure, order_bars, snapshots
+from pliant.reduction import spline_shape
+from pliant.validation.curves import instants
+from pliant.validation.figures import drawing
+from pliant.validation.outcome import Shape
+from pliant.validation.wording import clip
+
+Array = np.ndarray
+
+
+def order_figure(shape: Shape) -> Any:
+    """Largest error of the reconstructed shape in time and its spread over the frames, for each number of segments."""
+    order = shape.order
+    errors = dict(zip(order.orders, order.max_error, strict=True))
+    with drawing():
+        figure, (left, right) = new_figure(1, 2, width_ratios=(2, 1), height=2.8)
+        error_by_order(left, order.time, errors, bound=order.bound)
+        order_bars(right, errors, bound=order.bound)
+        figure.suptitle(f"{clip(shape.name)}: error of the shape against the number of segments", fontsize=9)
+    return figure
+
+
+def shape_figure(shape: Shape) -> Any:
+    """Curvature along the body at many instants, and the chain and its spline laid through the shape at a few."""
+    with drawing():
+        figure, (left, right) = new_figure(1, 2, height=3.4)
+        curvature_fan(left, shape.arc_length, shape.curvature, shape.rest_curvature)
+        snapshots(right, *chain_through(shape))
+        figure.suptitle(f"{clip(shape.name)}: curvature, and the chain of {shape.links.n} links", fontsize=9)
+    return figure
+
+
+def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
+    """Measured points (F, S, 2), joints (F, n + 1, 2) and splines (F, P, 2) at a few telling frames, m, from the base.
+
+    The chain was laid through whole frames alone, so they are the ones that are counted here.
+    """
+    links = shape.links
+    whole = shape.position[np.isfinite(shape.position).all(axis=(1, 2))]
+    if len(whole) != len(links.tips):
+        raise InputError(f"shape of {shape.name}: {len(whole)} whole frames, but a chain through {len(links.tips)}")
+    tips = links.tips - links.base
+    frames = instants(tips[:, -1])
+    joints = np.concatenate([np.zeros((len(frames), 1, 2)), tips[frames]], axis=1)
+    splines = joints
+    if links.n > 1:
+        along = np.linspace(links.node_arc_length[0], links.node_arc_length[-1], 100)
+        splines = spline_shape(tips[frames], links.node_arc_length, along, boundary=shape.order.boundary)
+    return whole[frames] - links.base, joints, splines

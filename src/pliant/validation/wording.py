@@ -1,0 +1,37 @@
+"""Short texts that figures and report share: roles, numbers, headings."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pliant.validation.outcome import RecordOutcome
+
+ROLE = {"train": "training", "held_out": "held out", "forecast": "forecast"}
+DASH = "–"
+
+
+def digits(value: Any, count: int = 3, sign: str = "", *, zeros: bool = True) -> str:
+    """A number with `count` significant digits, written out below a million; a dash where there is none.
+
+    With `zeros` trailing ones are kept, as for what was measured; without, dropped, as for what was stated.
+    """
+    if value is None or isinstance(value, bool) or not math.isfinite(value):
+        return DASH
+    text = f"{value:{sign}{'#' if zeros else ''}.{count}g}"
+    if "e" in text and 1 <= abs(value) < 1e6:
+        text = f"{value:{sign}.0f}"
+    mantissa, e, power = text.partition("e")
+    return (mantissa.rstrip(".") + (f"e{int(power)}" if e else "")).replace("-", "−")
+
+
+def clip(text: str, width: int = 60) -> str:
+    """User text on one line of at most `width` characters."""
+    line = " ".join(text.split())
+    return line if len(line) <= width else f"{line[: width - 1]}…"
+
+
+def heading(record: RecordOutcome) -> str:
+    """Name, role and error of a record, for a title."""
+    rmse, travel = (digits(record.metrics.get(k)) for k in ("rmse_mm", "rmse_percent_of_travel"))
+    return f"{clip(record.name)}, {ROLE[record.role]}: RMSE {rmse} mm, {travel} % of travel"

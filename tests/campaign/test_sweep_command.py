@@ -1,0 +1,75 @@
+"""`pliant sweep` on a small study: from its [sweep] table to samples, alone and with its recordings."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import typer
+import xarray as xr
+from small_study import LEVELS_KPA, STUDY, table, write_recording
+from typer.testing import CliRunner
+
+from pliant.cli.sweep import sweep
+from pliant.errors import InputError
+
+APP = typer.Typer()
+APP.command()(sweep)
+MONTE_CARLO = {
+    "kind": "monte_carlo", "samples": 9, "chunk": 4, "duration": 0.2, "rate": 50.0,
+    "parameters": {"stiffness": {"low": 0.4, "high": 0.6}, "damping": 3e-3, "torque_1": 6e-7, "level": 9e4},
+}
+
+
+def write_study(folder, wanted):
+    for name, level in LEVELS_KPA.items():
+        write_recording(folder / f"{name}.csv", table(level))
+    path = folder / "study.json"
+    path.write_text(json.dumps({**STUDY, **({"sweep": wanted} if wanted else {})}), encoding="utf-8")
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(APP, [str(a) for a in arguments])
+
+
+def test_monte_carlo(tmp_path):
+    path = write_study(tmp_path, MONTE_CARLO)
+    done = run(path, "-o", tmp_path / "out", "--json")
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout.strip().splitlines()[-1])
+    assert (told["samples"], told["failed_samples"], told["computed"]) == (9, 0, 3)
+    first = xr.load_dataset(tmp_path / "out" / "samples.nc")
+    assert first["parameter_stiffness"].values.min() > 0.4
+    again = run(path, "-o", tmp_path / "out")
+    assert "0 computed, 3 found from before" in again.output
+    assert xr.load_dataset(tmp_path / "out" / "samples.nc").equals(first)
+    other = run(path, "-o", tmp_path / "other", "--seed", "7")
+    assert other.exit_code == 0
+    assert not xr.load_dataset(tmp_path / "other" / "samples.nc").equals(first)
+
+
+@pytest.mark.slow
+def test_bootstrap_of_the_studys_fit(tmp_path):
+    path = write_study(tmp_path, {"kind": "bootstrap", "samples": 3, "chunk": 2})
+    done = run(path, "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    samples = xr.load_dataset(tmp_path / "out" / "samples.nc")
+    assert samples["parameter_stiffness"].values == pytest.approx(0.5, rel=0.05)
+    assert not samples["failed"].any()
+
+
+def test_a_study_without_a_sweep_is_refused(tmp_path):
+    done = run(write_study(tmp_path, None), "-o", tmp_path / "out")
+    assert isinstance(done.exception, InputError)
+    assert "[sweep]" in str(done.exception)
+
+
+def test_a_fit_is_repeated_only_where_there_is_one(tmp_path):
+    path = write_study(tmp_path, {"kind": "bootstrap", "samples": 3})
+    study = json.loads(path.read_text(encoding="utf-8"))
+    train = next(iter(study.pop("fits").values()))["train"]
+    path.write_text(json.dumps({**study, "ladder": {"train": train}}), encoding="utf-8")
+    done = run(path, "-o", tmp_path / "out")
+    assert isinstance(done.exception, InputError)
+    assert "has a [ladder] alone" in str(done.exception)

@@ -1,0 +1,174 @@
+"""The command line as a user meets it: what it prints, what it writes, its exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import invoke, program
+from small_study import HEADER, body, changed, table, write_recording, write_study
+
+from pliant.cli import app
+from pliant.model import save_model
+from pliant.recording import make_recording, write
+
+HEAVY = ("numba", "xarray", "matplotlib", "scipy", "pandas", "numpy", "pydantic")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small study with its recordings."""
+    return write_study(tmp_path_factory.mktemp("cli"))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model file."""
+    return save_model(body(), tmp_path_factory.mktemp("model") / "model.json")
+
+
+def test_help_is_quick_and_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; sys.argv = ['pliant', '--help']\n"
+        "from pliant.__main__ import main\n"
+        "try: main()\n"
+        f"finally: print('HEAVY', [m for m in {HEAVY} if m in sys.modules], file=sys.stderr)"
+    )
+    began = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=30)
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = ended.ru_utime - began.ru_utime + ended.ru_stime - began.ru_stime
+    assert done.returncode == 0
+    assert all(name in " ".join(done.stdout.split()) for name in ("inspect", "run", "simulate", "Exit codes"))
+    assert done.stderr.strip().endswith("HEAVY []")
+    assert seconds < 0.6  # 0.25 where nothing else runs
+
+
+@pytest.mark.parametrize("command", [c.name for c in app.registered_commands])
+def test_every_command_explains_itself(command: str) -> None:
+    result = invoke(command, "--help")
+    assert result.exit_code == 0
+    assert "Usage" in result.output
+    assert f"Example: pliant {command}" in result.output
+    assert "--json" in result.output
+
+
+def test_the_shell_completes_commands() -> None:
+    asked = {**os.environ, "_PLIANT_COMPLETE": "complete_bash", "COMP_WORDS": "pliant ins", "COMP_CWORD": "1"}
+    code = "import sys; sys.argv = ['pliant']; from pliant.__main__ import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], env=asked, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["inspect"]
+
+
+def test_a_scenario_and_a_shape_are_told_as_json(tmp_path: Path) -> None:
+    listed = json.loads(invoke("testbed", "--list", "--json").stdout)
+    assert listed["pulse_119"]["duration_s"] > 1
+    raw = write(make_recording(np.arange(60) / 50, swinging()), tmp_path / "raw.nc")
+    told = json.loads(invoke("shape", raw, "-o", tmp_path / "flat.nc", "--json").stdout)
+    assert told["recording"] == str(tmp_path / "flat.nc")
+    assert any(line.startswith("aligned") for line in told["history"])
+
+
+def swinging() -> np.ndarray:
+    """Points (60, 3, 3) of a body that rests for half a second and then bends."""
+    kappa = 1e-6 + 4 * np.clip(np.arange(60) / 50 - 0.5, 0, None)[:, None]
+    s = np.array([1e-6, 0.1, 0.2])
+    points = np.stack([(np.cos(kappa * s) - 1) / kappa, np.sin(kappa * s) / kappa, 0 * kappa * s], axis=2)
+    return points + 1e-6 * np.random.default_rng(0).standard_normal(points.shape)
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    from pliant import __version__
+
+    result = invoke("--version")
+    assert (result.exit_code, result.output.strip()) == (0, f"pliant {__version__}")
+
+
+def test_bad_usage_leaves_with_two() -> None:
+    for arguments in ((), ("frobnicate",), ("run",), ("simulate", "model.json", "--duration", "long")):
+        assert invoke(*arguments).exit_code == 2
+
+
+def test_a_study_runs_from_file_to_report(study: Path, tmp_path: Path) -> None:
+    done = program("run", study, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    printed = json.loads(done.stdout)
+    assert printed == json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert printed["records"]["middle"]["role"] == "held_out"
+    assert "prepared low" in done.stderr
+    assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
+    assert "Traceback" not in done.stderr
+
+
+def test_a_model_is_simulated_saved_and_drawn(model: Path, tmp_path: Path) -> None:
+    out, figure = tmp_path / "path.nc", tmp_path / "path.svg"
+    result = invoke("simulate", model, "--level-kpa", "80", "--duration", "0.5", "--start", "0.1", "--width", "0.2",
+                    "-o", out, "--figure", figure, "--json")
+    assert result.exit_code == 0, result.output
+    numbers = json.loads(result.stdout)
+    assert numbers["duration_s"] == pytest.approx(0.5)
+    assert numbers["highest_pressure_kpa"] == pytest.approx(80)
+    with xr.open_dataset(out, engine="h5netcdf") as saved:
+        assert saved["tip_position"].shape == (501, 2, 2)
+    assert figure.read_text().startswith("<?xml")
+    assert {p.name for p in tmp_path.iterdir()} == {"path.nc", "path.svg"}
+
+
+def test_a_model_follows_a_recorded_pressure(model: Path, study: Path) -> None:
+    result = invoke("simulate", model, "--trace", study.parent / "high.csv", "--json")
+    assert result.exit_code == 0, result.output
+    numbers = json.loads(result.stdout)
+    assert numbers["highest_pressure_kpa"] == pytest.approx(120)
+    assert numbers["duration_s"] == pytest.approx(1.59)  # all of it
+    short = invoke("simulate", model, "--trace", study.parent / "high.csv", "--duration", "0.3", "--json")
+    assert json.loads(short.stdout)["duration_s"] == pytest.approx(0.3)
+
+
+def test_a_pulse_needs_no_option(model: Path) -> None:
+    numbers = json.loads(invoke("simulate", model, "--json").stdout)
+    assert numbers["highest_pressure_kpa"] == pytest.approx(119)
+    assert numbers["duration_s"] == pytest.approx(4.0)
+
+
+def test_a_recording_is_inspected_as_text_and_as_json(study: Path) -> None:
+    text = invoke("inspect", study.parent / "low.csv")
+    assert text.exit_code == 0
+    assert "stations: base, tip" in text.output
+    assert "160 frames" in text.output
+    content = json.loads(invoke("inspect", study.parent / "low.csv", "--json").stdout)
+    assert content["station_names"] == ["base", "tip"]
+    assert content["quality"]["frames"] == 160
+    assert content["sizes"]["time"] == 160
+
+
+def test_a_wrong_unit_shows_in_an_inspection(tmp_path: Path) -> None:
+    columns = table(60.0).copy()
+    columns[:, 1] *= 1e3 / 6894.757
+    path = write_recording(tmp_path / "psi.csv", columns, [HEADER[0], "p_pa", *HEADER[2:]])
+    result = invoke("inspect", path)
+    assert result.exit_code == 0
+    assert "was it kPa, mbar or psi read as Pa?" in result.output
+
+
+def test_results_go_where_they_are_asked_to_go_and_nowhere_else(study: Path, tmp_path: Path) -> None:
+    before = set(study.parent.iterdir())
+    assert invoke("inspect", study.parent / "low.csv", "--figure", tmp_path / "look.png").exit_code == 0
+    assert set(study.parent.iterdir()) == before
+    assert list(tmp_path.iterdir()) == [tmp_path / "look.png"]
+
+
+def test_a_job_that_fails_leaves_with_one(tmp_path: Path) -> None:
+    fixed = {"stiffness": {"value": 1.0, "free": False}}
+    study = write_study(tmp_path, changed("fits", "linear", "parameters", value=fixed))
+    done = program("run", study, "-o", tmp_path / "out")
+    assert done.returncode == 1
+    assert done.stderr.strip().splitlines()[-1].startswith("pliant: nothing to fit")
+    assert "Traceback" not in done.stderr
+    assert list((tmp_path / "out").iterdir()) == []

@@ -1,0 +1,180 @@
+"""`pliant new`: what it drafts runs, what it cannot know is marked, what is there stays."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from pliant.cli.new import new
+from pliant.errors import InputError
+from pliant.recording import make_recording, write
+from pliant.study.draft import draft_study
+from pliant.study.new import clusters, look_at, relative, toml
+from pliant.study.questions import open_entries, refuse_open
+from pliant.study.schema import Study
+from pliant.testbed.bundle import FOLDER
+
+app = typer.Typer()
+app.command()(new)
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def arc(kappa, s):
+    """Points (T, S, 3) of circular arcs in x-y, tangent +y at the origin."""
+    k = np.where(np.abs(kappa) < 1e-6, 1e-6, kappa)[:, None]
+    flat = np.stack([(np.cos(k * s) - 1) / k, np.sin(k * s) / k], axis=2)
+    return np.concatenate([flat, np.zeros((*flat.shape[:2], 1))], axis=2)
+
+
+def swing(*, back=True):
+    """Time (s) and curvature (1/m) of a body that is pushed and, unless told otherwise, let back."""
+    t = np.arange(0, 4, 0.01)
+    pushed = np.clip((t - 0.5) / 0.1, 0, 1) * 8
+    return t, np.where(t > 2.5, np.maximum(0, 1 - (t - 2.5) / 0.1) * 8, pushed) if back else pushed
+
+
+@pytest.fixture
+def markers(tmp_path):
+    """A pulse seen by markers on a base plate and on a tip plate; no pressure."""
+    t, kappa = swing()
+    p = arc(kappa, np.array([0.0, 0.15]))
+    angle = np.stack([0 * kappa, 0.15 * kappa], axis=1)
+    e = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    n = np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=-1)
+    z = np.array([0.0, 0.0, 1.0])
+    shifts = [0.02 * e, 0.01 * n, 0.015 * z + 0 * e]
+    place = np.stack([p + shift for shift in shifts], axis=2).reshape(len(t), 6, 3)
+    place = place + 1e-5 * np.random.default_rng(1).standard_normal(place.shape)
+    names = [f"{part} - {i}" for part in ("Base", "Tip") for i in (1, 2, 3)]
+    return write(make_recording(t, place, station=names), tmp_path / "push_30kPa.csv")
+
+
+def test_markers_become_stations_and_the_level_comes_from_the_name(markers, tmp_path):
+    result = invoke(tmp_path / "arm.toml", "--from", markers, "--mass", 0.1)
+    assert result.exit_code == 0, result.output
+    content = tomllib.loads((tmp_path / "arm.toml").read_text(encoding="utf-8"))
+    assert content["alignment"]["stations"]["base"] == ["Base - 1", "Base - 2", "Base - 3"]
+    assert content["alignment"]["options"]["base"] == "base"
+    entry = content["recordings"]["push_30kPa"]
+    assert (entry["nominal_pressure"], entry["pressure_unit"]) == (30.0, "kPa")
+    assert entry["file"] == "push_30kPa.csv"
+    assert not list(open_entries(content))
+    assert "next: pliant run" in result.output
+    Study.model_validate(content)
+
+
+def test_open_questions_are_named_everywhere(markers, tmp_path):
+    other = markers.rename(tmp_path / "push.csv")
+    result = invoke(tmp_path / "arm.toml", "--from", other, "--json")
+    asked = json.loads(result.output)["open"]
+    assert [q.partition(":")[0] for q in asked] == ["mass", "nominal_pressure"]
+    content = tomllib.loads((tmp_path / "arm.toml").read_text(encoding="utf-8"))
+    assert list(open_entries(content)) == ["actuator.mass", "recordings.push.nominal_pressure"]
+    with pytest.raises(InputError, match=r"2 open questions.*actuator\.mass, recordings\.push\.nominal_pressure"):
+        refuse_open(content, tmp_path / "arm.toml")
+
+
+def test_an_existing_file_is_left_alone(markers, tmp_path):
+    (tmp_path / "arm.toml").write_text("mine")
+    result = invoke(tmp_path / "arm.toml", "--from", markers)
+    assert isinstance(result.exception, InputError)
+    assert (tmp_path / "arm.toml").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [(["--gravity", "down"], "three numbers"), (["--mapping", "none.toml"], "cannot read the mapping")],
+)
+def test_bad_options(markers, tmp_path, options, told):
+    result = invoke(tmp_path / "arm.toml", "--from", markers, *options)
+    assert told in str(result.exception)
+    assert not (tmp_path / "arm.toml").exists()
+
+
+def test_a_released_body_asks_for_its_weight(tmp_path):
+    t, kappa = swing(back=False)
+    p = arc(kappa, np.array([0.0, 0.1, 0.2])) + 1e-5 * np.random.default_rng(2).standard_normal((len(t), 3, 3))
+    file = write(make_recording(t, p, station=["clamp", "middle", "tip"]), tmp_path / "drop.csv")
+    draft = draft_study([file], tmp_path / "s.toml", mass=0.1)
+    content = tomllib.loads(draft.text)
+    assert content["recordings"]["drop"]["excitation"] == "release"
+    assert content["alignment"]["options"]["base"] == "clamp"  # it stands still
+    assert list(open_entries(content)) == ["actuator.gravity"]
+    assert "torque_1" not in content["fits"]["first"]["parameters"]
+    answered = tomllib.loads(draft_study([file], tmp_path / "s.toml", mass=0.1, gravity=[-9.81, 0, 0]).text)
+    Study.model_validate(answered)
+
+
+def test_a_fibre_with_a_cap_and_three_levels_runs(tmp_path):
+    files = [FOLDER / f"pulse_{level}.nc" for level in (60, 180, 119)]
+    draft = draft_study(files, tmp_path / "s.toml", length=0.17, mass=0.069)
+    content = tomllib.loads(draft.text)
+    assert not draft.questions
+    assert content["fits"]["first"]["held_out"] == ["pulse_119"]  # the level between
+    assert content["reduction"]["recording"] == "pulse_180"
+    assert content["fibre"]["cap_curvature"] == 50.0
+    assert list(content["fits"]["first"]["parameters"]) == ["stiffness", "damping", "torque_1", "torque_2", "start"]
+    Study.model_validate(content)
+
+
+def test_one_chamber_of_several_is_kept(tmp_path):
+    t, kappa = swing()
+    p = arc(kappa, np.array([0.0, 0.2]))
+    rows = np.column_stack([t, p.reshape(len(t), -1), 0 * kappa, kappa])
+    file = tmp_path / "log.txt"
+    np.savetxt(file, rows, delimiter=",")
+    stations = {"base": {"position": [1, 2, 3]}, "tip": {"position": [4, 5, 6]}}
+    mapping = {"time": 0, "length_unit": "m", "stations": stations,
+               "pressure": {"columns": [7, 8], "unit": "kPa", "chamber": ["left", "right"]}}  # fmt: skip
+    text = draft_study([file], tmp_path / "s.toml", mapping=mapping, mass=0.1).text
+    content = tomllib.loads(text)
+    assert "right moves most" in text
+    assert content["recordings"]["log"]["mapping"]["pressure"] == {"columns": [8], "unit": "kPa"}
+
+
+def test_points_of_a_soft_body_are_no_rigid_cluster(tmp_path):
+    t, kappa = swing()
+    s = np.array([0.0, 0.05, 0.1, 0.15, 0.2])
+    p = arc(kappa, s) + 1e-5 * np.random.default_rng(3).standard_normal((len(t), 5, 3))
+    names = ["base", "link1", "link2", "link3", "tip"]
+    look = look_at(write(make_recording(t, p, station=names, nominal_pressure=2e4), tmp_path / "b.csv"))
+    assert look.stations == {}  # every marker stays a station
+    assert look.aligned is not None
+    assert look.options["base"] == "base"
+
+
+def test_what_has_no_shape_is_refused(tmp_path):
+    t = np.arange(10) / 10
+    file = write(make_recording(pressure=t * 1e4, pressure_time=t), tmp_path / "p.nc")
+    with pytest.raises(InputError, match="the shape too"):
+        look_at(file)
+    with pytest.raises(InputError, match="names differ"):
+        draft_study([], tmp_path / "s.toml")
+
+
+def test_a_planar_recording_needs_no_alignment(tmp_path):
+    t, kappa = swing()
+    s = np.linspace(0, 0.17, 30)
+    body = make_recording(t, arc(kappa, s)[..., :2], arc_length=s, frame="planar", nominal_pressure=2e4)
+    content = tomllib.loads(draft_study([write(body, tmp_path / "b.nc")], tmp_path / "s.toml", mass=0.1).text)
+    assert "alignment" not in content
+    assert content["actuator"]["length"] == pytest.approx(0.17)
+    assert "reduction" in content
+
+
+def test_small_parts(tmp_path):
+    assert clusters(["Tip - 1", "Tip - 2", "Tip - 3", "Base1", "Base2"]) == {
+        "base": ["Base1", "Base2"], "tip": ["Tip - 1", "Tip - 2", "Tip - 3"],
+    }
+    assert clusters(["a", "b", "c"]) == {}
+    assert relative(tmp_path / "a" / "f.c3d", tmp_path / "b") == "../a/f.c3d"
+    value = {"a b": [1, 2.5, True], "c": {"d": 'quote " and \\'}}
+    assert tomllib.loads(f"x = {toml(value)}")["x"] == value

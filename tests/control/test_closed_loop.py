@@ -1,0 +1,169 @@
+"""The tip of virtual actuators under a controller that was tuned on another one; the loop in virtual time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.model import load_model
+from pliant.runtime.control import (
+    Chords,
+    Differences,
+    Limits,
+    SupplyValve,
+    Task,
+    Tuning,
+    calibrated,
+    frozen,
+    prepare_control,
+)
+from pliant.runtime.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
+from pliant.testbed.plant import Plant
+
+MODEL = Path(__file__).parents[2] / "examples" / "control" / "model_a.json"  # identify.py there: actuator a alone
+VALVE = SupplyValve(9.01, 6.46, 0.765, 8.12e-3)  # the same for all: the rig's
+PERIOD, HIGHEST = 4e-3, 190e3
+
+
+class Run:
+    """A plant under control for a while, with its true tip after every period."""
+
+    def __init__(self, body, *, perfect=False, filtered=False, **task):
+        self.plant = Plant(body, perfect=perfect)
+        late = 0 if perfect else 1
+        frames = np.array([self.plant.advance(0.0).shape for _ in range(50)])
+        task = Task(**{"time": [0.0], "displacement": [0.025], "duration": 1.0} | task)
+        self.ready = prepare_control(
+            load_model(MODEL), self.plant.arc_length, frames, task, Limits(HIGHEST), PERIOD, late=late, supply=VALVE
+        )
+        self.estimator = self.ready.estimator
+        if filtered:
+            self.estimator = Differences(Chords(calibrated(load_model(MODEL), self.plant.arc_length, frames),
+                                                self.plant.arc_length))
+        self.design, self.reference = self.ready.design, self.ready.reference
+        self.clock = VirtualClock()
+        self.arm = VirtualActuator(self.plant, self.clock)
+        watchdog = Watchdog(Bounds(1.15 * HIGHEST))
+        self.loop = ControlLoop([self.arm], self.arm, self.estimator, self.ready.control, watchdog, PERIOD, self.clock)
+        self.rest = self.plant.tip
+
+    def go(self, seconds):
+        moved, command = [], []
+        deadline = self.clock.now()
+        for _ in range(round(seconds / PERIOD)):
+            self.clock.sleep_until(deadline)
+            self.loop.period(deadline, deadline)
+            deadline += round(PERIOD * 1e9)
+            moved.append(np.linalg.norm(self.plant.tip - self.rest))
+            command.append(self.loop.command)
+        self.clock.sleep_until(deadline)
+        return np.array(moved), np.array(command)
+
+
+def settled(moved, level):
+    outside = np.flatnonzero(np.abs(moved - level) > 0.02 * level)
+    return (outside[-1] + 1) * PERIOD if outside.size else 0.0
+
+
+@pytest.fixture(scope="module")
+def reached():
+    """The step of 25 mm on b with perfect sensors, then a push of 50 mN at the cap for half a second, then none."""
+    run = Run("b", perfect=True)
+    parts = [run.go(1.0)]
+    run.plant.push(0.05)
+    parts.append(run.go(0.6))
+    run.plant.push(0.0)
+    parts.append(run.go(0.6))
+    return run, parts
+
+
+def test_a_step_of_the_tip_on_another_actuator(reached):
+    """25 mm with the sensors' errors switched off: what is left is the model's, which was learnt on a."""
+    run, ((moved, command), *_) = reached
+    assert not run.loop.watchdog.fault
+    assert settled(moved, 0.025) < 0.25
+    assert command.max() < HIGHEST
+    assert abs(moved[-100:].mean() - 0.025) < 3e-4
+
+
+def test_a_push_is_rejected(reached):
+    run, (_, (pushed, _), (after, _)) = reached
+    assert not run.loop.watchdog.fault
+    for part in (pushed, after):
+        assert np.abs(part[-50:] - 0.025).max() < 5e-4
+
+
+def test_the_reference_is_what_the_model_does(reached):
+    """The planned motion arrives and stays within 1 % on the model itself, between the limits."""
+    reference = reached[0].reference
+    arrived = np.flatnonzero(np.abs(reference.displacement - 0.025) > 2.5e-4)[-1] + 1
+    assert arrived * PERIOD < 0.16
+    command = reference.lead[:, -1] + reference.target
+    assert command.min() > -1e3
+    assert np.all(reference.wanted == 0.025)
+
+
+def test_another_actuator_with_all_errors():
+    """Actuator c through its noisy, late, biased fibre: no oscillation left; the fibre's bias bounds the rest."""
+    run = Run("c")
+    moved, _ = run.go(1.0)
+    assert not run.loop.watchdog.fault
+    assert np.abs(moved[150:] - 0.025).max() < 1.8e-3
+    assert abs(moved[-100:].mean() - 0.025) < 1.2e-3
+
+
+def test_predictive_control_follows_the_reference():
+    pytest.importorskip("casadi", reason="the extra mpc is not installed")
+    run = Run("a", perfect=True, feedback="mpc", duration=0.6)
+    moved, command = run.go(0.6)
+    law = run.ready.control.law
+    assert (run.loop.watchdog.fault, law.failed) == ("", 0)
+    assert settled(moved, 0.025) < 0.25
+    assert command.min() >= 0.0
+    assert command.max() <= HIGHEST
+
+
+def test_the_symbolic_step_is_the_models():
+    """The equations' text on CasADi symbols against the compiled twin with its exact Jacobian."""
+    pytest.importorskip("casadi", reason="the extra mpc is not installed")
+    from pliant.runtime.control import Mpc, symbolic_step
+
+    model = frozen(load_model(MODEL))
+    law = Mpc(model, Limits(HIGHEST), PERIOD)
+    x = np.concatenate([np.linspace(0.1, 0.6, model.n), np.linspace(1.0, -2.0, model.n)])
+    ahead, by_x, _ = law._step(x, 6e-3, 1, 5e4, 5e4, 1.0)
+    step = symbolic_step(model, 6e-3)
+    np.testing.assert_allclose(np.asarray(step(x, float(model.torque_at(5e4)))).ravel(), ahead, rtol=1e-12, atol=1e-13)
+    slope = np.asarray(step.jacobian()(x, float(model.torque_at(5e4)), 0)[0])
+    np.testing.assert_allclose(slope, by_x, rtol=1e-9, atol=1e-9 * np.abs(by_x).max())
+
+
+def test_feedforward_with_pid_holds_the_tip():
+    run = Run("a", perfect=True, feedback="pid", duration=1.2)
+    moved, _ = run.go(1.2)
+    assert not run.loop.watchdog.fault
+    assert np.abs(moved[-50:] - 0.025).max() < 1.5e-3  # the integral is slow: what it starts from is the model
+
+
+def test_a_path_is_planned():
+    """A slow swing of the tip: the model follows the plan closely."""
+    run = Run("a", perfect=True, path=True, duration=0.6, time=[0.0, 0.1, 0.4, 0.6],
+              displacement=[0.0, 0.0, 0.012, 0.012])  # fmt: skip
+    assert np.abs(run.reference.displacement - run.reference.wanted).max() < 1e-3
+
+
+def test_the_loop_bears_a_plain_estimator():
+    """Filtered differences instead of the model: slower and noisier, but stable."""
+    run = Run("a", filtered=True, planned=False, tuning=Tuning(0.3, integral_band=2e-3))
+    moved, _ = run.go(1.6)
+    assert not run.loop.watchdog.fault
+    assert np.abs(moved[-100:] - 0.025).max() < 6e-3
+
+
+def test_margins_are_told(reached):
+    design = reached[0].design
+    assert "phase margin" in str(design)
+    assert all(m.phase_deg > 40 and m.modulus > 0.6 for m in design.margins)
+    assert (design.slowest < 1.0).all()

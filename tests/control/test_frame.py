@@ -1,0 +1,142 @@
+"""The compiled frame of the loop, observer and regulator, against their formulas on matrices."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.model import load_model
+from pliant.runtime import default_noise
+from pliant.runtime import loops as filter_loops
+from pliant.runtime.control import Chords, Follower, Limits, Lqr, design_lqr, frozen
+from pliant.runtime.control.frame_loops import filter_and_steer
+from pliant.runtime.estimation import chain_of
+from pliant.runtime.scratch import make_scratch
+from pliant.simulation import memory_loops, state
+
+MODEL = Path(__file__).parents[2] / "examples" / "control" / "model_a.json"
+PERIOD = 4e-3
+
+
+@pytest.fixture(scope="module")
+def body():
+    return load_model(MODEL)
+
+
+@pytest.fixture(scope="module")
+def design(body):
+    return design_lqr(frozen(body), 190e3, PERIOD, latency=PERIOD, grid=3)
+
+
+def command_of(law, target, angle, rate, valve, shift, scale):
+    """The regulator's wish [Pa] and the tip's error [m], with matrices."""
+    design, p = law.design, law.design.pressure
+    tables = law.inputs(target, valve)[0]
+
+    def at(table, where):
+        flat = table.reshape(len(p), -1)
+        return np.array([np.interp(where, p, column) for column in flat.T])
+
+    gain, tip, way = (at(tables[k], target) for k in (0, 3, 4))
+    hold = target - at(tables[5], target) @ np.cumsum(shift) / at(tables[6], target)[0]
+    x = np.concatenate([
+        angle - at(tables[2], hold) - np.cumsum(shift), rate, scale * valve - [hold, 0.0],
+        scale * law.inputs(target, valve)[5] - hold, [law.integral],
+    ])  # fmt: skip
+    now = state.tips(design.model, angle)[-1]
+    return (hold - gain @ x) / scale, float((now - tip) @ way)
+
+
+@pytest.mark.parametrize("slew", [np.inf, 4e5])
+def test_the_regulator_is_its_formula(design, slew):
+    """Feedback, limits and the count of commands at them, an integral that stops there."""
+    law, rng = Lqr(design, Limits(60e3, slew)), np.random.default_rng(3)
+    n, integral, before, met = design.model.n, 0.0, 0.0, 0
+    for k in range(40):
+        target = 2e4 + 500.0 * k
+        rest = design.rests.at(target)[0]
+        angle, rate = rest + rng.normal(0.0, 2e-2, n), rng.normal(0.0, 0.3, n)
+        shift, valve, scale = rng.normal(0.0, 5e-3, n), np.array([target, 1e3]), 1.1
+        wish, error = command_of(law, target, angle, rate, valve, shift, scale)
+        reach = slew * PERIOD
+        command = np.clip(wish, max(0.0, before - reach), min(60e3, before + reach))
+        met += command != wish
+        if (wish - command) * error >= 0.0:
+            integral += min(1.0, (design.tuning.integral_band / abs(error)) ** 2) * error * PERIOD
+        assert law.step(target, angle, rate, valve, shift, scale=scale) == pytest.approx(command, rel=1e-10, abs=1e-6)
+        assert (law.integral, law.error) == pytest.approx((integral, error), rel=1e-9, abs=1e-14)
+        before = law.command
+    assert law.saturated == met
+    assert 0 < met < 40
+
+
+def test_the_observer_is_its_formula(body):
+    """Model ahead, factor on the torque, correction and shifts, frame by frame, with matrices."""
+    ends = body.base_length + np.concatenate([[0.0], np.cumsum(body.link_length)])
+    follower, rng, n = Follower(body, Chords(body, ends), PERIOD), np.random.default_rng(5), body.n
+    (gain, sure, F, G), memory = follower.inputs(1)[4], state.relaxed(body, np.zeros(n))
+    phi, w, own, by = state.absolute(body, np.zeros(n)), np.zeros(n), np.zeros(n), np.zeros(3 * n)
+    slow, scale, variance, pressure = 0.0, 1.0, 0.04, 0.0
+    law, c = body.memory.law(), body.memory.instantaneous
+    for k in range(4):
+        seen = phi + rng.normal(0.0, 2e-3, n)
+        across = body.link_length[:, None] * np.stack([-body.bend_sign * np.sin(seen), np.cos(seen)], axis=1)
+        frame = np.concatenate([np.zeros((1, 2)), np.cumsum(across, axis=0)])
+        follower.drive(k * PERIOD, 3e4)
+        pressure, now = (1.5e4 if k == 0 else 3e4), np.array(body.torque) * scale
+        follower.update(k * PERIOD, frame)
+        if k:
+            by = F @ by + G * body.torque_at(pressure)
+            variance += 0.02**2 * PERIOD
+            joints = body.joints()._replace(theta0=body.rest_angle + own)
+            for _ in range(2):
+                _, slow = memory_loops.held_step_with_memory(
+                    phi, w, memory, body.base_angle, 2e-3, pressure, pressure, slow, 0.0, 0.0, body.swell_share,
+                    body.swell_time, now, body.body(), joints, law, state.held(body.with_(rest_angle=joints.theta0)),
+                    state.workspace(n),
+                )
+        nu = seen - phi
+        weight = sure @ by[:n]
+        part = variance / (1.0 + variance * by[:n] @ weight)
+        change = part * weight @ nu
+        scale, variance = scale + change, variance * (1.0 - part * weight @ by[:n])
+        by = by - gain @ by[:n]
+        move = gain @ nu + by * change
+        phi, w, own = phi + move[:n], w + move[n : 2 * n], own + move[2 * n :]
+        q = state.joint_angles(body, phi)
+        held = law.creep_share @ (q[:, None] - memory[:, : len(law.creep_share)]).T
+        held = held + memory[:, len(law.creep_share) : -1] @ law.slip_share + law.boucwen_share * memory[:, -1]
+        np.testing.assert_allclose(follower.angle, phi, rtol=1e-11)
+        np.testing.assert_allclose(follower.rate, w, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(follower.shift, (own + c * q - held) / (1.0 + c), rtol=1e-9, atol=1e-12)
+        assert follower.scale == pytest.approx(scale, rel=1e-11)
+    assert (follower.consistent, follower.missed) == (True, 0)
+
+
+def test_filter_and_regulator_in_one_frame(body, design):
+    """The plain text of the one call: what filter and regulator do one after the other."""
+    n, noise = body.n, default_noise(body)
+    ends = body.base_length + np.concatenate([[0.0], np.cumsum(body.link_length)])
+    law, apart = Lqr(design, Limits(60e3)), Lqr(design, Limits(60e3))
+    rows, out = np.array([(filter_loops.ANGLE, i, 0.0, 0.0) for i in range(n)]), []
+    z, valve, shift = state.absolute(body, np.full(n, 0.02)), np.zeros(2), np.zeros(n)
+    for _ in range(2):
+        P = noise.initial(body)
+        x = (state.absolute(body, np.zeros(n)), np.zeros(n), np.zeros(n), P, state.relaxed(body, np.zeros(n)))
+        prediction = (1, PERIOD, 0.01, (*noise.densities(body), np.zeros(1)))
+        sight = (body.link_length, body.first_joint, rows, z, np.full(n, 1e-6), np.empty(n))
+        out.append((x, prediction, sight, make_scratch(body, P.shape[0], n)))
+    x, prediction, sight, scratch = out[0]
+    model = (chain_of(body), Follower(body, Chords(body, ends), PERIOD).body)
+    lead = np.zeros(design.gain.shape[1])
+    command = filter_and_steer(
+        x, shift, model, prediction, sight, law.inputs(3e4, valve), lead, scratch, np.zeros(8)
+    )
+    (phi, w, d, P, memory), (steps, h, torque, density), sight, scratch = out[1]
+    filter_loops.predict_span(phi, w, d, P, memory, chain_of(body), steps, h, torque, density, scratch)
+    filter_loops.update(phi, w, d, P, memory, chain_of(body), *sight, scratch)
+    np.testing.assert_allclose(x[0], phi, rtol=1e-12)
+    assert np.abs(phi - z).max() < 0.3 * np.abs(z - state.absolute(body, np.zeros(n))).max()
+    assert command == pytest.approx(apart.step(3e4, phi, w, valve, shift), rel=1e-12)

@@ -1,0 +1,149 @@
+"""Shapers against their known residuals and the model itself; PI-D at its limits; the feedforward's inverse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.errors import InputError
+from pliant.model import Memory, chain_model
+from pliant.runtime.control import (
+    Feedforward,
+    Limits,
+    Pid,
+    PidTuning,
+    SupplyValve,
+    ValveRun,
+    identify_valve,
+    linearise,
+    rests,
+    shaper,
+    valve_answer,
+)
+from pliant.simulation import Trace, modes, simulate
+
+
+@pytest.fixture
+def arm():
+    return chain_model(length=0.17, mass=0.069, mass_at="tip", stiffness=1.6067, damping=8e-3, torque=[6.6667e-7])
+
+
+@pytest.mark.parametrize(("kind", "left", "delay"), [("ZV", 0.14, 0.1), ("ZVD", 0.02, 0.2)])
+def test_residual_at_ten_per_cent(kind, left, delay):
+    made = shaper(5.0, 0.078, kind)
+    assert made.residual(5.0) < 1e-12
+    assert made.residual(5.5) == pytest.approx(left, abs=0.005)
+    assert made.delay == pytest.approx(delay, rel=0.01)
+    assert made.amplitude.sum() == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["ZV", "ZVD"])
+def test_the_shaped_step_does_not_ring(arm, kind):
+    frequency, damping = modes(arm)
+    made = shaper(frequency[0], damping[0], kind)
+    ringing = []
+    for trace in (Trace([0.1, 0.1], [0.0, 5e4]), made([0.1, 0.1], [0.0, 5e4])):
+        run = simulate(arm, trace, duration=1.2)
+        tip = run.tip_position.values[:, -1, 0]
+        later = run.time.values > 0.1 + made.delay + 0.1
+        ringing.append(np.ptp(tip[later]))
+    assert ringing[1] < 0.08 * ringing[0]
+
+
+def test_a_shaped_pulse_keeps_its_levels():
+    trace = shaper(5.0, 0.1)([0.0, 0.0, 1.0, 1.0], [0.0, 3e4, 3e4, 0.0])
+    assert trace(0.5) == pytest.approx(3e4)
+    assert trace(2.0) == pytest.approx(0.0, abs=1e-6)
+    assert 0 < trace(0.05) < 3e4
+
+
+def test_shaper_refusals():
+    with pytest.raises(InputError, match="unknown shaper"):
+        shaper(5.0, 0.1, "EI")
+    with pytest.raises(InputError, match="does not ring"):
+        shaper(5.0, 1.2)
+
+
+def test_feedforward_inverts_creep_and_slip(arm):
+    """Held at 20 mm by the feedforward for 3 s, the tip stays there; without the inverse it would creep away."""
+    memory = Memory(creep_share=(0.08, 0.1), creep_time=(0.1, 1.0), slip_share=(0.1,), slip_angle=(0.02,))
+    arm = arm.with_(memory=memory)
+    forward = Feedforward(arm, 2.5e5)
+    period = 0.01
+    time = np.arange(0.0, 4.0, period)
+    wanted = 0.02 * np.clip(time / 0.8, 0, 1)
+    pressure = np.array([forward.pressure(d, period) for d in wanted])
+    naive = np.array([forward.rests.pressure_for(d) for d in wanted])
+    held = time > 1.2
+    errors = []
+    for command in (pressure, naive):
+        run = simulate(arm, Trace(time + period, command), times=time)
+        tip = np.linalg.norm(run.tip_position.values[:, -1] - run.tip_position.values[0, -1], axis=1)
+        errors.append(np.abs(tip - wanted)[held].max())
+    assert errors[0] < 4e-4
+    assert errors[1] > 1.5e-3
+
+
+def test_rests_say_what_is_out_of_reach(arm):
+    family = rests(arm, 1.19e5)
+    assert family.pressure_for(0.0) == 0.0
+    assert family.reach == pytest.approx(0.02513, rel=1e-3)
+    with pytest.raises(InputError, match="out of reach"):
+        family.pressure_for(0.04)
+
+
+def test_pid_starts_without_a_bump_and_does_not_wind_up():
+    limits = Limits(1e5, slew=5e6)
+    pid = Pid(PidTuning(1e6, 4e6, 1e4), limits, 4e-3)
+    pid.start(3e4, target=0.01, measured=0.008)
+    first = pid.step(0.01, 0.008)
+    assert first == pytest.approx(3e4, abs=1e2)
+    for _ in range(500):
+        command = pid.step(1.0, 0.008)  # far out of reach
+    assert command == 1e5
+    assert pid.integral < 2e5
+    assert pid.step(0.0, 0.008) < 1e5  # leaves the limit at once
+    assert pid.saturated > 400
+
+
+def test_limits():
+    limits = Limits(1e5, slew=1e6)
+    assert limits(5e4, 0.0, 0.01) == pytest.approx(1e4)
+    assert limits(-1.0, 5e3, 0.01) == 0.0
+    assert limits(2e5, 9.9e4, 0.01) == 1e5
+    with pytest.raises(InputError, match="positive"):
+        Limits(0.0)
+
+
+def test_pid_on_the_linear_model_settles(arm):
+    """Feedforward and PI-D bring the model's tip to 20 mm."""
+    from pliant.simulation import Stepper, state
+
+    period = 4e-3
+    gain = abs(linearise(arm).static_gain("tip_x"))
+    pid = Pid(PidTuning(0.15 / gain, 3.0 / gain, 0.01 / gain), Limits(2e5), period)
+    family = rests(arm, 2e5)
+    stepper = Stepper(arm, period / 4)
+    start = state.tips(arm, stepper.angle)[-1]
+    command = 0.0
+    for _ in range(500):
+        for _ in range(4):
+            stepper.step(command)
+        tip = float(np.linalg.norm(state.tips(arm, stepper.angle)[-1] - start))
+        command = pid.step(0.02, tip, family.pressure_for(0.02))
+    assert tip == pytest.approx(0.02, abs=2e-5)
+
+
+def test_a_valve_is_found_from_its_gauge():
+    """Both frequencies, damping and dead time from noisy steps up and down, whatever the gauge's offset."""
+    true = SupplyValve(9.0, 6.4, 0.75, 0.008)
+    time, edges, levels = np.arange(0.0, 1.2, 1 / 750), np.array([0.1, 0.5, 0.9]), np.array([6e4, 1e4, 3e4])
+    noise = np.random.default_rng(4).standard_normal(time.size)
+    found = identify_valve([ValveRun(edges, levels, time, valve_answer(true, edges, levels, time) + 100 + 300 * noise)])
+    assert found.rmse == pytest.approx(300, rel=0.1)
+    for name, value in vars(true).items():
+        assert abs(getattr(found.valve, name) - value) < max(5 * found.spread[name], 1e-3 * value)
+    with pytest.raises(InputError, match="as many edges"):
+        identify_valve([ValveRun(edges, levels[:2], time, time)])
+    with pytest.raises(InputError, match="at least one run"):
+        identify_valve([])

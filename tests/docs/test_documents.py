@@ -1,0 +1,191 @@
+"""What the documents show works: links lead somewhere, examples run, options exist, TOML is what pliant takes."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+import typer
+
+from pliant.cli import app
+from pliant.cli.new import new
+from pliant.recording.arrays import ArrayMapping
+from pliant.study import load_study
+from pliant.study.schema import Study
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+BLOCK = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SCRIPTS = sorted((ROOT / "examples" / "gallery").glob("*.py"))
+
+
+def name_of(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+def blocks(path, language):
+    return [text for kind, text in BLOCK.findall(path.read_text(encoding="utf-8")) if kind == language]
+
+
+def anchors(path):
+    """Names that a link into a page may end in: slugs of its headings, and explicit labels."""
+    text = BLOCK.sub("", path.read_text(encoding="utf-8"))
+    titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    slugs = {re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", title.lower())) for title in titles}
+    return slugs | set(re.findall(r"^\(([\w-]+)\)=$", text, re.MULTILINE))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_relative_links_lead_somewhere(page):
+    for link in LINK.findall(BLOCK.sub("", page.read_text(encoding="utf-8"))):
+        if re.match(r"[a-z]+:", link):
+            continue
+        file, _, anchor = link.partition("#")
+        target = (page.parent / file).resolve() if file else page
+        assert target.exists(), f"{name_of(page)} links to {link}, which is absent"
+        if anchor:
+            assert anchor in anchors(target), f"{name_of(page)} links to {link}, whose page has no #{anchor}"
+
+
+def test_every_page_is_in_the_site():
+    trees = re.findall(r"```\{toctree\}\n(.*?)```", (ROOT / "docs" / "index.md").read_text(encoding="utf-8"), re.DOTALL)
+    listed = {line.strip() for tree in trees for line in tree.splitlines() if re.fullmatch(r"\w+", line.strip())}
+    assert listed == {p.stem for p in (ROOT / "docs").glob("*.md")} - {"index"}
+
+
+def test_the_readme_s_python_runs(tmp_path):
+    code = "\n".join(blocks(ROOT / "README.md", "python"))
+    environment = {**os.environ, "MPLBACKEND": "Agg"}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "-0.0428" in done.stdout  # 42.9 mm, as the README says
+
+
+def programs():
+    """Every command by name."""
+    group = typer.main.get_command(app)
+    alone = typer.Typer()
+    alone.command()(new)
+    return {**group.commands, "new": typer.main.get_command(alone)}
+
+
+def command_lines(page):
+    for text in [t for _, t in BLOCK.findall(page.read_text(encoding="utf-8"))]:
+        for line in text.splitlines():
+            if re.match(r"(\.venv/bin/)?pliant \w", line.strip()):
+                yield line.partition("#")[0].split()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_and_options_exist(page):
+    known = programs()
+    for words in command_lines(page):
+        assert words[1] in known, f"{name_of(page)}: there is no command {words[1]}"
+        options = {option for parameter in known[words[1]].params for option in parameter.opts}
+        for word in words[2:]:
+            if word.startswith("-") and not re.fullmatch(r"-[\d.,]+", word):
+                assert word.partition("=")[0] in options, f"{name_of(page)}: pliant {words[1]} has no option {word}"
+
+
+def test_the_short_study_is_whole():
+    Study.model_validate(tomllib.loads(blocks(ROOT / "docs" / "studies.md", "toml")[0]))
+
+
+def test_toml_of_the_data_page_is_what_pliant_takes():
+    parts = [tomllib.loads(text) for text in blocks(ROOT / "docs" / "your_own_data.md", "toml")]
+    assert any("alignment" in part for part in parts)
+    for part in parts:
+        if "alignment" not in part:
+            ArrayMapping.model_validate(part)
+
+
+CELL = re.compile(r"^```\{code-cell\}[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def cells(page):
+    """Executed cells of a page as Python, without their options and magics."""
+    for text in CELL.findall(page.read_text(encoding="utf-8")):
+        body = re.sub(r"\A(---\n.*?^---\n|(:.*\n)+)", "", text, flags=re.MULTILINE | re.DOTALL)
+        yield "\n".join(line for line in body.splitlines() if not line.startswith("%"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_executed_cells_use_what_pliant_has(page):
+    import pliant
+
+    text = page.read_text(encoding="utf-8")
+    assert ("{code-cell}" in text) == text.startswith("---\nfile_format: mystnb\n"), "a page with cells needs its head"
+    for code in cells(page):
+        tree = ast.parse(code)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pliant"):
+                exec(ast.unparse(node), {})
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "pliant":
+                assert hasattr(pliant, node.attr), f"{name_of(page)} uses pliant.{node.attr}"
+
+
+def test_every_page_shows_what_its_pictures_are():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for alt, file in re.findall(r"!\[([^\]]*)\]\(([^)]+)\)", text):
+            assert len(alt) > 20, f"{name_of(page)}: {file} needs words for who does not see it"
+        for code in CELL.findall(text):
+            if re.search(r"plt\.subplots|_figure\(|^figure$", code, re.MULTILINE):
+                assert "alt:" in code, f"{name_of(page)}: a drawn figure needs alt"
+
+
+@pytest.mark.parametrize("study", sorted((ROOT / "examples").glob("*.toml")), ids=name_of)
+def test_example_files_are_valid(study):
+    if "actuator" in tomllib.loads(study.read_text(encoding="utf-8")):
+        assert load_study(study).fits
+    else:
+        from pliant.recording.columns import ColumnMapping
+
+        ColumnMapping.model_validate(tomllib.loads(study.read_text(encoding="utf-8")))
+
+
+
+def test_every_entry_of_a_study_is_explained():
+    from pliant.study import schema
+
+    text = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+    models = (schema.Study, schema.Actuator, schema.Fibre, schema.Reduction, schema.Recording, schema.Fit,
+              schema.ForecastEntry, schema.Targets)  # fmt: skip
+    missing = [f"{m.__name__}.{name}" for m in models for name in m.model_fields if not re.search(rf"\b{name}\b", text)]
+    assert not missing, f"docs/studies.md does not explain {', '.join(missing)}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", [s for s in SCRIPTS if s.stem in {"pulse_response", "curvature_fan"}], ids=name_of)
+def test_gallery_scripts_run(script, tmp_path):
+    picture = tmp_path / "picture.png"
+    done = subprocess.run([sys.executable, "-W", "error", script, picture], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_a_users_script_passes_mypy_strict():
+    mypy = shutil.which("mypy", path=str(Path(sys.executable).parent))
+    if mypy is None:
+        pytest.skip("mypy is not installed beside this Python; pip install -e '.[dev]'")
+    script = Path(__file__).with_name("user_script.py")
+    done = subprocess.run(
+        [mypy, "--strict", "--follow-imports=silent", script], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+    used = set(re.findall(r"pliant\.(\w+)", script.read_text(encoding="utf-8")))
+    import pliant
+
+    assert set(pliant.__all__) <= used, f"the script leaves out {sorted(set(pliant.__all__) - used)}"

@@ -1,0 +1,92 @@
+"""Every public name tells what it takes, in which shape and unit, and how it fails."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+import pliant
+
+ROOT = Path(__file__).resolve().parents[2]
+UNIT = re.compile(r"\b(m|mm|s|Hz|Pa|kPa|rad|kg|N m|N m/rad|1/m|SI)\b")
+NO_QUANTITY = {  # names without a number of their own
+    "read", "write", "quality", "load_study", "run_study", "load_model", "save_model", "Experiment", "predict_held_out",
+    "PliantError", "InputError", "SimulationError", "FitError",
+}
+NEVER_REFUSES = {  # plain containers, and what only passes on what was refused before
+    "quality", "Station", "save_model", "equilibrium", "Experiment",
+}
+FROM_THE_PAPER = {"select_order", "Model", "chain_model", "simulate", "equilibrium", "modes", "Stepper"}
+SHAPE = re.compile(r"\((\w+,\s*\w*(,\s*\w+)*)\)")  # (n,) or (T, S, 2)
+
+
+def document(name):
+    return inspect.getdoc(getattr(pliant, name)) or ""
+
+
+def parameters(name):
+    """Names that a caller may pass."""
+    thing = getattr(pliant, name)
+    taken = inspect.signature(thing).parameters.values()
+    return [p.name for p in taken if p.kind is not p.VAR_KEYWORD and not p.name.startswith("_")]
+
+
+def public(*, errors=True):
+    return [n for n in pliant.__all__ if errors or not n.endswith("Error")]
+
+
+def test_dir_shows_the_journey_in_order():
+    assert dir(pliant) == sorted([*pliant.__all__, "__version__"])
+    assert pliant.__all__.index("read") < pliant.__all__.index("align") < pliant.__all__.index("simulate")
+
+
+@pytest.mark.parametrize("name", public())
+def test_a_public_name_has_a_docstring(name):
+    text = document(name)
+    assert text, f"pliant.{name} has no docstring"
+    assert not text.startswith(f"{name}("), f"pliant.{name} shows only its signature"
+
+
+@pytest.mark.parametrize("name", public())
+def test_bars_stand_in_code(name):
+    words = re.sub(r"``.*?``|`.*?`", "", document(name), flags=re.DOTALL)
+    assert not re.search(r"\|\w", words), f"the site takes |a| in the docstring of pliant.{name} for a substitution"
+
+
+@pytest.mark.parametrize("name", public(errors=False))
+def test_every_argument_is_explained(name):
+    text = document(name)
+    missing = [p for p in parameters(name) if not re.search(rf"\b{re.escape(p)}\b", text)]
+    assert not missing, f"the docstring of pliant.{name} does not mention {', '.join(missing)}"
+
+
+@pytest.mark.parametrize("name", [n for n in public() if n not in NO_QUANTITY])
+def test_units_are_stated(name):
+    assert UNIT.search(document(name)), f"the docstring of pliant.{name} names no unit"
+
+
+@pytest.mark.parametrize("name", public(errors=False))
+def test_shapes_of_arrays_are_stated(name):
+    if re.search(r"Array|ndarray", str(inspect.signature(getattr(pliant, name)))):
+        assert SHAPE.search(document(name)), f"the docstring of pliant.{name} gives no shape"
+
+
+@pytest.mark.parametrize("name", sorted(FROM_THE_PAPER))
+def test_what_comes_from_the_paper_says_where(name):
+    assert re.search(r"Eqs?\. \(|Sec\. |[Pp]aper", document(name)), f"the docstring of pliant.{name} names no source"
+
+
+@pytest.mark.parametrize("name", [n for n in public(errors=False) if n not in NEVER_REFUSES])
+def test_errors_are_stated(name):
+    source = inspect.getsource(getattr(pliant, name))
+    refuses = "raise " in source or "check_" in source
+    assert not refuses or "Error" in document(name), f"the docstring of pliant.{name} does not say how it fails"
+
+
+def test_the_reference_holds_the_whole_page_in_its_order():
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    shown = re.findall(r"auto(?:function|class|exception):: pliant\.(\w+)$", text, re.MULTILINE)
+    assert set(shown) == set(pliant.__all__), set(shown) ^ set(pliant.__all__)

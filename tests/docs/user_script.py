@@ -1,0 +1,96 @@
+"""A user's script that touches the whole public page; `mypy --strict` must have nothing to say about it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import pliant
+from pliant.actuators import chen2018
+from pliant.simulation.inputs import Input
+
+
+def recordings(path: Path) -> None:
+    """Read, judge, align, choose the order, write."""
+    raw = pliant.read(path, mapping={"length_unit": "mm"}, format="csv")
+    print(pliant.quality(raw).summary())
+    stations = pliant.assemble(raw, {"base": ["Base*"], "tip": ["Tip*"]})
+    body = pliant.align(stations, base="base", tangent="+x")
+    order = pliant.select_order(body, bound_mm=3.0)
+    chosen: int | None = order.chosen
+    print(chosen, order.reason, pliant.write(body, "body.nc"))
+    made = pliant.make_recording(np.arange(3) / 10, np.zeros((3, 2, 3)), station=["base", "tip"])
+    print(made.sizes)
+
+
+def models() -> pliant.Model:
+    """Build, save and load a model."""
+    model = pliant.chain_model(length=0.17, mass=0.069, links=5, stiffness=1.6, damping=8e-3, torque=[6.67e-7])
+    model = model.with_(memory=pliant.Memory(creep_share=(0.1,), creep_time=(1.0,)))
+    model = model.with_(valve=pliant.Valve(rise_time=0.02), stations=(pliant.Station("tip", 4, 0.034),))
+    pliant.save_model(model, "model.json")
+    return pliant.load_model("model.json")
+
+
+def motions(model: pliant.Model) -> float:
+    """Every input, every way to move."""
+    inputs: list[Input] = [
+        pliant.Pulse(119e3, 0.12, 2.76), pliant.step(1e5), pliant.ramp(1e5, 0.1, 1.0), pliant.triangle(1e5, 2.0, 3),
+        pliant.Chirp(2e4, 1e5, 0.1, 5.0, 10.0), pliant.Multisine(1e3, 1e5, [0.5, 1.5]),
+        pliant.Trace(np.array([0.0, 1.0]), np.array([0.0, 1e5])),
+    ]
+    motion = pliant.simulate(model, inputs[0], duration=1.0)
+    frequency, damping = pliant.modes(model, pliant.equilibrium(model, 1e5))
+    stepper = pliant.Stepper(model, step=1e-3)
+    angle, rate = stepper.step(1e5)
+    many = pliant.simulate_batch(model, inputs[0], parameters={"stiffness": np.array([1.5, 1.7])}, duration=1.0)
+    sweep = {"kind": "monte_carlo", "samples": 8, "parameters": {"stiffness": {"mean": 1.6, "std": 0.1}}}
+    swept = pliant.run_sweep(sweep, model, "sweep", progress=print)
+    print(many["tip_position"].max(), swept.samples["tip"].shape, swept.summary()["told"])
+    return float(motion.time[-1]) + float(frequency[0] + damping[0] + angle[-1] + rate[-1])
+
+
+def fits(paths: list[Path]) -> pliant.Model:
+    """Fit, predict, run a study."""
+    experiments: list[pliant.Experiment] = [pliant.experiment(p.stem, pliant.read(p)) for p in paths]
+    start = chen2018.model()
+    fitted = pliant.fit(experiments[:-1], start, [pliant.Parameter("stiffness", 1.6), "damping", "torque_1"])
+    prediction, own = pliant.predict_held_out(experiments[-1], fitted)
+    same = pliant.predict(fitted.model, experiments[0], fitted.values, 2e-3)
+    print(own.status, prediction["position"].shape, same["pressure"].max())
+    told = pliant.identifiability(experiments[:-1], start, ["stiffness", "damping", "mass"])
+    band = pliant.prediction_band(experiments[-1], fitted, noise=1e-4)
+    climbed = pliant.ladder(experiments[:-1], experiments[-1:], start, progress=print)
+    print(told.identifiable, band.upper - band.lower, climbed.reason, climbed.result.values)
+    outcome = pliant.run_study(pliant.load_study("study.toml"), "results", progress=print)
+    return outcome.model
+
+
+def at_work(model: pliant.Model, free: Path, poked: Path) -> float:
+    """State, contact and control."""
+    states = pliant.estimate(pliant.read(poked), model, latency=4e-3)
+    contact = pliant.find_contact(pliant.read(poked), model, free=[pliant.read(free)])
+    chart = pliant.map_contacts([contact], cell=2e-3)
+    linear = pliant.linearise(model, 5e4)
+    design = pliant.design_lqr(model, 1.2e5, 4e-3)
+    print(states.sizes, contact.attrs["alarm_s"], chart.sizes, linear, design)
+    return float(states["joint_rate"].max())
+
+
+def main() -> None:
+    """What a user meets when something is wrong."""
+    try:
+        motions(models())
+        recordings(Path("a.csv"))
+        at_work(fits([Path("a.nc"), Path("b.nc")]), Path("a.nc"), Path("c.nc"))
+    except pliant.InputError as error:
+        print(error)
+    except (pliant.SimulationError, pliant.FitError) as error:
+        print(error)
+    except pliant.PliantError as error:
+        raise SystemExit(error.exit_code) from error
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,195 @@
+"""The status of a fit says what a user must know, and what cannot be fitted is refused in one sentence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.errors import FitError, InputError, PliantError
+from pliant.identification import Experiment, FitResult, Parameter, fit
+from pliant.identification.fit import parameters_from
+from pliant.model import Model
+
+STEP = 1e-3
+
+
+@pytest.fixture(scope="module")
+def exp(truth: Model, pulse: Any) -> Experiment:
+    return pulse(truth)
+
+
+def run(exp: Experiment, model: Model, *parameters: Parameter | str, **options: Any) -> FitResult:
+    return fit([exp], model, parameters, **{"step": STEP, "starts": 1, **options})
+
+
+def hidden(found: FitResult) -> set[str]:
+    return {p.name for p in found.parameters if p.free and p.std is None}
+
+
+def test_torque_and_its_gain_cannot_be_told_apart(exp: Experiment, truth: Model) -> None:
+    found = run(exp, truth, "gain", "torque_1", "stiffness", "damping", regularise=True)
+    assert hidden(found) == {"gain", "torque_1"}
+    assert "the data do not show: gain, torque_1" in found.status
+    assert found.values["gain"] * found.values["torque_1"] == pytest.approx(6e-7, rel=1e-3)
+
+
+def test_mass_stiffness_damping_and_gain_share_a_scale(exp: Experiment, truth: Model) -> None:
+    found = run(exp, truth, "gain", "stiffness", "damping", "mass", regularise=True)
+    assert hidden(found) == {"gain", "stiffness", "damping", "mass"}
+    assert found.values["stiffness"] / found.values["mass"] == pytest.approx(0.9 / 0.047, rel=1e-3)
+
+
+def test_gravity_does_not_break_the_scale_but_a_known_load_does(truth: Model, pulse: Any) -> None:
+    hanging = truth.with_(gravity=[0.0, 9.81])
+    assert hidden(run(pulse(hanging), hanging, "gain", "stiffness", "damping", "mass", regularise=True))
+    loaded = truth.with_(tip_mass=0.02)
+    assert not hidden(run(pulse(loaded), loaded, "gain", "stiffness", "damping", "mass"))
+
+
+def test_dead_time_hides_behind_free_edges(exp: Experiment, truth: Model) -> None:
+    found = run(exp, truth, "stiffness", "valve_dead_time", regularise=True)
+    assert hidden(found) == {"valve_dead_time", "p.start", "p.stop"}
+
+
+def test_a_fall_that_never_happens_is_not_shown(truth: Model, traced: Any) -> None:
+    whole = traced(truth)
+    keep = whole.time < 0.45  # before the pressure falls
+    rising = replace(whole, time=whole.time[keep], position=whole.position[keep])
+    found = run(rising, truth, "stiffness", "valve_rise", "valve_fall", regularise=True)
+    assert hidden(found) == {"valve_fall"}
+    assert found.values["valve_rise"] == pytest.approx(0.03, rel=1e-2)
+
+
+def test_a_value_on_its_bound_is_named(exp: Experiment, truth: Model) -> None:
+    found = run(exp, truth, Parameter("stiffness", 0.5, upper=0.7), "damping")
+    assert found.values["stiffness"] == pytest.approx(0.7)
+    assert "at a bound: stiffness" in found.status
+
+
+def test_bounds_are_never_passed(exp: Experiment, truth: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pliant.identification import problem
+
+    tried = []
+    original = problem.set_up
+    monkeypatch.setattr(problem, "set_up", lambda *a: (tried.append(a[2]["damping"]), original(*a))[1])
+
+    run(exp, truth, Parameter("damping", 5e-3, lower=4e-3, upper=5.5e-3), starts=3)
+    assert len(tried) > 10
+    assert min(tried) >= 4e-3 * (1 - 1e-12)
+    assert max(tried) <= 5.5e-3 * (1 + 1e-12)
+
+
+def test_the_limit_of_evaluations_is_no_convergence(exp: Experiment, truth: Model) -> None:
+    found = run(exp, truth.with_(stiffness=2.0), Parameter("stiffness", 1.8), max_evaluations=2)
+    assert not found.converged
+    assert "raise max_evaluations" in found.status
+
+
+def test_starts_of_zero_are_no_trap(exp: Experiment, truth: Model) -> None:
+    found = run(exp, truth, "stiffness", Parameter("damping", 0.0), Parameter("torque_1", 0.0))
+    assert found.values["damping"] == pytest.approx(6e-3, rel=2e-3)
+    assert found.values["torque_1"] == pytest.approx(6e-7, rel=2e-3)
+    found = run(exp, truth, "stiffness", "damping", "tip_mass", "base_x", "base_angle")
+    assert found.values["tip_mass"] == pytest.approx(0.0, abs=1e-4)
+    assert found.values["stiffness"] == pytest.approx(0.9, rel=5e-3)
+
+
+def test_a_result_reads_as_text_and_as_plain_numbers(exp: Experiment, truth: Model) -> None:
+    lines: list[str] = []
+    sheet = Parameter("damping", 6e-3, free=False, source="data sheet")
+    found = run(exp, truth, "stiffness", sheet, progress=lines.append)
+    content = found.to_dict()
+    assert content["parameters"]["stiffness"]["unit"] == "N m/rad"
+    assert content["parameters"]["stiffness"]["upper"] is None  # infinite: no number of JSON
+    assert content["parameters"]["stiffness"]["source"] == "estimated"
+    assert content["parameters"]["damping"]["source"] == "data sheet"
+    assert content["rmse_mm"]["p"] == pytest.approx(1e3 * found.rmse["p"])
+    assert {"stiffness", "fixed"} <= set(str(found).split())
+    assert [line[:12] for line in lines] == ["start 1 of 1"]
+
+
+REFUSED = {
+    "unknown name": (["stiffnes"], "unknown parameter 'stiffnes'"),
+    "unknown record": (["q.stiffness"], "no recording or station is called 'q'"),
+    "no such joint": (["stiffness_4"], "joints 1 to 3"),
+    "joint zero": (["damping_0"], "joints 1 to 3"),
+    "torque of power zero": (["torque_0"], "unknown parameter"),
+    "twice": (["stiffness", "stiffness"], "listed twice"),
+    "edge of a trace": (["p.release"], "needs a start value"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_parameter_that_makes_no_sense_is_refused(exp: Experiment, truth: Model, case: str) -> None:
+    names, sentence = REFUSED[case]
+    with pytest.raises(PliantError, match=sentence):
+        run(exp, truth, *names)
+
+
+@pytest.mark.parametrize(("entry", "sentence"), [
+    ({"value": -1.0}, "not within its bounds"), ({"value": float("nan")}, "not within its bounds"),
+    ({"lower": 2.0, "upper": 1.0}, "not below upper bound"), ({"upper": 0.0}, "not below upper bound"),
+    ({"free": False}, "is fixed and needs a value"),
+])
+def test_a_parameter_must_be_possible(entry: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Parameter("stiffness", **entry)
+
+
+def test_nothing_free_is_refused(exp: Experiment, truth: Model) -> None:
+    fixed = [Parameter(n, v, free=False) for n, v in (("stiffness", 1.0), ("p.start", 0.1), ("p.stop", 0.6))]
+    with pytest.raises(FitError, match="nothing to fit"):
+        run(exp, truth, *fixed)
+
+
+def test_a_start_that_cannot_be_simulated_is_refused(exp: Experiment, truth: Model) -> None:
+    with pytest.raises(FitError, match=r"no start could be simulated.*turns by more than a radian"):
+        run(exp, truth, Parameter("torque_1", 1e-2), starts=2)
+
+
+def test_a_body_that_its_load_buckles_is_refused(exp: Experiment, truth: Model) -> None:
+    with pytest.raises(PliantError, match="buckles"):
+        run(exp, truth.with_(gravity=[0.0, -500.0], stiffness=0.01), Parameter("damping", 1e-3))
+
+
+def test_a_step_that_cannot_draw_the_motion_is_refused(exp: Experiment, truth: Model) -> None:
+    with pytest.raises(InputError, match="too long: the first mode rings at"):
+        run(exp, truth, "stiffness", step=0.05)
+
+
+@pytest.mark.parametrize("options", [{"loss": "l7"}, {"weighting": "equal"}])
+def test_an_unknown_choice_is_refused(exp: Experiment, truth: Model, options: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=r"unknown .*: use one of"):
+        run(exp, truth, "stiffness", **options)
+
+
+def test_experiments_need_names_of_their_own(exp: Experiment, truth: Model) -> None:
+    for experiments in ([], [exp, exp]):
+        with pytest.raises(InputError, match="names differ"):
+            fit(experiments, truth, ["stiffness"])
+    with pytest.raises(InputError, match="names a recording and a station"):
+        run(replace(exp, name="tip"), truth, "stiffness")
+
+
+def test_parameters_come_from_numbers_words_and_tables() -> None:
+    made = parameters_from({"stiffness": "free", "damping": 1e-3, "gain": {"value": 1.0, "free": False}})
+    assert [(p.name, p.value, p.free) for p in made] == [
+        ("stiffness", None, True), ("damping", 1e-3, True), ("gain", 1.0, False),
+    ]
+
+
+def test_values_put_in_twice_change_nothing(truth: Model) -> None:
+    from pliant.identification.parameters import apply
+
+    values = {"stiffness": 1.3, "damping_2": 1e-3, "gain": 1.7, "torque_2": 1e-12, "mass": 0.05, "tip_mass": 0.01,
+              "valve_rise": 0.01, "base_angle": 0.1, "tip.along": 0.02}
+    once = apply(truth, values)
+    twice = apply(once, values)
+    for name in ("stiffness", "damping", "torque", "joint_gain", "link_mass"):
+        np.testing.assert_allclose(getattr(twice, name), getattr(once, name), rtol=1e-15)
+    assert once.torque_at(1e5) * once.joint_gain[0] == pytest.approx(1.7 * (6e-7 * 1e5 + 1e-12 * 1e10))
+    assert twice.stations == once.stations
+    assert once.mass == pytest.approx(0.06)

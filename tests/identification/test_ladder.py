@@ -1,0 +1,80 @@
+"""The ladder: each rung earns its place on held-out records, or says why it cannot stand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from pliant.errors import InputError
+from pliant.identification import RUNGS, Rung, ladder
+from pliant.model import Memory, Model, Valve
+
+STEP = 2e-3
+
+
+def test_the_rung_of_the_truth_is_picked(truth: Model, traced: Any) -> None:
+    real = truth.with_(torque=[3e-7, 3e-12])
+    train = [traced(real, "low", 6e4), traced(real, "high", 1.4e5)]
+    held = [traced(real, "held", 1e5)]
+    guess = truth.with_(stiffness=1.3, damping=2e-3, torque=[5e-7], valve=Valve())
+    found = ladder(train, held, guess, step=STEP, rungs=RUNGS[:5])
+    errors = [s.error for s in found.steps]
+    assert [s.rung.name for s in found.steps] == [r.name for r in RUNGS[:5]]
+    assert found.chosen == "lag"
+    assert errors[0] > errors[1] > errors[2] > errors[3]
+    assert errors[3] < 0.5
+    assert "one rung lower" in found.reason
+    assert found.result.values["torque_2"] == pytest.approx(3e-12, rel=0.02)
+    content = found.to_dict()["rungs"]
+    assert content["lag"]["bic"] < content["torque"]["bic"]
+    assert {"stiffness", "damping", "torque_1", "torque_2"} <= set(content["torque"]["free"])
+    assert [rung["stands_on"] for rung in content.values()] == ["", "given", "elastic", "torque", "lag"]
+    assert 0 < content["torque"]["step_ns"] < 1e6
+
+
+def test_one_level_frees_a_linear_law_and_pulses_keep_their_edges(truth: Model, pulse: Any) -> None:
+    found = ladder([pulse(truth)], [], truth.with_(stiffness=1.2), step=STEP, rungs=RUNGS[:3])
+    assert found.steps[0].freed == ("p.start", "p.stop")
+    assert "no record is held out" in found.reason
+
+
+def test_a_rung_that_the_records_cannot_tell_says_so(truth: Model, traced: Any) -> None:
+    rungs = (RUNGS[1], Rung("all", "+ everything", (("gain", "torque_1", "mass"),)))
+    found = ladder([traced(truth)], [], truth, step=STEP, rungs=rungs)
+    assert found.steps[1].result is None
+    assert "share one scale" in found.steps[1].told or "one product" in found.steps[1].told
+    assert found.chosen == "elastic"
+
+
+def test_a_lag_far_from_the_first_guess_is_found(truth: Model, traced: Any) -> None:
+    """Without a lag the damping takes it up; a fit from there stays there, so the ladder begins afresh as well."""
+    slow = truth.with_(valve=Valve(rise_time=0.6, fall_time=0.6))
+    rungs = (RUNGS[1], RUNGS[3])
+    found = ladder([traced(slow)], [], truth.with_(valve=Valve()), common=["torque_1"], step=STEP, rungs=rungs)
+    assert found.result.values["valve_rise"] == pytest.approx(0.6, rel=0.02)
+    assert found.result.values["valve_fall"] == pytest.approx(0.6, rel=0.02)
+
+
+def test_creep_is_found(truth: Model, traced: Any) -> None:
+    soft = truth.with_(valve=Valve(), memory=Memory(creep_share=(0.4,), creep_time=(0.15,)))
+    rungs = (RUNGS[1], RUNGS[5])
+    train, held = [traced(soft, "a", 6e4)], [traced(soft, "b", 1e5)]
+    found = ladder(train, held, truth.with_(valve=Valve()), step=STEP, rungs=rungs)
+    assert found.chosen == "creep"
+    assert found.result.values["creep_share_1"] == pytest.approx(0.4, rel=0.05)
+    assert found.result.values["creep_time_1"] == pytest.approx(0.15, rel=0.05)
+    assert found.step.error < 0.1
+    assert found.to_dict()["rungs"]["creep"]["step_ns"] > 0
+
+
+def test_where_nothing_rings_stiffness_stays_simulable(truth: Model, traced: Any) -> None:
+    """A body that follows a slow pressure shows K, D and torque as one product: a fit alone drives them up for ever."""
+    over = truth.with_(damping=0.5, valve=Valve(rise_time=0.1, fall_time=0.1))
+    found = ladder([traced(over)], [], truth.with_(valve=Valve()), common=["torque_1"], step=STEP, rungs=RUNGS[1:2])
+    assert found.result.model.stiffness.max() < 1e3
+
+
+def test_rungs_need_names(truth: Model, traced: Any) -> None:
+    with pytest.raises(InputError, match="names differ"):
+        ladder([traced(truth)], [], truth, rungs=(RUNGS[0], RUNGS[0]))

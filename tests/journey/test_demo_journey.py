@@ -1,0 +1,71 @@
+"""The whole chain on the bundled recordings: from a fibre's points to a prediction, with a truth to hold it against."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.preprocessing.quality import quality
+from pliant.study import demo_study, load_study, run_study
+from pliant.testbed import bundled_recording
+from pliant.testbed.rod import actuator
+from pliant.validation.outcome import StudyOutcome
+
+LINK = 0.17 / 5
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyOutcome, Path, float]:
+    study = load_study(demo_study())
+    fits = {name: fit.model_copy(update={"starts": 1}) for name, fit in study.fits.items()}
+    folder = tmp_path_factory.mktemp("demo")
+    began = time.perf_counter()
+    outcome = run_study(study.model_copy(update={"fits": fits}), folder)
+    return outcome, folder, time.perf_counter() - began
+
+
+def test_pulse_of_the_paper_is_predicted_without_having_been_seen(demo):
+    records = demo[0].to_dict()["records"]
+    assert records["pulse_119"]["role"] == "held_out"
+    assert records["pulse_119"]["rmse_percent_of_length"] < 1.5
+    assert records["step_240"]["rmse_percent_of_travel"] < 5
+    for record in records.values():
+        pair = record["frequency_hz"]
+        assert pair["modelled"] == pytest.approx(pair["measured"], rel=0.03)
+
+
+def test_tip_is_found_where_the_body_ends(demo):
+    shape = demo[0].shape
+    assert shape is not None
+    assert shape.arc_length[-1] == pytest.approx(0.17, abs=1e-9)
+    assert shape.links.n == 5
+    assert float(shape.order.max_error[shape.order.orders.index(5)].max()) < 3e-3
+    assert np.abs(shape.links.link_length / LINK - 1).max() < 0.01
+
+
+def test_no_inverse_crime(demo):
+    """The links do not give back the rod's own stiffness, and what they leave is more than the sensor's noise."""
+    result = demo[0].fits[0].result
+    generating = actuator("a").bending_stiffness / LINK
+    assert abs(result.values["stiffness"] / generating - 1) > 0.2
+    noise = float(np.nanmedian(list(quality(bundled_recording("pulse_60")).noise_m.values())))
+    assert min(result.rmse.values()) > 3 * noise
+
+
+def test_everything_is_written(demo):
+    outcome, folder, _ = demo
+    names = {p.name for p in folder.iterdir()}
+    assert {"model.json", "metrics.json", "study.json", "report.html", "figures"} <= names
+    figures = {p.stem for p in (folder / "figures").glob("*.png")}
+    assert any("motion" in f for f in figures)
+    metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    assert metrics["order"]["chosen"] == 3
+    assert outcome.verdict[0] in (folder / "report.html").read_text(encoding="utf-8").replace("&#39;", "'")
+
+
+def test_within_a_loose_budget(demo):
+    assert demo[2] < 60

@@ -1,0 +1,191 @@
+"""Clocks brought together, new samples in time and along the body, and repairs: all counted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pliant.errors import InputError
+from pliant.preprocessing.repair import drop_repeated_frames, fill_gaps, undo_orientation_jumps
+from pliant.preprocessing.resample import pressure_on_shape_clock, resample_arc_length, resample_time
+from pliant.preprocessing.sync import shift_pressure, sync
+from pliant.recording import make_recording, read, write
+
+TIME = np.arange(1000) / 100
+CLOCK = np.arange(0, 10, 0.004)
+
+
+def pulses(t):
+    return 1e5 * (((t > 1) & (t < 3)) | ((t > 5) & (t < 6.2)) | (t > 8.1)).astype(float)
+
+
+def ringing(delay):
+    """A 5 Hz body with 10 % damping that answers the pulses after `delay`."""
+    dt, q, v, out = 1e-3, 0.0, 0.0, []
+    w = 2 * np.pi * 5
+    for t in np.arange(0, 10, dt):
+        v += dt * (w * w * (pulses(t - delay) * 1e-7 - q) - 0.2 * w * v)
+        q += dt * v
+        out.append(q)
+    return np.interp(TIME, np.arange(0, 10, dt), out)
+
+
+def body(course, rng, noise=2e-5):
+    position = np.zeros((len(TIME), 3, 3))
+    position[..., 1] = course[:, None] * [0, 0.3, 1]
+    position[..., 0] = [0, 0.1, 0.2]
+    return make_recording(TIME, position + noise * rng.normal(size=position.shape),
+                          pressure=pulses(CLOCK), pressure_time=CLOCK)  # fmt: skip
+
+
+@pytest.mark.parametrize("delay", [-0.42, 0.0, 0.137, 0.8])
+def test_the_onset_finds_the_delay_of_a_ringing_body(rng, delay):
+    found = sync(body(ringing(delay), rng))
+    assert found.method == "onset"
+    # a body of 5 Hz takes a few milliseconds to show that it moves
+    assert found.delay_s == pytest.approx(delay, abs=0.015)
+    assert 0 < found.uncertainty_s < 0.02
+    assert "ms" in found.summary()
+
+
+@pytest.mark.parametrize("delay", [-0.3, 0.05, 0.6])
+def test_the_correlation_finds_the_delay_of_a_body_that_follows_at_once(rng, delay):
+    smooth = np.interp(TIME - delay, CLOCK, np.cumsum(pulses(CLOCK) - 4e4)) * 1e-9
+    ds = body(smooth, rng)
+    ds["pressure"].values[:] = np.cumsum(pulses(CLOCK) - 4e4)
+    found = sync(ds, method="correlation")
+    assert abs(found.delay_s - delay) < max(3 * found.uncertainty_s, 0.005)
+
+
+def test_the_pressure_is_shifted(rng):
+    ds = body(ringing(0.5), rng)
+    shifted = shift_pressure(ds, sync(ds).delay_s)
+    assert abs(sync(shifted).delay_s) < 0.02
+    assert "clock of the pressure moved" in shifted.attrs["history"]
+    assert ds["pressure_time"].values[0] == 0.0
+
+
+def test_delays_that_cannot_be_found_are_refused(rng):
+    ds = body(ringing(0.0), rng)
+    with pytest.raises(InputError, match="lacks one"):
+        sync(ds.drop_vars("pressure"))
+    with pytest.raises(InputError, match="constant"):
+        sync(ds.assign(pressure=ds["pressure"].copy(data=np.zeros(len(CLOCK)))))
+    with pytest.raises(InputError, match="agree at no delay"):
+        sync(body(np.zeros(len(TIME)), rng))
+    with pytest.raises(InputError, match="raise largest_s"):
+        sync(body(ringing(0.8), rng), largest_s=0.3)
+    with pytest.raises(InputError, match="method"):
+        sync(ds, method="guess")
+
+
+def test_a_regular_clock_and_its_gaps(rng):
+    time = np.sort(np.concatenate([np.arange(0, 2, 0.01), np.arange(2.5, 4, 0.01)]))
+    position = np.stack([time, time**2, 0 * time], -1)[:, None]
+    quaternion = Rotation.from_rotvec(time[:, None] * [0, 0, 1]).as_quat()[:, None]
+    quaternion[50:] *= -1
+    ds = make_recording(time, position, quaternion=quaternion, pressure=[0, 1], pressure_time=[0, 1])
+    new = resample_time(ds, rate_hz=40, longest_gap_s=0.05)
+    assert np.allclose(np.diff(new["time"]), 0.025)
+    inside = (new["time"].values > 1.995) & (new["time"].values < 2.49)
+    assert np.isnan(new["position"].values[inside]).all()
+    assert np.isfinite(new["position"].values[~inside]).all()
+    np.testing.assert_allclose(new["position"].values[~inside, 0, 0], new["time"].values[~inside], atol=1e-12)
+    turned = Rotation.from_quat(new["quaternion"].values[~inside, 0]).as_rotvec()[:, 2]
+    wrapped = (new["time"].values[~inside] + np.pi) % (2 * np.pi) - np.pi
+    np.testing.assert_allclose(turned, wrapped, atol=1e-4)
+    assert f"{int(inside.sum())} points missing" in new.attrs["history"]
+    assert "pressure" in new
+    at = resample_time(ds, time=[0.5, 1.0], longest_gap_s=0.05)
+    assert at["position"].values[1, 0, 1] == pytest.approx(1.0)
+
+
+def test_the_pressure_comes_to_the_clock_of_the_shape(tmp_path, rng):
+    ds = pressure_on_shape_clock(body(ringing(0), rng))
+    np.testing.assert_array_equal(ds["pressure_time"], TIME)
+    np.testing.assert_allclose(ds["pressure"].values[150], 1e5)
+    read(write(ds, tmp_path / "a.csv"))
+
+
+def test_a_circle_is_resampled_to_within_ten_micrometres():
+    s = np.array([0, 0.011, 0.02, 0.033, 0.041, 0.052, 0.06, 0.071, 0.08, 0.093, 0.1])
+    kappa = np.linspace(5, 20, 30)[:, None]
+    circle = lambda s: np.stack([(1 - np.cos(kappa * s)) / kappa, np.sin(kappa * s) / kappa, 0 * kappa * s], -1)  # noqa: E731
+    position = circle(s)
+    position[3, 5] = np.nan
+    position[4, 4:7] = np.nan
+    ds = make_recording(np.arange(30), position, arc_length=s)
+    new = resample_arc_length(ds, spacing_mm=0.8)
+    assert new.sizes["station"] == 126
+    assert np.allclose(np.diff(new["arc_length"]), 0.0008)
+    filled = np.isfinite(new["position"].values).all(-1)
+    assert filled[3].all()
+    assert not filled[4].all()
+    whole = [t for t in range(30) if t not in (3, 4)]
+    np.testing.assert_allclose(new["position"].values[whole], circle(new["arc_length"].values)[whole], atol=1e-5)
+    assert f"{int((~filled).sum())} points missing" in new.attrs["history"]
+
+
+@pytest.mark.parametrize("options", [{"spacing_mm": 0}, {"spacing_mm": 500}, {"spacing_mm": np.nan}])
+def test_impossible_spacings_are_refused(options):
+    place = np.linspace(0, 0.1, 6)[:, None] * [1, 0, 0]
+    ds = make_recording([0, 1], np.broadcast_to(place, (2, 6, 3)))
+    with pytest.raises(InputError, match="spacing"):
+        resample_arc_length(ds, **options)
+    with pytest.raises(InputError, match="at least 4 stations"):
+        resample_arc_length(ds.isel(station=slice(0, 3)), spacing_mm=1)
+
+
+def test_times_that_cannot_be_resampled_are_refused():
+    ds = make_recording([0, 1], np.zeros((2, 1, 3)))
+    for options in ({}, {"rate_hz": 1, "time": [0]}, {"rate_hz": -1}, {"rate_hz": np.inf}, {"time": [1, 0]}):
+        with pytest.raises(InputError):
+            resample_time(ds, longest_gap_s=1, **options)
+
+
+def test_short_gaps_are_filled_on_request_and_counted():
+    position = np.stack([TIME, 2 * TIME, 0 * TIME], -1)[:, None].copy()
+    position[10:13] = np.nan
+    position[100:150] = np.nan
+    position[-1] = np.nan
+    ds = make_recording(TIME, position)
+    filled = fill_gaps(ds, longest_s=0.05)
+    np.testing.assert_allclose(filled["position"].values[11, 0], [0.11, 0.22, 0])
+    assert np.isnan(filled["position"].values).any(-1).sum() == 51
+    assert "filled 3 drop-out(s)" in filled.attrs["history"]
+    assert "51 are left" in filled.attrs["history"]
+    assert np.isnan(ds["position"].values[11]).all()
+    with pytest.raises(InputError, match="positive"):
+        fill_gaps(ds, longest_s=0)
+
+
+def test_repeated_frames_are_left_out_on_request(rng):
+    ds = body(ringing(0), rng)
+    ds["position"].values[1::2] = ds["position"].values[::2]
+    kept = drop_repeated_frames(ds)
+    assert kept.sizes["time"] == 500
+    assert kept.sizes["pressure_time"] == len(CLOCK)
+    assert "left out 500 of 1000 frames" in kept.attrs["history"]
+
+
+def test_orientations_of_a_symmetric_cluster_are_made_one(rng):
+    turn = Rotation.from_rotvec(np.linspace(0, 1, 200)[:, None] * [0.6, 0, 0.8])
+    symmetric = Rotation.from_euler("z", 120, degrees=True)
+    q = turn.as_quat()
+    q[50:60], q[60:80] = (turn * symmetric).as_quat()[50:60], (turn * symmetric.inv()).as_quat()[60:80]
+    q[90:95] *= -1
+    ds = make_recording(np.arange(200), np.zeros((200, 1, 3)), quaternion=q[:, None])
+    fixed = undo_orientation_jumps(ds)
+    error = Rotation.from_quat(fixed["quaternion"].values[:, 0]) * turn.inv()
+    assert error.magnitude().max() < 0.02
+    assert "s000 30" in fixed.attrs["history"]
+
+
+def test_a_jump_that_stays_is_no_reason_to_turn_half_the_recording():
+    """After a single jump nothing tells which side is right: the side with more frames wins, and it is told."""
+    q = np.tile([0.0, 0, 0, 1], (100, 1))
+    q[70:] = [1, 0, 0, 0]
+    fixed = undo_orientation_jumps(make_recording(np.arange(100), np.zeros((100, 1, 3)), quaternion=q[:, None]))
+    assert "s000 30" in fixed.attrs["history"]
+    np.testing.assert_allclose(np.abs(fixed["quaternion"].values[:, 0, 3]), 1)

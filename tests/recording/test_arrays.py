@@ -1,0 +1,100 @@
+"""NumPy and MATLAB files: usual names without a mapping, other names with one."""
+
+from __future__ import annotations
+
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from pliant.errors import InputError
+from pliant.recording import read
+
+TIME = np.arange(6) / 10
+POSITION = np.arange(6 * 2 * 3.0).reshape(6, 2, 3)
+
+
+def test_usual_names_need_no_mapping(tmp_path):
+    np.savez(tmp_path / "a.npz", t=TIME, xyz=POSITION, p_kpa=np.arange(3), t_p=np.arange(3), s=[0, 0.1])
+    ds = read(tmp_path / "a.npz")
+    np.testing.assert_array_equal(ds["position"], POSITION)
+    assert ds["pressure"].values.tolist() == [0, 1000, 2000]
+    assert ds["arc_length"].values.tolist() == [0, 0.1]
+
+
+def test_other_names_units_and_orders_by_mapping(tmp_path):
+    savemat(tmp_path / "a.mat", {"log": {"pos": np.transpose(POSITION, (2, 1, 0)), "press": np.arange(6.0)}})
+    mapping = {"position": "log.pos", "order": "ast", "length_unit": "mm", "rate_hz": 10, "pressure": "log.press"}
+    with pytest.raises(InputError, match="pressure_unit"):
+        read(tmp_path / "a.mat", mapping=mapping)
+    ds = read(tmp_path / "a.mat", mapping=mapping | {"pressure_unit": "bar", "station": ["base", "tip"]})
+    np.testing.assert_allclose(ds["position"], POSITION / 1000)
+    np.testing.assert_allclose(ds["time"], TIME)
+    assert ds["pressure"].values[-1] == 5e5
+
+
+def test_matlab_73_is_read(tmp_path):
+    pytest.importorskip("matio", reason="MATLAB 7.3 needs the extra io")
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in {"time": TIME[None], "position": POSITION}.items():
+            stored = file.create_dataset(name, data=value.T)
+            stored.attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116, b" ") + bytes(8) + b"\x00\x02IM")
+    ds = read(path)
+    np.testing.assert_array_equal(ds["position"], POSITION)
+
+
+def test_matlab_73_without_the_extra_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matio", None)
+    (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file" + bytes(1000))
+    with pytest.raises(InputError, match=r"pliant\[io\]"):
+        read(tmp_path / "a.mat")
+
+
+def test_strain_and_a_single_station(tmp_path):
+    np.savez(tmp_path / "a.npz", time=TIME, strain=np.zeros((6, 3, 4)), gauge_position=np.arange(4.0))
+    assert read(tmp_path / "a.npz")["strain"].shape == (6, 3, 4)
+    np.savez(tmp_path / "b.npz", time=TIME, position=POSITION[:, 0])
+    assert read(tmp_path / "b.npz").sizes["station"] == 1
+
+
+@pytest.mark.parametrize(
+    ("arrays", "mapping", "message"),
+    [
+        ({"position": POSITION}, None, "time. or rate_hz"),
+        ({"t": TIME, "time": TIME, "position": POSITION}, None, "t, both|time and t"),
+        ({"t": TIME, "q": POSITION}, None, r"its arrays are: t \(6,\), q \(6, 2, 3\)"),
+        ({"t": TIME, "position": POSITION}, {"position": "pos"}, "no array 'pos'"),
+        ({"t": TIME, "position": POSITION}, {"rate_hz": 5}, "must not be given too"),
+        ({"t": TIME[:3], "position": POSITION}, None, "do not fit"),
+        ({"t": TIME, "position": POSITION.astype(str)}, None, "no real numbers"),
+        ({"t": TIME, "position": POSITION, "p_kpa": TIME, "p_bar": TIME}, None, "several pressures"),
+        ({"t": TIME, "position": np.zeros((6, 2, 3, 1))}, None, "2 or 3 dimensions"),
+        ({"t": TIME, "position": np.zeros((6, 2, 5))}, None, "2 .planar. or 3"),
+    ],
+)
+def test_what_does_not_fit_is_named(tmp_path, arrays, mapping, message):
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(InputError, match=message):
+        read(tmp_path / "a.npz", mapping=mapping)
+
+
+def test_pickled_objects_are_refused(tmp_path):
+    np.savez(tmp_path / "a.npz", time=np.array([{}], dtype=object))
+    with pytest.raises(InputError, match="allow_pickle"):
+        read(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("share", [0.001, 0.1, 0.5, 0.9, 0.99])
+def test_cut_files_are_refused(tmp_path, share):
+    np.savez_compressed(tmp_path / "a.npz", time=TIME, position=POSITION)
+    savemat(tmp_path / "a.mat", {"time": TIME, "position": POSITION}, do_compression=True)
+    for name in ("a.npz", "a.mat"):
+        data = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(data[: max(1, int(share * len(data)))])
+        with pytest.raises(InputError):
+            read(tmp_path / name)

@@ -1,0 +1,84 @@
+"""A mapping alone reads a foreign table; what does not fit the table is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.errors import InputError
+from pliant.recording import read
+
+TABLE = "ID,x1,y1,z1,x2,y2,z2\n0,1,2,3,4,5,6\n0,1,2,3,4,5,7\n3,1,2,3,4,5,8\n3,1,2,3,4,5,9\n"
+MAPPING = {
+    "header": True, "rate_hz": 100.0, "length_unit": "mm", "select": {"column": "ID", "value": 3},
+    "stations": {"base": {"position": ["x1", "y1", "z1"]}, "tip": {"position": ["x2", "y2", "z2"]}},
+}  # fmt: skip
+
+
+@pytest.fixture
+def table(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(TABLE)
+    return path
+
+
+def test_a_trial_is_selected_and_counted(table):
+    ds = read(table, mapping=MAPPING)
+    assert ds["station"].values.tolist() == ["base", "tip"]
+    np.testing.assert_allclose(ds["position"].values[:, 1, 2], [0.008, 0.009])
+    assert ds["time"].values.tolist() == [0, 0.01]
+    assert "kept 2 of 4 rows: ID = 3" in ds.attrs["history"]
+    assert ds.attrs["source_format"] == "columns"
+
+
+def test_points_side_by_side_in_white_space(tmp_path):
+    (tmp_path / "a.txt").write_text("1 2 3  4 5 6\n1 2 3 4 5 7\n")
+    ds = read(tmp_path / "a.txt", mapping={"delimiter": "space", "rate_hz": 1, "length_unit": "m",
+                                           "points": {"count": 2, "order": "zyx"}})  # fmt: skip
+    assert ds["position"].values[1].tolist() == [[3, 2, 1], [7, 5, 4]]
+
+
+def test_time_pressure_and_quaternions_by_index(tmp_path):
+    (tmp_path / "a.txt").write_text("0,10,1,2,3,0,0,0,-1\n20,11,1,2,3,0,0,0,9\n")
+    ds = read(tmp_path / "a.txt", mapping={
+        "time": 0, "time_unit": "ms", "length_unit": "m", "pressure": {"columns": [1], "unit": "psi"},
+        "stations": {"tip": {"position": [2, 3, 4], "quaternion": [5, 6, 7, 8]}}})  # fmt: skip
+    assert ds["time"].values.tolist() == [0, 0.02]
+    assert ds["pressure"].values[0] == pytest.approx(68947.57)
+    assert ds["quaternion"].values[0, 0].tolist() == [0, 0, 0, -1]
+    assert np.isnan(ds["quaternion"].values[1]).all()
+    assert "1 quaternion(s) of tip" in ds.attrs["history"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"select": {"column": "ID", "value": 7}}, "no row .* it holds 0, 3"),
+        ({"select": {"column": "trial", "value": 3}}, "no column 'trial'; available: ID"),
+        ({"stations": {"tip": {"position": [1, 2, 99]}}}, "no column 99"),
+        ({"stations": {"tip": {"position": [1]}}}, "stations.tip.position"),
+        ({"stations": None}, "either stations or points"),
+        ({"points": {"count": 2}}, "either stations or points"),
+        ({"rate_hz": None}, "either time, a column, or rate_hz"),
+        ({"rate_hz": -1}, "rate_hz"),
+        ({"length_unit": "elbow"}, "elbow"),
+        ({"colour": "red"}, "unknown key 'colour'; known are delimiter"),
+        ({"rows": [0, 9]}, "do not lie within the 2 rows"),
+        ({"header": False}, "line 1, cell 1 .* 'ID'"),
+        ({"delimiter": ";"}, "not a number"),
+        ({"skip_lines": 50}, "no row after"),
+        ({"arc_length": [0, 0.1, 0.2]}, "do not fit together"),
+        ({"time": "ID", "rate_hz": None}, "increase strictly"),
+    ],
+)
+def test_what_does_not_fit_is_named(table, change, message):
+    with pytest.raises(InputError, match=message):
+        read(table, mapping=MAPPING | change)
+
+
+def test_a_table_without_a_mapping_is_refused(tmp_path):
+    (tmp_path / "a.txt").write_text("1 2 3\n")
+    with pytest.raises(InputError, match="a mapping must say its columns"):
+        read(tmp_path / "a.txt")
+    with pytest.raises(InputError, match="must be a dict"):
+        read(tmp_path / "a.txt", mapping=["points"])

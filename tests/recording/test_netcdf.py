@@ -1,0 +1,87 @@
+"""netCDF keeps a recording bit by bit, is written whole or not at all, and is read fast."""
+
+from __future__ import annotations
+
+import time as clock
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.recording import make_recording, read, write
+from pliant.recording.netcdf import write_netcdf
+
+
+def test_what_is_written_comes_back(recording, tmp_path):
+    path = write(recording, tmp_path / "a.nc")
+    again = read(path)
+    xr.testing.assert_equal(again, recording)
+    assert again["position"].attrs == recording["position"].attrs
+    assert again.attrs["nominal_pressure"] == 1e4
+    assert again.attrs["history"] == "made for a test\nread a.nc as netcdf"
+    assert len(again.attrs["source_sha256"]) == 64
+    assert [p.name for p in tmp_path.iterdir()] == ["a.nc"]
+
+
+def test_the_first_source_is_kept(recording, tmp_path):
+    first = read(write(recording, tmp_path / "a.nc"))
+    second = read(write(first, tmp_path / "b.nc"))
+    assert second.attrs["source"] == "a.nc"
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_single_precision_comes_back_as_double(recording, tmp_path, compress):
+    write_netcdf(recording, tmp_path / "a.nc", float32=True, compress=compress)
+    again = read(tmp_path / "a.nc")
+    assert again["position"].dtype == np.float64
+    xr.testing.assert_allclose(again, recording, rtol=1e-6)
+    assert np.array_equal(again["time"], recording["time"])
+
+
+def test_a_classic_file_is_read(tmp_path):
+    ds = make_recording([0, 1, 2], np.ones((3, 2, 3)))
+    ds.to_netcdf(tmp_path / "a.nc", engine="scipy")
+    xr.testing.assert_equal(read(tmp_path / "a.nc"), ds)
+
+
+def test_a_failed_write_leaves_the_old_file(recording, tmp_path):
+    path = write(recording, tmp_path / "a.nc")
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="schema"):
+        write(recording.drop_attrs(), path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.nc"]
+
+
+def test_folders_that_are_not_there_and_unknown_endings_are_refused(recording, tmp_path):
+    with pytest.raises(InputError, match="cannot write"):
+        write(recording, tmp_path / "none" / "a.nc")
+    with pytest.raises(InputError, match=r"written as .nc or .csv"):
+        write(recording, tmp_path / "a.mat")
+
+
+def test_netcdf_of_others_is_refused_by_name(tmp_path):
+    xr.Dataset({"temperature": ("x", [1.0])}).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match="temperature"):
+        read(tmp_path / "a.nc")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.6, 0.99])
+def test_a_cut_file_is_refused(recording, tmp_path, share):
+    data = write(recording, tmp_path / "a.nc").read_bytes()
+    (tmp_path / "b.nc").write_bytes(data[: int(share * len(data))])
+    with pytest.raises(InputError):
+        read(tmp_path / "b.nc")
+
+
+def test_a_minute_of_a_dense_shape_is_read_in_a_second(tmp_path):
+    frames = 15_000
+    position = np.zeros((frames, 212, 3)) + np.arange(frames)[:, None, None]
+    write_netcdf(make_recording(np.arange(frames) / 250, position), tmp_path / "a.nc", float32=True)
+    del position
+    start = clock.perf_counter()
+    ds = read(tmp_path / "a.nc")
+    elapsed = clock.perf_counter() - start
+    assert ds.sizes == {"time": frames, "station": 212, "axis": 3}
+    assert elapsed < 3.0, f"{elapsed:.2f} s"  # under 1 s on an idle machine

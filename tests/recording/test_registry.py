@@ -1,0 +1,60 @@
+"""The right reader is found, by ending and content; xarray opens the same files."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.recording import read, readers, write
+from pliant.recording.backend import RecordingBackend
+from pliant.recording.registry import BUILT_IN
+
+PROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
+
+
+def test_xarray_opens_recordings(recording, tmp_path):
+    path = write(recording, tmp_path / "a.csv")
+    ds = xr.open_dataset(path, engine=RecordingBackend)
+    xr.testing.assert_equal(ds.load(), recording)
+    assert "pressure" not in xr.open_dataset(path, engine=RecordingBackend, drop_variables="pressure")
+
+
+def test_the_package_announces_its_readers():
+    declared = tomllib.loads(PROJECT.read_text())["project"].get("entry-points", {}).get("pliant.readers")
+    if declared is None:
+        pytest.skip("pyproject.toml declares no entry points yet")
+    assert declared == BUILT_IN
+
+
+def test_every_built_in_reader_loads():
+    assert {name: reader.name for name, reader in readers().items() if name in BUILT_IN} == {
+        name: name for name in BUILT_IN
+    }
+
+
+def test_files_that_are_absent_or_unknown_are_named(tmp_path):
+    with pytest.raises(InputError, match="absent"):
+        read(tmp_path / "a.csv")
+    with pytest.raises(InputError, match="a folder"):
+        read(tmp_path)
+    (tmp_path / "a.xyz").write_text("1 2 3")
+    with pytest.raises(InputError, match="no known format"):
+        read(tmp_path / "a.xyz")
+    with pytest.raises(InputError, match="use one of netcdf"):
+        read(tmp_path / "a.xyz", format="word")
+    (tmp_path / "b.csv").write_bytes(b"")
+    with pytest.raises(InputError, match="empty"):
+        read(tmp_path / "b.csv")
+
+
+@pytest.mark.parametrize("ending", [".nc", ".c3d", ".npz", ".mat", ".tsv", ".csv", ".txt", ".h5"])
+@pytest.mark.parametrize("content", [b"\x00" * 3000, b"\xff\xfe\x00a" * 900, b"no numbers here\n", b"1"])
+def test_any_bytes_under_any_ending_end_in_one_sentence(tmp_path, ending, content):
+    (tmp_path / f"a{ending}").write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read(tmp_path / f"a{ending}")
+    assert "\n" not in str(caught.value)

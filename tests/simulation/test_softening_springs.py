@@ -1,0 +1,102 @@
+"""Chains whose springs soften with the angle: against adaptive solvers and closed forms, and where they give way."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+import pytest
+
+from pliant.campaign.batch import simulate_batch
+from pliant.errors import SimulationError
+from pliant.model import Memory, Model
+from pliant.simulation import Pulse, Stepper, equilibrium, modes, simulate
+
+PULSE = Pulse(9e4, 0.05, 0.2)
+TIMES = np.linspace(0.0, 0.3, 24)
+
+
+@pytest.fixture(scope="module")
+def soft(paper):
+    """The paper's chain, softening, with nothing that takes energy."""
+    return paper.with_(stiffening=[-2.0, -1.0, -1.5, -0.5, -1.5], damping=0.0)
+
+
+def balance(run):
+    stored = run.kinetic_energy + run.elastic_energy + run.gravitational_energy
+    return np.abs((stored - run.input_work - stored[0]).values).max() / float(stored.max())
+
+
+def test_an_undamped_chain_keeps_its_energy_to_second_order(soft):
+    """Let go from a bent pose: LSODA keeps the energy of the cubic potential, the step keeps it to its own order."""
+    bent = {"times": np.linspace(0.0, 0.1, 9), "initial_angle": np.full(5, 0.05)}
+    assert balance(simulate(soft, Pulse(0.0), method="LSODA", rtol=1e-8, **bent)) < 1e-6
+    gaps = [balance(simulate(soft, Pulse(0.0), step=h, **bent)) for h in (2.5e-4, 1.25e-4)]
+    assert 3.0 < gaps[0] / gaps[1] < 5.0
+    assert gaps[1] < 1e-4
+
+
+def order(model):
+    """Errors of the tips at two steps against LSODA, m, and what springs without softening would err."""
+    tight = simulate(model, PULSE, times=TIMES, method="LSODA", rtol=1e-9).tip_position
+    runs = [simulate(m, PULSE, times=TIMES, step=h) for m, h in (
+        (model, 1e-3), (model, 5e-4), (model.with_(stiffening=0.0), 5e-4)
+    )]  # fmt: skip
+    return [float(np.abs(run.tip_position - tight).max()) for run in runs]
+
+
+@pytest.mark.parametrize("memory", [Memory(), Memory(creep_share=(0.2,), creep_time=(0.3,))])
+def test_second_order_against_lsoda(soft, memory):
+    """Branches of memory stay straight beside springs that bend."""
+    coarse, fine, straight = order(soft.with_(damping=8e-3, memory=memory))
+    assert 3.4 < coarse / fine < 4.6
+    assert fine < 1e-3 * straight
+
+
+def test_frequency_about_a_bent_pose_is_lower_by_the_root_of_the_tangent():
+    arm = Model(link_length=0.1, link_mass=0.02, stiffness=0.4, damping=1e-3, torque=[1e-6], stiffening=-0.8)
+    rest = modes(arm)[0][0]
+    assert modes(arm, np.array([0.3]))[0][0] == pytest.approx(rest * np.sqrt(1 - 2 * 0.8 * 0.3), rel=1e-12)
+    assert rest == pytest.approx(np.sqrt(0.4 / (0.02 * 0.1**2 / 3)) / (2 * np.pi), rel=1e-12)
+
+
+def test_rest_under_pressure_and_gravity(soft):
+    q = equilibrium(soft, 1e5)
+    torque = soft.torque_at(1e5)
+    assert soft.stiffness * q * (1 + soft.stiffening * q) == pytest.approx(np.full(5, torque), rel=1e-13)
+    fallen = soft.with_(gravity=[0.0, -9.81])
+    held = simulate(fallen, Pulse(6e4, -1.0, 9.0), duration=0.05)
+    assert np.abs(held.joint_rate.values).max() < 1e-9
+    near = soft.with_(gravity=[0.0, -1e-12])  # the search of gravity ends where the closed form does
+    assert equilibrium(near, 1e5) == pytest.approx(q, rel=1e-9)
+
+
+def test_without_stiffening_rest_is_the_linear_one_bit_for_bit(paper):
+    assert np.array_equal(equilibrium(paper, 1.19e5), paper.joint_gain * paper.torque_at(1.19e5) / paper.stiffness)
+
+
+def test_a_batch_is_its_single_runs_and_tells_which_gave_way(soft):
+    damped = soft.with_(damping=8e-3)
+    values = np.repeat(np.linspace(-0.6, 0.4, 3)[:, None], 5, axis=1)
+    batch = simulate_batch(damped, PULSE, parameters={"stiffening": values}, times=TIMES)
+    for row, found in zip(values, batch["tip_position"].values, strict=True):
+        alone = simulate(damped.with_(stiffening=row), PULSE, times=TIMES)["tip_position"].values[:, -1]
+        assert found.reshape(len(TIMES), -1)[:, -2:] == pytest.approx(alone, abs=1e-12)
+    some = {"stiffening": np.array([-0.3, -8.0])}
+    lost = simulate_batch(damped, PULSE, parameters=some, times=TIMES, failures="mark")
+    assert np.isnan(lost["failed_at"].values).tolist() == [True, False]
+
+
+def test_springs_that_give_way_end_the_simulation_in_a_sentence(soft):
+    weak = soft.with_(stiffening=-8.0)
+    with pytest.raises(SimulationError, match=r"after the start the spring of joint \d has softened to nothing at"):
+        simulate(weak, PULSE, times=TIMES)
+    with pytest.raises(SimulationError, match="softened to nothing"):
+        simulate(weak.with_(memory=Memory(creep_share=(0.1,), creep_time=(0.3,))), PULSE, times=TIMES)
+    with pytest.raises(SimulationError, match="softened to nothing"):
+        simulate(weak, PULSE, times=TIMES, method="LSODA")
+    with pytest.raises(SimulationError, match=r"joint 1, which softens with its angle, holds at most 0\.05"):
+        equilibrium(weak, 1e5)
+    stepper = Stepper(weak)
+    with pytest.raises(SimulationError, match="softened to nothing"):
+        deque((stepper.step(9e4) for _ in range(500)), maxlen=0)

@@ -1,0 +1,130 @@
+"""A study file is checked whole before any work is done; every mistake is told in one sentence that names it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from small_study import STUDY, changed, write_study
+
+from pliant.errors import InputError
+from pliant.study import Study, load_study
+from pliant.study.prepare import hardly_moved, without
+
+TOML = """
+name = "small"
+[actuator]
+preset = "chen2018"
+[recordings.a]
+file = "a.csv"
+[fits.first]
+train = ["a"]
+parameters = { stiffness = "free", "tip.along" = 0.01, damping = { value = 1e-3, upper = 1.0 } }
+"""
+
+
+def test_toml_and_json_say_the_same(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text(TOML)
+    study = load_study(tmp_path / "a.toml")
+    assert study.folder == str(tmp_path)
+    assert study.fits["first"].starts == 3
+    (tmp_path / "a.json").write_text(json.dumps(study.model_dump(exclude_none=True)))
+    assert load_study(tmp_path / "a.json") == study
+
+
+def test_a_relative_folder_is_taken_from_the_study_file(tmp_path: Path) -> None:
+    write_study(tmp_path, {**STUDY, "folder": "data"}, recordings=False)
+    assert load_study(tmp_path / "study.json").folder == str(tmp_path / "data")
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "unknown key at the top": (changed(colour="red"), "'colour' is not a known entry"),
+    "unknown key in the actuator": (changed("actuator", lenght=0.1), "'actuator.lenght' is not a known entry"),
+    "unknown key in a recording": (changed("recordings", "low", unit="psi"), "'recordings.low.unit' is not a known"),
+    "unknown key in a fit": (changed("fits", "linear", held="middle"), "'fits.linear.held' is not a known entry"),
+    "unknown key in a parameter": (
+        changed("fits", "linear", "parameters", stiffness={"start": 1.0}), "'start' is not a known entry; use value",
+    ),
+    "unknown parameter": (changed("fits", "linear", "parameters", stifness="free"), "unknown parameter 'stifness'"),
+    "impossible start": (changed("fits", "linear", "parameters", stiffness=-1.0), "not within its bounds"),
+    "word for a number": (
+        changed("fits", "linear", "parameters", stiffness={"value": "big"}), "value must be a float, got 'big'",
+    ),
+    "unknown known": (
+        changed("recordings", "low", known={"tip_mas": 0.1}), "recording low: unknown parameter 'tip_mas'",
+    ),
+    "impossible known": (changed("recordings", "low", known={"tip_mass": -0.1}), "not within its bounds"),
+    "unknown known of a forecast": (
+        changed("forecasts", heavy={"like": "low", "known": {"load": 0.1}}), "forecast heavy: unknown parameter 'load'",
+    ),
+    "forecast like nothing": (changed("forecasts", heavy={"like": "lo"}), "is like recording 'lo'; listed are low"),
+    "train on what is not listed": (changed("fits", "linear", train=["lo"]), "fit linear uses recording 'lo'; listed"),
+    "hold out what is not listed": (changed("fits", "linear", held_out=["x"]), "fit linear uses recording 'x'; listed"),
+    "trained and held out": (changed("fits", "linear", held_out=["low"]), "trains on and holds out 'low'"),
+    "trains on nothing": (changed("fits", "linear", train=[]), "trains on no recording"),
+    "no fit": (changed("fits", value={}), "one under [fits]"),
+    "dot in a name": (changed("recordings", **{"a.b": {"file": "a.csv"}}), "has no dot, got 'a.b'"),
+    "dot in a forecast": (changed("forecasts", **{"a.b": {"like": "low"}}), "has no dot, got 'a.b'"),
+    "too many links": (changed("actuator", links=65), "less than or equal to 64"),
+    "step of zero": (changed(step=0.0), "'step' should be greater than 0"),
+    "no starts": (changed("fits", "linear", starts=0), "greater than or equal to 1"),
+    "unknown loss": (changed("fits", "linear", loss="l7"), "'linear', 'soft_l1', 'huber' or 'cauchy'"),
+    "a recording without a file": (changed("recordings", "low", value={}), "'recordings.low.file' is missing"),
+    "a text for a table": (changed("actuator", value="chen2018"), "'actuator' should be a valid dictionary"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_mistake_is_told_in_one_sentence(tmp_path: Path, case: str) -> None:
+    content, sentence = WRONG[case]
+    path = write_study(tmp_path, content, recordings=False)
+    with pytest.raises(InputError) as caught:
+        load_study(path)
+    message = str(caught.value)
+    assert sentence in message
+    assert str(path) in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(("name", "text", "sentence"), [
+    ("a.toml", "name = ", "is not valid TOML"), ("a.json", "{", "is not valid JSON"),
+    ("a.toml", "name = 'a'\nname = 'b'", "is not valid TOML"), ("a.json", "[1]", "should be a valid dictionary"),
+    ("a.toml", "", "'name' is missing"),
+])
+def test_a_file_that_is_no_study_is_refused(tmp_path: Path, name: str, text: str, sentence: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=sentence):
+        load_study(tmp_path / name)
+
+
+def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        load_study(tmp_path / "none.toml")
+    with pytest.raises(InputError, match="directory"):
+        load_study(tmp_path)
+    (tmp_path / "a.toml").write_bytes(b"name = '\xff'")
+    with pytest.raises(InputError, match="is not valid TOML"):
+        load_study(tmp_path / "a.toml")
+
+
+def test_a_study_made_in_memory_is_the_same_kind_of_thing() -> None:
+    assert Study.model_validate(STUDY).fits["linear"].held_out == ["middle"]
+
+
+def test_a_recording_that_hardly_moves_leaves_its_fits_and_a_fit_of_nothing_else_is_refused(tmp_path: Path) -> None:
+    write_study(tmp_path, STUDY, recordings=False)
+    study = load_study(tmp_path / "study.json")
+    (name, entry), *_ = study.fits.items()
+    still = entry.train[0]
+    two = study.model_copy(update={"fits": {name: entry.model_copy(update={"train": [still, "other"]})}})
+    assert without(two, [still]).fits[name].train == ["other"]
+    assert without(two, []) is two
+    with pytest.raises(InputError, match=f"fit {name} has nothing to learn from"):
+        without(two, [still, "other"])
+    moves = SimpleNamespace(travel=1e-2), SimpleNamespace(travel=1e-4)
+    said = hardly_moved(dict(zip(("a", "b"), moves, strict=True)), 0.1)
+    assert list(said) == ["b"]
+    assert "0.1 mm" in said["b"]

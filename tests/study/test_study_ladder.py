@@ -1,0 +1,54 @@
+"""A study with a ladder: the chosen rung is the study's model, and the page shows what each rung bought."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pliant.errors import InputError
+from pliant.study import demo_study, load_study, run_study
+
+
+def written(folder: Path, **ladder: Any) -> Path:
+    """The demo's study with a ladder in the place of its fits."""
+    content = tomllib.loads(demo_study().read_text(encoding="utf-8"))
+    (fit, *_) = content.pop("fits").values()
+    content.pop("forecasts", None)
+    content["folder"] = str(demo_study().parent)
+    common = {"torque_1": "free", "start": "free"}
+    content["ladder"] = {"common": common, "train": fit["train"], "held_out": fit["held_out"], **ladder}
+    path = folder / "ladder.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+def test_the_chosen_rung_is_the_model_and_the_page_shows_all(tmp_path: Path) -> None:
+    study = load_study(written(tmp_path, rungs=["given", "elastic"], bootstrap=20))
+    outcome = run_study(study, tmp_path / "out")
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
+    assert list(metrics["ladder"]["rungs"]) == ["given", "elastic"]
+    assert metrics["ladder"]["chosen"] == "elastic"
+    assert outcome.verdict[0].startswith("The ladder stops at K and D")
+    assert outcome.fits[0].name == "ladder"
+    assert outcome.fits[0].result.covariance.source == "block bootstrap"
+    for name, record in metrics["records"].items():
+        assert ("within_band_percent" in record) == (record["role"] == "held_out"), name
+        assert 50 < record.get("within_band_percent", 99) <= 100
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Ladder of models" in page
+    assert "uncertainty (block bootstrap)" in page
+    assert (tmp_path / "out" / "figures" / "ladder.svg").is_file()
+
+
+def test_a_rung_that_nobody_knows_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has a rung 'moon'"):
+        run_study(load_study(written(tmp_path, rungs=["moon"])))
+
+
+def test_a_ladder_s_records_must_be_listed(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="uses recording 'nowhere'"):
+        load_study(written(tmp_path, train=["nowhere"]))

@@ -1,0 +1,297 @@
+"""A whole study on recordings of a known body: what it finds, what it writes, what it refuses before any work."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from small_study import (
+    AXES,
+    DAMPING,
+    HEADER,
+    LEVELS_KPA,
+    STIFFNESS,
+    TORQUE,
+    changed,
+    table,
+    write_recording,
+    write_study,
+)
+
+from pliant.errors import FitError, InputError, PliantError
+from pliant.model import load_model
+from pliant.study import load_study, run_study
+from pliant.validation.outcome import StudyOutcome
+
+KEYS = {
+    "role", "rmse_mm", "max_mm", "rmse_percent_of_travel", "rmse_percent_of_length", "frequency_hz", "damping_ratio",
+    "overshoot_percent", "steady_state_error_mm",
+}
+
+
+def run(where: Path, content: dict[str, Any] | None = None, **options: Any) -> StudyOutcome:
+    """Run the small study, or a changed one, on its recordings, which are written to the folder `where`."""
+    return run_study(load_study(write_study(where, content)), **options)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyOutcome, Path, list[str]]:
+    """One run that wrote its folder, with a forecast: outcome, folder, told lines."""
+    folder = tmp_path_factory.mktemp("study")
+    content = changed("forecasts", heavier={"like": "high", "known": {"tip_mass": 0.02}, "title": "20 g at the tip"})
+    told: list[str] = []
+    outcome = run(folder, content, folder=folder / "out", progress=told.append)
+    return outcome, folder / "out", told
+
+
+@pytest.fixture(scope="module")
+def metrics(done: tuple[StudyOutcome, Path, list[str]]) -> dict[str, Any]:
+    """What metrics.json holds."""
+    text = (done[1] / "metrics.json").read_text()
+    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+
+
+def test_the_body_is_found_again(done: tuple[StudyOutcome, Path, list[str]]) -> None:
+    values = done[0].fits[0].result.values
+    assert values["stiffness"] == pytest.approx(STIFFNESS, rel=5e-3)
+    assert values["damping"] == pytest.approx(DAMPING, rel=1e-2)
+    assert values["torque_1"] == pytest.approx(TORQUE, rel=5e-3)
+
+
+def test_metrics_have_the_promised_names(metrics: dict[str, Any]) -> None:
+    assert {n: r["role"] for n, r in metrics["records"].items()} == {
+        "low": "train", "high": "train", "middle": "held_out",
+    }
+    for record in metrics["records"].values():
+        assert set(record) >= KEYS
+        assert record["rmse_mm"] < 0.1
+        assert record["rmse_percent_of_length"] == pytest.approx(record["rmse_mm"] / 1.2)
+        for name in ("frequency_hz", "damping_ratio", "overshoot_percent", "steady_state_mm"):
+            assert record[name]["modelled"] == pytest.approx(record[name]["measured"], rel=0.05)
+    assert set(metrics["parameters"]) == {"stiffness", "damping", "torque_1"}
+    assert metrics["parameters"]["stiffness"]["unit"] == "N m/rad"
+    assert all(entry["value"] > 0 for entry in metrics["parameters"].values())
+    assert metrics["timing"]["total_s"] >= metrics["timing"]["fits_s"] > 0
+    assert metrics["schema"] == "pliant-metrics"
+    assert metrics["schema_version"] == 1
+
+
+def test_the_model_file_is_the_fitted_model(done: tuple[StudyOutcome, Path, list[str]]) -> None:
+    outcome, folder, _ = done
+    assert load_model(folder / "model.json") == outcome.model
+    assert outcome.model.name == "small"
+    assert (outcome.model.stiffness == outcome.fits[0].result.values["stiffness"]).all()
+
+
+def test_the_resolved_study_gives_the_same_numbers(
+    done: tuple[StudyOutcome, Path, list[str]], metrics: dict[str, Any],
+) -> None:
+    again = json.loads(json.dumps(run_study(load_study(done[1] / "study.json")).to_dict()))
+    for name in ("records", "parameters", "forecasts", "verdict"):
+        assert again[name] == metrics[name]
+
+
+def test_the_report_stands_alone_and_figures_are_there(done: tuple[StudyOutcome, Path, list[str]]) -> None:
+    folder = done[1]
+    page = (folder / "report.html").read_text()
+    assert done[0].verdict[0].split(" has not been")[0] in page
+    names = {p.name for p in (folder / "figures").iterdir()}
+    assert {f"linear-{record}-motion.{kind}" for record in LEVELS_KPA for kind in ("svg", "png")} <= names
+
+
+def test_nothing_unfinished_is_left_behind(done: tuple[StudyOutcome, Path, list[str]]) -> None:
+    left = {p.name for p in done[1].rglob("*") if p.is_file() and (p.name.startswith(".") or p.suffix == ".tmp")}
+    assert left == set()
+    assert {p.name for p in done[1].iterdir()} == {"model.json", "metrics.json", "study.json", "report.html", "figures"}
+
+
+def test_a_run_tells_what_it_does(done: tuple[StudyOutcome, Path, list[str]]) -> None:
+    told = done[2]
+    assert [line.split(":")[0] for line in told if line.startswith("prepared")] == [f"prepared {n}" for n in LEVELS_KPA]
+    assert any(line.startswith("fit linear: The fit converged") for line in told)
+
+
+def test_the_verdict_speaks_of_held_out_records_first(done: tuple[StudyOutcome, Path, list[str]]) -> None:
+    first, second, third = done[0].verdict
+    assert first.startswith("linear: record middle has not been seen by the fit and is predicted to 0.0")
+    assert first.endswith("(target 5 %: met).")
+    assert "training records are followed to" in second
+    assert third.startswith("Forecast")
+    assert "20 g at the tip: frequency" in third
+
+
+def test_a_forecast_changes_only_what_it_states(metrics: dict[str, Any]) -> None:
+    forecast = metrics["forecasts"]["heavier"]
+    assert forecast["stated"] == {"tip_mass": 0.02}
+    like = metrics["records"]["high"]
+    assert forecast["frequency_hz"] < 0.9 * like["frequency_hz"]["modelled"]
+    assert forecast["steady_state_mm"] == pytest.approx(like["steady_state_mm"]["modelled"], rel=0.02)  # no gravity
+
+
+def test_an_unreachable_target_is_missed_in_so_many_words(tmp_path: Path) -> None:
+    parameters = {
+        "stiffness": {"value": 0.6, "lower": 0.55}, "damping": 3e-3, "torque_1": {"value": 5e-7, "free": False},
+    }
+    content = changed("fits", "linear", "parameters", value=parameters)
+    content["targets"] = {"rmse_percent_of_travel": 1e-3, "frequency_percent": 1e-6, "steady_state_percent": 1e-6}
+    outcome = run(tmp_path, content)
+    assert "target 0.001 %: missed; frequency " in outcome.verdict[0]
+    assert outcome.verdict[0].count("missed") == 3
+    assert "at a bound: stiffness" in outcome.verdict[-1]
+
+
+def test_numbers_that_do_not_exist_are_null_not_nan(tmp_path: Path) -> None:
+    content = changed("fits", "linear", "parameters", damping={"value": 0.2, "free": False})  # nothing rings
+    content["fits"]["linear"]["train"] = ["low"]
+    outcome = run(tmp_path, content)
+    text = json.dumps(outcome.to_dict(), allow_nan=False)
+    record = json.loads(text)["records"]["middle"]
+    assert record["frequency_hz"]["modelled"] is None
+    assert record["frequency_hz"]["measured"] > 1
+
+
+def test_a_second_run_replaces_the_first_and_needs_no_memory_of_it(tmp_path: Path) -> None:
+    first, second = (run(tmp_path).to_dict() for _ in range(2))
+    for name in ("records", "parameters", "verdict"):
+        assert first[name] == second[name]
+
+
+def test_gravity_may_be_stated_in_the_tracker_or_in_the_base_frame(tmp_path: Path) -> None:
+    settings = {"stiffness": {"value": 0.5, "free": False}, "damping": {"value": 3e-3, "free": False},
+                "torque_1": {"value": 6e-7, "free": False}, "valve_rise": "free"}
+    found = []
+    for gravity in ([0.0, -9.81], (AXES @ [0.0, -9.81, 0.0]).tolist()):
+        content = changed("fits", "linear", "parameters", value=settings)
+        content["actuator"]["gravity"] = gravity
+        found.append(run(tmp_path, content).model.gravity)
+    np.testing.assert_allclose(found[1], found[0], atol=0.05)  # the base frame is estimated from noisy markers
+
+
+def two_bases(columns: np.ndarray) -> np.ndarray:
+    """Another station that stands still, 5 cm beside the base."""
+    return np.column_stack([columns[:, :5], columns[:, 2:5] + np.array([0.05, 0.0, 0.0]), columns[:, 5:]])
+
+
+def broken(folder: Path, **damage: Any) -> None:
+    """Write the small study's recording `low`, damaged."""
+    columns, header = table(60.0).copy(), list(HEADER)
+    if damage.get("psi"):
+        columns[:, 1] *= 1e3 / 6894.757
+        header[1] = "p_pa"
+    if damage.get("bases"):
+        columns, header = two_bases(columns), [*header[:5], "x_socket", "y_socket", "z_socket", *header[5:]]
+    if damage.get("still"):
+        columns[:, 5:] = columns[0, 5:]
+    if damage.get("nan"):
+        columns[40:55, 5:] = np.nan
+        columns[70, 2:] = np.nan
+    write_recording(folder / "low.csv", columns, header)
+
+
+@pytest.fixture
+def damaged(tmp_path: Path) -> Iterator[Any]:
+    """Run the small study with its recording `low` damaged."""
+
+    def go(content: dict[str, Any] | None = None, **damage: Any) -> StudyOutcome:
+        path = write_study(tmp_path, content)
+        broken(tmp_path, **damage)
+        return run_study(load_study(path))
+
+    return go
+
+
+def test_psi_read_as_pascal_is_refused_unless_told_otherwise(damaged: Any) -> None:
+    with pytest.raises(InputError, match=r"recording low: its highest pressure is 8\.702 Pa.*state its unit \(psi"):
+        damaged(psi=True)
+    content = changed("recordings", "low", allow_low_pressure=True)
+    content["fits"]["linear"] |= {"train": ["high"], "held_out": ["low"]}
+    assert damaged(content, psi=True).fits[0].records[1].metrics["rmse_percent_of_travel"] > 40
+
+
+def test_a_nominal_level_without_its_unit_is_refused(tmp_path: Path) -> None:
+    content = changed("recordings", "low", excitation="pulse", nominal_pressure=60)
+    with pytest.raises(InputError, match="its nominal pressure is 60 Pa, too low"):
+        run(tmp_path, content)
+
+
+def test_a_second_thing_that_stands_still_is_no_silent_tip(damaged: Any) -> None:
+    with pytest.raises(InputError, match="socket stands still beside the base 'base'; name the base"):
+        damaged(bases=True)
+    named = changed("recordings", "low", stations=["tip"])
+    assert damaged(named, bases=True).fits[0].result.values["stiffness"] == pytest.approx(STIFFNESS, rel=5e-3)
+
+
+def test_two_clusters_called_base_are_refused(tmp_path: Path) -> None:
+    content = changed("alignment", stations={"base_a": ["base"], "base_b": ["base"], "tip": ["tip"]})
+    with pytest.raises(InputError, match="base"):
+        run(tmp_path, content)
+
+
+def test_frames_that_were_not_seen_are_counted_and_told(damaged: Any) -> None:
+    outcome = damaged(nan=True)
+    low = outcome.to_dict()["records"]["low"]
+    assert low["points_not_seen"] == 16
+    assert any("drop-outs: tip 16, base 1" in line for line in outcome.findings["low"])
+    assert outcome.fits[0].result.values["stiffness"] == pytest.approx(STIFFNESS, rel=5e-3)
+    assert math.isfinite(low["rmse_mm"])
+
+
+def test_a_recording_without_motion_is_refused(damaged: Any) -> None:
+    with pytest.raises(PliantError, match=r"low.*never moves|hardly|plane|motion"):
+        damaged(still=True)
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "missing file": (changed("recordings", "low", file="none.csv"), "none.csv"),
+    "unknown format": (changed("recordings", "low", format="xyz"), "xyz"),
+    "unknown unit": (changed("recordings", "low", nominal_pressure=1.0, pressure_unit="torr"), "unknown unit"),
+    "unknown station": (changed("recordings", "low", stations=["top"]), "has no station 'top'"),
+    "unknown preset": (changed("actuator", preset="pneunet"), "unknown actuator preset 'pneunet': use one of"),
+    "length of zero": (changed("actuator", length=0.0), "must be positive"),
+    "negative stiffness": (changed("actuator", stiffness=-1.0), "stiffness must be positive"),
+    "no mass": (changed("actuator", value={"length": 0.1}), "[actuator] needs mass"),
+    "gravity of one number": (changed("actuator", gravity=[9.81]), "gravity is (x, y)"),
+    "unknown option of the alignment": (changed("alignment", "options", tangnt="chord"), "option 'tangnt' is unknown"),
+    "unknown marker": (changed("alignment", stations={"base": ["bse"], "tip": ["tip"]}), "bse"),
+    "level like a trace": (changed("forecasts", more={"like": "low", "level": 1e5}), "a level goes with a pulse"),
+    "nothing free": (
+        changed("fits", "linear", "parameters", value={"stiffness": {"value": 1.0, "free": False}}), "nothing to fit",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_run_is_refused(tmp_path: Path, case: str) -> None:
+    content, sentence = REFUSED[case]
+    with pytest.raises((InputError, FitError)) as caught:
+        run(tmp_path, content)
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    study = load_study(write_study(tmp_path))
+    told: list[str] = []
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(InputError, match="cannot write into the output folder"):
+            run_study(study, folder, progress=told.append)
+    assert told == []
+
+
+def test_metrics_come_last_so_that_a_failed_run_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import pliant.validation.report as report
+
+    def fail(*_: Any) -> None:
+        raise InputError("no report today")
+
+    monkeypatch.setattr(report, "write_report", fail)
+    with pytest.raises(InputError, match="no report today"):
+        run(tmp_path, folder=tmp_path / "out")
+    assert not (tmp_path / "out" / "metrics.json").exists()
+    assert load_model(tmp_path / "out" / "model.json").name == "small"

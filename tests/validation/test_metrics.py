@@ -1,0 +1,149 @@
+"""The numbers of a comparison, held to motions whose numbers are known."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.identification import Experiment
+from pliant.simulation import Trace
+from pliant.validation.extension import extension
+from pliant.validation.metrics import DEFINITIONS, compare, response
+
+T = np.arange(0.0, 4.0, 0.01)
+START, STOP, STEADY = 0.3, 2.5, 0.02
+FREQUENCY, RATIO = 4.0, 0.06
+DIRECTION = np.array([-0.8, 0.6])
+PAIRS = ("frequency_hz", "damping_ratio", "overshoot_percent", "steady_state_mm")
+
+
+def swing(frequency: float = FREQUENCY, ratio: float = RATIO, steady: float = STEADY) -> np.ndarray:
+    """Path (T, 2) of a point under a pulse: it rings towards its plateau, and rings again about its rest."""
+    sigma, omega = ratio / np.sqrt(1 - ratio**2) * 2 * np.pi * frequency, 2 * np.pi * frequency
+
+    def towards(t: np.ndarray) -> np.ndarray:
+        return np.where(t > 0, 1 - np.exp(-sigma * np.maximum(t, 0)) * np.cos(omega * t), 0.0)
+
+    u = steady * (towards(T - START) - towards(T - STOP))
+    return np.array([0.01, 0.1]) + u[:, None] * DIRECTION
+
+
+def pulse(path: np.ndarray | None = None, **changes: Any) -> Experiment:
+    """The experiment that shows the path of one point."""
+    path = swing() if path is None else path
+    entries = {"excitation": "pulse", "level": 2e4, **changes}
+    return Experiment("p", T, path[:, None], ("tip",), **entries)
+
+
+def test_a_perfect_model_leaves_nothing() -> None:
+    exp = pulse()
+    m = compare(exp, exp.position, 0.1)
+    assert m["rmse_mm"] == m["max_mm"] == m["steady_state_error_mm"] == 0
+    assert m["fit_percent"] == 100
+    assert (m["frames"], m["points_not_seen"]) == (T.size, 0)
+    for name in PAIRS:
+        assert m[name]["measured"] == m[name]["modelled"]
+
+
+def test_a_constant_offset_is_measured_in_mm_in_travels_and_in_lengths() -> None:
+    exp = pulse()
+    m = compare(exp, exp.position + np.array([3e-3, 4e-3]), 0.1)
+    assert m["rmse_mm"] == pytest.approx(5.0)
+    assert m["max_mm"] == pytest.approx(5.0)
+    assert m["rmse_percent_of_length"] == pytest.approx(5.0)
+    assert m["travel_mm"] == pytest.approx(1e3 * np.linalg.norm(swing() - swing()[0], axis=1).max())
+    assert m["rmse_percent_of_travel"] == pytest.approx(500 / m["travel_mm"])
+    assert m["steady_state_error_mm"] == pytest.approx(0, abs=1e-9)  # a displacement: the offset drops out
+
+
+def test_the_mean_of_the_measured_motion_has_a_fit_of_zero() -> None:
+    exp = pulse()
+    mean = np.broadcast_to(exp.position.mean(axis=0), exp.position.shape)
+    assert compare(exp, mean, 0.1)["fit_percent"] == pytest.approx(0, abs=1e-9)
+
+
+def test_traits_of_a_ringing_pulse() -> None:
+    m = compare(pulse(), swing(3.6, 0.08, 0.025)[:, None], 0.1)
+    assert m["frequency_hz"]["measured"] == pytest.approx(FREQUENCY, rel=1e-3)
+    assert m["frequency_hz"]["modelled"] == pytest.approx(3.6, rel=1e-3)
+    assert m["damping_ratio"]["measured"] == pytest.approx(RATIO, rel=2e-2)
+    assert m["damping_ratio"]["modelled"] == pytest.approx(0.08, rel=2e-2)
+    assert m["steady_state_mm"]["measured"] == pytest.approx(20, rel=2e-2)
+    assert m["steady_state_error_mm"] == pytest.approx(5, rel=4e-2)
+    overshoot = 100 * np.exp(-np.pi * RATIO / np.sqrt(1 - RATIO**2))
+    assert m["overshoot_percent"]["measured"] == pytest.approx(overshoot, rel=4e-2)
+
+
+def test_a_motion_that_creeps_has_neither_frequency_nor_overshoot() -> None:
+    def towards(t: np.ndarray) -> np.ndarray:
+        return np.where(t > 0, 1 - np.exp(-np.maximum(t, 0) / 0.2), 0.0)
+
+    slow = np.array([0.0, 0.1]) + (STEADY * (towards(T - START) - towards(T - STOP)))[:, None] * DIRECTION
+    m = compare(pulse(), slow[:, None], 0.1)
+    assert m["frequency_hz"]["modelled"] is m["damping_ratio"]["modelled"] is m["overshoot_percent"]["modelled"] is None
+    assert m["steady_state_mm"]["modelled"] == pytest.approx(20, rel=1e-2)
+    assert m["frequency_hz"]["measured"] == pytest.approx(FREQUENCY, rel=1e-3)
+
+
+def test_points_that_were_not_seen_are_counted_and_left_out(rng: np.random.Generator) -> None:
+    path = swing()
+    path[rng.random(T.size) < 0.2] = np.nan
+    path[3] = np.nan
+    exp = pulse(path)
+    m = compare(exp, swing()[:, None] + np.array([0, 1e-3]), 0.1)
+    assert m["points_not_seen"] == np.isnan(path[:, 0]).sum() > 50
+    assert m["rmse_mm"] == pytest.approx(1.0)
+    assert m["frequency_hz"]["measured"] == pytest.approx(FREQUENCY, rel=2e-3)
+    json.dumps(m, allow_nan=False)
+
+
+def test_stations_count_alike() -> None:
+    both = np.stack([swing(), swing() + 0.1], axis=1)
+    exp = Experiment("p", T, both, ("mid", "tip"), "pulse", level=2e4)
+    off = both + np.array([[0.0, 0.0], [2e-3, 0.0]])
+    assert compare(exp, off, 0.1)["rmse_mm"] == pytest.approx(2 / np.sqrt(2))
+
+
+def test_a_release_settles_where_it_comes_to_rest() -> None:
+    omega, sigma = 2 * np.pi * FREQUENCY, RATIO * 2 * np.pi * FREQUENCY
+    u = np.where(T > START, STEADY * (1 - np.exp(-sigma * (T - START)) * np.cos(omega * (T - START))), 0.0)
+    exp = pulse(u[:, None] * DIRECTION, excitation="release")
+    m = compare(exp, exp.position, 0.1)
+    assert m["steady_state_mm"]["measured"] == pytest.approx(20, rel=1e-2)
+    assert m["frequency_hz"]["measured"] == pytest.approx(FREQUENCY, rel=1e-3)
+    assert m["overshoot_percent"]["measured"] is None
+
+
+def test_a_measured_pressure_says_where_the_plateau_is() -> None:
+    trace = Trace([0.0, START, START + 0.005, STOP, STOP + 0.005, 4.0], [0, 0, 2e4, 2e4, 0, 0])
+    exp = pulse(excitation="trace", pressure=trace, level=0.0)
+    found = response(exp, exp.last_station)
+    assert found["steady_state_mm"] == pytest.approx(20, rel=1e-2)
+    assert found["frequency_hz"] == pytest.approx(FREQUENCY, rel=1e-3)
+    without = pulse(excitation="trace", pressure=Trace([0.0, 4.0], [0.0, 0.0]), level=0.0)
+    assert response(without, without.last_station)["steady_state_mm"] is None
+    assert compare(without, without.position, 0.1)["steady_state_error_mm"] is None
+
+
+def test_every_number_has_a_definition() -> None:
+    m = compare(pulse(), swing()[:, None], 0.1)
+    assert set(m) - set(DEFINITIONS) == {"frames", "points_not_seen", "travel_mm"}
+    assert set(DEFINITIONS) - set(m) == {"within_band_percent"}  # of predictions alone
+
+
+@pytest.mark.parametrize("growth", [0.0, 0.05])
+def test_a_body_that_lengthens_is_told_and_one_that_only_bends_is_not(growth: float) -> None:
+    """Two arcs of 0.1 m that bend by 1 rad each and grow meanwhile."""
+    turn = np.linspace(1e-4, 1.0, T.size)
+    radius = 0.1 * (1 + growth * turn) / turn
+    c, s = np.cos(turn), np.sin(turn)
+    first = np.stack([-radius * (1 - c), radius * s], axis=1)
+    second = np.stack([first[:, 0] * c - first[:, 1] * s, first[:, 0] * s + first[:, 1] * c], axis=1)
+    path = np.stack([first, first + second], axis=1)
+    found = extension(Experiment("e", T, path, ("mid", "tip"), "pulse", level=1e4))
+    assert found["extension_percent"] == pytest.approx(100 * growth, rel=0.08, abs=0.02)  # over the last of its travel
+    assert found["extension_mm"] == pytest.approx(2 * found["extension_percent"], rel=1e-2, abs=0.02)
+    assert extension(pulse())["extension_mm"] is None  # one point: its tilt would pass for growth
