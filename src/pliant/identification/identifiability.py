@@ -141,24 +141,28 @@ def information(problem: Problem, x: Array) -> Identifiability:
     sizes = problem_sizes(problem, x)
     relative = J * (sizes / problem.scale)
     length = np.linalg.norm(relative, axis=0)
-    norm = np.where(length > 1e-12 * max(float(length.max()), 1e-300), length, np.inf)
-    triangle = np.linalg.qr(relative / norm, mode="r")
-    _, s, vt = np.linalg.svd(np.concatenate([triangle, np.zeros((len(norm) - len(triangle), len(norm)))]))
-    dark = np.isinf(norm)
-    blind = s <= HIDDEN * max(float(s[0]), 1e-300)
+    bright = length > 1e-12 * max(float(length.max()), 1e-300)
+    norm = length[bright]
+    triangle = np.linalg.qr(relative[:, bright] / norm, mode="r")
+    _, s, vt = np.linalg.svd(np.concatenate([triangle, np.zeros((norm.size - len(triangle), norm.size))]))
+    blind = s <= HIDDEN * s.max(initial=1e-300)
     names = tuple(p.name for p in problem.free)
-    basis = np.concatenate([np.eye(len(names))[dark], (vt[blind] / np.where(dark, 1.0, norm))[:, :] * ~dark])
-    basis = simplest(basis[np.abs(basis).max(axis=1, initial=0.0) > 0])
+    basis = np.zeros((np.count_nonzero(blind), length.size))
+    basis[:, bright] = vt[blind] / norm
+    basis = simplest(np.concatenate([np.eye(length.size)[~bright], basis]))
     noise = 1.0 if problem.weighting == "noise" else problem.size
     inverse = (vt[~blind].T / s[~blind] ** 2) @ vt[~blind] * noise**2
-    expected = np.sqrt(np.diag(inverse)) / np.where(dark, 1.0, norm)
-    hidden = (np.abs(basis) > 1e-6).any(axis=0) if basis.size else np.zeros(len(names), dtype=bool)
+    expected = np.zeros(length.size)
+    expected[bright] = np.sqrt(np.diag(inverse)) / norm
+    hidden = np.asarray((np.abs(basis) > 1e-6).any(axis=0))
     directions = [direction(names, v, "null") for v in basis]
     weak = (expected > WEAK) & ~hidden
     if weak.any():
-        directions.append(weak_direction(names, vt[~blind][-1] / norm, expected, weak))
+        weakest = np.zeros(length.size)
+        weakest[bright] = vt[~blind][-1] / norm
+        directions.append(weak_direction(names, weakest, expected, weak))
     std = tuple(None if h else float(e * z) for h, e, z in zip(hidden, expected, sizes, strict=True))
-    return Identifiability(names, std, s**2, tuple(directions))
+    return Identifiability(names, std, np.append(s**2, np.zeros(np.count_nonzero(~bright))), tuple(directions))
 
 
 def problem_sizes(problem: Problem, x: Array) -> Array:
