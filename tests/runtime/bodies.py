@@ -12,9 +12,8 @@ from pliant.study.schema import Fibre
 from pliant.testbed import bundled_recording, generate
 
 MODELS = Path(__file__).parents[2] / "benchmarks" / "models"  # made by identify.py there
-LATENCY = 0.005333  # s, of the shape against the pressure of actuator a, fitted with the rest
-SOFTENING = 0.505  # 1/(N m), likewise
-NOISE = Noise(angle=9e-4, torque=2e-5, wander=3e-3, unrest=30.0, initial_disturbance=0.01)  # tuned on actuator a
+LATENCY = 0.004351  # s, of the shape against the pressure of actuator a, fitted with the rest
+NOISE = Noise(angle=9.5e-4, torque=5e-7, wander=1e-3, unrest=8.0, initial_disturbance=0.01)  # tuned on actuator a
 FIBRE = Fibre(body_length=0.17, cap_curvature=50.0, cap_length=0.03, gauge_length=2.4e-3)
 
 

@@ -23,15 +23,15 @@ def true_rates(motion, model, at):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "latency", "softening"), [("b", 4.226e-3, 0.474), ("c", 5.726e-3, 0.566)])
-def test_rates_beat_differences_behind_a_low_pass(name, latency, softening):
+@pytest.mark.parametrize(("name", "latency"), [("b", 4.317e-3), ("c", 4.673e-3)])
+def test_rates_beat_differences_behind_a_low_pass(name, latency):
     """Noise tuned on actuator a; the models are those of b and c."""
     case, rod, lab, model = scenario("pulse_119"), actuator(name), Laboratory(), fitted(name)
     motion = run_rod(case, rod, lab)
     at = np.arange(0.0, case.duration - 5e-4, 1 / RATE)
     seen = laid_bare(record(motion, rod, lab, at, seed=1, attrs={"scenario": "pulse_119"}))
     truth = true_rates(motion, model, at)
-    found = estimate(seen, model, noise=NOISE, latency=latency, softening=softening)
+    found = estimate(seen, model, noise=NOISE, latency=latency)
     angle = sight_of(seen, model, NOISE).value
     gaps = np.isnan(angle)
     angle[gaps] = np.interp(np.flatnonzero(gaps.T.ravel()), np.flatnonzero(~gaps.T.ravel()), angle.T[~gaps.T])
@@ -42,7 +42,7 @@ def test_rates_beat_differences_behind_a_low_pass(name, latency, softening):
     )
     ours = np.sqrt(np.mean((found.joint_rate.values - truth)[20:] ** 2))
     later = np.sqrt(np.mean((found.smooth_joint_rate.values - truth)[20:] ** 2))
-    assert usual / ours > 3.0
+    assert usual / ours > 6.0
     assert later < 0.9 * ours
     assert 0.8 < found.attrs["nis_ratio"] < 1.25
     assert abs(found.attrs["innovation_correlation"]) < 0.12

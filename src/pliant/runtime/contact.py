@@ -12,8 +12,8 @@ from pliant.errors import InputError
 from pliant.model import Model
 from pliant.runtime.detect import FreeMotion, features_of, learn_free, learn_sudden, normalised, running_mean
 from pliant.runtime.estimation import estimate, input_of
-from pliant.runtime.jump import answer_of, likelihood_ratio
-from pliant.runtime.locate import Push, locate
+from pliant.runtime.jump import answer_of, frames_of, likelihood_ratio
+from pliant.runtime.locate import END, Push, locate
 from pliant.runtime.noise import Noise, default_noise
 from pliant.runtime.sight import sight_of
 from pliant.simulation import simulate
@@ -22,9 +22,9 @@ from pliant.version import __version__
 Array = np.ndarray
 GONE = 2.0  # mean normalised square of the torques below which a contact is over
 STAYS = 0.01  # of the largest mean square of a contact: what the material remembers of it
-END = 1.5e-3  # m before the end of the body
-CALM = 8  # frames for which it must stay there
-SHY = 15  # frames after a contact in which its end raises no alarm
+CALM = 0.107  # s for which it must stay there
+SHY = 0.2  # s after a contact in which its end raises no alarm
+PACE = 0.2  # share by which the rate of frames may differ from that of the free motion
 
 
 def find_contact(
@@ -35,6 +35,7 @@ def find_contact(
     false_alarms_per_hour: float = 1.0,
     noise: Noise | None = None,
     friction: float = 0.5,
+    torque_error: float = 0.05,
     lasting: bool = False,
     **options: Any,
 ) -> xr.Dataset:
@@ -53,11 +54,13 @@ def find_contact(
         As for `estimate`; the disturbance must wander.
     friction : float
         Likely coefficient of friction: what the force along the body may be where the torques do not show it.
+    torque_error : float
+        Standard deviation of an external torque in shares of itself: how well the joints' stiffness is known.
     lasting : bool
         Whether torques that last raise an alarm too, by a cumulative sum: it finds a body that is leant on slowly,
         which the test for forces that set in does not, and drifts of sensor and material raise more false alarms.
     **options
-        Of `estimate`: latency, step, stations, softening.
+        Of `estimate`: latency, step, stations.
 
     Returns
     -------
@@ -90,6 +93,7 @@ def find_contact(
         free, model, false_alarms_per_hour=false_alarms_per_hour, noise=settings, **options
     )
     seen = unexplained(recording, model, settings, options)
+    check_pace(seen.found, learnt.period)
     ratio, since = likelihood_ratio(learnt.sudden.answer, model, *seen.innovations)
     left = learnt.left_over(seen.torque, seen.features)
     slow, fast = learnt.statistic(left, seen.features) / learnt.threshold, learnt.sudden.statistic(ratio, seen.motion)
@@ -99,11 +103,10 @@ def find_contact(
     for event in events:
         touching[event.alarm : event.end] = True
         left[event.onset : event.end] -= event.before
-    scale = learnt.scale(seen.features)
-    pushes = {
-        int(k): locate(model, seen.angle[k], left[k], scale[k] * learnt.change, friction=friction)
-        for k in np.flatnonzero(touching)
-    }
+    scale, pushes = learnt.scale(seen.features), {}
+    for k in map(int, np.flatnonzero(touching)):
+        doubt = scale[k] * learnt.change + np.diag((torque_error * left[k]) ** 2)
+        pushes[k] = locate(model, seen.angle[k], left[k], doubt, friction=friction)
     return described(seen, left, np.maximum(slow, fast), touching, pushes, learnt, events)
 
 
@@ -119,15 +122,23 @@ def free_motion(
         raise InputError("the threshold comes from free motion: give at least one recording without contact")
     settings, rate = noise or default_noise(model, disturbance=True), false_alarms_per_hour
     parts = [unexplained(r, model, settings, options) for r in recordings]
-    period = float(np.median(np.diff(parts[0].found["time"].values)))
     sight = sight_of(recordings[0], model, settings, options.get("stations"))
-    answer = answer_of(
-        model, settings, sight, step=options.get("step", 5e-3), softening=options.get("softening", 0.0)
-    )
+    answer = answer_of(model, settings, sight, step=options.get("step", 5e-3))
     ratios = [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts]
-    duration = period * sum(len(r) for r in ratios)
-    sudden = learn_sudden(answer, ratios, [p.motion for p in parts], duration, rate)
-    return learn_free([p.torque for p in parts], [p.features for p in parts], period, sudden, rate=rate)
+    for part in parts:
+        check_pace(part.found, answer.period)
+    sudden = learn_sudden(answer, ratios, [p.motion for p in parts], rate)
+    return learn_free([p.torque for p in parts], [p.features for p in parts], sudden, rate=rate)
+
+
+def check_pace(found: xr.Dataset, period: float) -> None:
+    """Refuse frames that come faster or slower than those of the free motion: its threshold says nothing of them."""
+    own = float(np.median(np.diff(found["time"].values)))
+    if abs(own / period - 1.0) > PACE:
+        raise InputError(
+            f"free motion was recorded at {1 / period:.0f} Hz and this recording at {1 / own:.0f} Hz: the threshold "
+            "holds for one rate, so record both at the same"
+        )
 
 
 class Seen(NamedTuple):
@@ -177,7 +188,8 @@ def episodes(
     What was left of the torques before the onset is taken off, as far as it lasts. A body that was bent hard remembers
     it: a small share of the largest torques counts as gone.
     """
-    mean, events, k = running_mean(left), [], 0
+    mean, events, k = running_mean(left, learnt.period), [], 0
+    calm, shy = frames_of(CALM, learnt.period), frames_of(SHY, learnt.period)
     while k < len(left):
         if not (fast[k] > 1.0 or (slow[k] > 1.0 >= slow[max(k - 1, 0)])):
             k += 1
@@ -186,11 +198,11 @@ def episodes(
         before = learnt.kept * mean[max(onset - 2, 0)] if onset > 2 else np.zeros(left.shape[1])
         power = normalised(left[k:] - before, learnt.change) / scale[k:]
         there = power > np.maximum(GONE, STAYS * np.maximum.accumulate(power))
-        quiet = np.convolve(~there, np.ones(CALM), mode="full")[: len(there)]
-        gone = np.flatnonzero(quiet[CALM:] >= CALM) + CALM
+        quiet = np.convolve(~there, np.ones(calm), mode="full")[: len(there)]
+        gone = np.flatnonzero(quiet[calm:] >= calm) + calm
         end = k + int(gone[0]) if gone.size else len(left)
         events.append(Event(onset, k, end, before))
-        k = end + SHY
+        k = end + shy
     return events
 
 
@@ -205,8 +217,7 @@ def described(
     events: list[Event],
 ) -> xr.Dataset:
     """The dataset of `find_contact`."""
-    found, angle = seen.found, seen.angle
-    end = float(max((p.end for p in pushes.values()), default=0.0))
+    found = seen.found
     T = statistic.size
     numbers = {
         "contact_arc_length": "m", "arc_low": "m", "arc_high": "m", "normal_force": "N", "normal_force_sd": "N",
@@ -220,9 +231,8 @@ def described(
         for name, value in zip(numbers, values, strict=True):
             made[name][k] = value
         vectors["contact_position"][k], vectors["contact_force"][k] = p.position, p.force
-        left_hand = np.array([-np.cos(angle[k, p.link]), -np.sin(angle[k, p.link])])
-        vectors["contact_normal"][k] = np.sign(p.normal) * left_hand
-        if p.arc_length > end - END and not p.hidden:  # the end is round: it touches where it is pushed
+        vectors["contact_normal"][k] = np.sign(p.normal) * p.left
+        if p.arc_interval[1] > p.end - END and not p.hidden:  # the end is round: it touches where it is pushed
             vectors["contact_normal"][k] = p.force / np.linalg.norm(p.force)
         covariance[k], hidden[k] = p.covariance, "tangential" in p.hidden
     clock = found["time"].values

@@ -9,15 +9,15 @@ from scipy.signal import lfilter
 
 from pliant.errors import InputError
 from pliant.model import Model
-from pliant.runtime.jump import Answer
+from pliant.runtime.jump import Answer, frames_of
 
 Array = np.ndarray
 CAP = 1.5  # thresholds: where the cumulative sum stops
-HOLD = 8  # frames for which fast motion is remembered
+HOLD = 0.107  # s for which fast motion is remembered
 LAGS = (0.05, 0.3, 3.0)  # s: what creeps and lags behind the pressure
 RIDGE = 1e-4
-BLOCK = 75  # frames of a stretch whose highest value counts
-LATER, BEFORE = 40, 10  # frames after which, and over which, a contact is compared with what was before
+BLOCK = 1.0  # s of a stretch whose highest value counts
+LATER, BEFORE = 0.533, 0.133  # s after which, and over which, a contact is compared with what was before
 HEAVIEST = 0.3  # shape of the heaviest tail
 MANY = 40  # peaks from which the upper quartile, else the upper half, makes the tail
 
@@ -68,6 +68,8 @@ class FreeMotion:
         The test for forces that set in.
     duration : float
         s of free motion that it was learnt from.
+    period : float
+        s between its frames.
     rate : float
         False alarms per hour that were asked for.
     extrapolated : bool
@@ -83,6 +85,7 @@ class FreeMotion:
     change: Array
     sudden: Sudden
     duration: float
+    period: float
     rate: float
     extrapolated: bool
 
@@ -92,7 +95,7 @@ class FreeMotion:
 
     def scale(self, features: Array) -> Array:
         """Factor (T,) on the covariance at each frame: the model errs more in fast motion."""
-        return np.asarray(1.0 + self.growth * activity(features, self.covariance.shape[0]))
+        return np.asarray(1.0 + self.growth * activity(features, self.covariance.shape[0], self.period))
 
     def statistic(self, left: Array, features: Array) -> Array:
         """Cumulative sum (T,) of the normalised squares of `left` (T, n) above the slack."""
@@ -116,11 +119,11 @@ def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: 
     return np.column_stack([np.ones_like(tau), tau, tau**2 / scale, *lagged, angle, rate])
 
 
-def activity(features: Array, n: int) -> Array:
-    """Mean square (T,) of the joint rates that the model predicts, the highest of the last frames, rad^2/s^2."""
-    power = np.mean(features[:, -n:] ** 2, axis=1)
-    padded = np.concatenate([np.full(HOLD - 1, power[0]), power])
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, HOLD).max(axis=1))
+def activity(features: Array, n: int, period: float) -> Array:
+    """Mean square (T,) of the joint rates that the model predicts, the highest of late, rad^2/s^2."""
+    power, hold = np.mean(features[:, -n:] ** 2, axis=1), frames_of(HOLD, period)
+    padded = np.concatenate([np.full(hold - 1, power[0]), power])
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, hold).max(axis=1))
 
 
 def growth_of(squares: Array, active: Array) -> tuple[float, float]:
@@ -151,26 +154,27 @@ def cumulative(gain: Array, cap: float = np.inf) -> Array:
     return out
 
 
-def learn_sudden(answer: Answer, ratios: list[Array], motions: list[Array], duration: float, rate: float) -> Sudden:
+def learn_sudden(answer: Answer, ratios: list[Array], motions: list[Array], rate: float) -> Sudden:
     """Threshold of the likelihood ratio that free motion crosses `rate` times an hour."""
     ratio, case = np.concatenate(ratios), answer.case(np.concatenate(motions))
     size = np.full(len(answer.motion), 6.63)  # the 99 % quantile of chi-square
+    enough = 2 * frames_of(BLOCK, answer.period)
     for b in range(len(size)):
-        found = float(np.quantile(ratio[case == b], 0.99)) if np.count_nonzero(case == b) >= 2 * BLOCK else 0.0
+        found = float(np.quantile(ratio[case == b], 0.99)) if np.count_nonzero(case == b) >= enough else 0.0
         size[b] = max(size[max(b - 1, 0)], found)
     scaled = [r / size[answer.case(a)] for r, a in zip(ratios, motions, strict=True)]
-    return Sudden(answer, size, tail(np.concatenate([blocks(s) for s in scaled]), duration, rate)[0])
+    highest = np.concatenate([blocks(s, answer.period) for s in scaled])
+    return Sudden(answer, size, tail(highest, answer.period * len(ratio), rate)[0])
 
 
-def blocks(values: Array) -> Array:
-    """Highest value of each stretch of `BLOCK` frames: stretches are nearly independent of each other."""
-    count = max(1, len(values) // BLOCK)
+def blocks(values: Array, period: float) -> Array:
+    """Highest value of each stretch of `BLOCK` s: stretches are nearly independent of each other."""
+    count = max(1, len(values) // frames_of(BLOCK, period))
     return np.array([part.max() for part in np.array_split(values, count)])
 
 
 def learn_free(
-    torques: list[Array], features: list[Array], period: float, sudden: Sudden, *, rate: float = 1.0,
-    slack: float | None = None,
+    torques: list[Array], features: list[Array], sudden: Sudden, *, rate: float = 1.0, slack: float | None = None
 ) -> FreeMotion:
     """Learn a sequential test from records without contact.
 
@@ -180,8 +184,6 @@ def learn_free(
     Parameters
     ----------
     torques, features : lists of (T, n) and (T, F) arrays
-    period : float
-        s between two frames.
     sudden : Sudden
         The other test, to be kept with this one.
     rate : float
@@ -192,7 +194,7 @@ def learn_free(
     InputError
         When there is no record, or too little of it.
     """
-    frames = sum(len(t) for t in torques)
+    frames, period = sum(len(t) for t in torques), sudden.answer.period
     if not torques or frames < 3 * features[0].shape[1] or not rate > 0:
         raise InputError(f"{frames} frames of free motion are too few to learn from: record some seconds more")
     left = []
@@ -202,7 +204,7 @@ def learn_free(
     pooled = np.concatenate(left)
     n = pooled.shape[1]
     covariance = pooled.T @ pooled / len(pooled) + 1e-12 * np.sum(pooled**2) / pooled.size * np.eye(n)
-    active = [activity(f, n) for f in features]
+    active = [activity(f, n, period) for f in features]
     squares = [normalised(part, covariance) for part in left]
     base, growth = growth_of(np.concatenate(squares), np.concatenate(active))
     covariance = base * covariance
@@ -211,26 +213,27 @@ def learn_free(
     peaks = np.concatenate([excursions(cumulative(s - level)) for s in squares])
     duration = frames * period
     threshold, beyond = tail(peaks, duration, rate)
-    kept, change = changes(left, active, growth)
+    kept, change = changes(left, active, growth, period)
     return FreeMotion(
-        regression(torques, features), covariance, growth, level, threshold, kept, change, sudden, duration, rate,
-        beyond,
+        regression(torques, features), covariance, growth, level, threshold, kept, change, sudden, duration, period,
+        rate, beyond,
     )
 
 
-def changes(left: list[Array], active: list[Array], growth: float) -> tuple[float, Array]:
+def changes(left: list[Array], active: list[Array], growth: float, period: float) -> tuple[float, Array]:
     """Share of what was left over half a second before that is still there, and the covariance of what is not."""
-    now = np.concatenate([a[LATER:] for a in left])
-    before = np.concatenate([running_mean(a)[: len(a) - LATER] for a in left])
+    later = frames_of(LATER, period)
+    now = np.concatenate([a[later:] for a in left])
+    before = np.concatenate([running_mean(a, period)[: len(a) - later] for a in left])
     kept = float(np.clip(np.sum(now * before) / max(float(np.sum(before**2)), 1e-300), 0.0, 1.0))
-    rest = (now - kept * before) / np.sqrt(1.0 + growth * np.concatenate([a[LATER:] for a in active]))[:, None]
+    rest = (now - kept * before) / np.sqrt(1.0 + growth * np.concatenate([a[later:] for a in active]))[:, None]
     return kept, rest.T @ rest / len(rest) + 1e-12 * np.sum(rest**2) / rest.size * np.eye(rest.shape[1])
 
 
-def running_mean(values: Array) -> Array:
-    """Mean (T, n) of the last `BEFORE` rows, fewer at the start."""
+def running_mean(values: Array, period: float) -> Array:
+    """Mean (T, n) of the rows of the last `BEFORE` s, fewer at the start."""
     total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0)
-    first = np.maximum(np.arange(len(values)) + 1 - BEFORE, 0)
+    first = np.maximum(np.arange(len(values)) + 1 - frames_of(BEFORE, period), 0)
     return np.asarray((total[1:] - total[first]) / (np.arange(len(values)) + 1 - first)[:, None])
 
 

@@ -37,7 +37,6 @@ def estimate(
     step: float = 5e-3,
     lag: int = 10,
     pressure_window: float = 8e-3,
-    softening: float = 0.0,
 ) -> xr.Dataset:
     """Joint angles, rates and disturbance torques of a recording, by an extended Kalman filter and smoother.
 
@@ -64,9 +63,6 @@ def estimate(
     pressure_window : float
         s over which a measured pressure is averaged, centred: its noise shakes light links more than a frame's noise
         does. Up to twice the latency of the shape it costs no delay.
-    softening : float
-        Share of the stiffness that a body loses per N m of torque by which the pressure bends it, 1/(N m): silicone
-        under strain answers small motions more softly than its rest under pressure suggests. 0: springs as modelled.
 
     Returns
     -------
@@ -101,7 +97,7 @@ def estimate(
     if times.size < 2:
         raise InputError(f"estimation needs at least two frames, got {times.size}")
     plan = drive(held, source, times, step)
-    out = run(held, sight, plan, settings, softening)
+    out = run(held, sight, plan, settings)
     return described(held, sight, out, settings, plan, lag)
 
 
@@ -151,7 +147,7 @@ def primitive(at: Array, clock: Array, values: Array, integral: Array) -> Array:
     return np.asarray(integral[k] + u * (values[k] + 0.5 * slope * u))
 
 
-def run(model: Model, sight: Sight, plan: Drive, noise: Noise, softening: float = 0.0) -> Output:
+def run(model: Model, sight: Sight, plan: Drive, noise: Noise) -> Output:
     """Filter a record with the compiled loop."""
     states, (frames, rows) = noise.states(model), sight.value.shape
     q = state.equilibrium(model, plan.initial)
@@ -160,7 +156,7 @@ def run(model: Model, sight: Sight, plan: Drive, noise: Noise, softening: float 
     begin = np.concatenate([[0, 0], ends]).astype(np.int64)  # no step leads to the first frame
     out = make_output(frames, states, rows)
     failed = twin(loops.filter_record, model.n)(
-        x, noise.initial(model), state.relaxed(model, q), chain_of(model, softening), model.link_length,
+        x, noise.initial(model), state.relaxed(model, q), chain_of(model), model.link_length,
         model.first_joint, (plan.h, plan.torque, begin), (*noise.densities(model), np.zeros(1)), sight.rows,
         sight.value, sight.variance, out, make_scratch(model, states, rows),
     )
@@ -172,13 +168,9 @@ def run(model: Model, sight: Sight, plan: Drive, noise: Noise, softening: float 
     return out
 
 
-def chain_of(model: Model, softening: float = 0.0) -> tuple[Any, ...]:
-    """What the loops take of a model: base angle, body, joints, law and presence of memory, softening."""
-    if not (np.isfinite(softening) and softening >= 0):
-        raise InputError(f"softening is a share of the stiffness per N m, finite and at least 0, got {softening}")
-    return (
-        float(model.base_angle), model.body(), model.joints(), model.memory.law(), bool(model.memory), float(softening)
-    )
+def chain_of(model: Model) -> tuple[Any, ...]:
+    """What the loops take of a model: base angle, body, joints, law and presence of memory."""
+    return float(model.base_angle), model.body(), model.joints(), model.memory.law(), bool(model.memory)
 
 
 def split(model: Model, x: Array, P: Array) -> dict[str, Array]:

@@ -71,8 +71,6 @@ class Estimator:
         Pa at the start, under which the chain rests.
     time : float
         s at the start.
-    softening : float
-        As for `estimate`, 1/(N m).
 
     Attributes
     ----------
@@ -96,14 +94,14 @@ class Estimator:
 
     def __init__(
         self, model: Model, noise: Noise | None = None, *, step: float = 5e-3, latency: float = 0.0,
-        buffer: float = 0.2, pressure: float = 0.0, time: float = 0.0, softening: float = 0.0,
+        buffer: float = 0.2, pressure: float = 0.0, time: float = 0.0,
     ) -> None:
         if not (step > 0 and latency >= 0 and buffer >= 0):
             raise InputError(f"step must be > 0, latency and buffer >= 0 s: got {step}, {latency}, {buffer}")
         self.model, self.noise = model, noise or default_noise(model)
         self.step, self.latency, self.buffer = step, latency, buffer
         self.counts = Counts()
-        self._chain = chain_of(model, softening)
+        self._chain = chain_of(model)
         self._scratch: dict[int, Any] = {}
         self._predict, self._update = twin(loops.predict_span, model.n), twin(loops.update)
         q, n = state.equilibrium(model, pressure), model.n

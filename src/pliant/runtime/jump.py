@@ -15,16 +15,17 @@ from pliant.equations._compiled import twin
 from pliant.model import Model
 from pliant.runtime import loops
 from pliant.runtime.estimation import chain_of
+from pliant.runtime.levers import levers
 from pliant.runtime.noise import Noise
 from pliant.runtime.scratch import make_scratch
 from pliant.runtime.sight import Sight
 from pliant.simulation import state
 
 Array = np.ndarray
-WINDOWS = (2, 3, 4, 5, 6, 8, 10, 13)  # frames since the onset
+WINDOWS = (0.027, 0.04, 0.053, 0.067, 0.08, 0.107, 0.133, 0.173)  # s since the onset
 MOTIONS = (0.0, 0.05, 0.25, 1.2, 6.0, 20.0)  # rad^2/s^2 for which the filter's answer is worked out
-SETTLED = 200  # frames after which its covariance stands still
-PLACES = (0.25, 0.75)  # of each link
+SETTLED = 2.7  # s after which its covariance stands still
+PLACES = (0.25, 0.75)  # of each link but the first, which hardly shows a force
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,18 @@ class Answer:
         Mean square joint rates [rad^2/s^2] of the B cases.
     response : (B, W, m, n) array
         1/(N m): of row m, so many frames after a unit step of torque n.
+    period : float
+        s between two frames.
     """
 
     motion: Array
     response: Array
+    period: float
+
+    @property
+    def windows(self) -> list[int]:
+        """Frames since the onset that are tried."""
+        return windows_of(self.period)
 
     def case(self, motion: Array) -> Array:
         """The case (T,) nearest to the motion (T,) of each frame, in logarithms."""
@@ -48,24 +57,34 @@ class Answer:
         return np.searchsorted(edges, motion)
 
 
-def answer_of(model: Model, noise: Noise, sight: Sight, *, step: float, softening: float = 0.0) -> Answer:
+def frames_of(seconds: float, period: float) -> int:
+    """Frames in a time, at least one."""
+    return max(1, round(seconds / period))
+
+
+def windows_of(period: float) -> list[int]:
+    """`WINDOWS` in frames, each once."""
+    return sorted({frames_of(w, period) for w in WINDOWS})
+
+
+def answer_of(model: Model, noise: Noise, sight: Sight, *, step: float) -> Answer:
     """Answer of the settled filter at rest, for bodies that move little and much."""
     cases = [
         replace(noise, wander=noise.wander * float(np.sqrt(1.0 + noise.unrest * a)), unrest=0.0) for a in MOTIONS
     ]
     period = float(np.median(np.diff(sight.time)))
-    made = [response_of(model, one, sight, period, max(1, int(np.ceil(period / step))), softening) for one in cases]
-    return Answer(np.array(MOTIONS), np.stack(made))
+    made = [response_of(model, one, sight, period, max(1, int(np.ceil(period / step)))) for one in cases]
+    return Answer(np.array(MOTIONS), np.stack(made), period)
 
 
-def response_of(model: Model, noise: Noise, sight: Sight, period: float, steps: int, softening: float) -> Array:
+def response_of(model: Model, noise: Noise, sight: Sight, period: float, steps: int) -> Array:
     """Whitened innovations (W, m, n) after a unit step of each torque."""
     n, rows = model.n, sight.rows
     scratch = make_scratch(model, noise.states(model), len(rows))
     q = state.equilibrium(model)
     start = [state.absolute(model, q), np.zeros(n), np.zeros(n), noise.initial(model), state.relaxed(model, q)]
     predict, update = twin(loops.predict_span, n), twin(loops.update)
-    chain, densities = chain_of(model, softening), (*noise.densities(model), np.zeros(1))
+    chain, densities = chain_of(model), (*noise.densities(model), np.zeros(1))
     seen, slopes, innovation = np.empty(len(rows)), np.empty((len(rows), n)), np.empty(len(rows))
 
     def frame(own: list[Array], true: Array) -> Array:
@@ -74,14 +93,15 @@ def response_of(model: Model, noise: Noise, sight: Sight, period: float, steps: 
         update(*own, chain, model.link_length, model.first_joint, rows, seen, sight.variance, innovation, scratch)
         return innovation
 
-    for _ in range(SETTLED):
+    for _ in range(frames_of(SETTLED, period)):
         frame(start, start[0].copy())
-    made = np.zeros((max(WINDOWS), len(rows), n))
+    frames = windows_of(period)[-1]
+    made = np.zeros((frames, len(rows), n))
     push = 1e-4 * float(np.mean(model.stiffness))
     for i in range(n):
         true, own = [a.copy() for a in start], [a.copy() for a in start]
         true[2][i] += push
-        for j in range(max(WINDOWS)):
+        for j in range(frames):
             predict(*true, chain, steps, period / steps, 0.0, densities, scratch)
             made[j, :, i] = frame(own, true[0]) / push
     return made
@@ -104,11 +124,12 @@ def likelihood_ratio(
         Absolute link angles, rad.
     """
     e, case = np.nan_to_num(innovation), answer.case(motion)
-    J = levers(model, angle)
+    link, share = (a.ravel() for a in np.meshgrid(np.arange(min(1, model.n - 1), model.n), PLACES, indexing="ij"))
+    J = levers(model, angle, link, share * model.link_length[link])[:, :, 0]
     best, since = np.zeros(len(e)), np.zeros(len(e), dtype=int)
     for b in np.unique(case):
         R, at = answer.response[b], case == b
-        for w in WINDOWS:
+        for w in answer.windows:
             y = sum(shifted(e, w - 1 - j) @ R[j] for j in range(w))
             spread = sum(R[j].T @ R[j] for j in range(w))
             push = np.einsum("tan,tn->ta", J[at], np.asarray(y)[at])
@@ -123,18 +144,3 @@ def likelihood_ratio(
 def shifted(e: Array, frames: int) -> Array:
     """Rows of `frames` ago; none before the first."""
     return np.concatenate([np.zeros((frames, e.shape[1])), e[: len(e) - frames]])
-
-
-def levers(model: Model, angle: Array) -> Array:
-    """Joint torques (T, places, n) of a unit force to the left of the body, at places on all links but the first."""
-    l, n = model.link_length, model.n
-    along = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
-    joint = np.concatenate([np.zeros((len(angle), 1, 2)), np.cumsum(l[:, None] * along, axis=1)], axis=1)
-    rows = []
-    for j in range(min(1, n - 1), n):
-        left = np.stack([-along[:, j, 1], along[:, j, 0]], axis=-1)
-        for share in PLACES:
-            arm = joint[:, j, None] + share * l[j] * along[:, j, None] - joint[:, : j + 1]
-            turn = arm[..., 0] * left[:, None, 1] - arm[..., 1] * left[:, None, 0]
-            rows.append(np.concatenate([turn, np.zeros((len(angle), n - j - 1))], axis=1))
-    return np.stack(rows, axis=1)

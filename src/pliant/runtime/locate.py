@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pliant.equations import contact
 from pliant.errors import InputError
 from pliant.model import Model
-from pliant.simulation import state
+from pliant.runtime.levers import curve_at, levers
 
 Array = np.ndarray
 HIDDEN = 0.5  # of what friction allows: a component known no better than this is called hidden
 NORMAL_PRIOR = 30.0  # N: no opinion on the force across the body
+END = 1.5e-3  # m before the end of the body
+ROUND = 2.0  # what friction is elsewhere: the end is round, almost any direction may be normal to it
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,8 @@ class Push:
         Of the body, m along it.
     link : int
         0 the first.
-    position, force : (2,) array
-        m and N, in the base frame.
+    position, left, force : (2,) array
+        Point on the smooth body through the joints [m], unit normal to the left of it, force [N], in the base frame.
     covariance : (2, 2) array
         Of the force at that point, N^2.
     normal, tangential : float
@@ -48,6 +49,7 @@ class Push:
     end: float
     link: int
     position: Array
+    left: Array
     force: Array
     covariance: Array
     normal: float
@@ -59,7 +61,8 @@ class Push:
 
 
 def locate(
-    model: Model, angle: Array, torque: Array, covariance: Array, *, friction: float = 0.5, spacing: float = 5e-4
+    model: Model, angle: Array, torque: Array, covariance: Array, *, friction: float = 0.5, spacing: float = 5e-4,
+    rigid: bool = False,
 ) -> Push:
     """The single force that explains external joint torques best.
 
@@ -77,6 +80,8 @@ def locate(
         Coefficient of friction that is likely; large: no opinion.
     spacing : float
         Between the points that are tried, m.
+    rigid : bool
+        Whether the body bends at its joints alone, like the chain; see `pliant.runtime.levers.levers`.
 
     Returns
     -------
@@ -95,40 +100,34 @@ def locate(
         whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     except np.linalg.LinAlgError:
         raise InputError("the covariance of the torques must be symmetric and positive definite") from None
-    link, along, J = levers(model, angle, spacing)
+    link, along = points(model, spacing)
+    J = levers(model, np.asarray(angle)[None], link, along, rigid=rigid)[0]
     A = J @ whiten.T  # (points, 2, n): torque per newton to the left and to the tip
     z = whiten @ torque
     size = np.full(link.size, np.inf)
+    at_end = (link == n - 1) & (along > model.link_length[-1] - END)
+    slope = np.where(at_end, ROUND, friction)
     for _ in range(3):  # the tangential prior follows the size of the normal force
         weight = np.zeros((link.size, 2, 2))
         weight[:, 0, 0] = NORMAL_PRIOR**-2
-        weight[:, 1, 1] = 1.0 / (friction * np.minimum(np.maximum(size, 1e-3), NORMAL_PRIOR)) ** 2
+        weight[:, 1, 1] = 1.0 / (slope * np.minimum(np.maximum(size, 1e-3), NORMAL_PRIOR)) ** 2
         information = A @ np.swapaxes(A, 1, 2) + weight
         force = np.linalg.solve(information, (A @ z)[..., None])[..., 0]
-        size = np.abs(force[:, 0])
+        size = np.where(at_end, np.linalg.norm(force, axis=1), np.abs(force[:, 0]))
     misfit = np.sum((z - np.einsum("pa,pan->pn", force, A)) ** 2, axis=1)
     misfit += np.einsum("pa,pab,pb->p", force, weight, force)
-    best = int(np.argmin(misfit))
-    likely = misfit <= misfit[best] + 3.84
+    free = np.linalg.det(information) / information[:, 0, 0] / weight[:, 1, 1]
+    evidence = misfit + np.log(free)  # freedom along the body costs: little where friction leaves little
+    best = int(np.argmin(evidence))
+    likely = evidence <= evidence[best] + 3.84
     return described(model, angle, link, along, force, information, weight, misfit, best, likely)
 
 
-def levers(model: Model, angle: Array, spacing: float) -> tuple[Array, Array, Array]:
-    """Points along the links: link and distance along it (P,), joint torques (P, 2, n) per newton left and tipwards."""
-    links, places, rows = [], [], []
-    Q = np.empty(model.n)
-    for j in range(model.n):
-        count = max(2, int(np.ceil(model.link_length[j] / spacing)))
-        c, s = np.cos(angle[j]), np.sin(angle[j])
-        for a in (np.arange(count) + 0.5) / count * model.link_length[j]:
-            pair = []
-            for fx, fy in ((-c, -s), (-s, c)):
-                contact.point_force(angle, model.link_length, j, a, 0.0, fx, fy, Q)
-                pair.append(np.cumsum(Q[::-1])[::-1])
-            links.append(j)
-            places.append(a)
-            rows.append(pair)
-    return np.array(links), np.array(places), np.array(rows)
+def points(model: Model, spacing: float) -> tuple[Array, Array]:
+    """Points along the links: link and distance along it (P,), m."""
+    counts = np.maximum(2, np.ceil(model.link_length / spacing).astype(int))
+    along = [(np.arange(c) + 0.5) / c * l for c, l in zip(counts, model.link_length, strict=True)]
+    return np.repeat(np.arange(model.n), counts), np.concatenate(along)
 
 
 def described(
@@ -140,7 +139,7 @@ def described(
     arc = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])[link] + along
     c, s = np.cos(angle[j]), np.sin(angle[j])
     turn = np.array([[-c, -s], [-s, c]]).T  # left and tipwards to x and y
-    joint = model.first_joint if j == 0 else state.tips(model, angle)[j - 1] * sign
+    point, tangent = curve_at(model, angle, float(arc[best]))
     own = np.linalg.inv(information[best])
     sd = np.sqrt(np.diag(own))
     allowed = 1.0 / np.sqrt(np.diag(weight[best]))
@@ -148,7 +147,7 @@ def described(
     F = np.diag(sign) @ turn
     return Push(
         float(arc[best]), (float(arc[likely].min()), float(arc[likely].max())), model.length, j,
-        sign * (joint + along[best] * np.array([-s, c])), F @ force[best], F @ own @ F.T,
+        sign * point, sign * np.array([-tangent[1], tangent[0]]), F @ force[best], F @ own @ F.T,
         float(force[best, 0]), float(force[best, 1]), float(sd[0]), float(sd[1]), float(misfit[best]),
         tuple(str(name) for name in names[sd > HIDDEN * allowed]),
     )

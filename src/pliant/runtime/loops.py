@@ -19,22 +19,17 @@ FADE = 0.1  # s for which motion is remembered
 def predict(phi, w, d, P, memory_state, chain, h, torque, noise, scratch):
     """Move the estimate and its covariance P (N, N) over one step of h [s] under the mean `torque` [N m].
 
-    `chain` is (base_angle, body, joints, law of the memory, whether there is memory, softening); springs, and the
-    torque that holds them bent, are weaker by the softening [1/(N m)] times that torque. `noise` holds the spectral
+    `chain` is (base_angle, body, joints, law of the memory, whether there is memory). `noise` holds the spectral
     densities of the torque noise of each joint [(N m)^2 s], of a common one that the pressure brings, and of the rate
     of the disturbance [(N m)^2/s], the growth of the last with motion, and how much motion there was of late, (1,).
     Returns the Jacobian of the step in scratch.J, row by variable; -1 where the step failed, else 0.
     """
-    base_angle, body, joints, law, remembers, softening = chain
+    base_angle, body, joints, law, remembers = chain
     n = len(phi)
     N = P.shape[0]
     springs = scratch.springs
-    left = 1.0 - softening * torque
-    torque = left * torque
     for i in range(n):
-        springs.K[i] = left * joints.K[i]
-        springs.K2[i] = left * joints.K2[i]
-        springs.theta0[i] = joints.theta0[i] + d[i] / springs.K[i]
+        springs.theta0[i] = joints.theta0[i] + d[i] / joints.K[i]
     if remembers:
         for i in range(n):
             scratch.phi[i] = phi[i]
@@ -199,7 +194,7 @@ def update(phi, w, d, P, memory_state, chain, l, first, rows, z, R, innovation, 
 
 def correct(phi, w, d, memory_state, chain, change, scratch):
     """Add a change (N,) to the state; slip elements and Bouc-Wen follow the joint, creep does not."""
-    _base, _body, joints, law, remembers, _softening = chain
+    _base, _body, joints, law, remembers = chain
     n = len(phi)
     if remembers:
         angle = 0.0

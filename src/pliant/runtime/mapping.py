@@ -17,6 +17,7 @@ Array = np.ndarray
 FREE, TOUCHED = -0.85, 2.2  # log-odds that one pass and one touch are worth
 SURE = 3.0  # standard deviations by which a force must be clear of zero to tell of a surface
 STILL = 0.5  # rad/s: faster joints make torques that look like contact
+STEADY, SAME_PLACE, SAME_FORCE = 0.13, 5e-3, 0.3  # s for which place [m] and force [share] of a touch must have stayed
 LIMIT = 8.0  # log-odds beyond which nothing is surer
 DEPTH = 2.0e-3  # m behind a surface that a touch says is solid
 
@@ -53,19 +54,32 @@ def poke_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02)
         Of the body, from its centreline to its surface, m.
     most : float
         m: a contact whose place is less certain than this (95 %) says nothing of the surface and is left out, and so
-        is one whose force is not clear of zero, or that is seen while the body moves fast.
+        is one whose force is not clear of zero, whose place or force has not stayed for a while (a body that bounces or
+        leaves), or that is seen while the body moves fast.
     """
     tips = contact["tip_position"].values
     curve = np.concatenate([np.zeros((len(tips), 1, 2)), tips], axis=1)
     width = (contact["arc_high"] - contact["arc_low"]).values
     sure = np.abs(contact["normal_force"].values) > SURE * contact["normal_force_sd"].values
     moving = np.abs(np.gradient(contact["joint_angle"].values, contact["time"].values, axis=0)).max(axis=1)
-    good = contact["in_contact"].values & (width <= most) & sure & (moving <= STILL)
+    good = contact["in_contact"].values & (width <= most) & sure & (moving <= STILL) & steady(contact)
     push = contact["contact_normal"].values[good]  # the obstacle pushes the body this way
     point = contact["contact_position"].values[good] - half_width * push
     return Poke(
         dense(curve), point, push, np.maximum(0.25 * width[good], 5e-4), np.abs(contact["normal_force"].values[good])
     )
+
+
+def steady(contact: xr.Dataset) -> Array:
+    """Whether place and force of a contact (T,) have stayed where they are for a while."""
+    period = float(np.median(np.diff(contact["time"].values)))
+    place, force = contact["contact_arc_length"].values, contact["normal_force"].values
+    same = np.ones(len(place), dtype=bool)
+    for back in range(1, max(1, round(STEADY / period)) + 1):
+        before = [np.concatenate([np.full(back, np.nan), a[:-back]]) for a in (place, force)]
+        same &= np.abs(place - before[0]) <= SAME_PLACE
+        same &= np.abs(force - before[1]) <= SAME_FORCE * np.abs(force)
+    return same
 
 
 def dense(curve: Array, count: int = 40) -> Array:

@@ -45,13 +45,11 @@ class Output(NamedTuple):
 def make_scratch(model: Model, states: int, rows: int) -> Scratch:
     """Scratch arrays for a model, so many states and rows."""
     n, joints = model.n, model.joints()
-    springs = joints._replace(theta0=joints.theta0.copy(), K=joints.K.copy(), K2=joints.K2.copy())
-    held = state.held(model)
-    held = held._replace(springs=held.springs._replace(K2=springs.K2))
+    springs = joints._replace(theta0=joints.theta0.copy(), K=joints.K.copy())  # writable, like those of `held`
     shapes = [
         (3 * n, 2 * n), (states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n),
     ]
-    return Scratch(state.workspace(n), held, springs, *(np.zeros(shape) for shape in shapes))
+    return Scratch(state.workspace(n), state.held(model), springs, *(np.zeros(shape) for shape in shapes))
 
 
 def make_output(frames: int, states: int, rows: int) -> Output:

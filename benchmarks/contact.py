@@ -1,0 +1,143 @@
+"""Contact on virtual actuators: found when, where, how hard, mapped how well, and how often by mistake.
+
+    python benchmarks/contact.py b                        # pokes at the tip, then obstacles with the map of two of them
+    python benchmarks/contact.py b --rate 250             # the same with a sensor of 250 Hz
+    python benchmarks/contact.py b --minutes 60           # false alarms in other free motion, nothing else
+
+Everything was chosen on actuator a: the noise, the model's error of torque, what counts as steady. The models in
+benchmarks/models are each actuator's own. The test learns from five minutes of free motion of the same body.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+
+import numpy as np
+from state import LATENCY, NOISE, model, pushed, seen
+
+from pliant.runtime import find_contact, free_motion, map_contacts
+from pliant.runtime.mapping import poke_of
+from pliant.testbed.contact import Circle
+from pliant.testbed.laboratory import Laboratory, generate, run_rod
+from pliant.testbed.rod import actuator
+from pliant.testbed.scenarios import Command, Scenario, pulse, scenario
+
+HALF_WIDTH = 0.005  # m
+LEARN = range(5)
+OTHER = 100  # seed of the first minute of other free motion
+LENGTH = 0.17  # m
+
+
+def random_pulses(seed, rate, duration=60.0):
+    """The paper's pressures for random times."""
+    rng, t, points = np.random.default_rng([77, seed]), 0.3, []
+    while t < duration - 4.0:
+        level, width = rng.choice([60e3, 119e3, 180e3, 240e3]), rng.uniform(0.5, 2.76)
+        points += [(t, level), (t + width, 0.0)]
+        t += width + rng.uniform(0.6, 2.0)
+    return Scenario(f"random_{seed}", "", duration, Command("steps", tuple(points)), rate=rate)
+
+
+def posted(name, share):
+    """A post that mid-body meets at this share of its way under 119 kPa, where the bare body would move on."""
+    made = generate("pulse_119", name, 1).truth
+    t, x = made["time"].values, made["position"].values
+    i = int(np.argmin(np.abs(made["arc_length"].values - 0.085)))
+    rest, held = x[:5, i].mean(axis=0), x[(t > 2.0) & (t < 2.8), i].mean(axis=0)
+    j = int(np.argmin(np.abs(x[:, i] - rest - share * (held - rest)).sum(axis=1)))
+    along = x[j, i + 1] - x[j, i - 1]
+    side = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    post = Circle(tuple(rest + share * (held - rest) + 0.013 * side), 0.008)
+    return Scenario(f"mid_{share}", "", 4.5, scenario("pulse_119").command, (post,), step=1e-4)
+
+
+def poked(name, newton, begin, rate):
+    """Shape while 119 kPa hold and a force across the tip sets in at `begin` for 0.4 s."""
+    case = Scenario(f"poke_{newton}_{begin}", "", 4.0, pulse(119e3, 3.5, start=0.2))
+    end = run_rod(case, actuator(name), Laboratory()).position[2000]  # at 2 s
+    side = np.array([end[-4, 1] - end[-1, 1], end[-1, 0] - end[-4, 0]]) / np.linalg.norm(end[-1] - end[-4])
+    return pushed(case, name, lambda t: newton * ((t >= begin) & (t < begin + 0.4))[:, None] * side, rate)
+
+
+def pokes(name, chain, options, rate):
+    """Forces across the tip, both ways, at three moments of the hold."""
+    for newton in (0.02, 0.05, 0.1):
+        late, wrong, away = [], [], []
+        for begin in (2.0, 2.5, 3.0):
+            for sign in (1.0, -1.0):
+                found = find_contact(poked(name, sign * newton, begin, rate), chain, **options)
+                alarms, t = np.array(found.attrs["alarm_s"]) - begin, found["time"].values - begin
+                late += list(1e3 * alarms[(alarms > 0) & (alarms < 0.4)][:1])
+                hold = found["in_contact"].values & (t > 0.15) & (t < 0.4)
+                wrong += list(np.linalg.norm(found["contact_force"].values[hold], axis=1) / newton - 1.0)
+                away += list(LENGTH - found["contact_arc_length"].values[hold])
+        told = f", place {1e3 * np.median(away):.1f} mm, force {100 * np.median(wrong):+.0f} %" if wrong else ""
+        print(f"{name} tip, {1e3 * newton:.0f} mN: {len(late)} of 6 found after {np.sort(late).round()} ms{told}",
+              flush=True)
+
+
+def obstacles(name, chain, options, rate):
+    """Post, wall and soft ball, and a post at mid-body; medians while the pressure holds."""
+    maps = []
+    for case in (*map(scenario, ("contact_circle", "contact_wall", "contact_spring")), posted(name, 0.6),
+                 posted(name, 0.8)):
+        body, truth = seen(replace(case, rate=rate), name)
+        found = find_contact(body, chain, **options)
+        size, total = np.linalg.norm(truth["force"].values, axis=2), truth["force"].values.sum(axis=1)
+        t, strength = truth["time"].values, np.linalg.norm(total, axis=1)
+        least = 0.1 if case.name.startswith("mid") else 0.02
+        alarms = 1e3 * (np.array(found.attrs["alarm_s"]) - t[np.argmax(strength > least)])
+        hold = (t > 1.0) & (t < 2.8) & found["in_contact"].values
+        arc = (size * truth["arc_length"].values).sum(axis=1)[hold] / size.sum(axis=1)[hold]
+        force = np.linalg.norm(found["contact_force"].values[hold], axis=1) / strength[hold] - 1.0
+        place = found["contact_arc_length"].values[hold] - arc
+        gap = distances(found, case.obstacles[0])
+        maps.append((found, gap))
+        print(f"{name} {case.name}: {np.median(strength[hold]):.2f} N at {1e3 * np.median(arc):.0f} mm, first of "
+              f"{alarms.size} alarms {alarms[0]:.0f} ms after {least} N, "
+              f"place {1e3 * np.median(place):+.1f} mm, force {100 * np.median(force):+.0f} %, map {len(gap)} points, "
+              f"RMS {1e3 * np.sqrt(np.mean(gap**2)):.2f} mm", flush=True)
+    chart = map_contacts([found for found, _ in maps[:2]], half_width=HALF_WIDTH)
+    both = np.concatenate([gap for _, gap in maps[:2]])
+    print(f"{name} map of post and wall: {chart.sizes['touch']} points, RMS {1e3 * np.sqrt(np.mean(both**2)):.2f} mm")
+
+
+def distances(found, thing):
+    """How far the map's surface points lie from the obstacle's surface, m."""
+    point = poke_of(found, half_width=HALF_WIDTH).point
+    if isinstance(thing, Circle):
+        return np.linalg.norm(point - thing.centre, axis=1) - thing.radius
+    return point @ np.array(thing.normal) - thing.offset
+
+
+def false_alarms(name, chain, options, rate, minutes):
+    """Alarms in free motion that the test did not learn from."""
+    count, highest = 0, 0.0
+    for k in range(minutes):
+        found = find_contact(seen(random_pulses(OTHER + k, rate), name)[0], chain, **options)
+        count, highest = count + len(found.attrs["alarm_s"]), max(highest, float(found["statistic"].max()))
+        if (k + 1) % 10 == 0 or k + 1 == minutes:
+            print(f"{name}: {count} false alarms in {k + 1} min of other free motion, highest statistic "
+                  f"{highest:.2f} of the threshold", flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("actuator", choices=["a", "b", "c"])
+    parser.add_argument("--rate", type=float, default=75.0, help="of the sensor, Hz")
+    parser.add_argument("--minutes", type=int, default=0, help="only count false alarms, in so many minutes")
+    args = parser.parse_args()
+    name, chain = args.actuator, model(args.actuator)
+    options = {"noise": NOISE, "latency": LATENCY[name]}
+    free = [seen(random_pulses(k, args.rate), name)[0] for k in LEARN]
+    options["free"] = free_motion(free, chain, **options)
+    if args.minutes:
+        false_alarms(name, chain, options, args.rate, args.minutes)
+    else:
+        pokes(name, chain, options, args.rate)
+        obstacles(name, chain, options, args.rate)
+
+
+if __name__ == "__main__":
+    main()
