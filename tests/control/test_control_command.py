@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from pliant.cli.control import control, read_task
 from pliant.errors import InputError
@@ -17,7 +19,7 @@ def test_a_task_is_done(tmp_path, capsys):
     task = tmp_path / "task.toml"
     valve = "[valve]\nrise_hz = 9.01\nfall_hz = 6.46\ndamping_ratio = 0.765\ndead_time_ms = 8.12\n"
     task.write_text("duration_s = 0.6\n[[setpoint]]\ntime_s = 0.1\ndisplacement_mm = 15.0\n" + valve)
-    control(model=MODEL, task=task, plant="testbed:a", output=tmp_path / "out", real_time=False, example=False)
+    control(model=MODEL, task=task, plant="testbed:a", output=tmp_path / "out", real_time=False)
     said = capsys.readouterr().out
     assert "phase margin" in said
     assert "fault: none" in said
@@ -27,9 +29,12 @@ def test_a_task_is_done(tmp_path, capsys):
     assert abs(table["error_m"].iloc[-20:].mean()) < 1.5e-3
 
 
-def test_the_example_is_a_task(capsys, tmp_path):
-    control(model=MODEL, example=True)
-    (tmp_path / "t.toml").write_text(capsys.readouterr().out)
+def test_the_example_is_a_task_and_asks_for_nothing(tmp_path):
+    app = typer.Typer()
+    app.command()(control)
+    done = CliRunner().invoke(app, ["--example"])
+    assert done.exit_code == 0
+    (tmp_path / "t.toml").write_text(done.stdout)
     assert read_task(tmp_path / "t.toml")["setpoint"] == [(0.0, 0.025)]
 
 

@@ -76,4 +76,4 @@ def test_everything_is_written(demo):
 
 
 def test_within_a_loose_budget(demo):
-    assert demo[2] < 60
+    assert demo[2] < 240  # half a minute alone on two cores; tests share them

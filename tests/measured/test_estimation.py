@@ -10,8 +10,7 @@ from pliant.model import Station, Valve, chain_model
 from pliant.preprocessing.align import align
 from pliant.preprocessing.clusters import assemble
 from pliant.recording import read
-from pliant.runtime import Noise, estimate
-from pliant.runtime.release import release_of
+from pliant.runtime import Noise, estimate, release_of
 from pliant.simulation import Pulse, Trace, state
 
 CLUSTERS = {"base": ["Base*"], "tip": ["Tip*"]}

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from pliant.errors import InputError
-from pliant.runtime.release import release_of
+from pliant.runtime import release_of
 
 TIME = 0.01 * np.arange(200)
 

@@ -38,6 +38,13 @@ KNOWN = {"period_ms": 4.0, "highest_kpa": 190.0, "duration_s": 2.0, "ramp_s": 0.
 VALVE = ("rise_hz", "fall_hz", "damping_ratio", "dead_time_ms")
 
 
+def print_task(wanted: bool) -> None:
+    """Print the example and leave, whatever else was or was not given."""
+    if wanted:
+        typer.echo(TASK, nl=False)
+        raise typer.Exit
+
+
 def control(
     model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
     task: Annotated[Path | None, typer.Option("--task", help="Task (.toml): set-points and limits.")] = None,
@@ -50,16 +57,15 @@ def control(
     real_time: Annotated[bool, typer.Option("--real-time", help="By the machine's clock, not as fast as it goes.")] = (
         False
     ),
-    example: Annotated[bool, typer.Option("--example", help="Print an example task and leave.")] = False,
+    _example: Annotated[
+        bool, typer.Option("--example", is_eager=True, callback=print_task, help="Print an example task and leave.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the loop's summary as JSON.")] = False,
 ) -> None:
     """Control the tip of an actuator: calibrate its rest, design the gains, run the loop, report.
 
     Example: pliant control --plant testbed:b --model results/demo/model.json --task task.toml
     """
-    if example:
-        typer.echo(TASK, nl=False)
-        return
     from pliant.files import write_text
     from pliant.model import load_model
 

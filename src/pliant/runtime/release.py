@@ -54,8 +54,7 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
 
     Examples
     --------
-    >>> from pliant.runtime import Noise, estimate                 # doctest: +SKIP
-    >>> from pliant.runtime.release import release_of
+    >>> from pliant.runtime import Noise, estimate, release_of     # doctest: +SKIP
     >>> found = estimate(recording, model, pressure=pliant.Pulse(0.0), noise=Noise(wander=4.0, initial_disturbance=2.0))
     >>> release_of(found).begin                                    # s
     """
