@@ -4,8 +4,9 @@
     python benchmarks/contact.py b --rate 250             # the same with a sensor of 250 Hz
     python benchmarks/contact.py b --minutes 60           # false alarms in other free motion, nothing else
 
-Everything was chosen on actuator a: the noise, the model's error of torque, what counts as steady. The models in
-benchmarks/models are each actuator's own. The test learns from five minutes of free motion of the same body.
+The noise was tuned on actuator a alone; the model's error of torque and what counts as steady were chosen with b and c
+in view. The models in benchmarks/models are each actuator's own. The test learns from five minutes of free motion of
+the same body.
 """
 
 from __future__ import annotations
