@@ -58,7 +58,7 @@ def levers(model: Model, angle: Array, link: Array, along: Array, *, rigid: bool
 
 
 def curve_at(model: Model, angle: Array, arc_length: float) -> tuple[Array, Array]:
-    """Point and unit tangent (2,) at an arc length [m] of the smooth body through the joints, bending to the left."""
+    """Point and unit tangent (2,) at an arc length [m] of the cubic spline through the joints, before `bend_sign`."""
     l = model.link_length
     steps = np.concatenate([[[0.0, 0.0]], l[:, None] * np.stack([-np.sin(angle), np.cos(angle)], axis=1)])
     nodes, arc = model.first_joint + np.cumsum(steps, axis=0), model.base_length + np.append(0.0, np.cumsum(l))

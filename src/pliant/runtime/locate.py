@@ -67,8 +67,8 @@ def locate(
     """The single force that explains external joint torques best.
 
     Every point along the body is tried. There the force is the least-squares one, f = (J S^-1 J^T + W)^-1 J S^-1 r,
-    where W says that the tangential part is at most about `friction` times the normal one; the point with the least
-    unexplained chi-square is taken.
+    where W says that the tangential part is at most about `friction` times the normal one (at the round end it may
+    be larger). The point of the highest evidence is taken: unexplained chi-square, and what a free direction costs.
 
     Parameters
     ----------
