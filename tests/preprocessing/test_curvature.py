@@ -74,8 +74,7 @@ def test_a_circle_has_one_curvature_wherever_it_lies(kappa, turn, method):
     z = 1j * S if kappa == 0 else (np.exp(1j * kappa * S) - 1) / kappa
     z = z * np.exp(1j * turn) + (0.3 - 0.2j)
     recording = make_recording([0.0], np.stack([z.real, z.imag], axis=1)[None], arc_length=S, frame="planar")
-    # 1e-6 1/m: what rounding of the coefficients and of places in a frame of 0.4 m leaves; the filter is of order 4
-    tolerance = 1e-6 if method == "basis" else 1e-6 + 3e-8 * abs(kappa) ** 5
+    tolerance = 1e-6 if method == "basis" else 1e-8 + 3e-8 * abs(kappa) ** 5  # the filter is of order 4
     np.testing.assert_allclose(curvature_of(recording, method=method).values, kappa, atol=tolerance)
 
 

@@ -106,8 +106,9 @@ def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], wind
             f"Savitzky-Golay needs evenly spaced stations, but the spacing deviates by {100 * uneven:.1f} %: "
             "resample along arc length first, or use method='basis'"
         )
+    near = position - position[:, s.size // 2, None]  # where the body lies is no matter, and costs digits
     first, second = (
-        savgol_filter(position, window, POLYNOMIAL, deriv=order, delta=float(spacing.mean()), axis=1)
+        savgol_filter(near, window, POLYNOMIAL, deriv=order, delta=float(spacing.mean()), axis=1)
         for order in (1, 2)
     )
     speed = np.linalg.norm(first, axis=2)
