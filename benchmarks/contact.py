@@ -28,6 +28,7 @@ HALF_WIDTH = 0.005  # m
 LEARN = range(5)
 OTHER = 100  # seed of the first minute of other free motion
 LENGTH = 0.17  # m
+HELD = Scenario("held", "", 4.0, pulse(119e3, 3.5, start=0.2))
 
 
 def random_pulses(seed, rate, duration=60.0):
@@ -53,21 +54,21 @@ def posted(name, share):
     return Scenario(f"mid_{share}", "", 4.5, scenario("pulse_119").command, (post,), step=1e-4)
 
 
-def poked(name, newton, begin, rate):
-    """Shape while 119 kPa hold and a force across the tip sets in at `begin` for 0.4 s."""
-    case = Scenario(f"poke_{newton}_{begin}", "", 4.0, pulse(119e3, 3.5, start=0.2))
-    end = run_rod(case, actuator(name), Laboratory()).position[2000]  # at 2 s
-    side = np.array([end[-4, 1] - end[-1, 1], end[-1, 0] - end[-4, 0]]) / np.linalg.norm(end[-1] - end[-4])
+def poked(name, newton, begin, side, rate):
+    """Shape while 119 kPa hold and a force along `side` sets in at the tip at `begin` for 0.4 s."""
+    case = replace(HELD, name=f"poke_{newton}_{begin}")
     return pushed(case, name, lambda t: newton * ((t >= begin) & (t < begin + 0.4))[:, None] * side, rate)
 
 
 def pokes(name, chain, options, rate):
     """Forces across the tip, both ways, at three moments of the hold."""
+    end = run_rod(HELD, actuator(name), Laboratory()).position[2000]  # at 2 s
+    side = np.array([end[-4, 1] - end[-1, 1], end[-1, 0] - end[-4, 0]]) / np.linalg.norm(end[-1] - end[-4])
     for newton in (0.02, 0.05, 0.1):
         late, wrong, away = [], [], []
         for begin in (2.0, 2.5, 3.0):
             for sign in (1.0, -1.0):
-                found = find_contact(poked(name, sign * newton, begin, rate), chain, **options)
+                found = find_contact(poked(name, sign * newton, begin, side, rate), chain, **options)
                 alarms, t = np.array(found.attrs["alarm_s"]) - begin, found["time"].values - begin
                 late += list(1e3 * alarms[(alarms > 0) & (alarms < 0.4)][:1])
                 hold = found["in_contact"].values & (t > 0.15) & (t < 0.4)
@@ -80,7 +81,7 @@ def pokes(name, chain, options, rate):
 
 def obstacles(name, chain, options, rate):
     """Post, wall and soft ball, and a post at mid-body; medians while the pressure holds."""
-    maps = []
+    maps, gaps = [], []
     for case in (*map(scenario, ("contact_circle", "contact_wall", "contact_spring")), posted(name, 0.6),
                  posted(name, 0.8)):
         body, truth = seen(replace(case, rate=rate), name)
@@ -93,20 +94,20 @@ def obstacles(name, chain, options, rate):
         arc = (size * truth["arc_length"].values).sum(axis=1)[hold] / size.sum(axis=1)[hold]
         force = np.linalg.norm(found["contact_force"].values[hold], axis=1) / strength[hold] - 1.0
         place = found["contact_arc_length"].values[hold] - arc
-        gap = distances(found, case.obstacles[0])
-        maps.append((found, gap))
+        poke = poke_of(found, half_width=HALF_WIDTH)
+        gap = distances(poke.point, case.obstacles[0])
+        maps.append(poke)
+        gaps.append(gap)
         print(f"{name} {case.name}: {np.median(strength[hold]):.2f} N at {1e3 * np.median(arc):.0f} mm, first of "
               f"{alarms.size} alarms {alarms[0]:.0f} ms after {least} N, "
               f"place {1e3 * np.median(place):+.1f} mm, force {100 * np.median(force):+.0f} %, map {len(gap)} points, "
               f"RMS {1e3 * np.sqrt(np.mean(gap**2)):.2f} mm", flush=True)
-    chart = map_contacts([found for found, _ in maps[:2]], half_width=HALF_WIDTH)
-    both = np.concatenate([gap for _, gap in maps[:2]])
+    chart, both = map_contacts(maps[:2], half_width=HALF_WIDTH), np.concatenate(gaps[:2])
     print(f"{name} map of post and wall: {chart.sizes['touch']} points, RMS {1e3 * np.sqrt(np.mean(both**2)):.2f} mm")
 
 
-def distances(found, thing):
+def distances(point, thing):
     """How far the map's surface points lie from the obstacle's surface, m."""
-    point = poke_of(found, half_width=HALF_WIDTH).point
     if isinstance(thing, Circle):
         return np.linalg.norm(point - thing.centre, axis=1) - thing.radius
     return point @ np.array(thing.normal) - thing.offset

@@ -2,9 +2,9 @@
 
     python benchmarks/models/identify.py b -o b.json
 
-Least squares in the joint angles over six free pulses and `PUSHES`: forces at the tip as of a weight on a thread, at
-rest and under 119 kPa. A free pulse shows how far a joint bends, which is its gain over its stiffness; a known force
-tells the two apart. Prints the latency [s] that benchmarks/state.py takes.
+Least squares in the joint angles over six free pulses, slow triangles and `PUSHES`: forces at the tip as of a weight on
+a thread, at rest and under 119 kPa. A free pulse shows how far a joint bends, which is its gain over its stiffness; a
+known force tells the two apart. Prints the latency [s] that benchmarks/state.py takes.
 """
 
 from __future__ import annotations

@@ -98,12 +98,12 @@ def find_contact(
     left = learnt.left_over(seen.torque, seen.features)
     slow, fast = learnt.statistic(left, seen.features) / learnt.threshold, learnt.sudden.statistic(ratio, seen.motion)
     slow = slow if lasting else np.zeros_like(slow)
-    events = episodes(slow, fast, since, left, learnt, learnt.scale(seen.features))
+    scale, pushes = learnt.scale(seen.features), {}
+    events = episodes(slow, fast, since, left, learnt, scale)
     touching = np.zeros(len(left), dtype=bool)
     for event in events:
         touching[event.alarm : event.end] = True
         left[event.onset : event.end] -= event.before
-    scale, pushes = learnt.scale(seen.features), {}
     for k in map(int, np.flatnonzero(touching)):
         doubt = scale[k] * learnt.change + np.diag((torque_error * left[k]) ** 2)
         pushes[k] = locate(model, seen.angle[k], left[k], doubt, friction=friction)
@@ -124,9 +124,9 @@ def free_motion(
     parts = [unexplained(r, model, settings, options) for r in recordings]
     sight = sight_of(recordings[0], model, settings, options.get("stations"))
     answer = answer_of(model, settings, sight, step=options.get("step", 5e-3))
-    ratios = [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts]
     for part in parts:
         check_pace(part.found, answer.period)
+    ratios = [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts]
     sudden = learn_sudden(answer, ratios, [p.motion for p in parts], rate)
     return learn_free([p.torque for p in parts], [p.features for p in parts], sudden, rate=rate)
 

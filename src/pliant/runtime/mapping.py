@@ -12,6 +12,7 @@ import xarray as xr
 
 from pliant.errors import InputError
 from pliant.files import whole
+from pliant.runtime.jump import frames_of
 
 Array = np.ndarray
 FREE, TOUCHED = -0.85, 2.2  # log-odds that one pass and one touch are worth
@@ -75,7 +76,7 @@ def steady(contact: xr.Dataset) -> Array:
     period = float(np.median(np.diff(contact["time"].values)))
     place, force = contact["contact_arc_length"].values, contact["normal_force"].values
     same = np.ones(len(place), dtype=bool)
-    for back in range(1, max(1, round(STEADY / period)) + 1):
+    for back in range(1, frames_of(STEADY, period) + 1):
         before = [np.concatenate([np.full(back, np.nan), a[:-back]]) for a in (place, force)]
         same &= np.abs(place - before[0]) <= SAME_PLACE
         same &= np.abs(force - before[1]) <= SAME_FORCE * np.abs(force)
