@@ -17,8 +17,8 @@ from dataclasses import replace
 import numpy as np
 from state import LATENCY, NOISE, model, pushed, seen
 
-from pliant.runtime import find_contact, free_motion, map_contacts
-from pliant.runtime.mapping import poke_of
+from pliant.contact import find_contact, free_motion, map_contacts
+from pliant.contact.occupancy_map import poke_of
 from pliant.testbed.contact import Circle
 from pliant.testbed.laboratory import Laboratory, generate, run_rod
 from pliant.testbed.rod import actuator

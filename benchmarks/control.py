@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pliant.control import Limits, SupplyValve, Task, prepare_control
+from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.model import load_model
-from pliant.runtime.control import Limits, SupplyValve, Task, prepare_control
-from pliant.runtime.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.simulation import state
 from pliant.testbed.plant import Plant
 
@@ -105,12 +105,12 @@ def spent(call, frames=1, calls=300):
 
 def speed():
     """Time of a frame at the loop's period: filter or observer with memory, and the regulator; us."""
-    from pliant.equations._compiled import twin
-    from pliant.runtime import default_noise
-    from pliant.runtime import loops as filter_loops
-    from pliant.runtime.control import frame_loops
-    from pliant.runtime.estimation import chain_of
-    from pliant.runtime.scratch import make_scratch
+    from pliant.compiler.choose import twin
+    from pliant.control import frame_loops
+    from pliant.estimation import default_noise
+    from pliant.estimation import kalman_loops as filter_loops
+    from pliant.estimation.offline import chain_of
+    from pliant.estimation.workspace import make_scratch
 
     run = Loop("a", "a", True, time=[0.0], displacement=[STEP], duration=1.0)
     run.go(0.3)

@@ -1,6 +1,6 @@
 """How the cost of one step grows with the number of links: dense and articulated, as loops and as straight lines.
 
-`chosen` is what every simulation runs; see `pliant.equations._fast`.
+`chosen` is what every simulation runs; see `pliant.compiler.choose`.
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ import numpy as np
 from numba import njit
 
 from pliant.actuators import chen2018
-from pliant.campaign.bench.timing import best, machine
-from pliant.equations._compiled import options, rebuild, twin
-from pliant.equations._fast import fast_step
-from pliant.equations._straight import straight
+from pliant.bench.timing import best, machine
+from pliant.compiler.choose import fast_step, straight, twin
+from pliant.compiler.twin import options, rebuild
 from pliant.equations.articulated import step_articulated
 from pliant.equations.motion import step
-from pliant.simulation import loops
+from pliant.simulation import march_loops
 from pliant.simulation.state import workspace
 
 LINKS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 30, 40, 50)
@@ -29,7 +28,7 @@ CALLS, STEP, TORQUE = 500, 1e-4, 0.05
 def step_ns(compiled, n: int) -> tuple[float, np.ndarray]:
     """Time of one step in a march, ns, and the angles after `CALLS` of them."""
     model = chen2018.model(links=n)
-    march = rebuild(loops.march, njit(**{**options(loops.march), "cache": False}), {"step": compiled})
+    march = rebuild(march_loops.march, njit(**{**options(march_loops.march), "cache": False}), {"step": compiled})
     h, torque = np.full(CALLS, STEP), np.full(CALLS, TORQUE)
     keep, rows = np.append(np.full(CALLS - 1, -1), 0), (np.empty((1, n)), np.empty((1, n)), np.empty((1, 2)))
 

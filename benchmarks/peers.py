@@ -6,10 +6,10 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from pliant.campaign.bench.methods import STEPS, TOLERANCES, Method, in_pieces
-from pliant.campaign.bench.problem import Problem
+from pliant.bench.methods import STEPS, TOLERANCES, Method, in_pieces
+from pliant.bench.problem import Problem
+from pliant.compiler.twin import rebuild
 from pliant.equations import motion
-from pliant.equations._compiled import rebuild
 from pliant.equations.symbols import Workspace
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import elastica
 import numpy as np
 
-from pliant.campaign.bench.timing import machine
+from pliant.bench.timing import machine
 from pliant.testbed.rod import RodParameters
 from pliant.testbed.stepping import settle, simulate
 

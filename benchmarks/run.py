@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from time import perf_counter
 
-from pliant.campaign.bench.run import NAMES, measure, write
+from pliant.bench.run import NAMES, measure, write
 
 HERE = Path(__file__).parent
 SCRIPTS = {  # with what they are given, and after how long they are stopped, s

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, lfilter
 
+from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
+from pliant.estimation.measurement import measurement_of
 from pliant.model import load_model
-from pliant.runtime import Estimator, Noise, estimate, rows_of
-from pliant.runtime.sight import sight_of
 from pliant.study.dense import body_of_fibre
 from pliant.study.schema import Fibre
 from pliant.testbed.laboratory import RECORD, SUPPLY_STEP, Laboratory, generate, record, run_rod
@@ -57,7 +57,7 @@ def rates():
             seen = body_of_fibre(record(motion, rod, lab, at, seed=1, attrs={"scenario": case.name}), FIBRE)[0]
             truth = true_rates(motion, chain, at)
             found = estimate(seen, chain, noise=NOISE, latency=LATENCY[name])
-            angle = sight_of(seen, chain, NOISE).value
+            angle = measurement_of(seen, chain, NOISE).value
             for column in angle.T:
                 gap = np.isnan(column)
                 column[gap] = np.interp(np.flatnonzero(gap), np.flatnonzero(~gap), column[~gap])
@@ -71,18 +71,18 @@ def rates():
 
 
 def speed():
-    from pliant.equations._compiled import twin
-    from pliant.runtime import loops
-    from pliant.runtime.estimation import chain_of
-    from pliant.runtime.scratch import make_scratch
+    from pliant.compiler.choose import twin
+    from pliant.estimation import kalman_loops
+    from pliant.estimation.offline import chain_of
+    from pliant.estimation.workspace import make_scratch
     from pliant.simulation import state
 
     for name, chain in (("with memory", model("a")), ("without", model("a").with_(memory=type(model("a").memory)()))):
-        n, rows = chain.n, np.array([(loops.JOINT, i, 0.0, 0.0) for i in range(chain.n)])
+        n, rows = chain.n, np.array([(kalman_loops.JOINT, i, 0.0, 0.0) for i in range(chain.n)])
         scratch, P = make_scratch(chain, NOISE.states(chain), n), NOISE.initial(chain)
         q = np.zeros(n)
         own = [state.absolute(chain, q), np.zeros(n), np.zeros(n), P, state.relaxed(chain, q)]
-        many = twin(loops.many_frames, n)
+        many = twin(kalman_loops.many_frames, n)
         call = (*own, chain_of(chain), 1.0 / RATE, 0.05, (*NOISE.densities(chain), np.zeros(1)), chain.link_length,
                 chain.first_joint, rows, chain.rest_angle.copy(), np.full(n, NOISE.angle**2), np.empty(n), scratch)
         many(1, 3, *call)
@@ -94,7 +94,7 @@ def speed():
                 spent.append((time.process_time() - began) / 50)
             print(f"{name}: frame of {steps} steps and {n} angles: median {1e6 * np.median(spent):.1f} us, "
                   f"least {1e6 * min(spent):.1f} us")
-    filter_ = Estimator(model("a"), NOISE, latency=4e-3)
+    filter_ = KalmanFilter(model("a"), NOISE, latency=4e-3)
     rows, spent = rows_of(model("a"), model("a").points[-2:]), []
     for k in range(2000):
         began = time.perf_counter()
@@ -105,13 +105,14 @@ def speed():
 
 
 def seen_at_rest(rows):
-    from pliant.runtime import loops
+    from pliant.estimation import kalman_loops
     from pliant.simulation import state
 
     chain = model("a") if not hasattr(seen_at_rest, "chain") else seen_at_rest.chain
     seen_at_rest.chain = chain
     seen, slopes = np.empty(len(rows)), np.empty((len(rows), chain.n))
-    loops.observe(state.absolute(chain, np.zeros(chain.n)), chain.link_length, chain.first_joint, rows, seen, slopes)
+    at_rest = state.absolute(chain, np.zeros(chain.n))
+    kalman_loops.observe(at_rest, chain.link_length, chain.first_joint, rows, seen, slopes)
     return seen
 
 

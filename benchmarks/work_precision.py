@@ -15,10 +15,10 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 from peers import all_peers
 
-from pliant.campaign.bench.methods import mujoco_methods, pliant_extrapolated, pliant_midpoint, scipy_methods
-from pliant.campaign.bench.problem import TARGET_MM, Problem
-from pliant.campaign.bench.race import curve
-from pliant.campaign.bench.timing import machine
+from pliant.bench.methods import mujoco_methods, pliant_extrapolated, pliant_midpoint, scipy_methods, solved
+from pliant.bench.problem import TARGET_MM, Problem
+from pliant.bench.race import curve
+from pliant.bench.timing import machine
 
 ROOT = Path(__file__).resolve().parents[1]
 MARKERS = "os^vD<>Pp*Xh8d"
@@ -51,7 +51,7 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--seconds", type=float, default=float("inf"))
     limit = asked.parse_args().seconds
-    problem = Problem()
+    problem = solved(Problem())
     methods = [
         pliant_midpoint(problem), pliant_extrapolated(problem), *scipy_methods(problem), *mujoco_methods(problem),
         *all_peers(problem),

@@ -27,12 +27,11 @@ PLOTS = {"plotting.py", "validation/figures.py"}
 
 
 def is_kernel_file(name):
-    equations = name.startswith("equations/") and "/_" not in name
-    return equations or name.endswith("loops.py") or name == "numerics/ldl.py"
+    return name.startswith("equations/") or name.endswith("loops.py") or name == "numerics/ldl.py"
 
 
 def may_compile(name):
-    return name.endswith("loops.py") or name.startswith(("equations/", "numerics/"))
+    return name.endswith("loops.py") or name.startswith(("compiler/", "numerics/"))
 
 
 def imported(node):
@@ -71,7 +70,7 @@ def test_data_moves_one_way():
 
 @pytest.mark.parametrize("name", [name for name in MODULES if not may_compile(name)])
 def test_compiled_code_lives_in_three_places(name):
-    assert "numba" not in roots(name), "numba belongs in equations, numerics and files named loops.py"
+    assert "numba" not in roots(name), "numba belongs in compiler, numerics and files named loops.py"
 
 
 @pytest.mark.parametrize("name", [name for name in MODULES if name not in PLOTS])
@@ -95,7 +94,7 @@ def test_kernels_stay_plain(name):
         allowed = f"{name}::{function.name}" in ALLOCATES
         assert allowed or not made, f"{function.name} allocates with {sorted(made)}: the caller owns the arrays"
         if name.startswith(("equations/", "numerics/")):
-            assert not function.decorator_list, f"{function.name}: the text stays plain, _compiled.twin compiles"
+            assert not function.decorator_list, f"{function.name}: the text stays plain, compiler.choose.twin compiles"
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -19,14 +19,14 @@ from scipy.optimize import least_squares
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from state import LINKS, pushed, seen
 
-from pliant.equations._compiled import twin
+from pliant.compiler.choose import twin
 from pliant.errors import SimulationError
+from pliant.estimation import Noise, kalman_loops
+from pliant.estimation.measurement import measurement_of
+from pliant.estimation.offline import chain_of, input_of
+from pliant.estimation.workspace import make_scratch
 from pliant.model import Model, save_model
 from pliant.model.memory import Memory
-from pliant.runtime import Noise, loops
-from pliant.runtime.estimation import chain_of, input_of
-from pliant.runtime.scratch import make_scratch
-from pliant.runtime.sight import sight_of
 from pliant.simulation import state
 from pliant.simulation.drive import drive
 from pliant.testbed.scenarios import Command, Scenario, scenario
@@ -93,7 +93,7 @@ def predicted(chain, body, sight, latency, arm=None):
     phi, w, d = state.absolute(held, q), np.zeros(n), np.zeros(n)
     rest = (np.zeros((2 * n, 2 * n)), state.relaxed(held, q), chain_of(held))
     quiet = (np.zeros(n), 0.0, np.zeros(n), 0.0, np.zeros(1))
-    predict, scratch, frame, out = twin(loops.predict, n), make_scratch(held, 2 * n, n), 0, np.empty((T, n))
+    predict, scratch, frame, out = twin(kalman_loops.predict, n), make_scratch(held, 2 * n, n), 0, np.empty((T, n))
     middle = times[0] + np.cumsum(plan.h) - 0.5 * plan.h
     force = push(middle)
     out[0] = phi
@@ -113,7 +113,7 @@ def identified(name):
     bodies = [seen(scenario(case), name)[0] for case in FREE]
     bodies.append(pushed(PUSHED, name, lambda t: np.stack([push(t), np.zeros_like(t)], axis=1)))
     start, low, high, known, sure = (column(k) for k in range(1, 6))
-    sights = [sight_of(body, model_of(start, np.zeros(5), name), Noise()) for body in bodies]
+    sights = [measurement_of(body, model_of(start, np.zeros(5), name), Noise()) for body in bodies]
     rest = np.nanmean(np.concatenate([s.value[s.time < 0.11] for s in sights]), axis=0)
     held = np.isfinite(sights[-1].value).all(axis=1)
     filled = np.stack([np.interp(sights[-1].time, sights[-1].time[held], c[held]) for c in sights[-1].value.T], axis=1)

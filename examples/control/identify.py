@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 import pliant
+from pliant.control import ValveFit, ValveRun, identify_valve
 from pliant.recording import read
-from pliant.runtime.control import ValveFit, ValveRun, identify_valve
 from pliant.study import load_study, run_study
 from pliant.testbed import generate_set
 from pliant.testbed.scenarios import scenario

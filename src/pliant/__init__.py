@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 from pliant.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from pliant.campaign.batch import simulate_batch
-    from pliant.campaign.sweep import run_sweep
+    from pliant.batch.batch import simulate_batch
+    from pliant.contact import find_contact, map_contacts
+    from pliant.control import design_lqr
     from pliant.errors import FitError, InputError, PliantError, SimulationError
+    from pliant.estimation import estimate
     from pliant.identification import (
         Experiment,
         Parameter,
@@ -26,14 +28,13 @@ if TYPE_CHECKING:
         predict_held_out,
         prediction_band,
     )
+    from pliant.linear import linearise
     from pliant.model import Memory, Model, Station, Valve, chain_model, load_model, save_model
     from pliant.preprocessing.align import align
     from pliant.preprocessing.clusters import assemble
     from pliant.preprocessing.quality import quality
     from pliant.recording import make_recording, read, write
     from pliant.reduction import select_order
-    from pliant.runtime import estimate, find_contact, map_contacts
-    from pliant.runtime.control import design_lqr, linearise
     from pliant.simulation import (
         Chirp,
         Multisine,
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
         triangle,
     )
     from pliant.study import load_study, run_study
+    from pliant.sweep.sweep import run_sweep
 
 _PAGE = {
     "pliant.recording": ("read", "write", "make_recording"),
@@ -60,15 +62,17 @@ _PAGE = {
         "Pulse", "step", "ramp", "triangle", "Chirp", "Multisine", "Trace",
         "simulate", "equilibrium", "modes", "Stepper",
     ),
-    "pliant.campaign.batch": ("simulate_batch",),
+    "pliant.batch.batch": ("simulate_batch",),
     "pliant.identification": (
         "Experiment", "experiment", "Parameter", "identifiability", "fit", "ladder", "predict", "predict_held_out",
         "prediction_band",
     ),
     "pliant.study": ("load_study", "run_study"),
-    "pliant.campaign.sweep": ("run_sweep",),
-    "pliant.runtime": ("estimate", "find_contact", "map_contacts"),
-    "pliant.runtime.control": ("linearise", "design_lqr"),
+    "pliant.sweep.sweep": ("run_sweep",),
+    "pliant.estimation": ("estimate",),
+    "pliant.contact": ("find_contact", "map_contacts"),
+    "pliant.linear": ("linearise",),
+    "pliant.control": ("design_lqr",),
     "pliant.errors": ("PliantError", "InputError", "SimulationError", "FitError"),
 }
 _HOME = {name: module for module, names in _PAGE.items() for name in names}

@@ -7,19 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pliant.control import Limits, SupplyValve, Task, Tuning, prepare_control
+from pliant.estimation import Differences, LinkAngles, calibrated, frozen
+from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.model import load_model
-from pliant.runtime.control import (
-    Chords,
-    Differences,
-    Limits,
-    SupplyValve,
-    Task,
-    Tuning,
-    calibrated,
-    frozen,
-    prepare_control,
-)
-from pliant.runtime.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.testbed.plant import Plant
 
 MODEL = Path(__file__).parents[2] / "examples" / "control" / "model_a.json"  # identify.py there: actuator a alone
@@ -40,7 +31,7 @@ class Run:
         )
         self.estimator = self.ready.estimator
         if filtered:
-            self.estimator = Differences(Chords(calibrated(load_model(MODEL), self.plant.arc_length, frames),
+            self.estimator = Differences(LinkAngles(calibrated(load_model(MODEL), self.plant.arc_length, frames),
                                                 self.plant.arc_length))
         self.design, self.reference = self.ready.design, self.ready.reference
         self.clock = VirtualClock()
@@ -128,7 +119,7 @@ def test_predictive_control_follows_the_reference():
 def test_the_symbolic_step_is_the_models():
     """The equations' text on CasADi symbols against the compiled twin with its exact Jacobian."""
     pytest.importorskip("casadi", reason="the extra mpc is not installed")
-    from pliant.runtime.control import Mpc, symbolic_step
+    from pliant.control import Mpc, symbolic_step
 
     model = frozen(load_model(MODEL))
     law = Mpc(model, Limits(HIGHEST), PERIOD)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from pliant.cli.control import control, read_task
 from pliant.errors import InputError
-from pliant.runtime.loop import read_log
+from pliant.loop import read_log
 
 MODEL = Path(__file__).parents[2] / "examples" / "control" / "model_a.json"
 

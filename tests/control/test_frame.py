@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pliant.control import Limits, Lqr, design_lqr
+from pliant.control.frame_loops import filter_and_steer
+from pliant.estimation import AdaptiveObserver, LinkAngles, default_noise, frozen
+from pliant.estimation import kalman_loops as filter_loops
+from pliant.estimation.offline import chain_of
+from pliant.estimation.workspace import make_scratch
 from pliant.model import load_model
-from pliant.runtime import default_noise
-from pliant.runtime import loops as filter_loops
-from pliant.runtime.control import Chords, Follower, Limits, Lqr, design_lqr, frozen
-from pliant.runtime.control.frame_loops import filter_and_steer
-from pliant.runtime.estimation import chain_of
-from pliant.runtime.scratch import make_scratch
 from pliant.simulation import memory_loops, state
 
 MODEL = Path(__file__).parents[2] / "examples" / "control" / "model_a.json"
@@ -75,7 +75,7 @@ def test_the_regulator_is_its_formula(design, slew):
 def test_the_observer_is_its_formula(body):
     """Model ahead, factor on the torque, correction and shifts, frame by frame, with matrices."""
     ends = body.base_length + np.concatenate([[0.0], np.cumsum(body.link_length)])
-    follower, rng, n = Follower(body, Chords(body, ends), PERIOD), np.random.default_rng(5), body.n
+    follower, rng, n = AdaptiveObserver(body, LinkAngles(body, ends), PERIOD), np.random.default_rng(5), body.n
     (gain, sure, F, G), memory = follower.inputs(1)[4], state.relaxed(body, np.zeros(n))
     phi, w, own, by = state.absolute(body, np.zeros(n)), np.zeros(n), np.zeros(n), np.zeros(3 * n)
     slow, scale, variance, pressure = 0.0, 1.0, 0.04, 0.0
@@ -129,7 +129,7 @@ def test_filter_and_regulator_in_one_frame(body, design):
         sight = (body.link_length, body.first_joint, rows, z, np.full(n, 1e-6), np.empty(n))
         out.append((x, prediction, sight, make_scratch(body, P.shape[0], n)))
     x, prediction, sight, scratch = out[0]
-    model = (chain_of(body), Follower(body, Chords(body, ends), PERIOD).body)
+    model = (chain_of(body), AdaptiveObserver(body, LinkAngles(body, ends), PERIOD).body)
     lead = np.zeros(design.gain.shape[1])
     command = filter_and_steer(
         x, shift, model, prediction, sight, law.inputs(3e4, valve), lead, scratch, np.zeros(8)

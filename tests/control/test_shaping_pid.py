@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.errors import InputError
-from pliant.model import Memory, chain_model
-from pliant.runtime.control import (
+from pliant.control import (
     Feedforward,
     Limits,
     Pid,
@@ -15,11 +13,13 @@ from pliant.runtime.control import (
     SupplyValve,
     ValveRun,
     identify_valve,
-    linearise,
     rests,
     shaper,
     valve_answer,
 )
+from pliant.errors import InputError
+from pliant.linear import linearise
+from pliant.model import Memory, chain_model
 from pliant.simulation import Trace, modes, simulate
 
 

@@ -10,9 +10,9 @@ import pytest
 import pliant
 from pliant.actuators import chen2018
 from pliant.display import Card, as_text
-from pliant.identification.bands import Band
 from pliant.identification.identifiability import Direction, Identifiability
 from pliant.identification.ladder import RUNGS, Ladder, Step
+from pliant.identification.prediction_bands import Band
 from pliant.identification.result import FitResult
 from pliant.validation.outcome import FitOutcome, RecordOutcome, StudyOutcome
 

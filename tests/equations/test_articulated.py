@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from oracles.chains import random_chain, random_state, workspace
 
-from pliant.equations._compiled import rebuild, twin
-from pliant.equations._fast import substitutes
-from pliant.equations._straight import straight
+from pliant.compiler.choose import straight, substitutes, twin
+from pliant.compiler.twin import rebuild
 from pliant.equations.articulated import step_articulated
 from pliant.equations.motion import step
 

@@ -11,7 +11,8 @@ from oracles.derivatives import complex_step
 from scipy.integrate import solve_ivp
 
 from pliant import basic
-from pliant.equations._compiled import rebuild, twin
+from pliant.compiler.choose import twin
+from pliant.compiler.twin import rebuild
 from pliant.equations.chain import tips
 from pliant.equations.energy import elastic_energy, gravity_energy, kinetic_energy
 from pliant.equations.motion import acceleration, centrifugal, step

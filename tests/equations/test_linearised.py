@@ -7,7 +7,7 @@ import pytest
 from oracles.chains import SIZES, random_chain, random_state, workspace
 from oracles.derivatives import complex_step
 
-from pliant.equations._compiled import twin
+from pliant.compiler.choose import twin
 from pliant.equations.linearised import step_jacobian
 from pliant.equations.motion import step
 

@@ -9,7 +9,7 @@ import pytest
 from oracles.chains import SIZES, paper_chain, random_chain, random_state, workspace
 from scipy.integrate import quad, solve_ivp
 
-from pliant.equations._compiled import twin
+from pliant.compiler.choose import twin
 from pliant.equations.memory import (
     agreement,
     boucwen_decay,

@@ -7,7 +7,7 @@ import pytest
 from oracles.chains import random_chain, random_state, workspace
 from oracles.derivatives import complex_step
 
-from pliant.equations._compiled import twin
+from pliant.compiler.choose import twin
 from pliant.equations.articulated import step_articulated
 from pliant.equations.elastic import joint_tangents, joint_torques, tangent
 from pliant.equations.energy import elastic_energy

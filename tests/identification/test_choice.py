@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.identification.choice import Follows, error, lead, shared_bic
+from pliant.identification.model_selection import Follows, error, lead, shared_bic
 
 
 def test_every_criterion_counts_the_numbers_of_the_closest_model() -> None:

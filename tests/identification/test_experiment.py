@@ -11,7 +11,7 @@ import xarray as xr
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, experiment, fit, predict
-from pliant.identification.start import registered
+from pliant.identification.initial_guess import registered
 from pliant.model import Model, Station
 from pliant.preprocessing.align import align
 from pliant.recording import make_recording

@@ -7,10 +7,10 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, fit, predict
+from pliant.identification.forward_model import moved, set_up
 from pliant.identification.memory_parameters import ROWS
 from pliant.identification.parameters import apply
 from pliant.identification.sensitivity import sensitivities
-from pliant.identification.setup import moved, set_up
 from pliant.model import Memory, Model, Station
 from pliant.simulation import Pulse, simulate
 

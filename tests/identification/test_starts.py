@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from pliant.identification import Experiment, Parameter, experiment
-from pliant.identification.start import edges, estimate, free_decay, last_jump
+from pliant.identification.edges import edges
+from pliant.identification.initial_guess import estimate, free_decay, last_jump
 from pliant.model import Model, Valve, chain_model
 from pliant.preprocessing.align import align
 from pliant.preprocessing.clusters import assemble

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.signal import butter, filtfilt
 
+from pliant.estimation import Noise, estimate, release_of
 from pliant.model import Station, Valve, chain_model
 from pliant.preprocessing.align import align
 from pliant.preprocessing.clusters import assemble
 from pliant.recording import read
-from pliant.runtime import Noise, estimate, release_of
 from pliant.simulation import Pulse, Trace, state
 
 CLUSTERS = {"base": ["Base*"], "tip": ["Tip*"]}

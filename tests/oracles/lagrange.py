@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from pliant.equations._compiled import rebuild
+from pliant.compiler.twin import rebuild
 
 N = 2
 q, dq, ddq = sp.symbols("q:2"), sp.symbols("dq:2"), sp.symbols("ddq:2")

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 import pytest
 
-from pliant.campaign.batch import simulate_batch
+from pliant.batch.batch import simulate_batch
 from pliant.errors import SimulationError
 from pliant.model import Memory, Model
 from pliant.simulation import Pulse, Stepper, equilibrium, modes, simulate

@@ -8,8 +8,8 @@ from scipy.linalg import eigh
 from pliant.testbed.memory import prony_decay
 from pliant.testbed.rod import build_body
 from pliant.testbed.rod.body import material_fields
-from pliant.testbed.stepping.loops import gather
 from pliant.testbed.stepping.simulate import _clock, _work, rest_state
+from pliant.testbed.stepping.stepping_loops import gather
 
 NO_OBSTACLE = np.zeros((0, 7))
 

@@ -117,7 +117,7 @@ def test_hessian_is_the_derivative_of_the_gradient(rng):
 
 
 def test_pressure_forces_are_the_gradient_of_the_volume(rng):
-    from pliant.testbed.stepping.loops import curvatures, volume
+    from pliant.testbed.stepping.stepping_loops import curvatures, volume
 
     p = replace(actuator("b"), elements=20)
     body, x = build_body(p), settle(p, (1e5, 0.0, 0.0, 0.0)).x

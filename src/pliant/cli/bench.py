@@ -23,7 +23,7 @@ def bench(
     """
     import json as jsonlib
 
-    from pliant.campaign.bench.run import NAMES, measure, write
+    from pliant.bench.run import NAMES, measure, write
 
     found = measure((part,) if part else NAMES, seconds=seconds, tell=lambda text: typer.echo(text, err=json))
     if output is not None:

@@ -32,9 +32,8 @@ def contact(
     from pliant.cli.estimate import tell
     from pliant.cli.output import busy, save_trajectory, write_figure
     from pliant.cli.reading import read_with_mapping
+    from pliant.contact import find_contact, free_motion, map_contacts
     from pliant.model import load_model
-    from pliant.runtime import find_contact, free_motion, map_contacts
-    from pliant.runtime.mapping import save_map
 
     loaded, latency = load_model(model), latency_ms * 1e-3
     quiet, touched = ([read_with_mapping(f, None) for f in files] for files in (free, recordings))
@@ -44,10 +43,12 @@ def contact(
     if output is not None:
         save_trajectory(found[0], output)
     if figure is not None:
-        from pliant.runtime.figures import contact_overview
+        from pliant.validation.use_figures import contact_overview
 
         write_figure(contact_overview(found[0]), figure)
     if chart is not None:
+        from pliant.contact.map_file import save_map
+
         save_map(map_contacts(found, half_width=half_width_mm * 1e-3), chart)
     for path, one in zip(recordings, found, strict=True):
         tell({"recording": str(path), **report(one)}, as_json=json)

@@ -11,7 +11,7 @@ import typer
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pliant.runtime.control import LqrDesign, Prepared
+    from pliant.control import LqrDesign, Prepared
 
 TASK = """\
 # set-points of the tip, and what may be asked of the valve
@@ -75,7 +75,7 @@ def control(
     text = report(plant, design, summary, table)
     write_text(output / "report.md", text)
     from pliant.cli.output import write_figure
-    from pliant.runtime.figures import control_figure
+    from pliant.validation.use_figures import control_figure
 
     figure = control_figure(
         table["time_s"], table["target_m"], table["target_m"] + table["error_m"], table["command_pa"],
@@ -135,7 +135,7 @@ def make_plant(name: str) -> Any:
         from pliant.testbed.plant import Plant
 
         return Plant(which or "a")
-    from pliant.runtime.loop import connection
+    from pliant.loop import connection
 
     return connection("plant", kind)(which) if which else connection("plant", kind)()
 
@@ -144,8 +144,8 @@ def run_task(
     model: Any, plant: Any, task: dict[str, Any], folder: Path, *, real_time: bool
 ) -> tuple[LqrDesign, dict[str, Any], pd.DataFrame]:
     """Calibrate, design, run; the design with its margins, the loop's summary, the log."""
-    from pliant.runtime.control import Limits
-    from pliant.runtime.loop import (
+    from pliant.control import Limits
+    from pliant.loop import (
         COLUMNS,
         Bounds,
         ControlLoop,
@@ -178,8 +178,8 @@ def prepared(model: Any, plant: Any, task: dict[str, Any], limits: Any, period: 
     """Estimator and controller for a plant whose rest is measured first."""
     import numpy as np
 
+    from pliant.control import SupplyValve, Task, Tuning, prepare_control
     from pliant.errors import InputError
-    from pliant.runtime.control import SupplyValve, Task, Tuning, prepare_control
 
     if abs(plant.period - period) > 1e-9:
         raise InputError(f"the plant's frames come every {plant.period * 1e3:g} ms: set period_ms to that")

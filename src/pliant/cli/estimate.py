@@ -34,8 +34,8 @@ def estimate(
     """
     from pliant.cli.output import busy, save_trajectory, write_figure
     from pliant.cli.reading import read_with_mapping
+    from pliant.estimation import estimate as filter_recording
     from pliant.model import load_model
-    from pliant.runtime import estimate as filter_recording
     from pliant.simulation import Pulse
 
     pressure: Input | None = None if level_kpa is None else Pulse(level_kpa * 1e3, start, width)
@@ -47,7 +47,7 @@ def estimate(
     if output is not None:
         save_trajectory(found, output)
     if figure is not None:
-        from pliant.runtime.figures import estimate_overview
+        from pliant.validation.use_figures import estimate_overview
 
         write_figure(estimate_overview(found), figure)
     tell(report(found), as_json=json)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from pliant.campaign.spec import Sweep
     from pliant.model import Model
     from pliant.study import Study
+    from pliant.sweep.spec import Sweep
 
 
 def sweep(
@@ -31,7 +31,7 @@ def sweep(
     """
     import json as jsonlib
 
-    from pliant.campaign.sweep import run_sweep
+    from pliant.sweep.sweep import run_sweep
 
     wanted, body, extra = prepare(study, model, seed)
     result = run_sweep(
@@ -79,7 +79,7 @@ def fitted(study: Study, wanted: Sweep, model: Path | None) -> tuple[Model, dict
     """The model, and what `pliant.fit` takes, of the fit that a sweep repeats."""
     from pliant.errors import InputError
     from pliant.identification.fit import parameters_from
-    from pliant.identification.start import prepare as prepare_fit
+    from pliant.identification.initial_guess import prepare as prepare_fit
     from pliant.model import load_model
     from pliant.study.prepare import study_model
     from pliant.study.run import prepare_all

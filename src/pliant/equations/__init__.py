@@ -12,6 +12,6 @@ Source: Y. Chen, K. C. Galloway, I. S. Godage, "Efficient Reduced-Order Models f
     energy                   kinetic, elastic, gravitational energy and power
 
 A kernel is plain Python on scalars and arrays; it writes into arrays that the caller owns. The same text runs on
-floats, on complex numbers (derivatives by complex step), on symbols, and compiled (`pliant.equations._compiled.twin`).
+floats, on complex numbers (derivatives by complex step), on symbols, and compiled (`pliant.compiler.choose.twin`).
 Index 0 is the first link here, i = 1 in the paper. All quantities are SI.
 """

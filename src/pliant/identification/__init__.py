@@ -1,12 +1,12 @@
 """From recordings to parameters: experiments, starts, output-error fits, uncertainty, held-out predictions."""
 
-from pliant.identification.bands import Band, bootstrap, bootstrapped, prediction_band, residual_noise
 from pliant.identification.design import Design, design
 from pliant.identification.experiment import Experiment, experiment, predict
 from pliant.identification.fit import FitResult, fit, predict_held_out
 from pliant.identification.identifiability import Identifiability, identifiability
 from pliant.identification.ladder import Ladder, ladder
 from pliant.identification.parameters import Parameter
+from pliant.identification.prediction_bands import Band, bootstrap, bootstrapped, prediction_band, residual_noise
 from pliant.identification.rungs import MORE_RUNGS, RUNGS, Rung
 from pliant.identification.sensitivity import sensitivities
 

@@ -11,8 +11,9 @@ import xarray as xr
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
+from pliant.identification.edges import edges
+from pliant.identification.forward_model import moved, set_up
 from pliant.identification.parameters import Parameter
-from pliant.identification.setup import moved, set_up
 from pliant.model import Model
 from pliant.recording.schema import check_recording
 from pliant.simulation import Trace
@@ -197,8 +198,6 @@ def experiment(
 
 def held_pose(exp: Experiment) -> Array:
     """Places (S, 2) of the stations in the last moments before the body is let go, m."""
-    from pliant.identification.start import edges  # which knows experiments
-
     if exp.excitation != "release":
         raise InputError(f"experiment {exp.name}: a pose was held before a release, but this is a {exp.excitation}")
     onset = edges(exp)["release"]

@@ -12,11 +12,11 @@ from scipy.optimize import OptimizeResult, least_squares
 from pliant.errors import FitError, InputError
 from pliant.identification.experiment import Experiment, predict
 from pliant.identification.identifiability import combinations, examine
+from pliant.identification.initial_guess import prepare
 from pliant.identification.parameters import Parameter, apply
 from pliant.identification.problem import Problem, root_mean_square
 from pliant.identification.residuals import WEIGHTINGS
 from pliant.identification.result import FitResult, cautions, parameter_dict, status_sentence
-from pliant.identification.start import prepare
 from pliant.identification.uncertainty import covariance
 from pliant.model import Model
 from pliant.simulation.solve import check_step

@@ -11,9 +11,9 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.errors import PliantError
 from pliant.identification.experiment import Experiment
+from pliant.identification.initial_guess import prepare, shared_name
 from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.problem import Problem
-from pliant.identification.start import prepare, shared_name
 from pliant.identification.uncertainty import HIDDEN, Covariance
 from pliant.model import Model
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import FitError, InputError
-from pliant.identification.choice import lead, shared_bic
-from pliant.identification.climb import Climber, Step, entry_name
 from pliant.identification.experiment import Experiment
+from pliant.identification.ladder_fit import LadderFit, Step, entry_name
+from pliant.identification.model_selection import lead, shared_bic
 from pliant.identification.result import FitResult
 from pliant.identification.rungs import RUNGS, Entry, Rung
 from pliant.model import Model
@@ -103,7 +103,7 @@ def ladder(
     if not rungs or len({r.name for r in rungs}) < len(rungs):
         raise InputError("a ladder needs rungs whose names differ")
     options = {"step": step, "weighting": weighting, "loss": loss, "starts": starts, "rng": rng}
-    climber = Climber(train, held_out, model, options)
+    climber = LadderFit(train, held_out, model, options)
     free = {entry_name(e): e for e in common}
     if not model.torque.any() and any(e.excitation != "release" for e in train):
         free.setdefault("torque_1", "torque_1")

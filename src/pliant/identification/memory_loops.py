@@ -1,19 +1,19 @@
-"""The loop that a fit of a chain with memory runs compiled; see `pliant.identification.loops`."""
+"""The loop that a fit of a chain with memory runs compiled; see `pliant.identification.follow_loops`."""
 
 from __future__ import annotations
 
 from pliant.equations.elastic import tangent
 from pliant.equations.memory import step_with_memory
-from pliant.identification.loops import observe
+from pliant.identification.follow_loops import observe
 
 
 def follow_with_memory(
     phi, w, state, base_angle, h, torque, keep, still, hand, hand_base, body, joints, memory, held, work, places, out,
 ):
-    """As `loops.follow`, with the memory of the joints: `state` (n, branches) is set to rest at phi, creep relaxed.
+    """As `follow_loops.follow`, with the memory of the joints: `state` (n, branches) is set to rest at phi.
 
-    `hand` and `hand_base` are the angles of the first rows, which `loops.follow` calls held. Returns the index of the
-    first step in which a link turns by more than a radian or the branches find no agreement, or -1.
+    `hand` and `hand_base` are the angles of the first rows, which `follow` calls held. Returns the index of the first
+    step in which a link turns by more than a radian or the branches find no agreement, or -1.
     """
     n = len(phi)
     for row in range(still):

@@ -8,10 +8,10 @@ import numpy as np
 
 from pliant.errors import PliantError
 from pliant.identification.experiment import Experiment
+from pliant.identification.forward_model import Plans, moved, set_up
 from pliant.identification.parameters import Parameter
 from pliant.identification.residuals import Observations, correlated_frames
 from pliant.identification.sensitivity import slopes_of
-from pliant.identification.setup import Plans, moved, set_up
 from pliant.model import Model
 
 Array = np.ndarray

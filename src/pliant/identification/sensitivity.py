@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pliant.compiler.choose import twin
 from pliant.equations import motion
-from pliant.equations._compiled import twin
 from pliant.equations.symbols import Body, Joints
 from pliant.errors import FitError, PliantError
-from pliant.identification.setup import Numbers, Plans, SetUp, moved, set_up
+from pliant.identification.forward_model import Numbers, Plans, SetUp, moved, set_up
 from pliant.model import Model
 from pliant.simulation import state
 

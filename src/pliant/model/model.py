@@ -13,8 +13,8 @@ from pliant.display import Card, Shown
 from pliant.equations import inertia, section
 from pliant.equations.symbols import Body, Joints
 from pliant.errors import InputError
-from pliant.model.card import model_card
 from pliant.model.memory import Memory
+from pliant.model.summary import model_card
 from pliant.model.valve import Valve
 
 Array = np.ndarray

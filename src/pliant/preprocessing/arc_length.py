@@ -16,7 +16,7 @@ STRETCH_WORTH_TELLING = 0.02
 
 
 def chord_lengths(position: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Chords (T, S - 1), m, between neighbouring stations of positions (T, S, d)."""
+    """LinkAngles (T, S - 1), m, between neighbouring stations of positions (T, S, d)."""
     squared = np.zeros((position.shape[0], position.shape[1] - 1))
     for axis in range(position.shape[2]):
         squared += np.square(np.diff(position[:, :, axis], axis=1))

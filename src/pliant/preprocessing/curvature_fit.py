@@ -96,7 +96,7 @@ class _Model:
     def start(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Parameters (T, 3 + m) from a linear fit to the angles of the chords between means of a few stations.
 
-        Chords between neighbours would be too short for the noise of dense stations.
+        LinkAngles between neighbours would be too short for the noise of dense stations.
         """
         group = np.arange(self.s.size) * min(GROUPS, self.s.size) // self.s.size
         mean = (group[None, :] == np.arange(group[-1] + 1)[:, None]).astype(float)

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pliant.compiler.choose import twin
 from pliant.equations import section
-from pliant.equations._compiled import twin
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model, Valve
-from pliant.simulation import loops, memory_loops
+from pliant.simulation import march_loops, memory_loops
 from pliant.simulation.inputs import Input
 
 Array = np.ndarray
@@ -140,16 +140,16 @@ def through_valve(model: Model, pressure: Input, nodes: Array, before: float) ->
     if not np.isfinite(out).all():
         raise InputError("the pressure input is not finite everywhere between the first and the last time")
     if valve.natural_frequency:
-        twin(loops.second_order_valve)(
+        twin(march_loops.second_order_valve)(
             h, out[:, 0].copy(), out[:, 2].copy(), 2 * np.pi * valve.natural_frequency, valve.damping_ratio, before, out
         )
     elif valve.rise_rate or valve.fall_rate:
-        twin(loops.rate_limited_valve)(
+        twin(march_loops.rate_limited_valve)(
             h, out[:, 0].copy(), out[:, 2].copy(), valve.rise_time, valve.fall_time, valve.rise_rate or UNLIMITED,
             valve.fall_rate or UNLIMITED, before, out,
         )
     elif valve.rise_time or valve.fall_time:
-        twin(loops.first_order_valve)(
+        twin(march_loops.first_order_valve)(
             h, out[:, 0].copy(), out[:, 2].copy(), valve.rise_time, valve.fall_time, before, out
         )
     return settled(valve, h, out, before) if valve.settle_share else out

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pliant.compiler.choose import twin
 from pliant.equations import memory as kernels
-from pliant.equations._compiled import twin
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
 from pliant.simulation import memory_loops, state

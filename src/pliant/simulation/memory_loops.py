@@ -8,13 +8,13 @@ from pliant.equations.elastic import tangent
 from pliant.equations.energy import damping_power, input_power
 from pliant.equations.memory import step_with_memory
 from pliant.equations.section import inflated_interval, mean_inflated_torque, mean_swollen_torque, slow_interval
-from pliant.simulation.loops import first_order_interval, rate_limited_interval
+from pliant.simulation.march_loops import first_order_interval, rate_limited_interval
 
 
 def march_with_memory(
     phi, w, state, base_angle, h, torque, keep, body, joints, memory, held, work, phi_out, w_out, state_out, energy_out,
 ):
-    """As `loops.march`, with the memory of the joints: `state` (n, branches) is advanced in place and kept as well.
+    """As `march_loops.march`, with the memory of the joints: `state` (n, branches) is advanced in place and kept.
 
     state_out (rows, n, branches) takes it, energy_out (rows, 3) the energy that the memory dissipated in its last
     column. Returns -1; the index k of a step that turns a link by more than a radian; or -2 - k where the branches of
@@ -51,7 +51,7 @@ def march_with_memory(
 def held_step_with_memory(
     phi, w, state, base_angle, h, command, p, slow, rise, fall, share, time, law, body, joints, memory, held, work,
 ):
-    """As `loops.held_step`, with memory and with a chamber that swells: `slow` [Pa] is its slow pressure.
+    """As `march_loops.held_step`, with memory and with a chamber that swells: `slow` [Pa] is its slow pressure.
 
     Returns the pressure and the slow pressure at the end of the step; not a number where the step failed.
     """

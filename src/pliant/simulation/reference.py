@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pliant.compiler.choose import twin
 from pliant.equations import energy, motion, section
-from pliant.equations._compiled import twin
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model, Valve
 from pliant.numerics.ldl import ldl_solve

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from pliant.compiler.choose import twin
 from pliant.equations import energy
-from pliant.equations._compiled import twin
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
-from pliant.simulation import loops, memory, state
+from pliant.simulation import march_loops, memory, state
 from pliant.simulation.drive import LONGEST, Drive, drive, too_fast
 from pliant.simulation.extrapolated import Marched, march_extrapolated
 from pliant.simulation.inputs import Input
@@ -148,7 +148,7 @@ def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> t
     work_out = np.zeros((rows, 2))
     phi_out[0], w_out[0] = start
     now = start[0].copy()
-    failed = twin(loops.march, model.n)(
+    failed = twin(march_loops.march, model.n)(
         now, start[1].copy(), model.base_angle, plan.h, plan.torque, plan.keep,
         model.body(), model.joints(), state.workspace(model.n), phi_out, w_out, work_out,
     )

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from pliant.equations._compiled import twin
+from pliant.compiler.choose import twin
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
-from pliant.simulation import loops, memory_loops, state
+from pliant.simulation import march_loops, memory_loops, state
 from pliant.simulation.drive import UNLIMITED
 from pliant.simulation.solve import check_step
 
@@ -60,7 +60,7 @@ class Stepper:
         self._inflates = bool(model.inflation_limit or valve.rise_rate or valve.fall_rate)
         self._parts = (model.torque, model.body(), model.joints(), state.workspace(model.n))
         self._remembers = bool(model.memory or model.swell_share)
-        kernel = memory_loops.held_step_with_memory if self._remembers else loops.held_step
+        kernel = memory_loops.held_step_with_memory if self._remembers else march_loops.held_step
         self._advance = twin(memory_loops.held_step_of_chamber if self._inflates else kernel, model.n)
         self._law = (model.swell_share, model.swell_time, model.torque, model.body(), model.joints())
         self._scratch = (model.memory.law(), state.held(model), state.workspace(model.n))

@@ -24,14 +24,14 @@ from pliant.identification import (
     ladder,
     predict,
 )
+from pliant.identification.edges import edges
+from pliant.identification.error_propagation import half_widths
 from pliant.identification.fit import parameters_from
-from pliant.identification.spread import half_widths
-from pliant.identification.start import edges
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.dense import link_experiment, shape_of
-from pliant.study.judge import records_of
 from pliant.study.prepare import hardly_moved, planar, study_experiment, study_model, without
+from pliant.study.record_outcomes import records_of
 from pliant.study.schema import Fit, ForecastEntry, LadderEntry, Study
 from pliant.study.verdict import verdict
 from pliant.units import pascal_per

@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pliant.campaign.spec import Sweep
 from pliant.errors import InputError, explain_validation
 from pliant.identification.fit import parameters_from
 from pliant.study.questions import refuse_open
+from pliant.sweep.spec import Sweep
 
 Weighting = Literal["travel", "metre", "noise"]
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
-from pliant.identification.start import edges, last_jump
+from pliant.identification.initial_guess import last_jump
 from pliant.numerics.ringdown import ring_down
 from pliant.validation.extension import extension
 

@@ -139,8 +139,8 @@ class Plant:
         SimulationError
             When the rod cannot follow.
         """
-        from pliant.testbed.plant.loops import regulate_on
-        from pliant.testbed.stepping.loops import march
+        from pliant.testbed.plant.plant_loops import regulate_on
+        from pliant.testbed.stepping.stepping_loops import march
 
         if not (np.isfinite(command) and command >= 0.0):
             raise InputError(f"the commanded gauge pressure must be finite and >= 0 Pa, got {command}")

@@ -152,7 +152,7 @@ def settle(
     SimulationError
         When an increment does not converge.
     """
-    from pliant.testbed.stepping.loops import march
+    from pliant.testbed.stepping.stepping_loops import march
 
     body = build_body(p)
     state = rest_state(body)
@@ -223,7 +223,7 @@ def simulate(
     SimulationError
         When a step does not converge or a value is no longer finite.
     """
-    from pliant.testbed.stepping.loops import march
+    from pliant.testbed.stepping.stepping_loops import march
 
     table = np.ascontiguousarray(loads, dtype=float)
     if table.ndim != 2 or table.shape[1] != 4 or not np.all(np.isfinite(table)):
@@ -263,6 +263,6 @@ def simulate(
 
 
 def _first_energy(body: Body, rows: NDArray[np.float64], state: State, out: Out) -> None:
-    from pliant.testbed.stepping.loops import energies
+    from pliant.testbed.stepping.stepping_loops import energies
 
     energies(body, rows, state, out.energy[0])

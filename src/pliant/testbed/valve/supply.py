@@ -79,7 +79,7 @@ def supply_pressure(
     InputError
         For a negative command or one above the source.
     """
-    from pliant.testbed.valve.loops import fill_chamber, regulate
+    from pliant.testbed.valve.valve_loops import fill_chamber, regulate
 
     asked = np.ascontiguousarray(command(time - valve.dead_time), dtype=float)
     if asked.size < 2 or not np.all(np.isfinite(asked)) or asked.min() < 0.0:

@@ -1,0 +1,1 @@
+"""Many simulations at once: on SIMD lanes, all cores or a GPU."""

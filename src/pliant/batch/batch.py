@@ -1,0 +1,174 @@
+"""`simulate_batch`: thousands of parameter sets, pressures or initial states at once, on SIMD lanes and all cores."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pliant.batch.gpu import check_gpu, run_gpu
+from pliant.batch.samples import Samples, gather
+from pliant.batch.schedule import Schedule
+from pliant.batch.simd import run_lanes
+from pliant.errors import InputError, SimulationError
+from pliant.model import Model
+from pliant.simulation.inputs import Input
+from pliant.simulation.result import LABELS
+from pliant.simulation.solve import STEPS_PER_PERIOD, output_times
+from pliant.version import __version__
+
+Array = np.ndarray
+VARIABLES = {
+    "joint_angle": ("sample", "time", "joint"), "joint_rate": ("sample", "time", "joint"),
+    "tip_position": ("sample", "time", "link", "axis"),
+}
+
+
+def simulate_batch(
+    models: Model | Sequence[Model],
+    pressures: Input | Sequence[Input],
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    duration: float | None = None,
+    times: Array | None = None,
+    step: float = 1e-3,
+    initial_angle: Array | None = None,
+    initial_rate: Array | None = None,
+    variables: Sequence[str] = ("joint_angle", "tip_position"),
+    threads: int | None = None,
+    device: str = "cpu",
+    failures: str = "raise",
+) -> xr.Dataset:
+    """Simulate many chains of the same number of links; the numbers are those of `simulate`.
+
+    Parameters
+    ----------
+    models : Model or sequence of Model
+        One for all samples, or one for each.
+    pressures : input or sequence of inputs
+        Pa, gauge: one for all samples, or one for each.
+    parameters : mapping of arrays (N,) or (N, n)
+        Of one model: names as in a fit (``stiffness``, ``damping_2``, ``torque_1``, ``mass``, ``valve_rise``, ...) or
+        fields of `Model`; an array (N, n) gives every link its own.
+    duration, times, step
+        s, as in `simulate`; the times (T,) are those of all samples.
+    initial_angle, initial_rate : array (n,) or (N, n)
+        rad and rad/s, as in `simulate`.
+    variables : sequence of {"joint_angle", "joint_rate", "tip_position"}
+        What to keep: a thousand samples at every millisecond fill gigabytes.
+    threads : int
+        Default: one for each core that this process may use. The result does not depend on it.
+    device : {"cpu", "gpu"}
+        "gpu": an NVIDIA GPU by the extra ``gpu``, the numbers equal to rounding; refused in words where none is found.
+    failures : {"raise", "mark"}
+        Where a sample's step fails: refuse the batch, or set that sample to NaN and name the time in ``failed_at``.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``joint_angle`` and ``joint_rate`` (sample, time, joint) [rad, rad/s], ``tip_position`` (sample, time, link,
+        axis) [m], as asked for; ``failed_at`` (sample) [s], NaN where nothing failed.
+
+    Raises
+    ------
+    InputError
+        When samples do not fit together, or times, step, variables or device are not usable.
+    SimulationError
+        When a sample fails and `failures` is "raise".
+    """
+    many: tuple[Input, ...] = (pressures,) if callable(pressures) else tuple(pressures)
+    samples = gather(models, parameters, len(many))
+    check_request(samples, many, variables, device, failures)
+    times = output_times(duration, times, step)
+    check_steps(samples, step)
+    schedule = Schedule(samples, many, times, step)
+    start = initial_state(samples, schedule, initial_angle, initial_rate)
+    if device == "gpu":
+        made = run_gpu(samples, schedule, start, variables)
+    else:
+        made = run_lanes(samples, schedule, start, variables, threads or len(os.sched_getaffinity(0)))
+    return labelled(samples, times, made, failures, {"step_s": step, "device": device})
+
+
+def check_request(
+    samples: Samples, pressures: Sequence[Input], variables: Sequence[str], device: str, failures: str,
+) -> None:
+    """Refuse what cannot be asked for."""
+    for p in pressures:
+        if not all(hasattr(p, name) for name in ("__call__", "jumps", "breakpoints")):
+            raise InputError(f"pressures must be inputs, as Pulse(level) or Trace(time, pressure), got {p!r:.60}")
+    if len(pressures) not in (1, samples.size):
+        raise InputError(f"{samples.size} samples take one pressure or one each, got {len(pressures)} pressures")
+    if unknown := [v for v in variables if v not in VARIABLES]:
+        raise InputError(f"unknown variable {unknown[0]!r}: a batch keeps {', '.join(VARIABLES)}")
+    if device == "gpu":
+        check_gpu(samples)
+    elif device != "cpu":
+        raise InputError(f"device is 'cpu' or 'gpu', got {device!r}")
+    if failures not in ("raise", "mark"):
+        raise InputError(f"failures is 'raise' or 'mark', got {failures!r}")
+
+
+def check_steps(samples: Samples, step: float) -> None:
+    """Refuse a step that cannot draw some sample's first mode, as `simulate` does."""
+    if not (np.isfinite(step) and step > 0):
+        raise InputError(f"the step must be a positive time in seconds, got {step}")
+    if step * STEPS_PER_PERIOD * samples.highest_first_frequency() <= 1.0:
+        return
+    first = samples.first_frequency()
+    long = np.flatnonzero(step * STEPS_PER_PERIOD * first > 1.0)
+    if long.size:
+        worst = float(first.max())
+        raise InputError(
+            f"a step of {step * 1e3:.3g} ms is too long for {long.size} of {samples.size} samples: the first mode of "
+            f"one rings at {worst:.3g} Hz; use a step of {1e3 / (STEPS_PER_PERIOD * worst):.3g} ms or less"
+        )
+
+
+def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rate: Array | None) -> Array:
+    """Absolute angles and rates (2, n, N) at the first time."""
+    n, size = samples.template.n, samples.size
+
+    def given(value: Array) -> Array:
+        a = np.asarray(value, dtype=float)
+        if a.shape not in ((n,), (size, n)) or not np.isfinite(a).all():
+            raise InputError(f"initial states are {n} finite numbers, or ({size}, {n}), got shape {a.shape}")
+        return np.broadcast_to(a, (size, n)).T
+
+    if angle is None:
+        count = size if len(schedule.pressures) > 1 or len(set(samples.valves)) > 1 else 1
+        before = np.array([schedule.initial(i) for i in range(count)])
+        q = samples.rest(np.broadcast_to(before, (size,)))
+    else:
+        q = given(angle)
+    dq = np.zeros((n, size)) if rate is None else given(rate)
+    return np.stack([samples.absolute(q), np.cumsum(dq, axis=0)])
+
+
+def labelled(
+    samples: Samples, times: Array, made: dict[str, Array], failures: str, attributes: dict[str, Any],
+) -> xr.Dataset:
+    """The dataset of a batch; a failed sample raises, or is NaN and named."""
+    failed_at = made.pop("failed_at")
+    bad = np.flatnonzero(np.isfinite(failed_at))
+    if bad.size and failures == "raise":
+        raise SimulationError(
+            f"{bad.size} of {samples.size} samples fail, sample {bad[0]} at {failed_at[bad[0]]:.6g} s: a link turns by "
+            "more than a radian within a step, or a softening spring gives way; use a shorter step, a smaller "
+            "pressure, or failures='mark'"
+        )
+    for a in made.values():
+        a[bad] = np.nan
+    entries = {k: (VARIABLES[k], a, {"units": LABELS[k][0], "long_name": LABELS[k][1]}) for k, a in made.items()}
+    failed = {"units": "s", "long_name": "time at which the sample's step failed, NaN where none did"}
+    n = samples.template.n
+    return xr.Dataset(
+        {**entries, "failed_at": (("sample",), failed_at, failed)},
+        coords={"sample": np.arange(samples.size), "time": ("time", times, {"units": "s", "long_name": "time"}),
+                "joint": np.arange(1, n + 1), "link": np.arange(1, n + 1), "axis": ["x", "y"]},
+        attrs={"schema": "pliant-batch", "model": samples.template.name, "failed_samples": int(bad.size),
+               "source": f"pliant {__version__}", **attributes},
+    )

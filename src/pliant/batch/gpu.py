@@ -1,0 +1,83 @@
+"""The march of a batch on an NVIDIA GPU: what goes there, and what comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pliant.batch.samples import Samples
+from pliant.batch.schedule import Schedule
+from pliant.batch.simd import constant_arrays, outputs, unpack
+from pliant.errors import InputError
+
+Array = np.ndarray
+BYTES = 2**29  # of a launch on the GPU: a larger batch goes there in parts
+
+
+def check_gpu(samples: Samples) -> None:
+    """Refuse in words where no GPU is, and what does not run there."""
+    try:
+        from pliant.batch.gpu_loops import present
+    except ImportError:
+        raise InputError("device='gpu' needs the extra 'gpu': pip install 'pliant[gpu]', or use device='cpu'") from None
+    if not present():
+        raise InputError(
+            "device='gpu' needs an NVIDIA GPU with its driver and the extra 'gpu', pip install 'pliant[gpu]'; Numba "
+            "finds no GPU on this machine: use device='cpu'"
+        )
+    if samples.template.memory or samples.values["swell_share"].any() or samples.values["inflation_limit"].any():
+        raise InputError(
+            "chains that remember and chambers that swell or inflate run on the processor: use device='cpu'"
+        )
+
+
+def run_gpu(samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str]) -> dict[str, Array]:
+    """As `simd.run_lanes`, on the GPU; samples whose inputs jump at the same times go there together."""
+    made = outputs(samples, schedule.times.size, variables)
+    grids: dict[int, list[int]] = {}
+    for i in range(samples.size):
+        grids.setdefault(id(schedule.grid(i)), []).append(i)
+    for members in grids.values():
+        steps = schedule.grid(members[0]).keep.size
+        part = max(1, BYTES // (8 * (steps + 4 * samples.template.n * schedule.times.size)))
+        for first in range(0, len(members), part):
+            march(samples, schedule, start, np.array(members[first : first + part]), made)
+    return made
+
+
+def march(samples: Samples, schedule: Schedule, start: Array, own: Array, made: dict[str, Array]) -> None:
+    """March the samples `own`, which share their steps."""
+    from pliant.batch.gpu_loops import launch
+
+    n, rows, count = samples.template.n, schedule.times.size, own.size
+    grid = schedule.grid(own[0])
+    behind, which = inputs(samples, schedule, own)
+    h = np.ascontiguousarray(grid.steps[:, 0])
+    constants = [a[..., own] for a in constant_arrays(samples)]
+    law = samples.values["torque"][:, own]
+    given = (h, grid.keep, grid.intervals[:, 0], grid.parts, behind, which, law, *constants)
+    scratch = ((n, n, count), (n, n, count), (5, n + 1, count), (h.size, count))
+    state, failed = start[..., own].copy(), np.full(count, -1)
+    kept = [np.empty((rows, n, count)), np.empty((rows, n, count)), np.empty((rows, n, 2, count))]
+    launch(n, given, scratch, (state, *kept, failed))
+    asked = {name: np.empty((count, *a.shape[1:])) for name, a in made.items() if name != "failed_at"}
+    unpack(samples, kept, constants[-2], constants[-1], asked)
+    for name, a in asked.items():
+        made[name][own] = a
+    for k in np.flatnonzero(failed >= 0):
+        made["failed_at"][own[k]] = schedule.times[0] + h[: failed[k] + 1].sum()
+
+
+def inputs(samples: Samples, schedule: Schedule, own: Array) -> tuple[Array, Array]:
+    """The different pressures behind the valves (m, 4, K), and which of them each of the samples `own` has."""
+    places: dict[object, int] = {}
+    tables: list[Array] = []
+    which = np.empty(own.size, dtype=np.int64)
+    for k, i in enumerate(own.tolist()):
+        key = (id(schedule.pressure(i)), samples.valves[i])
+        if key not in places:
+            places[key] = len(tables)
+            tables.append(schedule.behind(i, shared=False))
+        which[k] = places[key]
+    return np.stack(tables, axis=-1), which

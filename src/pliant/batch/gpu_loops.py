@@ -1,0 +1,105 @@
+"""A batch on an NVIDIA GPU: each thread marches one sample by the text that marches lanes on a processor.
+
+Imported only when a GPU is asked for. A thread sees its sample as lanes of width one: an array of lanes is then the
+array itself, and nothing of `batch.simd_loops` or `pliant.equations` is written a second time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from pliant.batch import simd_loops
+from pliant.compiler import trace
+from pliant.compiler.choose import MOST_LINKS
+from pliant.compiler.twin import rebuild
+from pliant.equations import motion
+
+cuda: Any = import_module("numba.cuda")
+THREADS = 64  # of a block: small, because each thread keeps some hundred numbers in registers
+
+
+def itself(array):
+    """An array of lanes of width one."""
+    return array
+
+
+def within(x, limit):
+    """1 where |x| is at most `limit`; not a number is not."""
+    if abs(x) <= limit:
+        return 1
+    return 0
+
+
+def device(function: Callable[..., Any]) -> Any:
+    """A function that kernels on the GPU may call."""
+    return cuda.jit(device=True)(function)
+
+
+def straight_line(kernel: Any, links: int) -> Any:
+    """The straight line that a processor runs (`compiler.trace`), as a function that the GPU's compiler reads."""
+    made = trace.recording(kernel, links)
+
+    def line(row: int) -> str:
+        what, operands = made.rows[row]
+        names = [f"t{o.row}" if isinstance(o, trace.Mark) else repr(o) for o in operands]
+        if what in ("cos", "sin"):
+            return f"t{row} = np.{what}({names[0]})"
+        return f"t{row} = {' '.join([*names[:-1], what, *names[-1:]])}"  # a number, - a, or a + b
+
+    lines = [*map(line, made.needed), *(f"{where} = t{mark.row}" for where, mark in made.stores)]
+    scope: dict[str, Any] = {"np": np}
+    exec(f"def {kernel.__name__}({', '.join(made.names)}):\n    " + "\n    ".join(lines), scope)  # noqa: S102  our own text
+    return scope[kernel.__name__]
+
+
+@cache
+def kernels(links: int) -> tuple[Any, Any]:
+    """The mean torques and the march of one sample, for the GPU; see `simd_loops`."""
+    names = {"as_lanes": device(itself), "within": device(within), "WIDTH": 1}
+    if links <= MOST_LINKS:
+        names["step"] = device(straight_line(motion.step, links))
+    both: Sequence[Any] = (simd_loops.mean_torques, simd_loops.march_lanes)
+    torques, march = (rebuild(kernel, device, names) for kernel in both)
+    return torques, march
+
+
+@cache
+def every_sample(links: int) -> Any:
+    """The kernel that a launch runs: thread i takes sample i, all arrays having the samples last."""
+    mean_torques, march = kernels(links)
+
+    def run(h, keep, intervals, parts, behind, which, law, B, I, first_moment, g, joints, place, A, S, vectors, torque,
+            state, phi_out, w_out, tips_out, failed):
+        i = cuda.grid(1)
+        if i < which.size:
+            mean_torques(intervals, parts, behind[:, :, which[i]], law[:, i], torque[:, i])
+            march(
+                state[:, :, i], h, torque[:, i], keep, (B[:, :, i], I[:, i], first_moment[:, i], g[:, i]),
+                joints[:, :, i], (A[:, :, i], S[:, :, i], vectors[:, :, i]), place[:, i], phi_out[:, :, i],
+                w_out[:, :, i], tips_out[:, :, :, i], failed[i : i + 1],
+            )
+
+    return cuda.jit(run)
+
+
+def present() -> bool:
+    """Whether Numba finds a GPU that it can use."""
+    return bool(cuda.is_available())
+
+
+def launch(
+    links: int, given: Sequence[np.ndarray], scratch: Sequence[tuple[int, ...]], kept: Sequence[np.ndarray],
+) -> None:
+    """Run the kernel on copies of the arrays `given`, with scratch arrays on the GPU; `kept` takes what it made."""
+    there = [cuda.to_device(np.ascontiguousarray(a)) for a in (*given, *kept)]
+    own = [cuda.device_array(shape) for shape in scratch]
+    count = kept[-1].size
+    threads = min(THREADS, count)
+    every_sample(links)[-(-count // threads), threads](*there[: len(given)], *own, *there[len(given) :])
+    for array, made in zip(kept, there[len(given) :], strict=True):
+        made.copy_to_host(array)

@@ -1,0 +1,129 @@
+"""What the steps of a batch need: lengths and mean torques of eight samples side by side.
+
+Samples whose inputs jump at the same times share their steps; where they do not, the shorter ones rest in steps of
+length zero, which leave a chain exactly as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pliant.batch import simd_loops
+from pliant.batch.samples import Samples
+from pliant.compiler.simd import WIDTH, aligned, lane_twin
+from pliant.model import Model, Valve
+from pliant.simulation.drive import drive, merge, subdivide, through_valve
+from pliant.simulation.inputs import Input
+
+Array = np.ndarray
+
+
+class Grid(NamedTuple):
+    """The steps between the output times, and the intervals that they are made of."""
+
+    nodes: Array  # (m + 1,) s
+    parts: Array  # (steps + 1,) first interval of each step
+    intervals: Array  # (m, W) s, the same for every lane
+    steps: Array  # (steps, W) s
+    keep: Array  # (steps,) row of the output after the step, or -1
+
+
+class Schedule:
+    """Steps and mean torques of groups of samples; what several samples share is worked out once."""
+
+    def __init__(self, samples: Samples, pressures: Sequence[Input], times: Array, step: float) -> None:
+        self.samples = samples
+        self.pressures = pressures  # one for all, or one for each
+        self.times = times
+        self.step = step
+        self._grids: dict[tuple[bytes, bytes, float], Grid] = {}
+        self._behind: dict[tuple[int, Valve], Array] = {}
+        self._stacks: dict[tuple[tuple[int, Valve], ...], Array] = {}
+        self._carriers: dict[Valve, Model] = {}
+        v = samples.values
+        self.remembering = (v["swell_share"] != 0) | (v["inflation_limit"] != 0)  # (N,) more than pressure makes torque
+        self._alike = len(self.pressures) == 1 and len(set(samples.valves)) == 1
+
+    def pressure(self, i: int) -> Input:
+        """The input of sample `i`."""
+        return self.pressures[i if len(self.pressures) > 1 else 0]
+
+    def initial(self, i: int) -> float:
+        """Pressure of sample `i` before anything happens at the first time, Pa."""
+        return float(self.pressure(i)(np.nextafter(self.times[0] - self.samples.valves[i].dead_time, -np.inf)))
+
+    def grid(self, i: int) -> Grid:
+        """The steps of sample `i`, as `simulation.drive` lays them."""
+        source, dead = self.pressure(i), self.samples.valves[i].dead_time
+        key = (source.jumps.tobytes(), source.breakpoints.tobytes(), dead)
+        if key not in self._grids:
+            same = max(1e-9 * self.step, 16.0 * float(np.spacing(np.abs(self.times).max())))
+            corners = subdivide(merge(self.times, source.jumps + dead, same), self.step)
+            fine = merge(corners, source.breakpoints + dead, same)
+            keep = np.full(corners.size - 1, -1)
+            keep[np.searchsorted(corners, self.times)[1:] - 1] = np.arange(1, self.times.size)
+            intervals, steps = aligned((fine.size - 1, WIDTH)), aligned((keep.size, WIDTH))
+            intervals[:], steps[:] = np.diff(fine)[:, None], np.diff(corners)[:, None]
+            made = Grid(fine, np.searchsorted(fine, corners), intervals, steps, keep)
+            self._grids.setdefault(key, made)  # the first of two threads: grids are told apart by who they are
+        return self._grids[key]
+
+    def carrier(self, valve: Valve) -> Model:
+        """A model with this valve: all that the pressure behind it asks for."""
+        if valve not in self._carriers:
+            self._carriers[valve] = self.samples.template.with_(valve=valve)
+        return self._carriers[valve]
+
+    def behind(self, i: int, *, shared: bool) -> Array:
+        """Pressure behind the valve of sample `i` in the intervals of its grid, (m, 4); kept where others need it."""
+        key = (id(self.pressure(i)), self.samples.valves[i])
+        if key in self._behind:
+            return self._behind[key]
+        found = through_valve(self.carrier(key[1]), self.pressure(i), self.grid(i).nodes, self.initial(i))
+        if shared:
+            self._behind[key] = found
+        return found
+
+    def group(self, members: Sequence[int], buffer: Array | None = None) -> tuple[Array, Array, Array]:
+        """Lengths h (steps, W), mean torques (steps, W) and rows to keep (steps,) of `WIDTH` samples.
+
+        The torques go to `buffer` where it fits.
+        """
+        grids = [self.grid(i) for i in (members[:1] if self._alike else members)]
+        if any(g is not grids[0] for g in grids) or self.remembering[members].any():
+            return self.padded(members)
+        grid = grids[0]
+        keys = tuple((id(self.pressure(i)), self.samples.valves[i]) for i in members)
+        alike = len(set(keys)) == 1
+        stack = self._stacks.get(keys) if alike else None
+        if stack is None:
+            stack = aligned((len(grid.intervals), 4, WIDTH))
+            for lane, i in enumerate(members):
+                stack[..., lane] = self.behind(i, shared=len(self.pressures) == 1)
+            if alike:
+                self._stacks[keys] = stack
+        law = aligned((len(self.samples.values["torque"]), WIDTH))
+        law[:] = self.samples.values["torque"][:, members]
+        torque = buffer if buffer is not None and buffer.shape == grid.steps.shape else aligned(grid.steps.shape)
+        lane_twin(simd_loops.mean_torques, self.samples.template.n)(grid.intervals, grid.parts, stack, law, torque)
+        return grid.steps, torque, grid.keep
+
+    def padded(self, members: Sequence[int]) -> tuple[Array, Array, Array]:
+        """As `group`, for chambers that remember and samples whose steps differ: each takes as many as the longest."""
+        plans = {i: drive(self.samples.model(i), self.pressure(i), self.times, self.step) for i in set(members)}
+        ends = {i: np.flatnonzero(plan.keep >= 0) for i, plan in plans.items()}
+        counts = {i: np.diff(end, prepend=-1) for i, end in ends.items()}
+        longest = np.max(list(counts.values()), axis=0)
+        last = np.cumsum(longest)
+        h, torque = aligned((int(last[-1]), WIDTH)), aligned((int(last[-1]), WIDTH))
+        h[:], torque[:] = 0.0, 0.0
+        for lane, i in enumerate(members):
+            before = np.repeat(last - longest - (ends[i] + 1 - counts[i]), counts[i])
+            at = np.arange(plans[i].h.size) + before
+            h[at, lane], torque[at, lane] = plans[i].h, plans[i].torque
+        keep = np.full(int(last[-1]), -1)
+        keep[last - 1] = np.arange(1, self.times.size)
+        return h, torque, keep

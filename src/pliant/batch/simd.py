@@ -1,0 +1,166 @@
+"""The march of a batch on the processor: groups of `WIDTH` samples side by side, taken by as many threads as asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
+
+import numpy as np
+
+from pliant.batch import simd_loops
+from pliant.batch.samples import Samples
+from pliant.batch.schedule import Schedule
+from pliant.compiler.simd import WIDTH, aligned, lane_twin
+from pliant.simulation import memory_loops, state
+
+Array = np.ndarray
+
+
+def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, Array]:
+    """Empty arrays (N, rows, ...) of the variables that are asked for, and failed_at (N,) [s], not a number."""
+    n, size = samples.template.n, samples.size
+    shapes = {"joint_angle": (size, rows, n), "joint_rate": (size, rows, n), "tip_position": (size, rows, n, 2)}
+    made = {name: np.empty(shapes[name]) for name in variables}
+    return {**made, "failed_at": np.full(size, np.nan)}
+
+
+def constant_arrays(samples: Samples) -> list[Array]:
+    """B, I, h, gravity, the joints (5, n, N) and the place (n + 3, N): what the march needs of the samples."""
+    v = samples.values
+    more = v["stiffness"] * v["stiffening"]
+    joints = np.stack([v["rest_angle"], v["stiffness"], v["damping"], v["joint_gain"], more])
+    base = v["base_length"] * np.stack([-np.sin(v["base_angle"]), np.cos(v["base_angle"])])
+    place = np.concatenate([v["link_length"], base, v["base_angle"][None]])
+    return [*samples.inertia(), samples.gravity(), joints, place]
+
+
+def in_groups(a: Array) -> Array:
+    """An array (..., N) as (groups, ..., WIDTH); the last group repeats its last sample."""
+    size = a.shape[-1]
+    groups = -(-size // WIDTH)
+    members = np.minimum(np.arange(groups * WIDTH), size - 1).reshape(groups, WIDTH)
+    out = aligned((groups, *a.shape[:-1], WIDTH))
+    out[...] = np.moveaxis(a[..., members], -2, 0)
+    return out
+
+
+def unpack(
+    samples: Samples, kept: Sequence[Array], joints: Array, place: Array, asked: dict[str, Array],
+) -> None:
+    """From the rows (rows, n[, 2], W) that a march kept to the arrays (samples, rows, n[, 2]) that are asked for."""
+    n, rows = samples.template.n, len(kept[0])
+    tails = {"joint_angle": (n,), "joint_rate": (n,), "tip_position": (n, 2)}
+    made = [asked[name] if name in asked else np.empty((0, rows, *tail)) for name, tail in tails.items()]
+    sign = float(samples.template.bend_sign)
+    lane_twin(simd_loops.unpack_lanes, n)(*kept, joints[0], place[-1], sign, *made)
+
+
+class Groups:
+    """The groups of a batch, and what marching one of them takes and gives."""
+
+    def __init__(self, samples: Samples, schedule: Schedule, start: Array, made: dict[str, Array]) -> None:
+        self.samples = samples
+        self.schedule = schedule
+        self.start = start
+        self.made = made
+        self.count = -(-samples.size // WIDTH)
+        self._left = iter(range(self.count))
+        self._lock = Lock()
+        self.prepare()
+
+    def prepare(self) -> None:
+        """What all groups need."""
+        self.constants = [in_groups(a) for a in (*constant_arrays(self.samples), self.start)]
+        self.march = lane_twin(simd_loops.march_lanes, self.samples.template.n)
+
+    def members(self, group: int) -> tuple[slice, list[int]]:
+        """The samples of a group, and who is in its lanes: the last group repeats its last sample."""
+        first = group * WIDTH
+        last = self.samples.size - 1
+        return slice(first, min(first + WIDTH, last + 1)), np.minimum(np.arange(first, first + WIDTH), last).tolist()
+
+    def next(self) -> int | None:
+        """The next group that nobody works on: a thread that is done with one takes another."""
+        with self._lock:
+            return next(self._left, None)
+
+    def work(self) -> None:
+        """March one group after the other until none is left; one thread's part, with arrays of its own."""
+        n, rows = self.samples.template.n, self.schedule.times.size
+        kept = tuple(aligned(shape) for shape in ((rows, n, WIDTH), (rows, n, WIDTH), (rows, n, 2, WIDTH)))
+        scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (5, n + 1, WIDTH)))
+        torque = None
+        while (group := self.next()) is not None:
+            torque = self.run(group, kept, scratch, torque)
+
+    def run(self, group: int, kept: tuple[Array, ...], scratch: tuple[Array, ...], torque: Array | None) -> Array:
+        """March one group and put its samples where they belong; returns the array of torques, to be used again."""
+        own, members = self.members(group)
+        h, torque, keep = self.schedule.group(members, torque)
+        *fixed, joints, place, moving = (a[group] for a in self.constants)
+        failed = np.full(WIDTH, -1)
+        self.march(moving, h, torque, keep, tuple(fixed), joints, scratch, place, *kept, failed)
+        unpack(self.samples, kept, joints, place, {k: a[own] for k, a in self.made.items()})
+        for lane in np.flatnonzero(failed[: own.stop - own.start] >= 0):
+            self.made["failed_at"][own.start + lane] = self.schedule.times[0] + h[: failed[lane] + 1, lane].sum()
+        return torque
+
+
+class Alone(Groups):
+    """Groups of chains that remember: what comes before the march is worked out together, the march of each alone.
+
+    Which elements slip differs from chain to chain, and lanes cannot part.
+    """
+
+    def prepare(self) -> None:
+        """What all chains need."""
+        self.march = lane_twin(memory_loops.march_with_memory, self.samples.template.n)
+
+    def work(self) -> None:
+        """As `Groups.work`."""
+        torque = None
+        while (group := self.next()) is not None:
+            own, members = self.members(group)
+            h, torque, keep = self.schedule.group(members, torque)
+            for lane, i in enumerate(range(own.start, own.stop)):
+                self.alone(i, h[:, lane].copy(), torque[:, lane].copy(), keep)
+
+    def alone(self, i: int, h: Array, torque: Array, keep: Array) -> None:
+        """March sample `i` and put it where it belongs."""
+        model, times = self.samples.model(i), self.schedule.times
+        n, rows = model.n, times.size
+        first, rate = self.start[:, :, i].copy()
+        states = state.relaxed(model, state.joint_angles(model, first))
+        phi, w, kept = np.empty((rows, n)), np.empty((rows, n)), np.empty((rows, *states.shape))
+        phi[0], w[0] = first, rate
+        failed = self.march(
+            first, rate, states, model.base_angle, h, torque, keep, model.body(), model.joints(), model.memory.law(),
+            state.held(model), state.workspace(n), phi, w, kept, np.empty((rows, 3)),
+        )
+        if failed != -1:
+            last = failed if failed >= 0 else -2 - failed  # a link that turns too far, or no agreement
+            self.made["failed_at"][i] = times[0] + h[: last + 1].sum()
+            return
+        make = {
+            "joint_angle": lambda: state.joint_angles(model, phi), "joint_rate": lambda: state.joint_rates(w),
+            "tip_position": lambda: state.tips(model, phi),
+        }
+        for name in self.made.keys() & make.keys():
+            self.made[name][i] = make[name]()
+
+
+def run_lanes(
+    samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str], threads: int,
+) -> dict[str, Array]:
+    """March all samples: the variables (N, T, ...) that are asked for, and failed_at (N,)."""
+    made = outputs(samples, schedule.times.size, variables)
+    groups = (Alone if samples.template.memory else Groups)(samples, schedule, start, made)
+    threads = min(threads, groups.count)
+    if threads <= 1:
+        groups.work()
+        return made
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        for future in [pool.submit(groups.work) for _ in range(threads)]:
+            future.result()
+    return made

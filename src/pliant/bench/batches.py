@@ -1,0 +1,59 @@
+"""Batches against a plain loop: eight chains side by side, then all cores."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from pliant.actuators import chen2018
+from pliant.batch.batch import simulate_batch
+from pliant.bench.timing import best, best_in_turn
+from pliant.simulation import Pulse, simulate, state
+from pliant.simulation.drive import drive
+from pliant.simulation.solve import march
+
+SAMPLES = 1024  # as many as a Monte Carlo run takes: the label on the arrays is then a small part
+STEP = 1e-3  # s
+
+
+def batches() -> dict[str, Any]:
+    """Speed-up by lanes on one core, by a second core, and the largest difference from single runs.
+
+    The plain loop is the compiled march of one sample after the other with everything before it done once: what lanes
+    are compared with is the arithmetic alone, the batch with all that it needs; both in processor time, which a busy
+    machine lengthens less. The cores are compared by the clock on the wall.
+    """
+    rng = np.random.default_rng(7)
+    model, pressure = chen2018.model(), Pulse(chen2018.PULSE_PRESSURE, chen2018.PULSE_START, chen2018.PULSE_WIDTH)
+    times = np.arange(301) / 75.0
+    changes = {"stiffness": 1.6067 * rng.uniform(0.8, 1.2, SAMPLES), "damping": 8e-3 * rng.uniform(0.7, 1.3, SAMPLES)}
+    plan = drive(model, pressure, times, STEP)
+    start = (state.absolute(model, state.equilibrium(model, plan.initial)), np.zeros(model.n))
+
+    def batch(threads: int) -> Any:
+        return simulate_batch(model, pressure, parameters=changes, times=times, step=STEP, threads=threads)
+
+    one = best(lambda: march(model, plan, start, times.size), clock=process_time)
+    single = best(lambda: simulate(model, pressure, times=times, step=STEP))
+    work = best(lambda: batch(1), seconds=2.0, clock=process_time) / SAMPLES
+    cores = max(2, len(os.sched_getaffinity(0)))
+    counts = sorted({1, 2, cores})
+    took = dict(zip(counts, best_in_turn([partial(batch, c) for c in counts]), strict=True))
+    lanes, pair, everything = (took[c] / SAMPLES for c in (1, 2, cores))
+    made, difference = batch(2), 0.0
+    for i in range(0, SAMPLES, 73):
+        alone = simulate(
+            model.with_(**{name: value[i] for name, value in changes.items()}), pressure, times=times, step=STEP
+        )
+        difference = max(difference, float(np.abs(alone["tip_position"] - made["tip_position"][i]).max()))
+    return {
+        "batch_speedup_simd": one / work, "batch_speedup_cores": lanes / pair, "batch_cores": 2,
+        "batch_speedup_all_cores": lanes / everything, "batch_all_cores": cores,
+        "batch_speedup_over_simulate": single / pair, "batch_us_per_sample": 1e6 * everything,
+        "batch_ns_per_step_one_core": 1e9 * work / plan.h.size, "batch_difference_mm": 1e3 * difference,
+        "batch_times_real_time": float(times[-1]) / everything,
+    }

@@ -1,0 +1,34 @@
+"""Loops that call one kernel many times, so that a call can be timed without Python between."""
+
+from __future__ import annotations
+
+from functools import cache
+from types import FunctionType
+from typing import Any
+
+from pliant.compiler.choose import MOST_LINKS, straight
+from pliant.compiler.twin import rebuild
+from pliant.equations.motion import acceleration, acceleration_jacobian
+
+
+@cache
+def compiled(loop: FunctionType, kernel: FunctionType, links: int) -> Any:
+    """A loop of this file, compiled about the fastest twin of its kernel for so many links."""
+    from numba import njit
+
+    few = links <= MOST_LINKS
+    return rebuild(loop, njit, {kernel.__name__: straight(kernel, links)} if few else None)
+
+
+def many_accelerations(count, phi, w, base_angle, torque, body, joints, work, a):
+    """`count` right-hand sides; phi moves a little, so that no call can be left out."""
+    for _ in range(count):
+        acceleration(phi, w, base_angle, torque, body, joints, work, a)
+        phi[0] = phi[0] + 1e-18 * a[0]
+
+
+def many_jacobians(count, phi, w, base_angle, torque, body, joints, work, a, a_phi, a_w):
+    """`count` right-hand sides with full Jacobian."""
+    for _ in range(count):
+        acceleration_jacobian(phi, w, base_angle, torque, body, joints, work, a, a_phi, a_w)
+        phi[0] = phi[0] + 1e-18 * a[0]

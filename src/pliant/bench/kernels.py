@@ -1,0 +1,49 @@
+"""One step, one right-hand side, one Jacobian: nanoseconds."""
+
+from __future__ import annotations
+
+from time import process_time
+
+import numpy as np
+
+from pliant.actuators import chen2018
+from pliant.bench import kernel_loops
+from pliant.bench.timing import best
+from pliant.equations import motion
+from pliant.model import Model
+from pliant.simulation import Pulse, state
+from pliant.simulation.drive import drive
+from pliant.simulation.solve import march
+from pliant.simulation.state import workspace
+
+CALLS = 20_000
+TORQUE = 0.0793  # N m, the paper's at 119 kPa
+STEP = 1e-3  # s
+
+
+def kernels(links: int = 5) -> dict[str, float]:
+    """Time of one implicit step, one right-hand side, and one with its full Jacobian; ns."""
+    model = chen2018.model(links=links)
+    n, parts = links, (model.body(), model.joints(), workspace(links))
+    a, a_phi, a_w = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+
+    def at() -> tuple[np.ndarray, np.ndarray]:
+        return np.linspace(0.05, 0.25, n), np.linspace(0.1, 1.0, n)
+
+    accelerate = kernel_loops.compiled(kernel_loops.many_accelerations, motion.acceleration, n)
+    differentiate = kernel_loops.compiled(kernel_loops.many_jacobians, motion.acceleration_jacobian, n)
+    jobs = {
+        "rhs_ns": lambda: accelerate(CALLS, *at(), 0.0, TORQUE, *parts, a),
+        "rhs_jacobian_ns": lambda: differentiate(CALLS, *at(), 0.0, TORQUE, *parts, a, a_phi, a_w),
+    }
+    found = {name: 1e9 * best(job, clock=process_time) / CALLS for name, job in jobs.items()}
+    return {"step_ns": step_ns(model), **found}
+
+
+def step_ns(model: Model) -> float:
+    """Time of one implicit step in the march that every simulation takes, its energies included; ns."""
+    pressure = Pulse(chen2018.PULSE_PRESSURE, chen2018.PULSE_START, chen2018.PULSE_WIDTH)
+    ends = np.array([0.0, 4.0])
+    plan = drive(model, pressure, ends, STEP)
+    start = (state.absolute(model, state.equilibrium(model, plan.initial)), np.zeros(model.n))
+    return 1e9 * best(lambda: march(model, plan, start, ends.size), clock=process_time) / plan.h.size

@@ -1,0 +1,184 @@
+"""Every way to solve the common problem: a name, settings from coarse to fine, and tips for one setting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from scipy.integrate import odeint, solve_ivp
+
+from pliant.bench.problem import Problem
+from pliant.compiler.choose import MOST_LINKS, straight, twin
+from pliant.equations import motion
+from pliant.simulation import state
+from pliant.simulation.drive import Drive, drive
+from pliant.simulation.extrapolated import Marched, march_extrapolated
+from pliant.simulation.solve import march
+
+Array = np.ndarray
+Solve = Callable[[float], Array]
+STEPS = [1e-2 / k for k in (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 25, 32, 40, 64, 100, 200)]  # s
+TOLERANCES = [10.0**-k for k in np.arange(2.0, 11.1, 0.5)]
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to solve the problem."""
+
+    name: str
+    settings: Sequence[float]  # steps [s] or relative tolerances, from coarse to fine
+    solve: Solve  # tips (T, n, 2) at one setting; raises or returns what is not finite where it cannot
+
+
+def pliant_midpoint(problem: Problem) -> Method:
+    """The default of pliant, from model and input to tips; the label on the arrays is not counted."""
+    model = problem.model
+
+    def solve(h: float) -> Array:
+        plan = drive(model, problem.pressure, problem.times, h)
+        start = (state.absolute(model, state.equilibrium(model, plan.initial)), np.zeros(model.n))
+        phi, _, _ = march(model, plan, start, problem.times.size)
+        return state.tips(model, phi)
+
+    return Method("pliant, implicit midpoint", STEPS, solve)
+
+
+def pliant_extrapolated(problem: Problem) -> Method:
+    """Two midpoint marches, one with half the step, extrapolated at the output times."""
+    model = problem.model
+
+    def solve(h: float) -> Array:
+        def marched(plan: Drive) -> Marched:
+            start = (state.absolute(model, state.equilibrium(model, plan.initial)), np.zeros(model.n))
+            return *march(model, plan, start, problem.times.size), np.zeros(0)
+
+        return state.tips(model, march_extrapolated(model, problem.pressure, problem.times, h, marched)[0])
+
+    return Method("pliant, extrapolated", STEPS, solve)
+
+
+class RightHandSide:
+    """The compiled right-hand side and Jacobian of the state (phi, w), as a careful user writes them for a solver."""
+
+    def __init__(self, problem: Problem) -> None:
+        n = problem.model.n
+        self.n = n
+        self.parts = (problem.model.body(), problem.model.joints(), state.workspace(n))
+        kernels = (motion.acceleration, motion.acceleration_jacobian)  # the fastest form that pliant has of them
+        few = n <= MOST_LINKS
+        self.accelerate, self.differentiate = ((straight(k, n) if few else twin(k)) for k in kernels)
+        self.torque = 0.0
+        self.a, self.by_phi, self.by_w = np.empty(n), np.empty((n, n)), np.empty((n, n))
+        self.J = np.zeros((2 * n, 2 * n))
+        self.J[:n, n:] = np.eye(n)
+
+    def rate(self, _t: float, y: Array) -> Array:
+        """dy/dt (2n,)."""
+        n = self.n
+        out = np.empty(2 * n)
+        out[:n] = y[n:]
+        self.accelerate(y[:n], y[n:], 0.0, self.torque, *self.parts, out[n:])
+        return out
+
+    def jacobian(self, _t: float, y: Array) -> Array:
+        """d(dy/dt)/dy (2n, 2n)."""
+        n = self.n
+        self.differentiate(y[:n], y[n:], 0.0, self.torque, *self.parts, self.a, self.by_phi, self.by_w)
+        self.J[n:, :n] = self.by_phi.T
+        self.J[n:, n:] = self.by_w.T
+        return self.J
+
+
+Piece = Callable[[RightHandSide, Array, Array, float], Array]
+
+
+def in_pieces(name: str, problem: Problem, piece: Piece, settings: Sequence[float] = TOLERANCES) -> Method:
+    """A solver started afresh at each edge of the pulse; `piece` returns states (T, 2n) at the times given to it."""
+    rhs = RightHandSide(problem)
+
+    def solve(setting: float) -> Array:
+        rows = [np.zeros((1, 2 * rhs.n))]
+        for times, torque in problem.pieces:
+            rhs.torque = torque
+            rows.append(piece(rhs, rows[-1][-1], times, setting)[1:])
+        return state.tips(problem.model, np.concatenate(rows)[:, : rhs.n])
+
+    return Method(name, settings, solve)
+
+
+def scipy_methods(problem: Problem) -> list[Method]:
+    """SciPy's solvers on the compiled right-hand side."""
+
+    def ivp(method: str) -> Piece:
+        def piece(rhs: RightHandSide, y: Array, times: Array, rtol: float) -> Array:
+            found = solve_ivp(
+                rhs.rate, (times[0], times[-1]), y, method=method, t_eval=times, rtol=max(rtol, 1e-13),
+                atol=1e-3 * rtol, jac=rhs.jacobian,
+            )
+            return np.asarray(found.y.T)
+
+        return piece
+
+    def fortran(rhs: RightHandSide, y: Array, times: Array, rtol: float) -> Array:
+        return np.asarray(odeint(
+            rhs.rate, y, times, tfirst=True, Dfun=rhs.jacobian, rtol=rtol, atol=1e-3 * rtol, mxstep=100_000,
+        ))
+
+    return [
+        in_pieces("SciPy LSODA (odeint)", problem, fortran),
+        *(in_pieces(f"SciPy {m} (solve_ivp)", problem, ivp(m)) for m in ("LSODA", "BDF", "Radau")),
+    ]
+
+
+def solved(problem: Problem) -> Problem:
+    """`problem` with its truth, by a solver of another kind at its tightest."""
+    problem.truth = scipy_methods(problem)[-1].solve(1e-11)
+    return problem
+
+
+def mujoco_methods(problem: Problem) -> list[Method]:
+    """MuJoCo's hinge chain at each of its integrators, many steps a call."""
+    if find_spec("mujoco") is None:
+        return []
+    mujoco = import_module("mujoco")
+    mujoco.set_mju_user_warning(lambda _text: None)  # a step that is too long shows in the error; no log file for it
+    names = {"implicitfast": 3, "implicit": 2, "Euler": 0, "RK4": 1}
+    return [
+        Method(f"MuJoCo {name}", STEPS, mujoco_chain(mujoco, problem, number)) for name, number in names.items()
+    ]
+
+
+def mujoco_chain(mujoco: Any, problem: Problem, integrator: int) -> Solve:
+    """The chain with masses at its tips as MuJoCo's hinges; contacts, gravity and everything else switched off."""
+    m = problem.model
+    head = "<mujoco><option gravity='0 0 0'><flag contact='disable' constraint='disable'/></option><worldbody>"
+    bodies = "".join(
+        f"<body pos='0 {m.link_length[i - 1] if i else 0:.17g} 0'><joint type='hinge' axis='0 0 1'/>"
+        f"<inertial pos='0 {m.link_length[i]:.17g} 0' mass='{m.link_mass[i]:.17g}' diaginertia='1e-10 1e-10 1e-10'/>"
+        for i in range(m.n)
+    )
+    compiled = mujoco.MjModel.from_xml_string(f"{head}{bodies}{'</body>' * m.n}</worldbody></mujoco>")
+    compiled.jnt_stiffness.reshape(m.n, -1)[:, 0] = m.stiffness
+    compiled.dof_damping.reshape(m.n, -1)[:, 0] = m.damping
+    compiled.opt.integrator = integrator
+    data = mujoco.MjData(compiled)
+
+    def solve(h: float) -> Array:
+        count = max(1, round(1e-2 / h))
+        compiled.opt.timestep = 1e-2 / count
+        mujoco.mj_resetData(compiled, data)
+        q = np.zeros((problem.times.size, m.n))
+        row = 0
+        for times, torque in problem.pieces:
+            data.qfrc_applied[:] = torque
+            for _ in range(times.size - 1):
+                mujoco.mj_step(compiled, data, count)
+                row += 1
+                q[row] = data.qpos
+        return problem.tips(q)
+
+    return solve

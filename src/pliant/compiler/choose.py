@@ -1,0 +1,71 @@
+"""The door to compiled code: the twin of a kernel, with the fastest step for its number of links inside.
+
+Few links take the dense step, many take articulated bodies, both as straight lines where they may: compiling a straight
+line takes the longer the more links it has, so beyond some number the loops run.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+from pliant.compiler import trace
+from pliant.compiler.twin import compiled_twin, fingerprint, reached
+from pliant.equations import articulated, linearised, motion
+from pliant.numerics import trig
+
+MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies take less time, and compiling it takes seconds
+STRAIGHT_LINKS = 64  # a straight line of so many articulated bodies compiles in about 2 s
+JACOBIAN_LINKS = 8  # so does the Jacobian of a step
+STRAIGHT_SOURCES = (
+    trace.__file__, str(Path(__file__).with_name("llvm.py")), str(Path(__file__).with_name("trig.py")), trig.__file__,
+)
+SOURCES = (__file__, articulated.__file__, *STRAIGHT_SOURCES)  # of a twin, beside the kernels that it reaches
+
+
+@cache
+def twin(kernel: FunctionType, links: int | None = None) -> Any:
+    """The compiled twin of a plain kernel; see `pliant.compiler.twin.compiled_twin`.
+
+    Made for a number of `links`, it takes its steps by what is fastest for so many; see `substitutes`.
+    """
+    fast = substitutes(kernel, links) if links else {}
+    if kernel in fast:
+        return fast[kernel]
+    if links and not fast:
+        return twin(kernel)
+    return compiled_twin(kernel, f"{links}" if fast else "n", fast, SOURCES)
+
+
+@cache
+def straight(kernel: FunctionType, n: int) -> Any:
+    """The compiled straight-line twin of a kernel for n links; same signature, see `trace.example_arguments`.
+
+    Recorded only where the disk cache has none.
+    """
+    from pliant.compiler.llvm import compiled
+
+    name = f"{kernel.__name__}_{n}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
+    return compiled(name, lambda: trace.recording(kernel, n))
+
+
+def substitutes(kernel: FunctionType, links: int) -> dict[Any, Any]:
+    """Compiled twins for so many links that stand in for kernels that `kernel` reaches, itself included."""
+    found, made = reached(kernel), {}
+    if motion.step in found:
+        made[motion.step] = fast_step(links)
+    if linearised.step_jacobian in found:
+        jacobian = linearised.step_jacobian  # as loops it needs the scratch arrays of a looped step, whatever `step` is
+        made[jacobian] = straight(jacobian, links) if links <= JACOBIAN_LINKS else twin(jacobian)
+    return made
+
+
+def fast_step(links: int) -> Any:
+    """The fastest compiled `motion.step` for so many links."""
+    if links <= MOST_LINKS:
+        return straight(motion.step, links)
+    if links <= STRAIGHT_LINKS:
+        return straight(articulated.step_articulated, links)
+    return twin(articulated.step_articulated)

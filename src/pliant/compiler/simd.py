@@ -1,0 +1,185 @@
+"""Lanes: `WIDTH` numbers side by side as one number, so that a kernel's one text advances `WIDTH` chains at once.
+
+Numba learns a scalar type `lanes` that is a vector of LLVM. It adds, multiplies and divides as a float does, mixes
+with floats, and has sine, cosine, floor and rounding. A kernel compiled for arrays of lanes is the kernel: nothing is
+written twice. An array of lanes is a float array whose last axis has `WIDTH` entries (`as_lanes`, in compiled code).
+"""
+
+from __future__ import annotations
+
+import operator
+from functools import cache
+from math import prod
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import njit, types
+from numba.core import cgutils
+from numba.core.extending import intrinsic, lower_builtin, lower_cast, models, overload, register_model
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.np.arrayobj import populate_array
+
+from pliant.compiler import choose, trig
+from pliant.compiler.twin import fingerprint, options, rebuild, swept
+
+WIDTH = 8  # one AVX-512 register of doubles; LLVM splits it where registers are shorter
+_ALIGN = 8 * WIDTH  # bytes
+_DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
+_INDICES = ir.VectorType(ir.IntType(32), WIDTH)
+_NUMBERS = (types.Float, types.Integer)
+
+
+class Lanes(types.Type):
+    """`WIDTH` doubles; a float mixes in as `WIDTH` equal ones."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"lanes({WIDTH})")
+        self.bitwidth = 64 * WIDTH
+
+    def can_convert_from(self, _context: Any, other: Any) -> Any:
+        """A number becomes lanes by repetition."""
+        return Conversion.safe if isinstance(other, _NUMBERS) else None
+
+    def unify(self, _context: Any, other: Any) -> Any:
+        """A variable that is a number on one path and lanes on another is lanes."""
+        return self if isinstance(other, _NUMBERS) else None
+
+
+lanes = Lanes()
+
+
+@register_model(Lanes)
+class _Model(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _DOUBLES)
+
+
+@lower_cast(types.Float, Lanes)  # type: ignore[untyped-decorator]
+@lower_cast(types.Integer, Lanes)  # type: ignore[untyped-decorator]
+def _repeat(context: Any, builder: Any, kind: Any, _lanes: Any, value: Any) -> Any:
+    one = context.cast(builder, value, kind, types.float64)
+    none = ir.Constant(_DOUBLES, ir.Undefined)
+    first = builder.insert_element(none, one, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(first, none, ir.Constant(_INDICES, [0] * WIDTH))
+
+
+def _define(operation: Any, instruction: str, operands: int) -> None:
+    """Teach Numba an operator of lanes by the instruction of LLVM that does it."""
+
+    @infer_global(operation)
+    class _Typed(AbstractTemplate):
+        def generic(self, args: Any, _kws: Any) -> Any:
+            fits = len(args) == operands and lanes in args
+            if fits and all(a == lanes or isinstance(a, _NUMBERS) for a in args):
+                return signature(lanes, *[lanes] * operands)
+            return None
+
+    @lower_builtin(operation, *[Lanes] * operands)  # type: ignore[untyped-decorator]
+    def _lowered(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return getattr(builder, instruction)(*args)
+
+
+for _name, _instruction in (("add", "fadd"), ("sub", "fsub"), ("mul", "fmul"), ("truediv", "fdiv")):
+    _define(getattr(operator, _name), _instruction, 2)
+    _define(getattr(operator, f"i{_name}"), _instruction, 2)
+_define(operator.neg, "fneg", 1)
+
+
+def _vector_function(builder: Any, name: str, x: Any) -> Any:
+    kind = ir.FunctionType(_DOUBLES, [_DOUBLES])
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f64"), [x])
+
+
+def _unary(name: str) -> Any:
+    """The function of LLVM called `name`, on lanes."""
+
+    @intrinsic
+    def call(_context: Any, x: Any) -> Any:
+        def generate(_target: Any, builder: Any, _sig: Any, args: Any) -> Any:
+            return _vector_function(builder, name, args[0])
+
+        return lanes(x), generate
+
+    return call
+
+
+_floor, _rint = _unary("floor"), _unary("rint")
+_cos_sin = trig.cos_sin
+
+
+@overload(np.floor)
+def _np_floor(x):
+    return (lambda x: _floor(x)) if x == lanes else None  # noqa: PLW0108  Numba takes Python functions here
+
+
+@overload(np.rint)
+def _np_rint(x):
+    return (lambda x: _rint(x)) if x == lanes else None  # noqa: PLW0108
+
+
+@overload(np.sin)
+def _np_sin(x):
+    return (lambda x: _cos_sin(x)[1]) if x == lanes else None
+
+
+@overload(np.cos)
+def _np_cos(x):
+    return (lambda x: _cos_sin(x)[0]) if x == lanes else None
+
+
+@intrinsic
+def within(_context: Any, x: Any, limit: Any) -> Any:
+    """Bit k is set where lane k of |x| is at most `limit`; not a number is not."""
+
+    def generate(_target: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        size = _vector_function(builder, "fabs", args[0])
+        bits = builder.bitcast(builder.fcmp_ordered("<=", size, args[1]), ir.IntType(WIDTH))
+        return builder.zext(bits, ir.IntType(64))
+
+    return types.int64(lanes, lanes), generate
+
+
+@intrinsic
+def as_lanes(_context: Any, array: Any) -> Any:
+    """The float array (..., WIDTH) as an array (...) of lanes, sharing its memory; see `aligned`."""
+    if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype == types.float64):
+        return None
+    result = types.Array(lanes, array.ndim - 1, "C")
+
+    def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        source = context.make_array(array)(context, builder, args[0])
+        made = context.make_array(result)(context, builder)
+        shape, strides = (cgutils.unpack_tuple(builder, part)[:-1] for part in (source.shape, source.strides))
+        populate_array(
+            made, data=builder.bitcast(source.data, made.data.type), shape=cgutils.pack_array(builder, shape),
+            strides=cgutils.pack_array(builder, strides), itemsize=context.get_constant(types.intp, _ALIGN),
+            meminfo=source.meminfo, parent=source.parent,
+        )
+        return impl_ret_borrowed(context, builder, result, made._getvalue())  # noqa: SLF001  Numba's own way
+
+    return result(array), generate
+
+
+def aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """An empty float array (..., WIDTH) that begins where a register may be loaded from."""
+    size = prod(shape)
+    raw = np.empty(size + WIDTH)
+    skip = -(raw.__array_interface__["data"][0] // 8) % WIDTH
+    return raw[skip : skip + size].reshape(shape)
+
+
+@cache
+def lane_twin(kernel: FunctionType, links: int) -> Any:
+    """The compiled twin of a kernel on lanes: as `choose.twin`, and it lets other threads run."""
+    fast = choose.substitutes(kernel, links)
+    digest = fingerprint(kernel, __file__, *choose.SOURCES)
+
+    def wrap(copy: FunctionType) -> Any:
+        copy.__qualname__ = f"{copy.__qualname__}_{links if fast else 'n'}_{digest}"
+        return njit(**options(kernel), nogil=True)(copy)
+
+    return swept(rebuild(kernel, wrap, {k.__name__: made for k, made in fast.items()}))

@@ -1,0 +1,149 @@
+"""Straight-line twins: a kernel's text run once on symbols that write down what they do, for a fixed number of links.
+
+The loops over links are gone, every intermediate is a local number instead of an array element, and what does not
+reach the result is left out. The compiler sees no memory that could be shared, which halves the time of a step. The
+text is still the one in `motion.py`: what `llvm` hands to the compiler is a recording of it.
+"""
+
+from __future__ import annotations
+
+from types import FunctionType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.equations.symbols import Body, Joints, Workspace
+
+
+class Tape:
+    """Operations in the order in which they were first needed; equal ones are written once."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[str, tuple[Any, ...]]] = []
+        self.known: dict[tuple[str, tuple[Any, ...]], Mark] = {}
+
+    def write(self, what: str, *operands: Any) -> Mark:
+        """The mark of an operation, new or known."""
+        key = (what, tuple(float(o) if isinstance(o, (int, float, np.number)) else o for o in operands))
+        if key not in self.known:
+            self.known[key] = Mark(self, len(self.rows))
+            self.rows.append(key)
+        return self.known[key]
+
+
+class Mark:
+    """A number that is not known yet: arithmetic on it is written on its tape."""
+
+    __slots__ = ("row", "tape")
+
+    def __init__(self, tape: Tape, row: int) -> None:
+        self.tape = tape
+        self.row = row
+
+    def __add__(self, other: Any) -> Mark:
+        return self.tape.write("+", self, other)
+
+    def __radd__(self, other: Any) -> Mark:
+        return self.tape.write("+", other, self)
+
+    def __sub__(self, other: Any) -> Mark:
+        return self.tape.write("-", self, other)
+
+    def __rsub__(self, other: Any) -> Mark:
+        return self.tape.write("-", other, self)
+
+    def __mul__(self, other: Any) -> Mark:
+        return self.tape.write("*", self, other)
+
+    def __rmul__(self, other: Any) -> Mark:
+        return self.tape.write("*", other, self)
+
+    def __truediv__(self, other: Any) -> Mark:
+        return self.tape.write("/", self, other)
+
+    def __rtruediv__(self, other: Any) -> Mark:
+        return self.tape.write("/", other, self)
+
+    def __neg__(self) -> Mark:
+        return self.tape.write("-", self)
+
+    def cos(self) -> Mark:
+        """NumPy's np.cos asks an object for this."""
+        return self.tape.write("cos", self)
+
+    def sin(self) -> Mark:
+        """NumPy's np.sin asks an object for this."""
+        return self.tape.write("sin", self)
+
+
+def marks(tape: Tape, name: str, example: Any) -> Any:
+    """Marks in the place of every number of an argument: a number, an array, or a NamedTuple of these."""
+    if isinstance(example, tuple) and hasattr(example, "_fields"):
+        return type(example)(*(marks(tape, f"{name}.{f}", v) for f, v in zip(example._fields, example, strict=True)))
+    if isinstance(example, np.ndarray):
+        made = np.empty(example.shape, dtype=object)
+        for index in np.ndindex(*example.shape):
+            made[index] = tape.write(f"{name}[{', '.join(map(str, index))}]")
+        return made
+    return tape.write(name)
+
+
+def changed(argument: Any, before: Any, name: str, kept: tuple[str, ...]) -> list[tuple[str, Mark]]:
+    """What a kernel wrote: (place, mark) for every array element that changed, scratch arrays left out."""
+    if isinstance(argument, tuple) and hasattr(argument, "_fields"):
+        parts = zip(argument._fields, argument, before, strict=True)
+        return [row for f, a, b in parts for row in changed(a, b, f"{name}.{f}", kept)]
+    if not isinstance(argument, np.ndarray) or (name.startswith("work.") and name not in kept):
+        return []
+    marked: Any = argument
+    moved = [i for i in np.ndindex(*argument.shape) if marked[i] is not before[i]]
+    return [(f"{name}[{', '.join(map(str, i))}]", marked[i]) for i in moved]
+
+
+class Recording(NamedTuple):
+    """What a kernel does for arguments of given shapes."""
+
+    names: tuple[str, ...]  # of the arguments
+    rows: list[tuple[str, tuple[Any, ...]]]  # operation and operands: a mark is the row that it comes from
+    needed: list[int]  # the rows that reach the result, in order
+    stores: list[tuple[str, Mark]]  # what goes where in the end
+
+
+def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]) -> Recording:
+    """Run `kernel` on symbols in arguments of the examples' shapes; of scratch arrays only those `kept` are results."""
+    tape = Tape()
+    arguments = {name: marks(tape, name, example) for name, example in examples.items()}
+    before = {name: marks(tape, name, example) for name, example in examples.items()}
+    kernel(**arguments)
+    stores = [row for name, a in arguments.items() for row in changed(a, before[name], name, kept)]
+    needed: set[int] = set()
+    todo = [mark.row for _, mark in stores]
+    while todo:
+        row = todo.pop()
+        if row not in needed:
+            needed.add(row)
+            todo += [o.row for o in tape.rows[row][1] if isinstance(o, Mark)]
+    return Recording(tuple(examples), tape.rows, sorted(needed), stores)
+
+
+def example_arguments(n: int) -> dict[str, Any]:
+    """Arguments of the shapes that every kernel of an n-link chain takes."""
+
+    def zeros(*shape: int) -> np.ndarray:
+        return np.zeros(shape)
+
+    shapes = {"A": (n, n), "S": (n, n), "t": (n + 1,)}
+    return {
+        "phi": zeros(n), "w": zeros(n), "base_angle": 0.0, "h": 0.0, "torque": 0.0,
+        "body": Body(zeros(n, n), zeros(n), zeros(n), 0.0, 0.0),
+        "joints": Joints(*(zeros(n) for _ in Joints._fields)),
+        "work": Workspace(*(zeros(*shapes.get(f, (n,))) for f in Workspace._fields)),
+        "a": zeros(n), "a_phi": zeros(n, n), "a_w": zeros(n, n), "J": zeros(3 * n, 2 * n),
+    }
+
+
+def recording(kernel: FunctionType, n: int) -> Recording:
+    """The recording of a kernel for n links."""
+    examples = example_arguments(n)
+    names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
+    return record(kernel, {name: examples[name] for name in names}, kept=("work.a",))

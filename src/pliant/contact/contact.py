@@ -1,0 +1,252 @@
+"""`find_contact`: when something touches the body, where, and how hard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from pliant.contact.free_motion import FreeMotion, features_of, learn_free, learn_sudden, normalised, running_mean
+from pliant.contact.likelihood_ratio import answer_of, frames_of, likelihood_ratio
+from pliant.contact.locate import END, Push, locate
+from pliant.errors import InputError
+from pliant.estimation.measurement import measurement_of
+from pliant.estimation.noise import Noise, default_noise
+from pliant.estimation.offline import estimate, input_of
+from pliant.model import Model
+from pliant.simulation import simulate
+from pliant.version import __version__
+
+Array = np.ndarray
+GONE = 2.0  # mean normalised square of the torques below which a contact is over
+STAYS = 0.01  # of the largest mean square of a contact: what the material remembers of it
+CALM = 0.107  # s for which it must stay there
+SHY = 0.2  # s after a contact in which its end raises no alarm
+PACE = 0.2  # share by which the rate of frames may differ from that of the free motion
+
+
+def find_contact(
+    recording: xr.Dataset,
+    model: Model,
+    *,
+    free: Sequence[xr.Dataset] | FreeMotion,
+    false_alarms_per_hour: float = 1.0,
+    noise: Noise | None = None,
+    friction: float = 0.5,
+    torque_error: float = 0.05,
+    lasting: bool = False,
+    **options: Any,
+) -> xr.Dataset:
+    """When, where and how hard something touches a body, from its shape and pressure.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        As for `estimate`.
+    free : recordings or FreeMotion
+        Motion of the same body that is known to be free, like the one to be judged in pressure; or what `free_motion`
+        learnt of it. The test's threshold comes from it.
+    false_alarms_per_hour : float
+        That the threshold stands for.
+    noise : Noise, optional
+        As for `estimate`; the disturbance must wander.
+    friction : float
+        Likely coefficient of friction: what the force along the body may be where the torques do not show it.
+    torque_error : float
+        Standard deviation of an external torque in shares of itself: how well the joints' stiffness is known.
+    lasting : bool
+        Whether torques that last raise an alarm too, by a cumulative sum: it finds a body that is leant on slowly,
+        which the test for forces that set in does not, and drifts of sensor and material raise more false alarms.
+    **options
+        Of `estimate`: latency, step, stations.
+
+    Returns
+    -------
+    xarray.Dataset
+        statistic, in_contact, external_torque (time, joint) with the free part taken off, and while in contact
+        contact_arc_length with arc_low and arc_high (95 %), contact_position, contact_normal, contact_force (time,
+        axis), force_covariance, normal_force, tangential_force with `_sd`, hidden_tangential (time). attrs: threshold,
+        alarm times, onset times, how the threshold was found.
+
+    Raises
+    ------
+    InputError, SimulationError
+        As `estimate`; and when there is too little free motion.
+
+    Examples
+    --------
+    >>> import pliant                                              # doctest: +SKIP
+    >>> from pliant.contact import find_contact, free_motion
+    >>> model = pliant.load_model("results/arm/model.json")
+    >>> free = [pliant.read(name) for name in ("pulse_60.nc", "pulse_119.nc", "pulse_180.nc")]
+    >>> learnt = free_motion(free, model, false_alarms_per_hour=1.0)
+    >>> touched = find_contact(pliant.read("poke.nc"), model, free=learnt)
+    >>> touched.attrs["onset_s"]                                   # when
+    >>> at = touched.where(touched.in_contact, drop=True)
+    >>> at.contact_arc_length, at.contact_force                    # where along the body, m; how hard, N
+    >>> at.hidden_tangential.any()                                 # whether the shape could not show a component
+    """
+    settings = noise or default_noise(model, disturbance=True)
+    learnt = free if isinstance(free, FreeMotion) else free_motion(
+        free, model, false_alarms_per_hour=false_alarms_per_hour, noise=settings, **options
+    )
+    seen = unexplained(recording, model, settings, options)
+    check_pace(seen.found, learnt.period)
+    ratio, since = likelihood_ratio(learnt.sudden.answer, model, *seen.innovations)
+    left = learnt.left_over(seen.torque, seen.features)
+    slow, fast = learnt.statistic(left, seen.features) / learnt.threshold, learnt.sudden.statistic(ratio, seen.motion)
+    slow = slow if lasting else np.zeros_like(slow)
+    scale, pushes = learnt.scale(seen.features), {}
+    events = episodes(slow, fast, since, left, learnt, scale)
+    touching = np.zeros(len(left), dtype=bool)
+    for event in events:
+        touching[event.alarm : event.end] = True
+        left[event.onset : event.end] -= event.before
+    for k in map(int, np.flatnonzero(touching)):
+        doubt = scale[k] * learnt.change + np.diag((torque_error * left[k]) ** 2)
+        pushes[k] = locate(model, seen.angle[k], left[k], doubt, friction=friction)
+    return described(seen, left, np.maximum(slow, fast), touching, pushes, learnt, events)
+
+
+def free_motion(
+    recordings: Sequence[xr.Dataset], model: Model, *, false_alarms_per_hour: float = 1.0, noise: Noise | None = None,
+    **options: Any,
+) -> FreeMotion:
+    """What free motion looks like to the contact test, from recordings in which nothing touches.
+
+    Both tests learn it: of forces that set in, and of torques that last.
+    """
+    if not recordings:
+        raise InputError("the threshold comes from free motion: give at least one recording without contact")
+    settings, rate = noise or default_noise(model, disturbance=True), false_alarms_per_hour
+    parts = [unexplained(r, model, settings, options) for r in recordings]
+    sight = measurement_of(recordings[0], model, settings, options.get("stations"))
+    answer = answer_of(model, settings, sight, step=options.get("step", 5e-3))
+    for part in parts:
+        check_pace(part.found, answer.period)
+    ratios = [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts]
+    sudden = learn_sudden(answer, ratios, [p.motion for p in parts], rate)
+    return learn_free([p.torque for p in parts], [p.features for p in parts], sudden, rate=rate)
+
+
+def check_pace(found: xr.Dataset, period: float) -> None:
+    """Refuse frames that come faster or slower than those of the free motion: its threshold says nothing of them."""
+    own = float(np.median(np.diff(found["time"].values)))
+    if abs(own / period - 1.0) > PACE:
+        raise InputError(
+            f"free motion was recorded at {1 / period:.0f} Hz and this recording at {1 / own:.0f} Hz: the threshold "
+            "holds for one rate, so record both at the same"
+        )
+
+
+class Seen(NamedTuple):
+    """A recording as the tests see it."""
+
+    found: xr.Dataset
+    torque: Array  # (T, n) N m, disturbance
+    features: Array  # (T, F), see `features_of`
+    angle: Array  # (T, n) rad, of the links
+    motion: Array  # (T,) rad^2/s^2
+
+    @property
+    def innovations(self) -> tuple[Array, Array, Array]:
+        """What `likelihood_ratio` takes."""
+        return self.found["innovation"].values, self.motion, self.angle
+
+
+def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> Seen:
+    """Estimate of a recording with its disturbance torques, and the features of the free motion beside it."""
+    if not noise.wander > 0:
+        raise InputError("contact is seen in the disturbance torques: noise.wander must be positive")
+    found = estimate(recording, model, noise=noise, **options)
+    source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3))
+    times = found["time"].values - options.get("latency", 0.0)
+    run = simulate(held, source, times=times, step=options.get("step", 5e-3))
+    features = features_of(
+        model, times, found["pressure"].values, run["joint_angle"].values, run["joint_rate"].values
+    )
+    angle = np.cumsum(found["joint_angle"].values + model.rest_angle, axis=1) + model.base_angle
+    return Seen(found, found["disturbance"].values, features, angle, found["motion"].values)
+
+
+class Event(NamedTuple):
+    """One contact: frames of its onset, of the alarm and after its end, and the torques [N m] that are not its own."""
+
+    onset: int
+    alarm: int
+    end: int
+    before: Array
+
+
+def episodes(
+    slow: Array, fast: Array, since: Array, left: Array, learnt: FreeMotion, scale: Array
+) -> list[Event]:
+    """Contacts, one after the other: each begins with an alarm and ends when its torques have gone for some frames.
+
+    What was left of the torques before the onset is taken off, as far as it lasts. A body that was bent hard remembers
+    it: a small share of the largest torques counts as gone.
+    """
+    mean, events, k = running_mean(left, learnt.period), [], 0
+    calm, shy = frames_of(CALM, learnt.period), frames_of(SHY, learnt.period)
+    while k < len(left):
+        if not (fast[k] > 1.0 or (slow[k] > 1.0 >= slow[max(k - 1, 0)])):
+            k += 1
+            continue
+        onset = max(k + 1 - int(since[k]), 0) if fast[k] > 1.0 else last_zero(slow, k)
+        before = learnt.kept * mean[max(onset - 2, 0)] if onset > 2 else np.zeros(left.shape[1])
+        power = normalised(left[k:] - before, learnt.change) / scale[k:]
+        there = power > np.maximum(GONE, STAYS * np.maximum.accumulate(power))
+        quiet = np.convolve(~there, np.ones(calm), mode="full")[: len(there)]
+        gone = np.flatnonzero(quiet[calm:] >= calm) + calm
+        end = k + int(gone[0]) if gone.size else len(left)
+        events.append(Event(onset, k, end, before))
+        k = end + shy
+    return events
+
+
+def last_zero(sums: Array, k: int) -> int:
+    """The frame after the last one up to k at which the cumulative sum was zero."""
+    at = np.flatnonzero(sums[: k + 1] <= 0)
+    return int(at[-1]) + 1 if at.size else 0
+
+
+def described(
+    seen: Seen, left: Array, statistic: Array, touching: Array, pushes: dict[int, Push], learnt: FreeMotion,
+    events: list[Event],
+) -> xr.Dataset:
+    """The dataset of `find_contact`."""
+    found = seen.found
+    T = statistic.size
+    numbers = {
+        "contact_arc_length": "m", "arc_low": "m", "arc_high": "m", "normal_force": "N", "normal_force_sd": "N",
+        "tangential_force": "N", "tangential_force_sd": "N",
+    }
+    made: dict[str, Array] = {name: np.full(T, np.nan) for name in numbers}
+    vectors = {name: np.full((T, 2), np.nan) for name in ("contact_position", "contact_force", "contact_normal")}
+    covariance, hidden = np.full((T, 2, 2), np.nan), np.zeros(T, dtype=bool)
+    for k, p in pushes.items():
+        values = (p.arc_length, *p.arc_interval, p.normal, p.normal_sd, p.tangential, p.tangential_sd)
+        for name, value in zip(numbers, values, strict=True):
+            made[name][k] = value
+        vectors["contact_position"][k], vectors["contact_force"][k] = p.position, p.force
+        vectors["contact_normal"][k] = np.sign(p.normal) * p.left
+        if p.arc_interval[1] > p.end - END and not p.hidden:  # the end is round: it touches where it is pushed
+            vectors["contact_normal"][k] = p.force / np.linalg.norm(p.force)
+        covariance[k], hidden[k] = p.covariance, "tangential" in p.hidden
+    clock = found["time"].values
+    data: dict[str, Any] = {name: ("time", made[name], {"units": unit}) for name, unit in numbers.items()}
+    data |= {name: (("time", "axis"), v, {"units": "N" if "force" in name else "m"}) for name, v in vectors.items()}
+    data |= {
+        "force_covariance": (("time", "axis", "axis_2"), covariance, {"units": "N2"}),
+        "hidden_tangential": ("time", hidden), "in_contact": ("time", touching), "statistic": ("time", statistic),
+        "external_torque": (("time", "joint"), left, {"units": "N m"}), "tip_position": found["tip_position"],
+        "joint_angle": found["joint_angle"], "pressure": found["pressure"],
+    }
+    return xr.Dataset(data, found.coords, {
+        "schema": "pliant-contact", "source": f"pliant {__version__}", "model": found.attrs["model"],
+        "threshold": 1.0, "false_alarms_per_hour": learnt.rate, "free_motion_s": learnt.duration,
+        "threshold_extrapolated": int(learnt.extrapolated), "onset_s": [float(clock[e.onset]) for e in events],
+        "alarm_s": [float(clock[e.alarm]) for e in events], "frames_skipped": found.attrs["frames_skipped"],
+    })

@@ -1,0 +1,276 @@
+"""Is something touching? A sequential test whose threshold comes from motion that is known to be free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from pliant.contact.likelihood_ratio import Answer, frames_of
+from pliant.errors import InputError
+from pliant.model import Model
+
+Array = np.ndarray
+CAP = 1.5  # thresholds: where the cumulative sum stops
+HOLD = 0.107  # s for which fast motion is remembered
+LAGS = (0.05, 0.3, 3.0)  # s: what creeps and lags behind the pressure
+RIDGE = 1e-4
+BLOCK = 1.0  # s of a stretch whose highest value counts
+LATER, BEFORE = 0.533, 0.133  # s after which, and over which, a contact is compared with what was before
+HEAVIEST = 0.3  # shape of the heaviest tail
+MANY = 40  # peaks from which the upper quartile, else the upper half, makes the tail
+
+
+@dataclass(frozen=True)
+class Sudden:
+    """The likelihood ratio of `jump` in free motion.
+
+    Attributes
+    ----------
+    answer : Answer
+    size : (B,) array
+        Its 99 % quantile at each case of motion of the answer, not falling: unknown errors of fast motion.
+    threshold : float
+        Of the ratio over that size.
+    """
+
+    answer: Answer
+    size: Array
+    threshold: float
+
+    def statistic(self, ratio: Array, motion: Array) -> Array:
+        """The ratio (T,) in units of its threshold."""
+        return np.asarray(ratio / self.size[self.answer.case(motion)] / self.threshold)
+
+
+@dataclass(frozen=True)
+class FreeMotion:
+    """What the external torques look like when nothing touches.
+
+    Attributes
+    ----------
+    weights : (features, n) array
+        Linear part that pressure and free motion explain: the model's own errors.
+    covariance : (n, n) array
+        Of what is left, N^2 m^2.
+    growth : float
+        How much that covariance grows with the activity of the motion: it is scaled by (1 + growth activity).
+    slack : float
+        Subtracted from the normalised square at every frame: excursions of free motion die out.
+    threshold : float
+        Of the cumulative sum.
+    kept : float
+        Share of the torques left over half a second ago that is still there: what a contact is measured against.
+    change : (n, n) array
+        Covariance of the rest of them at little motion, N^2 m^2.
+    sudden : Sudden
+        The test for forces that set in.
+    duration : float
+        s of free motion that it was learnt from.
+    period : float
+        s between its frames.
+    rate : float
+        False alarms per hour that were asked for.
+    extrapolated : bool
+        Whether the free motion is too short to have shown one such alarm: the tail was extended.
+    """
+
+    weights: Array
+    covariance: Array
+    growth: float
+    slack: float
+    threshold: float
+    kept: float
+    change: Array
+    sudden: Sudden
+    duration: float
+    period: float
+    rate: float
+    extrapolated: bool
+
+    def left_over(self, torque: Array, features: Array) -> Array:
+        """External torques (T, n) without the part that free motion explains."""
+        return np.asarray(torque - features @ self.weights)
+
+    def scale(self, features: Array) -> Array:
+        """Factor (T,) on the covariance at each frame: the model errs more in fast motion."""
+        return np.asarray(1.0 + self.growth * activity(features, self.covariance.shape[0], self.period))
+
+    def statistic(self, left: Array, features: Array) -> Array:
+        """Cumulative sum (T,) of the normalised squares of `left` (T, n) above the slack."""
+        gain = normalised(left, self.covariance) / self.scale(features) - self.slack
+        return cumulative(gain, CAP * self.threshold)
+
+
+def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: Array) -> Array:
+    """Columns (T, F) that the model's errors in free motion are linear in.
+
+    The torque of the law, its square, its lags, and the joint angles and rates that the model itself predicts under the
+    pressure: none of them knows what touched the body.
+    """
+    tau = np.asarray(model.torque_at(pressure), dtype=float)
+    h = float(np.median(np.diff(time)))
+    lagged = []
+    for lag in LAGS:
+        keep = float(np.exp(-h / lag))
+        lagged.append(lfilter([1.0 - keep], [1.0, -keep], tau, zi=[keep * tau[0]])[0])
+    scale = max(float(np.abs(tau).max()), 1e-12)
+    return np.column_stack([np.ones_like(tau), tau, tau**2 / scale, *lagged, angle, rate])
+
+
+def activity(features: Array, n: int, period: float) -> Array:
+    """Mean square (T,) of the joint rates that the model predicts, the highest of late, rad^2/s^2."""
+    power, hold = np.mean(features[:, -n:] ** 2, axis=1), frames_of(HOLD, period)
+    padded = np.concatenate([np.full(hold - 1, power[0]), power])
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, hold).max(axis=1))
+
+
+def growth_of(squares: Array, active: Array) -> tuple[float, float]:
+    """Level and growth of mean squares with activity, level (1 + growth activity); neither negative."""
+    from scipy.optimize import nnls
+
+    (level, slope), _ = nnls(np.column_stack([np.ones_like(active), active]), squares)
+    level = max(float(level), 0.02 * float(squares.mean()))
+    return level, float(slope) / level
+
+
+def normalised(left: Array, covariance: Array) -> Array:
+    """Squares (T,) of rows in units of their covariance, over their number."""
+    white = np.linalg.solve(np.linalg.cholesky(covariance), left.T)
+    return np.asarray(np.mean(white**2, axis=0))
+
+
+def cumulative(gain: Array, cap: float = np.inf) -> Array:
+    """S_t = min(cap, max(0, S_{t-1} + gain_t)), from 0 (Page's test).
+
+    The cap lets a test that has crossed its threshold come back soon after the cause is gone.
+    """
+    out = np.empty(len(gain))
+    total = 0.0
+    for k, step in enumerate(np.nan_to_num(gain)):
+        total = min(cap, max(0.0, total + float(step)))
+        out[k] = total
+    return out
+
+
+def learn_sudden(answer: Answer, ratios: list[Array], motions: list[Array], rate: float) -> Sudden:
+    """Threshold of the likelihood ratio that free motion crosses `rate` times an hour."""
+    ratio, case = np.concatenate(ratios), answer.case(np.concatenate(motions))
+    size = np.full(len(answer.motion), 6.63)  # the 99 % quantile of chi-square
+    enough = 2 * frames_of(BLOCK, answer.period)
+    for b in range(len(size)):
+        found = float(np.quantile(ratio[case == b], 0.99)) if np.count_nonzero(case == b) >= enough else 0.0
+        size[b] = max(size[max(b - 1, 0)], found)
+    scaled = [r / size[answer.case(a)] for r, a in zip(ratios, motions, strict=True)]
+    highest = np.concatenate([blocks(s, answer.period) for s in scaled])
+    return Sudden(answer, size, tail(highest, answer.period * len(ratio), rate)[0])
+
+
+def blocks(values: Array, period: float) -> Array:
+    """Highest value of each stretch of `BLOCK` s: stretches are nearly independent of each other."""
+    count = max(1, len(values) // frames_of(BLOCK, period))
+    return np.array([part.max() for part in np.array_split(values, count)])
+
+
+def learn_free(
+    torques: list[Array], features: list[Array], sudden: Sudden, *, rate: float = 1.0, slack: float | None = None
+) -> FreeMotion:
+    """Learn a sequential test from records without contact.
+
+    Each record is judged by weights learnt from the others (itself, when it is the only one): what is left then is what
+    a new record will leave. The threshold is where the peaks of the cumulative sum come `rate` times an hour.
+
+    Parameters
+    ----------
+    torques, features : lists of (T, n) and (T, F) arrays
+    sudden : Sudden
+        The other test, to be kept with this one.
+    rate : float
+        False alarms per hour.
+
+    Raises
+    ------
+    InputError
+        When there is no record, or too little of it.
+    """
+    frames, period = sum(len(t) for t in torques), sudden.answer.period
+    if not torques or frames < 3 * features[0].shape[1] or not rate > 0:
+        raise InputError(f"{frames} frames of free motion are too few to learn from: record some seconds more")
+    left = []
+    for k in range(len(torques)):
+        rest = [i for i in range(len(torques)) if i != k] or [0]
+        left.append(torques[k] - features[k] @ regression([torques[i] for i in rest], [features[i] for i in rest]))
+    pooled = np.concatenate(left)
+    n = pooled.shape[1]
+    covariance = pooled.T @ pooled / len(pooled) + 1e-12 * np.sum(pooled**2) / pooled.size * np.eye(n)
+    active = [activity(f, n, period) for f in features]
+    squares = [normalised(part, covariance) for part in left]
+    base, growth = growth_of(np.concatenate(squares), np.concatenate(active))
+    covariance = base * covariance
+    squares = [s / base / (1.0 + growth * a) for s, a in zip(squares, active, strict=True)]
+    level = float(np.quantile(np.concatenate(squares), 0.99)) if slack is None else slack
+    peaks = np.concatenate([excursions(cumulative(s - level)) for s in squares])
+    duration = frames * period
+    threshold, beyond = tail(peaks, duration, rate)
+    kept, change = changes(left, active, growth, period)
+    return FreeMotion(
+        regression(torques, features), covariance, growth, level, threshold, kept, change, sudden, duration, period,
+        rate, beyond,
+    )
+
+
+def changes(left: list[Array], active: list[Array], growth: float, period: float) -> tuple[float, Array]:
+    """Share of what was left over half a second before that is still there, and the covariance of what is not."""
+    later = frames_of(LATER, period)
+    now = np.concatenate([a[later:] for a in left])
+    before = np.concatenate([running_mean(a, period)[: len(a) - later] for a in left])
+    kept = float(np.clip(np.sum(now * before) / max(float(np.sum(before**2)), 1e-300), 0.0, 1.0))
+    rest = (now - kept * before) / np.sqrt(1.0 + growth * np.concatenate([a[later:] for a in active]))[:, None]
+    return kept, rest.T @ rest / len(rest) + 1e-12 * np.sum(rest**2) / rest.size * np.eye(rest.shape[1])
+
+
+def running_mean(values: Array, period: float) -> Array:
+    """Mean (T, n) of the rows of the last `BEFORE` s, fewer at the start."""
+    total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0)
+    first = np.maximum(np.arange(len(values)) + 1 - frames_of(BEFORE, period), 0)
+    return np.asarray((total[1:] - total[first]) / (np.arange(len(values)) + 1 - first)[:, None])
+
+
+def regression(torques: list[Array], features: list[Array]) -> Array:
+    """Ridge regression of torques on features, columns in units of their size."""
+    X, Y = np.concatenate(features), np.concatenate(torques)
+    size = np.sqrt(np.mean(X**2, axis=0)) + 1e-300
+    Z = X / size
+    A = Z.T @ Z / len(Z) + RIDGE * np.eye(Z.shape[1])
+    return np.asarray(np.linalg.solve(A, Z.T @ Y / len(Z)) / size[:, None])
+
+
+def excursions(sums: Array) -> Array:
+    """Highest value of each stretch in which the cumulative sum is above zero."""
+    up = np.concatenate([[0], (sums > 0).astype(int), [0]])
+    starts, stops = np.flatnonzero(np.diff(up) == 1), np.flatnonzero(np.diff(up) == -1)
+    return np.array([sums[a:b].max() for a, b in zip(starts, stops, strict=True)])
+
+
+def tail(peaks: Array, duration: float, rate: float) -> tuple[float, bool]:
+    """Threshold that peaks cross `rate` times an hour, and whether it lies beyond what `duration` s have shown.
+
+    Excesses over the upper quartile follow a generalised Pareto law, its shape by probability-weighted moments, taken
+    within [0, `HEAVIEST`]: never lighter than exponential, whatever a short record seems to say.
+
+    Source: Hosking and Wallis (1987), Parameter and quantile estimation for the generalized Pareto distribution
+    """
+    if peaks.size < 3:
+        raise InputError("free motion shows too few excursions to set a threshold: record more of it")
+    base = float(np.quantile(peaks, 0.75)) if peaks.size >= MANY else float(np.median(peaks))
+    above = np.sort(peaks[peaks > base] - base)
+    wanted = rate * duration / 3600.0  # alarms expected within the record
+    mean = float(above.mean())
+    rank = (above.size - np.arange(above.size) - 0.65) / above.size
+    weighted = float(np.mean(above * np.clip(rank, 0.0, 1.0)))
+    shape = float(np.clip(2.0 - mean / max(mean - 2.0 * weighted, 1e-12), 0.0, HEAVIEST))
+    scale = mean * (1.0 - shape)
+    ratio = max(above.size / wanted, 1.0)
+    reach = float(np.log(ratio)) if shape < 1e-6 else float((ratio**shape - 1.0) / shape)
+    return base + scale * reach, bool(wanted < 1.0)

@@ -1,0 +1,153 @@
+"""Where a force pushes and how hard, from the joint torques that it makes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pliant.contact.moment_arms import curve_at, levers
+from pliant.errors import InputError
+from pliant.model import Model
+
+Array = np.ndarray
+HIDDEN = 0.5  # of what friction allows: a component known no better than this is called hidden
+NORMAL_PRIOR = 30.0  # N: no opinion on the force across the body
+END = 1.5e-3  # m before the end of the body
+ROUND = 2.0  # what friction is elsewhere: the end is round, almost any direction may be normal to it
+
+
+@dataclass(frozen=True)
+class Push:
+    """One force on the body.
+
+    Attributes
+    ----------
+    arc_length : float
+        Along the body from the origin to the point, m.
+    arc_interval : (float, float)
+        Where the point lies at 95 %, m.
+    end : float
+        Of the body, m along it.
+    link : int
+        0 the first.
+    position, left, force : (2,) array
+        Point on the smooth body through the joints [m], unit normal to the left of it, force [N], in the base frame.
+    covariance : (2, 2) array
+        Of the force at that point, N^2.
+    normal, tangential : float
+        Components of the force to the left of the body and towards its tip, N.
+    normal_sd, tangential_sd : float
+    chi_square : float
+        What the best point leaves unexplained, n - 3 expected.
+    hidden : tuple of str
+        Components that the torques say nothing of: what is given of them is what friction makes likely.
+    """
+
+    arc_length: float
+    arc_interval: tuple[float, float]
+    end: float
+    link: int
+    position: Array
+    left: Array
+    force: Array
+    covariance: Array
+    normal: float
+    tangential: float
+    normal_sd: float
+    tangential_sd: float
+    chi_square: float
+    hidden: tuple[str, ...]
+
+
+def locate(
+    model: Model, angle: Array, torque: Array, covariance: Array, *, friction: float = 0.5, spacing: float = 5e-4,
+    rigid: bool = False,
+) -> Push:
+    """The single force that explains external joint torques best.
+
+    Every point along the body is tried. There the force is the least-squares one, f = (J S^-1 J^T + W)^-1 J S^-1 r,
+    where W says that the tangential part is at most about `friction` times the normal one (at the round end it may
+    be larger). The point of the highest evidence is taken: unexplained chi-square, and what a free direction costs.
+
+    Parameters
+    ----------
+    angle : array (n,)
+        Absolute link angles, rad.
+    torque, covariance : array (n,), (n, n)
+        External joint torques [N m] and their covariance.
+    friction : float
+        Coefficient of friction that is likely; large: no opinion.
+    spacing : float
+        Between the points that are tried, m.
+    rigid : bool
+        Whether the body bends at its joints alone, like the chain; see `pliant.contact.moment_arms.levers`.
+
+    Returns
+    -------
+    Push
+        A straight body cannot show a force along itself, whatever its size: then "tangential" is among `hidden`.
+
+    Raises
+    ------
+    InputError
+        When shapes do not agree or the covariance is not positive definite.
+    """
+    n = model.n
+    if np.shape(angle) != (n,) or np.shape(torque) != (n,) or np.shape(covariance) != (n, n) or not friction > 0:
+        raise InputError(f"a force is located from {n} angles, {n} torques and their covariance, friction above 0")
+    try:
+        whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        raise InputError("the covariance of the torques must be symmetric and positive definite") from None
+    link, along = points(model, spacing)
+    J = levers(model, np.asarray(angle)[None], link, along, rigid=rigid)[0]
+    A = J @ whiten.T  # (points, 2, n): torque per newton to the left and to the tip
+    z = whiten @ torque
+    size = np.full(link.size, np.inf)
+    at_end = (link == n - 1) & (along > model.link_length[-1] - END)
+    slope = np.where(at_end, ROUND, friction)
+    for _ in range(3):  # the tangential prior follows the size of the normal force
+        weight = np.zeros((link.size, 2, 2))
+        weight[:, 0, 0] = NORMAL_PRIOR**-2
+        weight[:, 1, 1] = 1.0 / (slope * np.minimum(np.maximum(size, 1e-3), NORMAL_PRIOR)) ** 2
+        information = A @ np.swapaxes(A, 1, 2) + weight
+        force = np.linalg.solve(information, (A @ z)[..., None])[..., 0]
+        size = np.where(at_end, np.linalg.norm(force, axis=1), np.abs(force[:, 0]))
+    misfit = np.sum((z - np.einsum("pa,pan->pn", force, A)) ** 2, axis=1)
+    misfit += np.einsum("pa,pab,pb->p", force, weight, force)
+    free = np.linalg.det(information) / information[:, 0, 0] / weight[:, 1, 1]
+    evidence = misfit + np.log(free)  # freedom along the body costs: little where friction leaves little
+    best = int(np.argmin(evidence))
+    likely = evidence <= evidence[best] + 3.84
+    return described(model, angle, link, along, force, information, weight, misfit, best, likely)
+
+
+def points(model: Model, spacing: float) -> tuple[Array, Array]:
+    """Points along the links: link and distance along it (P,), m."""
+    counts = np.maximum(2, np.ceil(model.link_length / spacing).astype(int))
+    along = [(np.arange(c) + 0.5) / c * l for c, l in zip(counts, model.link_length, strict=True)]
+    return np.repeat(np.arange(model.n), counts), np.concatenate(along)
+
+
+def described(
+    model: Model, angle: Array, link: Array, along: Array, force: Array, information: Array, weight: Array,
+    misfit: Array, best: int, likely: Array,
+) -> Push:
+    """The best point in the base frame, with what it cannot show."""
+    j, sign = int(link[best]), np.array([model.bend_sign, 1.0])
+    arc = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])[link] + along
+    c, s = np.cos(angle[j]), np.sin(angle[j])
+    turn = np.array([[-c, -s], [-s, c]]).T  # left and tipwards to x and y
+    point, tangent = curve_at(model, angle, float(arc[best]))
+    own = np.linalg.inv(information[best])
+    sd = np.sqrt(np.diag(own))
+    allowed = 1.0 / np.sqrt(np.diag(weight[best]))
+    names = np.array(["normal", "tangential"])
+    F = np.diag(sign) @ turn
+    return Push(
+        float(arc[best]), (float(arc[likely].min()), float(arc[likely].max())), model.length, j,
+        sign * point, sign * np.array([-tangent[1], tangent[0]]), F @ force[best], F @ own @ F.T,
+        float(force[best, 0]), float(force[best, 1]), float(sd[0]), float(sd[1]), float(misfit[best]),
+        tuple(str(name) for name in names[sd > HIDDEN * allowed]),
+    )

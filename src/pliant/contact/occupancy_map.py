@@ -1,0 +1,237 @@
+"""What was touched and what was swept: a planar occupancy map with its uncertainty, and how stiff the touched was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+
+from pliant.contact.likelihood_ratio import frames_of
+from pliant.errors import InputError
+
+Array = np.ndarray
+FREE, TOUCHED = -0.85, 2.2  # log-odds that one pass and one touch are worth
+SURE = 3.0  # standard deviations by which a force must be clear of zero to tell of a surface
+STILL = 0.5  # rad/s: faster joints make torques that look like contact
+STEADY, SAME_PLACE, SAME_FORCE = 0.13, 5e-3, 0.3  # s for which place [m] and force [share] of a touch must have stayed
+LIMIT = 8.0  # log-odds beyond which nothing is surer
+DEPTH = 2.0e-3  # m behind a surface that a touch says is solid
+
+
+@dataclass(frozen=True)
+class Poke:
+    """What one recording says of the surroundings.
+
+    Attributes
+    ----------
+    curve : (T, P, 2) array
+        Centreline of the body while it moved, m.
+    point, normal : (C, 2) arrays
+        Touched surface points [m] and unit normals out of the obstacle, towards the body.
+    deviation : (C,) array
+        Standard deviation of each point, m.
+    force : (C,) array
+        Force along the normal, N.
+    """
+
+    curve: Array
+    point: Array
+    normal: Array
+    deviation: Array
+    force: Array
+
+
+def poke_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02) -> Poke:
+    """Surface points, normals and swept curves of a result of `find_contact`.
+
+    Parameters
+    ----------
+    half_width : float
+        Of the body, from its centreline to its surface, m.
+    most : float
+        m: a contact whose place is less certain than this (95 %) says nothing of the surface and is left out, and so
+        is one whose force is not clear of zero, whose place or force has not stayed for a while (a body that bounces or
+        leaves), or that is seen while the body moves fast.
+    """
+    tips = contact["tip_position"].values
+    curve = np.concatenate([np.zeros((len(tips), 1, 2)), tips], axis=1)
+    width = (contact["arc_high"] - contact["arc_low"]).values
+    sure = np.abs(contact["normal_force"].values) > SURE * contact["normal_force_sd"].values
+    moving = np.abs(np.gradient(contact["joint_angle"].values, contact["time"].values, axis=0)).max(axis=1)
+    good = contact["in_contact"].values & (width <= most) & sure & (moving <= STILL) & steady(contact)
+    push = contact["contact_normal"].values[good]  # the obstacle pushes the body this way
+    point = contact["contact_position"].values[good] - half_width * push
+    return Poke(
+        dense(curve), point, push, np.maximum(0.25 * width[good], 5e-4), np.abs(contact["normal_force"].values[good])
+    )
+
+
+def steady(contact: xr.Dataset) -> Array:
+    """Whether place and force of a contact (T,) have stayed where they are for a while."""
+    period = float(np.median(np.diff(contact["time"].values)))
+    place, force = contact["contact_arc_length"].values, contact["normal_force"].values
+    same = np.ones(len(place), dtype=bool)
+    for back in range(1, frames_of(STEADY, period) + 1):
+        before = [np.concatenate([np.full(back, np.nan), a[:-back]]) for a in (place, force)]
+        same &= np.abs(place - before[0]) <= SAME_PLACE
+        same &= np.abs(force - before[1]) <= SAME_FORCE * np.abs(force)
+    return same
+
+
+def dense(curve: Array, count: int = 40) -> Array:
+    """Curves (T, S, 2) resampled to `count` points each, straight between their own."""
+    at = np.linspace(0, curve.shape[1] - 1, count)
+    left = np.minimum(at.astype(int), curve.shape[1] - 2)
+    part = (at - left)[None, :, None]
+    return np.asarray((1 - part) * curve[:, left] + part * curve[:, left + 1])
+
+
+def map_contacts(
+    pokes: Sequence[xr.Dataset | Poke], *, cell: float = 1e-3, half_width: float = 0.0, margin: float = 0.02
+) -> xr.Dataset:
+    """A planar occupancy map from several pokes of the same surroundings.
+
+    Every cell begins undecided (log-odds 0). A body that passes over it lowers it; a touched surface point raises the
+    cells just behind the surface, weighed by how certain its place is. Cells that were neither stay undecided.
+
+    Parameters
+    ----------
+    pokes : results of `find_contact`, or Pokes
+    cell : float
+        Edge of a cell, m.
+    half_width : float
+        Half of the body's width, m.
+    margin : float
+        Around everything that was swept or touched, m.
+
+    Returns
+    -------
+    xarray.Dataset
+        log_odds, probability and entropy [bit] (y, x); surface points, normals and their standard deviation (touch);
+        stiffness [N/m] of what was touched with its standard deviation, not a number where no poke shows it.
+
+    Raises
+    ------
+    InputError
+        When there is no poke, or the cell is not positive.
+
+    Examples
+    --------
+    >>> from pliant.contact import find_contact, map_contacts      # doctest: +SKIP
+    >>> from pliant.contact.map_file import save_map
+    >>> pokes = [find_contact(r, model, free=learnt) for r in recordings]
+    >>> chart = map_contacts(pokes, cell=1e-3)
+    >>> chart.probability.sel(x=-0.08, y=0.12, method="nearest")   # occupied?
+    >>> chart.surface, chart.surface_sd                            # touched points, m
+    >>> chart.attrs["stiffness"]                                   # N/m
+    >>> save_map(chart, "chart.nc"), save_map(chart, "chart.csv")
+    """
+    if not pokes or not cell > 0:
+        raise InputError(f"a map needs at least one poke and a cell size above 0, got {len(pokes)} and {cell} m")
+    made = [p if isinstance(p, Poke) else poke_of(p, half_width=half_width) for p in pokes]
+    x, y = axes(made, cell, margin + half_width)
+    odds = np.zeros((y.size, x.size))
+    for poke in made:
+        odds += swept(poke, x, y, cell, half_width) + touched(poke, x, y)
+    odds = np.clip(odds, -LIMIT, LIMIT)
+    probability = 1.0 / (1.0 + np.exp(-odds))
+    entropy = -(probability * np.log2(probability) + (1 - probability) * np.log2(1 - probability))
+    stiffness, deviation = stiffness_of(made)
+    joined = [np.concatenate([getattr(p, name) for p in made]) for name in ("point", "normal", "deviation", "force")]
+    return xr.Dataset(
+        {
+            "log_odds": (("y", "x"), odds, {"units": "1"}), "probability": (("y", "x"), probability, {"units": "1"}),
+            "entropy": (("y", "x"), entropy, {"units": "bit"}),
+            "surface": (("touch", "axis"), joined[0], {"units": "m"}),
+            "surface_normal": (("touch", "axis"), joined[1], {"units": "1"}),
+            "surface_sd": ("touch", joined[2], {"units": "m"}), "surface_force": ("touch", joined[3], {"units": "N"}),
+        },
+        {"x": ("x", x, {"units": "m"}), "y": ("y", y, {"units": "m"}), "axis": ["x", "y"]},
+        {"schema": "pliant-map", "pokes": len(made), "cell_m": cell, "stiffness": stiffness, "stiffness_sd": deviation},
+    )
+
+
+def axes(pokes: Sequence[Poke], cell: float, margin: float) -> tuple[Array, Array]:
+    """Centres of the cells along x and y that hold everything."""
+    spots = np.concatenate([a.reshape(-1, 2) for p in pokes for a in (p.curve, p.point)])
+    spots = spots[np.isfinite(spots).all(axis=1)]
+    low, high = np.floor((spots.min(axis=0) - margin) / cell), np.ceil((spots.max(axis=0) + margin) / cell)
+    return tuple((np.arange(a, b + 1) + 0.5) * cell for a, b in zip(low, high, strict=True))  # type: ignore[return-value]
+
+
+def swept(poke: Poke, x: Array, y: Array, cell: float, half_width: float) -> Array:
+    """Log-odds (y, x) of the space that a body passed through: it was free, however often it was passed."""
+    points = between(poke.curve[np.isfinite(poke.curve).all(axis=(1, 2))], cell).reshape(-1, 2)
+    inside = np.zeros((y.size, x.size), dtype=bool)
+    reach = max(0, int(np.floor(half_width / cell)))
+    for dx in range(-reach, reach + 1):
+        for dy in range(-reach, reach + 1):
+            if (dx * dx + dy * dy) * cell * cell <= half_width**2 or dx == dy == 0:
+                i = np.clip(np.round((points[:, 0] - x[0]) / cell).astype(int) + dx, 0, x.size - 1)
+                j = np.clip(np.round((points[:, 1] - y[0]) / cell).astype(int) + dy, 0, y.size - 1)
+                inside[j, i] = True
+    return np.where(inside, FREE, 0.0)
+
+
+def between(curve: Array, cell: float) -> Array:
+    """Curves (F, P, 2) with as many more between neighbours, in time and along them, as leave no cell out."""
+    gap = np.linalg.norm(np.diff(curve, axis=1), axis=2).max(initial=0.0)
+    curve = dense(curve, max(curve.shape[1], int(np.ceil(curve.shape[1] * gap / cell)))) if gap > cell else curve
+    parts = [curve[:1]]
+    for before, after in pairwise(curve):
+        count = int(np.clip(np.ceil(np.abs(after - before).max() / cell), 1, 200))
+        share = np.arange(1, count + 1)[:, None, None] / count
+        parts.append(before + share * (after - before))
+    return np.concatenate(parts)
+
+
+def touched(poke: Poke, x: Array, y: Array) -> Array:
+    """Log-odds (y, x) of the surface points: raised behind each of them, spread as far as its place is uncertain.
+
+    Touches of one poke are not independent of each other (they share the model's errors): a cell takes the strongest.
+    """
+    odds = np.zeros((y.size, x.size))
+    X, Y = np.meshgrid(x, y)
+    for point, normal, sd in zip(poke.point, poke.normal, poke.deviation, strict=True):
+        depth = -(normal[0] * (X - point[0]) + normal[1] * (Y - point[1]))  # into the obstacle
+        across = -normal[1] * (X - point[0]) + normal[0] * (Y - point[1])
+        behind = np.exp(-0.5 * ((depth - 0.5 * DEPTH) / (0.5 * DEPTH + sd)) ** 2)
+        certainty = TOUCHED * DEPTH / (DEPTH + sd)
+        odds = np.maximum(odds, certainty * behind * np.exp(-0.5 * (across / (DEPTH + sd)) ** 2) * (depth > -sd))
+    return odds
+
+
+def stiffness_of(pokes: Sequence[Poke]) -> tuple[float, float]:
+    """Stiffness [N/m] of what was touched from force against indentation, all pokes together, and its deviation.
+
+    Indentation is measured along the mean normal, from where the force begins; a rigid thing shows as a slope that its
+    deviation does not bound: then it is not a number.
+    """
+    slopes, weights = [], []
+    for poke in pokes:
+        if poke.force.size < 5:
+            continue
+        way = poke.normal.mean(axis=0)
+        depth = -(poke.point @ (way / max(float(np.linalg.norm(way)), 1e-12)))
+        a, b = depth - depth.mean(), poke.force - poke.force.mean()
+        power = float(a @ a)
+        if power < (2e-4) ** 2 * a.size:  # moved by less than 0.2 mm: no slope to see
+            continue
+        slope = float(a @ b) / power
+        left = float(np.sum((b - slope * a) ** 2)) / max(a.size - 2, 1)
+        slopes.append(slope)
+        weights.append(power / max(left, 1e-12))
+    if not slopes:
+        return float("nan"), float("nan")
+    total = float(np.sum(weights))
+    mean = float(np.dot(slopes, weights)) / total
+    return (mean, total**-0.5) if mean > 2 * total**-0.5 else (float("nan"), float("nan"))
+
+
+def fused(pokes: Sequence[Poke]) -> Poke:
+    """Several pokes as one."""
+    names = ("curve", "point", "normal", "deviation", "force")
+    return replace(pokes[0], **{name: np.concatenate([getattr(p, name) for p in pokes]) for name in names})

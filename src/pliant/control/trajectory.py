@@ -1,0 +1,267 @@
+"""Reference feedforward: the command that brings the tip to a new place as fast as the limits allow, or along a path.
+
+The command is found on the model: tip positions depend on it through the sampled linear model about the target, and
+what that leaves out, memory included, is corrected by simulating the whole model under the command. Weighed are the
+tip's error where the tip is wanted, and the changes of the command, under 0 <= p <= highest, behind the valve's lag and
+dead time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pliant.control.bounded_least_squares import bounded
+from pliant.control.limits import Limits
+from pliant.control.lqr import LqrDesign, tip_row, tip_slopes
+from pliant.control.valve import SupplyValve, supply_of
+from pliant.control.valve_states import behind_supply, valve_under
+from pliant.errors import InputError
+from pliant.estimation.adaptive_observer import frozen
+from pliant.linear.linearisation import linearise
+from pliant.linear.sampled import sample
+from pliant.model import Model, Valve
+from pliant.simulation import Trace, simulate
+
+Array = np.ndarray
+STEP = 2e-3  # s, longest step of the model
+COARSER = 4  # steps of the valve's equation in a straight piece of pressure
+ROUNDS = 8  # of correction by the whole model
+CLOSE = 5e-3  # of a step: what is left of it when it counts as done
+AFTER = 0.2  # s for which the tip must stay there
+LONGEST = 0.4  # s, of a step
+SMOOTH = 2e-3  # weight of a change of the command against the tip error that it makes at rest
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A command and the motion that it makes of the model, period by period.
+
+    Attributes
+    ----------
+    target : array (K,)
+        Pressure [Pa] under which the design's model would rest where the tip is wanted.
+    lead : array (K, N + 1)
+        Deviation of angles, rates, valve states and commands on their way, then of the command itself, from the rest
+        that the memory asks for: rad, rad/s, Pa, Pa/s. Seen as late as the shape is.
+    displacement, rest_displacement : array (K,)
+        Of the tip from its rest without pressure, m: on its way, seen as late as the shape is, and under `target`.
+    wanted : array (K,)
+        That asked for, m.
+    period : float
+        s.
+    """
+
+    target: Array
+    lead: Array
+    displacement: Array
+    rest_displacement: Array
+    wanted: Array
+    period: float
+
+    def at(self, time_s: float) -> int:
+        """The row for a time [s]; the last one holds on."""
+        return min(max(round(time_s / self.period), 0), self.target.size - 1)
+
+
+class Planner:
+    """Finds references for one body.
+
+    Parameters
+    ----------
+    design : LqrDesign
+        Made for ``frozen(model)``.
+    model : Model
+        The body's, with its memory.
+    limits : Limits
+    valve : SupplyValve, optional
+        The rig's, where more is known of it than the model holds.
+    share : float
+        Of the highest pressure that a reference uses; the rest is left to the feedback.
+    slack : float
+        How much more time a step may take than the shortest possible: a body unlike the model then leaves less.
+    """
+
+    def __init__(
+        self, design: LqrDesign, model: Model, limits: Limits, *, valve: SupplyValve | None = None, share: float = 0.9,
+        slack: float = 1.25,
+    ) -> None:
+        if not (0.0 < share <= 1.0 and slack >= 1.0):
+            raise InputError(f"a reference needs a share in 0 ... 1 and a slack >= 1, got {share} and {slack}")
+        self.design, self.model, self.limits, self.ceiling = design, model, limits, share * limits.highest
+        self.slack = slack
+        self.valve = valve or supply_of(model.valve)
+        linear, self._slopes = linearise(frozen(model, 0.5), 0.5 * self.ceiling), tip_slopes(design)
+        plant = sample(linear, design.period)
+        self._plant = plant, tip_row(linear, design.rests.at(linear.pressure)[2], plant.A.shape[0])
+
+    def steps(self, time: Array, displacement: Array, duration: float) -> Reference:
+        """The reference of a set-point that jumps: every change as fast as the model can make it and then stay.
+
+        Parameters
+        ----------
+        time, displacement : array (k,)
+            From each time [s] on that tip displacement [m]; 0 before.
+        duration : float
+            s.
+
+        Raises
+        ------
+        InputError
+            When the times do not increase by a period or more, or a displacement is out of reach.
+        """
+        period, rests = self.design.period, self.design.rests
+        at = np.rint(np.asarray(time, dtype=float) / period).astype(int)
+        if at.size == 0 or at[0] < 0 or np.any(np.diff(at) <= 0):
+            raise InputError("the times of a set-point must increase by at least a period, from 0 s on")
+        K = max(round(duration / period), int(at[-1]) + 2)
+        wanted = np.append(0.0, displacement)[np.searchsorted(at, np.arange(K), side="right")]
+        target = np.array([rests.pressure_for(float(d)) for d in wanted])
+        command = np.zeros(K)
+        for first, last in zip(at, np.append(at[1:], K), strict=True):
+            command = self._fastest(target, wanted, command, int(first), int(last))
+        return self._followed(target, wanted, command)
+
+    def path(self, displacement: Array) -> Reference:
+        """The reference along a path of the tip: its displacement (K,) [m] at every period.
+
+        Raises
+        ------
+        InputError
+            When a displacement is out of reach.
+        """
+        wanted = np.asarray(displacement, dtype=float)
+        target = np.array([self.design.rests.pressure_for(float(d)) for d in wanted])
+        command = np.clip(target, 0.0, self.ceiling)
+        block = round(0.4 / self.design.period)
+        for _ in range(ROUNDS // 2):
+            for first in range(0, wanted.size, block):
+                part = slice(first, min(first + 2 * block, wanted.size))
+                left = (wanted - self._tip(command))[part]
+                before = float(command[first - 1]) if first else 0.0
+                command[part] = self._nearest(np.eye(left.size), np.ones(left.size), left, command[part], before)
+        return self._followed(target, wanted, command)
+
+    def _fastest(self, target: Array, wanted: Array, command: Array, first: int, last: int) -> Array:
+        """Commands from period `first` on that bring the tip to its new place; the fewest are found by halving."""
+        size = abs(float(wanted[first] - (wanted[first - 1] if first else 0.0)))
+        if size == 0.0:
+            return command
+        few, many = 2, min(round(LONGEST / self.design.period), last - first - 1)
+        while many - few > 1:
+            middle = (few + many) // 2
+            if self._moved(target, wanted, command, first, middle)[1] <= CLOSE * size:
+                many = middle
+            else:
+                few = middle
+        count = min(round(self.slack * many), last - first - 1)
+        later = first + count + round(AFTER / self.design.period)
+        made = self._moved(target, wanted, command, first, count)[0]
+        for _ in range(2):  # then what the memory asks for from there on
+            made[later:] = np.clip(self._hold(target, self._run(made, 0.0)[2])[later:], 0.0, self.ceiling)
+        return made
+
+    def _moved(self, target: Array, wanted: Array, command: Array, first: int, count: int) -> tuple[Array, float]:
+        """Commands, `count` of them from `first` on free and the later ones equal; and the largest error left, m."""
+        end = min(first + count + round(AFTER / self.design.period), target.size)
+        made, before = command.copy(), float(command[first - 1]) if first else 0.0
+        made[first:] = min(float(target[first]), self.ceiling)
+        part = slice(first, end)
+        free = np.eye(end - first, count + 1)
+        free[count:, count] = 1.0
+        weight = (np.arange(end - first) >= count).astype(float)
+        size, worst = abs(float(wanted[first] - (wanted[first - 1] if first else 0.0))), np.inf
+        left = wanted[:end] - self._tip(made[:end])
+        for _ in range(ROUNDS):
+            made[part] = self._nearest(free, weight, left[part], made[part], before)
+            made[end:] = made[end - 1]
+            left = wanted[:end] - self._tip(made[:end])
+            worst = float(np.abs(left)[first + count :].max(initial=0.0))
+            if worst <= 0.5 * CLOSE * size:
+                break
+        return made, worst
+
+    def _answer(self, count: int) -> Array:
+        """Tip displacement (count,) [m/Pa] at the ends of the periods after a command of one pascal in the first."""
+        plant, row = self._plant
+        x, out = plant.B.copy(), np.empty(count)
+        for k in range(count):
+            out[k] = row @ x
+            x = plant.A @ x
+        return out
+
+    def _nearest(self, free: Array, weight: Array, left: Array, command: Array, before: float) -> Array:
+        """Commands (K,) within `free` (K, F) that in the linear model take `left` (K,) [m] away from `command`.
+
+        The changes from one command to the next are weighed too, as much more as the slew limit asks for.
+        """
+        from scipy.linalg import toeplitz
+
+        K = left.size
+        answer = self._answer(K)
+        effect = np.vstack([np.zeros((1, K)), toeplitz(answer, np.zeros(K))[:-1]]) * weight[:, None]
+        size = abs(float(answer.sum()))
+        aim, effect = (weight * left + effect @ command) / size, effect @ free / size
+        change, behind = (np.eye(K) - np.eye(K, k=-1)) @ free, np.append(before, np.zeros(K - 1))
+        reach, cost = self.limits.slew * self.design.period, SMOOTH
+        start = np.linalg.lstsq(free, command)[0]
+        for _ in range(12):
+            H = effect.T @ effect + cost**2 * change.T @ change
+            start = bounded(H, effect.T @ aim + cost**2 * change.T @ behind, start, self.ceiling)
+            made = free @ start
+            if np.abs(np.diff(made, prepend=before)).max() <= reach * 1.001:
+                break
+            cost *= 2.0
+        return np.asarray(made)
+
+    def _run(self, command: Array, late: float) -> tuple[Array, Array, Array, Array]:
+        """Angles, rates and shifts (K, n) of the whole model at the beginning of every period, and its tip (K, 2)."""
+        model, edge = self.model, np.arange(command.size) * self.design.period
+        if self.valve is None:
+            levels = np.stack([np.append(0.0, command[:-1]), command], axis=1).ravel()
+            late, drive = late + model.valve.dead_time, Trace(np.repeat(edge, 2), levels)
+        else:
+            late, model = late + self.valve.dead_time, model.with_(valve=Valve())
+            drive = Trace(*(row[::COARSER] for row in behind_supply(self.valve, command, self.design.period)))
+        model = model.with_(valve=replace(model.valve, dead_time=late))
+        moved = simulate(model, drive, times=edge, step=STEP)
+        q, dq = np.asarray(moved["joint_angle"].values), np.asarray(moved["joint_rate"].values)
+        angle = model.base_angle + np.cumsum(q + model.rest_angle, axis=1)
+        shift = np.zeros_like(q)
+        if model.memory:
+            c = model.memory.instantaneous
+            shift = (c * q - np.asarray(moved["memory_torque"].values) / model.stiffness) / (1.0 + c)
+        return angle, np.cumsum(dq, axis=1), shift, np.asarray(moved["tip_position"].values)[:, -1]
+
+    def _tip(self, command: Array) -> Array:
+        """Displacement of the tip (K,) [m] under commands."""
+        return np.asarray(np.linalg.norm(self._run(command, 0.0)[3] - self.design.rests.tip[0], axis=1))
+
+    def _hold(self, target: Array, shift: Array) -> Array:
+        """Pressures (K,) [Pa] that bring the tip where it rests under `target` once rest angles shifted by (K, n)."""
+        grid, (rows, slopes) = self.design.pressure, self._slopes
+        by_angle = np.stack([np.interp(target, grid, row) for row in rows.T], axis=1)
+        moved = np.einsum("kn,kn->k", by_angle, np.cumsum(shift, axis=1))
+        return np.asarray(target - moved / np.interp(target, grid, slopes))
+
+    def _followed(self, target: Array, wanted: Array, command: Array) -> Reference:
+        """The reference of a row of commands: what the model does under them, seen as late as the shape is."""
+        design, n, K = self.design, self.model.n, command.size
+        angle, rate, shift, tip = self._run(command, design.latency)
+        hold = self._hold(target, shift)
+        valve = valve_under(design.model.valve, self.valve, command, design.period, design.latency)
+        D, order = design.waiting, valve.shape[1]
+        lead = np.zeros((K, 2 * n + order + D + 1))
+        rest = np.array([design.rests.at(p)[0] for p in hold])
+        lead[:, :n], lead[:, n : 2 * n] = angle - rest - np.cumsum(shift, axis=1), rate
+        lead[:, 2 * n : 2 * n + order] = valve
+        if order:
+            lead[:, 2 * n] -= hold
+        sent = np.concatenate([np.zeros(D), command])
+        for age in range(D):
+            lead[:, 2 * n + order + age] = sent[D - 1 - age : D - 1 - age + K] - hold
+        lead[:, -1] = command - hold
+        far = np.linalg.norm(tip - design.rests.tip[0], axis=1)
+        rest_far = np.interp(target, design.rests.pressure, design.rests.displacement)
+        return Reference(target, lead, far, rest_far, wanted, design.period)

@@ -1,0 +1,195 @@
+"""The valve of a rig, which fills faster than it empties: its equation, and its numbers from command and gauge."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pliant.compiler.choose import twin
+from pliant.control import feedback_loops
+from pliant.errors import FitError, InputError
+from pliant.model import Valve
+
+Array = np.ndarray
+FINE = 5e-4  # s, step of the valve's equation
+
+
+@dataclass(frozen=True)
+class SupplyValve:
+    """A pressure regulator of second order behind a dead time, with one frequency for filling and one for emptying.
+
+    Parameters
+    ----------
+    rise_frequency, fall_frequency : float
+        Natural frequencies where the command lies above and below the pressure, Hz.
+    damping_ratio : float
+    dead_time : float
+        s
+    """
+
+    rise_frequency: float
+    fall_frequency: float
+    damping_ratio: float
+    dead_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        rest = min(self.rise_frequency, self.fall_frequency, self.damping_ratio)
+        if not (rest > 0 and self.dead_time >= 0 and math.isfinite(rest + self.dead_time)):
+            raise InputError(f"a supply valve needs positive frequencies and damping, and a dead time >= 0, got {self}")
+
+    @property
+    def mean(self) -> Valve:
+        """The valve of one frequency that a linear design takes."""
+        return Valve(
+            natural_frequency=math.sqrt(self.rise_frequency * self.fall_frequency), damping_ratio=self.damping_ratio,
+            dead_time=self.dead_time,
+        )
+
+    def march(self, command: Array, h: float, held: Array) -> Array:
+        """Pressures (K,) [Pa] at the ends of steps of `h` [s] under commands (K,) [Pa]; no dead time.
+
+        `held` (2,), pressure and its rate [Pa, Pa/s], is carried on in place.
+        """
+        out, two_pi = np.empty(command.size), 2 * math.pi
+        twin(feedback_loops.regulate)(
+            command, h, two_pi * self.rise_frequency, two_pi * self.fall_frequency, self.damping_ratio, held, out
+        )
+        return out
+
+
+def supply_of(valve: Valve) -> SupplyValve | None:
+    """The second-order valve of a model as a supply valve; None for a model with another valve or none."""
+    if not valve.natural_frequency:
+        return None
+    return SupplyValve(valve.natural_frequency, valve.natural_frequency, valve.damping_ratio, valve.dead_time)
+
+
+@dataclass(frozen=True)
+class ValveRun:
+    """Steps that were commanded, and the gauge's reading.
+
+    Attributes
+    ----------
+    edge_time, level : array (E,)
+        s and Pa: from each time on that command; 0 before.
+    time, pressure : array (T,)
+        The gauge's clock [s, that of the command] and its readings [Pa].
+    """
+
+    edge_time: Array
+    level: Array
+    time: Array
+    pressure: Array
+
+
+@dataclass(frozen=True)
+class ValveFit:
+    """A valve as `identify_valve` found it.
+
+    Attributes
+    ----------
+    valve : SupplyValve
+    rmse : float
+        Of the gauge's readings, Pa.
+    spread : dict of str to float
+        Standard errors by the names of the valve's numbers, residuals taken as white: too small where the valve is of
+        another kind.
+    """
+
+    valve: SupplyValve
+    rmse: float
+    spread: dict[str, float]
+
+
+NAMES = ("rise_frequency", "fall_frequency", "damping_ratio", "dead_time")
+LOW, HIGH = (0.2, 0.2, 0.2, 0.0), (100.0, 100.0, 5.0, 0.2)
+
+
+def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
+    """Frequencies, damping ratio and dead time that bring commanded steps nearest to the gauge's readings.
+
+    Every run counts by its highest level; an offset of the gauge is taken out, one for each run.
+
+    Parameters
+    ----------
+    runs : sequence of ValveRun
+        Steps up and down.
+
+    Returns
+    -------
+    ValveFit
+
+    Raises
+    ------
+    InputError
+        When a run holds no steps, or readings that are not finite.
+    FitError
+        When no valve of second order answers like that.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pliant.control import SupplyValve, ValveRun, identify_valve, valve_answer
+    >>> time, edges, levels = np.arange(0.0, 1.0, 2e-3), np.array([0.1, 0.6]), np.array([5e4, 1e4])
+    >>> seen = valve_answer(SupplyValve(9.0, 6.5, 0.75, 0.008), edges, levels, time)
+    >>> found = identify_valve([ValveRun(edges, levels, time, seen)]).valve
+    >>> round(found.rise_frequency, 2), round(found.fall_frequency, 2), round(found.dead_time, 4)
+    (9.0, 6.5, 0.008)
+    """
+    from scipy.optimize import least_squares
+
+    if not runs:
+        raise InputError("a valve is identified from at least one run of commanded steps, got none")
+    whole = [_checked(run) for run in runs]
+
+    def residual(x: Array) -> Array:
+        return np.concatenate([_misfit(run, x) for run in whole])
+
+    starts = ([f, f, 0.8, 0.01] for f in (3.0, 10.0))
+    fits = [least_squares(residual, x, bounds=(LOW, HIGH), x_scale=[1.0, 1.0, 0.1, 1e-3], diff_step=1e-4)
+            for x in starts]  # fmt: skip
+    found = min(fits, key=lambda made: float(made.cost))
+    at_bound = np.isclose(found.x, HIGH) | (np.isclose(found.x, LOW) & (np.arange(4) < 3))
+    if not found.success or at_bound.any():
+        numbers = ", ".join(f"{name} {value:.3g}" for name, value in zip(NAMES, found.x, strict=True))
+        raise FitError(
+            f"no valve of second order answers like these readings ({numbers}): are command and gauge on one clock?"
+        )
+    count = found.fun.size
+    spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2 * found.cost / max(count - 4, 1))
+    squares = sum(float(np.sum((_misfit(run, found.x) * run.level.max()) ** 2)) for run in whole)
+    told = dict(zip(NAMES, map(float, spread), strict=True))
+    return ValveFit(SupplyValve(*map(float, found.x)), float(np.sqrt(squares / count)), told)
+
+
+def valve_answer(valve: SupplyValve, edge_time: Array, level: Array, time: Array) -> Array:
+    """Pressure (T,) [Pa] at the times [s] of a valve without pressure, under commands [Pa] from each edge on."""
+    ends = np.append(edge_time[1:], max(float(time[-1]), float(edge_time[-1]) + FINE))
+    held, clock, pressure = np.zeros(2), [np.array([edge_time[0]])], [np.zeros(1)]
+    for first, last, command in zip(edge_time, ends, level, strict=True):
+        count = max(1, math.ceil((last - first) / FINE))
+        pressure.append(valve.march(np.full(count, float(command)), (last - first) / count, held))
+        clock.append(np.linspace(first, last, count + 1)[1:])
+    return np.interp(time - valve.dead_time, np.concatenate(clock), np.concatenate(pressure))
+
+
+def _checked(run: ValveRun) -> ValveRun:
+    made = ValveRun(*(np.asarray(part, dtype=float) for part in (run.edge_time, run.level, run.time, run.pressure)))
+    sizes = made.edge_time.size, made.level.size, made.time.size, made.pressure.size
+    whole = made.edge_time.size > 0 and sizes[0] == sizes[1] and sizes[2] == sizes[3] > 0
+    if not whole or not all(np.isfinite(part).all() for part in (made.edge_time, made.level, made.time, made.pressure)):
+        raise InputError(
+            "a run for a valve needs as many edges (s) as levels (Pa), and as many readings as times, all finite; got "
+            f"{sizes[0]} edges, {sizes[1]} levels, {sizes[2]} times, {sizes[3]} readings"
+        )
+    if not made.level.max() > 0 or np.any(np.diff(made.edge_time) <= 0):
+        raise InputError("the edges of a run for a valve must be increasing in time and reach a positive pressure")
+    return made
+
+
+def _misfit(run: ValveRun, numbers: Array) -> Array:
+    left = run.pressure - valve_answer(SupplyValve(*map(float, numbers)), run.edge_time, run.level, run.time)
+    return np.asarray((left - left.mean()) / run.level.max())

@@ -1,0 +1,110 @@
+"""States of a valve: planned from a row of commands, and followed from the commands and a gauge."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pliant.compiler.choose import twin
+from pliant.control import feedback_loops
+from pliant.control.valve import FINE, SupplyValve
+from pliant.linear.linearisation import behind_valve
+from pliant.linear.sampled import hold
+from pliant.model import Valve
+
+Array = np.ndarray
+
+
+class ValveFollower:
+    """Pressure behind the valve and its rate, by the valve's own equation corrected by a gauge.
+
+    Parameters
+    ----------
+    valve : Valve
+    period : float
+        s
+    noise : float
+        Of the gauge, Pa.
+    trust : float
+        Standard deviation of what the equation misses, in Pa over one period.
+    late : int
+        Periods by which the shape is late: the pressure is held back as long, so that both tell of one moment.
+    supply : SupplyValve, optional
+        The rig's, where more is known of it than the model holds.
+    """
+
+    def __init__(
+        self, valve: Valve, period: float, *, noise: float = 300.0, trust: float = 300.0, late: int = 0,
+        supply: SupplyValve | None = None,
+    ) -> None:
+        from scipy.linalg import solve_discrete_are
+
+        plain = np.zeros((0, 0))
+        A, B, names = behind_valve(plain, np.zeros(0), valve)
+        self.order = len(names)
+        self._late, self._delay = late, round(valve.dead_time / period) + late
+        self.reset()
+        if not self.order:
+            return
+        self._A, self._B = hold(A, B, period)
+        self._supply = supply if self.order == 2 else None
+        if self._supply is not None:
+            parts, turn = max(1, round(period / FINE)), 2 * math.pi
+            self._numbers = (
+                period / parts, turn * self._supply.rise_frequency, turn * self._supply.fall_frequency,
+                float(self._supply.damping_ratio),
+            )
+            self._rooms, self._follow = np.zeros((2, parts)), twin(feedback_loops.follow_valve)
+        Q = trust**2 * np.outer(self._B, self._B) + 1e-6 * np.eye(self.order) * trust**2
+        H = np.eye(1, self.order)
+        P = solve_discrete_are(self._A.T, H.T, Q * 1e-6, np.array([[noise**2 * 1e-6]]))
+        self._gain = np.ascontiguousarray((P @ H.T / (P[0, 0] + noise**2 * 1e-6))[:, 0])
+
+    def reset(self) -> None:
+        """No pressure, and none on its way."""
+        self.value = np.zeros(max(self.order, 1))
+        self._queue, self._readings = [0.0] * self._delay, [0.0] * self._late
+
+    def update(self, command: float, reading: float) -> Array:
+        """States of the valve (order,) after a period under `command` [Pa], with a gauge's reading [Pa] at its end."""
+        self._queue.append(command)
+        self._readings.append(reading)
+        asked, seen = self._queue.pop(0), self._readings.pop(0)
+        if not self.order:
+            self.value[0] = asked
+            return self.value
+        if self._supply is not None:
+            self._follow(float(asked), float(seen), *self._numbers, self._gain, self.value, *self._rooms)
+            return self.value
+        self.value = self._A @ self.value + self._B * asked
+        if math.isfinite(seen):
+            self.value = self.value + self._gain * (seen - self.value[0])
+        return self.value
+
+
+def behind_supply(valve: SupplyValve, command: Array, period: float) -> tuple[Array, Array]:
+    """Times [s] and pressures [Pa] behind a valve without dead time, from no pressure on."""
+    parts = max(1, round(period / FINE))
+    pressure = valve.march(np.repeat(command, parts), period / parts, np.zeros(2))
+    return np.arange(pressure.size + 1) * (period / parts), np.append(0.0, pressure)
+
+
+def valve_under(valve: Valve, supply: SupplyValve | None, command: Array, period: float, latency: float) -> Array:
+    """States (K, order) of a valve at the beginning of every period, seen `latency` [s] later: Pa, Pa/s."""
+    A, B, names = behind_valve(np.zeros((0, 0)), np.zeros(0), valve)
+    out = np.zeros((command.size, len(names)))
+    if supply is not None:
+        time, pressure = behind_supply(supply, command, period)
+        at = np.arange(command.size) * period - supply.dead_time - latency
+        out[:, 0] = np.interp(at, time, pressure)
+        out[:, 1] = np.interp(at, time, np.gradient(pressure, time[1]))
+    elif names:
+        whole, part = divmod(valve.dead_time + latency, period)
+        early, late = hold(A, B, part), hold(A, B, period - part)
+        sent = np.concatenate([np.zeros(int(whole) + 1), command])
+        x = np.zeros(len(names))
+        for k in range(command.size):
+            out[k] = x
+            x = late[0] @ (early[0] @ x + early[1] * sent[k]) + late[1] * sent[k + 1]
+    return out

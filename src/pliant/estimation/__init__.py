@@ -1,0 +1,16 @@
+"""State from shape: the filter beside the experiment, the smoother behind it, and two simpler estimators."""
+
+from __future__ import annotations
+
+from pliant.estimation.adaptive_observer import AdaptiveObserver, Differences, frozen
+from pliant.estimation.kalman import KalmanFilter
+from pliant.estimation.link_angles import LinkAngles, calibrated
+from pliant.estimation.measurement import rows_of
+from pliant.estimation.noise import Noise, default_noise
+from pliant.estimation.offline import estimate
+from pliant.estimation.release import release_of
+
+__all__ = [
+    "AdaptiveObserver", "Differences", "KalmanFilter", "LinkAngles", "Noise", "calibrated", "default_noise", "estimate",
+    "frozen", "release_of", "rows_of",
+]

@@ -1,0 +1,231 @@
+"""The filter at work: one pressure sample or one frame of the shape at a time, late frames put where they belong."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.compiler.choose import twin
+from pliant.equations import section
+from pliant.errors import InputError, SimulationError
+from pliant.estimation import kalman_loops
+from pliant.estimation.noise import Noise, default_noise
+from pliant.estimation.offline import chain_of
+from pliant.estimation.workspace import make_scratch
+from pliant.model import Model
+from pliant.simulation import state
+
+Array = np.ndarray
+
+
+class Event(NamedTuple):
+    """Something that reached the filter, in the order of its own time."""
+
+    time: float  # s
+    pressure: float  # Pa, held from here on; not a number for a frame
+    rows: Array | None
+    value: Array | None
+    variance: Array | None
+
+
+class Snapshot(NamedTuple):
+    """The filter before an event; `state` holds angles, rates, disturbance, covariance and memory in one row."""
+
+    time: float
+    pressure: float
+    slow: float
+    grown: float
+    state: Array
+
+
+@dataclass
+class Counts:
+    """What became of the frames."""
+
+    used: int = 0
+    skipped: int = 0  # no row was a number
+    late: int = 0  # put where it belonged, what followed replayed
+    too_late: int = 0  # older than the buffer: left out
+    last_ratio: float = field(default=math.nan)  # normalised innovation squared of the last frame, over its rows
+
+
+class KalmanFilter:
+    """Extended Kalman filter that runs with the experiment.
+
+    Parameters
+    ----------
+    model : Model
+        Pressures passed in are taken as behind its valve.
+    noise : Noise, optional
+    step : float
+        Longest step of a prediction, s.
+    latency : float
+        s between a shape and the stamp of its frame.
+    buffer : float
+        s for which events are kept, so that late frames can be put where they belong.
+    pressure : float
+        Pa at the start, under which the chain rests.
+    time : float
+        s at the start.
+
+    Attributes
+    ----------
+    angle, rate, disturbance : array (n,)
+        Absolute link angles [rad] and rates [rad/s], disturbance torques of the joints [N m].
+    covariance : array (N, N)
+    counts : Counts
+
+    Examples
+    --------
+    >>> import numpy as np, pliant                                 # doctest: +SKIP
+    >>> from pliant.estimation import KalmanFilter, rows_of
+    >>> model = pliant.load_model("results/arm/model.json")
+    >>> tip = rows_of(model, model.points[-1:])                    # x and y of the last station
+    >>> filter = KalmanFilter(model, latency=0.004)
+    >>> filter.push_pressure(0.010, 30e3)                          # s, Pa
+    >>> filter.push_frame(0.014, tip, np.array([-0.002, 0.169]), np.full(2, 1e-7))
+    >>> filter.advance(0.020)
+    >>> filter.rate, filter.covariance                             # now
+    """
+
+    def __init__(
+        self, model: Model, noise: Noise | None = None, *, step: float = 5e-3, latency: float = 0.0,
+        buffer: float = 0.2, pressure: float = 0.0, time: float = 0.0,
+    ) -> None:
+        if not (step > 0 and latency >= 0 and buffer >= 0):
+            raise InputError(f"step must be > 0, latency and buffer >= 0 s: got {step}, {latency}, {buffer}")
+        self.model, self.noise = model, noise or default_noise(model)
+        self.step, self.latency, self.buffer = step, latency, buffer
+        self.counts = Counts()
+        self._chain = chain_of(model)
+        self._scratch: dict[int, Any] = {}
+        self._predict, self._update = twin(kalman_loops.predict_span, model.n), twin(kalman_loops.update)
+        q, n = state.equilibrium(model, pressure), model.n
+        self.time, self.pressure, self._slow = float(time), float(pressure), float(pressure)
+        self._grown = float(model.inflation_at(pressure))
+        start, memory = self.noise.initial(model), state.relaxed(model, q)
+        N = start.shape[0]
+        self._state = np.concatenate([state.absolute(model, q), np.zeros(2 * n), start.ravel(), memory.ravel(), [0.0]])
+        self.angle, self.rate, self.disturbance = self._state[: 3 * n].reshape(3, n)
+        self.covariance = self._state[3 * n : 3 * n + N * N].reshape(N, N)
+        self.memory = self._state[3 * n + N * N : -1].reshape(memory.shape)
+        self._densities = (*self.noise.densities(model), self._state[-1:])
+        self.innovation = np.empty(0)
+        self._events: deque[tuple[Snapshot, Event]] = deque()
+
+    def push_pressure(self, time: float, pressure: float) -> None:
+        """Take a pressure sample [Pa] of a `time` [s]; it is held until the next one.
+
+        Raises
+        ------
+        InputError
+            When it is not finite: a filter has no opinion of its own on the pressure.
+        """
+        if not (math.isfinite(pressure) and math.isfinite(time)):
+            raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s")
+        self._take(Event(float(time), float(pressure), None, None, None))
+
+    def push_frame(self, stamp: float, rows: Array, value: Array, variance: Array) -> None:
+        """Take a frame of the shape: `rows` (m, 4) as `rows_of` makes them, their values (m,) and variances (m,).
+
+        Values that are not numbers are skipped; x and angles as the model has them before `bend_sign`.
+
+        Raises
+        ------
+        InputError
+            When the shapes do not agree or the stamp is not finite.
+        """
+        rows, value, variance = (np.ascontiguousarray(a, dtype=float) for a in (rows, value, variance))
+        if rows.shape != (value.size, 4) or variance.shape != value.shape or not math.isfinite(stamp):
+            raise InputError(f"a frame has rows (m, 4), m values and m variances, got {rows.shape}, {value.shape}")
+        if not np.isfinite(value).any():
+            self.counts.skipped += 1
+            return
+        self._take(Event(float(stamp) - self.latency, math.nan, rows, value, variance))
+
+    def advance(self, time: float) -> None:
+        """Predict up to `time` [s] under the pressure that is held; a time in the past changes nothing."""
+        span = time - self.time
+        if not span > 1e-12:
+            return
+        count = math.ceil(span / self.step * (1 - 1e-9))
+        failed = self._predict(
+            self.angle, self.rate, self.disturbance, self.covariance, self.memory, self._chain, count, span / count,
+            self._torque(span), self._densities, self._arrays(1),
+        )
+        if failed < 0:
+            raise SimulationError(f"the prediction to {time:.6g} s fails: the step {span / count:.3g} s is too long")
+        self.time = float(time)
+
+    def _torque(self, span: float) -> float:
+        """Mean torque [N m] of the pressure that is held; the slow one of a chamber that swells moves on by `span`."""
+        p, law, slow = self.pressure, self.model.torque, self._slow
+        limit, y = self.model.inflation_limit, self._grown
+        if not (self.model.swell_share or limit):
+            return float(section.torque(p, law))
+        middle, self._slow = section.slow_interval(span, p, p, p, slow, self.model.swell_time)
+        if limit:
+            half, self._grown = section.inflated_interval(span, p, p, p, y, limit, self.model.inflation_time)
+            return float(section.mean_inflated_torque(
+                p, p, p, p, slow, middle, self._slow, y, half, self._grown, self.model.swell_share, law
+            ))
+        return float(
+            section.mean_swollen_torque(p, p, p, p, slow, middle, self._slow, self.model.swell_share, law)
+        )
+
+    def _arrays(self, rows: int) -> Any:
+        if rows not in self._scratch:
+            self._scratch[rows] = make_scratch(self.model, self.covariance.shape[0], rows)
+        return self._scratch[rows]
+
+    def _take(self, event: Event) -> None:
+        if event.time >= self.time - 1e-12:
+            self._apply(event)
+        elif self._events and event.time >= self._events[0][0].time:
+            self._replay(event)
+        else:
+            self.counts.too_late += event.value is not None
+            return
+        while self._events and self._events[0][0].time < self.time - self.buffer:
+            self._events.popleft()
+
+    def _replay(self, event: Event) -> None:
+        """Go back to before the event, take it, and take again what had come after it."""
+        now, again = self.time, []
+        while self._events and self._events[-1][1].time > event.time:
+            kept, later = self._events.pop()
+            again.append(later)
+            self._restore(kept)
+            self.counts.used -= later.value is not None
+        self.counts.late += event.value is not None
+        if event.time < self.time:
+            kept, earlier = self._events.pop()
+            self._restore(kept)
+            self.counts.used -= earlier.value is not None
+            again.append(earlier)
+        for e in sorted([event, *again], key=lambda e: e.time):
+            self._apply(e)
+        self.advance(now)
+
+    def _apply(self, event: Event) -> None:
+        self._events.append((Snapshot(self.time, self.pressure, self._slow, self._grown, self._state.copy()), event))
+        self.advance(event.time)
+        if event.rows is None or event.value is None or event.variance is None:
+            self.pressure = event.pressure
+            return
+        self.innovation = np.empty(event.value.size)
+        used, square, _ = self._update(
+            self.angle, self.rate, self.disturbance, self.covariance, self.memory, self._chain, self.model.link_length,
+            self.model.first_joint, event.rows, event.value, event.variance, self.innovation,
+            self._arrays(event.value.size),
+        )
+        self.counts.used += 1
+        self.counts.last_ratio = square / used
+
+    def _restore(self, kept: Snapshot) -> None:
+        self.time, self.pressure, self._slow, self._grown = kept.time, kept.pressure, kept.slow, kept.grown
+        self._state[:] = kept.state

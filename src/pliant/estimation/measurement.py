@@ -1,0 +1,124 @@
+"""What a recording sees of the links: rows of angles and coordinates, dense curves compressed to link tips."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.estimation.kalman_loops import ALONG_X, ALONG_Y, ANGLE, JOINT
+from pliant.estimation.noise import Noise
+from pliant.model import Model, Station
+from pliant.recording.schema import check_recording
+from pliant.reduction import links_of
+from pliant.reduction.body import body_of
+from pliant.simulation import state
+
+Array = np.ndarray
+
+
+class Measurement(NamedTuple):
+    """A measurement over time: rows (m, 4) of (kind, link, along, across), values (T, m), variances (m,)."""
+
+    time: Array  # (T,) s, as stamped
+    rows: Array
+    value: Array  # NaN where a row is missing
+    variance: Array
+    label: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
+    """Rows (m, 4) that see x and y, and the angle, of stations on links; in the model's frame before `bend_sign`."""
+    rows = []
+    for s in stations:
+        if not 0 <= s.link < model.n:
+            raise InputError(f"station {s.name!r} sits on the base and tells nothing of the links: leave it out")
+        if position:
+            rows += [(kind, s.link, s.along, s.across) for kind in (ALONG_X, ALONG_Y)]
+        if angle:
+            rows.append((ANGLE, s.link, 0.0, 0.0))
+    return np.array(rows, dtype=float).reshape(-1, 4)
+
+
+def measurement_of(
+    recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[str, ...] | None = None
+) -> Measurement:
+    """What an aligned recording sees of a model.
+
+    Stations that the model knows are taken as they are, with their angles where recorded. A recording of none of them
+    but of a dense curve, base first, is compressed to the angles between links that divide the
+    curve's length as the model's do.
+
+    Raises
+    ------
+    InputError
+        When the recording is not planar, or shows neither the model's stations nor a dense curve.
+    """
+    check_recording(recording)
+    if recording.attrs.get("frame") != "planar":
+        raise InputError(f"a planar recording is needed, not the frame {recording.attrs.get('frame')!r}: align it")
+    names = [str(s) for s in recording["station"].values]
+    wanted = stations or tuple(p.name for p in model.points if p.link >= 0 and p.name in names)
+    known = {p.name: p for p in model.points}
+    if missing := [s for s in wanted if s not in names or s not in known]:
+        raise InputError(f"station {missing[0]!r} is not in both recording and model; the model has {', '.join(known)}")
+    if wanted:
+        return from_stations(recording, model, noise, tuple(known[s] for s in wanted))
+    if len(names) >= 3 * model.n:
+        return from_curve(recording, model, noise)
+    raise InputError(
+        f"the recording shows {', '.join(names[:5])}, the model's stations are {', '.join(known)}: name them alike, or "
+        f"record a curve of at least {3 * model.n} points, base first"
+    )
+
+
+def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
+    """Coordinates, and angles where recorded, of named stations."""
+    sign = np.array([model.bend_sign, 1.0])
+    names = [s.name for s in stations]
+    angled = "angle" in recording
+    position = recording["position"].sel(station=names).values.astype(float) * sign
+    columns, variance, label = [], [], []
+    turned = angles_of(recording, model, stations) if angled else None
+    for k, s in enumerate(stations):
+        columns += [position[:, k, 0], position[:, k, 1]]
+        variance += [noise.stations.get(s.name, noise.position) ** 2] * 2
+        label += [f"{s.name} x", f"{s.name} y"]
+        if turned is not None:
+            columns.append(turned[:, k])
+            variance.append(noise.angle**2)
+            label.append(f"{s.name} angle")
+    rows = rows_of(model, stations, angle=angled)
+    time = recording["time"].values.astype(float)
+    return Measurement(time, rows, np.stack(columns, axis=1), np.array(variance), tuple(label), ())
+
+
+def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> Array:
+    """Recorded angles (T, S) as absolute link angles, before `bend_sign`, rad."""
+    angle = recording["angle"].sel(station=[s.name for s in stations])
+    turned = model.bend_sign * angle.values.astype(float)
+    if str(angle.attrs.get("reference", "base")) == "rest":
+        turned = turned + state.absolute(model, state.equilibrium(model))[[s.link for s in stations]]
+    return np.asarray(turned)
+
+
+def from_curve(recording: xr.Dataset, model: Model, noise: Noise) -> Measurement:
+    """Angles between the links laid through a dense curve; frames with missing points are left out and counted.
+
+    A fibre's curvature errs from point to point, so angles between neighbouring links err independently of each other;
+    the tips, which are sums of them, do not.
+    """
+    body = body_of(recording)
+    share = np.append(0.0, np.cumsum(model.link_length)) + model.base_length
+    share = share / share[-1]
+    links = links_of(recording, node_arc_length=share * body.arc_length[-1])
+    rows = np.array([(JOINT, i, 0.0, 0.0) for i in range(model.n)])
+    time = recording["time"].values.astype(float)
+    value = np.full((time.size, model.n), np.nan)
+    value[np.isin(time, links.time)] = model.bend_sign * (links.joint_angle + links.rest_angle)
+    notes = (f"curve of {body.arc_length.size} points compressed to {model.n} joint angles", *links.notes)
+    label = tuple(f"joint_{i + 1}" for i in range(model.n))
+    return Measurement(time, rows, value, np.full(model.n, noise.angle**2), label, notes)

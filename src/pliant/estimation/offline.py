@@ -1,0 +1,239 @@
+"""`estimate`: a recording and a model in, states with their uncertainty out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pliant.compiler.choose import twin
+from pliant.errors import InputError, SimulationError
+from pliant.estimation import kalman_loops
+from pliant.estimation.consistency import mean_bounds, whiteness
+from pliant.estimation.measurement import Measurement, measurement_of
+from pliant.estimation.noise import Noise, default_noise
+from pliant.estimation.smoother import smooth
+from pliant.estimation.workspace import Output, make_output, make_scratch
+from pliant.identification.experiment import one_chamber
+from pliant.model import Model, Valve
+from pliant.simulation import Trace, state
+from pliant.simulation.drive import Drive, drive
+from pliant.simulation.inputs import Input
+from pliant.version import __version__
+
+Array = np.ndarray
+
+
+def estimate(
+    recording: xr.Dataset,
+    model: Model,
+    *,
+    noise: Noise | None = None,
+    pressure: Input | None = None,
+    disturbance: bool = True,
+    stations: tuple[str, ...] | None = None,
+    latency: float = 0.0,
+    step: float = 5e-3,
+    lag: int = 10,
+    pressure_window: float = 8e-3,
+) -> xr.Dataset:
+    """Joint angles, rates and disturbance torques of a recording, by an extended Kalman filter and smoother.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Planar recording: the model's stations, with angles where recorded, or a dense curve, base first. Missing
+        numbers are skipped and counted.
+    noise : Noise, optional
+        Default: in proportion to the model's stiffness, see `pliant.estimation.noise.default_noise`.
+    pressure : Input, optional
+        Commanded pressure, through the model's valve. Default: the measured one, taken as behind the valve.
+    disturbance : bool
+        Whether to estimate an unknown torque of each joint too, which takes up what the model lacks; `noise.wander`
+        decides when `noise` is given.
+    stations : tuple of str, optional
+        Which to use. Default: all that recording and model share.
+    latency : float
+        s by which the stamps of the shape are late on the clock of the pressure.
+    step : float
+        Longest step of a prediction, s.
+    lag : int
+        Frames that the smoothed states wait for.
+    pressure_window : float
+        s over which a measured pressure is averaged, centred: its noise shakes light links more than a frame's noise
+        does. Up to twice the latency of the shape it costs no delay.
+
+    Returns
+    -------
+    xarray.Dataset
+        joint_angle, joint_rate, disturbance (time, joint) as filtered, `smooth_*` of them `lag` frames later, `*_sd`
+        their standard deviations; innovation (time, row), whitened; normalised_innovation_squared and rows_used (time).
+        attrs: nis_ratio with its 95 % bounds, innovation_correlation with its bound, frames skipped, notes.
+
+    Raises
+    ------
+    InputError
+        When the recording does not show the model, or has no pressure and none is given.
+    SimulationError
+        When a prediction fails.
+
+    Examples
+    --------
+    >>> import pliant                                              # doctest: +SKIP
+    >>> from pliant.estimation import Noise, estimate
+    >>> model = pliant.load_model("results/arm/model.json")
+    >>> recording = pliant.align(pliant.read("arm.c3d"))
+    >>> found = estimate(recording, model, latency=0.004)
+    >>> found.joint_rate[-1].values                                # rad/s, now
+    >>> found.smooth_joint_rate.values                             # rad/s, ten frames later
+    >>> found.attrs["nis_ratio"], found.attrs["nis_bounds"]        # 1 where the covariances are right
+    >>> found.disturbance, found.disturbance_sd                    # N m of each joint: pushed?
+    """
+    settings = noise or default_noise(model, disturbance=disturbance)
+    sight = measurement_of(recording, model, settings, stations)
+    source, held = input_of(recording, model, pressure, pressure_window)
+    times = sight.time - latency
+    if times.size < 2:
+        raise InputError(f"estimation needs at least two frames, got {times.size}")
+    plan = drive(held, source, times, step)
+    out = run(held, sight, plan, settings)
+    return described(held, sight, out, settings, plan, lag)
+
+
+def input_of(
+    recording: xr.Dataset, model: Model, pressure: Input | None, window: float = 0.0
+) -> tuple[Input, Model]:
+    """The pressure of a recording and the model that takes it: without its valve where the pressure was measured."""
+    if pressure is not None:
+        return pressure, model
+    if "pressure" not in recording:
+        raise InputError("the recording has no measured pressure: give the commanded one (pressure=Pulse(...))")
+    values = one_chamber("to estimate", recording["pressure"])
+    clock = recording["pressure_time"].values.astype(float)
+    good = np.isfinite(values)
+    if not good.all():
+        raise InputError(f"{int((~good).sum())} samples of the pressure are missing: repair it first")
+    if not (np.isfinite(window) and window >= 0):
+        raise InputError(f"the window of the pressure is a time in seconds, at least 0, got {window}")
+    return Trace(*averaged(clock, values, window)), model.with_(valve=Valve())
+
+
+def averaged(clock: Array, values: Array, window: float) -> tuple[Array, Array]:
+    """Centred mean over `window` [s] of a signal that is straight between its samples, narrower towards its ends.
+
+    Between samples further apart than half the window, times are added at which the mean begins and ends to change.
+    """
+    if window == 0 or clock.size < 2:
+        return clock, values
+    integral = np.append(0.0, np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(clock)))
+    at = clock
+    if np.diff(clock).max() > 0.5 * window:
+        at = np.unique(np.concatenate([clock, clock - 0.5 * window, clock + 0.5 * window]))
+        at = at[(at >= clock[0]) & (at <= clock[-1])]
+    half = np.minimum(0.5 * window, np.minimum(at - clock[0], clock[-1] - at))
+    mean = np.interp(at, clock, values)
+    inner = half > 0
+    gained = primitive(at + half, clock, values, integral) - primitive(at - half, clock, values, integral)
+    mean[inner] = gained[inner] / (2.0 * half[inner])
+    return at, mean
+
+
+def primitive(at: Array, clock: Array, values: Array, integral: Array) -> Array:
+    """Integral from the first sample to the times `at` of a signal that is straight between its samples."""
+    k = np.clip(np.searchsorted(clock, at, side="right") - 1, 0, clock.size - 2)
+    u = at - clock[k]
+    slope = (values[k + 1] - values[k]) / (clock[k + 1] - clock[k])
+    return np.asarray(integral[k] + u * (values[k] + 0.5 * slope * u))
+
+
+def run(model: Model, sight: Measurement, plan: Drive, noise: Noise) -> Output:
+    """Filter a record with the compiled loop."""
+    states, (frames, rows) = noise.states(model), sight.value.shape
+    q = state.equilibrium(model, plan.initial)
+    x = (state.absolute(model, q), np.zeros(model.n), np.zeros(model.n))
+    ends = np.flatnonzero(plan.keep >= 0) + 1
+    begin = np.concatenate([[0, 0], ends]).astype(np.int64)  # no step leads to the first frame
+    out = make_output(frames, states, rows)
+    failed = twin(kalman_loops.filter_record, model.n)(
+        x, noise.initial(model), state.relaxed(model, q), chain_of(model), model.link_length,
+        model.first_joint, (plan.h, plan.torque, begin), (*noise.densities(model), np.zeros(1)), sight.rows,
+        sight.value, sight.variance, out, make_scratch(model, states, rows),
+    )
+    if failed >= 0:
+        raise SimulationError(
+            f"the prediction of frame {failed} at {sight.time[failed]:.6g} s fails: a link turns by more than a radian "
+            "in a step; use a shorter step, or check pressure and model"
+        )
+    return out
+
+
+def chain_of(model: Model) -> tuple[Any, ...]:
+    """What the loops take of a model: base angle, body, joints, law and presence of memory."""
+    return float(model.base_angle), model.body(), model.joints(), model.memory.law(), bool(model.memory)
+
+
+def split(model: Model, x: Array, P: Array) -> dict[str, Array]:
+    """Joint angles, rates and disturbances (T, n) with standard deviations, from states (T, N) and covariances."""
+    n, N = model.n, x.shape[1]
+    T = np.eye(n) - np.eye(n, k=-1)  # joint values from absolute ones
+    made = {
+        "joint_angle": state.joint_angles(model, x[:, :n]), "joint_rate": state.joint_rates(x[:, n : 2 * n]),
+        "joint_angle_sd": spread(T, P[:, :n, :n]), "joint_rate_sd": spread(T, P[:, n : 2 * n, n : 2 * n]),
+    }
+    if 2 * n < N:
+        made |= {"disturbance": x[:, 2 * n :], "disturbance_sd": spread(np.eye(n), P[:, 2 * n :, 2 * n :])}
+    return made
+
+
+def spread(T: Array, P: Array) -> Array:
+    """Standard deviations (T, n) of T x for covariances P of x."""
+    return np.sqrt(np.maximum(np.einsum("ia,tab,ib->ti", T, P, T), 0.0))
+
+
+UNITS = {"joint_angle": "rad", "joint_rate": "rad/s", "disturbance": "N m"}
+
+
+def described(model: Model, sight: Measurement, out: Output, noise: Noise, plan: Drive, lag: int) -> xr.Dataset:
+    """The dataset of `estimate`."""
+    data: dict[str, Any] = {}
+    for prefix, (x, P) in {"": (out.estimate, out.covariance), "smooth_": smooth(out, lag)}.items():
+        for name, values in split(model, x, P).items():
+            units = UNITS[name.removesuffix("_sd")]
+            said = name.removesuffix("_sd").replace("_", " ") + (", standard deviation" if name.endswith("_sd") else "")
+            when = f"{lag} frames later" if prefix else "filtered"
+            data[prefix + name] = (("time", "joint"), values, {"units": units, "long_name": f"{said}, {when}"})
+    n = model.n
+    told = {"units": "SI", "long_name": "covariance of absolute angles, rates and disturbances"}
+    data["state_covariance"] = (("time", "state", "state_2"), out.covariance, told)
+    data["innovation"] = (("time", "row"), out.innovation, {"units": "1", "long_name": "whitened innovation"})
+    data["normalised_innovation_squared"] = ("time", out.score[:, 1], {"units": "1", "long_name": "NIS"})
+    data["motion"] = ("time", out.score[:, 3], {"units": "rad2/s2", "long_name": "mean square joint rate of late"})
+    data["rows_used"] = ("time", out.score[:, 0].astype(int), {"units": "1", "long_name": "rows of the frame in use"})
+    data["pressure"] = ("time", plan.pressure, {"units": "Pa", "long_name": "gauge pressure behind the valve"})
+    tips = state.tips(model, out.estimate[:, :n])
+    data["tip_position"] = (("time", "link", "axis"), tips, {"units": "m", "long_name": "estimated link tips"})
+    labels = np.arange(1, n + 1)
+    coords = {
+        "time": ("time", sight.time, {"units": "s", "long_name": "stamp of the frame"}), "joint": labels,
+        "link": labels, "axis": ["x", "y"], "row": list(sight.label),
+    }
+    return xr.Dataset(data, coords, attrs=judged(sight, out, noise, model, lag))
+
+
+def judged(sight: Measurement, out: Output, noise: Noise, model: Model, lag: int) -> dict[str, Any]:
+    """Consistency of the innovations, frames that were skipped, and settings, for the record."""
+    used = out.score[:, 0]
+    settled = np.flatnonzero(used > 0)[1:]  # the first one meets the assumed start
+    correlation, bound = whiteness(out.innovation[settled])
+    low, high = mean_bounds(used[settled])
+    partly = int(((used > 0) & (used < sight.value.shape[1])).sum())
+    return {
+        "schema": "pliant-estimate", "model": model.name, "source": f"pliant {__version__}", "lag_frames": lag,
+        "nis_ratio": float(out.score[settled, 1].sum() / used[settled].sum()), "nis_bounds": [low, high],
+        "innovation_correlation": correlation, "innovation_correlation_bound": bound,
+        "log_likelihood": -0.5 * float(np.sum(out.score[settled, 1] + out.score[settled, 2])),
+        "frames": int(used.size), "frames_skipped": int((used == 0).sum()), "frames_in_part": partly,
+        "noise_position_m": noise.position, "noise_torque": noise.torque, "noise_wander": noise.wander,
+        "notes": "\n".join(sight.notes),
+    }

@@ -1,0 +1,79 @@
+"""When a hand that held a body let go, from the disturbance torques of `estimate`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+
+Array = np.ndarray
+CLEAR = 2.0  # times the torques at the end of the record that a pull must be
+REST = 50  # frames of that end
+
+
+class Release(NamedTuple):
+    """A hand's pull and its end.
+
+    Attributes
+    ----------
+    begin : float
+        s: last frame at which the pull was above nine tenths of what it had been.
+    half, gone : float
+        s: first frames at which it was below a half, and below a tenth.
+    held : array (n,)
+        Torques of the joints while held, N m.
+    after : float
+        Root mean square of the torques later than half a second after `half`, over that of `held`.
+    """
+
+    begin: float
+    half: float
+    gone: float
+    held: Array
+    after: float
+
+
+def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release:
+    """When the pull that held a body at the start of a recording ended.
+
+    The torques of `frames` frames after the first `start`, in which the filter finds them, are the pull; later torques
+    are told along it. A hand or a tendon that lets go slowly shows as a long way from `begin` to `gone`.
+
+    Parameters
+    ----------
+    found : xarray.Dataset
+        Of `estimate`, with disturbance torques.
+
+    Raises
+    ------
+    InputError
+        When nothing pulls at the start, or the pull does not end within the recording.
+
+    Examples
+    --------
+    >>> from pliant.estimation import Noise, estimate, release_of     # doctest: +SKIP
+    >>> found = estimate(recording, model, pressure=pliant.Pulse(0.0), noise=Noise(wander=4.0, initial_disturbance=2.0))
+    >>> release_of(found).begin                                    # s
+    """
+    if "disturbance" not in found or found.sizes["time"] < start + 2 * frames:
+        raise InputError(f"a release needs disturbance torques (noise.wander > 0) and {start + 2 * frames} frames")
+    time, torque = found["time"].values, found["disturbance"].values
+    held = np.median(torque[start : start + frames], axis=0)
+    left = float(np.sqrt(np.mean(np.sum(torque[-REST:] ** 2, axis=1))))
+    if np.linalg.norm(held) <= CLEAR * left:
+        raise InputError(
+            f"the torque at the start, {np.linalg.norm(held):.3g} N m, is not clear of {left:.3g} N m at the end: "
+            "nothing held the body, or it is still held"
+        )
+    pull = torque @ held / float(held @ held)
+    later = np.arange(start + frames, time.size)
+    low, least = later[pull[later] < 0.5], later[pull[later] < 0.1]
+    if not least.size:
+        raise InputError("the pull does not end within the recording")
+    begin = np.flatnonzero(pull[: low[0]] > 0.9)[-1]
+    rest = torque[time > time[low[0]] + 0.5]
+    after = float(np.sqrt(np.sum(rest**2) / max(len(rest), 1) / float(held @ held)))
+    return Release(float(time[begin]), float(time[low[0]]), float(time[least[0]]), held, after)

@@ -1,0 +1,41 @@
+"""When something happened, from the motion alone: a pulse's edges, a release."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from pliant.identification.experiment import Experiment
+
+Array = np.ndarray
+
+
+def displacement(exp: Experiment) -> Array:
+    """Distance (T,) of the last station from where the recording shows it first, m; gaps bridged by straight lines."""
+    p = exp.last_station
+    seen = np.isfinite(p).all(axis=1)
+    u = np.linalg.norm(p[seen] - np.median(p[seen][:5], axis=0), axis=1)
+    return np.interp(exp.time, exp.time[seen], u)
+
+
+def edges(exp: Experiment) -> dict[str, float]:
+    """Start and stop of a pulse, or the release, found from the motion of the last station, s.
+
+    The start is the last moment at which the point was within 3 % of its travel before it first passed 20 %; the stop
+    likewise, seen from the end of the plateau.
+    """
+    u = displacement(exp)
+    t = exp.time
+    if exp.excitation == "trace":
+        return {}
+    first = int(np.argmax(u > 0.2 * exp.travel))
+    still = np.flatnonzero(u[:first] < 0.03 * exp.travel)
+    onset = float(t[still[-1]] if still.size else t[0])
+    if exp.excitation == "release":
+        return {"release": onset}
+    last = int(u.size - 1 - np.argmax(u[::-1] > 0.5 * exp.travel))
+    before = np.flatnonzero(u[:last] > u[last - max(3, u.size // 100) : last].max() * 0.97)
+    plateau = float(t[before[-1]]) if before.size else float(t[last])
+    return {"start": onset, "stop": max(plateau, onset + 1e-3)}

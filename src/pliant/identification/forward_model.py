@@ -1,0 +1,254 @@
+"""What the compiled loop of a fit takes, made from a model, an experiment and its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from pliant.compiler.choose import twin
+from pliant.equations.symbols import Body, Held, Joints, Memory
+from pliant.errors import SimulationError
+from pliant.identification import follow_loops, memory_loops
+from pliant.identification.parameters import apply, for_record
+from pliant.model import Model
+from pliant.simulation import Pulse, Trace, equilibrium, state
+from pliant.simulation.drive import Drive, drive
+from pliant.simulation.inputs import Input
+
+if TYPE_CHECKING:
+    from pliant.identification.experiment import Experiment
+
+Array = np.ndarray
+Plans = dict[Any, Drive]
+LEAST_PULL = 1e-6  # of a held pose towards the unloaded shape, in pulls of a measured point
+POSE_STEPS = 60
+
+
+class Places(NamedTuple):
+    """Where the observed points are, for the compiled loop."""
+
+    length: Any  # (n,) m
+    base_length: Any  # m
+    carrier: Array  # (S,) index of the link that carries each point, -1 the base
+    along: Any  # (S,) m
+    across: Any  # (S,) m
+    sign: Any  # 1, or -1 where the x axis is mirrored
+    shift_x: Any  # m
+    shift_y: Any  # m
+    reference: Any  # rad, what angles are measured from
+
+
+class Numbers(NamedTuple):
+    """All that a derivative can act on; every entry a number or an array."""
+
+    held: Any  # (n,) rad, absolute angles of the first rows
+    held_base: Any  # rad
+    phi: Any  # (n,) rad, at the start of the motion
+    base_angle: Any  # rad
+    h: Any  # (steps,) s
+    torque: Any  # (steps,) N m
+    torque_before: Any  # N m, under which the chain rests at the start
+    body: Body
+    joints: Joints
+    memory: Memory
+    along: Any  # (S,) m
+    across: Any  # (S,) m
+    shift: Any  # (2,) m
+    reference: Any  # rad
+    length: Any  # (n,) m, of the links
+    base_length: Any  # m
+
+
+class SetUp(NamedTuple):
+    """Numbers of one simulated experiment, with what no derivative acts on."""
+
+    numbers: Numbers
+    keep: Array  # (steps,) row of the output after the step, -1: none
+    still: int  # rows before the motion begins
+    carrier: Array  # (S,)
+    model: Model
+    pressure: Array  # (T,) Pa, behind the valve
+    from_rest: bool  # whether the start is the equilibrium under `torque_before`
+    pulled: bool = False  # whether a hand took the body to its pose from its unloaded shape
+
+
+def set_up(
+    model: Model, exp: Experiment, values: Mapping[str, float], step: float,
+    plans: Plans | None = None, rest: Array | None = None,
+) -> SetUp:
+    """The numbers behind an experiment at the parameter `values`.
+
+    Parameters
+    ----------
+    plans : dict, optional
+        Keeps the steps and torques of earlier calls, for values that do not concern the pressure.
+    rest : array (n,), optional
+        Joint angles at the start, where a search for the equilibrium can be spared.
+    """
+    own = {**for_record(values, exp.name), **exp.known}
+    m = apply(model, own)
+    plans = {} if plans is None else plans
+    if exp.excitation == "release":
+        return let_go(m, exp, own, step, plans)
+    plan = planned(m, exp, own, step, plans)
+    start = state.absolute(m, equilibrium(m, plan.initial) if rest is None else rest)
+    numbers = gathered(m, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
+    return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, plan.pressure, True)
+
+
+def let_go(model: Model, exp: Experiment, own: Mapping[str, float], step: float, plans: Plans) -> SetUp:
+    """The set-up of a body that is held, then let go; the clamp may give way by ``base_turn`` at that moment."""
+    base = (model.base_angle, model.base_angle + own.get("base_turn", 0.0))
+    angles = state.absolute(model, held_angles(model, exp, own))
+    free = exp.time[exp.time > own["release"]]
+    plan = Drive(np.zeros(0), np.zeros(0), np.zeros(0, dtype=int), np.zeros(1), 0.0)
+    if free.size:
+        key = ("release", exp.name, own["release"])
+        if key not in plans:
+            plans[key] = drive(model, Pulse(0.0), np.concatenate([[own["release"]], free]), step)
+        plan = plans[key]
+    numbers = gathered(model, exp, own, plan, (angles, angles), base)
+    still = exp.time.size - free.size
+    return SetUp(numbers, plan.keep, still, carriers(model, exp), model, np.zeros(exp.time.size), from_rest=False,
+                 pulled=exp.held is not None)
+
+
+def held_angles(model: Model, exp: Experiment, own: Mapping[str, float]) -> Array:
+    """Joint angles (n,) of a body that is held: as measured, by a force at the tip, or in its unloaded shape."""
+    if exp.held is not None:
+        shift = np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)])
+        return posed(model, carriers(model, exp), observed(model, exp), exp.held - shift)
+    if "hold_force" in own:
+        return equilibrium(model, 0.0, np.array([own["hold_force"], 0.0]))
+    return np.zeros(model.n)
+
+
+def posed(model: Model, carrier: Array, chosen: list[Any], seen: Array) -> Array:
+    """Joint angles (n,) that bring the points `chosen` closest to the places `seen` (S, 2), m.
+
+    Gauss-Newton in absolute angles. Where the points leave a joint open, it turns least: a pull towards the unloaded
+    shape, a millionth of a point's, decides.
+    """
+    there = model.with_(stations=tuple(chosen))
+    links = np.arange(model.n)
+    along = np.where(links < carrier[:, None], model.link_length, 0.0)
+    along = np.where(links == carrier[:, None], [[p.along] for p in chosen], along)
+    across = np.where(links == carrier[:, None], [[p.across] for p in chosen], 0.0)
+    pull = LEAST_PULL * model.length * (np.eye(model.n) - np.eye(model.n, k=-1))
+    unloaded = state.absolute(model, np.zeros(model.n))
+    phi = unloaded.copy()
+    for _ in range(POSE_STEPS):
+        c, s = np.cos(phi), np.sin(phi)
+        slope = np.stack([model.bend_sign * (across * s - along * c), -along * s - across * c], axis=1)
+        off = (seen - state.stations(there, phi)[0]).ravel()
+        rows, aim = np.concatenate([slope.reshape(-1, model.n), pull]), np.concatenate([off, pull @ (unloaded - phi)])
+        move = np.linalg.lstsq(rows, aim)[0]
+        phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
+        if np.abs(move).max() < 1e-13:
+            break
+    return state.joint_angles(model, phi)
+
+
+def planned(model: Model, exp: Experiment, own: Mapping[str, float], step: float, plans: Plans) -> Drive:
+    """Steps and torques under a measured or nominal pressure."""
+    start, stop = own.get("start", 0.0), own.get("stop", 0.0)
+    key = (exp.name, start, stop, model.valve, model.torque.tobytes(), model.swell_share, model.swell_time,
+           model.inflation_limit, model.inflation_time)
+    if key not in plans:
+        pressure: Input
+        if exp.pressure is not None:
+            pressure = Trace(exp.pressure.time + start, exp.pressure.pressure)
+        else:
+            pressure = Pulse(exp.level, start, max(stop - start, 1e-6))
+        plans[key] = drive(model, pressure, exp.time, step)
+    return plans[key]
+
+
+def gathered(
+    model: Model, exp: Experiment, own: Mapping[str, float], plan: Drive, angles: tuple[Array, Array],
+    base: tuple[float, float],
+) -> Numbers:
+    """The numbers of a set-up: angles and base angle while held, and at the start of the motion."""
+    chosen = observed(model, exp)
+    return Numbers(
+        held=angles[0], held_base=base[0], phi=angles[1], base_angle=base[1], h=plan.h, torque=plan.torque,
+        torque_before=float(model.torque_at(plan.initial)), body=model.body(), joints=model.joints(),
+        memory=model.memory.law(),
+        along=np.array([p.along for p in chosen]), across=np.array([p.across for p in chosen]),
+        shift=np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)]),
+        reference=model.base_angle if exp.angle_reference == "base" else 0.0,
+        length=model.link_length, base_length=model.base_length,
+    )
+
+
+def observed(model: Model, exp: Experiment) -> list[Any]:
+    """The model's points that the experiment observed."""
+    points = {p.name: p for p in model.points}
+    return [points[s] for s in exp.stations]
+
+
+def carriers(model: Model, exp: Experiment) -> Array:
+    """Index (S,) of the link that carries each observed point."""
+    return np.array([p.link for p in observed(model, exp)])
+
+
+def moved(made: SetUp, numbers: Numbers, kind: type[Any], rows: int) -> Array:
+    """Observed rows (T, S, 3), on real or on complex numbers: x [m], y [m], angle [rad].
+
+    Raises
+    ------
+    SimulationError
+        Where a link turns by more than a radian in one step.
+    """
+    def cast(a: Any) -> Any:
+        return np.array(a, dtype=kind) if np.ndim(a) else kind(a)
+
+    n = made.model.n
+    body, joints = Body(*map(cast, numbers.body)), Joints(*map(cast, numbers.joints))
+    scratch = state.workspace(n)
+    work = type(scratch)(*map(cast, scratch))
+    places = Places(
+        cast(numbers.length), cast(numbers.base_length), made.carrier, cast(numbers.along),
+        cast(numbers.across), cast(made.model.bend_sign), cast(numbers.shift[0]), cast(numbers.shift[1]),
+        cast(numbers.reference),
+    )
+    out: Array = np.empty((rows, made.carrier.size, 3), dtype=kind)
+    steps = (cast(numbers.base_angle), cast(numbers.h), cast(numbers.torque), made.keep, made.still)
+    before = (cast(numbers.held), cast(numbers.held_base), body, joints)
+    start: tuple[Array, Array] = (cast(numbers.phi), np.zeros(n, dtype=kind))
+    if made.model.memory:
+        memory = Memory(*map(cast, numbers.memory))
+        states = slipped(made, numbers, kind)
+        held = held_of(made.model, kind, joints)
+        failed = twin(memory_loops.follow_with_memory)(*start, states, *steps, *before, memory, held, work, places, out)
+    else:
+        failed = twin(follow_loops.follow, n)(*start, *steps, *before, work, places, out)
+    if failed >= 0:
+        after, length = np.sum(numbers.h[: failed + 1]).real, np.real(numbers.h[failed])
+        if lost := state.given_way(made.model, start[0].real):
+            raise SimulationError(f"{after:.6g} s after the start {lost}")
+        raise SimulationError(
+            f"{after:.6g} s after the start a link turns by more than a radian within the step of {length * 1e3:.3g} "
+            "ms, faster than the step can follow; use a shorter step or a smaller pressure"
+        )
+    return out
+
+
+def slipped(made: SetUp, numbers: Numbers, kind: type[Any]) -> Array:
+    """States (n, branches) of the memory at the start: unstretched, or as the way into a measured pose left them."""
+    states: Array = state.relaxed(made.model, np.zeros(made.model.n)).astype(kind)
+    if not made.pulled:
+        return states
+    q = np.diff(numbers.phi, prepend=numbers.base_angle) - numbers.joints.theta0
+    for j, limit in enumerate(numbers.memory.slip_angle, len(made.model.memory.creep_share)):
+        beyond = np.abs(q.real) > np.real(limit)
+        states[:, j] = np.where(beyond, np.sign(q.real) * limit, q)
+    return states
+
+
+def held_of(model: Model, kind: type, joints: Joints) -> Held:
+    """Scratch arrays for the steps of a model with memory, on real or on complex numbers."""
+    rows = {name: row.astype(kind) for name, row in state.held(model)._asdict().items() if name != "springs"}
+    return Held(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)

@@ -1,0 +1,200 @@
+"""One rung of a ladder: its choices, its starts, its fit, and what the recordings say of it."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import FitError, PliantError
+from pliant.identification.experiment import Experiment, predict
+from pliant.identification.fit import fit
+from pliant.identification.forward_model import moved, set_up
+from pliant.identification.initial_guess import prepare
+from pliant.identification.model_selection import Follows, error, follows, missed, shared_bic
+from pliant.identification.parameters import Parameter
+from pliant.identification.problem import root_mean_square
+from pliant.identification.result import FitResult, touches_bound
+from pliant.identification.rungs import Entry, Rung
+from pliant.model import Model
+from pliant.simulation import modes
+
+Array = np.ndarray
+STEPS_PER_PERIOD = 16  # of the first mode: twice what a simulation asks for
+TRIAL = 12  # evaluations of a fit that only tells which start is worth a whole one
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung after its fit.
+
+    Attributes
+    ----------
+    result : FitResult or None
+        None where the recordings cannot tell what the rung frees; `told` then says why.
+    freed : tuple of str
+        Names of all free parameters.
+    train, held_out : dict
+        Euclidean error of each record, in % of its travel.
+    seconds : float
+        Of all its fits.
+    step_ns : float
+        Of one step of a simulation.
+    stands_on : str
+        Name of the rung that it frees more than; empty for the lowest.
+    missed : dict
+        Squared error (T,) of each frame of the held-out records, (% of travel)^2.
+    follows : Follows or None
+        How the training records are followed, for `bic`.
+    bic : float or None
+        Bayesian information criterion, to be compared within one ladder; see `choice.shared_bic`.
+    """
+
+    rung: Rung
+    result: FitResult | None = None
+    freed: tuple[str, ...] = ()
+    train: dict[str, float] | None = None
+    held_out: dict[str, float] | None = None
+    seconds: float = 0.0
+    step_ns: float = float("nan")
+    stands_on: str = ""
+    missed: dict[str, Array] | None = None
+    follows: Follows | None = None
+    bic: float | None = None
+    told: str = ""
+
+    @property
+    def error(self) -> float:
+        """Mean error of the held-out records, or of the training ones where none is held out, % of travel."""
+        return float(np.mean(list((self.held_out or self.train or {"": float("inf")}).values())))
+
+
+@dataclass(frozen=True)
+class LadderFit:
+    """What every rung is fitted to and judged on, and how."""
+
+    train: Sequence[Experiment]
+    held_out: Sequence[Experiment]
+    model: Model
+    options: dict[str, Any]
+
+    def climb(self, rung: Rung, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
+        """The rung on top of `below`, where `free` is free, and what is free on it."""
+        began = clock.perf_counter()
+        ended = ends(below.result)
+        told, found = "", []
+        for choice in rung.frees or ((),):
+            taken = {n: e for n, e in free.items() if n not in rung.drops} | {
+                entry_name(e): e for e in choice if entry_name(e) not in free
+            }
+            try:
+                result = self.scanned(list(taken.values()), rung, ended)
+                found.append((self.judged(rung, result), taken))
+            except PliantError as problem:
+                told = told or str(problem)
+        if not found:
+            return Step(rung, seconds=clock.perf_counter() - began, told=told), free
+        best = int(np.argmin(shared_bic([s.follows for s, _ in found if s.follows])))
+        step, taken = found[best]
+        return replace(step, stands_on=below.rung.name, seconds=clock.perf_counter() - began), taken
+
+    def scanned(self, entries: Sequence[Entry], rung: Rung, ended: dict[str, Parameter]) -> FitResult:
+        """The fit of some parameters from the best of several starts, each of which a short fit tries.
+
+        A start is where the rung below ended, or afresh: what this rung adds, others may have taken up below. Of
+        both, each value of the rung's scan is tried.
+        """
+        starts = [[self.bounded(started(e, way)) for e in entries] for way in ([ended, {}] if ended else [{}])]
+        rows = [(name, row) for name, row in rung.scan if any(p.free and p.name == name for p in starts[0])]
+        grid = [dict(zip((n for n, _ in rows), at, strict=True)) for at in zip(*(r for _, r in rows), strict=True)]
+        if not grid and len(starts) == 1:
+            return self.fitted(starts[0])
+        trials, told = [], ""
+        for listed, at in product(starts, grid or [{}]):
+            try:
+                trial = self.fitted([p.with_(value=at.get(p.name, p.value)) for p in listed], TRIAL)
+            except PliantError as problem:
+                told = told or str(problem)
+                continue
+            trials.append((sum((trial.rmse[e.name] / e.travel) ** 2 for e in self.train), ends(trial), listed))
+        if not trials:
+            raise FitError(told)
+        _, start, listed = min(trials, key=lambda t: t[0])
+        return self.fitted([self.bounded(started(p, start)) for p in listed])
+
+    def bounded(self, p: Parameter) -> Parameter:
+        """The parameter; a stiffness bounded to what can be simulated."""
+        if not p.name.startswith("stiffness"):
+            return p
+        most = min(p.upper, simulable(self.model, self.options["step"]))
+        return p.with_(upper=most, value=p.value if p.value is None else min(p.value, 0.9 * most))
+
+    def fitted(self, listed: list[Parameter], most: int = 200) -> FitResult:
+        """The fit, of at most so many evaluations; where nothing at all is free, the model as it is."""
+        if any(p.free for p in listed) or any(e.own_parameters for e in self.train):
+            return fit(self.train, self.model, listed, **self.options, max_evaluations=most)
+        model, filled = prepare(self.train, self.model, listed)
+        values = {p.name: float(p.value) for p in filled if p.value is not None}
+        rmse = {
+            e.name: root_mean_square(predict(model, e, values, self.options["step"])["position"], e.position)
+            for e in self.train
+        }
+        return FitResult(model, tuple(filled), "Nothing is free: the model as given.", rmse, len(rmse), 0.0, True)
+
+    def judged(self, rung: Rung, result: FitResult) -> Step:
+        """Errors and cost of a fitted rung."""
+        step = self.options["step"]
+        unseen = {e.name: missed(e, result, step) for e in self.held_out}
+        return Step(
+            rung, result, tuple(p.name for p in result.parameters if p.free),
+            train={e.name: 100 * result.rmse[e.name] / e.travel for e in self.train},
+            held_out={name: error({name: row}) for name, row in unseen.items()}, missed=unseen,
+            follows=follows(self.train, result, step, self.options["weighting"]),
+            step_ns=step_cost(result, self.train[0], step),
+        )
+
+
+def step_cost(result: FitResult, exp: Experiment, step: float) -> float:
+    """Time of one step of a simulation of an experiment, observing included, ns: the best of five."""
+    made = set_up(result.model, exp, result.values, step)
+    best = float("inf")
+    for _ in range(5):
+        began = clock.perf_counter()
+        moved(made, made.numbers, np.float64, exp.time.size)
+        best = min(best, clock.perf_counter() - began)
+    return 1e9 * best / max(made.numbers.h.size, 1)
+
+
+def entry_name(entry: Entry) -> str:
+    """Name of a parameter, or of one given by its name alone."""
+    return entry if isinstance(entry, str) else entry.name
+
+
+def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
+    """A parameter that starts where it `ended` on a lower rung; each joint's where that of all together did.
+
+    What ended on a bound starts afresh. The size stays that of the first start.
+    """
+    p = Parameter(entry) if isinstance(entry, str) else entry
+    found = ended.get(p.name, ended.get(p.name.removesuffix("_*")))
+    if found is None or found.value is None or not p.free or touches_bound(found):
+        return p
+    return p.with_(value=float(np.clip(found.value, p.lower, p.upper)), scale=p.scale or found.scale)
+
+
+def simulable(model: Model, step: float) -> float:
+    """The stiffness of a joint, N m/rad, above which the steps could not follow the first mode of the chain.
+
+    Where nothing rings, a fit may drive stiffness, damping and torque up together without end.
+    """
+    frequency = float(modes(model)[0][0])
+    return float(model.stiffness.mean()) * (1 / (STEPS_PER_PERIOD * step * frequency)) ** 2
+
+
+def ends(result: FitResult | None) -> dict[str, Parameter]:
+    """Where each parameter of a fit ended."""
+    return {p.name: p for p in result.parameters} if result else {}

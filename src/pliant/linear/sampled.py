@@ -1,0 +1,123 @@
+"""Sampled control: the linear model behind its dead time and a hold, and the stability margins of a loop around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.linear.linearisation import LinearModel
+
+Array = np.ndarray
+KILO = 1e3  # pressures enter a Riccati equation in kPa, so that its numbers are of one size
+
+
+class Sampled(NamedTuple):
+    """x[k+1] = A x[k] + B u[k], the commands still on their way appended to the state, the youngest first."""
+
+    A: Array  # (N + D, N + D)
+    B: Array  # (N + D,)
+    waiting: int  # D, commands on their way
+
+
+class Margins(NamedTuple):
+    """How far a loop is from instability, cut open at the commanded pressure."""
+
+    gain_db: float  # dB, smallest factor upwards that makes it unstable
+    phase_deg: float  # degrees
+    delay: float  # s, more dead time that it bears
+    modulus: float  # smallest distance of the loop's curve from -1
+    crossover: float  # Hz, the highest frequency of gain 1
+
+    def __str__(self) -> str:
+        return (
+            f"gain margin {self.gain_db:.1f} dB, phase margin {self.phase_deg:.0f} deg, delay margin "
+            f"{self.delay * 1e3:.1f} ms, modulus margin {self.modulus:.2f}, crossover {self.crossover:.1f} Hz"
+        )
+
+
+@dataclass(frozen=True)
+class LoopCurve:
+    """The open loop L(i omega), negative feedback, at `omega` [rad/s]."""
+
+    omega: Array
+    value: Array
+
+
+def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
+    """The linear model at a sampling `period` [s] behind a zero-order hold, its dead time and `latency` [s] exact.
+
+    Raises
+    ------
+    InputError
+        When the period is not positive or the latency negative.
+    """
+    if not (np.isfinite(period) and period > 0 and np.isfinite(latency) and latency >= 0):
+        raise InputError(f"a period must be positive and a latency not negative, got {period} and {latency} s")
+    whole, part = divmod(linear.dead_time + latency, period)
+    part = 0.0 if part < 1e-9 * period else part
+    if period - part < 1e-9 * period:
+        whole, part = whole + 1, 0.0
+    D = int(whole) + (part > 0)
+    Ad, fresh = hold(linear.A, linear.B, period - part)
+    old = np.zeros_like(fresh)
+    if part:
+        early, old = hold(linear.A, linear.B, part)
+        old, Ad = Ad @ old, Ad @ early
+    N = linear.A.shape[0]
+    A, B = np.zeros((N + D, N + D)), np.zeros(N + D)
+    A[:N, :N] = Ad
+    for vector, age in ((fresh, int(whole)), (old, int(whole) + 1)):
+        if age == 0:
+            B[:N] += vector
+        elif vector.any():
+            A[:N, N + age - 1] += vector
+    if D:
+        B[N] = 1.0
+        A[N + 1 :, N:-1] = np.eye(D - 1)
+    return Sampled(A, B, D)
+
+
+def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:
+    """exp(A period) and its integral times B: the step of a command held for `period` [s]."""
+    from scipy.linalg import expm
+
+    N = A.shape[0]
+    block = np.zeros((N + 1, N + 1))
+    block[:N, :N], block[:N, N] = A, B
+    made = expm(block * period)
+    return made[:N, :N], made[:N, N]
+
+
+def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -> LoopCurve:
+    """L = gain (z - A)^{-1} B of a state feedback u = -gain x, from 0.01 Hz to half the sampling rate."""
+    omega = np.geomspace(2 * np.pi * 0.01, np.pi / period, points)
+    values, V = np.linalg.eig(plant.A)
+    if np.linalg.cond(V) < 1e10:
+        left, right = gain @ V, np.linalg.solve(V, plant.B.astype(complex))
+        z = np.exp(1j * omega * period)
+        return LoopCurve(omega, ((left * right)[None, :] / (z[:, None] - values[None, :])).sum(axis=1))
+    eye = np.eye(plant.A.shape[0])
+    curve = [gain @ np.linalg.solve(np.exp(1j * w * period) * eye - plant.A, plant.B.astype(complex)) for w in omega]
+    return LoopCurve(omega, np.array(curve))
+
+
+def margins(curve: LoopCurve) -> Margins:
+    """Margins of a closed loop that is stable, from its open-loop curve."""
+    L, omega = curve.value, curve.omega
+    phase = np.unwrap(np.angle(L))
+    turned = np.mod(phase, 2 * np.pi) - np.pi
+    at = np.flatnonzero((turned[1:] * turned[:-1] <= 0) & (np.abs(np.diff(turned)) < np.pi))
+    factors = [1.0 / abs(L[k]) for k in at if abs(L[k]) > 0]
+    above = [f for f in factors if f > 1.0]
+    gain = 20 * np.log10(min(above)) if above else np.inf
+    size = np.log(np.abs(L))
+    crossed = np.flatnonzero(size[1:] * size[:-1] <= 0)
+    phases = [abs(float(np.angle(-L[k]))) for k in crossed]
+    lead = [float(np.mod(phase[k] + np.pi, 2 * np.pi)) / omega[k] for k in crossed]
+    return Margins(
+        float(gain), float(np.rad2deg(min(phases, default=np.pi))), float(min(lead, default=np.inf)),
+        float(np.abs(1 + L).min()), float(omega[crossed[-1]] / (2 * np.pi)) if crossed.size else 0.0,
+    )

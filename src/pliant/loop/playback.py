@@ -1,0 +1,64 @@
+"""A recording played at its true rate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.loop.clock import Clock
+from pliant.loop.sample import PRESSURE, SHAPE, Sample, nanoseconds, sample
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+class Playback:
+    """Source of a recording's frames and pressures, each when the clock passes its time.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Schema of `pliant.recording.schema`.
+    clock : Clock
+    speed : float
+        1 is the true rate.
+
+    Raises
+    ------
+    InputError
+        When the recording holds no positions, or the speed is not positive.
+    """
+
+    def __init__(self, recording: xr.Dataset, clock: Clock, *, speed: float = 1.0) -> None:
+        if not (np.isfinite(speed) and speed > 0):
+            raise InputError(f"the speed of a playback must be positive, got {speed}")
+        if "position" not in recording:
+            raise InputError("a playback needs a recording with positions")
+        self._clock, self._next = clock, 0
+        time = np.asarray(recording["time"].values, dtype=float)
+        rows = [(t, SHAPE, x) for t, x in zip(time, recording["position"].values, strict=True)]
+        if "pressure" in recording:
+            clock_p = np.asarray(recording["pressure_time"].values, dtype=float)
+            rows += [(t, PRESSURE, p) for t, p in zip(clock_p, recording["pressure"].values, strict=True)]
+        rows.sort(key=lambda row: row[0])
+        origin = rows[0][0]
+        self._rows = [sample(name, value, nanoseconds((t - origin) / speed)) for t, name, value in rows]
+        self._start = clock.now()
+
+    def read(self) -> Sample | None:
+        """The next sample whose time has come."""
+        if self.finished or self._rows[self._next].time_ns > self._clock.now() - self._start:
+            return None
+        self._next += 1
+        due = self._rows[self._next - 1]
+        return due._replace(time_ns=due.time_ns + self._start)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the recording has ended."""
+        return self._next >= len(self._rows)
+
+    def close(self) -> None:
+        """Nothing is held."""

@@ -1,0 +1,71 @@
+"""A plant on the loop's clock: as source of its sensors and as sink of the command."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, Protocol
+
+import numpy as np
+
+from pliant.loop.clock import Clock
+from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, nanoseconds, sample
+
+Array = np.ndarray
+BEHIND = 50  # periods: a plant that cannot keep up gives up the rest
+
+
+class PlantLike(Protocol):
+    """What a plant offers: it moves one period at a time under a command that is held."""
+
+    period: float  # s
+    time: float  # s
+
+    def advance(self, command: float) -> Any:
+        """Hold a command [Pa] for a period; returns (time of the shape [s], shape (S, 2) [m], pressure [Pa])."""
+
+
+class VirtualActuator:
+    """Source and sink of a plant that moves as the clock does.
+
+    Parameters
+    ----------
+    plant : PlantLike
+        E.g. `pliant.testbed.plant.Plant`.
+    clock : Clock
+
+    Attributes
+    ----------
+    behind : int
+        Periods that the plant left out because it was slower than the clock.
+    """
+
+    def __init__(self, plant: PlantLike, clock: Clock) -> None:
+        self.plant, self._clock = plant, clock
+        self._queue: deque[Sample] = deque()
+        self._period = nanoseconds(plant.period)
+        self._done = self._start = clock.now()
+        self._begin, self._command, self.behind = plant.time, 0.0, 0
+        self.finished = False
+
+    def read(self) -> Sample | None:
+        """Move the plant to the present, then the oldest reading."""
+        now = self._clock.now()
+        owed = (now - self._done) // self._period
+        if owed > BEHIND:
+            self.behind += owed - BEHIND
+            self._done += (owed - BEHIND) * self._period
+        while self._done + self._period <= now:
+            self._done += self._period
+            taken, shape, pressure = self.plant.advance(self._command)
+            self._queue.append(sample(PRESSURE, pressure, self._done))
+            self._queue.append(sample(SHAPE, shape, self._start + nanoseconds(taken - self._begin)))
+        return self._queue.popleft() if self._queue else None
+
+    def write(self, sample: Sample) -> None:
+        """Hold a command from now on."""
+        if sample.name == COMMAND:
+            self._command = float(sample.array[0])
+
+    def close(self) -> None:
+        """Nothing is held."""
+        self.finished = True

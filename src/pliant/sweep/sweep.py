@@ -1,0 +1,142 @@
+"""`run_sweep`: a campaign from beginning to end, in a folder that can be taken up again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.identification import Experiment, Parameter, fit
+from pliant.model import Model
+from pliant.model.file import model_to_dict
+from pliant.sweep.scheduler import Account, Tell, executor_of, run_campaign
+from pliant.sweep.spec import PULSE, Sweep, sweep_from
+from pliant.sweep.store import Store, write_dataset
+from pliant.sweep.tasks import Campaign
+from pliant.version import __version__
+
+Array = np.ndarray
+QUANTILES = (0.025, 0.5, 0.975)
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """What a sweep found, and what happened on the way."""
+
+    samples: xr.Dataset
+    account: Account
+    folder: Path
+
+    def summary(self) -> dict[str, Any]:
+        """Counts, and median and 95 % interval of every number that each sample has."""
+        bad = self.samples["failed"].values.astype(bool)
+        numbers = {}
+        for name, a in self.samples.data_vars.items():
+            if a.dims == ("sample",) and name != "failed":
+                good = a.values[~bad & np.isfinite(a.values)]
+                spread = np.quantile(good, QUANTILES).tolist() if good.size else None
+                numbers[str(name)] = dict(zip(("low", "median", "high"), spread, strict=True)) if spread else None
+        return {
+            "samples": int(self.samples.sizes["sample"]), "failed_samples": int(bad.sum()), "numbers": numbers,
+            "told": self.account.sentence(), "chunks": self.account.chunks, "computed": self.account.made,
+            "found": self.account.found, "restarts": self.account.restarts, "repeated": self.account.repeated,
+        }
+
+
+def run_sweep(
+    sweep: Sweep | Mapping[str, Any],
+    model: Model,
+    folder: str | Path,
+    *,
+    scheduler: str = "local",
+    workers: int | None = None,
+    experiments: Sequence[Experiment] = (),
+    parameters: Sequence[Parameter] = (),
+    fit_options: dict[str, Any] | None = None,
+    progress: Tell | None = None,
+    make_executor: Callable[[], Any] | None = None,
+) -> SweepResult:
+    """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit; go on where one stopped.
+
+    Parameters
+    ----------
+    sweep : mapping or Sweep
+        The ``[sweep]`` table of a study file, SI: ``kind`` (design, monte_carlo, bootstrap, multi_start), ``samples``,
+        ``seed``, ``chunk`` (samples worked on together), ``parameters`` (of the model, and ``level`` [Pa], ``start``
+        and ``width`` [s] of the pulse: a number, ``values``, ``low``, ``high`` and ``count``, ``low`` and ``high``,
+        or ``mean`` and ``std``), ``duration`` [s], ``rate`` [Hz] of what is kept, ``step`` [s].
+    model : Model
+    folder : str or Path
+        Takes campaign.json, chunks/ and, in the end, samples.nc; a sweep that stopped goes on from what is there.
+    scheduler : str
+        ``local``, ``processes``, or ``tcp://host:port`` of a Dask scheduler. The result is the same, bit for bit.
+    workers : int
+        Processes of ``processes``; default: one for each core.
+    experiments, parameters, fit_options
+        Of bootstrap and multi_start: as `pliant.fit` takes them.
+    progress : callable
+        Called with one line for each chunk and each mishap.
+    make_executor : callable
+        Any other maker of concurrent.futures executors, in place of `scheduler`.
+
+    Returns
+    -------
+    SweepResult
+        ``samples``: of simulations ``tip`` (sample, time, axis) [m], ``final_tip`` (sample, axis) [m],
+        ``largest_deflection`` (sample) [m]; of fits ``rmse`` (sample) [m]; of all ``parameter_NAME`` (sample), SI, and
+        ``failed`` (sample).
+
+    Raises
+    ------
+    InputError
+        When the sweep does not fit the model, or the folder holds another campaign.
+    PliantError
+        When the disk is full or workers break again and again; what is written stays, and the sweep can go on.
+    """
+    sweep = sweep if isinstance(sweep, Sweep) else sweep_from(dict(sweep))
+    check_parameters(sweep, model, experiments)
+    maker = make_executor or executor_of(scheduler, workers)
+    options = dict(fit_options or {})
+    identity = {
+        "sweep": sweep.model_dump(mode="json"), "model": model_to_dict(model), "pliant": __version__,
+        "experiments": [(e.name, float(np.nansum(e.position)), e.time.size) for e in experiments],
+        "parameters": [repr(p) for p in parameters], "fit": {k: repr(v) for k, v in sorted(options.items())},
+    }
+    store = Store(Path(folder), identity)
+    base = None
+    if sweep.kind == "bootstrap":
+        base = fit(experiments, model, parameters, **{**options, "rng": sweep.seed})
+    threads = None if scheduler == "local" and make_executor is None else 1
+    campaign = Campaign(sweep, model, tuple(experiments), tuple(parameters), options, base, threads)
+    account = run_campaign(campaign, store, maker, progress or (lambda _line: None))
+    bounds = [campaign.bounds(c) for c in range(campaign.chunks)]
+    samples = store.combine(bounds)
+    for name, shown in (("tip", ("time", "axis")), ("final_tip", ("axis",))):
+        if name in samples:
+            samples[name] = (("sample", *shown), samples[name].values)
+    if "tip" in samples:
+        samples = samples.assign_coords(time=np.arange(samples.sizes["time"]) / sweep.rate, axis=["x", "y"])
+    result = SweepResult(samples, account, Path(folder))
+    write_dataset(samples, Path(folder) / "samples.nc")
+    store.note({"identity": identity, **result.summary()})
+    return result
+
+
+def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experiment]) -> None:
+    """Refuse what only a worker would find wrong."""
+    from pliant.batch.samples import spread
+
+    if sweep.kind in ("bootstrap", "multi_start"):
+        if not experiments:
+            raise InputError(f"a {sweep.kind} sweep needs the recordings of a fit")
+        return
+    for name, r in sweep.parameters.items():
+        if name not in PULSE:
+            some = r.grid() if r.value is None else np.array([r.value])
+            spread(model, {name: np.array([r.low if r.mean is None else r.mean]) if some is None else some}, 1)
+

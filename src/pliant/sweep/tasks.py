@@ -1,0 +1,141 @@
+"""What a worker does with one chunk of samples: arrays in, arrays out, nothing shared, nothing written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import PliantError
+from pliant.identification import Experiment, FitResult, Parameter, fit, predict
+from pliant.model import Model
+from pliant.sweep.spec import PULSE, Sweep, fixed, generator, table
+
+Array = np.ndarray
+Arrays = dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """All that a worker needs: the sweep, and the model or the fit that it starts from."""
+
+    sweep: Sweep
+    model: Model
+    experiments: tuple[Experiment, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
+    fit_options: dict[str, Any] | None = None
+    base: FitResult | None = None  # of a bootstrap: the fit whose residuals are moved
+    threads: int | None = 1  # of a batch; where one job is done after the other, all cores
+
+    def bounds(self, chunk: int) -> tuple[int, int]:
+        """First sample of a chunk, and the one after its last."""
+        first = chunk * self.sweep.together
+        return first, min(first + self.sweep.together, self.sweep.size)
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        return -(-self.sweep.size // self.sweep.together)
+
+
+def work(campaign: Campaign, chunk: int) -> Arrays:
+    """The arrays of one chunk, samples first."""
+    kinds = {"bootstrap": bootstrap, "multi_start": multi_start}
+    return kinds.get(campaign.sweep.kind, simulated)(campaign, *campaign.bounds(chunk))
+
+
+def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
+    """The tip of every sample against time, its highest deflection, and the parameters that made it."""
+    from pliant.batch.batch import simulate_batch
+    from pliant.simulation import Pulse
+
+    sweep = campaign.sweep
+    varied = table(sweep, first, last)
+    count = last - first
+    everything = {**{k: np.full(count, v) for k, v in fixed(sweep).items()}, **varied}
+    pulse = {"level": 119e3, "start": 0.0, "width": np.inf}
+    edges = {k: everything.pop(k, np.full(count, pulse[k])) for k in PULSE}
+    same = all(np.all(v == v[0]) for v in edges.values())
+    pressures = [Pulse(*(float(edges[k][i]) for k in PULSE)) for i in range(1 if same else count)]
+    times = np.arange(round(sweep.duration * sweep.rate) + 1) / sweep.rate
+    run = simulate_batch(
+        campaign.model, pressures, parameters=everything or {"tip_mass": np.full(count, campaign.model.tip_mass)},
+        times=times, step=sweep.step, variables=("tip_position",), threads=campaign.threads, failures="mark",
+    )
+    tip = run["tip_position"].values[:, :, -1]
+    moved = np.linalg.norm(tip - tip[:, :1], axis=-1)
+    return {
+        **{f"parameter_{k}": v for k, v in varied.items()}, "tip": tip, "final_tip": tip[:, -1],
+        "largest_deflection": moved.max(axis=1), "failed": np.isfinite(run["failed_at"].values),
+    }
+
+
+def refitted(campaign: Campaign, sample: int, experiments: Sequence[Experiment], start: Sequence[Parameter]) -> Arrays:
+    """Values of the free parameters after one fit; not a number where it could not be made."""
+    free = [p.name for p in start if p.free]
+    options = {**(campaign.fit_options or {}), "starts": 1, "rng": generator(campaign.sweep.seed, sample)}
+    try:
+        found = fit(experiments, campaign.model, start, **options)
+    except PliantError:
+        nothing = np.array(np.nan)
+        return {**{f"parameter_{n}": nothing for n in free}, "rmse": nothing, "failed": np.array(True)}
+    values = {f"parameter_{n}": np.array(found.values[n]) for n in free}
+    rmse = np.array(float(np.sqrt(np.mean(np.square(list(found.rmse.values()))))))
+    return {**values, "rmse": rmse, "failed": np.array(not found.converged)}
+
+
+def stacked(rows: Sequence[Arrays]) -> Arrays:
+    """The samples' arrays as arrays with the samples first."""
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
+    """Fits to the base fit's own prediction with its residuals moved in blocks, which keep their correlation."""
+    base = campaign.base
+    if base is None:
+        raise ValueError("a bootstrap needs the fit whose residuals it moves")
+    values = base.values
+    start = list(base.parameters)
+    step = float((campaign.fit_options or {}).get("step", 2e-3))
+    modelled = [predict(base.model, exp, values, step)["position"] for exp in campaign.experiments]
+    rows = []
+    for sample in range(first, last):
+        rng = generator(campaign.sweep.seed, sample)
+        again = [
+            replace(exp, position=position + moved_blocks(exp.position - position, exp.time, campaign.sweep.block, rng))
+            for exp, position in zip(campaign.experiments, modelled, strict=True)
+        ]
+        rows.append(refitted(campaign, sample, again, start))
+    return stacked(rows)
+
+
+def moved_blocks(residual: Array, time: Array, block: float, rng: np.random.Generator) -> Array:
+    """Residuals (T, S, 2) put together from blocks of `block` [s] drawn from them; what was not seen stays unseen."""
+    frames = len(time)
+    length = int(np.clip(round(block / np.median(np.diff(time))), 1, frames))
+    starts = rng.integers(0, frames - length + 1, -(-frames // length))
+    index = (starts[:, None] + np.arange(length)).ravel()[:frames]
+    centred = residual - np.nanmean(residual, axis=0)
+    drawn = np.nan_to_num(centred[index], nan=0.0)
+    return np.where(np.isfinite(residual), drawn, np.nan)
+
+
+def multi_start(campaign: Campaign, first: int, last: int) -> Arrays:
+    """Fits from starts scattered by up to half of themselves: do they end in one place?"""
+    rows = []
+    for sample in range(first, last):
+        rng = generator(campaign.sweep.seed, sample)
+        start = [scattered(p, rng) if p.free and p.value is not None else p for p in campaign.parameters]
+        rows.append(refitted(campaign, sample, campaign.experiments, start))
+    return stacked(rows)
+
+
+def scattered(p: Parameter, rng: np.random.Generator) -> Parameter:
+    """A parameter moved by up to half of itself, or one scale where it is zero."""
+    value = float(p.value or 0.0)
+    size = 0.5 * abs(value) or p.scale
+    if p.name.rpartition(".")[2] in ("start", "stop", "release"):  # times: moved by a scale, not by half the record
+        size = p.scale
+    return p.with_(value=float(np.clip(value + size * rng.uniform(-1, 1), p.lower, p.upper)))

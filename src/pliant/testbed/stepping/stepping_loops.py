@@ -1,0 +1,208 @@
+"""Compiled time loop of the virtual actuator: banded Newton, memory updates, energies.
+
+Kernels of ``rod/loops.py`` are called from here. Numba's cache does not see edits in that file: after one, remove
+``stepping/__pycache__`` (the tests keep a cache of their own for every state of these files).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from pliant.testbed.rod.rod_loops import (
+    add_bending,
+    add_contact,
+    add_edges,
+    add_inertia,
+    curvatures,
+    gap_to,
+    penalty,
+    section_law,
+    volume,
+)
+
+BAND = 5  # a vertex meets its two neighbours on either side, two coordinates each
+CONVERGED, NOT_CONVERGED, NOT_FINITE = 0, 1, 2
+TOLERANCE = 1e-10  # m, largest node update of the last Newton iteration
+LONGEST = 2e-3  # m, longest node update that one iteration may make
+ITERATIONS = 60
+
+
+@njit(cache=True)
+def factor(band):
+    """Banded Cholesky factor in place, rows from the diagonal leftwards; False when not positive."""
+    for i in range(band.shape[0]):
+        for d in range(min(i, BAND), -1, -1):
+            j = i - d
+            value = band[i, d]
+            for m in range(max(0, i - BAND), j):
+                value -= band[i, i - m] * band[j, j - m]
+            if d > 0:
+                band[i, d] = value / band[j, 0]
+            elif value > 0.0:
+                band[i, 0] = np.sqrt(value)
+            else:
+                return False
+    return True
+
+
+@njit(cache=True)
+def substitute(band, b):
+    """Solve with the factor of `factor`; the solution replaces `b`."""
+    n = b.size
+    for i in range(n):
+        for m in range(max(0, i - BAND), i):
+            b[i] -= band[i, i - m] * b[m]
+        b[i] /= band[i, 0]
+    for i in range(n - 1, -1, -1):
+        for m in range(i + 1, min(n, i + BAND + 1)):
+            b[i] -= band[m, m - i] * b[m]
+        b[i] /= band[i, 0]
+
+
+@njit(cache=True)
+def gather(x, load, body, obstacles, state, clock, decay, geometric, work):
+    """Gradient and Hessian of the incremental potential at `x`; False when a value is not finite."""
+    work.gradient[:] = 0.0
+    work.band[:] = 0.0
+    add_bending(x, load, body, state, clock, decay, work.band, work.torque, work.six)
+    add_edges(x, body, state, clock, work.torque, geometric, work.gradient, work.band)
+    add_inertia(x, load, body, work.drift, clock, work.gradient, work.band)
+    add_contact(x, obstacles, body, state, clock, work.gradient, work.band, work.force)
+    for i in range(work.gradient.size):
+        if not np.isfinite(work.gradient[i]):
+            return False
+    return True
+
+
+@njit(cache=True)
+def move(x, step, scale):
+    """Add `scale` times a step to all free nodes."""
+    for v in range(1, x.shape[0]):
+        x[v, 0] += scale * step[2 * v - 2]
+        x[v, 1] += scale * step[2 * v - 1]
+
+
+@njit(cache=True)
+def newton(x, load, body, obstacles, state, clock, decay, work):
+    """Move `x` to equilibrium at the end of the step; returns status, iterations and last update.
+
+    A step that climbed too far is shortened by the secant rule until the potential's slope along it is below
+    0.9 of what it was: friction and slip would otherwise make the iteration cycle.
+    """
+    longest = np.inf
+    scale = slope = 0.0
+    for iteration in range(ITERATIONS):
+        if not gather(x, load, body, obstacles, state, clock, decay, 1.0, work):
+            return NOT_FINITE, iteration, longest
+        now = np.dot(work.gradient, work.step)
+        if iteration > 0 and now > 0.9 * abs(slope) and scale > 1e-4:
+            shorter = scale * max(0.1, slope / (slope - now))
+            move(x, work.step, shorter - scale)
+            scale = shorter
+            continue
+        if not factor(work.band):
+            gather(x, load, body, obstacles, state, clock, decay, 0.0, work)
+            if not factor(work.band):
+                return NOT_CONVERGED, iteration, longest
+        work.step[:] = -work.gradient
+        substitute(work.band, work.step)
+        longest = np.max(np.abs(work.step))
+        scale = min(1.0, LONGEST / max(longest, 1e-300))
+        slope = np.dot(work.gradient, work.step)
+        move(x, work.step, scale)
+        if longest < TOLERANCE:
+            return CONVERGED, iteration + 1, longest
+    return NOT_CONVERGED, ITERATIONS, longest
+
+
+@njit(cache=True)
+def remember(x, body, state, clock, decay, work):
+    """Accept the step: memory, velocities and both histories move on."""
+    curvatures(x, body, work.curvature)
+    for k in range(work.curvature.size):
+        rest = body.rest_curvature[k]
+        before, bend = state.curvature[k] - rest, work.curvature[k] - rest
+        for j in range(body.prony_share.size):
+            state.prony[k, j] = decay[j, 0] * state.prony[k, j] + decay[j, 1] * before + decay[j, 2] * bend
+        for j in range(body.slip_limit.shape[1]):
+            limit = body.slip_limit[k, j]
+            trial = state.slip[k, j] + body.slip_stiffness[k, j] * (bend - before)
+            state.slip[k, j] = max(-limit, min(limit, trial))
+    state.curvature_before[:] = state.curvature
+    state.curvature[:] = work.curvature
+    for e in range(body.rest_length.size):
+        state.length_before[e] = state.length[e]
+        state.length[e] = np.sqrt((x[e + 1, 0] - x[e, 0]) ** 2 + (x[e + 1, 1] - x[e, 1]) ** 2)
+    for v in range(x.shape[0]):
+        for a in range(2):
+            speed = (x[v, a] - (4.0 * state.x[v, a] - state.x_before[v, a]) / 3.0) / clock[1]
+            state.v_before[v, a], state.v[v, a] = state.v[v, a], speed
+            state.x_before[v, a], state.x[v, a] = state.x[v, a], x[v, a]
+    now = volume(state.curvature, body)
+    state.chamber[1] = (now - state.chamber[0]) / clock[0]
+    state.chamber[0] = now
+
+
+@njit(cache=True)
+def energies(body, obstacles, state, out):
+    """Kinetic, elastic, stored in memory, potential of weight, and of contact, into `out` (5,)."""
+    out[:] = 0.0
+    last = state.x.shape[0] - 1
+    for v in range(1, last + 1):
+        out[0] += 0.5 * body.mass[v] * (state.v[v, 0] ** 2 + state.v[v, 1] ** 2)
+        out[3] -= body.mass[v] * (body.gravity[0] * state.x[v, 0] + body.gravity[1] * state.x[v, 1])
+        for o in range(obstacles.shape[0]):
+            depth = body.half_width - gap_to(obstacles[o], state.x[v, 0], state.x[v, 1])[0]
+            out[4] += obstacles[o, 4] * body.contact_share[v] * penalty(depth)[2]
+    for i in range(4):
+        a, b = last - 1 + i // 2, i % 2
+        out[3] -= body.cap_weight[i] * state.x[a, b]
+        for j in range(4):
+            out[0] += 0.5 * body.cap_mass[i, j] * state.v[a, b] * state.v[last - 1 + j // 2, j % 2]
+    for e in range(body.rest_length.size):
+        out[1] += 0.5 * body.axial[e] / body.rest_length[e] * (state.length[e] - body.rest_length[e]) ** 2
+    for k in range(body.weight.size):
+        bend = state.curvature[k] - body.rest_curvature[k]
+        law = section_law(bend, body.stiffness[k], body.fibre_height, body.fibre_share, body.locking)
+        out[1] += body.weight[k] * law[2]
+        for j in range(body.prony_share.size):
+            inner = bend - state.prony[k, j]
+            out[2] += 0.5 * body.weight[k] * body.prony_share[j] * body.stiffness[k] * inner * inner
+        for j in range(body.slip_limit.shape[1]):
+            out[2] += 0.5 * body.weight[k] * state.slip[k, j] ** 2 / body.slip_stiffness[k, j]
+
+
+@njit(cache=True)
+def march(loads, first, stop, stride, body, obstacles, state, clock, decay, work, out):
+    """Steps `first` to `stop` of `loads`; every `stride`-th state goes into `out`.
+
+    Returns the status, the step that failed (or `stop`), the last Newton update and all iterations.
+    """
+    total = 0
+    x = work.x
+    load = np.empty(4)
+    for n in range(first, stop):
+        load[:] = loads[n]
+        load[0] -= body.tube_resistance * state.chamber[1]
+        for v in range(x.shape[0]):
+            for a in range(2):
+                slow = (4.0 * state.v[v, a] - state.v_before[v, a]) / 3.0
+                back = (4.0 * state.x[v, a] - state.x_before[v, a]) / 3.0
+                work.drift[v, a] = back + clock[1] * slow
+                x[v, a] = state.x[v, a] + clock[0] * (1.5 * state.v[v, a] - 0.5 * state.v_before[v, a])
+        status, iterations, longest = newton(x, load, body, obstacles, state, clock, decay, work)
+        total += iterations
+        if status != CONVERGED:
+            return status, n, longest, total
+        remember(x, body, state, clock, decay, work)
+        if (n + 1) % stride == 0:
+            r = (n + 1) // stride
+            out.position[r] = state.x
+            out.velocity[r] = state.v
+            out.curvature[r] = state.curvature
+            out.force[r] = work.force
+            out.pressure[r] = load[0]
+            out.volume[r] = state.chamber[0]
+            energies(body, obstacles, state, out.energy[r])
+    return CONVERGED, stop, 0.0, total

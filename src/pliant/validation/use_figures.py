@@ -1,0 +1,78 @@
+"""Figures of the running model: state, contact, map and controlled tip against time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pliant.plotting import REST_COLOUR, new_figure, style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def estimate_overview(found: Any) -> Figure:
+    """Filtered and smoothed joint rates with two standard deviations, and whitened innovations, against time."""
+    time = found["time"].values
+    with style():
+        figure, axes = new_figure(3, 1, height=5.4, sharex=True)
+        for j, joint in enumerate(found["joint"].values):
+            rate, sd = found["smooth_joint_rate"].values[:, j], found["smooth_joint_rate_sd"].values[:, j]
+            (line,) = axes[0].plot(time, 57.29578 * found["joint_angle"].values[:, j], label=f"joint {joint}")
+            axes[1].plot(time, rate, color=line.get_color())
+            axes[1].fill_between(time, rate - 2 * sd, rate + 2 * sd, color=line.get_color(), alpha=0.2, linewidth=0)
+        axes[0].set_ylabel("angle (deg)")
+        axes[0].legend(ncols=min(5, found.sizes["joint"]), loc="lower right", bbox_to_anchor=(1, 1))
+        axes[1].set_ylabel("rate (rad/s), 2 sd")
+        axes[2].plot(time, found["innovation"].values, linestyle="", marker=".", markersize=1.5, color="0.3")
+        for level in (-2, 2):
+            axes[2].axhline(level, color=REST_COLOUR, linewidth=0.6)
+        axes[2].set(ylabel="whitened innovation (1)", xlabel="time (s)")
+        figure.align_ylabels()
+    return figure
+
+
+def contact_overview(found: Any) -> Figure:
+    """Test statistic with its threshold, place along the body and force of a contact against time."""
+    time = found["time"].values
+    with style():
+        figure, axes = new_figure(3, 1, height=5.0, sharex=True)
+        axes[0].plot(time, np.maximum(found["statistic"].values, 1e-2), color="black")
+        axes[0].axhline(found.attrs["threshold"], color=REST_COLOUR, linewidth=0.8, label="threshold")
+        axes[0].set(yscale="log", ylabel="test statistic (1)")
+        axes[0].legend()
+        low, high = (1e3 * found[name].values for name in ("arc_low", "arc_high"))
+        axes[1].fill_between(time, low, high, color="0.8", linewidth=0, label="95 %")
+        axes[1].plot(time, 1e3 * found["contact_arc_length"].values, color="black")
+        axes[1].set_ylabel("place along the body (mm)")
+        axes[1].legend()
+        for name in ("normal", "tangential"):
+            axes[2].plot(time, found[f"{name}_force"].values, label=name)
+        axes[2].set(ylabel="force (N)", xlabel="time (s)")
+        axes[2].legend()
+        figure.align_ylabels()
+    return figure
+
+
+def control_figure(time: Any, wanted: Any, reached: Any, command: Any, pressure: Any) -> Figure:
+    """A controlled tip: displacement wanted and reached above, command and measured pressure below.
+
+    Parameters
+    ----------
+    time : (T,) array, s
+    wanted, reached : (T,) array, m
+    command, pressure : (T,) array, Pa
+    """
+    with style():
+        figure, panels = new_figure(2, 1, height=3.4, sharex=True)
+        panels[0].plot(time, np.asarray(reached) * 1e3, label="reached (estimated)")
+        panels[0].plot(time, np.asarray(wanted) * 1e3, label="wanted")
+        panels[0].set_ylabel("tip displacement (mm)")
+        panels[1].step(time, np.asarray(command) * 1e-3, where="post", label="command")
+        panels[1].plot(time, np.asarray(pressure) * 1e-3, label="measured", linewidth=0.7)
+        panels[1].set(xlabel="time (s)", ylabel="gauge pressure (kPa)")
+        for panel in panels:
+            panel.legend(loc="best")
+        figure.align_ylabels()
+    return figure

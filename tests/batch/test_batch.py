@@ -1,0 +1,193 @@
+"""A batch gives the numbers of single runs, whatever is side by side with what."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.batch.batch import simulate_batch
+from pliant.batch.samples import gather
+from pliant.errors import InputError, SimulationError
+from pliant.identification.parameters import apply
+from pliant.model import Memory, Valve
+from pliant.simulation import Chirp, Multisine, Pulse, Trace, modes, simulate
+
+TIMES = np.arange(61) / 75.0
+EVERYTHING = ("joint_angle", "joint_rate", "tip_position")
+
+
+def check_same(batch, models, pressures, **options):
+    for i, model in enumerate(models):
+        alone = simulate(model, pressures[i], times=TIMES, **options)
+        for name in EVERYTHING:
+            a, b = alone[name].values, batch[name].values[i]
+            assert np.abs(a - b).max() <= 1e-12 * max(1.0, np.abs(a).max()), (i, name)
+
+
+def test_parameters_of_one_model(paper):
+    rng = np.random.default_rng(1)
+    values = {
+        "stiffness": rng.uniform(1.2, 2.0, 19), "damping_3": rng.uniform(4e-3, 1e-2, 19),
+        "torque_1": rng.uniform(5e-7, 7e-7, 19), "tip_mass": rng.uniform(0, 8e-3, 19),
+        "mass": rng.uniform(0.05, 0.08, 19),
+        "gain": rng.uniform(0.8, 1.1, 19), "base_angle": rng.uniform(-0.2, 0.2, 19), "stiffness_2": np.full(19, 1.9),
+    }
+    pulse = Pulse(9e4, 0.1, 0.3)
+    batch = simulate_batch(paper, pulse, parameters=values, times=TIMES, variables=EVERYTHING)
+    models = [apply(paper, {name: v[i] for name, v in values.items()}) for i in range(19)]
+    check_same(batch, models, [pulse] * 19)
+    assert batch.attrs["failed_samples"] == 0
+    assert np.isnan(batch["failed_at"]).all()
+
+
+def test_models_with_everything(awkward):
+    valves = [Valve(), Valve(rise_time=0.03, fall_time=0.05), Valve(natural_frequency=6.0), Valve(dead_time=0.013)]
+    models = [awkward.with_(valve=v, stiffness=awkward.stiffness * k) for v in valves for k in (1.0, 1.3, 1.7)]
+    trace = Trace([0.0, 0.1, 0.1, 0.33, 0.5], [0.0, 2e4, 5e4, 6e4, 1e4])
+    batch = simulate_batch(models, trace, times=TIMES, step=2e-3, variables=EVERYTHING)
+    check_same(batch, models, [trace] * len(models), step=2e-3)
+
+
+def test_chambers_that_swell(awkward):
+    models = [awkward.with_(swell_share=share, swell_time=t) for share, t in ((0.0, 1.0), (0.4, 0.2), (0.8, 0.05))]
+    pulse = Pulse(4e4, 0.1, 0.3)
+    batch = simulate_batch(models, pulse, times=TIMES, step=2e-3, variables=EVERYTHING)
+    check_same(batch, models, [pulse] * 3, step=2e-3)
+    assert np.abs(batch["joint_angle"].values[0] - batch["joint_angle"].values[2]).max() > 1e-4
+    again = simulate_batch(
+        models[0], pulse, parameters={"swell_share": [0.0, 0.4, 0.8], "swell_time": [1.0, 0.2, 0.05]}, times=TIMES,
+        step=2e-3, variables=EVERYTHING,
+    )
+    assert again.equals(batch)
+
+
+def test_chambers_that_inflate(awkward):
+    walls = ((0.0, 0.1), (9e4, 0.05), (2e5, 0.02))
+    models = [awkward.with_(inflation_limit=limit, inflation_time=t) for limit, t in walls]
+    pulse = Pulse(4e4, -0.1, 0.3)  # they start at rest under pressure
+    batch = simulate_batch(models, pulse, times=TIMES, step=2e-3, variables=EVERYTHING)
+    check_same(batch, models, [pulse] * 3, step=2e-3)
+
+
+def test_own_pressures_with_and_without_common_edges(paper):
+    same = [Pulse(1e4 * k, 0.1, 0.4) for k in range(1, 11)]
+    check_same(simulate_batch(paper, same, times=TIMES, variables=EVERYTHING), [paper] * 10, same)
+    other = [
+        Pulse(8e4, 0.0317, 0.2), Pulse(8e4, 0.05, 0.3), Chirp(2e4, 5e4, 0.5, 4.0, 0.7), Multisine(1e4, 4e4, (1.0, 3.3)),
+        Trace([0.0, 0.2, 0.6], [0.0, 7e4, 0.0]), *[Pulse(5e4, 0.1 + 1.3e-3 * k) for k in range(6)],
+    ]
+    check_same(simulate_batch(paper, other, times=TIMES, variables=EVERYTHING), [paper] * len(other), other)
+
+
+def test_initial_states(paper):
+    rng = np.random.default_rng(2)
+    q, dq = rng.uniform(-0.2, 0.2, (9, 5)), rng.uniform(-1, 1, (9, 5))
+    batch = simulate_batch(paper, [Pulse(1e4)] * 9, times=TIMES, initial_angle=q, initial_rate=dq, variables=EVERYTHING)
+    for i in (0, 4, 8):
+        alone = simulate(paper, Pulse(1e4), times=TIMES, initial_angle=q[i], initial_rate=dq[i])
+        assert batch["joint_angle"].values[i] == pytest.approx(alone["joint_angle"].values, abs=1e-13)
+        assert batch["joint_rate"].values[i] == pytest.approx(alone["joint_rate"].values, abs=1e-11)
+
+
+def test_more_links_than_a_straight_line_is_written_for(paper):
+    from pliant.actuators import chen2018
+
+    model = chen2018.model(links=10)
+    batch = simulate_batch([model] * 3, Pulse(5e4, 0.1), times=TIMES[:20], variables=EVERYTHING)
+    alone = simulate(model, Pulse(5e4, 0.1), times=TIMES[:20])
+    assert batch["tip_position"].values[2] == pytest.approx(alone["tip_position"].values, abs=1e-13)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_threads_change_no_bit(paper, threads):
+    stiffness = np.linspace(1.2, 2.0, 43)
+    runs = [
+        simulate_batch(paper, Pulse(9e4), parameters={"stiffness": stiffness}, times=TIMES[:10], threads=t)
+        for t in (1, threads)
+    ]
+    assert runs[0].identical(runs[1])
+
+
+def test_a_sample_does_not_feel_its_neighbours(paper):
+    stiffness = np.linspace(1.2, 2.0, 11)
+    whole = simulate_batch(paper, Pulse(9e4), parameters={"stiffness": stiffness}, times=TIMES[:10])
+    alone = simulate_batch(paper, Pulse(9e4), parameters={"stiffness": stiffness[9:10]}, times=TIMES[:10])
+    assert np.array_equal(whole["tip_position"].values[9], alone["tip_position"].values[0])
+
+
+def test_failures_are_told_and_stay_where_they_are(paper):
+    levels = [Pulse(1e4), Pulse(1e9), Pulse(2e4)]
+    with pytest.raises(SimulationError, match=r"1 of 3 samples fail, sample 1 at 0\.0"):
+        simulate_batch(paper, levels, times=TIMES)
+    marked = simulate_batch(paper, levels, times=TIMES, failures="mark")
+    assert marked.attrs["failed_samples"] == 1
+    assert np.isfinite(marked["failed_at"].values).tolist() == [False, True, False]
+    assert np.isnan(marked["tip_position"].values[1]).all()
+    good = simulate(paper, Pulse(2e4), times=TIMES)
+    assert np.array_equal(marked["joint_angle"].values[2], good["joint_angle"].values)
+
+
+def test_models_that_remember(paper):
+    slow = paper.with_(memory=Memory(creep_share=(0.2,), creep_time=(0.3,)))
+    models = [slow.with_(stiffness=k) for k in np.linspace(1.4, 1.7, 9)]
+    batch = simulate_batch(models, Pulse(9e4), times=TIMES, variables=EVERYTHING, threads=2)
+    check_same(batch, models, [Pulse(9e4)] * 9)
+    marked = simulate_batch(models[:3], [Pulse(1e4), Pulse(1e9, 0.1), Pulse(2e4)], times=TIMES, failures="mark")
+    assert np.isfinite(marked["failed_at"].values).tolist() == [False, True, False]
+    assert 0.1 < float(marked["failed_at"][1]) < 0.2
+
+
+def test_first_frequencies_are_those_of_the_modes(awkward, paper):
+    for model in (awkward, paper):
+        models = [model.with_(stiffness=model.stiffness * k) for k in (1.0, 1.2, 2.0)]
+        samples = gather(models, None, 1)
+        found = samples.first_frequency()
+        assert found.max() <= samples.highest_first_frequency() <= 2.0 * found.max()
+        assert found == pytest.approx([modes(m)[0][0] for m in models], rel=1e-10)
+
+
+@pytest.mark.parametrize(("change", "sentence"), [
+    ({"parameters": {"stifness": np.ones(3)}}, "'stifness'"),
+    ({"parameters": {"stiffness": np.ones((3, 4))}}, "shape"),
+    ({"parameters": {"stiffness": np.array([1.0, np.nan])}}, "in 1 of 2 samples it is not"),
+    ({"parameters": {"stiffness": np.array([1.0, -1.0])}}, "positive"),
+    ({"parameters": {"stiffness": np.ones(3), "damping": np.ones(4)}}, "same number of samples"),
+    ({"variables": ("energy",)}, "unknown variable"),
+    ({"device": "tpu"}, "device is 'cpu' or 'gpu'"),
+    ({"step": 0.1}, "too long"),
+    ({"step": -1.0}, "positive"),
+    ({"initial_angle": np.zeros(3)}, "initial states"),
+    ({"failures": "hide"}, "'raise' or 'mark'"),
+])
+def test_refusals(paper, change, sentence):
+    with pytest.raises(InputError, match=sentence):
+        simulate_batch(paper, Pulse(1e4), **{"times": TIMES, **change})
+
+
+def test_models_of_different_chains_are_refused(paper, awkward):
+    with pytest.raises(InputError, match="must share n"):
+        simulate_batch([paper, awkward], Pulse(1e4), times=TIMES)
+
+
+def test_a_batch_beats_the_loop(paper):
+    """Loose on purpose: a busy machine; the benchmark gives the number."""
+    from time import perf_counter
+
+    stiffness = np.linspace(1.3, 2.0, 64)
+    times = np.linspace(0, 2, 20)
+
+    def batch():
+        return simulate_batch(paper, Pulse(9e4), parameters={"stiffness": stiffness}, times=times, threads=1)
+
+    def one():
+        return simulate(paper, Pulse(9e4), times=times)
+
+    def fastest(job, count):
+        took = []
+        for _ in range(count):
+            began = perf_counter()
+            job()
+            took.append(perf_counter() - began)
+        return min(took[1:])
+
+    assert fastest(batch, 6) / 64 < fastest(one, 20) / 2

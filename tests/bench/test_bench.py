@@ -1,0 +1,108 @@
+"""The benchmark measures what it says; its targets are judged by `make bench`, not here."""
+
+from __future__ import annotations
+
+import gc
+import json
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from pliant.bench import realtime
+from pliant.bench.methods import Method, pliant_extrapolated, pliant_midpoint, scipy_methods
+from pliant.bench.problem import TARGET_MM, Problem
+from pliant.bench.race import error_of, to_target
+from pliant.bench.run import NAMES, lines, measure, part, write
+from pliant.cli.bench import bench
+from pliant.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """With LSODA at its tightest for the truth: Radau's takes seconds, and lies 2e-9 mm from it."""
+    made = Problem()
+    made.truth = scipy_methods(made)[0].solve(1e-12)
+    return made
+
+
+def test_the_truth_has_two_sources(problem):
+    fine = pliant_extrapolated(problem).solve(2e-4)
+    assert problem.error_mm(fine) < 1e-6
+    assert problem.error_mm(problem.truth) == 0.0
+
+
+def test_the_midpoint_meets_its_target(problem):
+    row = to_target(problem, pliant_midpoint(problem))
+    assert row["error_mm"] <= TARGET_MM
+    assert 0 < row["ms"] < 1000
+
+
+def test_orders_by_regression(problem):
+    """Two for the rule, four where two runs are extrapolated."""
+    steps = [1e-2 / k for k in (8, 16, 32)]
+    for make, order in ((pliant_midpoint, 2), (pliant_extrapolated, 4)):
+        errors = [problem.error_mm(make(problem).solve(h)) for h in steps]
+        slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+        assert slope == pytest.approx(order, abs=0.3)
+
+
+def test_lsoda_solves_the_same_problem(problem):
+    for method in scipy_methods(problem)[:2]:
+        assert error_of(problem, method, 1e-8) < 1e-3
+
+
+def test_a_method_that_fails_is_never_within(problem):
+    def broken(_setting):
+        raise RuntimeError("no")
+
+    def useless(_setting):
+        return np.full_like(problem.truth, np.nan)
+
+    for solve in (broken, useless):
+        method = Method("broken", [1.0, 2.0], solve)
+        assert error_of(problem, method, 1.0) == np.inf
+        assert to_target(problem, method) is None
+
+
+def test_mujoco_solves_the_same_problem(problem):
+    pytest.importorskip("mujoco", reason="the extra 'bench' is not installed")
+    from pliant.bench.methods import mujoco_methods
+
+    by_name = {m.name: m for m in mujoco_methods(problem)}
+    assert error_of(problem, by_name["MuJoCo RK4"], 4e-4) < 1e-3
+    assert error_of(problem, by_name["MuJoCo implicitfast"], 1e-3) < 0.5
+
+
+def test_real_time_keeps_count_and_leaves_the_collector_on():
+    found = realtime.realtime(0.2)
+    assert gc.isenabled()
+    assert found["realtime_steps"] == 200
+    assert abs(found["realtime_bytes_left"]) < 20_000  # of as many steps: not one byte each
+    assert 0 < found["realtime_median_us"] <= found["realtime_p999_us"] <= found["realtime_worst_us"]
+    assert 0 <= found["realtime_missed_by_the_system"] <= found["realtime_missed"] <= 200
+    with pytest.raises(InputError, match="at least ten steps"):
+        realtime.realtime(0.001)
+
+
+def test_kernels_and_the_file(tmp_path):
+    found = measure(("kernels",))
+    assert {"step_ns", "rhs_ns", "rhs_jacobian_ns", "machine", "pliant"} <= set(found)
+    path = write(found, tmp_path / "results" / "bench.json")
+    assert json.loads(path.read_text(encoding="utf-8"))["step_ns"] == found["step_ns"]
+    assert any(line.startswith("  step_ns") for line in lines(found))
+
+
+def test_unknown_parts_are_refused():
+    with pytest.raises(InputError, match="kernels, experiment, fit, batch, realtime, startup"):
+        part("speed", 1.0)
+    assert NAMES[0] == "kernels"
+
+
+def test_the_command_prints_json():
+    app = typer.Typer()
+    app.command()(bench)
+    done = CliRunner().invoke(app, ["realtime", "--seconds", "0.1", "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout.strip().splitlines()[-1])["realtime_steps"] == 100

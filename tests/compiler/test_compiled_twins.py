@@ -1,0 +1,211 @@
+"""One text, several readings: the compiled twin returns what the plain kernel returns, allocates nothing, and is
+taken from the disk cache until a file that it reaches is edited."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.chains import SIZES, random_chain, random_state, workspace
+
+import pliant
+from pliant.compiler.choose import SOURCES, straight, twin
+from pliant.compiler.twin import callees, rebuild
+from pliant.equations import chain as chain_kernels
+from pliant.equations import coriolis, elastic, energy, inertia, section, velocity
+from pliant.equations.motion import acceleration, acceleration_jacobian, acceleration_recursive, step
+
+SOURCE = Path(pliant.__file__).parent
+
+
+def arrays(rng, n):
+    """Arguments by name: one set for the plain kernel and an equal one for its twin."""
+    chain = random_chain(rng, n)
+    q, dq = random_state(rng, n)
+    phi, w = chain.phi(q), np.cumsum(dq)
+    return chain, q, dq, phi, w
+
+
+def motion_cases(chain, q, dq, phi, w):
+    n, base = chain.n, chain.base_angle
+    system = (chain.body(), chain.joints())
+    matrices = (np.zeros((n, n)), np.zeros((n, n)))
+    links = (chain.l, chain.theta0, chain.m, chain.c, chain.I, chain.m_tip, chain.gx, chain.gy, base)
+    return [
+        (acceleration, (phi, w, base, 0.08, *system, workspace(n), np.zeros(n))),
+        (acceleration_jacobian, (phi, w, base, 0.08, *system, workspace(n), np.zeros(n), *matrices)),
+        (step, (phi, w, base, 1e-3, 0.08, *system, workspace(n))),
+        (acceleration_recursive, (q, dq, chain.torques(q, dq, 0.08), *links, np.zeros(n))),
+    ]
+
+
+def kinematic_cases(chain, q, dq, phi, w):
+    n, l, theta0 = chain.n, chain.l, chain.theta0
+    c, s, body = np.cos(phi), np.sin(phi), chain.body()
+    pose = [np.zeros(shape) for shape in ((n, 2, 2), (n, 2), (n, 2, 2), (n, 2))]
+    return [
+        (section.torque, (1.5, np.array([0.3, 0.2]))),
+        (chain_kernels.forward, (q, theta0, l, *pose)),
+        (chain_kernels.tips, (phi, l, 0.1, 0.2, np.zeros((n, 2)))),
+        (chain_kernels.station, (phi, l, 0.1, 0.2, 0.3, n - 1, 0.01, 0.002, np.zeros(2))),
+        (velocity.body_velocities, (q, dq, theta0, l, np.zeros(n), np.zeros((n, 2)))),
+        (velocity.body_hessian, (q, theta0, l, chain.c, np.zeros((n, 2, n, n)))),
+        (inertia.inertia_absolute, (c, s, body.B, body.I, np.zeros((n, n)))),
+        (coriolis.coriolis_absolute, (c, s, body.B, w, np.zeros((n, n)))),
+        (elastic.gravity_absolute, (c, s, body, np.zeros(n))),
+        (energy.kinetic_energy, (c, s, w, body)),
+        (energy.damping_power, (w, chain.joints())),
+    ]
+
+
+def copied(value):
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return type(value)(*map(copied, value))
+    return value
+
+
+def flat(values):
+    for value in values:
+        if isinstance(value, tuple):
+            yield from flat(value)
+        elif value is not None:
+            yield np.asarray(value)
+
+
+def check_twin(kernel, arguments):
+    plain, compiled = [copied(a) for a in arguments], [copied(a) for a in arguments]
+    results = kernel(*plain), twin(kernel)(*compiled)
+    plain, compiled = list(flat([*plain, results[0]])), list(flat([*compiled, results[1]]))
+    assert len(plain) == len(compiled)
+    for x, y in zip(plain, compiled, strict=True):
+        # LLVM's sine may differ from NumPy's in the last bit; nothing else may
+        np.testing.assert_allclose(y, x, rtol=1e-11, atol=1e-13 * max(1e-9, np.abs(x).max()))
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_twins_of_motion(rng, n):
+    for kernel, arguments in motion_cases(*arrays(rng, n)):
+        check_twin(kernel, arguments)
+
+
+@pytest.mark.slow
+def test_twins_of_everything_else(rng):
+    for kernel, arguments in kinematic_cases(*arrays(rng, 5)):
+        check_twin(kernel, arguments)
+
+
+def many(count, kernel_arguments):
+    for _ in range(count):
+        step(*kernel_arguments)
+
+
+def many_jacobians(count, kernel_arguments):
+    for _ in range(count):
+        acceleration_jacobian(*kernel_arguments)
+
+
+@pytest.mark.parametrize("loop", [many, many_jacobians])
+def test_no_allocation(rng, loop):
+    from numba import njit
+    from numba.core.runtime import _nrt_python, rtsys
+
+    cases = dict(motion_cases(*arrays(rng, 5)))
+    arguments = cases[step if loop is many else acceleration_jacobian]
+    compiled = rebuild(loop, njit)
+    compiled(1, arguments)
+    _nrt_python.memsys_enable_stats()
+    counts = []
+    for count in (1, 1000):
+        before = rtsys.get_allocation_stats()
+        compiled(count, arguments)
+        after = rtsys.get_allocation_stats()
+        counts.append((after.alloc - before.alloc, after.mi_alloc - before.mi_alloc))
+    assert counts[0] == counts[1]
+
+
+def test_callees_are_found_across_files():
+    known = {"joint_torques", "joint_tangents", "ldl_factor", "ldl_solve", "centrifugal"}
+    assert {f.__name__ for f in callees(step)} == known
+
+
+PROBE = """
+import numpy as np
+import pliant
+from oracles.chains import paper_chain, workspace
+from pliant.compiler.choose import twin
+from pliant.compiler.twin import fingerprint
+from pliant.equations.motion import acceleration
+chain = paper_chain()
+a = np.zeros(5)
+compiled = twin(acceleration)
+compiled(np.zeros(5), np.zeros(5), 0.0, 0.08, chain.body(), chain.joints(), workspace(5), a)
+hits, misses = (sum(c.values()) for c in (compiled.stats.cache_hits, compiled.stats.cache_misses))
+print(pliant.__file__, hits, misses, repr(float(a[-1])), fingerprint(acceleration))
+"""
+
+
+def probe(folder):
+    """Run PROBE on the copy of the package in `folder`, in a process of its own."""
+    paths = [str(folder), str(Path(__file__).parents[1])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    file, hits, misses, value, digest = done.stdout.split()
+    assert Path(file).is_relative_to(folder)
+    return int(hits), int(misses), float(value), digest
+
+
+def test_cache_hits_in_a_fresh_process_and_misses_after_an_edit(tmp_path):
+    shutil.copytree(SOURCE, tmp_path / "pliant", ignore=shutil.ignore_patterns("__pycache__"))
+    first = probe(tmp_path)
+    assert first[:2] == (0, 1)
+    assert probe(tmp_path) == (1, 0, *first[2:])
+    callee = tmp_path / "pliant" / "equations" / "elastic.py"
+    text = callee.read_text(encoding="utf-8")
+    callee.write_text(text.replace("joints.gain[i] * torque", "2.0 * joints.gain[i] * torque"), encoding="utf-8")
+    kept = list(callee.parent.glob("__pycache__/*.nb[ci]"))
+    for file in kept:
+        os.utime(file, (0.0, 0.0))
+    hits, misses, value, digest = probe(tmp_path)
+    assert (hits, misses) == (0, 1)
+    assert value == pytest.approx(2 * first[2], rel=1e-12)
+    assert digest != first[3]
+    assert not any("acceleration" in file.name for file in kept if file.exists()), "nobody will look for it"
+
+
+def test_everything_that_machine_code_comes_from_is_in_its_digest():
+    makers = {"choose.py", "trace.py", "llvm.py", "articulated.py", "trig.py"}
+    assert {Path(f).name for f in SOURCES} == makers
+    assert len(SOURCES) == 6, "trig.py is the plain text and its compiled form"
+    assert all(Path(f).is_file() for f in SOURCES)
+
+
+def test_the_order_of_parameters_is_part_of_the_fingerprint(tmp_path):
+    """Numba compiles the places of a NamedTuple's fields: two that trade places must not meet an old twin."""
+    shutil.copytree(SOURCE, tmp_path / "pliant", ignore=shutil.ignore_patterns("__pycache__"))
+    before = probe(tmp_path)
+    symbols = tmp_path / "pliant" / "equations" / "symbols.py"
+    lines = symbols.read_text(encoding="utf-8").splitlines()
+    gain = next(i for i, line in enumerate(lines) if line.startswith("    gain:"))
+    damper = next(i for i, line in enumerate(lines) if line.startswith("    D:"))
+    lines[gain], lines[damper] = lines[damper], lines[gain]
+    symbols.write_text("\n".join(lines), encoding="utf-8")
+    after = probe(tmp_path)
+    assert after[3] != before[3]
+    assert after[:3] == (0, 1, before[2])
+
+
+def test_straight_lines_of_different_length_have_different_names():
+    """Numba links cached code by its qualified name: under one name, a chain of three ran the step of five."""
+    names = {straight(step, n).py_func.__qualname__ for n in (3, 5)}
+    assert len(names) == 2

@@ -1,0 +1,112 @@
+"""Straight-line twins: the same numbers as the loops, for every number of links, real and complex."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from pliant.compiler import trace
+from pliant.compiler.choose import straight, twin
+from pliant.equations import motion
+from pliant.equations.symbols import Body, Joints
+from pliant.numerics.trig import cos_sin
+from pliant.simulation.state import workspace
+
+
+def arguments(rng: np.random.Generator, n: int, kind: type = float) -> dict[str, object]:
+    l = rng.uniform(0.02, 0.05, n)
+    c = rng.uniform(0.3, 1.0, n) * l
+    m = rng.uniform(0.01, 0.02, n)
+    B, h = np.zeros((n, n)), np.zeros(n)
+    from pliant.equations.inertia import body_constants
+
+    body_constants(l, m, c, 0.007, B, h)
+    body = Body(B.astype(kind), (m * l**2 / 12).astype(kind), h.astype(kind), 3.0, -9.0)
+    joints = Joints(*(rng.uniform(0.5, 1.5, n).astype(kind) for _ in Joints._fields))
+    joints = joints._replace(theta0=(0.3 * rng.normal(size=n)).astype(kind), D=joints.D * 0.01)
+    work = type(workspace(n))(*(a.astype(kind) for a in workspace(n)))
+    return {
+        "phi": rng.normal(size=n).astype(kind), "w": (5 * rng.normal(size=n)).astype(kind), "base_angle": 0.2,
+        "h": 2e-3, "torque": 0.08, "body": body, "joints": joints, "work": work,
+        "a": np.zeros(n, kind), "a_phi": np.zeros((n, n), kind), "a_w": np.zeros((n, n), kind),
+    }
+
+
+def call(kernel: object, function: object, given: dict[str, object]) -> None:
+    names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
+    function(*(given[name] for name in names))
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 8])
+@pytest.mark.parametrize("kernel", [motion.step, motion.acceleration_jacobian])
+def test_straight_line_gives_the_numbers_of_the_loops(rng, n, kernel):
+    one = arguments(rng, n)
+    two = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in one.items()}
+    two["work"] = workspace(n)
+    call(kernel, kernel, one)
+    call(kernel, straight(kernel, n), two)
+    for name in ("phi", "w", "a", "a_phi", "a_w"):
+        np.testing.assert_allclose(two[name], one[name], rtol=1e-11, atol=1e-11 * (1 + np.abs(one[name]).max()))
+    if kernel is motion.step:
+        np.testing.assert_allclose(two["work"].a, one["work"].a, rtol=1e-11)
+
+
+def test_straight_line_carries_complex_steps(rng):
+    one = arguments(rng, 3, complex)
+    one["phi"][1] += 1e-30j
+    two = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in one.items()}
+    call(motion.step, motion.step, one)
+    call(motion.step, straight(motion.step, 3), two)
+    assert np.abs(one["phi"].imag).max() > 0
+    np.testing.assert_allclose(two["phi"].imag, one["phi"].imag, rtol=1e-10)
+
+
+def test_march_is_the_same_by_either_twin(rng):
+    from pliant.actuators import chen2018
+    from pliant.simulation import Pulse, march_loops, state
+    from pliant.simulation.drive import drive
+
+    model = chen2018.model()
+    times = np.linspace(0.0, 1.0, 101)
+    plan = drive(model, Pulse(119e3, 0.12), times, 1e-3)
+    found = []
+    for march in (twin(march_loops.march), twin(march_loops.march, model.n)):
+        phi, w = np.zeros((101, 5)), np.zeros((101, 5))
+        start = (np.zeros(5), np.zeros(5))
+        march(*start, 0.0, plan.h, plan.torque, plan.keep, model.body(), model.joints(), state.workspace(5),
+              phi, w, np.zeros((101, 2)))
+        found.append(phi)
+    assert np.abs(found[0]).max() > 0.1
+    np.testing.assert_allclose(found[1], found[0], atol=1e-12)
+
+
+def test_equal_operations_are_written_once_and_dead_ones_not_at_all():
+    made = trace.recording(motion.step, 2)
+    needed = [made.rows[row] for row in made.needed]
+    assert len(set(needed)) == len(needed)
+    assert sum(what == "cos" for what, _ in needed) == 2
+    assert not any("work.A" in what for what, _ in needed)
+    assert {where.partition("[")[0] for where, _ in made.stores} == {"phi", "w", "work.a"}
+
+
+def test_cosine_and_sine_to_the_last_bits(rng):
+    x = np.concatenate([np.linspace(-20, 20, 20001), rng.uniform(-1e5, 1e5, 20000), np.arange(-8, 9) * np.pi / 4])
+    c, s = cos_sin(x)
+    assert max(np.abs(c - np.cos(x)).max(), np.abs(s - np.sin(x)).max()) < 3e-16
+    assert np.isnan(cos_sin(np.nan)).all()
+
+
+def test_straight_line_is_cached_for_a_fresh_process():
+    script = (
+        "from pliant.actuators import chen2018\n"
+        "from pliant.simulation import Pulse, march_loops, simulate\n"
+        "from pliant.compiler.choose import twin\n"
+        "simulate(chen2018.model(), Pulse(1e5), duration=0.1)\n"
+        "print(sum(twin(march_loops.march, 5).stats.cache_hits.values()))\n"
+    )
+    for _ in range(2):
+        out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert int(out.stdout) == 1

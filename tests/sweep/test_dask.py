@@ -1,0 +1,114 @@
+"""A real scheduler and workers on loopback, one of them killed; a scheduler that goes away and comes back."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from pliant.sweep import scheduler
+from pliant.sweep.spec import sweep_from
+from pliant.sweep.sweep import run_sweep
+
+pytest.importorskip("distributed", reason="the extra 'scale' is not installed")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]  # what Dask says of its own is not ours
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def dask(*arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+
+
+class Cluster:
+    """A scheduler and two workers as processes of their own."""
+
+    def __init__(self):
+        self.port = free_port()
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self.processes = []
+        self.scheduler = self.start_scheduler()
+        self.workers = [self.start_worker(), self.start_worker()]
+
+    def start_scheduler(self):
+        process = dask(
+            "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard"
+        )
+        self.processes.append(process)
+        return process
+
+    def start_worker(self):
+        process = dask(
+            "distributed.cli.dask_worker", self.address, "--no-nanny", "--nthreads", "1", "--no-dashboard",
+            "--memory-limit", "0",
+        )
+        self.processes.append(process)
+        return process
+
+    def stop(self):
+        for process in self.processes:
+            if process.poll() is None:
+                process.send_signal(signal.SIGKILL)
+            process.wait()
+
+
+@pytest.fixture
+def cluster():
+    made = Cluster()
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def long_sweep():
+    return sweep_from({
+        "kind": "monte_carlo", "samples": 60, "chunk": 2, "seed": 5, "duration": 30.0, "rate": 5.0, "step": 5e-5,
+        "parameters": {"stiffness": {"mean": 1.6, "std": 0.1}, "level": 5e4},
+    })
+
+
+def test_a_killed_worker_changes_nothing(cluster, long_sweep, paper, tmp_path):
+    whole = run_sweep(long_sweep, paper, tmp_path / "local").samples
+
+    def kill_early(line):
+        if "28 to go" in line:
+            cluster.workers[0].send_signal(signal.SIGKILL)
+
+    result = run_sweep(long_sweep, paper, tmp_path / "dask", scheduler=cluster.address, progress=kill_early)
+    assert cluster.workers[0].poll() is not None
+    assert result.samples.equals(whole)
+    assert result.account.made == 30
+
+
+def test_a_restarted_scheduler_changes_nothing(cluster, long_sweep, paper, tmp_path, monkeypatch):
+    monkeypatch.setattr(scheduler, "CONNECT_S", 60.0)
+    whole = run_sweep(long_sweep, paper, tmp_path / "local").samples
+
+    def restart(line):
+        if "28 to go" in line:
+            for process in cluster.processes:
+                process.send_signal(signal.SIGKILL)
+                process.wait()
+            time.sleep(0.5)
+            cluster.start_scheduler()
+            cluster.start_worker()
+
+    told = []
+    result = run_sweep(
+        long_sweep, paper, tmp_path / "dask", scheduler=cluster.address,
+        progress=lambda line: (told.append(line), restart(line)),
+    )
+    assert result.samples.equals(whole)
+    assert result.account.restarts >= 1
+    assert result.account.made == 30
+    assert "handed out again" in result.account.sentence()

@@ -1,0 +1,229 @@
+"""Sweeps: the same samples whoever works on them, nothing lost, nothing twice, told in the end."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+from concurrent.futures import BrokenExecutor, Executor, Future
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pliant.errors import InputError, PliantError
+from pliant.identification import Parameter, experiment
+from pliant.recording import make_recording
+from pliant.simulation import Pulse, simulate
+from pliant.sweep import scheduler, store, tasks
+from pliant.sweep.spec import fixed, sweep_from, table
+from pliant.sweep.sweep import run_sweep
+
+
+def test_local_runs_give_the_simulations_of_their_parameters(monte_carlo, paper, tmp_path):
+    result = run_sweep(monte_carlo, paper, tmp_path)
+    samples = result.samples
+    assert samples.sizes["sample"] == 22
+    for i in (0, 3, 4, 21):
+        changes = {k: float(samples[f"parameter_{k}"][i]) for k in ("stiffness", "damping")}
+        alone = simulate(paper.with_(**changes), Pulse(5e4), times=samples["time"].values, step=2e-3)
+        assert samples["tip"].values[i] == pytest.approx(alone["tip_position"].values[:, -1], abs=1e-12)
+    assert xr.load_dataset(tmp_path / "samples.nc").equals(samples)
+    summary = result.summary()
+    assert summary["failed_samples"] == 0
+    assert summary["numbers"]["parameter_stiffness"]["median"] == pytest.approx(1.6, abs=0.1)
+    assert "6 chunks: 6 computed, 0 found" in summary["told"]
+
+
+def test_values_depend_on_seed_and_place_alone(monte_carlo):
+    whole = table(monte_carlo, 0, 22)
+    for first in (0, 7, 21):
+        part = table(monte_carlo, first, 22)
+        assert all(np.array_equal(part[k], whole[k][first:]) for k in whole)
+    other = table(monte_carlo.model_copy(update={"seed": 6}), 0, 22)
+    assert not np.array_equal(other["stiffness"], whole["stiffness"])
+    assert fixed(monte_carlo) == {"level": 5e4}
+
+
+def test_a_design_is_every_combination(paper, tmp_path):
+    sweep = sweep_from({
+        "kind": "design", "chunk": 4, "duration": 0.1, "rate": 50.0,
+        "parameters": {"stiffness": {"values": [1.2, 1.6]}, "level": {"low": 1e4, "high": 3e4, "count": 3}},
+    })
+    samples = run_sweep(sweep, paper, tmp_path).samples
+    pairs = list(zip(samples["parameter_stiffness"].values, samples["parameter_level"].values, strict=True))
+    assert pairs == [(k, p) for k in (1.2, 1.6) for p in (1e4, 2e4, 3e4)]
+
+
+def test_it_goes_on_where_it_stopped(monte_carlo, paper, tmp_path):
+    whole = run_sweep(monte_carlo, paper, tmp_path / "whole").samples
+    folder = tmp_path / "parts"
+    run_sweep(monte_carlo, paper, folder)
+    (folder / "chunks" / "chunk_000002.nc").unlink()
+    damaged = folder / "chunks" / "chunk_000004.nc"
+    damaged.write_bytes(damaged.read_bytes()[:1000])
+    again = run_sweep(monte_carlo, paper, folder)
+    assert again.samples.equals(whole)
+    assert (again.account.made, again.account.found) == (2, 4)
+    assert "2 computed, 4 found from before" in again.account.sentence()
+
+
+def test_how_many_samples_make_a_chunk():
+    def together(**table):
+        return sweep_from({"kind": "monte_carlo", "parameters": {"stiffness": {"low": 1, "high": 2}}, **table}).together
+
+    assert [together(samples=n) for n in (3, 10_000, 10_000_000)] == [128, 312, 4096]
+    assert together(samples=10_000, chunk=7) == 7
+    assert sweep_from({"kind": "bootstrap", "samples": 50}).together == 1
+
+
+def test_another_campaign_is_not_mixed_in(monte_carlo, paper, tmp_path):
+    run_sweep(monte_carlo, paper, tmp_path)
+    with pytest.raises(InputError, match="another campaign"):
+        run_sweep(monte_carlo.model_copy(update={"seed": 9}), paper, tmp_path)
+
+
+def kill_once(campaign, chunk):
+    """Work that takes its process down in chunk 3, the first time."""
+    mark = Path(os.environ["PLIANT_TEST_MARK"])
+    if chunk == 3 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return tasks.work(campaign, chunk)
+
+
+@pytest.mark.slow
+def test_processes_and_a_killed_worker_give_the_same_bits(monte_carlo, paper, tmp_path, monkeypatch):
+    whole = run_sweep(monte_carlo, paper, tmp_path / "whole").samples
+    monkeypatch.setenv("PLIANT_TEST_MARK", str(tmp_path / "killed"))
+    monkeypatch.setattr(scheduler, "work", kill_once)
+    told = []
+    broken = run_sweep(
+        monte_carlo, paper, tmp_path / "b", scheduler="processes", workers=2, progress=told.append
+    )
+    assert (tmp_path / "killed").exists()
+    assert broken.samples.equals(whole)
+    assert broken.account.restarts == 1
+    assert "workers broke 1 time" in broken.account.sentence()
+    assert any("handed out again" in line for line in told)
+
+
+class Dying(Executor):
+    """Workers that die of every job."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        future.set_exception(BrokenExecutor("a worker died"))
+        return future
+
+
+def test_workers_that_always_die_end_the_sweep(monte_carlo, paper, tmp_path):
+    with pytest.raises(PliantError, match="without delivering a chunk"):
+        run_sweep(monte_carlo, paper, tmp_path, make_executor=Dying)
+
+
+def test_a_disk_that_takes_no_more_is_told_and_loses_nothing(monte_carlo, paper, tmp_path):
+    """The system itself refuses the fourth file, as a full disk does."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill(line):
+        if line.startswith("chunk 2 written"):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+
+    try:
+        with pytest.raises(PliantError, match=r"cannot write .*chunk_000003\.nc: File too large.*start the same sweep"):
+            run_sweep(monte_carlo, paper, tmp_path / "a", progress=fill)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    names = sorted(p.name for p in (tmp_path / "a" / "chunks").iterdir())
+    assert names == [f"chunk_{k:06d}.nc" for k in range(3)]
+    again = run_sweep(monte_carlo, paper, tmp_path / "a")
+    assert again.account.found == 3
+    assert again.samples.equals(run_sweep(monte_carlo, paper, tmp_path / "whole").samples)
+
+
+def test_failed_samples_are_counted(paper, tmp_path):
+    sweep = sweep_from({
+        "kind": "design", "chunk": 8, "duration": 0.1, "rate": 50.0,
+        "parameters": {"level": {"values": [1e4, 1e9, 2e4]}},
+    })
+    result = run_sweep(sweep, paper, tmp_path)
+    assert result.samples["failed"].values.tolist() == [False, True, False]
+    assert np.isnan(result.samples["tip"].values[1]).all()
+    assert result.summary()["failed_samples"] == 1
+
+
+@pytest.fixture(scope="module")
+def recorded(paper):
+    """A recording of the paper's pulse with noise, and the parameters to fit."""
+    times = np.arange(0, 1.2, 0.01)
+    pulse = Pulse(9e4, 0.1, 0.6)
+    tips = simulate(paper, pulse, times=times, step=1e-3)["tip_position"].values
+    noisy = tips + 2e-4 * np.random.default_rng(4).standard_normal(tips.shape)
+    recording = make_recording(
+        times, noisy, station=[p.name for p in paper.points], frame="planar",
+        pressure_time=np.array([0, 0.0999, 0.1, 0.7, 0.7001, 1.2]),
+        pressure=np.array([0, 0, 9e4, 9e4, 0, 0]), source="test",
+    )
+    return experiment("pulse", recording), [Parameter("stiffness", 1.7), Parameter("damping", 9e-3)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["bootstrap", "multi_start"])
+def test_fits_are_repeated(kind, recorded, paper, tmp_path):
+    record, parameters = recorded
+    sweep = sweep_from({"kind": kind, "samples": 6, "chunk": 2, "seed": 3})
+    options = {"step": 2e-3, "loss": "linear", "weighting": "travel"}
+    given = {"experiments": [record], "parameters": parameters, "fit_options": options}
+    found = run_sweep(sweep, paper, tmp_path, **given).samples
+    assert not found["failed"].any()
+    spread = float(found["parameter_stiffness"].std())
+    assert found["parameter_stiffness"].values == pytest.approx(1.6067, rel=0.01)
+    if kind == "multi_start":
+        assert spread < 1e-3
+    else:
+        assert 1e-6 < spread < 1e-2
+    part = tasks.work(tasks.Campaign(sweep, paper, (record,), tuple(parameters), options, None), 1) \
+        if kind == "multi_start" else None
+    if part is not None:
+        assert np.array_equal(part["parameter_damping"], found["parameter_damping"].values[2:4])
+
+
+@pytest.mark.parametrize(("content", "sentence"), [
+    ({"kind": "monte_carlo", "samples": 3}, "needs parameters"),
+    ({"kind": "monte_carlo", "parameters": {"stiffness": {"low": 1, "high": 2}}}, "needs samples"),
+    ({"kind": "design", "parameters": {"stiffness": {"low": 1, "high": 2}}}, "low, high and count"),
+    ({"kind": "design", "samples": 3, "parameters": {"stiffness": {"values": [1]}}}, "leave samples out"),
+    ({"kind": "bootstrap", "samples": 3, "parameters": {"stiffness": 1}}, "from the fit"),
+    ({"kind": "design", "parameters": {"stiffness": {"low": 2, "high": 1, "count": 3}}}, "not below"),
+    ({"kind": "guess"}, "kind"),
+    ({"kind": "design", "parameters": {"stiffness": {"values": [1]}}, "typo": 1}, "typo"),
+])
+def test_refused_tables(content, sentence):
+    with pytest.raises(InputError, match=sentence):
+        sweep_from(content)
+
+
+def test_refused_before_anything_runs(monte_carlo, paper, tmp_path):
+    with pytest.raises(InputError, match="scheduler is"):
+        run_sweep(monte_carlo, paper, tmp_path, scheduler="cloud")
+    wrong = sweep_from({"kind": "design", "parameters": {"stifness": {"values": [1.0]}}})
+    with pytest.raises(InputError, match="'stifness'"):
+        run_sweep(wrong, paper, tmp_path)
+    with pytest.raises(InputError, match="recordings of a fit"):
+        run_sweep(sweep_from({"kind": "bootstrap", "samples": 2}), paper, tmp_path)
+
+
+def test_a_folder_that_cannot_be_written(monte_carlo, paper, tmp_path):
+    file = tmp_path / "file"
+    file.touch()
+    with pytest.raises(InputError, match="cannot write"):
+        run_sweep(monte_carlo, paper, file)
+
+
+def test_missing_chunks_are_never_papered_over(tmp_path):
+    kept = store.Store(tmp_path, {"a": 1})
+    kept.save(0, 0, {"x": np.arange(2.0)})
+    with pytest.raises(PliantError, match="chunk 1"):
+        kept.combine([(0, 2), (2, 4)])
