@@ -23,7 +23,6 @@ import numpy as np
 from pliant.identification import Experiment, FitResult, Parameter, fit, predict_held_out
 from pliant.model import Model
 from pliant.recording.netcdf import write_netcdf
-from pliant.study.prepare import study_model
 from pliant.study.run import prepare_all
 from pliant.study.schema import Study
 from pliant.testbed import generate
@@ -57,7 +56,7 @@ def recorded(body: str, links: int) -> tuple[dict[str, Experiment], Model]:
             "recordings": {name: {"file": f"{name}.nc"} for name in (*TRAIN, HELD_OUT)},
         })
         ready = prepare_all(study, lambda _line: None)
-        return ready.experiments, study_model(study.actuator, ready.rotation, ready.shape.links)
+        return ready.experiments, ready.model
 
 
 def begun(entry: str | Parameter, before: FitResult | None) -> Parameter:

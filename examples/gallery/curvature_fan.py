@@ -14,7 +14,7 @@ from pliant.study.prepare import planar
 
 def main(path: Path) -> None:
     """Draw the figure into `path`."""
-    body, _ = planar(load_study(demo_study()), "step_240")  # raw fibre points: tip found, cut, aligned
+    body = planar(load_study(demo_study()), "step_240").body  # raw fibre points: tip found, cut, aligned
     kappa = curvature_of(body)
     rest = kappa.sel(time=slice(0.0, 0.4)).mean("time")  # the step comes at 0.5 s
     with style():

@@ -14,7 +14,7 @@ from pliant.study.prepare import planar
 
 def main(path: Path) -> None:
     """Draw the figure into `path`."""
-    body, _ = planar(load_study(demo_study()), "step_240")
+    body = planar(load_study(demo_study()), "step_240").body
     result = pliant.select_order(body, max_order=5, bound_mm=3.0)
     errors = dict(zip(result.orders, result.max_error, strict=True))
     with style():

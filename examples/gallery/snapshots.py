@@ -19,7 +19,7 @@ LINKS, FRAMES = 5, 5
 
 def main(path: Path) -> None:
     """Draw the figure into `path`."""
-    body, _ = planar(load_study(demo_study()), "step_240")
+    body = planar(load_study(demo_study()), "step_240").body
     order = pliant.select_order(body, max_order=LINKS)
     nodes = order.node_arc_length[order.orders.index(LINKS)]
     links = links_of(body, node_arc_length=nodes)

@@ -143,14 +143,14 @@ def trunk(shared_data: Path) -> dict[str, Any]:
     """The hanging trunk, by its linear fit to two of the trials."""
     study = load_study(ROOT / "examples" / "trunk_free_decay.toml")
     file = str(shared_data / "trunk_free_decay" / "observations_manual_decay_200g.csv")
-    recordings = {k: study.recordings[k].model_copy(update={"file": file}) for k in ("t1", "t4", "t11")}
-    linear = study.fits["unknown_mass"].model_copy(update={"train": ["t4", "t11"], "held_out": ["t1"]})
+    recordings = {k: study.recordings[k].model_copy(update={"file": file}) for k in ("t_1", "t_4", "t_11")}
+    linear = study.fits["unknown_mass"].model_copy(update={"train": ["t_4", "t_11"], "held_out": ["t_1"]})
     outcome = run_study(study.model_copy(update={"recordings": recordings, "fits": {"unknown_mass": linear}}))
     return json.loads(json.dumps(outcome.to_dict(), allow_nan=False))
 
 
 def test_a_trunk_released_from_a_hand_is_followed_from_the_pose_it_was_held_in(trunk: dict[str, Any]) -> None:
-    found = trunk["records"]["t1"]
+    found = trunk["records"]["t_1"]
     assert found["role"] == "held_out"
     assert found["rmse_percent_of_travel"] < 4  # 2.1
     assert found["frequency_hz"]["modelled"] == pytest.approx(found["frequency_hz"]["measured"], rel=0.1)

@@ -295,3 +295,35 @@ def test_metrics_come_last_so_that_a_failed_run_shows(tmp_path: Path, monkeypatc
         run(tmp_path, folder=tmp_path / "out")
     assert not (tmp_path / "out" / "metrics.json").exists()
     assert load_model(tmp_path / "out" / "model.json").name == "small"
+
+
+def dense_recording(path: Path, found: bool = True) -> None:
+    """A planar recording of twelve points along a bending body, its base still or, so that nothing is found, not."""
+    from pliant.recording import make_recording
+    from pliant.recording.netcdf import write_netcdf
+
+    time, s = np.arange(0.0, 1.0, 0.01), np.linspace(0.0, 0.12, 12)
+    kappa = 6.0 * np.clip((time - 0.2) / 0.3, 0.0, 1.0)[:, None] + 1e-6
+    place = np.stack([-(1 - np.cos(kappa * s)) / kappa, np.sin(kappa * s) / kappa], axis=2)
+    place += 1e-5 * np.random.default_rng(0).standard_normal(place.shape)
+    if not found:
+        place[:, :, 0] += 4e-3 * np.sin(2 * np.pi * time)[:, None]
+    write_netcdf(make_recording(
+        time, place, station=[f"s{i:02d}" for i in range(12)], frame="planar", arc_length=s,
+        pressure=1e5 * np.clip((time - 0.2) / 0.3, 0.0, 1.0), pressure_time=time,
+    ), path)
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_a_dense_shape_without_a_fibre_has_no_status_of_a_tip(tmp_path: Path, found: bool) -> None:
+    from pliant.study.run import prepare_all
+
+    dense_recording(tmp_path / "dense.nc", found)
+    content = changed("recordings", value={"dense": {"file": "dense.nc"}})
+    content |= {"reduction": {"links": 3}, "alignment": {}}
+    content["fits"]["linear"] |= {"train": ["dense"], "held_out": []}
+    ready = prepare_all(load_study(write_study(tmp_path, content, recordings=False)), lambda _line: None)
+    assert bool(ready.findings["dense"]) == found
+    assert ready.shape is not None
+    assert ready.shape.tip_status == ""
+    assert ready.model.n == 3

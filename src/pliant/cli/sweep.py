@@ -71,8 +71,7 @@ def body_of(study: Study) -> Model:
 
     if study.reduction is None and study.actuator.gravity is None:
         return study_model(study.actuator, None)
-    ready = prepare_all(study, lambda _line: None)
-    return study_model(study.actuator, ready.rotation, ready.shape.links if ready.shape else None)
+    return prepare_all(study, lambda _line: None).model
 
 
 def fitted(study: Study, wanted: Sweep, model: Path | None) -> tuple[Model, dict[str, Any]]:
@@ -81,7 +80,6 @@ def fitted(study: Study, wanted: Sweep, model: Path | None) -> tuple[Model, dict
     from pliant.identification.fit import parameters_from
     from pliant.identification.initial_guess import prepare as prepare_fit
     from pliant.model import load_model
-    from pliant.study.prepare import study_model
     from pliant.study.run import prepare_all
 
     if not study.fits:
@@ -94,9 +92,7 @@ def fitted(study: Study, wanted: Sweep, model: Path | None) -> tuple[Model, dict
         raise InputError(f"[sweep] names the fit {name!r}; the study has {', '.join(study.fits)}")
     entry = study.fits[name]
     ready = prepare_all(study, lambda _line: None)
-    start = load_model(model) if model else study_model(
-        study.actuator, ready.rotation, ready.shape.links if ready.shape else None
-    )
+    start = load_model(model) if model else ready.model
     records = [ready.experiments[r] for r in entry.train]
     ready_model, parameters = prepare_fit(records, start, parameters_from(entry.parameters))
     options = {"step": study.step, "loss": entry.loss, "weighting": entry.weighting}

@@ -160,7 +160,7 @@ def taught(
     model = fitted.model
     seen = simulate(model, candidate.pressure, times=times, step=min(step, interval))["station_position"]
     position = seen.sel(station=list(like.stations)).values
-    nominal = like.excitation == "pulse" and isinstance(candidate.pressure, Pulse)
+    nominal = like.excitation in ("pulse", "step") and isinstance(candidate.pressure, Pulse)
     trace = None if nominal else sampled(candidate)
     exp = Experiment(
         "next", times, position, like.stations, "pulse" if nominal else "trace", trace, level=candidate.level,

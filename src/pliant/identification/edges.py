@@ -1,4 +1,4 @@
-"""When something happened, from the motion alone: a pulse's edges, a release."""
+"""When something happened, from the motion alone: the edges of a pulse or a step, a release."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def displacement(exp: Experiment) -> Array:
 
 
 def edges(exp: Experiment) -> dict[str, float]:
-    """Start and stop of a pulse, or the release, found from the motion of the last station, s.
+    """Start and stop of a pulse, start of a step, or the release, found from the motion of the last station, s.
 
     The start is the last moment at which the point was within 3 % of its travel before it first passed 20 %; the stop
     likewise, seen from the end of the plateau.
@@ -33,8 +33,8 @@ def edges(exp: Experiment) -> dict[str, float]:
     first = int(np.argmax(u > 0.2 * exp.travel))
     still = np.flatnonzero(u[:first] < 0.03 * exp.travel)
     onset = float(t[still[-1]] if still.size else t[0])
-    if exp.excitation == "release":
-        return {"release": onset}
+    if exp.excitation in ("step", "release"):
+        return {"start" if exp.excitation == "step" else "release": onset}
     last = int(u.size - 1 - np.argmax(u[::-1] > 0.5 * exp.travel))
     before = np.flatnonzero(u[:last] > u[last - max(3, u.size // 100) : last].max() * 0.97)
     plateau = float(t[before[-1]]) if before.size else float(t[last])

@@ -20,7 +20,7 @@ from pliant.simulation import Trace
 
 Array = np.ndarray
 HELD_S = 0.05  # s before a release, over which the held pose is a median
-Excitation = Literal["trace", "pulse", "release"]
+Excitation = Literal["trace", "pulse", "step", "release"]
 Held = Literal["unloaded", "measured"]
 AngleReference = Literal["rest", "base", ""]
 
@@ -38,14 +38,14 @@ class Experiment(Shown):
         Observed points in the base frame, m; NaN where a point was not seen.
     stations : tuple of str
         Names of the S points; the model carries points of the same names.
-    excitation : {"trace", "pulse", "release"}
-        A measured pressure; a pressure of known level between unknown edges (parameters ``start`` and ``stop``); or a
-        body held by hand in its unloaded shape, or by a force (``hold_force``), and let go at an unknown time
-        (``release``).
+    excitation : {"trace", "pulse", "step", "release"}
+        A measured pressure; a pressure of known level between unknown edges (parameters ``start`` and ``stop``); one
+        that lasts until the recording ends (``start`` alone); or a body held by hand in its unloaded shape, or by a
+        force (``hold_force``), and let go at an unknown time (``release``).
     pressure : Trace or None
         The measured pressure, Pa.
     level : float
-        The nominal level of a pulse, Pa.
+        The nominal level of a pulse or a step, Pa.
     known : dict
         Parameters of this recording alone whose values are known, such as the tip_mass that it carried.
     angle : array (T, S) or None
@@ -93,8 +93,10 @@ class Experiment(Shown):
             )
         if (self.excitation == "trace") != (self.pressure is not None):
             raise InputError(f"experiment {self.name}: excitation 'trace', and it alone, goes with a measured pressure")
-        if self.excitation == "pulse" and not self.level > 0:
-            raise InputError(f"experiment {self.name}: a pulse needs its nominal level in Pa, got {self.level}")
+        if self.excitation in ("pulse", "step") and not self.level > 0:
+            raise InputError(
+                f"experiment {self.name}: a {self.excitation} needs its nominal level in Pa, got {self.level}"
+            )
         for k, station in enumerate(self.stations):
             if np.isfinite(self.position[:, k]).all(axis=1).sum() < 10:
                 raise InputError(f"experiment {self.name}: station {station!r} was seen in fewer than 10 frames")
@@ -107,8 +109,9 @@ class Experiment(Shown):
 
     def card(self) -> Card:
         """What was done and how much was seen."""
-        pulse = f"a pulse of {self.level / 1e3:.4g} kPa"
-        done = {"trace": "a measured pressure", "pulse": pulse, "release": "a release"}
+        level = f"{self.level / 1e3:.4g} kPa"
+        done = {"trace": "a measured pressure", "pulse": f"a pulse of {level}", "step": f"a step to {level}",
+                "release": "a release"}  # fmt: skip
         seen = f"{self.time.size} frames of {', '.join(self.stations)} over {np.ptp(self.time):.3g} s"
         return Card(f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, travel {1e3 * self.travel:.3g} mm")
 
@@ -120,7 +123,7 @@ class Experiment(Shown):
     @property
     def own_parameters(self) -> tuple[str, ...]:
         """Names of the parameters that belong to this recording alone and cannot be carried to another."""
-        names = {"trace": (), "pulse": ("start", "stop"), "release": ("release",)}[self.excitation]
+        names = {"trace": (), "pulse": ("start", "stop"), "step": ("start",), "release": ("release",)}[self.excitation]
         return tuple(f"{self.name}.{n}" for n in names)
 
 
@@ -160,7 +163,7 @@ def experiment(
         Schema of `pliant.recording.schema`, frame "planar".
     stations : tuple of str, optional
         Which to use, in order; the last one is the tip. Default: all.
-    excitation : {"trace", "pulse", "release"}, optional
+    excitation : {"trace", "pulse", "step", "release"}, optional
         Default: "trace" when the recording has a measured pressure, "pulse" when it has a nominal one.
     noise : dict, optional
         Standard deviation of coordinates by station, m, where it is known.

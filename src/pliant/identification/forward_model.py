@@ -161,7 +161,8 @@ def planned(model: Model, exp: Experiment, own: Mapping[str, float], step: float
         if exp.pressure is not None:
             pressure = Trace(exp.pressure.time + start, exp.pressure.pressure)
         else:
-            pressure = Pulse(exp.level, start, max(stop - start, 1e-6))
+            width = np.inf if exp.excitation == "step" else max(stop - start, 1e-6)
+            pressure = Pulse(exp.level, start, width)
         plans[key] = drive(model, pressure, exp.time, step)
     return plans[key]
 

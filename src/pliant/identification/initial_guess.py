@@ -26,15 +26,20 @@ DEFAULTS = {
 
 
 def free_decay(exp: Experiment) -> RingDown | None:
-    """The ring-down after the pulse or the release, along the main direction of the last station's motion."""
-    edge = edges(exp)
-    after = edge.get("stop", edge.get("release", last_jump(exp)))
+    """The ring-down after the last edge or the release, along the main direction of the last station's motion."""
+    after = last_edge(exp)
     keep = (exp.time > after + 0.03) & np.isfinite(exp.last_station).all(axis=1)
     if keep.sum() < 16:
         return None
     p = exp.last_station[keep]
     direction = np.linalg.svd(p - p.mean(axis=0), full_matrices=False)[2][0]
     return ring_down(exp.time[keep], p @ direction)
+
+
+def last_edge(exp: Experiment) -> float:
+    """When the pressure last changed, or the body was let go, s."""
+    found = edges(exp)
+    return max(found.values()) if found else last_jump(exp)
 
 
 def last_jump(exp: Experiment) -> float:
@@ -125,7 +130,7 @@ def plateau(exp: Experiment) -> tuple[float, float]:
     """Pressure [Pa] and displacement of the last station [m] where the pressure was highest for long."""
     u = displacement(exp)
     if exp.pressure is None:
-        stop = edges(exp)["stop"]
+        stop = edges(exp).get("stop", float(exp.time[-1]))
         level = exp.level
         window = (exp.time > stop - 0.2) & (exp.time < stop)
     else:

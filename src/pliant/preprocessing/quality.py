@@ -134,6 +134,15 @@ def quality(ds: xr.Dataset) -> Quality:
     return Quality(**found, findings=(*_sentences(result), *_unit_sentences(ds, result)))
 
 
+def standing_stations(ds: xr.Dataset) -> tuple[str, ...]:
+    """Stations that stand still while others move, as `quality` finds them, without the rest of its work."""
+    position = ds["position"].values
+    repeated = detectors.repeated_frames(position, ds["quaternion"].values if "quaternion" in ds else None)
+    fresh = position[~repeated] if repeated.any() else position
+    noise, spread = (by_blocks(f, fresh) for f in (detectors.noise_level, detectors.spread))
+    return _standing([str(n) for n in ds["station"].values], spread, noise)
+
+
 def _clock(time: np.ndarray) -> dict[str, Any]:
     found: dict[str, Any] = {"frames": len(time), "duration_s": float(time[-1] - time[0])}
     if len(time) < 2:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pliant.identification.design import Design, design
-from pliant.study.prepare import study_model, without
+from pliant.study.prepare import without
 from pliant.study.run import ladder_fit, prepare_all, run_fit, run_ladder
 from pliant.study.schema import Study
 
@@ -31,7 +31,7 @@ def design_study(
     tell = progress or (lambda _line: None)
     ready = prepare_all(study, tell)
     study = without(study, ready.dropped)
-    model = study_model(study.actuator, ready.rotation, ready.shape.links if ready.shape else None)
+    model = ready.model
     climbed = run_ladder(study, ready.experiments, model, tell)
     if climbed is not None:
         fitted = ladder_fit(study, climbed, ready.experiments, tell)

@@ -203,9 +203,11 @@ def recording(out: Lines, look: Look, folder: Path, level: float | None) -> None
         out.put("excitation", "release", "no pressure, and the body does not return: read as held and let go"
                 + (f" ({when})" if when else ""))
         out.say('if a pressure moved it after all: nominal_pressure = 20.0 and pressure_unit = "kPa" instead')
-    elif kind == "pulse":
-        out.say("the pressure was not recorded: a pulse of one level, its edges found from the motion and fitted"
-                + (f" ({when})" if when else ""))
+    elif kind in ("pulse", "step"):
+        edges = "a pulse of one level, its edges" if kind == "pulse" else "a step to one level, its start"
+        out.say(f"the pressure was not recorded: {edges} found from the motion and fitted{f' ({when})' if when else ''}")
+        if kind == "step":
+            out.put("excitation", "step", "the body does not return: the end of the pulse was not recorded")
         value, said = (level, "as you stated") if level is not None else (look.highest_pa, "read off the file's name")
         out.ask("nominal_pressure", f"kPa gauge, the level of the pulse in {look.path.name}",
                 None if value is None else value / 1e3, said)
@@ -237,8 +239,10 @@ def free_parameters(looks: Sequence[Look], held: str | None) -> list[tuple[str, 
         free += [("torque_2", "N m/Pa^2, seen because more than one level is trained on")] if len(levels) > 1 else []
     if "trace" in kinds:
         free += [("start", "s, the clock of the pressure against that of the shape")]
+    if kinds & {"pulse", "step"}:
+        free += [("valve_rise", "s, time constant of the pressure")]
     if "pulse" in kinds:
-        free += [("valve_rise", "s, time constant of the pressure"), ("valve_fall", "s")]
+        free += [("valve_fall", "s")]
     if not first.dense and first.ds.attrs["frame"] != "planar" and kinds != {"release"}:
         tip = (list(first.stations) or [str(s) for s in first.ds["station"].values])[-1]
         free += [("base_angle", "rad, error of the tangent"), (f"{tip}.along", "m, where the last station sits"),

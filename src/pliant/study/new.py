@@ -213,15 +213,17 @@ def body_length(look: Look) -> float | None:
 
 
 def excitation(look: Look) -> Excitation:
-    """"trace", "pulse" or "release", as far as the file shows it."""
+    """"trace", "pulse", "step" or "release", as far as the file shows it."""
     if "pressure" in look.ds:
         return "trace"
-    if look.aligned is None or look.highest_pa is not None:
+    if look.aligned is None:
         return "pulse"
     p = look.aligned["position"].values[:, -1]
     u = np.linalg.norm(p - np.nanmedian(p[:5], axis=0), axis=-1)
     end = np.nanmedian(u[-max(5, len(u) // 20):])
-    return "pulse" if end < RETURNED * np.nanmax(u) else "release"
+    if end < RETURNED * np.nanmax(u):
+        return "pulse"
+    return "release" if look.highest_pa is None else "step"
 
 
 def held_out(looks: Sequence[Look]) -> str | None:

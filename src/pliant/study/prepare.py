@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -17,7 +17,7 @@ from pliant.identification import Experiment, experiment
 from pliant.model import Model, chain_model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.clusters import assemble
-from pliant.preprocessing.quality import LEAST_PRESSURE, quality
+from pliant.preprocessing.quality import LEAST_PRESSURE, quality, standing_stations
 from pliant.recording import read
 from pliant.reduction import Links
 from pliant.study.dense import body_of_fibre
@@ -53,22 +53,30 @@ def check_pressure_unit(name: str, ds: xr.Dataset) -> None:
             )
 
 
-def planar(study: Study, name: str) -> tuple[xr.Dataset, tuple[str, ...]]:
-    """One aligned recording, and what reading and aligning it found."""
+class Aligned(NamedTuple):
+    """One recording in the base frame."""
+
+    body: xr.Dataset
+    findings: tuple[str, ...]  # of reading and aligning it
+    tip: str = ""  # how the tip of a fibre was found; empty where stations are markers
+
+
+def planar(study: Study, name: str) -> Aligned:
+    """One recording of the study, read and aligned."""
     entry = study.recordings[name]
     raw = load_recording(study, name)
     found = [str(line) for line in quality(raw).findings]
     if study.fibre is not None:
         body, tip = body_of_fibre(raw, study.fibre)
-        return body, (*found, tip)
+        return Aligned(body, (*found, tip), tip)
     if raw.attrs.get("frame") == "planar":
-        return raw, tuple(found)
+        return Aligned(raw, tuple(found))
     alignment = combined(study.alignment, entry.alignment)
     ds = assemble(raw, alignment.stations) if alignment.stations else raw
     before = len(str(raw.attrs.get("history", "")).splitlines())
     ds = align(ds, **checked_options(alignment))
     found += str(ds.attrs.get("history", "")).splitlines()[before:]
-    return ds, tuple(found)
+    return Aligned(ds, tuple(found))
 
 
 def combined(shared: Alignment, own: Alignment | None) -> Alignment:
@@ -103,7 +111,7 @@ def study_experiment(study: Study, name: str, ds: xr.Dataset) -> Experiment:
 def moving_stations(name: str, ds: xr.Dataset, base: str) -> list[str]:
     """Every station but the base; refused when another one of a few stands still too, for it may be the base."""
     stations = [str(s) for s in ds.station.values if str(s) != base]
-    still = [s for s in quality(ds).standing if s in stations]
+    still = [s for s in standing_stations(ds) if s in stations]
     if still and len(still) < len(stations) < DENSE_STATIONS:
         raise InputError(
             f"recording {name}: {', '.join(still)} stands still beside the base {base!r}; name the base in "

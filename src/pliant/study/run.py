@@ -73,7 +73,7 @@ def run_study(study: Study, folder: str | Path | None = None, *, progress: Tell 
     study = without(study, ready.dropped)
     check_forecasts(study, ready.experiments)
     prepared = clock.perf_counter()
-    model = study_model(study.actuator, ready.rotation, ready.shape.links if ready.shape else None)
+    model = ready.model
     climbed = run_ladder(study, ready.experiments, model, tell)
     fits = [ladder_fit(study, climbed, ready.experiments, tell)] if climbed else []
     fits += [run_fit(study, name, entry, ready.experiments, model, tell) for name, entry in study.fits.items()]
@@ -108,9 +108,9 @@ class Prepared(NamedTuple):
     """The recordings of a study, ready for fits."""
 
     experiments: dict[str, Experiment]
+    model: Model  # as the study's actuator says, laid through the shape that decides the chain
     findings: dict[str, tuple[str, ...]]
     provenance: dict[str, str]
-    rotation: np.ndarray | None  # (3, 3), tracker to base frame, of the first aligned recording
     shape: Shape | None  # of the recording that decides the chain, where shapes are dense
     dropped: Mapping[str, str]  # recordings that tell nothing, with the sentence that says why
 
@@ -121,11 +121,11 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
     shape = None
     if study.reduction:
         name = study.reduction.recording or next(iter(aligned))
-        shape = shape_of(name, aligned[name][0], aligned[name][1][-1], study.reduction)
+        shape = shape_of(name, aligned[name].body, aligned[name].tip, study.reduction)
         tell(f"order from {name}: {shape.order.reason} The chain has {shape.links.n} links.")
     experiments, provenance = {}, {}
     rotation = None
-    for name, (ds, _) in aligned.items():
+    for name, (ds, _, _) in aligned.items():
         reduced = link_experiment(study, name, ds, shape.links) if shape else study_experiment(study, name, ds)
         experiments[name] = reduced
         digest = ds.attrs.get("source_sha256", "")
@@ -133,12 +133,12 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
         if rotation is None and "alignment" in ds.attrs:
             rotation = np.array(alignment_of(ds).rotation)
         tell(f"prepared {name}: {reduced.time.size} frames, travel {1e3 * reduced.travel:.3g} mm")
-    length = study_model(study.actuator, rotation, shape.links if shape else None).length
-    dropped = hardly_moved(experiments, length)
+    model = study_model(study.actuator, rotation, shape.links if shape else None)
+    dropped = hardly_moved(experiments, model.length)
     for line in dropped.values():
         tell(line)
-    findings = {n: (*found, *([dropped[n]] if n in dropped else [])) for n, (_, found) in aligned.items()}
-    return Prepared(experiments, findings, provenance, rotation, shape, dropped)
+    findings = {n: (*found, *([dropped[n]] if n in dropped else [])) for n, (_, found, _) in aligned.items()}
+    return Prepared(experiments, model, findings, provenance, shape, dropped)
 
 
 def run_fit(
@@ -200,8 +200,10 @@ def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None
     """Refuse a level for a case that is like a recording without one."""
     for name, entry in study.forecasts.items():
         excitation = experiments[entry.like].excitation
-        if entry.level is not None and excitation != "pulse":
-            raise InputError(f"forecast {name}: a level goes with a pulse, but {entry.like!r} is a {excitation}")
+        if entry.level is not None and excitation not in ("pulse", "step"):
+            raise InputError(
+                f"forecast {name}: a level goes with a pulse or a step, but {entry.like!r} is a {excitation}"
+            )
 
 
 def run_forecast(

@@ -11,8 +11,10 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pliant.errors import InputError, explain_validation
+from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.study.questions import refuse_open
+from pliant.study.shorthand import written_out
 from pliant.sweep.spec import Sweep
 
 Weighting = Literal["travel", "metre", "noise"]
@@ -76,12 +78,12 @@ class Reduction(Entry):
 
 
 class Recording(Entry):
-    """One recording."""
+    """One recording; `shorthand` tells of defaults and of many trials in one file."""
 
     file: str
     mapping: dict[str, Any] | None = None
     format: str | None = None
-    excitation: Literal["trace", "pulse", "release"] | None = None
+    excitation: Excitation | None = None
     held: Literal["unloaded", "measured"] = "unloaded"  # where a body that is let go was held before
     nominal_pressure: float | None = None
     pressure_unit: str = "Pa"  # of nominal_pressure
@@ -94,7 +96,7 @@ class Recording(Entry):
 
 
 class Fit(Entry):
-    """One fit: what is free, what it learns from, what it must predict."""
+    """One fit: what is free, what it learns from, what it must predict; `shorthand` tells of `like` and `without`."""
 
     title: str = ""
     train: list[str]
@@ -183,7 +185,7 @@ def load_study(path: str | Path) -> Study:
         raise InputError(f"study {path} is not valid {'JSON' if path.suffix == '.json' else 'TOML'}: {error}") from None
     try:
         refuse_open(content, path)
-        study = Study.model_validate(content)
+        study = Study.model_validate(written_out(content, path))
     except ValidationError as error:
         raise explain_validation(error, f"study {path}") from None
     check_names(study, path)

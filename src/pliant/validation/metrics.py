@@ -8,7 +8,7 @@ import numpy as np
 
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
-from pliant.identification.initial_guess import last_jump
+from pliant.identification.initial_guess import last_edge
 from pliant.numerics.ringdown import ring_down
 from pliant.validation.extension import extension
 
@@ -65,9 +65,7 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
     seen = np.isfinite(path).all(axis=1)
     t, p = exp.time[seen], path[seen]
     u = np.linalg.norm(p - np.median(p[:5], axis=0), axis=1)
-    edge = edges(exp)
-    after = edge.get("stop", edge.get("release", last_jump(exp)))
-    late = t > after + 0.03
+    late = t > last_edge(exp) + 0.03
     ring = None
     if late.sum() >= 16:
         direction = np.linalg.svd(p[late] - p[late].mean(axis=0), full_matrices=False)[2][0]
@@ -92,9 +90,9 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
 
 def on_window(exp: Experiment, t: Array) -> Array | None:
     """Which of the times `t` lie in the pressure's plateau; None when there is none."""
-    if exp.excitation == "pulse":
+    if exp.excitation in ("pulse", "step"):
         edge = edges(exp)
-        return (t > edge["start"]) & (t < edge["stop"])
+        return (t > edge["start"]) & (t < edge.get("stop", np.inf))
     if exp.pressure is None:
         return None
     p = exp.pressure(t)
