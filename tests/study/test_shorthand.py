@@ -1,4 +1,4 @@
-"""What a study file need not say twice comes out as the full study; what cannot be written out is told in a sentence."""
+"""What a study file need not say twice comes out as the full study; what cannot be written out is told."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "select by parts": (many(select={"column": "ID", "values": [0.5]}), "by whole numbers"),
     "select twice": (many(select={"column": "ID", "values": [1, 1]}), "selects a trial twice"),
     "defaults select": (changed("recordings", defaults={"select": TRIALS["select"]}), "[recordings.defaults] selects"),
-    "a typo in the defaults": (changed("recordings", defaults={"fil": "a"}), "'recordings.low.fil' is not a known entry"),
+    "a typo in the defaults": (changed("recordings", defaults={"fil": "a"}), "'recordings.low.fil' is not a known"),
     "a typo in the trials": (many(hold="measured"), "'recordings.many_1.hold' is not a known entry"),
     "an unknown trial": (
         {**many(), "fits": {"f": {"train": ["many_3"], "parameters": {}}}}, "uses recording 'many_3'; listed are low",

@@ -205,7 +205,8 @@ def recording(out: Lines, look: Look, folder: Path, level: float | None) -> None
         out.say('if a pressure moved it after all: nominal_pressure = 20.0 and pressure_unit = "kPa" instead')
     elif kind in ("pulse", "step"):
         edges = "a pulse of one level, its edges" if kind == "pulse" else "a step to one level, its start"
-        out.say(f"the pressure was not recorded: {edges} found from the motion and fitted{f' ({when})' if when else ''}")
+        out.say(f"the pressure was not recorded: {edges} found from the motion and fitted"
+                + (f" ({when})" if when else ""))
         if kind == "step":
             out.put("excitation", "step", "the body does not return: the end of the pulse was not recorded")
         value, said = (level, "as you stated") if level is not None else (look.highest_pa, "read off the file's name")

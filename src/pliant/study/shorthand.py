@@ -95,7 +95,7 @@ def ungrouped(fit: Mapping[str, Any], groups: Mapping[str, list[str]]) -> Table:
 
 
 def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: Path) -> Table:
-    """A fit in full: that which it is `like`, overruled by its own entries, less the parameters that it is `without`."""
+    """A fit in full: the one that it is `like`, overruled by its own entries, less the parameters it is `without`."""
     own = {key: value for key, value in fits[name].items() if key not in ("like", "without")}
     like, without = fits[name].get("like"), fits[name].get("without", [])
     if like is not None:
