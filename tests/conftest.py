@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-# Numba's cache is no place for two processes that compile at once, and does not see edits in a callee's file.
-KERNELS = sorted((ROOT / "src" / "pliant" / "testbed").rglob("*.py"))
-STAMP = hashlib.sha256(b"".join(path.read_bytes() for path in KERNELS)).hexdigest()[:12]
-WORKER = os.environ.get("PYTEST_XDIST_WORKER", "alone")
-os.environ["NUMBA_CACHE_DIR"] = str(ROOT / ".pytest_cache" / "numba" / f"{STAMP}-{WORKER}")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: small matrices, and tests share the cores
 
 import numpy as np  # noqa: E402

@@ -80,7 +80,7 @@ def test_no_allocation(rng):
 
     chain, phi, w = start(rng, 9)
     arguments = (phi, w, chain.base_angle, 1e-4, 0.02, chain.body(), chain.joints(), workspace(9))
-    compiled = rebuild(many, njit)
+    compiled = rebuild(many, njit, {"step_articulated": twin(step_articulated)})
     compiled(1, arguments)
     _nrt_python.memsys_enable_stats()
     counts = []

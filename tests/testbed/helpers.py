@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import eigh
 
+from pliant.compiler.choose import twin
 from pliant.testbed.memory import prony_decay
 from pliant.testbed.rod import build_body
 from pliant.testbed.rod.body import material_fields
@@ -20,7 +21,8 @@ def gradient_and_hessian(p, x, load, state=None, obstacles=NO_OBSTACLE):
     state = state or rest_state(body)
     work = _work(x.shape[0], body.weight.size)
     clock = _clock(1e6, static=True)
-    assert gather(x, np.array(load, float), body, obstacles, state, clock, prony_decay(body.prony_time, 1e6), 1.0, work)
+    decay = prony_decay(body.prony_time, 1e6)
+    assert twin(gather)(x, np.array(load, float), body, obstacles, state, clock, decay, 1.0, work)
     n = work.gradient.size
     dense = np.zeros((n, n))
     for d in range(6):

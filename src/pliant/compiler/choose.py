@@ -22,7 +22,7 @@ JACOBIAN_LINKS = 8  # so does the Jacobian of a step
 STRAIGHT_SOURCES = (
     trace.__file__, str(Path(__file__).with_name("llvm.py")), str(Path(__file__).with_name("trig.py")), trig.__file__,
 )
-SOURCES = (__file__, articulated.__file__, *STRAIGHT_SOURCES)  # of a twin, beside the kernels that it reaches
+SOURCES = (__file__, articulated.__file__, *STRAIGHT_SOURCES)  # of a twin whose steps are made here
 
 
 @cache
@@ -34,9 +34,9 @@ def twin(kernel: FunctionType, links: int | None = None) -> Any:
     fast = substitutes(kernel, links) if links else {}
     if kernel in fast:
         return fast[kernel]
-    if links and not fast:
-        return twin(kernel)
-    return compiled_twin(kernel, f"{links}" if fast else "n", fast, SOURCES)
+    if fast:
+        return compiled_twin(kernel, f"{links}", lambda callee: twin(callee, links), SOURCES)
+    return twin(kernel) if links else compiled_twin(kernel, "n", twin, ())
 
 
 @cache

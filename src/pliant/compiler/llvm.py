@@ -11,15 +11,15 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any
 
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.core.extending import intrinsic
 from numba.core.typing.templates import signature
 from numba.np.arrayobj import make_array
 
+from pliant.compiler.cache import kept
 from pliant.compiler.trace import Mark, Recording
 from pliant.compiler.trig import pair
-from pliant.compiler.twin import options, swept
 
 OPERATORS = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}
 FLOATS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
@@ -122,7 +122,7 @@ def compiled(name: str, recorded: Callable[[], Recording]) -> Any:
     copy = FunctionType(_run.__code__, {"run": run}, name)
     copy.__qualname__ = name  # Numba links by it: of two twins from its cache, one would run the other's code
     copy.__module__ = __name__
-    return swept(njit(**options(copy))(copy))
+    return kept(copy, _nrt=False)
 
 
 def _run(*arguments):

@@ -14,17 +14,25 @@ from types import FunctionType
 from typing import Any
 
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
-from numba import njit, types
+from llvmlite import ir
+from numba import types
 from numba.core import cgutils
-from numba.core.extending import intrinsic, lower_builtin, lower_cast, models, overload, register_model
+from numba.core.extending import (
+    intrinsic,
+    lower_builtin,
+    lower_cast,
+    models,
+    overload,
+    register_jitable,
+    register_model,
+)
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.np.arrayobj import populate_array
 
 from pliant.compiler import choose, trig
-from pliant.compiler.twin import fingerprint, options, rebuild, swept
+from pliant.compiler.twin import compiled_twin
 
 WIDTH = 8  # one AVX-512 register of doubles; LLVM splits it where registers are shorter
 _ALIGN = 8 * WIDTH  # bytes
@@ -108,7 +116,7 @@ def _unary(name: str) -> Any:
 
 
 _floor, _rint = _unary("floor"), _unary("rint")
-_cos_sin = trig.cos_sin
+_cos_sin = register_jitable(trig.pair)
 
 
 @overload(np.floor)
@@ -176,10 +184,7 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
 def lane_twin(kernel: FunctionType, links: int) -> Any:
     """The compiled twin of a kernel on lanes: as `choose.twin`, and it lets other threads run."""
     fast = choose.substitutes(kernel, links)
-    digest = fingerprint(kernel, __file__, *choose.SOURCES)
-
-    def wrap(copy: FunctionType) -> Any:
-        copy.__qualname__ = f"{copy.__qualname__}_{links if fast else 'n'}_{digest}"
-        return njit(**options(kernel), nogil=True)(copy)
-
-    return swept(rebuild(kernel, wrap, {k.__name__: made for k, made in fast.items()}))
+    if kernel in fast:
+        return fast[kernel]
+    tag, sources = (f"{links}", choose.SOURCES) if fast else ("n", ())
+    return compiled_twin(kernel, tag, lambda callee: lane_twin(callee, links), (__file__, *sources), nogil=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.extending import overload, register_jitable
 
 from pliant.numerics import trig
@@ -32,10 +32,4 @@ def _choose(x):
 
 def pair(x):
     """(cos x, sin x) of an angle of any kind, for `compile_internal`."""
-    return _pair(x)
-
-
-@njit(cache=True)
-def cos_sin(x):
-    """(cos x, sin x) of a real or complex angle."""
     return _pair(x)

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from contextlib import suppress
+from dis import get_instructions
+from functools import cache
 from pathlib import Path
-from time import time
-from types import FunctionType
-from typing import Any
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, TypeGuard
 
 Kernel = Callable[..., Any]
 ALLOCATORS = {"zeros", "empty"}
@@ -44,7 +44,12 @@ def rebuild(kernel: FunctionType, wrap: Kernel, names: dict[str, Any] | None = N
 def callees(kernel: FunctionType) -> list[FunctionType]:
     """The pliant kernels that `kernel` calls by their global names."""
     found = (kernel.__globals__.get(name) for name in kernel.__code__.co_names)
-    return [f for f in found if isinstance(f, FunctionType) and f.__module__.startswith("pliant.")]
+    return [f for f in found if is_kernel(f)]
+
+
+def is_kernel(value: Any) -> TypeGuard[FunctionType]:
+    """Whether something is a plain function of this package."""
+    return isinstance(value, FunctionType) and value.__module__.startswith("pliant.")
 
 
 def reached(kernel: FunctionType) -> set[FunctionType]:
@@ -60,51 +65,83 @@ def reached(kernel: FunctionType) -> set[FunctionType]:
 
 
 def options(kernel: FunctionType) -> dict[str, Any]:
-    """How Numba compiles a kernel: cached, and without counting references to arrays unless it makes some.
+    """How Numba compiles a kernel: without counting references to arrays unless it makes some.
 
     Where the caller owns every array the counting is idle, and with many arrays it takes longer than the mathematics.
     """
-    makes = any(ALLOCATORS & set(function.__code__.co_names) for function in reached(kernel))
-    return {"cache": True, "_nrt": makes}
+    return {"_nrt": any(map(makes_arrays, reached(kernel)))}
 
 
-def fingerprint(kernel: FunctionType, *more: str) -> str:
-    """Digest of every source file that `kernel` reaches, of the parameter records beside them, and of `more` files.
+@cache
+def makes_arrays(kernel: FunctionType) -> bool:
+    """Whether a kernel allocates an array or takes a part of one."""
+    parts = any("SLICE" in step.opname or isinstance(step.argval, slice) for step in get_instructions(kernel))
+    return parts or bool(ALLOCATORS & set(kernel.__code__.co_names))
 
-    Numba's cache sees only the kernel's own file; an edit in a callee's file must miss the cache too, and so must a
-    NamedTuple whose fields trade places: compiled code knows them by their place.
+
+def fingerprint(kernel: FunctionType, *sources: str) -> str:
+    """Digest of all that the machine code of `kernel` comes from.
+
+    The texts that it reaches, what they take from around them, and the files `sources` of those who rewrite them.
+
+    Of the texts it takes what this process runs, not what may meanwhile stand in their files.
     """
-    files = {__file__, *more, *(function.__code__.co_filename for function in reached(kernel))}
-    for folder in {Path(f).parent for f in files}:
-        files |= {str(f) for f in folder.glob("*.py") if "(NamedTuple)" in f.read_text(encoding="utf-8")}
-    return hashlib.sha256(b"".join(Path(f).read_bytes() for f in sorted(files))).hexdigest()[:12]
+    found = sorted(reached(kernel), key=lambda f: (f.__module__, f.__qualname__))
+    texts = repr([(f.__module__, f.__qualname__, contents(f.__code__), f.__defaults__, frozen(f)) for f in found])
+    return hashlib.sha256(b"".join([texts.encode(), *map(bytes_of, sorted(sources))])).hexdigest()[:12]
 
 
-def compiled_twin(kernel: FunctionType, tag: str, fast: dict[Any, Any], sources: tuple[str, ...]) -> Any:
-    """The compiled twin of a plain kernel (Numba, nopython, cache on, fastmath off).
+@cache
+def bytes_of(file: str) -> bytes:
+    """A source file, read once: what is edited later is not what this process runs."""
+    return Path(file).read_bytes()
 
-    `fast` holds compiled stand-ins for kernels that it calls, `sources` the files that made them; `tag` tells twins of
-    one kernel apart.
+
+def contents(code: CodeType) -> tuple[Any, ...]:
+    """What a text does, without where it stands."""
+    constants = [contents(c) if isinstance(c, CodeType) else stable(c) for c in code.co_consts]
+    names = (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
+    return (code.co_code, code.co_flags, code.co_argcount, code.co_kwonlyargcount, names, constants)
+
+
+def frozen(kernel: FunctionType) -> list[tuple[str, Any]]:
+    """The values from outside that compiling puts into a text; the kernels among them are `callees`."""
+    given = [(name, kernel.__globals__[name]) for name in mentioned(kernel.__code__) if name in kernel.__globals__]
+    return [(name, stable(value)) for name, value in given if not is_kernel(value)]
+
+
+def mentioned(code: CodeType) -> list[str]:
+    """Names that a text looks up, the expressions inside it included."""
+    inner = (name for c in code.co_consts if isinstance(c, CodeType) for name in mentioned(c))
+    return sorted({*code.co_names, *inner})
+
+
+def stable(value: Any) -> Any:
+    """Something that is printed alike in every process, and differs where the value does."""
+    if isinstance(value, frozenset):
+        return ("frozenset", sorted(map(repr, map(stable, value))))
+    if isinstance(value, tuple):
+        return (type(value).__qualname__, *map(stable, value))
+    if value is None or value is Ellipsis or isinstance(value, bool | int | float | complex | str | bytes):
+        return repr(value)
+    if isinstance(value, ModuleType) and not value.__name__.startswith("pliant"):
+        return value.__name__
+    if callable(value):
+        return (getattr(value, "__module__", ""), getattr(value, "__qualname__", type(value).__qualname__),
+                getattr(value, "_fields", ()))  # fmt: skip
+    raise TypeError(f"a kernel reads numbers, tuples, functions and records from around it, not {value!r}")
+
+
+def compiled_twin(kernel: FunctionType, tag: str, made: Kernel, sources: tuple[str, ...], **more: Any) -> Any:
+    """The compiled twin of a plain kernel (Numba, nopython, kept on disk, fastmath off).
+
+    `made` gives the twin of a kernel that it calls, `sources` are the files that made stand-ins for some of them,
+    `more` holds further options of Numba; `tag` tells twins of one kernel apart.
     """
-    from numba import njit
+    from pliant.compiler.cache import kept
 
-    digest, how = fingerprint(kernel, *sources), options(kernel)
-
-    def wrap(copy: FunctionType) -> Any:
-        copy.__qualname__ = f"{copy.__qualname__}_{tag}_{digest}"  # names the file of the cache
-        return njit(**how)(copy)
-
-    return swept(rebuild(kernel, wrap, {k.__name__: made for k, made in fast.items()}))
-
-
-def swept(made: Any) -> Any:
-    """A compiled kernel, after removing from the cache what older texts of it left there more than a day ago.
-
-    Their names hold another digest, so that Numba would never look for them again, nor ever remove them.
-    """
-    name, _, digest = made.py_func.__qualname__.rpartition("_")
-    for file in Path(made.stats.cache_path).glob(f"*.{name}_*-*.nb[ci]"):
-        with suppress(OSError):  # another process may have been first
-            if f"_{digest}-" not in file.name and time() - file.stat().st_mtime > 86400.0:
-                file.unlink()
-    return made
+    scope = {**kernel.__globals__, **{f.__name__: made(f) for f in callees(kernel)}}
+    copy = FunctionType(kernel.__code__, scope, kernel.__name__, kernel.__defaults__)
+    copy.__module__ = kernel.__module__
+    copy.__qualname__ = f"{kernel.__qualname__}_{tag}_{fingerprint(kernel, *sources)}"  # names the file of the cache
+    return kept(copy, **options(kernel), **more)

@@ -139,6 +139,7 @@ class Plant:
         SimulationError
             When the rod cannot follow.
         """
+        from pliant.compiler.choose import twin
         from pliant.testbed.plant.plant_loops import regulate_on
         from pliant.testbed.stepping.stepping_loops import march
 
@@ -150,12 +151,12 @@ class Plant:
         loads[:, 1:3] = self._load
         asked = np.array([self._commands.popleft() for _ in range(m)])
         behind = np.empty(m)
-        regulate_on(
+        twin(regulate_on)(
             asked, self._step, max(1, round(self._step / SUPPLY_STEP)), 2 * np.pi * v.frequency, v.damping,
             v.exhaust_slowdown, np.array([v.slew_up, v.slew_down]), v.dead_band, self._held, behind,
         )
         loads[:, 0] = behind
-        status, _, update, _ = march(
+        status, _, update, _ = twin(march)(
             loads, 0, m, m, self._body, self._rows, self._state, self._clock, self._decay, self._work, self._out
         )
         if status != 0:

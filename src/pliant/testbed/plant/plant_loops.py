@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 
-@njit(cache=True)
 def regulate_on(commands, dt, sub, natural, damping, exhaust, slew, dead_band, held, out):
     """Equations of `valve.valve_loops.regulate` for commands held over steps of `dt` [s]; pressures at their ends.
 

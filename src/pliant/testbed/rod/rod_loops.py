@@ -12,12 +12,10 @@ friction) is the derivative of a convex term of one incremental potential, so it
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 SOFT = 2e-4  # m, depth over which an obstacle's resistance sets in
 
 
-@njit(cache=True)
 def section_law(bend, stiffness, height, share, locking):
     """Moment, its slope and energy density of the section at the curvature change `bend`.
 
@@ -49,7 +47,6 @@ def section_law(bend, stiffness, height, share, locking):
     return stiffness * moment, stiffness * slope, stiffness * energy
 
 
-@njit(cache=True)
 def memory_moment(k, bend, body, state, decay):
     """Moment and slope of the Prony branches and the slip elements of vertex `k`, at the end of the step."""
     moment = slope = 0.0
@@ -73,7 +70,6 @@ def memory_moment(k, bend, body, state, decay):
     return moment, slope
 
 
-@njit(cache=True)
 def turning(x, k):
     """Angle psi_k between the edges that meet at vertex `k`, and the gradients of their directions."""
     bx, by = x[k + 1, 0] - x[k, 0], x[k + 1, 1] - x[k, 1]
@@ -84,14 +80,12 @@ def turning(x, k):
     return np.arctan2(ax * by - ay * bx, ax * bx + ay * by), -ay / a2, ax / a2, -by / b2, bx / b2
 
 
-@njit(cache=True)
 def curvatures(x, body, out):
     """Curvature of every bending vertex, into `out`."""
     for k in range(out.size):
         out[k] = turning(x, k)[0] / body.weight[k]
 
 
-@njit(cache=True)
 def volume(kappa, body):
     """Chamber volume above the straight shape: the gain integrates the curvature."""
     total = 0.0
@@ -100,7 +94,6 @@ def volume(kappa, body):
     return total
 
 
-@njit(cache=True)
 def add_bending(x, load, body, state, clock, decay, band, torque, g):
     """Bending of all vertices: stiffness into `band`, net couple on each edge into `torque`."""
     torque[:] = 0.0
@@ -126,7 +119,6 @@ def add_bending(x, load, body, state, clock, decay, band, torque, g):
     torque[torque.size - 1] -= load[3]
 
 
-@njit(cache=True)
 def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
     """Force +f on the edge's far node and -f on its near one, with the stiffness between them."""
     i = 2 * e
@@ -147,7 +139,6 @@ def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
         band[i + 1, 2] -= kyy
 
 
-@njit(cache=True)
 def add_edges(x, body, state, clock, torque, geometric, gradient, band):
     """Couples and stretch of the edges; `geometric` = 0 leaves out terms that may be indefinite."""
     for e in range(body.rest_length.size):
@@ -170,7 +161,6 @@ def add_edges(x, body, state, clock, torque, geometric, gradient, band):
         scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band)
 
 
-@njit(cache=True)
 def add_inertia(x, load, body, guess, clock, gradient, band):
     """Inertia against the drifting state `guess`, weight, and the dead force on the last node."""
     last = x.shape[0] - 1
@@ -192,7 +182,6 @@ def add_inertia(x, load, body, guess, clock, gradient, band):
     gradient[2 * last - 1] -= load[2]
 
 
-@njit(cache=True)
 def gap_to(row, px, py):
     """Distance of a point to an obstacle's surface and the outward normal there."""
     if row[0] == 0.0:
@@ -202,7 +191,6 @@ def gap_to(row, px, py):
     return row[1] * px + row[2] * py - row[3], row[1], row[2], 0.0
 
 
-@njit(cache=True)
 def penalty(depth):
     """Force, slope and energy per stiffness of a penetration, m: quadratic up to SOFT, then linear."""
     if depth <= 0.0:
@@ -212,7 +200,6 @@ def penalty(depth):
     return depth - 0.5 * SOFT, 1.0, 0.5 * depth * depth - 0.5 * SOFT * depth + SOFT * SOFT / 6.0
 
 
-@njit(cache=True)
 def friction(row, grip, nx, ny, x, v, state, clock):
     """Regularised Coulomb friction along the tangent: force and slope, normal force of the last step."""
     tx, ty = -ny, nx
@@ -222,7 +209,6 @@ def friction(row, grip, nx, ny, x, v, state, clock):
     return -grip * vt / speed, grip * row[6] * row[6] / (speed**3 * clock[1])
 
 
-@njit(cache=True)
 def add_contact(x, obstacles, body, state, clock, gradient, band, force):
     """Penalty contact and friction of all nodes with all obstacles; the forces on the nodes into `force`."""
     force[:] = 0.0

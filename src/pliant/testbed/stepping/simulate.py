@@ -152,6 +152,7 @@ def settle(
     SimulationError
         When an increment does not converge.
     """
+    from pliant.compiler.choose import twin
     from pliant.testbed.stepping.stepping_loops import march
 
     body = build_body(p)
@@ -166,7 +167,7 @@ def settle(
         part = body._replace(gravity=body.gravity * share, cap_weight=body.cap_weight * share)
         row = np.asarray(loads, dtype=float)[None, :] * share
         _halt(state)
-        status, _, update, _ = march(row, 0, 1, 2, part, rows, state, clock, decay, work, out)
+        status, _, update, _ = twin(march)(row, 0, 1, 2, part, rows, state, clock, decay, work, out)
         if status != 0:
             raise SimulationError(
                 f"no static equilibrium at {share:.0%} of the loads {np.asarray(loads).tolist()} "
@@ -223,6 +224,7 @@ def simulate(
     SimulationError
         When a step does not converge or a value is no longer finite.
     """
+    from pliant.compiler.choose import twin
     from pliant.testbed.stepping.stepping_loops import march
 
     table = np.ascontiguousarray(loads, dtype=float)
@@ -244,7 +246,7 @@ def simulate(
     total = 0
     for first in range(0, steps, CHUNK):
         stop = min(first + CHUNK, steps)
-        status, at, update, count = march(table, first, stop, stride, body, rows, state, clock, decay, work, out)
+        status, at, update, count = twin(march)(table, first, stop, stride, body, rows, state, clock, decay, work, out)
         total += count
         if status != 0:
             why = "did not converge" if status == 1 else "left the range where the section law is defined"
@@ -263,6 +265,7 @@ def simulate(
 
 
 def _first_energy(body: Body, rows: NDArray[np.float64], state: State, out: Out) -> None:
+    from pliant.compiler.choose import twin
     from pliant.testbed.stepping.stepping_loops import energies
 
-    energies(body, rows, state, out.energy[0])
+    twin(energies)(body, rows, state, out.energy[0])

@@ -1,13 +1,8 @@
-"""Compiled time loop of the virtual actuator: banded Newton, memory updates, energies.
-
-Kernels of ``rod/loops.py`` are called from here. Numba's cache does not see edits in that file: after one, remove
-``stepping/__pycache__`` (the tests keep a cache of their own for every state of these files).
-"""
+"""Compiled time loop of the virtual actuator: banded Newton, memory updates, energies."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from pliant.testbed.rod.rod_loops import (
     add_bending,
@@ -28,7 +23,6 @@ LONGEST = 2e-3  # m, longest node update that one iteration may make
 ITERATIONS = 60
 
 
-@njit(cache=True)
 def factor(band):
     """Banded Cholesky factor in place, rows from the diagonal leftwards; False when not positive."""
     for i in range(band.shape[0]):
@@ -46,7 +40,6 @@ def factor(band):
     return True
 
 
-@njit(cache=True)
 def substitute(band, b):
     """Solve with the factor of `factor`; the solution replaces `b`."""
     n = b.size
@@ -60,7 +53,6 @@ def substitute(band, b):
         b[i] /= band[i, 0]
 
 
-@njit(cache=True)
 def gather(x, load, body, obstacles, state, clock, decay, geometric, work):
     """Gradient and Hessian of the incremental potential at `x`; False when a value is not finite."""
     work.gradient[:] = 0.0
@@ -75,7 +67,6 @@ def gather(x, load, body, obstacles, state, clock, decay, geometric, work):
     return True
 
 
-@njit(cache=True)
 def move(x, step, scale):
     """Add `scale` times a step to all free nodes."""
     for v in range(1, x.shape[0]):
@@ -83,7 +74,6 @@ def move(x, step, scale):
         x[v, 1] += scale * step[2 * v - 1]
 
 
-@njit(cache=True)
 def newton(x, load, body, obstacles, state, clock, decay, work):
     """Move `x` to equilibrium at the end of the step; returns status, iterations and last update.
 
@@ -116,7 +106,6 @@ def newton(x, load, body, obstacles, state, clock, decay, work):
     return NOT_CONVERGED, ITERATIONS, longest
 
 
-@njit(cache=True)
 def remember(x, body, state, clock, decay, work):
     """Accept the step: memory, velocities and both histories move on."""
     curvatures(x, body, work.curvature)
@@ -144,7 +133,6 @@ def remember(x, body, state, clock, decay, work):
     state.chamber[0] = now
 
 
-@njit(cache=True)
 def energies(body, obstacles, state, out):
     """Kinetic, elastic, stored in memory, potential of weight, and of contact, into `out` (5,)."""
     out[:] = 0.0
@@ -173,7 +161,6 @@ def energies(body, obstacles, state, out):
             out[2] += 0.5 * body.weight[k] * state.slip[k, j] ** 2 / body.slip_stiffness[k, j]
 
 
-@njit(cache=True)
 def march(loads, first, stop, stride, body, obstacles, state, clock, decay, work, out):
     """Steps `first` to `stop` of `loads`; every `stride`-th state goes into `out`.
 

@@ -79,6 +79,7 @@ def supply_pressure(
     InputError
         For a negative command or one above the source.
     """
+    from pliant.compiler.choose import twin
     from pliant.testbed.valve.valve_loops import fill_chamber, regulate
 
     asked = np.ascontiguousarray(command(time - valve.dead_time), dtype=float)
@@ -87,12 +88,12 @@ def supply_pressure(
     dt = float(time[1] - time[0])
     out = np.zeros(asked.size)
     if isinstance(valve, Regulator):
-        regulate(asked, dt, 2.0 * np.pi * valve.frequency, valve.damping, valve.exhaust_slowdown,
+        twin(regulate)(asked, dt, 2.0 * np.pi * valve.frequency, valve.damping, valve.exhaust_slowdown,
                  np.array([valve.slew_up, valve.slew_down]), valve.dead_band, out)  # fmt: skip
         return out
     if asked.max() > valve.source:
         raise InputError(f"the command reaches {asked.max():.0f} Pa, above the source's {valve.source:.0f} Pa")
-    fill_chamber(asked, dt, 8, np.array([2.0 * np.pi * valve.frequency, valve.damping]), valve.band,
+    twin(fill_chamber)(asked, dt, 8, np.array([2.0 * np.pi * valve.frequency, valve.damping]), valve.band,
                  valve.source + valve.ambient, valve.ambient, valve.fill, valve.exhaust, valve.critical_ratio,
                  np.array([valve.volume, valve.polytropic, valve.temperature]), out)  # fmt: skip
     return out

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 GAS_CONSTANT = 287.05  # J/(kg K), dry air
 REFERENCE_DENSITY = 1.185  # kg/m3, ISO 6358 reference atmosphere (100 kPa, 293.15 K, 65 % humidity)
 REFERENCE_TEMPERATURE = 293.15  # K
 
 
-@njit(cache=True)
 def regulate(command, dt, natural, damping, exhaust, slew, dead_band, out):
     """Second-order regulator with slew limits: ``p'' = w^2 (u - p) - 2 z w p'``, slower by `exhaust` downwards.
 
@@ -36,7 +34,6 @@ def regulate(command, dt, natural, damping, exhaust, slew, dead_band, out):
     return p
 
 
-@njit(cache=True)
 def mass_flow(upstream, downstream, conductance, critical, temperature):
     """ISO 6358 flow through a restriction, kg/s; absolute pressures, Pa; `conductance` in m3/(s Pa)."""
     ratio = downstream / upstream
@@ -48,7 +45,6 @@ def mass_flow(upstream, downstream, conductance, critical, temperature):
     return flow
 
 
-@njit(cache=True)
 def chamber_rate(p, opening, source, ambient, fill, exhaust, critical, volume, polytropic, temperature):
     """Rate of an absolute chamber pressure, Pa/s, for a spool `opening` in -1 (exhaust) .. 1 (fill)."""
     flow = 0.0
@@ -59,7 +55,6 @@ def chamber_rate(p, opening, source, ambient, fill, exhaust, critical, volume, p
     return polytropic * GAS_CONSTANT * temperature * flow / volume
 
 
-@njit(cache=True)
 def fill_chamber(command, dt, sub, spool, band, source, ambient, fill, exhaust, critical, gas, out):
     """Chamber of fixed volume behind a proportional spool of second order; gauge `command` and `out`, Pa.
 

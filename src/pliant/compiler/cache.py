@@ -1,0 +1,160 @@
+"""Where compiled kernels are kept between runs, and how processes that start together share them.
+
+A name in this cache holds a digest of all that its machine code comes from (`pliant.compiler.twin.fingerprint`), so an
+entry is never stale and every checkout, environment and process of a user may use one folder: the one that the
+environment variable NUMBA_CACHE_DIR names, or ``pliant`` among the user's caches. Numba alone keeps a cache beside each
+source file, and two processes that save into one of its indices at once may give a signature the other's code.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from time import monotonic, sleep, time
+from typing import IO, Any
+
+import llvmlite
+import numba
+from numba import njit, types
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.compiler_lock import global_compiler_lock
+from numba.misc.appdirs import AppDirs
+
+try:
+    import fcntl
+except ImportError:  # no such locks on this system: processes compile side by side, and only one of them saves well
+    fcntl = None  # type: ignore[assignment]
+
+config: Any = numba.config  # it fills itself from the environment
+LONGEST_WAIT = 120.0  # s, for another process that compiles the same kernel; then this one compiles for itself
+FORGOTTEN = 14 * 86400.0  # s, after which another text's code is removed
+
+
+@cache
+def folder() -> Path | None:
+    """The folder of this user's kernels, made when it is absent; None when nothing can be written there."""
+    place = Path(config.CACHE_DIR or AppDirs(appname="pliant", appauthor=False).user_cache_dir)
+    place = place / f"kernels-numba{numba.__version__}-llvmlite{llvmlite.__version__}"
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=place).close()
+    except OSError:
+        return None
+    return place
+
+
+class _Locator(_CacheLocator):
+    """One folder for all kernels; their names say what they come from."""
+
+    def __init__(self, file: str, place: Path) -> None:
+        self._py_file, self._place = file, place
+
+    @classmethod
+    def from_function(cls, _function: Any, file: str) -> _Locator | None:
+        place = folder()
+        return None if place is None else cls(file, place)
+
+    def get_cache_path(self) -> str:
+        return str(self._place)
+
+    def get_source_stamp(self) -> str:
+        return "in the name"
+
+    def get_disambiguator(self) -> str:
+        return "0"
+
+
+class _Place(CompileResultCacheImpl):
+    _locator_classes = [_Locator, *CompileResultCacheImpl._locator_classes]  # noqa: RUF012, SLF001  Numba's own way
+
+
+class KernelCache(FunctionCache):
+    """Numba's cache in the shared folder; its keys see the order of a NamedTuple's fields."""
+
+    _impl_class = _Place
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Numba's key, and the fields of the records among the arguments: compiled code knows them by their place."""
+        return (*super()._index_key(sig, codegen), tuple(fields(kind) for kind in sig))
+
+    @property
+    def index(self) -> Path:
+        """The file that lists what is kept of this kernel."""
+        return Path(self.cache_path) / f"{self._impl.filename_base}.nbi"
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled, and remove what nobody has asked for in a long time."""
+        super().save_overload(sig, data)
+        self.sweep()
+
+    def sweep(self) -> None:
+        """Remove what older texts of this kernel left: their names hold other digests, nobody will look for them."""
+        kernel, _, rest = self.index.name.rpartition("_")
+        digest = rest.partition("-")[0]
+        for file in self.index.parent.glob(f"{kernel}_????????????-*"):
+            with suppress(OSError):  # another process may have been first
+                if f"_{digest}-" not in file.name and time() - file.stat().st_mtime > FORGOTTEN:
+                    file.unlink()
+
+
+def fields(kind: Any) -> Any:
+    """Names of a record's fields in their order, and those of the records in it."""
+    parts: Any = kind if isinstance(kind, types.BaseTuple) else ()
+    inside = tuple(map(fields, parts))
+    return (*getattr(kind, "fields", ()), *inside)
+
+
+def kept(function: Any, **options: Any) -> Any:
+    """`function` compiled by Numba (nopython, fastmath off) when it is first called, or taken from the shared cache.
+
+    Where several processes ask for one kernel at once, one compiles it and the others wait for it.
+    """
+    made = njit(**options)(function)
+    made._cache = KernelCache(made.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
+    compile_now, lock = made.compile, made._cache.index.with_suffix(".lock")  # noqa: SLF001
+
+    def compile_alone(signature: Any) -> Any:
+        with global_compiler_lock:  # first: two threads of which each holds one of both locks would wait for ever
+            with alone(lock) as first:
+                if first:
+                    return compile_now(signature)
+            made._cache.disable()  # noqa: SLF001
+            try:
+                return compile_now(signature)
+            finally:
+                made._cache.enable()  # noqa: SLF001
+
+    made.compile = compile_alone
+    return made
+
+
+@contextmanager
+def alone(file: Path, wait: float | None = None) -> Iterator[bool]:
+    """Whether this process alone holds the lock `file`; False after `wait` seconds (default: `LONGEST_WAIT`)."""
+    if fcntl is None:
+        yield True
+        return
+    with file.open("ab") as handle:
+        got = taken(handle, LONGEST_WAIT if wait is None else wait)
+        try:
+            yield got
+        finally:
+            if got:
+                fcntl.flock(handle, fcntl.LOCK_UN)  # said, not left to closing: a forked child holds the handle too
+
+
+def taken(handle: IO[bytes], wait: float) -> bool:
+    """Whether the lock of an open file came within so many seconds."""
+    end = monotonic() + wait
+    while True:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            if monotonic() > end:
+                return False
+            sleep(0.02)
+        else:
+            return True

@@ -1,0 +1,183 @@
+"""Kernels on disk: found again by every process, never stale, compiled once however many ask at once."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pliant
+from pliant.compiler import cache, choose, simd
+from pliant.compiler.twin import fingerprint, reached, stable
+from pliant.equations import linearised, motion
+from pliant.estimation import kalman_loops
+from pliant.simulation import march_loops, memory_loops
+from pliant.testbed.stepping import stepping_loops
+
+SOURCE = Path(pliant.__file__).parent
+PROBE = """
+import json
+import numpy as np
+import pliant
+from oracles.chains import paper_chain, workspace
+from pliant.compiler.choose import twin
+from pliant.equations.elastic import joint_torques
+from pliant.equations.motion import acceleration
+chain = paper_chain()
+a = np.zeros(5)
+compiled = twin(acceleration)
+compiled(np.zeros(5), np.zeros(5), 0.0, 0.08, chain.body(), chain.joints(), workspace(5), a)
+count = lambda c: sum(c.values())
+print(json.dumps({
+    "hits": count(compiled.stats.cache_hits), "misses": count(compiled.stats.cache_misses),
+    "callee": count(twin(joint_torques).stats.cache_misses), "value": float(a[-1]),
+    "name": compiled.py_func.__qualname__, "file": pliant.__file__,
+}))
+"""
+
+
+def start(folder, kernels):
+    """PROBE on the copy of the package in `folder`, in a process of its own, with its kernels in another folder."""
+    paths = [str(folder), str(Path(__file__).parents[1])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "NUMBA_CACHE_DIR": str(kernels)}
+    environment["PYTHONHASHSEED"] = str(len(list(Path(folder).parent.iterdir())))
+    return subprocess.Popen(
+        [sys.executable, "-c", PROBE], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def probe(folder, kernels):
+    running = start(folder, kernels)
+    out, err = running.communicate()
+    assert running.returncode == 0, err
+    found = json.loads(out)
+    assert Path(found["file"]).is_relative_to(folder)
+    return found
+
+
+@pytest.fixture
+def package(tmp_path):
+    shutil.copytree(SOURCE, tmp_path / "one" / "pliant", ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path / "one"
+
+
+def replace(package, file, old, new):
+    path = package / "pliant" / "equations" / file
+    text = path.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(package, tmp_path):
+    kernels = tmp_path / "kernels"
+    first = probe(package, kernels)
+    assert (first["hits"], first["misses"], first["callee"]) == (0, 1, 1)
+    again = probe(package, kernels)
+    assert (again["hits"], again["misses"], again["value"]) == (1, 0, first["value"])
+    kept = [f for f in kernels.rglob("*.nb[ci]") if ".acceleration_" in f.name]
+    assert len(kept) == 2
+    for file in kept:
+        os.utime(file, (0.0, 0.0))
+    replace(package, "elastic.py", "joints.gain[i] * torque", "2.0 * joints.gain[i] * torque")
+    edited = probe(package, kernels)
+    assert (edited["hits"], edited["misses"], edited["callee"]) == (0, 1, 1)
+    assert edited["value"] == pytest.approx(2 * first["value"], rel=1e-12)
+    assert not any(file.exists() for file in kept), "nobody will look for it"
+
+
+def test_another_checkout_and_another_comment_find_what_was_compiled(package, tmp_path):
+    probe(package, tmp_path / "kernels")
+    other = shutil.copytree(package, tmp_path / "two")
+    path = other / "pliant" / "equations" / "elastic.py"
+    path.write_text("# a remark\n" + path.read_text(encoding="utf-8"), encoding="utf-8")
+    found = probe(other, tmp_path / "kernels")
+    assert (found["hits"], found["misses"]) == (1, 0)
+
+
+def test_an_edit_elsewhere_leaves_the_callees_compiled(package, tmp_path):
+    probe(package, tmp_path / "kernels")
+    replace(package, "motion.py", "def acceleration(", "LATER = 1\n\n\ndef acceleration(")
+    assert probe(package, tmp_path / "kernels")["hits"] == 1, "a name that no kernel reads"
+    path = package / "pliant" / "equations" / "motion.py"
+    text = path.read_text(encoding="utf-8")
+    at = text.index("    joint_torques(", text.index("def acceleration("))
+    path.write_text(text[:at] + "    count = 1\n" + text[at:], encoding="utf-8")
+    found = probe(package, tmp_path / "kernels")
+    assert (found["misses"], found["callee"]) == (1, 0), "joint_torques is what it was"
+
+
+def test_fields_that_trade_places_are_seen(package, tmp_path):
+    """Numba compiles the places of a NamedTuple's fields: two that trade places must not meet an old twin."""
+    before = probe(package, tmp_path / "kernels")
+    symbols = package / "pliant" / "equations" / "symbols.py"
+    lines = symbols.read_text(encoding="utf-8").splitlines()
+    gain = next(i for i, line in enumerate(lines) if line.startswith("    gain:"))
+    damper = next(i for i, line in enumerate(lines) if line.startswith("    D:"))
+    lines[gain], lines[damper] = lines[damper], lines[gain]
+    symbols.write_text("\n".join(lines), encoding="utf-8")
+    after = probe(package, tmp_path / "kernels")
+    assert (after["hits"], after["misses"], after["value"]) == (0, 1, before["value"])
+
+
+def test_processes_that_start_together_compile_once(package, tmp_path):
+    running = [start(package, tmp_path / "kernels") for _ in range(3)]
+    found = [json.loads(p.communicate()[0]) for p in running]
+    assert [p.returncode for p in running] == [0, 0, 0]
+    assert sorted(f["misses"] for f in found) == [0, 0, 1]
+    assert len({f["value"] for f in found}) == 1
+
+
+def test_a_process_that_hangs_holds_nobody_up(tmp_path):
+    file = tmp_path / "kernel.lock"
+    with cache.alone(file) as first, cache.alone(file, wait=0.05) as second:
+        assert (first, second) == (True, False)
+    with cache.alone(file, wait=0.0) as third:
+        assert third
+
+
+def test_where_nothing_can_be_written_numba_chooses(monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    monkeypatch.setattr(cache.config, "CACHE_DIR", str(tmp_path / "file"))
+    assert cache.folder.__wrapped__() is None
+
+
+def test_everything_that_machine_code_comes_from_is_in_its_digest():
+    makers = {"choose.py", "trace.py", "llvm.py", "articulated.py", "trig.py"}
+    assert {Path(f).name for f in choose.SOURCES} == makers
+    assert len(choose.SOURCES) == 6, "trig.py is the plain text and its compiled form"
+    assert all(Path(f).is_file() for f in choose.SOURCES)
+    digests = {fingerprint(motion.step), fingerprint(motion.step, simd.__file__), fingerprint(motion.acceleration)}
+    assert len(digests) == 3
+
+
+def test_constants_and_expressions_are_in_the_digest(monkeypatch):
+    before = fingerprint(stepping_loops.march)
+    monkeypatch.setattr(stepping_loops, "TOLERANCE", 2.0 * stepping_loops.TOLERANCE)
+    assert fingerprint(stepping_loops.march) != before
+
+
+@pytest.mark.parametrize("value", [[1.0], {"a": 1}, np.zeros(2), pliant, object()])
+def test_what_may_change_is_refused(value):
+    with pytest.raises(TypeError, match="reads numbers, tuples, functions and records"):
+        stable(value)
+
+
+def test_sets_are_written_alike_in_every_process():
+    assert stable(frozenset({"b", "a"})) == stable(frozenset({"a", "b"})) == ("frozenset", ["\"'a'\"", "\"'b'\""])
+
+
+def test_a_kernel_has_one_twin_whoever_calls_it():
+    """The marches of one model share what they call: no callee is compiled for each of them again."""
+    entries = (march_loops.march, memory_loops.march_with_memory, kalman_loops.predict_span, linearised.step_jacobian)
+    for make, links in ((choose.twin, 5), (simd.lane_twin, 5), (choose.twin, 20)):
+        made = {}
+        for entry in entries:
+            for kernel in reached(entry):
+                made.setdefault((kernel.__module__, kernel.__qualname__), set()).add(id(make(kernel, links)))
+        assert all(len(twins) == 1 for twins in made.values())
