@@ -109,7 +109,7 @@ def test_columns_of_no_known_kind_are_told(tmp_path):
         (SIMPLE.replace("t,p", "time,p"), "one column t"),
         (SIMPLE.replace("p_kpa", "p"), "does not say its unit"),
         ("t,q\n0,1\n", "neither stations"),
-        (SIMPLE[:-3], r"line 3 .* 7 cell.s. where 8"),
+        (SIMPLE[:-3] + "\n", r"line 3 .* 7 cell.s. where 8"),
         (SIMPLE.replace("0.1", "0,1"), "decimal commas"),
         (SIMPLE.replace(".5", "five"), "line 3, cell 7 .* 'five'"),
         (SIMPLE.replace(".5", "inf"), "infinite"),

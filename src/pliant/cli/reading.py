@@ -45,6 +45,7 @@ def print_recording(ds: xr.Dataset, path: Path, *, as_json: bool) -> None:
     if as_json:
         content = {"file": str(path), "format": ds.attrs.get("source_format"), "sizes": dict(ds.sizes)}
         content["station_names"] = [str(s) for s in ds["station"].values] if "station" in ds else []
+        content["history"] = history_of(ds)
         typer.echo(jsonlib.dumps({**content, "quality": plain(found.to_dict())}))
         return
     typer.echo(f"{path} ({ds.attrs.get('source_format', 'unknown format')})")
@@ -52,6 +53,13 @@ def print_recording(ds: xr.Dataset, path: Path, *, as_json: bool) -> None:
         names = [str(s) for s in ds["station"].values]
         typer.echo(f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}")
     typer.echo(found.summary())
+    for line in history_of(ds):
+        typer.echo(f"  {line}")
+
+
+def history_of(ds: xr.Dataset) -> list[str]:
+    """What reading and every later step did to a recording, one sentence each."""
+    return [line for line in str(ds.attrs.get("history", "")).split("\n") if line]
 
 
 def plain(value: Any) -> Any:

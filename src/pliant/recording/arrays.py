@@ -8,12 +8,12 @@ import numpy as np
 from pydantic import Field
 
 from pliant.errors import InputError
-from pliant.recording.mapping import FileMapping
+from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.schema import make_recording
-from pliant.units import metre_per, pascal_per
+from pliant.units import PASCAL, metre_per, pascal_per
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import xarray as xr
     from numpy.typing import NDArray
@@ -27,7 +27,7 @@ USUAL_NAMES = {
     "gauge_position": ("gauge_position",),
     "arc_length": ("arc_length", "s"),
 }
-PRESSURE_NAMES = {"pressure": "pa", "p_pa": "pa", "p_kpa": "kpa", "p_bar": "bar", "p_mbar": "mbar", "p_psi": "psi"}
+PRESSURE_NAMES = {"pressure": "pa"} | {f"{start}_{unit}": unit for start in ("p", "pressure") for unit in PASCAL}
 
 
 class ArrayMapping(FileMapping):
@@ -64,14 +64,19 @@ class ArrayMapping(FileMapping):
     order: str = Field(default="tsa", pattern="^(tsa|tas|sta|sat|ats|ast)$")
 
 
-def recording_from_arrays(arrays: Mapping[str, Any], mapping: Mapping[str, Any] | None, file: str) -> xr.Dataset:
-    """Build a recording from the named arrays of `file`; options are those of `ArrayMapping`."""
+def recording_from_arrays(
+    arrays: Mapping[str, Any], mapping: Mapping[str, Any] | None, file: str, *, others: Sequence[str] = ()
+) -> xr.Dataset:
+    """Build a recording from the named arrays of `file`; options are those of `ArrayMapping`.
+
+    `others` are names of the file that hold no numbers; they and all arrays that are not used are named in the history.
+    """
     options = ArrayMapping.load(mapping, file)
     found = {role: _find(arrays, role, getattr(options, role), file) for role in USUAL_NAMES}
-    pressure = _pressure(arrays, options, file)
+    pressure_name, pressure = _pressure(arrays, options, file)
     scale = metre_per(options.length_unit)
     position = found["position"]
-    history = []
+    history = _unused(arrays, options, pressure_name, others, file)
     if position is not None:
         position = _ordered(position, options.order, file) * scale
         if position.shape[-1] == 2:
@@ -91,6 +96,20 @@ def recording_from_arrays(arrays: Mapping[str, Any], mapping: Mapping[str, Any] 
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
+
+
+def _unused(
+    arrays: Mapping[str, Any], options: ArrayMapping, pressure: str | None, others: Sequence[str], file: str
+) -> list[str]:
+    used = {pressure}
+    idle = ("pressure_time",) if pressure is None else ()
+    for role, names in USUAL_NAMES.items():
+        if role in idle:
+            continue
+        named = getattr(options, role)
+        used |= {named} if named else set(names)
+    left = [*(name for name in arrays if name not in used), *others]
+    return [f"{len(left)} array(s) of {file} were not used: {shorten(left)}"] if left else []
 
 
 def _listing(arrays: Mapping[str, Any]) -> str:
@@ -114,7 +133,9 @@ def _numbers(value: Any, name: str, file: str) -> NDArray:
     return array.astype(np.float64)
 
 
-def _pressure(arrays: Mapping[str, Any], options: ArrayMapping, file: str) -> NDArray | None:
+def _pressure(
+    arrays: Mapping[str, Any], options: ArrayMapping, file: str
+) -> tuple[str | None, NDArray | None]:
     if options.pressure is not None:
         if options.pressure not in arrays:
             raise InputError(f"{file} has no array {options.pressure!r}; its arrays are: {_listing(arrays)}")
@@ -127,10 +148,10 @@ def _pressure(arrays: Mapping[str, Any], options: ArrayMapping, file: str) -> ND
         if len(present) > 1:
             raise InputError(f"{file} has several pressures: {', '.join(present)}; name one in the mapping")
         if not present:
-            return None
+            return None, None
         name, unit = present[0], options.pressure_unit or PRESSURE_NAMES[present[0]]
     values = np.squeeze(_numbers(arrays[name], name, file))
-    return np.atleast_1d(values) * pascal_per(unit)
+    return name, np.atleast_1d(values) * pascal_per(unit)
 
 
 def _ordered(position: NDArray, order: str, file: str) -> NDArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.c3d_sections import decode_c3d
-from pliant.recording.mapping import FileMapping, PressureChannels
+from pliant.recording.mapping import FileMapping, PressureChannels, shorten
 from pliant.recording.registry import Reader
 from pliant.recording.schema import make_recording
 from pliant.units import metre_per, pascal_per
@@ -29,11 +29,14 @@ class C3dMapping(FileMapping):
     ----------
     length_unit : str, optional
         Unit of the points; needed where the file does not state POINT:UNITS, and otherwise goes before it.
+    trust_header : bool
+        Read a file whose facts contradict each other by its header, and tell the contradictions. Default: refuse it.
     pressure : dict, optional
         Analog channels that hold gauge pressure: ``{channels = [...], unit = "kPa"}``.
     """
 
     length_unit: str | None = None
+    trust_header: bool = False
     pressure: PressureChannels | None = None
 
 
@@ -44,12 +47,16 @@ def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
         content = decode_c3d(path.read_bytes(), path.name)
     if not 0 < content.rate < np.inf:
         raise InputError(f"{path.name} states a frame rate of {content.rate:g} Hz: the file is damaged")
+    if content.doubts and not options.trust_header:
+        raise InputError(f"{path.name} contradicts itself: {'; '.join(content.doubts)}. It is damaged, or was written "
+                         "wrongly: export it again, or give trust_header = true in a mapping")  # fmt: skip
     position = content.points * _scale(content, options, path.name)
     lost = ~content.valid | np.isnan(position).any(-1)
     position[lost] = np.nan
-    history = []
+    history = list(content.doubts)
     if lost.any():
         history.append(f"{int(lost.sum())} of {lost.size} points are marked invalid and became NaN")
+    history += _unused(content, options)
     names, renamed = _names(content, position.shape[1])
     if renamed:
         history.append(f"{renamed} point(s) had no name or a repeated one and got a number")
@@ -60,6 +67,14 @@ def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
+
+
+def _unused(content: C3dContent, options: C3dMapping) -> list[str]:
+    used = options.pressure.channels if options.pressure else []
+    labels = _labels(content, "ANALOG")[: content.analog.shape[1]]
+    labels += [f"channel {i + 1}" for i in range(len(labels), content.analog.shape[1])]
+    left = [label for label in labels if label not in used]
+    return [f"{len(left)} analog channel(s) were not used: {shorten(left)}"] if left else []
 
 
 def _scale(content: C3dContent, options: C3dMapping, name: str) -> float:

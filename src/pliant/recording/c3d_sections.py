@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.recording.c3d_facts import Header, compare_facts, judge_layout, judge_residuals
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,6 +37,8 @@ class C3dContent:
     valid : (T, N) bool array
     analog : (T * samples, C) array
     rate, analog_rate : float, Hz
+    doubts : tuple of str
+        Facts that the file states twice and differently, one sentence each; see `pliant.recording.c3d_facts`.
     """
 
     parameters: dict[str, dict[str, list[Any]]]
@@ -44,6 +47,7 @@ class C3dContent:
     analog: NDArray
     rate: float
     analog_rate: float
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass
@@ -67,6 +71,7 @@ def decode_c3d(data: bytes, name: str) -> C3dContent:
     order = ">" if processor == MIPS else "<"
     count, analog_count, first, last = struct.unpack(order + "HHHH", data[2:10])
     block, samples = struct.unpack(order + "HH", data[16:20])
+    scale, rate = _floats(data[12:16] + data[20:24], processor).tolist()
     is_float = bool(data[12 + SIGN_BYTE[processor]] & 0x80)
     frames = _frames(parameters, first, last)
     width = 4 * count + analog_count
@@ -79,16 +84,18 @@ def decode_c3d(data: bytes, name: str) -> C3dContent:
             f"file has {len(data)}; copy it again"
         )
     raw = _raw(data[(block - 1) * BLOCK : needed], processor, is_float=is_float).reshape(frames, width)
-    scale = 1.0 if is_float else abs(float(_floats(data[12:16], processor)[0]))
     points = raw[:, : 4 * count].reshape(frames, count, 4)
-    rate = float(_floats(data[20:24], processor)[0])
     samples = samples if analog_count else 1
     if analog_count and (samples < 1 or analog_count % samples):
         raise InputError(f"{name} announces {analog_count} analog values in {samples} samples a frame")
     analog = raw[:, 4 * count :].reshape(frames * samples, -1)
+    header = Header(count, analog_count, first, last, block, samples, scale, rate)
+    doubts = [*compare_facts(header, frames, parameters), *judge_layout(data, data[0] + data[start + 2], block, needed)]
+    if is_float:
+        doubts += judge_residuals(points[..., 3])
     return C3dContent(
-        parameters, points[..., :3] * scale, points[..., 3] >= 0,
-        _analog_values(analog, parameters, is_float=is_float), rate, rate * samples,
+        parameters, points[..., :3] * (1.0 if is_float else abs(scale)), points[..., 3] >= 0,
+        _analog_values(analog, parameters, is_float=is_float), rate, rate * samples, tuple(doubts),
     )  # fmt: skip
 
 

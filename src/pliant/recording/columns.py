@@ -19,10 +19,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pliant.errors import InputError
-from pliant.recording.mapping import FileMapping
+from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import Reader
 from pliant.recording.schema import make_recording
-from pliant.recording.tables import parse_numbers, read_text, split_cells
+from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
 from pliant.units import metre_per, pascal_per
 
 if TYPE_CHECKING:
@@ -125,8 +125,10 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
             "stations or points)"
         )
     options = ColumnMapping.load(mapping, path.name)
-    names, table = _table(path, options)
-    table, history = _rows(table, names, options, path.name)
+    names, table, doubt = _table(path, options)
+    history = [*doubt, *_unused(names, table.shape[1], options, path.name)]
+    table, kept = _rows(table, names, options, path.name)
+    history += kept
     time = _time(table, names, options, path.name)
     arrays, more = _stations(table, names, options, path.name)
     try:
@@ -138,7 +140,7 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
         raise InputError(f"{path.name}: {error}") from None
 
 
-def _table(path: Path, options: ColumnMapping) -> tuple[list[str], NDArray]:
+def _table(path: Path, options: ColumnMapping) -> tuple[list[str], NDArray, list[str]]:
     lines = read_text(path).split("\n")
     first = options.skip_lines
     while first < len(lines) and (not lines[first].strip() or lines[first].startswith("#")):
@@ -148,10 +150,21 @@ def _table(path: Path, options: ColumnMapping) -> tuple[list[str], NDArray]:
     delimiter = None if options.delimiter == "space" else options.delimiter
     cells = split_cells(lines[first], delimiter)
     body = first + 1 if options.header else first
-    table = parse_numbers(
-        lines[body:], name=path.name, first_line=body + 1, delimiter=delimiter, columns=len(cells)
-    )
-    return (cells if options.header else []), table
+    rows, doubt = judge_end(lines[body:], delimiter, path.name)
+    table = parse_numbers(rows, name=path.name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
+    return (cells if options.header else []), table, doubt
+
+
+def _unused(names: list[str], width: int, options: ColumnMapping, file: str) -> list[str]:
+    """Which columns the mapping does not speak of."""
+    wanted: list[Column | None] = [options.time, options.select.column if options.select else None]
+    wanted += options.pressure.columns if options.pressure else []
+    for station in _layout(options).values():
+        wanted += [*station.position, *(station.quaternion or [])]
+    used = {_index(column, names, width, file) for column in wanted if column is not None}
+    left = [names[i] if names else i for i in range(width) if i not in used]
+    told = f"{len(left)} column(s) of {file} are not in the mapping and were left out: {shorten(left)}"
+    return [told] if left else []
 
 
 def _index(column: Column, names: list[str], width: int, file: str) -> int:
@@ -223,7 +236,7 @@ def _stations(
             raw = table[:, [_index(c, names, table.shape[1], file) for c in columns.quaternion]]
             quaternion[:, s], lost = unit_quaternions(raw)
             if lost:
-                history.append(f"{lost} quaternion(s) of {name} are far from unit length and became NaN")
+                history.append(f"{lost} quaternion(s) of {name} are incomplete or far from unit length and became NaN")
     if any(len(c.position) == 2 for c in stations.values()):
         history.append("stations with two coordinates got z = 0")
     arrays: dict[str, Any] = {"position": position, "station": list(stations)}
@@ -233,10 +246,11 @@ def _stations(
 
 
 def unit_quaternions(raw: NDArray) -> tuple[NDArray, int]:
-    """Normalise (T, 4) quaternions that are rounded; those beyond 5 % of unit length become NaN, counted."""
-    norm = np.linalg.norm(raw, axis=-1, keepdims=True)
+    """Normalise (T, 4) quaternions that are rounded; others with any number in them become NaN, counted."""
+    with np.errstate(over="ignore", invalid="ignore"):  # 1e999 is no quaternion either
+        norm = np.linalg.norm(raw, axis=-1, keepdims=True)
     good = np.abs(norm - 1.0) < 0.05
-    lost = int((~good & np.isfinite(norm)).sum())
+    lost = int((~good[:, 0] & ~np.isnan(raw).all(-1)).sum())
     return np.where(good, raw / np.where(good, norm, 1.0), np.nan), lost
 
 

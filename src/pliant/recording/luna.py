@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.recording.mapping import FileMapping
 from pliant.recording.registry import Reader
 from pliant.recording.schema import append_history, make_recording
-from pliant.recording.tables import parse_numbers, read_text
+from pliant.recording.tables import judge_end, parse_numbers, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
+PITCH_TOLERANCE = 0.02  # of the pitch: the x-axis is rounded
 LABEL_CELLS = 3  # time stamp, kind of row, quantity
 STRAIN_UNITS = {"microstrain": 1e-6, "ustrain": 1e-6, "με": 1e-6, "µε": 1e-6, "ue": 1e-6, "strain": 1.0}
 
@@ -41,7 +42,8 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
     header, at = _header(lines, path.name)
     scale = _strain_scale(header, path.name)
     gauges, first = _gauges(lines, at, path.name)
-    rows = [(i, line) for i, line in enumerate(lines[first:], first) if line.strip()]
+    body, doubt = judge_end(lines[first:], "\t", path.name)
+    rows = [(i, line) for i, line in enumerate(body, first) if line.strip()]
     if not rows:
         raise InputError(f"{path.name} holds no measurement after its x-axis row")
     kept, dropped = [], 0
@@ -56,8 +58,9 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
         raise InputError(f"none of the {len(rows)} rows of {path.name} is strain")
     stamps = [_time_stamp(line.split("\t", 1)[0], number, path.name) for number, line in kept]
     values = [line.split("\t", LABEL_CELLS)[LABEL_CELLS] for _, line in kept]
+    doubt += _pitch(header, gauges)
     strain = _values(values, len(gauges), kept[0][0] + 1, path.name) * scale
-    history = [f"{dropped} row(s) are of another quantity than strain and were left out"] if dropped else []
+    history = doubt + ([f"{dropped} row(s) are of another quantity than strain and were left out"] if dropped else [])
     time = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
     return make_recording(
         time, strain=strain[:, None, :], gauge_position=gauges, core=[options.core], history=history,
@@ -126,6 +129,18 @@ def _gauges(lines: list[str], at: int, name: str) -> tuple[np.ndarray, int]:
                 raise InputError(f"the x-axis of {name} must increase from gauge to gauge")
             return gauges, i + 1
     raise InputError(f"{name} has no x-axis row with the places of its gauges")
+
+
+def _pitch(header: Mapping[str, str], gauges: np.ndarray) -> list[str]:
+    """Compare the spacing that the header states with the x-axis."""
+    try:
+        stated = 1e-3 * float(header.get("gage pitch (mm)", "nan"))
+    except ValueError:
+        return []
+    found = float(np.median(np.diff(gauges))) if gauges.size > 1 else float("nan")
+    if not abs(found - stated) > PITCH_TOLERANCE * stated:
+        return []
+    return [f"the header states gauges {stated:g} m apart, but the x-axis has {found:g} m; the x-axis was used"]
 
 
 def _time_stamp(text: str, number: int, name: str) -> datetime:

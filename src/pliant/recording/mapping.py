@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 
 class FileMapping(BaseModel):
@@ -30,6 +30,12 @@ class FileMapping(BaseModel):
             else:
                 problem = f"{key}: {first['msg'].removeprefix('Value error, ')}"
             raise InputError(f"the mapping for {name} does not fit: {problem}") from None
+
+
+def shorten(names: Sequence[object], most: int = 20) -> str:
+    """Names for a sentence: the first of them, each cut to a length that can be read."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(str(name)[:60] for name in names[:most]) + more
 
 
 class PressureChannels(FileMapping):

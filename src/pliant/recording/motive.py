@@ -13,10 +13,10 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.columns import unit_quaternions
-from pliant.recording.mapping import FileMapping
+from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import Reader
 from pliant.recording.schema import make_recording
-from pliant.recording.tables import parse_numbers, read_text, split_cells
+from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
 from pliant.units import metre_per
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 UNITS = {"meters": "m", "metres": "m", "centimeters": "cm", "millimeters": "mm", "inches": "in"}
+RATE_TOLERANCE = 0.02  # of the rate: times are rounded to the microsecond
 TYPES = ("Rigid Body", "Bone", "Marker")
 
 
@@ -55,12 +56,28 @@ class _Header:
         if min(len(types), len(names), len(self.quantity)) < self.width:
             raise InputError(f"the header rows of {name} differ in length: the file is damaged")
         self.columns: dict[str, dict[tuple[str, str], int]] = {}
-        self.left_out = 0
-        for i in range(2, self.width):
-            if types[i] in options.types:
-                self.columns.setdefault(names[i], {}).setdefault((self.quantity[i], self.axis[i]), i)
-            else:
-                self.left_out += 1
+        self.left_out = [i for i in range(2, self.width) if types[i] not in options.types]
+        self.renamed: list[str] = []
+        of: dict[tuple[str, ...], str] = {}  # type, name and ID of an asset -> the name of its station
+        ids = labelled.get("id", [])
+        for i in (i for i in range(2, self.width) if types[i] in options.types):
+            asset = (types[i], names[i], ids[i] if i < len(ids) else "")
+            if (self.quantity[i], self.axis[i]) in self.columns.get(of.get(asset, ""), {}):
+                del of[asset]  # the same column once more: another asset of the same name
+            if asset not in of:
+                of[asset] = self._new_name(names[i])
+            self.columns[of[asset]][self.quantity[i], self.axis[i]] = i
+
+    def _new_name(self, name: str) -> str:
+        """A station of this name, with a number where there is one already."""
+        count, fresh = 1, name
+        while fresh in self.columns:
+            count += 1
+            fresh = f"{name} #{count}"
+        if fresh != name:
+            self.renamed.append(fresh)
+        self.columns[fresh] = {}
+        return fresh
 
 
 def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -70,21 +87,51 @@ def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
     if not lines[0].startswith("Format Version"):
         raise InputError(f"{path.name} is no Motive export: it does not begin with Format Version")
     header = _Header(lines, options, path.name)
-    table = parse_numbers(
-        lines[header.first :], name=path.name, first_line=header.first + 1, delimiter=",",
-        columns=header.width,
-    )  # fmt: skip
+    rows, doubt = judge_end(lines[header.first :], ",", path.name)
+    table = parse_numbers(rows, name=path.name, first_line=header.first + 1, delimiter=",", columns=header.width)
     scale = _scale(header, options, path.name)
     names = [n for n, c in header.columns.items() if all(("Position", a) in c for a in "XYZ")]
     if not names:
         raise InputError(f"{path.name} holds no {' or '.join(options.types)} with a position")
     columns = [[header.columns[n]["Position", a] for a in "XYZ"] for n in names]
     quaternion, history = _rotations(table, header, names)
+    history = [*doubt, *_facts(table, header, path.name), *history]
     if header.left_out:
-        history.append(f"{header.left_out} columns of other kinds than {', '.join(options.types)} were not read")
+        history.append(f"{len(header.left_out)} columns of other kinds than {', '.join(options.types)} were not read")
+    if header.renamed:
+        history.append(f"{len(header.renamed)} asset(s) have a name that repeats and got a number: "
+                       f"{shorten(header.renamed)}")  # fmt: skip
+    history += _other_columns(header, names)
     return make_recording(
         table[:, 1], table[:, columns] * scale, station=names, quaternion=quaternion, history=history
     )
+
+
+def _facts(table: NDArray, header: _Header, name: str) -> list[str]:
+    """Compare what the header says of rows and rate with the rows; what a cut or a lost line changes."""
+    stated = header.keys.get("Total Exported Frames", "")
+    if stated.isdigit() and int(stated) != len(table):
+        raise InputError(f"{name} says that it has {stated} frames, but {len(table)} came: it may be cut")
+    said = []
+    lost = int((np.diff(table[:, 0]) != 1).sum())
+    if lost:
+        said.append(f"the frame numbers do not go on by one at {lost} place(s): frames were lost or moved")
+    try:
+        rate = float(header.keys.get("Export Frame Rate") or header.keys.get("Capture Frame Rate") or "nan")
+    except ValueError:
+        rate = float("nan")
+    step = float(np.median(np.diff(table[:, 1]))) if len(table) > 1 else float("nan")
+    if abs(step * rate - 1.0) > RATE_TOLERANCE:
+        said.append(f"the header states {rate:g} Hz, but the frames are {step:g} s apart; their times were used")
+    return said
+
+
+def _other_columns(header: _Header, names: list[str]) -> list[str]:
+    """Columns of assets that are read, or of assets without a position, that no station holds."""
+    used = {*(("Position", a) for a in "XYZ"), *(("Rotation", a) for a in "XYZW")}
+    left = [f"{name}: {' '.join(filter(None, key))}" for name, columns in header.columns.items()
+            for key in columns if name not in names or key not in used]  # fmt: skip
+    return [f"{len(left)} column(s) were left out: {shorten(left)}"] if left else []
 
 
 def _scale(header: _Header, options: MotiveMapping, name: str) -> float:
@@ -106,7 +153,7 @@ def _rotations(table: NDArray, header: _Header, names: list[str]) -> tuple[NDArr
             continue
         quaternion[:, s], lost = unit_quaternions(table[:, [columns["Rotation", a] for a in "XYZW"]])
         if lost:
-            history.append(f"{lost} quaternion(s) of {name} are far from unit length and became NaN")
+            history.append(f"{lost} quaternion(s) of {name} are incomplete or far from unit length and became NaN")
     return (quaternion if np.isfinite(quaternion).any() else None), history
 
 

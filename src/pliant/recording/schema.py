@@ -22,6 +22,12 @@ SCHEMA_VERSION = 1
 FRAMES = ("tracker", "planar")
 COMPONENTS = ("x", "y", "z", "w")
 QUATERNION_NORM_TOLERANCE = 1e-3
+SHORTEST_STEP = 1e-9  # s between two samples
+# generous bounds of what anybody measures: beyond them stands a marker of missing data, a wrong unit or damage
+MOST = {
+    "position": 1e6, "arc_length": 1e6, "gauge_position": 1e6, "angle": 1e6, "pressure": 1e12, "strain": 1e3,
+    "time": 1e13, "pressure_time": 1e13,
+}  # fmt: skip
 
 # name -> (dimensions that may carry it, units, long name)
 COORDINATES: dict[str, tuple[tuple[str, ...], str, str]] = {
@@ -150,9 +156,10 @@ def check_recording(ds: xr.Dataset) -> xr.Dataset:
     """Return `ds` unchanged when it keeps the rules of the schema.
 
     Refused are: another schema or a newer version; a variable with unknown dimensions or without its
-    units; a clock that is not finite and strictly increasing; infinite values (NaN is a drop-out and
-    allowed); quaternions that are not of unit length; repeated station names; a planar recording with
-    a z axis; a recording that holds neither position, strain nor pressure.
+    units; a clock that is not finite and strictly increasing, by 1 ns at least; infinite values and those
+    beyond `MOST`, such as 1e6 m (NaN is a drop-out and allowed); quaternions that are not of unit length;
+    repeated station names; a planar recording with a z axis; a recording that holds neither position,
+    strain nor pressure.
 
     Raises
     ------
@@ -268,6 +275,12 @@ def _check_array(array: xr.DataArray, name: str, allowed: Sequence[tuple[str, ..
         raise InputError(f"{name} must carry units {units!r} and a long_name, but has {array.attrs}")
     if np.isinf(array.values).any():
         raise InputError(f"{name} holds {int(np.isinf(array.values).sum())} infinite value(s)")
+    beyond = np.abs(array.values) > MOST.get(name, np.inf)  # NaN compares false
+    if beyond.any():
+        raise InputError(
+            f"{name} holds {int(beyond.sum())} value(s) beyond {MOST[name]:g} {units}, such as "
+            f"{array.values[beyond][0]:.3g}: check the unit, and leave a missing value empty or NaN"
+        )
 
 
 def _check_clock(ds: xr.Dataset, name: str) -> None:
@@ -278,11 +291,11 @@ def _check_clock(ds: xr.Dataset, name: str) -> None:
         raise InputError(f"the recording is empty: {name} has no sample")
     if not np.isfinite(clock).all():
         raise InputError(f"{name} holds {int((~np.isfinite(clock)).sum())} sample(s) that are not finite")
-    steps = np.diff(clock)
-    if (steps <= 0).any():
-        row = int(np.argmax(steps <= 0))
+    back = np.diff(clock) < SHORTEST_STEP
+    if back.any():
+        row = int(np.argmax(back))
         raise InputError(
-            f"{name} must increase strictly, but {int((steps <= 0).sum())} step(s) do not; the first is at "
+            f"{name} must increase strictly, but {int(back.sum())} step(s) do not; the first is at "
             f"sample {row + 1}: {clock[row]:.6g} s is followed by {clock[row + 1]:.6g} s"
         )
 

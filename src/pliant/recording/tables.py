@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 MISSING = ("", "nan", "NaN", "NAN", "null", "NA")
 # narrower than float(), which also takes 1_000 and digits of other scripts
 NUMBER = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|infinity)", re.IGNORECASE)
+COMPARED_ROWS = 200  # rows before the last one that say how many digits a number has
 LONGEST_LINE = 4_000_000  # characters; a longer first line is no header
 
 
@@ -55,6 +56,39 @@ def split_cells(line: str, delimiter: str | None) -> list[str]:
     """Cells of one line without surrounding blanks and quotes; `None` splits at white space."""
     cells = line.split() if delimiter is None else line.split(delimiter)
     return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def judge_end(lines: list[str], delimiter: str | None, name: str) -> tuple[list[str], list[str]]:
+    """Judge a last line without a line end: a cut leaves `0.27` of `0.27944`, and nothing else shows it.
+
+    Parameters
+    ----------
+    lines : list of str
+        A text split at its line ends: the last one is empty where the text is whole.
+    delimiter : str or None
+    name : str
+        File name, for messages.
+
+    Returns
+    -------
+    lines, history
+        Without the last row where it has fewer cells, or its last number fewer digits, than the rows before it;
+        and one sentence about what was found, none for a whole text.
+    """
+    if not lines or not lines[-1].strip():
+        return lines, []
+    rows = [line for line in lines[-COMPARED_ROWS - 1 :] if line.strip()]
+    last, before = split_cells(rows[-1], delimiter), [split_cells(row, delimiter) for row in rows[:-1]]
+    told = f"the last line of {name} has no line end"
+    if before and len(last) < min(map(len, before)):
+        return lines[:-1], [f"{told} and {len(last)} cell(s) where {len(before[-1])} belong: it was left out"]
+    if before and _digits(last[-1]) < min(_digits(row[-1]) for row in before):
+        return lines[:-1], [f"{told} and its last number fewer digits than those above: it was left out"]
+    return lines, [f"{told}: the file may be cut inside its last number"]
+
+
+def _digits(cell: str) -> int:
+    return sum(c.isdigit() for c in cell)
 
 
 def parse_numbers(

@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import json
 import re
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.files import whole
+from pliant.recording.mapping import shorten
 from pliant.recording.registry import Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
-from pliant.recording.tables import find_delimiter, parse_numbers, read_text, split_cells
+from pliant.recording.tables import find_delimiter, judge_end, parse_numbers, read_text, split_cells
 from pliant.units import PASCAL, metre_per, pascal_per
 
 if TYPE_CHECKING:
@@ -32,7 +34,7 @@ CLOCKS = {"t": 1.0, "t_s": 1.0, "t_ms": 1e-3}
 KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 STATION_COLUMN = re.compile(r"(x|y|z|qx|qy|qz|qw|angle)_(.+)")
 KNOWN_METADATA = {"length_unit", "station", "arc_length", "frame", "nominal_pressure", "rows", "history",
-                  "source", "source_format", "source_sha256", "angle_reference"}  # fmt: skip
+                  "source", "source_format", "source_sha256", "angle_reference", "table_sha256"}  # fmt: skip
 
 
 def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -44,15 +46,15 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     delimiter = find_delimiter(header, path.name)
     names = split_cells(header, delimiter)
     _check_names(names, path.name)
-    table = parse_numbers(
-        lines[start + 1 :], name=path.name, first_line=start + 2, delimiter=delimiter, columns=len(names)
-    )
+    rows, doubt = judge_end(lines[start + 1 :], delimiter, path.name)
+    doubt += _changed(metadata, lines[start:])
+    table = parse_numbers(rows, name=path.name, first_line=start + 2, delimiter=delimiter, columns=len(names))
     if "rows" in metadata and metadata["rows"] != len(table):
         raise InputError(
             f"{path.name} says that it has {metadata['rows']} rows, but {len(table)} came: it may be cut"
         )
     columns = dict(zip(names, table.T, strict=True))
-    return _recording(columns, metadata, path.name)
+    return _recording(columns, metadata, path.name, doubt)
 
 
 def write_wide_csv(ds: xr.Dataset, path: Path) -> None:
@@ -77,11 +79,23 @@ def write_wide_csv(ds: xr.Dataset, path: Path) -> None:
             columns |= {f"q{c}_{label}": q[:, k] for k, c in enumerate(COMPONENTS)}
         if "angle" in ds:
             columns[f"angle_{label}"] = ds["angle"].values[:, i]
+    rows = np.column_stack(list(columns.values())).tolist()
+    table = [",".join(columns), *(",".join("" if v != v else repr(v) for v in row) for row in rows), ""]  # noqa: PLR0124
+    metadata = _written_metadata(ds) | {"table_sha256": _checksum(table)}
     with whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-        file.write("# " + json.dumps(_written_metadata(ds), ensure_ascii=False) + "\n")
-        file.write(",".join(columns) + "\n")
-        for row in np.column_stack(list(columns.values())).tolist():
-            file.write(",".join("" if value != value else repr(value) for value in row) + "\n")  # noqa: PLR0124
+        file.write("# " + json.dumps(metadata, ensure_ascii=False) + "\n")
+        file.write("\n".join(table))
+
+
+def _checksum(lines: list[str]) -> str:
+    return sha256("\n".join(lines).encode()).hexdigest()
+
+
+def _changed(metadata: dict[str, Any], lines: list[str]) -> list[str]:
+    """A table of ours is not what was written: told, because a person may have edited it."""
+    if metadata.get("table_sha256") in (None, _checksum(lines)):
+        return []
+    return ["the table is not the one that was written: its checksum differs, so it was edited or damaged since"]
 
 
 def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
@@ -118,15 +132,15 @@ def _check_names(names: list[str], file: str) -> None:
         )
 
 
-def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str) -> xr.Dataset:
+def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str, doubt: list[str]) -> xr.Dataset:
     clock = next(n for n in CLOCKS if n in columns)
     labels = _station_labels(columns)
-    history = []
+    history = list(doubt)
     pressure, chamber = _pressure(columns)
     known = {clock, *(n for n in columns if STATION_COLUMN.fullmatch(n) or _pressure_unit(n))}
     ignored = [n for n in columns if n not in known]
     if ignored:
-        history.append(f"{len(ignored)} column(s) of {file} are of no known kind and left out: {ignored}")
+        history.append(f"{len(ignored)} column(s) of {file} are of no known kind and left out: {shorten(ignored)}")
     arrays: dict[str, Any] = {}
     if labels:
         arrays, more = _stations(columns, labels, metadata, file)
