@@ -67,9 +67,8 @@ def test_no_inverse_crime(demo):
 def test_everything_is_written(demo):
     outcome, folder, _ = demo
     names = {p.name for p in folder.iterdir()}
-    assert {"model.json", "metrics.json", "study.json", "report.html", "figures"} <= names
-    figures = {p.stem for p in (folder / "figures").glob("*.png")}
-    assert any("motion" in f for f in figures)
+    assert {"model.json", "metrics.json", "study.json", "report.html"} <= names
+    assert (folder / "report.html").stat().st_size < 1_500_000
     metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     assert metrics["order"]["chosen"] == 3
     assert outcome.verdict[0] in (folder / "report.html").read_text(encoding="utf-8").replace("&#39;", "'")

@@ -96,18 +96,26 @@ def test_the_resolved_study_gives_the_same_numbers(
         assert again[name] == metrics[name]
 
 
-def test_the_report_stands_alone_and_figures_are_there(done: tuple[StudyOutcome, Path, list[str]]) -> None:
-    folder = done[1]
-    page = (folder / "report.html").read_text()
+def test_the_report_stands_alone(done: tuple[StudyOutcome, Path, list[str]]) -> None:
+    page = (done[1] / "report.html").read_text()
+    assert done[0].headline is not None
+    assert done[0].headline.sentence in page
     assert done[0].verdict[0].split(" has not been")[0] in page
-    names = {p.name for p in (folder / "figures").iterdir()}
-    assert {f"linear-{record}-motion.{kind}" for record in LEVELS_KPA for kind in ("svg", "png")} <= names
+
+
+def test_the_headline_judges_what_was_held_out(done: tuple[StudyOutcome, Path, list[str]]) -> None:
+    headline = done[0].headline
+    assert headline is not None
+    assert headline.state == "good"
+    assert headline.sentence.startswith("Record middle, not seen by the fit, is predicted to 0.")
+    assert headline.sentence.endswith("The target is met.")
+    assert headline.warnings == ()
 
 
 def test_nothing_unfinished_is_left_behind(done: tuple[StudyOutcome, Path, list[str]]) -> None:
     left = {p.name for p in done[1].rglob("*") if p.is_file() and (p.name.startswith(".") or p.suffix == ".tmp")}
     assert left == set()
-    assert {p.name for p in done[1].iterdir()} == {"model.json", "metrics.json", "study.json", "report.html", "figures"}
+    assert {p.name for p in done[1].iterdir()} == {"model.json", "metrics.json", "study.json", "report.html"}
 
 
 def test_a_run_tells_what_it_does(done: tuple[StudyOutcome, Path, list[str]]) -> None:
@@ -140,6 +148,9 @@ def test_an_unreachable_target_is_missed_in_so_many_words(tmp_path: Path) -> Non
     content = changed("fits", "linear", "parameters", value=parameters)
     content["targets"] = {"rmse_percent_of_travel": 1e-3, "frequency_percent": 1e-6, "steady_state_percent": 1e-6}
     outcome = run(tmp_path, content)
+    assert outcome.headline is not None
+    assert outcome.headline.state == "missed"
+    assert outcome.headline.sentence.endswith("The target is missed.")
     assert "target 0.001 %: missed; frequency " in outcome.verdict[0]
     assert outcome.verdict[0].count("missed") == 3
     assert "at a bound: stiffness" in outcome.verdict[-1]
@@ -285,7 +296,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_any_work(tmp_path: Pa
 
 
 def test_metrics_come_last_so_that_a_failed_run_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import pliant.validation.report as report
+    import pliant.view.report as report
 
     def fail(*_: Any) -> None:
         raise InputError("no report today")

@@ -23,6 +23,5 @@ def run(
     if json:
         typer.echo((output / "metrics.json").read_text(encoding="utf-8"))
         return
-    for sentence in outcome.verdict:
-        typer.echo(f"- {sentence}")
+    typer.echo(repr(outcome))
     typer.echo(f"report: {output / 'report.html'}")

@@ -260,6 +260,15 @@ def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: fl
     return {"position": rows[..., :2], "angle": turned(exp, rows), "pressure": made.pressure, "model": made.model}
 
 
+def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
+    """Where the whole chain is: base, first joint and link tips (T, n + 2, 2) [m]; arguments as of `predict`."""
+    made = set_up(model, exp, values, step)
+    along = np.concatenate([[0.0, made.model.base_length], made.model.link_length])
+    carrier = np.concatenate([[-1, -1], np.arange(made.model.n)])
+    chain = made._replace(carrier=carrier)
+    return moved(chain, made.numbers._replace(along=along, across=0 * along), np.float64, exp.time.size)[..., :2]
+
+
 def turned(exp: Experiment, rows: Array) -> Array:
     """Angles (..., T, S) [rad] of observed rows (..., T, S, 3), from the rest pose where the experiment's are."""
     angle = rows[..., 2]

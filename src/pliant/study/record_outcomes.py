@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from pliant.identification import Experiment, FitResult, predict, predict_held_out, prediction_band, residual_noise
+from pliant.identification.experiment import predict_body
 from pliant.validation.metrics import compare
 from pliant.validation.outcome import RecordOutcome, Role
 
@@ -16,7 +17,8 @@ def outcome_of(
     """One record beside the model of a fit."""
     prediction = predict(result.model, exp, values, step)
     metrics = compare(exp, prediction["position"], result.model.length)
-    return RecordOutcome(exp.name, role, exp, prediction["position"], prediction["pressure"], metrics)
+    body = predict_body(result.model, exp, values, step)
+    return RecordOutcome(exp.name, role, exp, prediction["position"], prediction["pressure"], metrics, body=body)
 
 
 def records_of(

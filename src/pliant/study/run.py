@@ -30,6 +30,7 @@ from pliant.identification.fit import parameters_from
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.dense import link_experiment, shape_of
+from pliant.study.headline import headline
 from pliant.study.prepare import hardly_moved, planar, study_experiment, study_model, without
 from pliant.study.record_outcomes import records_of
 from pliant.study.schema import Fit, ForecastEntry, LadderEntry, Study
@@ -50,7 +51,7 @@ def run_study(study: Study, folder: str | Path | None = None, *, progress: Tell 
     study : Study
         From `load_study`.
     folder : str or Path, optional
-        Takes model.json, metrics.json, study.json (resolved), report.html and figures/. Made when absent; files in it
+        Takes model.json, metrics.json, study.json (resolved), results.nc and report.html. Made when absent; files in it
         are replaced one by one, each whole.
     progress : callable, optional
         Called with one line for each thing done.
@@ -85,7 +86,9 @@ def run_study(study: Study, folder: str | Path | None = None, *, progress: Tell 
         forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
         {"pliant": __version__, **ready.provenance}, climbed,
     )
-    outcome = replace(outcome, verdict=verdict(outcome, study.targets))
+    outcome = replace(
+        outcome, verdict=verdict(outcome, study.targets), headline=headline(outcome, study.targets)
+    )
     if target is not None:
         outcome = write_outcome(study, outcome, target, began, tell)
     return outcome
@@ -240,8 +243,8 @@ def edge_values(names: Sequence[str], template: Experiment) -> dict[str, float]:
 
 
 def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:
-    """Write model, resolved study, report and figures, then metrics.json as the last and telling file."""
-    from pliant.validation.report import write_report  # draws: loaded when something is drawn
+    """Write model, resolved study, results and report, then metrics.json as the last and telling file."""
+    from pliant.view.report import write_report  # loaded when something is written
 
     save_model(outcome.model, folder / "model.json")
     resolved: dict[str, Any] = study.model_dump(exclude_none=True)

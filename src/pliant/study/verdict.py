@@ -6,7 +6,7 @@ from typing import Any
 
 from pliant.study.schema import Targets
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome, StudyOutcome
-from pliant.validation.rows import metric_label
+from pliant.validation.wording import metric_label
 
 LONGER = 2.0  # % of its length: a body that grows by more is said to
 

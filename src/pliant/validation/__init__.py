@@ -1,1 +1,1 @@
-"""How good a model is: metrics on training and held-out recordings, figures, the report."""
+"""How good a model is: metrics on training and held-out recordings, and figures for papers."""

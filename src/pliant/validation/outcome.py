@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class RecordOutcome:
     pressure: Array  # (T,) Pa, behind the valve, as modelled
     metrics: dict[str, Any]
     band: Band | None = None  # of the prediction of a held-out record
+    body: Array | None = None  # (T, n + 2, 2) m, modelled base, first joint and link tips
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,14 @@ class Forecast:
     half_width: Array | None = None  # (T, 2) m, of the 95 % band about the tip
 
 
+class Headline(NamedTuple):
+    """What to think of the first fit's predictions, in one sentence, and what to beware of."""
+
+    state: Literal["good", "beware", "missed", "open"]  # targets met; met, but see warnings; missed; none was stated
+    sentence: str
+    warnings: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, repr=False)
 class StudyOutcome(Shown):
     """Everything that `pliant run` found."""
@@ -95,9 +104,10 @@ class StudyOutcome(Shown):
     timing: dict[str, float] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
     ladder: Ladder | None = None
+    headline: Headline | None = None
 
     def card(self) -> Card:
-        """The verdict, and every record under the first fit that holds it."""
+        """The headline, and every record under the first fit that holds it."""
         rows = []
         for f in self.fits:
             for r in f.records:
@@ -105,7 +115,8 @@ class StudyOutcome(Shown):
                 numbers = ["" if v is None else f"{v:.3g}" for v in found]
                 rows.append([r.name, f.title, r.role.replace("_", " "), *numbers])
         head = ["record", "fit", "role", "RMSE mm", "% of travel", "largest mm"]
-        return Card(self.title, self.verdict, head, rows)
+        said = (self.headline.sentence, *self.headline.warnings) if self.headline else self.verdict
+        return Card(self.title, said, head, rows)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of metrics.json: every record from the first fit that holds it, and every fit whole."""
@@ -114,7 +125,8 @@ class StudyOutcome(Shown):
             for r in f.records:
                 records.setdefault(r.name, {"role": r.role, "fit": f.name, **r.metrics})
         return {
-            "schema": "pliant-metrics", "schema_version": 1, "study": self.name, "verdict": list(self.verdict),
+            "schema": "pliant-metrics", "schema_version": 1, "study": self.name,
+            "headline": self.headline._asdict() if self.headline else None, "verdict": list(self.verdict),
             "records": records,
             "parameters": {p.name: parameter_dict(p) for p in self.fits[0].result.parameters},
             "fits": {f.name: f.to_dict() for f in self.fits},

@@ -9,6 +9,14 @@ from pliant.validation.outcome import RecordOutcome
 
 ROLE = {"train": "training", "held_out": "held out", "forecast": "forecast"}
 DASH = "–"
+UNITS = {"mm": "mm", "hz": "Hz", "percent": "%", "s": "s", "deg": "°", "n": "N", "kpa": "kPa", "g": "g"}
+LABELS = {
+    "rmse_mm": "RMSE", "max_mm": "largest distance", "rmse_percent_of_travel": "RMSE / travel",
+    "rmse_percent_of_length": "RMSE / length", "fit_percent": "NRMSE fit",
+    "within_band_percent": "within the 95 % band", "frequency_hz": "frequency",
+    "damping_ratio": "damping ratio", "overshoot_percent": "overshoot", "steady_state_mm": "steady state",
+    "steady_state_error_mm": "steady-state error",
+}
 
 
 def digits(value: Any, count: int = 3, sign: str = "", *, zeros: bool = True) -> str:
@@ -35,3 +43,11 @@ def heading(record: RecordOutcome) -> str:
     """Name, role and error of a record, for a title."""
     rmse, travel = (digits(record.metrics.get(k)) for k in ("rmse_mm", "rmse_percent_of_travel"))
     return f"{clip(record.name)}, {ROLE[record.role]}: RMSE {rmse} mm, {travel} % of travel"
+
+
+def metric_label(key: str) -> tuple[str, str]:
+    """Words and unit of a metric from its name: frequency_hz is ("frequency", "Hz")."""
+    unit = next((u for part in reversed(key.split("_")) if (u := UNITS.get(part))), "")
+    tail = key.rpartition("_")[2]
+    words = key.removesuffix(f"_{tail}") if tail in UNITS else key
+    return LABELS.get(key, words.replace("_", " ")), unit

@@ -11,17 +11,12 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.identification.ladder import Ladder
 from pliant.identification.parameters import Parameter, kind_of
+from pliant.identification.result import FitResult
 from pliant.validation.outcome import FitOutcome, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import digits
 
-UNITS = {"mm": "mm", "hz": "Hz", "percent": "%", "s": "s", "deg": "°", "n": "N", "kpa": "kPa", "g": "g"}
-LABELS = {
-    "rmse_mm": "RMSE", "max_mm": "largest distance", "rmse_percent_of_travel": "RMSE / travel",
-    "rmse_percent_of_length": "RMSE / length", "fit_percent": "NRMSE fit",
-    "within_band_percent": "within the 95 % band", "frequency_hz": "frequency",
-    "damping_ratio": "damping ratio", "overshoot_percent": "overshoot", "steady_state_mm": "steady state",
-    "steady_state_error_mm": "steady-state error",
-}
+WIDE = 1.959964  # standard errors to each side of a 95 % interval
+TIED = 0.95  # correlation of errors from which two parameters are told as one
 PAIRS = ("frequency_hz", "damping_ratio", "overshoot_percent", "steady_state_mm")
 SINGLE = ("rmse_mm", "rmse_percent_of_travel", "rmse_percent_of_length", "max_mm", "fit_percent", "within_band_percent")
 
@@ -58,16 +53,19 @@ def seen_text(record: RecordOutcome) -> str:
 
 
 def fit_table(fits: Sequence[FitOutcome], order: Sequence[str]) -> dict[str, Any]:
-    """Fits against records, these in the given order: error and role in every cell."""
-    used = dict.fromkeys(r.name for f in fits for r in f.records)
-    names = list(dict.fromkeys([*(n for n in order if n in used), *used]))
+    """Fits against records, held-out ones first and then in the given order: error and role in every cell."""
+    role: dict[str, str] = {}
+    for r in (r for f in fits for r in f.records):
+        role[r.name] = "held_out" if "held_out" in (r.role, role.get(r.name)) else r.role
+    place = {n: k for k, n in enumerate(dict.fromkeys([*order, *role]))}
+    names = sorted(role, key=lambda n: (role[n] != "held_out", place[n]))
     rows = []
-    for f in fits:
-        cells = {r.name: (r.role, digits(r.metrics.get("rmse_percent_of_travel")), digits(r.metrics.get("rmse_mm")))
-                 for r in f.records}
+    for k, f in enumerate(fits):
+        cells = {r.name: (r.role, digits(r.metrics.get("rmse_percent_of_travel")), digits(r.metrics.get("rmse_mm")),
+                          r.name, role[r.name]) for r in f.records}
         free = sum(p.free for p in f.result.parameters)
-        rows.append({"fit": f, "cells": [cells.get(n) for n in names], "free": free, "seconds": digits(f.seconds)})
-    return {"names": names, "rows": rows}
+        rows.append({"fit": f, "k": k, "cells": [cells.get(n) for n in names], "free": free})
+    return {"names": [(n, role[n]) for n in names], "rows": rows}
 
 
 def parameter_row(p: Parameter) -> dict[str, str]:
@@ -80,9 +78,48 @@ def parameter_row(p: Parameter) -> dict[str, str]:
     return {
         "name": p.name, "meaning": kind_of(p.name).meaning.replace("^k", power), "unit": p.unit.replace("^k", power),
         "value": digits(p.value, 5, zeros=p.free), "std": digits(p.std, 2), "share": share, "bounds": bounds(p),
+        "interval": interval(p),
         "source": source,
         "state": ("free, at a bound" if at_bound else "free") if p.free else "fixed",
     }
+
+
+def interval(p: Parameter) -> str:
+    """The 95 % interval of a parameter in words; a dash where there is none."""
+    if p.std is None or p.value is None:
+        return digits(None)
+    return " to ".join(digits(p.value + side * WIDE * p.std, 4) for side in (-1, 1))
+
+
+def correlation_rows(result: FitResult) -> dict[str, Any] | None:
+    """Correlation of the free parameters' errors: names, and a row of texts and strengths for each; None for one."""
+    spread = result.covariance
+    if spread is None or len(spread.names) < 2:
+        return None
+    rows = [
+        (name, [("" if hidden else f"{v:.2f}".replace("-", "−"), "0" if hidden else f"{abs(float(v)):.2f}")
+                for v, hidden in zip(row, spread.hidden | spread.hidden[i], strict=True)])
+        for i, (name, row) in enumerate(zip(spread.names, spread.correlation, strict=True))
+    ]
+    return {"names": spread.names, "rows": rows}
+
+
+def not_shown(result: FitResult) -> list[str]:
+    """What the recordings leave open about a fit's parameters, as sentences."""
+    free = [p for p in result.parameters if p.free]
+    said = [f"{p.name}: the data do not show it." for p in free if p.std is None]
+    said += [
+        f"{p.name}: its 95 % interval, {interval(p)}, holds zero." for p in free
+        if p.std is not None and p.value is not None and abs(p.value) < WIDE * p.std
+    ]
+    spread = result.covariance
+    if spread is not None:
+        shown = [i for i, hidden in enumerate(spread.hidden) if not hidden]
+        tied = [(abs(c), f"{spread.names[i]} and {spread.names[j]}", c) for k, i in enumerate(shown)
+                for j in shown[:k] if abs(c := float(spread.correlation[i, j])) > TIED]
+        said += [f"{pair} make up for each other: their errors are correlated by {digits(c, 2)}."
+                 for _, pair, c in sorted(tied, reverse=True)]
+    return said
 
 
 def bounds(p: Parameter) -> str:
@@ -102,14 +139,6 @@ def known_unit(parameter: str) -> str:
         return ""
 
 
-def metric_label(key: str) -> tuple[str, str]:
-    """Words and unit of a metric from its name: frequency_hz is ("frequency", "Hz")."""
-    unit = next((u for part in reversed(key.split("_")) if (u := UNITS.get(part))), "")
-    tail = key.rpartition("_")[2]
-    words = key.removesuffix(f"_{tail}") if tail in UNITS else key
-    return LABELS.get(key, words.replace("_", " ")), unit
-
-
 def model_facts(outcome: StudyOutcome) -> list[tuple[str, str]]:
     """The body in a few numbers."""
     m = outcome.model
@@ -126,13 +155,17 @@ def ladder_rows(ladder: Ladder) -> list[dict[str, Any]]:
     titles = {s.rung.name: s.rung.title for s in ladder.steps}
     freed = {s.rung.name: set(s.freed) for s in ladder.steps}
     rows, before = [], ""
+    most = max(sum(e.values()) / len(e) for s in ladder.steps for e in (s.train, s.held_out) if e)
     for s in ladder.steps:
-        errors = [digits(sum(e.values()) / len(e)) if e else digits(None) for e in (s.train, s.held_out)]
+        means = [sum(e.values()) / len(e) if e else None for e in (s.train, s.held_out)]
+        errors = [digits(m) for m in means]
+        shares = [f"{100 * (m or 0.0) / most:.0f}%" for m in means]
         added = [n for n in s.freed if n not in freed.get(s.stands_on, ())]
         rows.append({
             "title": s.rung.title, "chosen": s.rung.name == ladder.chosen, "told": s.told,
             "stands_on": titles[s.stands_on] if s.result and s.stands_on not in ("", before) else "",
             "adds": ", ".join(added) or "nothing", "free": str(len(s.freed)), "train": errors[0],
+            "train_share": shares[0], "held_share": shares[1],
             "held_out": errors[1], "bic": digits(s.bic, 4), "fit": digits(s.seconds), "step": digits(s.step_ns),
         })
         before = s.rung.name

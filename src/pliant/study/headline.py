@@ -1,0 +1,87 @@
+"""The headline: one sentence about the first fit's predictions, and what a reader must beware of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from pliant.study.schema import Targets
+from pliant.study.verdict import LONGER, judged
+from pliant.validation.outcome import FitOutcome, Headline, RecordOutcome, StudyOutcome
+
+FAR = 10.0  # % of travel: a point that is ever so far off is told
+OVERSHOOT = 5.0  # points of the overshoot
+OFF = 10.0  # % of a frequency
+STEADY = 5.0  # % of travel
+COVERED = 80.0  # % of the coordinates within a band that should hold 95
+
+
+def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
+    """The first fit in one sentence, held out before training, with the warnings that matter."""
+    fit = outcome.fits[0]
+    held = [r for r in fit.records if r.role == "held_out"]
+    shown = held or list(fit.records)
+    verdicts = [judged(r.metrics, targets) for r in shown]
+    warnings = tuple(dict.fromkeys([*fit_warnings(fit, held), *(w for r in shown for w in record_warnings(r))]))
+    if any("missed" in v for v in verdicts):
+        state = "missed"
+    elif warnings:
+        state = "beware"
+    else:
+        state = "good" if any(verdicts) else "open"
+    return Headline(state, f"{sentence(shown, held=bool(held))} {target_sentence(verdicts)}", warnings)  # type: ignore[arg-type]
+
+
+def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
+    """How well the records are met, as a range where there are several."""
+    share = sorted(r.metrics["rmse_percent_of_travel"] for r in shown)
+    error = sorted(r.metrics["rmse_mm"] for r in shown)
+    many = len(shown) > 1
+    which = f"{len(shown)} records" if many else f"Record {shown[0].name}"
+    seen = "not seen by the fit" if held else "seen by the fit"
+    verb = ("are" if many else "is") + (" predicted" if held else " followed")
+    to = f"{share[0]:.1f} to {share[-1]:.1f}" if many else f"{share[0]:.1f}"
+    mm = f"{error[0]:.2g} to {error[-1]:.2g}" if many else f"{error[0]:.2g}"
+    return f"{which}, {seen}, {verb} to {to} % of {'their' if many else 'its'} travel ({mm} mm RMSE)."
+
+
+def target_sentence(verdicts: Sequence[str]) -> str:
+    """How many of the records meet what the study asked for."""
+    if not any(verdicts):
+        return "The study states no target."
+    met = sum(bool(v) and "missed" not in v for v in verdicts)
+    if met == len(verdicts):
+        return "The targets are met." if len(verdicts) > 1 else "The target is met."
+    return f"The targets are met by {met} of {len(verdicts)}." if len(verdicts) > 1 else "The target is missed."
+
+
+def fit_warnings(fit: FitOutcome, held: Sequence[RecordOutcome]) -> Iterator[str]:
+    """What the fit itself warns of."""
+    if not held:
+        yield "No record is held out: this shows that the model can follow, not that it predicts."
+    if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
+        yield fit.result.status
+    yield from (note for note in fit.result.notes if "correlated" not in note)
+
+
+def record_warnings(record: RecordOutcome) -> Iterator[str]:
+    """Where a record and its model part in a way that a small mean error hides."""
+    m, name = record.metrics, record.name
+    travel = m["travel_mm"]
+    if m["max_mm"] > FAR / 100 * travel:
+        yield f"{name}: the largest error is {m['max_mm']:.2g} mm, {100 * m['max_mm'] / travel:.0f} % of travel."
+    measured, modelled = m["overshoot_percent"]["measured"], m["overshoot_percent"]["modelled"]
+    if measured is not None and abs((modelled or 0.0) - measured) > OVERSHOOT:
+        yield f"{name}: overshoot {(modelled or 0.0) - measured:+.0f} points off the measured {measured:.0f} %."
+    measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
+    if (measured is None) != (modelled is None):
+        yield (f"{name}: the body rings at {measured:.3g} Hz, the model does not ring." if measured is not None
+               else f"{name}: the model rings at {modelled:.3g} Hz, the body does not ring.")
+    elif measured and abs(modelled / measured - 1) > OFF / 100:
+        yield f"{name}: frequency {100 * (modelled / measured - 1):+.0f} % off the measured {measured:.3g} Hz."
+    steady = m["steady_state_error_mm"]
+    if steady is not None and abs(steady) > STEADY / 100 * travel:
+        yield f"{name}: steady state {steady:+.2g} mm off, {100 * abs(steady) / travel:.0f} % of travel."
+    if m.get("within_band_percent", 100.0) < COVERED:
+        yield f"{name}: the 95 % band holds only {m['within_band_percent']:.0f} % of what was measured."
+    if (m.get("extension_percent") or 0.0) > LONGER:
+        yield f"{name}: the body lengthens by {m['extension_percent']:.1f} %, the model does not."

@@ -1,0 +1,134 @@
+"""What the page's plots draw: arrays of every record, shape, law and forecast, in the units that a reader reads."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pliant.identification.experiment import Experiment
+from pliant.validation.curves import autocorrelation, level_of, spread
+from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
+from pliant.view.packing import Pack
+
+Array = np.ndarray
+MOST_NUMBERS = 1_200_000  # of all records in one page; beyond, every second frame, or every third, ...
+MOST_FRAMES = 4000  # of a plot of the shape
+PROFILES, PLACES = 60, 120  # of the fan of curvatures
+
+
+def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
+    """Notes of all arrays, by what they are of."""
+    every = thinning(outcome)
+    measured: dict[str, Any] = {}
+    for fit in outcome.fits:
+        for record in fit.records:
+            measured.setdefault(record.name, measured_of(record.experiment, every, pack))
+    return {
+        "every": every, "records": measured,
+        "fits": [{
+            "title": f.title, "records": {r.name: modelled_of(r, every, pack) for r in f.records},
+        } for f in outcome.fits],
+        "shape": shape_of(outcome.shape, pack) if outcome.shape else None,
+        "torque": torque_of(outcome.fits, pack) if has_torque(outcome.fits) else None,
+        "forecasts": [forecast_of(f, pack) for f in outcome.forecasts],
+    }
+
+
+def thinning(outcome: StudyOutcome) -> int:
+    """Every how manieth frame the page shows, so that its size stays bounded."""
+    numbers = 0
+    for fit in outcome.fits:
+        for r in fit.records:
+            each = r.experiment.position[0].size
+            numbers += len(r.modelled) * (2 * each + (2 * each if r.band is not None else 0)
+                                          + (0 if r.body is None else r.body[0].size))
+    return max(1, int(np.ceil(numbers / MOST_NUMBERS)))
+
+
+def measured_of(exp: Experiment, every: int, pack: Pack) -> dict[str, Any]:
+    """What a recording showed: s, mm and kPa."""
+    pressures = []
+    if exp.pressure is not None:
+        samples = np.asarray(exp.pressure.pressure, dtype=float).reshape(exp.pressure.time.size, -1)
+        for k in range(samples.shape[1]):
+            name = "measured" if samples.shape[1] == 1 else f"measured, chamber {k + 1}"
+            seen = np.interp(exp.time[::every], exp.pressure.time, samples[:, k], left=np.nan, right=np.nan)
+            pressures.append({"name": name, "value": pack.add(1e-3 * seen)})
+    return {
+        "stations": list(exp.stations), "shown": spread(len(exp.stations), 3), "kind": exp.excitation,
+        "time": clock(exp.time[::every], pack), "position": pack.add(1e3 * exp.position[::every]),
+        "pressures": pressures, "level": 1e-3 * exp.level if exp.excitation == "pulse" else None,
+    }
+
+
+def clock(time: Array, pack: Pack) -> dict[str, Any]:
+    """Times to the last digit: float64, as bytes."""
+    note = {"at": pack.used, "shape": [time.size], "kind": "float64"}
+    pack.put(np.asarray(time, dtype="<f8").tobytes())
+    return note
+
+
+def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]:
+    """What a fit says of a recording: mm, kPa, and the correlation of its last station's residual."""
+    exp = record.experiment
+    residual = 1e3 * (record.modelled[:, -1] - exp.last_station)
+    lag, correlation = zip(*(autocorrelation(exp.time, residual[:, axis]) for axis in (0, 1)), strict=True)
+    seen = np.isfinite(residual[:, 0]).sum()
+    body = record.body if record.body is not None else np.concatenate(
+        [np.zeros((exp.time.size, 1, 2)), record.modelled], axis=1)
+    pressure = np.asarray(record.pressure, dtype=float).reshape(exp.time.size, -1)
+    return {
+        "role": record.role, "position": pack.add(1e3 * record.modelled[::every]),
+        "body": pack.add(1e3 * body[::every]), "pressure": pack.add(1e-3 * pressure[::every]),
+        "band": [pack.add(1e3 * edge[::every]) for edge in (record.band.lower, record.band.upper)]
+        if record.band is not None else None,
+        "level": record.band.level if record.band is not None else None,
+        "lag": clock(lag[0], pack), "correlation": pack.add(np.stack(correlation, axis=1)),
+        "white": float(1.96 / np.sqrt(max(seen, 1))),
+    }
+
+
+def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:
+    """Errors of each order in time, and the fan of curvatures."""
+    order = shape.order
+    stretch = -(-order.time.size // MOST_FRAMES)
+    starts = np.arange(0, order.time.size, stretch)  # of each stretch of frames, its largest error
+    frames = np.unique(np.linspace(0, len(shape.curvature) - 1, min(PROFILES, len(shape.curvature))).astype(int))
+    places = np.unique(np.linspace(0, shape.arc_length.size - 1, min(PLACES, shape.arc_length.size)).astype(int))
+    return {
+        "name": shape.name, "orders": list(order.orders), "used": shape.links.n,
+        "bound": None if order.bound is None else 1e3 * order.bound, "time": clock(order.time[starts], pack),
+        "error": pack.add(np.stack([1e3 * np.maximum.reduceat(e, starts) for e in order.max_error], axis=1)),
+        "arc": clock(1e3 * shape.arc_length[places], pack),
+        "curvature": pack.add(shape.curvature[np.ix_(frames, places)].T),
+        "rest": pack.add(shape.rest_curvature[places]), "frames": len(shape.curvature),
+    }
+
+
+def has_torque(fits: Sequence[FitOutcome]) -> bool:
+    """Whether a fit moved the torque law."""
+    return any(re.match(r"(.+\.)?(torque_\d|gain)$", p.name) for f in fits for p in f.result.parameters)
+
+
+def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
+    """Torque law of each fit, kPa and mN m, with the levels of its records."""
+    levels = sorted({level_of(r) for f in fits for r in f.records})
+    pressure = np.unique([*np.linspace(0.0, 1.05 * max([*levels, 1.0]), 100), *levels])
+    laws = []
+    for fit in fits:
+        role = {level_of(r): r.role for r in fit.records}
+        laws.append({
+            "title": fit.title, "value": pack.add(1e3 * np.asarray(fit.result.model.torque_at(pressure))),
+            "marks": [role.get(p) for p in pressure.tolist()],
+        })
+    return {"pressure": clock(1e-3 * pressure, pack), "laws": laws}
+
+
+def forecast_of(forecast: Forecast, pack: Pack) -> dict[str, Any]:
+    """A forecast's tip and its band, mm."""
+    half = forecast.half_width
+    edges = None if half is None else [pack.add(1e3 * (forecast.tip + s * half)) for s in (-1, 1)]
+    return {"time": clock(forecast.time, pack), "tip": pack.add(1e3 * forecast.tip), "band": edges}

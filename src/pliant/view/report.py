@@ -1,0 +1,158 @@
+"""`report.html`: what a study found, on one page that moves and needs nothing but itself."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.files import write_text
+from pliant.validation.metrics import DEFINITIONS
+from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
+from pliant.validation.wording import ROLE, digits, metric_label
+from pliant.view.data import has_torque, page_data
+from pliant.view.packing import Pack
+from pliant.view.rows import (
+    PAIRS,
+    SINGLE,
+    correlation_rows,
+    first_records,
+    fit_table,
+    known_unit,
+    ladder_rows,
+    link_rows,
+    model_facts,
+    not_shown,
+    order_rows,
+    parameter_row,
+    record_row,
+    seen_text,
+)
+
+ASSETS = Path(__file__).parent / "assets"
+SIGNS = {"good": ("✓", "Good"), "beware": ("!", "Beware"), "missed": ("✗", "Missed"), "open": ("?", "Open")}
+
+
+def write_report(outcome: StudyOutcome, folder: str | Path) -> Path:
+    """Write ``report.html``.
+
+    Parameters
+    ----------
+    outcome : StudyOutcome
+    folder : str or Path
+        Made when absent. The page asks for nothing from any network.
+
+    Returns
+    -------
+    Path
+        Of the page. The same outcome gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be made or written.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot write into the output folder {folder}: {error.strerror or error}") from None
+    return write_text(folder / "report.html", report_page(outcome))
+
+
+def report_page(outcome: StudyOutcome) -> str:
+    """The page as text."""
+    pack = Pack()
+    data = page_data(outcome, pack)
+    shown = content(outcome) | {"every": data["every"]}
+    scripts = [asset("uPlot.iife.min.js"), asset("figures.js"), asset("report.js")]
+    return template("report.html.j2").render(
+        shown, data=script_json(data), block=pack.text(), scripts=scripts,
+        styles=[asset("uPlot.min.css"), asset("page.css")],
+    )
+
+
+def template(name: str) -> Any:
+    """A template of the page; user text is escaped in it."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals.update(definition=DEFINITIONS, label=metric_label, digits=digits, role=ROLE)
+    return environment.get_template(name)
+
+
+def asset(name: str) -> str:
+    """A script or style of the page, as text to put into it."""
+    return (ASSETS / name).read_text(encoding="utf-8")
+
+
+def script_json(data: Any) -> str:
+    """JSON that may stand in a script element, whatever its texts say."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+def content(outcome: StudyOutcome) -> dict[str, Any]:
+    """Everything that the page says in words and tables."""
+    main = sorted(first_records(outcome.fits), key=lambda pair: pair[1].role != "held_out")
+    headline = outcome.headline or Headline("open", "No verdict was formed; the table of records has the numbers.")
+    sign, word = SIGNS[headline.state]
+    return {
+        "outcome": outcome, "headline": headline, "sign": sign, "word": word,
+        "records": {
+            "held_out": [record_row(f, r) for f in outcome.fits for r in f.records if r.role == "held_out"],
+            "train": [record_row(f, r) for f, r in main if r.role == "train"],
+        },
+        "seen": {r.name: seen_text(r) for _, r in main},
+        "several": len(outcome.fits) > 1,
+        "fits": fit_table(outcome.fits, list(outcome.findings)),
+        "band_json": script_json({
+            f"{k}:{r.name}": band_sentence(f, r) for k, f in enumerate(outcome.fits) for r in f.records
+        }),
+        "ladder": {"reason": outcome.ladder.reason, "rows": ladder_rows(outcome.ladder)} if outcome.ladder else None,
+        "parameters": [
+            (f, [parameter_row(p) for p in f.result.parameters], correlation_rows(f.result)) for f in outcome.fits
+        ],
+        "unseen": [(f.title, not_shown(f.result)) for f in outcome.fits],
+        "shape": shape_block(outcome.shape) if outcome.shape else None,
+        "forecasts": [forecast_block(f) for f in outcome.forecasts],
+        "definitions": {k: (*metric_label(k), v) for k, v in DEFINITIONS.items()},
+        "pairs": PAIRS, "single": SINGLE, "facts": model_facts(outcome),
+        "torque": has_torque(outcome.fits),
+    }
+
+
+def band_sentence(fit: FitOutcome, record: RecordOutcome) -> str:
+    """What the band of a prediction rests on, and how much of the record it holds; empty where there is none."""
+    spread = fit.result.covariance
+    if record.band is None or spread is None:
+        return ""
+    held = digits(record.metrics.get("within_band_percent"), 3, zeros=False)
+    return (f"The {100 * record.band.level:g} % band, of the parameters' uncertainty ({spread.source}) and of "
+            f"residuals as large as in training, holds {held} % of the coordinates.")
+
+
+def shape_block(shape: Shape) -> dict[str, Any]:
+    """The dense shape that decided the chain: how its tip was found, the errors of each order, the links."""
+    notes: Sequence[str] = [shape.tip_status, *shape.order.notes, *shape.links.notes]
+    return {
+        "name": shape.name, "summary": shape.order.summary(), "notes": [n for n in dict.fromkeys(notes) if n],
+        "orders": order_rows(shape), "links": link_rows(shape), "n": shape.links.n,
+        "lowest": digits(1e3 * float(np.max(shape.order.max_error[shape.order.orders.index(shape.links.n)])))
+        if shape.links.n in shape.order.orders else "",
+    }
+
+
+def forecast_block(forecast: Forecast) -> dict[str, Any]:
+    """A forecast: what was changed, what is predicted."""
+    stated = [(k, digits(v, 5, zeros=False), known_unit(k)) for k, v in forecast.stated.items()]
+    half = {k: f" ± {digits(v, 2)}" for k, v in forecast.interval.items()}
+    numbers = [(k, *metric_label(k), f"{digits(v, 4)}{half.get(k, '')}") for k, v in forecast.numbers.items()]
+    return {"title": forecast.title, "stated": stated, "numbers": numbers}
