@@ -41,7 +41,6 @@ def test_the_chosen_rung_is_the_model_and_the_page_shows_all(tmp_path: Path) -> 
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Ladder of models" in page
     assert "uncertainty (block bootstrap)" in page
-    assert (tmp_path / "out" / "figures" / "ladder.svg").is_file()
 
 
 def test_a_rung_that_nobody_knows_is_refused(tmp_path: Path) -> None:
