@@ -45,10 +45,10 @@ class Loop:
         self.clock = VirtualClock()
         arm = VirtualActuator(self.plant, self.clock)
         self.loop = ControlLoop(
-            [arm], arm, self.ready.estimator, self.ready.control, Watchdog(Bounds(1.15 * HIGHEST)), PERIOD, self.clock
+            [arm], arm, self.ready.pipeline, Watchdog(Bounds(1.15 * HIGHEST)), PERIOD, self.clock
         )
-        self.rest, self.body, self.deadline = self.plant.tip, self.ready.estimator.model, 0
-        self.still = state.tips(self.body, self.ready.estimator.angle)[-1].copy()
+        self.rest, self.body, self.deadline = self.plant.tip, self.ready.body, 0
+        self.still = state.tips(self.body, self.ready.estimator.state(0.0).angle)[-1]
 
     def go(self, seconds):
         """True and seen displacement, command, and seconds of processor for each period."""
@@ -57,7 +57,7 @@ class Loop:
             self.clock.sleep_until(self.deadline)
             self.loop.period(self.deadline, self.deadline)
             self.deadline += round(PERIOD * 1e9)
-            seen = np.linalg.norm(state.tips(self.body, self.ready.estimator.angle)[-1] - self.still)
+            seen = np.linalg.norm(state.tips(self.body, self.ready.estimator.state(0.0).angle)[-1] - self.still)
             rows.append((np.linalg.norm(self.plant.tip - self.rest), seen, self.loop.command))
         return np.array(rows).T
 
@@ -114,17 +114,19 @@ def speed():
 
     run = Loop("a", "a", True, time=[0.0], displacement=[STEP], duration=1.0)
     run.go(0.3)
-    seen, control, lead = run.ready.estimator, run.ready.control, run.ready.reference.lead[9]
-    regulator, observer = control.law.inputs(6e4, np.zeros(2)), seen.inputs(1)
+    seen, control, lead = run.ready.estimator, run.ready.control, run.ready.trajectory.lead[9]
+    points, now = run.plant.advance(0.0).shape, [0.3]
+    regulator = control.law.inputs(6e4, np.zeros(2))
+    observer = seen.inputs(run.ready.link_angles.frame(points).values)
     many = twin(frame_loops.many_followed, seen.model.n)
     many(1, observer, regulator, lead, np.zeros(8))
     told = {"observer_lqr_us": spent(lambda: many(50, observer, regulator, lead, np.zeros(8)), 50)}
-    points, now = run.plant.advance(0.0).shape, [0.3]
 
     def frame():
         now[0] += PERIOD
-        seen.drive(now[0], 6e4)
-        control.step(now[0], *seen.update(now[0], points), 6e4)
+        seen.push_pressure(now[0], 6e4)
+        seen.push_frame(now[0], *run.ready.link_angles.frame(points))
+        control.step(now[0], seen.state(now[0]), 6e4)
 
     told["observer_lqr_python_us"] = spent(frame, calls=3000)
     body, n, noise = seen.model, seen.model.n, default_noise(seen.model)

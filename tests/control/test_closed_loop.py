@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pliant.control import Limits, SupplyValve, Task, Tuning, prepare_control
-from pliant.estimation import Differences, LinkAngles, calibrated, frozen
+from pliant.estimation import frozen
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.model import load_model
 from pliant.testbed.plant import Plant
@@ -21,23 +21,20 @@ PERIOD, HIGHEST = 4e-3, 190e3
 class Run:
     """A plant under control for a while, with its true tip after every period."""
 
-    def __init__(self, body, *, perfect=False, filtered=False, **task):
+    def __init__(self, body, *, perfect=False, estimator="observer", **task):
         self.plant = Plant(body, perfect=perfect)
         late = 0 if perfect else 1
         frames = np.array([self.plant.advance(0.0).shape for _ in range(50)])
         task = Task(**{"time": [0.0], "displacement": [0.025], "duration": 1.0} | task)
         self.ready = prepare_control(
-            load_model(MODEL), self.plant.arc_length, frames, task, Limits(HIGHEST), PERIOD, late=late, supply=VALVE
+            load_model(MODEL), self.plant.arc_length, frames, task, Limits(HIGHEST), PERIOD, late=late, supply=VALVE,
+            estimator=estimator,
         )
-        self.estimator = self.ready.estimator
-        if filtered:
-            self.estimator = Differences(LinkAngles(calibrated(load_model(MODEL), self.plant.arc_length, frames),
-                                                self.plant.arc_length))
-        self.design, self.reference = self.ready.design, self.ready.reference
+        self.design, self.trajectory = self.ready.design, self.ready.trajectory
         self.clock = VirtualClock()
         self.arm = VirtualActuator(self.plant, self.clock)
         watchdog = Watchdog(Bounds(1.15 * HIGHEST))
-        self.loop = ControlLoop([self.arm], self.arm, self.estimator, self.ready.control, watchdog, PERIOD, self.clock)
+        self.loop = ControlLoop([self.arm], self.arm, self.ready.pipeline, watchdog, PERIOD, self.clock)
         self.rest = self.plant.tip
 
     def go(self, seconds):
@@ -86,14 +83,14 @@ def test_a_push_is_rejected(reached):
         assert np.abs(part[-50:] - 0.025).max() < 5e-4
 
 
-def test_the_reference_is_what_the_model_does(reached):
+def test_the_trajectory_is_what_the_model_does(reached):
     """The planned motion arrives and stays within 1 % on the model itself, between the limits."""
-    reference = reached[0].reference
-    arrived = np.flatnonzero(np.abs(reference.displacement - 0.025) > 2.5e-4)[-1] + 1
+    planned = reached[0].trajectory
+    arrived = np.flatnonzero(np.abs(planned.displacement - 0.025) > 2.5e-4)[-1] + 1
     assert arrived * PERIOD < 0.16
-    command = reference.lead[:, -1] + reference.target
+    command = planned.lead[:, -1] + planned.target
     assert command.min() > -1e3
-    assert np.all(reference.wanted == 0.025)
+    assert np.all(planned.wanted == 0.025)
 
 
 def test_another_actuator_with_all_errors():
@@ -105,7 +102,7 @@ def test_another_actuator_with_all_errors():
     assert abs(moved[-100:].mean() - 0.025) < 1.2e-3
 
 
-def test_predictive_control_follows_the_reference():
+def test_predictive_control_follows_the_trajectory():
     pytest.importorskip("casadi", reason="the extra mpc is not installed")
     run = Run("a", perfect=True, feedback="mpc", duration=0.6)
     moved, command = run.go(0.6)
@@ -142,15 +139,26 @@ def test_a_path_is_planned():
     """A slow swing of the tip: the model follows the plan closely."""
     run = Run("a", perfect=True, path=True, duration=0.6, time=[0.0, 0.1, 0.4, 0.6],
               displacement=[0.0, 0.0, 0.012, 0.012])  # fmt: skip
-    assert np.abs(run.reference.displacement - run.reference.wanted).max() < 1e-3
+    assert np.abs(run.trajectory.displacement - run.trajectory.wanted).max() < 1e-3
 
 
 def test_the_loop_bears_a_plain_estimator():
     """Filtered differences instead of the model: slower and noisier, but stable."""
-    run = Run("a", filtered=True, planned=False, tuning=Tuning(0.3, integral_band=2e-3))
+    run = Run("a", estimator="differences", planned=False, tuning=Tuning(0.3, integral_band=2e-3))
     moved, _ = run.go(1.6)
     assert not run.loop.watchdog.fault
     assert np.abs(moved[-100:] - 0.025).max() < 6e-3
+
+
+@pytest.mark.parametrize(("body", "perfect", "bound"), [("b", True, 3e-4), ("a", False, 1.2e-3)])
+def test_the_filter_closes_the_loop(body, perfect, bound):
+    """The Kalman filter in place of the observer: it predicts to the present, so the design knows of no delay."""
+    run = Run(body, perfect=perfect, estimator="filter")
+    assert run.design.latency == 0.0
+    moved, command = run.go(1.0)
+    assert not run.loop.watchdog.fault
+    assert command.max() <= HIGHEST
+    assert abs(moved[-100:].mean() - 0.025) < bound
 
 
 def test_margins_are_told(reached):

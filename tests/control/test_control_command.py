@@ -8,7 +8,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from pliant.cli.control import control, read_task
+from pliant.cli.control import control
+from pliant.control import read_task
 from pliant.errors import InputError
 from pliant.loop import read_log
 
@@ -35,16 +36,42 @@ def test_the_example_is_a_task_and_asks_for_nothing(tmp_path):
     done = CliRunner().invoke(app, ["--example"])
     assert done.exit_code == 0
     (tmp_path / "t.toml").write_text(done.stdout)
-    assert read_task(tmp_path / "t.toml")["setpoint"] == [(0.0, 0.025)]
+    wanted = read_task(tmp_path / "t.toml")
+    assert (wanted.task.time, wanted.task.displacement, wanted.period) == (0.0, 0.025, 4e-3)
+    assert (wanted.limits.highest, wanted.supply.dead_time) == pytest.approx((190e3, 8.12e-3))
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
-    [("speed = 3\n", "unknown entry"), ("highest_kpa = -1\n", "positive number"), ("", "at least one"),
-     ("[[setpoint]]\ntime_s = 0\n", "displacement_mm"), ("[[", "cannot read"), ("planned = 1\n", "true or false"),
-     ("[valve]\nrise_hz = 3\n", "fall_hz"), ("[path]\ntime_s = [0]\n", "as many of each")],
+    [("speed = 3\n", "'speed' is not a known entry.*it may have period_ms.*valve"),
+     ("highest_kpa = -1\n", "'highest_kpa' must be a positive number.*-1"),
+     ("ramp_s = true\n", "'ramp_s' must be a positive number"), ("", "at least one"),
+     ("[[setpoint]]\ntime_s = 0\n", r"'setpoint.0.displacement_mm' is missing"), ("[[", "cannot read"),
+     ("[[setpoint]]\ntime_s = 'now'\ndisplacement_mm = 3\n", "'setpoint.0.time_s' must be a number"),
+     ("planned = 1\n", "'planned' must be true or false"), ("[valve]\nrise_hz = 3\n", "'valve.fall_hz' is missing"),
+     ("[path]\ntime_s = [0]\n", "'path.displacement_mm' is missing"),
+     ("[path]\ntime_s = [0]\ndisplacement_mm = [1, 2]\n", "as many of each"),
+     ("feedback = 'bang'\n", "unknown controller 'bang': use one of lqr, mpc, pid")],
 )  # fmt: skip
 def test_tasks_that_are_none(tmp_path, text, sentence):
     (tmp_path / "t.toml").write_text(text)
-    with pytest.raises(InputError, match=sentence):
+    with pytest.raises(InputError, match=sentence) as caught:
         read_task(tmp_path / "t.toml")
+    assert str(tmp_path / "t.toml") in str(caught.value)
+
+
+@pytest.mark.parametrize(("estimator", "bound"), [("filter", 1e-3), ("differences", 4e-3)])
+def test_another_estimator_by_its_name(tmp_path, capsys, estimator, bound):
+    """Without a model nothing but the slow integral makes up for what the body has and the model lacks."""
+    (tmp_path / "t.toml").write_text(
+        "duration_s = 0.4\nplanned = false\n[[setpoint]]\ntime_s = 0.0\ndisplacement_mm = 10.0\n"
+    )
+    control(model=MODEL, task=tmp_path / "t.toml", plant="testbed:a", output=tmp_path / "out", estimator=estimator)
+    assert "fault: none" in capsys.readouterr().out
+    table = read_log(tmp_path / "out" / "log.csv")
+    assert abs(table["error_m"].iloc[-20:].mean()) < bound
+
+
+def test_an_estimator_that_is_none(tmp_path):
+    with pytest.raises(InputError, match="unknown estimator 'guess': use one of observer, filter, differences"):
+        control(model=MODEL, plant="testbed:a", output=tmp_path / "out", estimator="guess")

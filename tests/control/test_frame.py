@@ -9,7 +9,7 @@ import pytest
 
 from pliant.control import Limits, Lqr, design_lqr
 from pliant.control.frame_loops import filter_and_steer
-from pliant.estimation import AdaptiveObserver, LinkAngles, default_noise, frozen
+from pliant.estimation import AdaptiveObserver, LinkAngles, State, default_noise, frozen
 from pliant.estimation import kalman_loops as filter_loops
 from pliant.estimation.offline import chain_of
 from pliant.estimation.workspace import make_scratch
@@ -56,7 +56,7 @@ def test_the_regulator_is_its_formula(design, slew):
     n, integral, before, met = design.model.n, 0.0, 0.0, 0
     for k in range(40):
         target = 2e4 + 500.0 * k
-        rest = design.rests.at(target)[0]
+        rest = design.equilibria.at(target)[0]
         angle, rate = rest + rng.normal(0.0, 2e-2, n), rng.normal(0.0, 0.3, n)
         shift, valve, scale = rng.normal(0.0, 5e-3, n), np.array([target, 1e3]), 1.1
         wish, error = command_of(law, target, angle, rate, valve, shift, scale)
@@ -65,7 +65,8 @@ def test_the_regulator_is_its_formula(design, slew):
         met += command != wish
         if (wish - command) * error >= 0.0:
             integral += min(1.0, (design.tuning.integral_band / abs(error)) ** 2) * error * PERIOD
-        assert law.step(target, angle, rate, valve, shift, scale=scale) == pytest.approx(command, rel=1e-10, abs=1e-6)
+        now = State(0.0, angle, rate, shift, np.zeros(n), np.eye(2 * n), scale)
+        assert law.step(target, now, valve) == pytest.approx(command, rel=1e-10, abs=1e-6)
         assert (law.integral, law.error) == pytest.approx((integral, error), rel=1e-9, abs=1e-14)
         before = law.command
     assert law.saturated == met
@@ -75,8 +76,9 @@ def test_the_regulator_is_its_formula(design, slew):
 def test_the_observer_is_its_formula(body):
     """Model ahead, factor on the torque, correction and shifts, frame by frame, with matrices."""
     ends = body.base_length + np.concatenate([[0.0], np.cumsum(body.link_length)])
-    follower, rng, n = AdaptiveObserver(body, LinkAngles(body, ends), PERIOD), np.random.default_rng(5), body.n
-    (gain, sure, F, G), memory = follower.inputs(1)[4], state.relaxed(body, np.zeros(n))
+    follower, rng, n = AdaptiveObserver(body, PERIOD), np.random.default_rng(5), body.n
+    link_angles = LinkAngles(body, ends)
+    (gain, precision, F, G, _), memory = follower.gains, state.relaxed(body, np.zeros(n))
     phi, w, own, by = state.absolute(body, np.zeros(n)), np.zeros(n), np.zeros(n), np.zeros(3 * n)
     slow, scale, variance, pressure = 0.0, 1.0, 0.04, 0.0
     law, c = body.memory.law(), body.memory.instantaneous
@@ -84,9 +86,9 @@ def test_the_observer_is_its_formula(body):
         seen = phi + rng.normal(0.0, 2e-3, n)
         across = body.link_length[:, None] * np.stack([-body.bend_sign * np.sin(seen), np.cos(seen)], axis=1)
         frame = np.concatenate([np.zeros((1, 2)), np.cumsum(across, axis=0)])
-        follower.drive(k * PERIOD, 3e4)
+        follower.push_pressure(k * PERIOD, 3e4)
         pressure, now = (1.5e4 if k == 0 else 3e4), np.array(body.torque) * scale
-        follower.update(k * PERIOD, frame)
+        follower.push_frame(k * PERIOD, *link_angles.frame(frame))
         if k:
             by = F @ by + G * body.torque_at(pressure)
             variance += 0.02**2 * PERIOD
@@ -98,7 +100,7 @@ def test_the_observer_is_its_formula(body):
                     state.workspace(n),
                 )
         nu = seen - phi
-        weight = sure @ by[:n]
+        weight = precision @ by[:n]
         part = variance / (1.0 + variance * by[:n] @ weight)
         change = part * weight @ nu
         scale, variance = scale + change, variance * (1.0 - part * weight @ by[:n])
@@ -108,17 +110,19 @@ def test_the_observer_is_its_formula(body):
         q = state.joint_angles(body, phi)
         held = law.creep_share @ (q[:, None] - memory[:, : len(law.creep_share)]).T
         held = held + memory[:, len(law.creep_share) : -1] @ law.slip_share + law.boucwen_share * memory[:, -1]
-        np.testing.assert_allclose(follower.angle, phi, rtol=1e-11)
-        np.testing.assert_allclose(follower.rate, w, rtol=1e-9, atol=1e-11)
-        np.testing.assert_allclose(follower.shift, (own + c * q - held) / (1.0 + c), rtol=1e-9, atol=1e-12)
-        assert follower.scale == pytest.approx(scale, rel=1e-11)
-    assert (follower.consistent, follower.missed) == (True, 0)
+        found = follower.state(k * PERIOD)
+        np.testing.assert_allclose(found.angle, phi, rtol=1e-11)
+        np.testing.assert_allclose(found.rate, w, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(found.rest_shift, (own + c * q - held) / (1.0 + c), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(found.disturbance, body.stiffness * own, rtol=1e-9, atol=1e-14)
+        assert found.torque_scale == pytest.approx(scale, rel=1e-11)
+        assert found.time == k * PERIOD
+    assert (found.consistent, follower.missed) == (True, 0)
 
 
 def test_filter_and_regulator_in_one_frame(body, design):
     """The plain text of the one call: what filter and regulator do one after the other."""
     n, noise = body.n, default_noise(body)
-    ends = body.base_length + np.concatenate([[0.0], np.cumsum(body.link_length)])
     law, apart = Lqr(design, Limits(60e3)), Lqr(design, Limits(60e3))
     rows, out = np.array([(filter_loops.ANGLE, i, 0.0, 0.0) for i in range(n)]), []
     z, valve, shift = state.absolute(body, np.full(n, 0.02)), np.zeros(2), np.zeros(n)
@@ -129,7 +133,7 @@ def test_filter_and_regulator_in_one_frame(body, design):
         sight = (body.link_length, body.first_joint, rows, z, np.full(n, 1e-6), np.empty(n))
         out.append((x, prediction, sight, make_scratch(body, P.shape[0], n)))
     x, prediction, sight, scratch = out[0]
-    model = (chain_of(body), AdaptiveObserver(body, LinkAngles(body, ends), PERIOD).body)
+    model = (chain_of(body), AdaptiveObserver(body, PERIOD).body)
     lead = np.zeros(design.gain.shape[1])
     command = filter_and_steer(
         x, shift, model, prediction, sight, law.inputs(3e4, valve), lead, scratch, np.zeros(8)
@@ -139,4 +143,4 @@ def test_filter_and_regulator_in_one_frame(body, design):
     filter_loops.update(phi, w, d, P, memory, chain_of(body), *sight, scratch)
     np.testing.assert_allclose(x[0], phi, rtol=1e-12)
     assert np.abs(phi - z).max() < 0.3 * np.abs(z - state.absolute(body, np.zeros(n))).max()
-    assert command == pytest.approx(apart.step(3e4, phi, w, valve, shift), rel=1e-12)
+    assert command == pytest.approx(apart.step(3e4, State(0.0, phi, w, shift, d, P), valve), rel=1e-12)

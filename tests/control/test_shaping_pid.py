@@ -12,8 +12,8 @@ from pliant.control import (
     PidTuning,
     SupplyValve,
     ValveRun,
+    equilibria,
     identify_valve,
-    rests,
     shaper,
     valve_answer,
 )
@@ -73,7 +73,7 @@ def test_feedforward_inverts_creep_and_slip(arm):
     time = np.arange(0.0, 4.0, period)
     wanted = 0.02 * np.clip(time / 0.8, 0, 1)
     pressure = np.array([forward.pressure(d, period) for d in wanted])
-    naive = np.array([forward.rests.pressure_for(d) for d in wanted])
+    naive = np.array([forward.equilibria.pressure_for(d) for d in wanted])
     held = time > 1.2
     errors = []
     for command in (pressure, naive):
@@ -84,8 +84,8 @@ def test_feedforward_inverts_creep_and_slip(arm):
     assert errors[1] > 1.5e-3
 
 
-def test_rests_say_what_is_out_of_reach(arm):
-    family = rests(arm, 1.19e5)
+def test_equilibria_say_what_is_out_of_reach(arm):
+    family = equilibria(arm, 1.19e5)
     assert family.pressure_for(0.0) == 0.0
     assert family.reach == pytest.approx(0.02513, rel=1e-3)
     with pytest.raises(InputError, match="out of reach"):
@@ -122,7 +122,7 @@ def test_pid_on_the_linear_model_settles(arm):
     period = 4e-3
     gain = abs(linearise(arm).static_gain("tip_x"))
     pid = Pid(PidTuning(0.15 / gain, 3.0 / gain, 0.01 / gain), Limits(2e5), period)
-    family = rests(arm, 2e5)
+    family = equilibria(arm, 2e5)
     stepper = Stepper(arm, period / 4)
     start = state.tips(arm, stepper.angle)[-1]
     command = 0.0

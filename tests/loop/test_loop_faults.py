@@ -13,8 +13,9 @@ import time
 import numpy as np
 import pytest
 
-from pliant.cli.control import make_plant
+from pliant.control import Pipeline
 from pliant.errors import InputError
+from pliant.estimation import Frame, State
 from pliant.loop import (
     COLUMNS,
     Bounds,
@@ -31,10 +32,12 @@ from pliant.loop import (
     ZmqSink,
     ZmqSource,
     connection,
+    log_columns,
     read_log,
     sample,
 )
 from pliant.loop.packet import pack, unpack
+from pliant.loop.task import make_plant
 from pliant.recording import make_recording
 
 PERIOD = 4e-3
@@ -55,34 +58,54 @@ class Plant:
         return self.time - self.spoil.get("age", 0.0), shape, self.spoil.get("pressure", 5e4)
 
 
+def measure(shape):
+    """The x of every point."""
+    return Frame(np.zeros((5, 4)), shape[:, 0].copy(), np.full(5, 1e-8))
+
+
 class Estimator:
     def __init__(self):
-        self.consistent, self.spoil, self.rate, self.wrong = True, 0.0, 0.0, False
+        self.fault, self.spoil, self.rate, self.wrong, self.pushed = "", 0.0, 0.0, False, []
 
-    def update(self, time_s, measurement):
+    def push_pressure(self, time, pressure):
+        self.pushed.append(pressure)
+
+    def push_frame(self, time, rows, values, variance):
         if self.wrong:
             raise ZeroDivisionError("by design")
-        return np.full(3, 0.1 + self.spoil), np.full(3, self.rate)
+
+    def state(self, time):
+        none = np.zeros(3)
+        return State(
+            time, np.full(3, 0.1 + self.spoil), np.full(3, self.rate), none, none, np.eye(6), fault=self.fault
+        )
 
 
 class Controller:
-    def __init__(self):
-        self.answer, self.wrong = 3e4, False
+    target = error = 0.0
+    saturated = 0
 
-    def step(self, time_s, angle, rate, pressure):
+    def __init__(self, chambers=1):
+        self.answer, self.wrong, self.chambers, self.seen = 3e4, False, chambers, []
+
+    def step(self, time, state, pressure):
+        self.seen.append(pressure)
         if self.wrong:
             raise RuntimeError("by design")
         return self.answer
 
+    def reset(self):
+        pass
+
 
 class Bench:
-    def __init__(self, log=None):
+    def __init__(self, log=None, chambers=1):
         self.clock, self.plant = VirtualClock(), Plant()
         self.arm = VirtualActuator(self.plant, self.clock)
-        self.estimator, self.controller = Estimator(), Controller()
+        self.estimator, self.controller = Estimator(), Controller(chambers)
         watchdog = Watchdog(Bounds(1e5, shape_age=0.02, pressure_age=0.02))
         self.loop = ControlLoop(
-            [self.arm], self.arm, self.estimator, self.controller, watchdog, PERIOD, self.clock, log
+            [self.arm], self.arm, Pipeline(measure, self.estimator, self.controller), watchdog, PERIOD, self.clock, log
         )
 
     def periods(self, count):
@@ -119,7 +142,7 @@ FAULTS = {
     "estimate not a number": (lambda b: setattr(b.estimator, "spoil", np.nan), 1, "estimate is not a number"),
     "turned too far": (lambda b: setattr(b.estimator, "spoil", 4.0), 1, "beyond the limit"),
     "too fast": (lambda b: setattr(b.estimator, "rate", 1e3), 1, "beyond the limit"),
-    "inconsistent": (lambda b: setattr(b.estimator, "consistent", False), 1, "consistency"),
+    "inconsistent": (lambda b: setattr(b.estimator, "fault", "it slipped"), 1, "consistency: it slipped"),
     "estimator raises": (lambda b: setattr(b.estimator, "wrong", True), 1, "ZeroDivisionError"),
     "controller raises": (lambda b: setattr(b.controller, "wrong", True), 1, "RuntimeError"),
     "command not a number": (lambda b: setattr(b.controller, "answer", np.nan), 1, "command is nan"),
@@ -148,6 +171,42 @@ def test_every_fault_vents(name):
     bench.periods(3)
     assert bench.loop.command == 0.0, "it stays vented"
     assert bench.arm._command == 0.0, "and the valve knows"
+
+
+def test_further_chambers_are_counted_and_told():
+    """A controller of one chamber gets the first pressure; how many others came stands in the summary."""
+    bench = Bench()
+    bench.plant.spoil["pressure"] = np.array([5e4, 6e4, 7e4])
+    bench.periods(5)
+    assert not bench.loop.watchdog.fault
+    assert set(bench.controller.seen) == set(bench.estimator.pushed) == {5e4}
+    read = len(bench.estimator.pushed)
+    told = bench.loop.summary()
+    assert (told["chambers_left_out"], told["pressures_left_out"]) == (2, 2 * read)
+    assert read >= 4
+
+
+def test_a_controller_of_several_chambers(tmp_path):
+    """Pressures and commands as arrays, each under the watchdog, each in the log; too few are a fault."""
+    log = LoopLog(tmp_path / "two.csv", log_columns(3, 2))
+    bench = Bench(log, chambers=2)
+    bench.controller.answer = np.array([3e4, 2e4])
+    bench.plant.spoil["pressure"] = np.array([5e4, 6e4])
+    bench.periods(5)
+    np.testing.assert_array_equal(bench.loop.command, [3e4, 2e4])
+    np.testing.assert_array_equal(bench.estimator.pushed[-1], [5e4, 6e4])
+    assert "pressures_left_out" not in bench.loop.summary()
+    bench.plant.spoil["pressure"] = np.array([5e4, 1.2e5])
+    bench.periods(1)
+    assert "120.0 kPa is outside" in bench.loop.watchdog.fault
+    np.testing.assert_array_equal(bench.loop.command, [0.0, 0.0])
+    log.close()
+    last = read_log(tmp_path / "two.csv").iloc[-2]
+    assert (last["pressure_2_pa"], last["command_1_pa"], last["phi_3_rad"]) == (6e4, 3e4, 0.1)
+    bench.loop.watchdog.reset()
+    bench.plant.spoil["pressure"] = 5e4
+    bench.periods(1)
+    assert "pressures of 1 chambers, the controller drives 2" in bench.loop.watchdog.fault
 
 
 def test_one_lost_frame_is_borne():

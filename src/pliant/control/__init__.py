@@ -1,21 +1,25 @@
 """Control of one pressure: shaping, feedforward, PI-D, linear-quadratic and predictive control."""
 
-from pliant.control.equilibria import Rests, rests
+from pliant.control.contract import Controller, ControllerKind, Pipeline, Plan, Task
+from pliant.control.equilibria import Equilibria, equilibria
 from pliant.control.feedforward import Feedforward
 from pliant.control.limits import Limits
 from pliant.control.lqr import Lqr, LqrDesign, Tuning, design_lqr
 from pliant.control.mpc import Mpc, MpcTuning, symbolic_step
 from pliant.control.pid import Pid, PidTuning
+from pliant.control.preparation import Prepared, prepare_control
+from pliant.control.registry import controllers
+from pliant.control.setpoint import Course, SetPoint
 from pliant.control.shaping import Shaper, shaper
-from pliant.control.task import Prepared, Task, prepare_control
-from pliant.control.tip import PidControl, SetPoint, TipControl
-from pliant.control.trajectory import Planner, Reference
+from pliant.control.task import TaskFile, read_task
+from pliant.control.trajectory import Planner, Trajectory
 from pliant.control.valve import SupplyValve, ValveFit, ValveRun, identify_valve, supply_of, valve_answer
-from pliant.control.valve_states import ValveFollower
+from pliant.control.valve_states import ValveObserver
 
 __all__ = [
-    "Feedforward", "Limits", "Lqr", "LqrDesign", "Mpc", "MpcTuning", "Pid", "PidControl", "PidTuning", "Planner",
-    "Prepared", "Reference", "Rests", "SetPoint", "Shaper", "SupplyValve", "Task", "TipControl", "Tuning", "ValveFit",
-    "ValveFollower", "ValveRun", "design_lqr", "identify_valve", "prepare_control", "rests", "shaper", "supply_of",
-    "symbolic_step", "valve_answer",
+    "Controller", "ControllerKind", "Course", "Equilibria", "Feedforward", "Limits", "Lqr", "LqrDesign", "Mpc",
+    "MpcTuning", "Pid", "PidTuning", "Pipeline", "Plan", "Planner", "Prepared", "SetPoint", "Shaper", "SupplyValve",
+    "Task", "TaskFile", "Trajectory", "Tuning", "ValveFit", "ValveObserver", "ValveRun", "controllers", "design_lqr",
+    "equilibria", "identify_valve", "prepare_control", "read_task", "shaper", "supply_of", "symbolic_step",
+    "valve_answer",
 ]

@@ -7,7 +7,7 @@ import numpy as np
 Array = np.ndarray
 
 
-def bounded(H: Array, b: Array, start: Array, highest: float) -> Array:
+def bounded_least_squares(H: Array, b: Array, start: Array, highest: float) -> Array:
     """X (F,) in 0 ... highest that minimises x H x / 2 - b x, H positive definite: projected Newton steps.
 
     Source: Bertsekas, SIAM J. Control Optim. 20(2), 1982

@@ -16,7 +16,7 @@ ROUNDING = 1e-12  # m
 
 
 @dataclass(frozen=True)
-class Rests:
+class Equilibria:
     """The model at rest on a grid of pressures.
 
     Attributes
@@ -76,8 +76,8 @@ class Rests:
         return angle, tip, way
 
 
-def rests(model: Model, highest: float, points: int = POINTS) -> Rests:
-    """Rests of `model` from no pressure to `highest` [Pa].
+def equilibria(model: Model, highest: float, points: int = POINTS) -> Equilibria:
+    """Equilibria of `model` from no pressure to `highest` [Pa].
 
     Raises
     ------
@@ -94,4 +94,4 @@ def rests(model: Model, highest: float, points: int = POINTS) -> Rests:
         raise InputError("more pressure does not bend the model further everywhere up to the highest: lower it")
     direction = np.gradient(tip, pressure, axis=0)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return Rests(pressure, angle, tip, np.concatenate([[0.0], np.cumsum(piece)]), direction)
+    return Equilibria(pressure, angle, tip, np.concatenate([[0.0], np.cumsum(piece)]), direction)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.control.equilibria import Rests, rests
+from pliant.control.equilibria import Equilibria, equilibria
 from pliant.equations import memory as kernels
 from pliant.errors import InputError
 from pliant.model import Model
@@ -35,7 +35,7 @@ class Feedforward:
         if model.gravity.any():
             raise InputError("the feedforward's inverse of the memory takes a model without gravity")
         self.model, self.highest = model, float(highest)
-        self.rests: Rests = rests(model, highest)
+        self.equilibria: Equilibria = equilibria(model, highest)
         self._law = model.memory.law()
         grid = np.linspace(0.0, 1.5 * highest, 400)
         torque = np.asarray(model.torque_at(grid))
@@ -55,10 +55,10 @@ class Feedforward:
 
         Clipped to 0 ... highest; `saturated` counts how often. For a model without memory the inverse of its rests.
         """
-        static = self.rests.pressure_for(displacement)
+        static = self.equilibria.pressure_for(displacement)
         wanted = static
         if self.model.memory:
-            q = state.joint_angles(self.model, self.rests.at(static)[0])
+            q = state.joint_angles(self.model, self.equilibria.at(static)[0])
             K = self.model.stiffness
             kernels.remember(self._q, q - self._q, period, K, self._states, self._law)
             self._q = q

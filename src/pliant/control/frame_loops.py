@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pliant.control.feedback_loops import steer
-from pliant.estimation.adaptive_observer_loops import follow, rest_shift
+from pliant.estimation.adaptive_observer_loops import follow_fields, rest_shift
 from pliant.estimation.kalman_loops import predict_span, update
 
 
@@ -24,7 +24,9 @@ def filter_and_steer(state, shift, model, prediction, sight, regulator, lead, sc
     update(angle, rate, own, P, memory_state, chain, l, first, rows, z, R, innovation, scratch)
     for i in range(len(shift)):
         scratch.w[i] = own[i] / chain[2].K[i]
-    rest_shift(angle, scratch.w, memory_state, body, shift)
+    rest_shift(
+        angle, scratch.w, memory_state, body.base_angle, body.rest_angle, body.memory, body.instantaneous, shift
+    )
     table, place, rules, aim, valve, waiting, held = regulator
     return steer(table, place, rules, aim, angle, rate, shift, valve, lead, waiting, held, out)
 
@@ -38,14 +40,17 @@ def many_filtered(count, state, shift, model, prediction, sight, regulator, lead
 
 
 def many_followed(count, observer, regulator, lead, out):
-    """`count` frames of `follow` and `steer`, the same each time; `observer` holds the arguments of `follow`."""
-    state, learnt, pressure, model, gains, chords, pace, points, scratch = observer
+    """`count` frames of `follow` and `steer`, the same each time.
+
+    `observer` holds the arguments of `follow_fields`: (periods, pressure, values, state and the rest).
+    """
+    periods, pressure, values, state, model, gains, pace, workspace = observer
+    angle, rate, _own, _innovation, shift, _memory, _by, factor, _slow = state
     table, place, rules, aim, valve, waiting, held = regulator
     target, _scale, lead_tip = aim
     command = 0.0
     for _ in range(count):
-        follow(state, learnt, pressure, model, gains, chords, pace, points, scratch)
-        now = (target, learnt[1], lead_tip)
-        x = state[0]
-        command = steer(table, place, rules, now, x[0], x[1], x[4], valve, lead, waiting, held, out)
+        follow_fields(periods, pressure, values, state, model, gains, pace, workspace)
+        now = (target, factor[0], lead_tip)
+        command = steer(table, place, rules, now, angle, rate, shift, valve, lead, waiting, held, out)
     return command

@@ -13,9 +13,10 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.control import feedback_loops
-from pliant.control.equilibria import Rests, rests
+from pliant.control.equilibria import Equilibria, equilibria
 from pliant.control.limits import Limits
 from pliant.errors import InputError
+from pliant.estimation.contract import State
 from pliant.linear.linearisation import LinearModel, linearise
 from pliant.linear.sampled import KILO, Margins, Sampled, loop_curve, margins, sample
 from pliant.model import Model
@@ -66,7 +67,7 @@ class LqrDesign:
     """
 
     model: Model
-    rests: Rests
+    equilibria: Equilibria
     pressure: Array
     gain: Array
     margins: tuple[Margins, ...]
@@ -117,7 +118,7 @@ def design_lqr(
     >>> print(design)  # doctest: +SKIP
     """
     tuning = tuning or Tuning()
-    family = rests(model, highest)
+    family = equilibria(model, highest)
     pressures = np.linspace(0.0, highest, grid)
     gains, told, slowest = [], [], []
     for p in pressures:
@@ -176,7 +177,7 @@ def tip_slopes(design: LqrDesign) -> tuple[Array, Array]:
     """How far the tip moves along its path: by each absolute angle (G, n) [m/rad], and at rest by the pressure (G,)."""
     rows, slopes = [], []
     for p in design.pressure:
-        linear, way = linearise(design.model, float(p)), design.rests.at(float(p))[2]
+        linear, way = linearise(design.model, float(p)), design.equilibria.at(float(p))[2]
         rows.append(tip_row(linear, way, linear.A.shape[0])[: linear.n])
         slopes.append(way[0] * linear.static_gain("tip_x") + way[1] * linear.static_gain("tip_y"))
     return np.array(rows), np.array(slopes)
@@ -197,10 +198,10 @@ class Lqr:
                 f"the limits allow {limits.highest * 1e-3:g} kPa, the gains reach to {design.pressure[-1] * 1e-3:g} kPa"
             )
         self.design, self.limits = design, limits
-        model, family = design.model, design.rests
+        model, family = design.model, design.equilibria
         angle, tip, way = (np.array(rows) for rows in zip(*map(family.at, design.pressure), strict=True))
         self._grid = (design.gain, design.pressure, angle, tip, way, *tip_slopes(design))
-        self._still, self._no_lead = np.zeros(model.n), np.zeros(design.gain.shape[1])
+        self._no_lead = np.zeros(design.gain.shape[1])
         self._place = (np.array(model.link_length), *(float(v) for v in model.first_joint), float(model.bend_sign))
         self._rules = (
             float(limits.highest), float(limits.slew), float(design.period), float(design.tuning.integral_band)
@@ -238,30 +239,26 @@ class Lqr:
         return self._grid, self._place, self._rules, (float(target), 1.0, 0.0), valve, self._waiting, self._held
 
     def step(
-        self, target: float, angle: Array, rate: Array, valve: Array, shift: Array | None = None, *,
-        scale: float = 1.0, lead: Array | None = None, lead_tip: float = 0.0,
+        self, target: float, state: State, valve: Array, *, lead: Array | None = None, lead_tip: float = 0.0
     ) -> float:
         """Command [Pa] for the coming period.
 
         Parameters
         ----------
         target : float
-            Pressure of the model's rest that is wanted, Pa: `Rests.pressure_for` finds it for a tip displacement.
-        angle, rate : array (n,)
-            Absolute link angles and rates, rad and rad/s.
+            Pressure of the model's rest that is wanted, Pa: `Equilibria.pressure_for` finds it for a tip displacement.
+        state : State
+            As an estimator tells it; shifts of the joints' rest angles and the factor on the torque are made up for at
+            once.
         valve : array (v,)
             Pressure behind the valve, and its rate for a valve of second order; Pa, Pa/s. Empty for an ideal valve.
-        shift : array (n,), optional
-            Shift of the joints' rest angles, rad, as an observer estimates it; it is made up for at once.
-        scale : float
-            The body turns as the model would under `scale` times the pressure, as an observer estimates it.
         lead : array (N,), optional
-            A row of `Reference.lead`: the motion and the command that are wanted, against the rest at `target`.
+            A row of `Trajectory.lead`: the motion and the command that are wanted, against the rest at `target`.
         lead_tip : float
             m, how far along its path the tip is wanted from its rest at `target`.
         """
-        shift, lead = self._still if shift is None else shift, self._no_lead if lead is None else lead
+        lead = self._no_lead if lead is None else lead
         return float(self._steer(
-            self._grid, self._place, self._rules, (float(target), float(scale), float(lead_tip)), angle, rate, shift,
-            valve, lead, self._waiting, self._held, self._out,
+            self._grid, self._place, self._rules, (target, state.torque_scale, lead_tip), state.angle, state.rate,
+            state.rest_shift, valve, lead, self._waiting, self._held, self._out,
         ))

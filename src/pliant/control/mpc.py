@@ -17,17 +17,18 @@ from typing import Any
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.control.equilibria import rests
+from pliant.control.equilibria import equilibria
 from pliant.control.limits import Limits
 from pliant.control.valve import SupplyValve, supply_of
 from pliant.equations import motion
 from pliant.equations.linearised import step_jacobian
 from pliant.equations.symbols import Workspace
 from pliant.errors import InputError
+from pliant.estimation.contract import State
 from pliant.linear.linearisation import behind_valve, torque_slope
 from pliant.linear.sampled import hold
 from pliant.model import Model, Valve
-from pliant.simulation import state
+from pliant.simulation.state import workspace
 
 Array = np.ndarray
 COARSE = 6e-3  # s, longest step of the model within a stage
@@ -135,10 +136,10 @@ class Mpc:
         self.model, self.limits, self.period, self.tuning = model, limits, period, tuning or MpcTuning()
         n, N, t = model.n, self.tuning.stages, self.tuning
         self._parts = max(1, math.ceil(t.stage / COARSE - 1e-9))
-        self._advance, self._work = twin(step_jacobian, n), state.workspace(n)
+        self._advance, self._work = twin(step_jacobian, n), workspace(n)
         self._theta0, self._J = np.array(model.rest_angle), np.zeros((3 * n, 2 * n))
         self._fixed = (model.body(), model.joints()._replace(theta0=self._theta0), self._work, self._J)
-        self._rests, self._n = rests(model, limits.highest), n
+        self._equilibria, self._n = equilibria(model, limits.highest), n
         self._supply = supply or supply_of(model.valve)
         self._held = [behind_valve(np.zeros((0, 0)), np.zeros(0), v)[:2] for v in self._sides()]
         self._order = self._held[0][1].size
@@ -148,7 +149,7 @@ class Mpc:
         dense = {"h": ca.Sparsity.dense(N, N), "a": ca.Sparsity.dense(N, N)}
         quiet = {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False}
         self._qp = ca.conic("qp", "qrqp", dense, quiet)
-        self._slopes = np.gradient(self._rests.displacement, self._rests.pressure)
+        self._slopes = np.gradient(self._equilibria.displacement, self._equilibria.pressure)
         self.reset()
 
     @property
@@ -164,33 +165,32 @@ class Mpc:
         self._sent = [0.0] * self._delay
 
     def step(
-        self, target: float, angle: Array, rate: Array, valve: Array, shift: Array | None = None, *,
-        scale: float = 1.0, ahead: Array | None = None,
+        self, target: float, state: State, valve: Array, *, ahead: Array | None = None
     ) -> float:
         """Command [Pa] for the coming period; arguments as for `Lqr.step`.
 
         `ahead` (stages,) [m] are the tip displacements wanted at the times `horizon` from the measured state on;
         without them that at `target` is wanted throughout.
         """
-        shift = np.zeros(self._n) if shift is None else shift
-        np.add(self.model.rest_angle, shift, out=self._theta0)
-        x, v = self._now(np.concatenate([angle, rate]), np.array(valve[: self._order], dtype=float), scale)
+        scale = state.torque_scale
+        np.add(self.model.rest_angle, state.rest_shift, out=self._theta0)
+        x, v = self._now(np.concatenate([state.angle, state.rate]), np.array(valve[: self._order], dtype=float), scale)
         stage, t = self.tuning.stage, self.tuning
-        _, wanted, way = self._rests.at(target)
-        self.error = float(way @ (self._tip(np.asarray(angle))[0] - wanted))
+        _, wanted, way = self._equilibria.at(target)
+        self.error = float(way @ (self._tip(state.angle)[0] - wanted))
         ends = np.arange(t.stages) * stage
         guess = np.interp(ends + self.period, ends, self._plan)
-        family = self._rests
+        family = self._equilibria
         p = np.full(t.stages, target) if ahead is None else np.interp(ahead, family.displacement, family.pressure)
         error, rows, last = self._linearised(x, v, guess, p, scale)
-        slope = float(np.interp(target, self._rests.pressure, self._slopes)) * scale
+        slope = float(np.interp(target, self._equilibria.pressure, self._slopes)) * scale
         weight = np.ones(t.stages)
         weight[-1] = 0.2 / stage
         change, behind = self._change, np.append(self.command, np.zeros(t.stages - 1))
         worth = t.effort * slope * 1e3
-        jump = (change @ guess - behind) * 1e-3
+        step = (change @ guess - behind) * 1e-3
         H = 2e6 * (rows.T * weight @ rows + t.speed**2 * np.outer(last[1], last[1]) + worth**2 * change.T @ change)
-        g = 2e6 * (rows.T @ (weight * error) + t.speed**2 * last[1] * last[0] + worth**2 * change.T @ jump)
+        g = 2e6 * (rows.T @ (weight * error) + t.speed**2 * last[1] * last[0] + worth**2 * change.T @ step)
         reach = np.full(t.stages, self.limits.slew * stage)
         reach[0] = self.limits.slew * self.period
         move = self._solved(H, g, guess, change @ guess - behind, np.minimum(reach, 1e9))
@@ -201,11 +201,11 @@ class Mpc:
             self._sent = [*self._sent[1:], self.command]
         return self.command
 
-    def _solved(self, H: Array, g: Array, guess: Array, jump: Array, reach: Array) -> Array:
+    def _solved(self, H: Array, g: Array, guess: Array, behind: Array, reach: Array) -> Array:
         """Change of the plan (N,) [Pa] that the quadratic program in kPa finds; none where it finds none."""
         made = self._qp(
             h=H, g=g, a=self._change, lbx=-1e-3 * guess, ubx=1e-3 * (self.limits.highest - guess),
-            lba=1e-3 * (-reach - jump), uba=1e-3 * (reach - jump),
+            lba=1e-3 * (-reach - behind), uba=1e-3 * (reach - behind),
         )
         move = 1e3 * np.asarray(made["x"]).ravel()
         if self._qp.stats()["success"] and np.isfinite(move).all():
@@ -277,7 +277,7 @@ class Mpc:
             x, by_x, by_p = self._step(x, self.tuning.stage, self._parts, p0, p1, scale)
             by = by_x @ by + by_p @ by_command[k : k + 2]
             tip, row = self._tip(x[:n])
-            _, wanted, way = self._rests.at(float(target[k]))
+            _, wanted, way = self._equilibria.at(float(target[k]))
             error[k], rows[k] = way @ (tip - wanted), 1e3 * (way @ row @ by[:n])
         speed, turned = way @ row @ x[n:], 1e3 * (way @ row @ by[n:])
         return error, rows, (float(speed), turned)

@@ -1,144 +1,180 @@
-"""From a model and a few frames at rest to an estimator and a controller that fit each other."""
+"""The task file (TOML) of `pliant control`: its entries and their checks. Units stand in the names."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, field_validator, model_validator
 
+from pliant.control.contract import Task
 from pliant.control.limits import Limits
-from pliant.control.lqr import LqrDesign, Tuning, design_lqr
-from pliant.control.mpc import Mpc, MpcTuning
-from pliant.control.pid import PidTuning
-from pliant.control.shaping import shaper
-from pliant.control.tip import PidControl, SetPoint, TipControl
-from pliant.control.trajectory import Planner, Reference
+from pliant.control.lqr import Tuning
+from pliant.control.registry import controller_kind
 from pliant.control.valve import SupplyValve
-from pliant.errors import InputError
-from pliant.estimation.adaptive_observer import AdaptiveObserver, frozen
-from pliant.estimation.link_angles import LinkAngles, calibrated
-from pliant.model import Model
-from pliant.simulation import modes
+from pliant.errors import InputError, explain_validation
 
-Array = np.ndarray
-KINDS = ("lqr", "mpc", "pid")
+EXAMPLE = """\
+# set-points of the tip, and what may be asked of the valve
+period_ms = 4.0
+highest_kpa = 190.0
+duration_s = 2.0
+feedback = "lqr"       # or "mpc" (extra mpc), "pid"
+planned = true         # changes as fast as the limits allow; false: ramps
+ramp_s = 0.03          # time of a change that is not planned
+[[setpoint]]
+time_s = 0.0
+displacement_mm = 25.0
+# [path]               # instead of set-points: straight between these
+# time_s = [0.0, 1.0, 2.0]
+# displacement_mm = [0.0, 25.0, 5.0]
+[valve]                # of the rig; without this table the model's
+rise_hz = 9.01
+fall_hz = 6.46
+damping_ratio = 0.765
+dead_time_ms = 8.12
+"""
 
 
-@dataclass(frozen=True)
-class Task:
-    """What the tip shall do.
+def _number(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+        raise ValueError("must be a number")
+    return value
 
-    Parameters
-    ----------
-    time, displacement : array (k,)
-        From each time [s] on that tip displacement [m]; straight between them where `path` is true.
-    duration : float
-        s
-    path : bool
-    ramp : float
-        s, of a change without a planned reference.
-    planned : bool
-        Whether the changes are planned ahead as fast as the limits allow; for "pid": shaped (ZVD).
-    feedback : {"lqr", "mpc", "pid"}
-    tuning, mpc, pid : Tuning, MpcTuning, PidTuning
-    """
 
-    time: Array
-    displacement: Array
-    duration: float
-    path: bool = False
-    ramp: float = 0.03
-    planned: bool = True
+def _positive(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+        raise ValueError("must be a positive number")
+    return value
+
+
+def _flag(value: Any) -> Any:
+    if not isinstance(value, bool):
+        raise ValueError("must be true or false")  # noqa: TRY004  what pydantic explains
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_number)]
+Positive = Annotated[float, BeforeValidator(_positive)]
+Flag = Annotated[bool, BeforeValidator(_flag)]
+
+
+class Entry(BaseModel):
+    """A table of the task; an unknown key is an error, never ignored."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SetPointEntry(Entry):
+    """From a time on that displacement of the tip."""
+
+    time_s: Number
+    displacement_mm: Number
+
+
+class PathEntry(Entry):
+    """Displacements of the tip, straight between these."""
+
+    time_s: list[Number]
+    displacement_mm: list[Number]
+
+    @model_validator(mode="after")
+    def _as_many(self) -> PathEntry:
+        if len(self.time_s) != len(self.displacement_mm) or not self.time_s:
+            raise ValueError("holds times and displacements, as many of each, at least one")
+        return self
+
+
+class ValveEntry(Entry):
+    """The rig's valve."""
+
+    rise_hz: Positive
+    fall_hz: Positive
+    damping_ratio: Positive
+    dead_time_ms: Positive
+
+    @property
+    def supply(self) -> SupplyValve:
+        """In SI."""
+        return SupplyValve(self.rise_hz, self.fall_hz, self.damping_ratio, 1e-3 * self.dead_time_ms)
+
+
+class TaskFile(Entry):
+    """A task file."""
+
+    period_ms: Positive = 4.0
+    highest_kpa: Positive = 190.0
+    slew_kpa_per_s: Positive = math.inf
+    duration_s: Positive = 2.0
     feedback: str = "lqr"
-    tuning: Tuning = field(default_factory=Tuning)
-    mpc: MpcTuning = field(default_factory=MpcTuning)
-    pid: PidTuning = field(default_factory=lambda: PidTuning(0.0, 4e6))
+    planned: Flag = True
+    ramp_s: Positive = 0.03
+    effort: Positive = 0.3
+    damping_time_s: Positive = 0.09
+    integral_time_s: Positive = 0.3
+    setpoint: list[SetPointEntry] = []
+    path: PathEntry | None = None
+    valve: ValveEntry | None = None
 
-    def __post_init__(self) -> None:
-        if self.feedback not in KINDS:
-            raise InputError(f"unknown feedback {self.feedback!r}: use one of {', '.join(KINDS)}")
+    @field_validator("feedback")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        controller_kind(name)
+        return name
+
+    @model_validator(mode="after")
+    def _wants_something(self) -> TaskFile:
+        if not self.setpoint and self.path is None:
+            raise ValueError("needs at least one [[setpoint]] with time_s and displacement_mm, or a [path]")
+        return self
+
+    @property
+    def period(self) -> float:
+        """Of the loop, s."""
+        return 1e-3 * self.period_ms
+
+    @property
+    def limits(self) -> Limits:
+        """Of the command."""
+        return Limits(1e3 * self.highest_kpa, 1e3 * self.slew_kpa_per_s)
+
+    @property
+    def supply(self) -> SupplyValve | None:
+        """The rig's valve, where the task tells of it."""
+        return None if self.valve is None else self.valve.supply
+
+    @property
+    def task(self) -> Task:
+        """What the tip shall do, in SI."""
+        points = [(p.time_s, p.displacement_mm) for p in self.setpoint]
+        if self.path is not None:
+            points = list(zip(self.path.time_s, self.path.displacement_mm, strict=True))
+        return Task(
+            np.array([t for t, _ in points]), np.array([1e-3 * d for _, d in points]), self.duration_s,
+            path=self.path is not None, ramp=self.ramp_s, planned=self.planned, feedback=self.feedback,
+            tuning=Tuning(self.effort, self.damping_time_s, self.integral_time_s),
+        )
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """What a loop needs.
-
-    Attributes
-    ----------
-    estimator : AdaptiveObserver
-    control : TipControl or PidControl
-    design : LqrDesign
-        Its margins are told by ``print``.
-    reference : Reference or None
-    """
-
-    estimator: AdaptiveObserver
-    control: TipControl | PidControl
-    design: LqrDesign
-    reference: Reference | None
-
-
-def prepare_control(
-    model: Model, arc_length: Array, frames: Array, task: Task, limits: Limits, period: float, *, late: int = 0,
-    supply: SupplyValve | None = None,
-) -> Prepared:
-    """Calibrate the rest, design the gains, plan the reference, make estimator and controller.
-
-    Parameters
-    ----------
-    model : Model
-        With its memory.
-    arc_length : array (S,)
-        Of the points along the body, m.
-    frames : array (T, S, 2)
-        The body at rest without pressure, m.
-    task : Task
-    limits : Limits
-    period : float
-        Of frames and control, s.
-    late : int
-        Periods by which a frame is old when it arrives.
-    supply : SupplyValve, optional
-        The rig's valve; default: the model's.
-
-    Returns
-    -------
-    Prepared
+def read_task(path: str | Path | None) -> TaskFile:
+    """Read and check a task; without a path the example.
 
     Raises
     ------
     InputError
-        When the task is out of reach, or the parts do not fit.
-
-    Examples
-    --------
-    >>> ready = prepare_control(model, plant.arc_length, frames, task, Limits(190e3), 4e-3, late=1)  # doctest: +SKIP
-    >>> print(ready.design)  # doctest: +SKIP
+        When the file cannot be read, or an entry is unknown, missing or wrong.
     """
-    body = calibrated(model, arc_length, frames)
-    body = body if supply is None else body.with_(valve=supply.mean)
-    design = design_lqr(frozen(body), limits.highest, period, tuning=task.tuning, latency=late * period)
-    estimator = AdaptiveObserver(body, LinkAngles(body, arc_length), period, late=late)
-    if task.path:
-        clock = np.arange(round(task.duration / period)) * period
-        wanted = np.interp(clock, task.time, task.displacement)
-        setpoint = SetPoint(clock, wanted, 0.0)
-    else:
-        setpoint = SetPoint(task.time, task.displacement, task.ramp)
-    if task.feedback == "pid":
-        frequency, damping = (float(row[0]) for row in modes(frozen(body, 0.5)))
-        shaping = shaper(frequency, damping, "ZVD") if task.planned else None
-        return Prepared(estimator, PidControl(body, task.pid, limits, setpoint, period, shaping), design, None)
-    reference = None
-    if task.planned:
-        planner = Planner(design, body, limits, valve=supply)
-        reference = planner.path(wanted) if task.path else planner.steps(task.time, task.displacement, task.duration)
-    law = None
-    if task.feedback == "mpc":
-        law = Mpc(frozen(body), limits, period, tuning=task.mpc, latency=late * period, supply=supply)
-    control = TipControl(design, limits, setpoint, estimator, late, reference, supply, law)
-    for _ in range(2):  # compiled here, not in the loop's first period
-        control.step(0.0, *estimator.update(0.0, frames[np.isfinite(frames).all(axis=(1, 2))][0]), 0.0)
-    estimator.reset()
-    control.reset()
-    return Prepared(estimator, control, design, reference)
+    try:
+        content = tomllib.loads(EXAMPLE if path is None else Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"cannot read the task {path}: {error}") from None
+    try:
+        return TaskFile.model_validate(content)
+    except ValidationError as error:
+        told = str(explain_validation(error, f"task {path}"))
+        if error.errors()[0]["type"] == "extra_forbidden":
+            told += f"; it may have {', '.join(TaskFile.model_fields)}"
+        raise InputError(told) from None

@@ -1,4 +1,4 @@
-"""Reference feedforward: the command that brings the tip to a new place as fast as the limits allow, or along a path.
+"""Trajectories of the tip: the command that brings the tip to a new place as fast as the limits allow, or along a path.
 
 The command is found on the model: tip positions depend on it through the sampled linear model about the target, and
 what that leaves out, memory included, is corrected by simulating the whole model under the command. Weighed are the
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pliant.control.bounded_least_squares import bounded
+from pliant.control.bounded_least_squares import bounded_least_squares
 from pliant.control.limits import Limits
 from pliant.control.lqr import LqrDesign, tip_row, tip_slopes
 from pliant.control.valve import SupplyValve, supply_of
@@ -35,7 +35,7 @@ SMOOTH = 2e-3  # weight of a change of the command against the tip error that it
 
 
 @dataclass(frozen=True)
-class Reference:
+class Trajectory:
     """A command and the motion that it makes of the model, period by period.
 
     Attributes
@@ -66,7 +66,7 @@ class Reference:
 
 
 class Planner:
-    """Finds references for one body.
+    """Finds trajectories for one body.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Planner:
     valve : SupplyValve, optional
         The rig's, where more is known of it than the model holds.
     share : float
-        Of the highest pressure that a reference uses; the rest is left to the feedback.
+        Of the highest pressure that a trajectory uses; the rest is left to the feedback.
     slack : float
         How much more time a step may take than the shortest possible: a body unlike the model then leaves less.
     """
@@ -88,16 +88,16 @@ class Planner:
         slack: float = 1.25,
     ) -> None:
         if not (0.0 < share <= 1.0 and slack >= 1.0):
-            raise InputError(f"a reference needs a share in 0 ... 1 and a slack >= 1, got {share} and {slack}")
+            raise InputError(f"a trajectory needs a share in 0 ... 1 and a slack >= 1, got {share} and {slack}")
         self.design, self.model, self.limits, self.ceiling = design, model, limits, share * limits.highest
         self.slack = slack
         self.valve = valve or supply_of(model.valve)
         linear, self._slopes = linearise(frozen(model, 0.5), 0.5 * self.ceiling), tip_slopes(design)
         plant = sample(linear, design.period)
-        self._plant = plant, tip_row(linear, design.rests.at(linear.pressure)[2], plant.A.shape[0])
+        self._plant = plant, tip_row(linear, design.equilibria.at(linear.pressure)[2], plant.A.shape[0])
 
-    def steps(self, time: Array, displacement: Array, duration: float) -> Reference:
-        """The reference of a set-point that jumps: every change as fast as the model can make it and then stay.
+    def steps(self, time: Array, displacement: Array, duration: float) -> Trajectory:
+        """The trajectory of a set-point that jumps: every change as fast as the model can make it and then stay.
 
         Parameters
         ----------
@@ -111,20 +111,20 @@ class Planner:
         InputError
             When the times do not increase by a period or more, or a displacement is out of reach.
         """
-        period, rests = self.design.period, self.design.rests
+        period, family = self.design.period, self.design.equilibria
         at = np.rint(np.asarray(time, dtype=float) / period).astype(int)
         if at.size == 0 or at[0] < 0 or np.any(np.diff(at) <= 0):
             raise InputError("the times of a set-point must increase by at least a period, from 0 s on")
         K = max(round(duration / period), int(at[-1]) + 2)
         wanted = np.append(0.0, displacement)[np.searchsorted(at, np.arange(K), side="right")]
-        target = np.array([rests.pressure_for(float(d)) for d in wanted])
+        target = np.array([family.pressure_for(float(d)) for d in wanted])
         command = np.zeros(K)
         for first, last in zip(at, np.append(at[1:], K), strict=True):
             command = self._fastest(target, wanted, command, int(first), int(last))
         return self._followed(target, wanted, command)
 
-    def path(self, displacement: Array) -> Reference:
-        """The reference along a path of the tip: its displacement (K,) [m] at every period.
+    def path(self, displacement: Array) -> Trajectory:
+        """The trajectory along a path of the tip: its displacement (K,) [m] at every period.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Planner:
             When a displacement is out of reach.
         """
         wanted = np.asarray(displacement, dtype=float)
-        target = np.array([self.design.rests.pressure_for(float(d)) for d in wanted])
+        target = np.array([self.design.equilibria.pressure_for(float(d)) for d in wanted])
         command = np.clip(target, 0.0, self.ceiling)
         block = round(0.4 / self.design.period)
         for _ in range(ROUNDS // 2):
@@ -208,7 +208,7 @@ class Planner:
         start = np.linalg.lstsq(free, command)[0]
         for _ in range(12):
             H = effect.T @ effect + cost**2 * change.T @ change
-            start = bounded(H, effect.T @ aim + cost**2 * change.T @ behind, start, self.ceiling)
+            start = bounded_least_squares(H, effect.T @ aim + cost**2 * change.T @ behind, start, self.ceiling)
             made = free @ start
             if np.abs(np.diff(made, prepend=before)).max() <= reach * 1.001:
                 break
@@ -236,7 +236,7 @@ class Planner:
 
     def _tip(self, command: Array) -> Array:
         """Displacement of the tip (K,) [m] under commands."""
-        return np.asarray(np.linalg.norm(self._run(command, 0.0)[3] - self.design.rests.tip[0], axis=1))
+        return np.asarray(np.linalg.norm(self._run(command, 0.0)[3] - self.design.equilibria.tip[0], axis=1))
 
     def _hold(self, target: Array, shift: Array) -> Array:
         """Pressures (K,) [Pa] that bring the tip where it rests under `target` once rest angles shifted by (K, n)."""
@@ -245,15 +245,15 @@ class Planner:
         moved = np.einsum("kn,kn->k", by_angle, np.cumsum(shift, axis=1))
         return np.asarray(target - moved / np.interp(target, grid, slopes))
 
-    def _followed(self, target: Array, wanted: Array, command: Array) -> Reference:
-        """The reference of a row of commands: what the model does under them, seen as late as the shape is."""
+    def _followed(self, target: Array, wanted: Array, command: Array) -> Trajectory:
+        """The trajectory of a row of commands: what the model does under them, seen as late as the shape is."""
         design, n, K = self.design, self.model.n, command.size
         angle, rate, shift, tip = self._run(command, design.latency)
         hold = self._hold(target, shift)
         valve = valve_under(design.model.valve, self.valve, command, design.period, design.latency)
         D, order = design.waiting, valve.shape[1]
         lead = np.zeros((K, 2 * n + order + D + 1))
-        rest = np.array([design.rests.at(p)[0] for p in hold])
+        rest = np.array([design.equilibria.at(p)[0] for p in hold])
         lead[:, :n], lead[:, n : 2 * n] = angle - rest - np.cumsum(shift, axis=1), rate
         lead[:, 2 * n : 2 * n + order] = valve
         if order:
@@ -262,6 +262,6 @@ class Planner:
         for age in range(D):
             lead[:, 2 * n + order + age] = sent[D - 1 - age : D - 1 - age + K] - hold
         lead[:, -1] = command - hold
-        far = np.linalg.norm(tip - design.rests.tip[0], axis=1)
-        rest_far = np.interp(target, design.rests.pressure, design.rests.displacement)
-        return Reference(target, lead, far, rest_far, wanted, design.period)
+        far = np.linalg.norm(tip - design.equilibria.tip[0], axis=1)
+        rest_far = np.interp(target, design.equilibria.pressure, design.equilibria.displacement)
+        return Trajectory(target, lead, far, rest_far, wanted, design.period)

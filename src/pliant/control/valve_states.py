@@ -16,7 +16,7 @@ from pliant.model import Valve
 Array = np.ndarray
 
 
-class ValveFollower:
+class ValveObserver:
     """Pressure behind the valve and its rate, by the valve's own equation corrected by a gauge.
 
     Parameters

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from pliant.estimation.adaptive_observer import AdaptiveObserver, Differences, frozen
+from pliant.estimation.adaptive_observer import AdaptiveObserver, frozen
+from pliant.estimation.contract import Estimator, EstimatorKind, Frame, Setting, State
+from pliant.estimation.differences import Differences
 from pliant.estimation.kalman import KalmanFilter
 from pliant.estimation.link_angles import LinkAngles, calibrated
 from pliant.estimation.measurement import rows_of
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import estimate
+from pliant.estimation.registry import estimators
 from pliant.estimation.release import release_of
 
 __all__ = [
-    "AdaptiveObserver", "Differences", "KalmanFilter", "LinkAngles", "Noise", "calibrated", "default_noise", "estimate",
-    "frozen", "release_of", "rows_of",
+    "AdaptiveObserver", "Differences", "Estimator", "EstimatorKind", "Frame", "KalmanFilter", "LinkAngles", "Noise",
+    "Setting", "State", "calibrated", "default_noise", "estimate", "estimators", "frozen", "release_of", "rows_of",
 ]

@@ -1,60 +1,33 @@
-"""Simple estimates of angles and rates: differences of the shape, and a model that follows it with a constant gain."""
+"""The adaptive observer: a model run beside the body, corrected with a constant gain, its torque learnt."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from collections import deque
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.errors import InputError
 from pliant.estimation import adaptive_observer_loops
-from pliant.estimation.link_angles import LinkAngles
+from pliant.estimation.contract import EstimatorKind, Setting, State, one_chamber
+from pliant.estimation.link_angles import needs_joint_rows
+from pliant.estimation.symbols import (
+    FRAME_LOST,
+    PARTED,
+    STEP_FAILED,
+    ObserverGains,
+    ObserverModel,
+    ObserverState,
+    ObserverWorkspace,
+    Pace,
+)
 from pliant.linear.linearisation import linearise
 from pliant.linear.sampled import hold
 from pliant.model import Memory, Model, Valve
 from pliant.simulation import state
 
 Array = np.ndarray
-
-
-class Estimator(Protocol):
-    """What turns measurements into a state. `drive(time, pressure)` and `consistent` are used where they exist."""
-
-    def update(self, time_s: float, measurement: Array) -> tuple[Array, Array]:
-        """Absolute link angles and rates (n,) [rad, rad/s] at a measurement's time."""
-
-
-class Differences:
-    """Angles of the chords, rates by differences behind a first-order filter: what needs no model.
-
-    Parameters
-    ----------
-    chords : LinkAngles
-    cutoff : float
-        Of the filter, Hz.
-    """
-
-    def __init__(self, chords: LinkAngles, cutoff: float = 25.0) -> None:
-        if not cutoff > 0:
-            raise InputError(f"the filter's cutoff must be positive, in Hz, got {cutoff}")
-        self._chords, self._omega = chords, 2 * np.pi * cutoff
-        self._time = -math.inf
-        self._angle: Array | None = None
-        self._rate: Array | None = None
-
-    def update(self, time_s: float, measurement: Array) -> tuple[Array, Array]:
-        """Angles of this frame and filtered rates; a frame that is not newer than the last one changes nothing."""
-        angle = self._chords(measurement)
-        if self._angle is None or self._rate is None:
-            self._time, self._angle, self._rate = time_s, angle, np.zeros_like(angle)
-        elif time_s > self._time:
-            h = time_s - self._time
-            keep = math.exp(-self._omega * h)
-            self._rate = keep * self._rate + (1 - keep) * (angle - self._angle) / h
-            self._time, self._angle = time_s, angle
-        return self._angle, self._rate
 
 
 class AdaptiveObserver:
@@ -70,13 +43,12 @@ class AdaptiveObserver:
     Parameters
     ----------
     model : Model
-        With its memory, if any. Its valve is left out: the pressure behind it is given to `drive`.
-    chords : LinkAngles
+        With its memory, if any. Its valve is left out: pressures are those behind it.
     period : float
         Of the frames, s.
     noise : float
         Standard deviation of the joint angles of one frame, rad.
-    wander : float
+    random_walk : float
         Of the rest angles, rad per square root of a second.
     jerk : float
         Standard deviation of the joint rates that the model misses in a second, rad/s per square root of a second.
@@ -84,102 +56,131 @@ class AdaptiveObserver:
         Longest step of the model, s.
     late : int
         Frames by which the shape is late: pressures are held back as long.
-    doubt : float
-        Standard deviation at the start of `scale`; 0 keeps it at 1.
-    drift : float
-        Of `scale`, per square root of a second.
+    scale_sd, scale_random_walk : float
+        Standard deviation of `scale` at the start, and its growth per square root of a second; 0 keeps it at 1.
     share : float
-        That of ``frozen(model, share)`` whose rest angles `shift` tells of.
+        That of ``frozen(model, share)`` whose rest angles the state's `rest_shift` tells of.
 
     Attributes
     ----------
-    scale : float
-        Factor on the torque of the pressure, learnt from the frames: another specimen is softer or pulls harder.
-    angle, rate : array (n,)
-        Absolute link angles [rad] and rates [rad/s], changed in place.
-    shift : array (n,)
-        Of the rest angles of `frozen(model, share)`, rad, changed in place: the memory as it is, and what the model
-        lacks.
-    innovation : array (n,)
-        Of the last frame, rad.
-    consistent : bool
-        False once a joint's innovation exceeds `LOST`: model and body have parted.
+    model : Model
+        Without its valve.
     missed : int
         Frames that were lost.
-    body : tuple
-        The model as `observer_loops.follow` takes it.
+    fault : str
+        Why model and body no longer agree; empty while they do.
     """
 
-    LOST = 0.5  # rad
+    LARGEST = 0.5  # rad: a larger innovation means that model and body have parted
 
     def __init__(
-        self, model: Model, chords: LinkAngles, period: float, *, noise: float = 2e-3, wander: float = 0.05,
-        jerk: float = 0.5, step: float = 2e-3, late: int = 0, doubt: float = 0.2, drift: float = 0.02,
+        self, model: Model, period: float, *, noise: float = 2e-3, random_walk: float = 0.05, jerk: float = 0.5,
+        step: float = 2e-3, late: int = 0, scale_sd: float = 0.2, scale_random_walk: float = 0.02,
         share: float = 1.0,
     ) -> None:
-        self.model, self.period = model.with_(valve=Valve()), period
-        self._chords, self._late = chords, late
+        self.model, self.period, self._late = model.with_(valve=Valve()), period, late
         parts = max(1, math.ceil(period / step - 1e-9))
-        self.gain, sure = stationary_gain(self.model, period, noise, wander, jerk)
+        design = stationary(self.model, period, noise, random_walk, jerk)
         chain, drive = with_shifts(self.model)
-        self._gains = (self.gain, sure, *hold(chain, drive, period))
-        self._start = (0.0, 1.0, doubt**2, drift**2 * period)
-        self._pace = (parts, period / parts, self.LOST)
-        joints, law, remembered = self.model.joints(), np.array(model.torque), share * model.memory.instantaneous
-        self.body = (
-            float(model.base_angle), np.array(model.rest_angle), joints, self.model.body(), law,
-            float(model.swell_share), float(model.swell_time), model.memory.law(), float(remembered),
+        growth = scale_random_walk**2 * period
+        self.gains = ObserverGains(design.gain, design.precision, *hold(chain, drive, period), growth)
+        self.pace, self._scale = Pace(parts, period / parts, self.LARGEST), (1.0, scale_sd**2)
+        self._covariance, self._rows = in_torques(self.model, design.covariance), np.empty(0)
+        remembered = float(share * model.memory.instantaneous)
+        self.body = ObserverModel(
+            float(model.base_angle), np.array(model.rest_angle), model.joints(), self.model.body(),
+            np.array(model.torque), float(model.swell_share), float(model.swell_time), model.memory.law(), remembered,
         )
-        self._scratch = np.zeros(1 + 16 * model.n + 2 * model.n**2 + law.size)
-        self._points, self._parts = np.zeros((chords.size, 2)), chords.parts
-        self._follow = twin(adaptive_observer_loops.follow, model.n)
+        self.workspace = make_workspace(self.model)
+        self._follow = twin(adaptive_observer_loops.follow_fields, model.n)
         self.reset()
 
     def reset(self) -> None:
         """Back to the model's rest without pressure."""
-        n = self.model.n
-        q = state.equilibrium(self.model, 0.0)
-        x = np.zeros((5, n))
-        x[0] = state.absolute(self.model, q)
-        self.angle, self.rate, _, self.innovation, self.shift = x
-        self._state = (x, state.relaxed(self.model, q))
-        self._learnt = np.concatenate([self._start, np.zeros(3 * n)])
-        self._pressure = self._reading = 0.0
-        self._waiting = [0.0] * self._late
+        model, n = self.model, self.model.n
+        q = state.equilibrium(model, 0.0)
+        self._x = np.zeros((5, n))
+        self._x[0] = state.absolute(model, q)
+        angle, rate, own, innovation, shift = self._x
+        self.own = ObserverState(
+            angle, rate, own, innovation, shift, state.relaxed(model, q), np.zeros(3 * n), np.array(self._scale),
+            np.zeros(1),
+        )
+        self._fields = tuple(plain(part) for part in (self.own, self.body, self.gains, self.pace, self.workspace))
+        self._pressure = self._reading = self._latest = 0.0
+        self._waiting: deque[float] = deque([0.0] * self._late)
         self._time = -math.inf
-        self.consistent, self.missed = True, 0
+        self.fault, self.missed = "", 0
 
     @property
     def scale(self) -> float:
-        """Factor on the torque of the pressure."""
-        return float(self._learnt[1])
+        """Factor on the torque of the pressure, learnt from the frames: another specimen is softer or pulls harder."""
+        return float(self.own.factor[0])
 
-    def drive(self, time_s: float, pressure: float) -> None:
-        """The chamber's pressure [Pa] at the time of the next frame; the mean with the one before moves the model."""
-        del time_s
-        self._waiting.append(pressure)
-        reading = self._waiting.pop(0)
+    def inputs(self, values: Array, periods: int = 1) -> tuple[Any, ...]:
+        """Arguments of `follow_fields` for a frame's values (n,), so many periods after the last one."""
+        return (periods, float(self._pressure), values, *self._fields)
+
+    def push_pressure(self, time: float, pressure: float | Array) -> None:
+        """Take a pressure [Pa]; the mean of those at a frame and at the one before moves the model between them."""
+        del time
+        self._latest = one_chamber(pressure)
+
+    def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
+        """Predict up to the time of a frame, then correct by it unless it is lost; the gain's own noise counts.
+
+        Raises
+        ------
+        InputError
+            When the rows are others than those of `LinkAngles`.
+        """
+        del variance
+        if rows is not self._rows:
+            self._rows = needs_joint_rows(self.model, rows, "the adaptive observer")
+        self._waiting.append(self._latest)
+        reading = self._waiting.popleft()
         self._pressure, self._reading = 0.5 * (self._reading + reading), reading
-
-    def inputs(self, periods: int) -> tuple[Any, ...]:
-        """Arguments of `observer_loops.follow` for the frame at hand, so many periods after the last one."""
-        return (
-            self._state, self._learnt, float(self._pressure), self.body, self._gains, self._parts,
-            (periods, *self._pace), self._points, self._scratch,
-        )
-
-    def update(self, time_s: float, measurement: Array) -> tuple[Array, Array]:
-        """Predict up to a frame's time, then correct by it unless it is lost; the arrays returned are the live ones."""
         periods = 0
         if math.isfinite(self._time):
-            periods = min(max(round((time_s - self._time) / self.period), 0), 100)
-        self._time = time_s
-        self._points[:] = measurement
-        told = self._follow(*self.inputs(periods))
-        self.missed += told & 2 > 0
-        if told & 5:
-            self.consistent = False
-        return self.angle, self.rate
+            periods = min(max(round((time - self._time) / self.period), 0), 100)
+        self._time = time
+        outcome = self._follow(*self.inputs(np.ascontiguousarray(values, dtype=float), periods))
+        if outcome == FRAME_LOST:
+            self.missed += 1
+        elif outcome == STEP_FAILED:
+            self.fault = "a step of the observer's model failed: a link turned by more than a radian in it"
+        elif outcome == PARTED:
+            self.fault = f"a frame differs from the observer's model by more than {self.LARGEST} rad"
+
+    def state(self, time: float) -> State:
+        """That of the last frame."""
+        del time
+        angle, rate, own, _, shift = self._x.copy()
+        return State(
+            self._time, angle, rate, shift, self.body.joints.K * own, self._covariance, self.scale, self.fault
+        )
+
+
+def make_workspace(model: Model) -> ObserverWorkspace:
+    """Arrays that a frame works in."""
+    n, joints = model.n, model.joints()
+    springs = joints._replace(theta0=np.zeros(n))
+    return ObserverWorkspace(
+        state.held(model), state.workspace(n), springs, np.zeros(len(model.torque)), np.zeros(3 * n), np.zeros(3 * n)
+    )
+
+
+def plain(record: Any) -> Any:
+    """A NamedTuple and those within it as tuples."""
+    return tuple(plain(part) for part in record) if isinstance(record, tuple) else record
+
+
+def make(setting: Setting) -> AdaptiveObserver:
+    """The observer of a body."""
+    return AdaptiveObserver(setting.model, setting.period, late=setting.late)
+
+
+ESTIMATOR = EstimatorKind("observer", make)
 
 
 def frozen(model: Model, share: float = 1.0) -> Model:
@@ -202,13 +203,16 @@ def with_shifts(model: Model) -> tuple[Array, Array]:
     return chain, drive
 
 
-def stationary_gain(
-    model: Model, period: float, noise: float, wander: float, jerk: float
-) -> tuple[Array, Array]:
-    """Kalman gain (3 n, n) from absolute link angles to angles, rates and rest shifts of the joints, at rest.
+class Stationary(NamedTuple):
+    """The stationary Kalman filter of angles, rates and rest shifts, at rest."""
 
-    Second, the inverse (n, n) of the covariance of its innovations, 1/rad^2.
-    """
+    gain: Array  # (3n, n), from absolute link angles
+    precision: Array  # (n, n) 1/rad^2, inverse of the innovations' covariance
+    covariance: Array  # (3n, 3n), behind a frame
+
+
+def stationary(model: Model, period: float, noise: float, random_walk: float, jerk: float) -> Stationary:
+    """Its gain for frames of a period [s]; `noise`, `random_walk` and `jerk` as for `AdaptiveObserver`."""
     from scipy.linalg import solve_discrete_are
 
     n = model.n
@@ -218,9 +222,18 @@ def stationary_gain(
     Q = np.zeros_like(F)
     Q[:n, :n] = (1e-2 * noise) ** 2 * np.eye(n)
     Q[n : 2 * n, n : 2 * n] = jerk**2 * period * sums @ sums.T
-    Q[2 * n :, 2 * n :] = wander**2 * period * np.eye(n)
+    Q[2 * n :, 2 * n :] = random_walk**2 * period * np.eye(n)
     R = noise**2 * sums @ sums.T
     H = np.eye(n, 3 * n)
     P = solve_discrete_are(F.T, H.T, Q, R)
-    sure = np.linalg.inv(H @ P @ H.T + R)
-    return np.asarray(P @ H.T @ sure), sure
+    precision = np.linalg.inv(H @ P @ H.T + R)
+    gain = np.asarray(P @ H.T @ precision)
+    return Stationary(gain, precision, P - gain @ H @ P)
+
+
+def in_torques(model: Model, covariance: Array) -> Array:
+    """A covariance (3 n, 3 n) of angles, rates and rest shifts as one of angles, rates and disturbance torques."""
+    size = np.concatenate([np.ones(2 * model.n), model.stiffness])
+    made = size[:, None] * covariance * size
+    made.flags.writeable = False
+    return np.asarray(made)

@@ -13,6 +13,8 @@ from pliant.compiler.choose import twin
 from pliant.equations import section
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
+from pliant.estimation.adaptive_observer_loops import rest_shift
+from pliant.estimation.contract import EstimatorKind, Setting, State, one_chamber
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of
 from pliant.estimation.workspace import make_scratch
@@ -20,6 +22,7 @@ from pliant.model import Model
 from pliant.simulation import state
 
 Array = np.ndarray
+LARGEST = 0.5  # rad, or lengths of the body: a larger innovation means that model and body have parted
 
 
 class Event(NamedTuple):
@@ -70,7 +73,7 @@ class KalmanFilter:
     pressure : float
         Pa at the start, under which the chain rests.
     time : float
-        s at the start.
+        s at the start; minus infinity: when the first event comes.
 
     Attributes
     ----------
@@ -78,6 +81,8 @@ class KalmanFilter:
         Absolute link angles [rad] and rates [rad/s], disturbance torques of the joints [N m].
     covariance : array (N, N)
     counts : Counts
+    fault : str
+        Why model and body no longer agree; empty while they do.
 
     Examples
     --------
@@ -100,10 +105,11 @@ class KalmanFilter:
             raise InputError(f"step must be > 0, latency and buffer >= 0 s: got {step}, {latency}, {buffer}")
         self.model, self.noise = model, noise or default_noise(model)
         self.step, self.latency, self.buffer = step, latency, buffer
-        self.counts = Counts()
+        self.counts, self.fault = Counts(), ""
         self._chain = chain_of(model)
         self._scratch: dict[int, Any] = {}
         self._predict, self._update = twin(kalman_loops.predict_span, model.n), twin(kalman_loops.update)
+        self._rest_shift = twin(rest_shift)
         q, n = state.equilibrium(model, pressure), model.n
         self.time, self.pressure, self._slow = float(time), float(pressure), float(pressure)
         self._grown = float(model.inflation_at(pressure))
@@ -117,19 +123,20 @@ class KalmanFilter:
         self.innovation = np.empty(0)
         self._events: deque[tuple[Snapshot, Event]] = deque()
 
-    def push_pressure(self, time: float, pressure: float) -> None:
+    def push_pressure(self, time: float, pressure: float | Array) -> None:
         """Take a pressure sample [Pa] of a `time` [s]; it is held until the next one.
 
         Raises
         ------
         InputError
-            When it is not finite: a filter has no opinion of its own on the pressure.
+            When it is not finite (a filter has no opinion of its own on the pressure), or that of several chambers.
         """
+        pressure = one_chamber(pressure)
         if not (math.isfinite(pressure) and math.isfinite(time)):
             raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s")
         self._take(Event(float(time), float(pressure), None, None, None))
 
-    def push_frame(self, stamp: float, rows: Array, value: Array, variance: Array) -> None:
+    def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
         """Take a frame of the shape: `rows` (m, 4) as `rows_of` makes them, their values (m,) and variances (m,).
 
         Values that are not numbers are skipped; x and angles as the model has them before `bend_sign`.
@@ -137,20 +144,32 @@ class KalmanFilter:
         Raises
         ------
         InputError
-            When the shapes do not agree or the stamp is not finite.
+            When the shapes do not agree or the time is not finite.
         """
-        rows, value, variance = (np.ascontiguousarray(a, dtype=float) for a in (rows, value, variance))
-        if rows.shape != (value.size, 4) or variance.shape != value.shape or not math.isfinite(stamp):
-            raise InputError(f"a frame has rows (m, 4), m values and m variances, got {rows.shape}, {value.shape}")
-        if not np.isfinite(value).any():
+        rows, values, variance = (np.ascontiguousarray(a, dtype=float) for a in (rows, values, variance))
+        if rows.shape != (values.size, 4) or variance.shape != values.shape or not math.isfinite(time):
+            raise InputError(f"a frame has rows (m, 4), m values and m variances, got {rows.shape}, {values.shape}")
+        if not np.isfinite(values).any():
             self.counts.skipped += 1
             return
-        self._take(Event(float(stamp) - self.latency, math.nan, rows, value, variance))
+        self._take(Event(float(time) - self.latency, math.nan, rows, values, variance))
+
+    def state(self, time: float) -> State:
+        """What is known of `time` [s], or of the newest event where that is later."""
+        self.advance(time)
+        model, n = self.model, self.model.n
+        angle, rate, disturbance = self._state[: 3 * n].copy().reshape(3, n)
+        memory, shift = model.memory, np.empty(n)
+        self._rest_shift(
+            angle, disturbance / model.stiffness, self.memory, float(model.base_angle), model.rest_angle,
+            memory.law(), memory.instantaneous, shift,
+        )
+        return State(self.time, angle, rate, shift, disturbance, self.covariance.copy(), fault=self.fault)
 
     def advance(self, time: float) -> None:
         """Predict up to `time` [s] under the pressure that is held; a time in the past changes nothing."""
         span = time - self.time
-        if not span > 1e-12:
+        if not span > 1e-12 or math.isinf(span):
             return
         count = math.ceil(span / self.step * (1 - 1e-9))
         failed = self._predict(
@@ -183,6 +202,8 @@ class KalmanFilter:
         return self._scratch[rows]
 
     def _take(self, event: Event) -> None:
+        if math.isinf(self.time):
+            self.time = event.time
         if event.time >= self.time - 1e-12:
             self._apply(event)
         elif self._events and event.time >= self._events[0][0].time:
@@ -225,7 +246,19 @@ class KalmanFilter:
         )
         self.counts.used += 1
         self.counts.last_ratio = square / used
+        off = np.abs(event.value - self._arrays(event.value.size).seen)
+        angular = (event.rows[:, 0] == kalman_loops.ANGLE) | (event.rows[:, 0] == kalman_loops.JOINT)
+        if np.nanmax(off / np.where(angular, 1.0, self.model.length)) > LARGEST:
+            self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad, or as much of its length"
 
     def _restore(self, kept: Snapshot) -> None:
         self.time, self.pressure, self._slow, self._grown = kept.time, kept.pressure, kept.slow, kept.grown
         self._state[:] = kept.state
+
+
+def make(setting: Setting) -> KalmanFilter:
+    """The filter of a body, from the first event on; it puts late frames where they belong by their time."""
+    return KalmanFilter(setting.model, time=-math.inf)
+
+
+ESTIMATOR = EstimatorKind("filter", make, predicts=True)

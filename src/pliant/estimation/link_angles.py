@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from pliant.compiler.choose import twin
 from pliant.errors import InputError
+from pliant.estimation import link_angle_loops
+from pliant.estimation.contract import Frame
+from pliant.estimation.kalman_loops import JOINT
 from pliant.model import Model
 from pliant.simulation import state
 
@@ -12,16 +16,23 @@ Array = np.ndarray
 
 
 class LinkAngles:
-    """Absolute link angles from points along the body: chords between the points that lie at the model's joints.
+    """Angles of the links from points along the body: chords between the points that lie at the model's joints.
 
     Parameters
     ----------
     model : Model
     arc_length : array (S,)
         Of the points, m, from the origin; increasing.
+    noise : float
+        Standard deviation of the angle between two links in one frame, rad.
+
+    Attributes
+    ----------
+    rows : array (n, 4)
+        What the values of `frame` see: the angle of each link, against the one before.
     """
 
-    def __init__(self, model: Model, arc_length: Array) -> None:
+    def __init__(self, model: Model, arc_length: Array, noise: float = 2e-3) -> None:
         s = np.asarray(arc_length, dtype=float)
         ends = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])
         if s.ndim != 1 or s.size < 2 or np.any(np.diff(s) <= 0) or s[0] > ends[0] + 1e-3 or s[-1] < ends[-1] - 2e-3:
@@ -29,27 +40,65 @@ class LinkAngles:
                 f"the points must lie along the body at increasing arc lengths that cover {ends[0] * 1e3:.4g} to "
                 f"{ends[-1] * 1e3:.4g} mm, got {s.size} from {s.min() * 1e3:.4g} to {s.max() * 1e3:.4g} mm"
             )
+        if not (np.isfinite(noise) and noise > 0):
+            raise InputError(f"the noise of an angle must be positive, in rad, got {noise}")
         if abs(s[-1] - ends[-1]) < 2e-3:  # links are chords, a little shorter than the arc: the last ends at the tip
             ends = ends * (s[-1] / ends[-1])
         ends = np.clip(ends, s[0], s[-1])
-        self._left = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, s.size - 2)
-        self._share = ((ends - s[self._left]) / (s[self._left + 1] - s[self._left]))[:, None]
+        left = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, s.size - 2)
+        self._left, self._share = left, ((ends - s[left]) / (s[left + 1] - s[left]))[:, None]
         self._mirror = np.array([model.bend_sign, 1.0])
-        self.size = s.size
-
-    @property
-    def parts(self) -> tuple[Array, Array, float]:
-        """Point before each end of a link (n + 1,), share of the next one (n + 1,), sign of the bend."""
-        return self._left.astype(np.int64), self._share[:, 0].copy(), float(self._mirror[0])
+        self._ends = left.astype(np.int64), self._share[:, 0].copy(), float(model.bend_sign)
+        self._values, self._size = twin(link_angle_loops.joint_values), s.size
+        self.rows, self._variance = joint_rows(model), np.full(model.n, noise**2)
 
     def ends(self, points: Array) -> Array:
         """Ends of the links (n + 1, 2) among points (S, 2), m, before the model's bend sign."""
         return ((1 - self._share) * points[self._left] + self._share * points[self._left + 1]) * self._mirror
 
     def __call__(self, points: Array) -> Array:
-        """Absolute link angles (n,), rad."""
+        """Absolute link angles (n,) of points (S, 2), rad."""
         across = np.diff(self.ends(points), axis=0)
         return np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
+
+    def frame(self, points: Array) -> Frame:
+        """What estimators take of a shape (S, 2) [m]: the angles between its links, whose errors are independent.
+
+        Their values are NaN where a point is lost.
+
+        Raises
+        ------
+        InputError
+            When there are other than S points.
+        """
+        if points.shape != (self._size, 2):
+            raise InputError(f"a shape has {self._size} points in the plane, (x, y) each, got {points.shape}")
+        values = np.empty(len(self._variance))
+        self._values(points, self._ends, values)
+        return Frame(self.rows, values, self._variance)
+
+
+def joint_rows(model: Model) -> Array:
+    """Rows (n, 4) that see the angle of each link, against the one before it; the first against +y."""
+    return np.array([(JOINT, i, 0.0, 0.0) for i in range(model.n)], dtype=float)
+
+
+
+
+def needs_joint_rows(model: Model, rows: Array, who: str) -> Array:
+    """The rows, when they are `joint_rows`.
+
+    Raises
+    ------
+    InputError
+        When a frame holds anything else.
+    """
+    if rows.shape != (model.n, 4) or not np.array_equal(rows[:, :2], joint_rows(model)[:, :2]):
+        raise InputError(
+            f"{who} takes the angle of each of {model.n} links against the one before, as LinkAngles.frame makes "
+            f"them, got {len(rows)} other rows: use the filter, which takes any"
+        )
+    return rows
 
 
 def calibrated(model: Model, arc_length: Array, frames: Array) -> Model:
@@ -66,9 +115,9 @@ def calibrated(model: Model, arc_length: Array, frames: Array) -> Model:
     if len(whole) < 5:
         raise InputError(f"a rest shape needs at least 5 whole frames, got {len(whole)} of {len(frames)}")
     mean = whole.mean(axis=0)
-    chords = LinkAngles(model, arc_length)
-    ends = chords.ends(mean)
+    link_angles = LinkAngles(model, arc_length)
+    ends = link_angles.ends(mean)
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
-    angle = np.diff(chords(mean), prepend=model.base_angle)
+    angle = np.diff(link_angles(mean), prepend=model.base_angle)
     made = model.with_(link_length=length, rest_angle=angle, stations=())
     return made.with_(rest_angle=angle - state.equilibrium(made)) if made.gravity.any() else made

@@ -4,7 +4,7 @@ from pliant.loop.clock import SystemClock, Timing, VirtualClock
 from pliant.loop.log import LoopLog, read_log
 from pliant.loop.network import UdpSink, UdpSource, ZmqSink, ZmqSource
 from pliant.loop.playback import Playback
-from pliant.loop.run import COLUMNS, ControlLoop
+from pliant.loop.run import COLUMNS, ControlLoop, log_columns
 from pliant.loop.sample import Sample, Sink, Source, connection, sample
 from pliant.loop.virtual import VirtualActuator
 from pliant.loop.watchdog import Bounds, Watchdog
@@ -12,5 +12,5 @@ from pliant.loop.watchdog import Bounds, Watchdog
 __all__ = [
     "COLUMNS", "Bounds", "ControlLoop", "LoopLog", "Playback", "Sample", "Sink", "Source", "SystemClock", "Timing",
     "UdpSink", "UdpSource", "VirtualActuator", "VirtualClock", "Watchdog", "ZmqSink", "ZmqSource", "connection",
-    "read_log", "sample",
+    "log_columns", "read_log", "sample",
 ]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
+from pliant.control.contract import Pipeline
+from pliant.errors import InputError
+from pliant.estimation.contract import State
 from pliant.loop.clock import Clock, Timing
 from pliant.loop.log import LoopLog
 from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, Sink, Source, nanoseconds, sample
@@ -19,18 +21,19 @@ COLUMNS = (
 )
 
 
-class EstimatorLike(Protocol):
-    """What turns shapes into a state; `drive(time_s, pressure)` and `consistent` are used where they exist."""
+def log_columns(links: int, chambers: int = 1) -> list[str]:
+    """Columns of a loop's log: `COLUMNS`, pressure and command once for each chamber, and the angles of the links."""
+    names = list(COLUMNS)
+    if chambers > 1:
+        for name in ("command_pa", "pressure_pa"):
+            k = names.index(name)
+            names[k : k + 1] = [f"{name.removesuffix('_pa')}_{c + 1}_pa" for c in range(chambers)]
+    return [*names, *(f"phi_{i + 1}_rad" for i in range(links))]
 
-    def update(self, time_s: float, measurement: Array) -> tuple[Array, Array]:
-        """Absolute link angles and rates (n,), rad and rad/s."""
 
-
-class ControllerLike(Protocol):
-    """What turns a state into a command."""
-
-    def step(self, time_s: float, angle: Array, rate: Array, pressure: float) -> float:
-        """Command for the coming period, Pa."""
+def without_pressure(chambers: int) -> float | Array:
+    """The command that vents: 0 Pa in every chamber."""
+    return 0.0 if chambers == 1 else np.zeros(chambers)
 
 
 class ControlLoop:
@@ -45,40 +48,46 @@ class ControlLoop:
         Of samples named "shape" (S, 2) [m] and "pressure" [Pa].
     sink : Sink
         Takes samples named "command" [Pa].
-    estimator, controller : EstimatorLike, ControllerLike
+    pipeline : Pipeline
+        From the shape to the command: how a shape is measured, estimator and controller.
     watchdog : Watchdog
     period : float
         s
     clock : Clock
     log : LoopLog, optional
-        With the columns `COLUMNS`, then phi_1 ... phi_n.
+        With the columns `log_columns`.
 
     Attributes
     ----------
     timing : Timing
     frames, lost, late : int
-        Whole shapes, shapes with missing points, and shapes older than one seen before: the last two are not used.
+        Whole shapes, shapes with missing points, and shapes older than one seen before: of the last two the estimator
+        learns at most that they were lost.
+    chambers_left_out, pressures_left_out : int
+        Most chambers of one pressure sample beyond those that the controller drives, and all such pressures.
 
     Examples
     --------
     >>> clock = SystemClock()  # doctest: +SKIP
     >>> arm = VirtualActuator(plant, clock)  # doctest: +SKIP
-    >>> loop = ControlLoop([arm], arm, estimator, controller, Watchdog(Bounds(220e3)), 4e-3, clock)  # doctest: +SKIP
+    >>> ready = prepare_control(model, plant.arc_length, frames, task, limits, 4e-3)  # doctest: +SKIP
+    >>> loop = ControlLoop([arm], arm, ready.pipeline, Watchdog(Bounds(220e3)), 4e-3, clock)  # doctest: +SKIP
     >>> loop.run(duration=2.0)  # doctest: +SKIP
     """
 
     def __init__(
-        self, sources: Sequence[Source], sink: Sink, estimator: EstimatorLike, controller: ControllerLike,
-        watchdog: Watchdog, period: float, clock: Clock, log: LoopLog | None = None,
+        self, sources: Sequence[Source], sink: Sink, pipeline: Pipeline, watchdog: Watchdog, period: float,
+        clock: Clock, log: LoopLog | None = None,
     ) -> None:
-        self.sources, self.sink, self.estimator, self.controller = list(sources), sink, estimator, controller
+        self.sources, self.sink, self.pipeline = list(sources), sink, pipeline
         self.watchdog, self.clock, self.log = watchdog, clock, log
         self.timing = Timing(nanoseconds(period))
         self.frames = self.lost = self.late = 0
-        self.command, self.pressure = 0.0, 0.0
+        self.chambers_left_out = self.pressures_left_out = 0
+        self.command = self.pressure = without_pressure(pipeline.controller.chambers)
         self._shape_time = self._pressure_time = self._seen = clock.now()
         self._began = clock.now()
-        self._state: tuple[Array, Array] | None = None
+        self._state: State | None = None
 
     @property
     def finished(self) -> bool:
@@ -100,7 +109,7 @@ class ControlLoop:
                 self.period(began, deadline)
                 deadline = self.timing.end(began, deadline, self.clock.now())
         finally:
-            self.sink.write(sample(COMMAND, 0.0, self.clock.now()))
+            self.sink.write(sample(COMMAND, without_pressure(self.pipeline.controller.chambers), self.clock.now()))
         return self.watchdog.fault
 
     def period(self, now: int, deadline: int) -> None:
@@ -111,19 +120,20 @@ class ControlLoop:
             wish = self._control(now)
         except Exception as error:  # noqa: BLE001  whatever it is, the pressure must go
             self.watchdog.trip(f"{type(error).__name__}: {error}", now)
-            wish = 0.0
+            wish = without_pressure(self.pipeline.controller.chambers)
         self.command = self.watchdog.command(now, wish)
         self.sink.write(sample(COMMAND, self.command, now))
         if self.log is not None:
             self._write(self.log, now, deadline)
 
-    def _control(self, now: int) -> float:
-        if self._state is None or self.watchdog.fault:
-            return 0.0
-        self.watchdog.estimate(now, *self._state, bool(getattr(self.estimator, "consistent", True)))
+    def _control(self, now: int) -> float | Array:
+        if not self.frames or self.watchdog.fault:
+            return without_pressure(self.pipeline.controller.chambers)
+        self._state = self.pipeline.estimator.state(now * 1e-9)
+        self.watchdog.estimate(now, self._state)
         if self.watchdog.fault:
-            return 0.0
-        return float(self.controller.step((now - self._began) * 1e-9, *self._state, self.pressure))
+            return without_pressure(self.pipeline.controller.chambers)
+        return self.pipeline.controller.step((now - self._began) * 1e-9, self._state, self.pressure)
 
     def _read(self) -> None:
         for source in self.sources:
@@ -136,7 +146,7 @@ class ControlLoop:
     def _take(self, arrived: Sample) -> None:
         """Shapes go to the estimator in the order of their times; a pressure is in force until the next one."""
         if arrived.name == PRESSURE:
-            self.pressure, self._pressure_time = float(arrived.array[0]), max(self._pressure_time, arrived.time_ns)
+            self._take_pressure(arrived)
             return
         if arrived.name != SHAPE:
             return
@@ -144,29 +154,41 @@ class ControlLoop:
             self.late += 1
             return
         self._seen = arrived.time_ns
-        if hasattr(self.estimator, "drive"):
-            self.estimator.drive(arrived.time, self.pressure)
-        if np.isfinite(arrived.array).all():
+        frame = self.pipeline.measure(arrived.array)
+        if np.isfinite(frame.values).all():
             self.frames += 1
             self._shape_time = arrived.time_ns
         else:
             self.lost += 1
-            if self._state is None or not hasattr(self.estimator, "drive"):
-                return  # an estimator that does not predict is not shown what is not there
-        self._state = self.estimator.update(arrived.time, arrived.array)
+        self.pipeline.estimator.push_frame(arrived.time, *frame)
+
+    def _take_pressure(self, arrived: Sample) -> None:
+        chambers, came = self.pipeline.controller.chambers, arrived.array.size
+        if came < chambers:
+            raise InputError(f"a sample holds the pressures of {came} chambers, the controller drives {chambers}")
+        if came > chambers:
+            self.chambers_left_out = max(self.chambers_left_out, came - chambers)
+            self.pressures_left_out += came - chambers
+        kept = arrived.array.ravel()[:chambers]
+        self.pressure = float(kept[0]) if chambers == 1 else kept
+        self._pressure_time = max(self._pressure_time, arrived.time_ns)
+        if np.isfinite(kept).all():  # otherwise the watchdog vents
+            self.pipeline.estimator.push_pressure(arrived.time, self.pressure)
 
     def _write(self, log: LoopLog, now: int, deadline: int) -> None:
-        angle = self._state[0] if self._state is not None else np.full(len(log.columns) - len(COLUMNS), np.nan)
-        target = getattr(self.controller, "target", np.nan)
-        error = getattr(self.controller, "error", np.nan)
+        links = len(log.columns) - len(COLUMNS) - 2 * (self.pipeline.controller.chambers - 1)
+        angle = self._state.angle if self._state is not None else np.full(links, np.nan)
+        controller, pressure, command = self.pipeline.controller, np.ravel(self.pressure), np.ravel(self.command)
         log.write((
-            now * 1e-9, self._shape_time * 1e-9, self.pressure, self.command, target, error, bool(self.watchdog.fault),
-            (self.clock.now() - now) * 1e-3, (now - deadline) * 1e-3, *angle,
+            now * 1e-9, self._shape_time * 1e-9, *pressure, *command, controller.target, controller.error,
+            bool(self.watchdog.fault), (self.clock.now() - now) * 1e-3, (now - deadline) * 1e-3, *angle,
         ))
 
     def summary(self) -> dict[str, float | str]:
         """Counters of the loop, its frames and its fault."""
         counted: dict[str, float | str] = {**self.timing.summary()}
         counted |= {"frames": self.frames, "frames_lost": self.lost, "frames_late": self.late}
+        if self.pressures_left_out:
+            counted |= {"chambers_left_out": self.chambers_left_out, "pressures_left_out": self.pressures_left_out}
         counted |= {"fault": self.watchdog.fault, "fault_time_s": self.watchdog.fault_time * 1e-9}
         return counted

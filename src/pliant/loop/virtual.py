@@ -20,8 +20,11 @@ class PlantLike(Protocol):
     period: float  # s
     time: float  # s
 
-    def advance(self, command: float) -> Any:
-        """Hold a command [Pa] for a period; returns (time of the shape [s], shape (S, 2) [m], pressure [Pa])."""
+    def advance(self, command: Any) -> Any:
+        """Hold a command [Pa], a number or an array (C,), for a period.
+
+        Returns (time of the shape [s], shape (S, 2) [m], pressure [Pa] of one chamber or several (C,)).
+        """
 
 
 class VirtualActuator:
@@ -44,7 +47,8 @@ class VirtualActuator:
         self._queue: deque[Sample] = deque()
         self._period = nanoseconds(plant.period)
         self._done = self._start = clock.now()
-        self._begin, self._command, self.behind = plant.time, 0.0, 0
+        self._begin, self.behind = plant.time, 0
+        self._command: float | Array = 0.0
         self.finished = False
 
     def read(self) -> Sample | None:
@@ -64,7 +68,7 @@ class VirtualActuator:
     def write(self, sample: Sample) -> None:
         """Hold a command from now on."""
         if sample.name == COMMAND:
-            self._command = float(sample.array[0])
+            self._command = float(sample.array[0]) if sample.array.size == 1 else sample.array
 
     def close(self) -> None:
         """Nothing is held."""

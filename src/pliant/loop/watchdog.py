@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.estimation.contract import State
 
 Array = np.ndarray
 
@@ -67,34 +69,44 @@ class Watchdog:
         if not self.fault:
             self.fault, self.fault_time = sentence, now
 
-    def readings(self, now: int, shape_time: int, pressure_time: int, pressure: float) -> None:
-        """Look at the age of the newest whole readings [ns] and at the pressure [Pa]."""
+    def readings(self, now: int, shape_time: int, pressure_time: int, pressure: float | Array) -> None:
+        """Look at the age of the newest whole readings [ns] and at the pressure of every chamber [Pa]."""
         b = self.bounds
         for what, seen, limit in (("shape", shape_time, b.shape_age), ("pressure", pressure_time, b.pressure_age)):
             age = (now - seen) * 1e-9
             if age > limit:
                 self.trip(f"stale {what}: the last whole one is {age * 1e3:.1f} ms old, {limit * 1e3:.1f} allowed", now)
-        if not math.isfinite(pressure):
-            self.trip(f"the pressure reading is {pressure}", now)
-        elif not b.lowest_pressure <= pressure <= b.highest_pressure:
-            self.trip(f"the pressure of {pressure * 1e-3:.1f} kPa is outside {b.lowest_pressure * 1e-3:.1f} ... "
-                      f"{b.highest_pressure * 1e-3:.1f} kPa", now)
+        for p in each(pressure):
+            if not math.isfinite(p):
+                self.trip(f"the pressure reading is {p}", now)
+            elif not b.lowest_pressure <= p <= b.highest_pressure:
+                self.trip(f"the pressure of {p * 1e-3:.1f} kPa is outside {b.lowest_pressure * 1e-3:.1f} ... "
+                          f"{b.highest_pressure * 1e-3:.1f} kPa", now)
 
-    def estimate(self, now: int, angle: Array, rate: Array, consistent: bool) -> None:
+    def estimate(self, now: int, state: State) -> None:
         """Look at the estimated state and at what the estimator says of itself."""
+        angle, rate = state.angle, state.rate
         if not (np.isfinite(angle).all() and np.isfinite(rate).all()):
             self.trip("the estimate is not a number", now)
         elif abs(angle[-1] - self._rest) > self.bounds.largest_angle:
             self.trip(f"the last link turned by {angle[-1] - self._rest:.2f} rad, beyond the limit", now)
         elif np.abs(rate).max() > self.bounds.largest_rate:
             self.trip(f"a link turns at {np.abs(rate).max():.1f} rad/s, beyond the limit", now)
-        elif not consistent:
-            self.trip("the estimator lost its consistency", now)
+        elif not state.consistent:
+            self.trip(f"the estimator lost its consistency: {state.fault}", now)
 
-    def command(self, now: int, command: float) -> float:
+    def command(self, now: int, command: float | Array) -> float | Array:
         """The command that may go out: 0 after a fault, and where it is not a number or out of limits."""
-        if not math.isfinite(command):
-            self.trip(f"the command is {command}", now)
-        elif not 0.0 <= command <= self.bounds.highest_pressure:
-            self.trip(f"a command of {command * 1e-3:.1f} kPa is out of limits", now)
-        return 0.0 if self.fault else command
+        for p in each(command):
+            if not math.isfinite(p):
+                self.trip(f"the command is {p}", now)
+            elif not 0.0 <= p <= self.bounds.highest_pressure:
+                self.trip(f"a command of {p * 1e-3:.1f} kPa is out of limits", now)
+        if not self.fault:
+            return command
+        return 0.0 if np.ndim(command) == 0 else np.zeros(np.size(command))
+
+
+def each(pressure: float | Array) -> Iterable[float]:
+    """The pressures of one chamber or several."""
+    return (pressure,) if isinstance(pressure, float) else map(float, np.ravel(pressure))

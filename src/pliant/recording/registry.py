@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pliant.errors import InputError
+from pliant.plugins import offered
 from pliant.recording.schema import check_recording
 
 if TYPE_CHECKING:
@@ -63,11 +62,7 @@ class Reader:
 
 def readers() -> dict[str, Reader]:
     """All known readers by name: the built-in ones first, then those of installed packages."""
-    found = {name: _load(name, target) for name, target in BUILT_IN.items()}
-    for point in entry_points(group=GROUP):
-        if point.name not in found:
-            found[point.name] = _load(point.name, point.value)
-    return found
+    return offered(GROUP, BUILT_IN, Reader)
 
 
 def read_recording(
@@ -124,17 +119,6 @@ def _provenance(ds: xr.Dataset, path: Path, name: str, digest: str) -> dict[str,
     if not ds.attrs.get("source"):
         attrs |= {"source": path.name, "source_format": name, "source_sha256": digest}
     return attrs
-
-
-def _load(name: str, target: str) -> Reader:
-    module, _, attribute = target.partition(":")
-    try:
-        reader = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise InputError(f"the reader {name!r} of entry point {target!r} cannot be loaded: {error}") from None
-    if not isinstance(reader, Reader):
-        raise InputError(f"the entry point {target!r} must lead to a pliant Reader")
-    return reader
 
 
 def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: str | None) -> Reader:

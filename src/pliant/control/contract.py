@@ -1,0 +1,124 @@
+"""What a controller is: a state of the body goes in, a command comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from pliant.control.limits import Limits
+from pliant.control.lqr import LqrDesign, Tuning
+from pliant.control.mpc import MpcTuning
+from pliant.control.pid import PidTuning
+from pliant.control.setpoint import Course
+from pliant.control.valve import SupplyValve
+from pliant.estimation.contract import Estimator, Measure, State
+from pliant.model import Model
+
+Array = np.ndarray
+
+
+class Controller(Protocol):
+    """What turns a state into a command.
+
+    Attributes
+    ----------
+    chambers : int
+        Whose pressures it takes and commands: a float for one, an array (C,) for more.
+    target, error : float
+        m, where the tip is wanted now, and how far along its path it was from there at the last step.
+    saturated : int
+        Steps whose command met a limit.
+    """
+
+    chambers: int
+
+    @property
+    def target(self) -> float:
+        """Where the tip is wanted now, m."""
+
+    @property
+    def error(self) -> float:
+        """Of the tip along its path at the last step, m."""
+
+    @property
+    def saturated(self) -> int:
+        """Steps whose command met a limit."""
+
+    def step(self, time: float, state: State, pressure: float | Array) -> float | Array:
+        """Command [Pa] for the period that begins at `time` [s], from a state and the pressure's reading [Pa]."""
+
+    def reset(self) -> None:
+        """Start anew from no pressure."""
+
+
+class Pipeline(NamedTuple):
+    """From the shape to the command: what a loop runs every period."""
+
+    measure: Measure
+    estimator: Estimator
+    controller: Controller
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the tip shall do.
+
+    Parameters
+    ----------
+    time, displacement : array (k,)
+        From each time [s] on that tip displacement [m]; straight between them where `path` is true.
+    duration : float
+        s
+    path : bool
+    ramp : float
+        s, of a change that is not planned.
+    planned : bool
+        Whether the changes are planned ahead as fast as the limits allow; for "pid": shaped (ZVD).
+    feedback : str
+        Name of the controller: "lqr", "mpc", "pid", or one that an installed package offers.
+    tuning, mpc, pid : Tuning, MpcTuning, PidTuning
+    """
+
+    time: Array
+    displacement: Array
+    duration: float
+    path: bool = False
+    ramp: float = 0.03
+    planned: bool = True
+    feedback: str = "lqr"
+    tuning: Tuning = field(default_factory=Tuning)
+    mpc: MpcTuning = field(default_factory=MpcTuning)
+    pid: PidTuning = field(default_factory=lambda: PidTuning(0.0, 4e6))
+
+
+class Plan(NamedTuple):
+    """What a controller is made from."""
+
+    task: Task
+    body: Model  # calibrated, with its memory and the mean of the rig's valve
+    design: LqrDesign
+    limits: Limits
+    period: float  # s
+    late: int  # periods by which the state is older than the command
+    course: Course  # what is wanted, and when
+    supply: SupplyValve | None  # the rig's valve, where more is known of it than the model holds
+
+
+@dataclass(frozen=True)
+class ControllerKind:
+    """An entry of the list of controllers.
+
+    Attributes
+    ----------
+    make : callable
+        Controller of a Plan.
+    follows : bool
+        Whether it follows a trajectory that was planned ahead.
+    """
+
+    name: str
+    make: Callable[[Plan], Controller]
+    follows: bool = True

@@ -1,0 +1,130 @@
+"""From a model and a few frames at rest to an estimator and a controller that fit each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pliant.control.contract import Controller, Pipeline, Plan, Task
+from pliant.control.limits import Limits
+from pliant.control.lqr import LqrDesign, design_lqr
+from pliant.control.registry import controller_kind
+from pliant.control.setpoint import Course, SetPoint
+from pliant.control.trajectory import Planner, Trajectory
+from pliant.control.valve import SupplyValve
+from pliant.estimation.adaptive_observer import frozen
+from pliant.estimation.contract import Estimator, Setting
+from pliant.estimation.link_angles import LinkAngles, calibrated
+from pliant.estimation.registry import estimator_kind
+from pliant.model import Model
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What a loop needs.
+
+    Attributes
+    ----------
+    body : Model
+        With the rest shape of the body at hand.
+    link_angles : LinkAngles
+        What its shapes are measured by.
+    estimator : Estimator
+    control : Controller
+    design : LqrDesign
+        Its margins are told by ``print``.
+    trajectory : Trajectory or None
+    """
+
+    body: Model
+    link_angles: LinkAngles
+    estimator: Estimator
+    control: Controller
+    design: LqrDesign
+    trajectory: Trajectory | None
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """From the shape to the command, for a `ControlLoop`."""
+        return Pipeline(self.link_angles.frame, self.estimator, self.control)
+
+
+def prepare_control(
+    model: Model, arc_length: Array, frames: Array, task: Task, limits: Limits, period: float, *, late: int = 0,
+    supply: SupplyValve | None = None, estimator: str = "observer",
+) -> Prepared:
+    """Calibrate the rest, design the gains, plan the trajectory, make estimator and controller.
+
+    Parameters
+    ----------
+    model : Model
+        With its memory.
+    arc_length : array (S,)
+        Of the points along the body, m.
+    frames : array (T, S, 2)
+        The body at rest without pressure, m.
+    task : Task
+    limits : Limits
+    period : float
+        Of frames and control, s.
+    late : int
+        Periods by which a frame is old when it arrives.
+    supply : SupplyValve, optional
+        The rig's valve; default: the model's.
+    estimator : str
+        "observer", "filter", "differences", or one that an installed package offers.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    InputError
+        When the task is out of reach, or the parts do not fit.
+
+    Examples
+    --------
+    >>> ready = prepare_control(model, plant.arc_length, frames, task, Limits(190e3), 4e-3, late=1)  # doctest: +SKIP
+    >>> print(ready.design)  # doctest: +SKIP
+    """
+    seeing, law = estimator_kind(estimator), controller_kind(task.feedback)
+    body = calibrated(model, arc_length, frames)
+    body = body if supply is None else body.with_(valve=supply.mean)
+    old = 0 if seeing.predicts else late  # a state that is predicted to the present is not late
+    design = design_lqr(frozen(body), limits.highest, period, tuning=task.tuning, latency=old * period)
+    setting, link_angles = Setting(body, period, late), LinkAngles(body, arc_length)
+    course = course_of(task, design, body, limits, supply, planned=law.follows and task.planned)
+    control = law.make(Plan(task, body, design, limits, period, old, course, supply))
+    rest = frames[np.isfinite(frames).all(axis=(1, 2))][0]
+    warm_up(Pipeline(link_angles.frame, seeing.make(setting), control), rest, period)
+    return Prepared(body, link_angles, seeing.make(setting), control, design, course.trajectory)
+
+
+def course_of(
+    task: Task, design: LqrDesign, body: Model, limits: Limits, supply: SupplyValve | None, *, planned: bool
+) -> Course:
+    """What is wanted, and when: the set-point of a task, and its trajectory where one is planned."""
+    period, wanted = design.period, np.asarray(task.displacement, dtype=float)
+    if task.path:
+        clock = np.arange(round(task.duration / period)) * period
+        wanted = np.interp(clock, task.time, task.displacement)
+    setpoint = SetPoint(clock, wanted, 0.0) if task.path else SetPoint(task.time, wanted, task.ramp)
+    if not planned:
+        return Course(setpoint)
+    planner = Planner(design, body, limits, valve=supply)
+    made = planner.path(wanted) if task.path else planner.steps(task.time, wanted, task.duration)
+    return Course(setpoint, made)
+
+
+def warm_up(pipeline: Pipeline, shape: Array, period: float) -> None:
+    """Two frames of a shape (S, 2) at rest: what is compiled is compiled here, not in the loop's first period."""
+    measure, estimator, controller = pipeline
+    for k in range(2):
+        estimator.push_pressure(k * period, 0.0)
+        estimator.push_frame(k * period, *measure(shape))
+        controller.step(k * period, estimator.state(k * period), 0.0)
+    controller.reset()

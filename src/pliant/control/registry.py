@@ -1,0 +1,23 @@
+"""Which controllers there are: the built-in ones, and those of other packages (entry points ``pliant.controllers``)."""
+
+from __future__ import annotations
+
+from pliant.control.contract import ControllerKind
+from pliant.plugins import chosen, offered
+
+GROUP = "pliant.controllers"
+BUILT_IN = {  # kept equal to the entry points of the package
+    "lqr": "pliant.control.tip_lqr:CONTROLLER",
+    "mpc": "pliant.control.tip_mpc:CONTROLLER",
+    "pid": "pliant.control.tip_pid:CONTROLLER",
+}
+
+
+def controllers() -> dict[str, ControllerKind]:
+    """All known controllers by name."""
+    return offered(GROUP, BUILT_IN, ControllerKind)
+
+
+def controller_kind(name: str) -> ControllerKind:
+    """The controller of a name; InputError names the known ones."""
+    return chosen(GROUP, BUILT_IN, ControllerKind, name)

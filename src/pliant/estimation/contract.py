@@ -1,0 +1,119 @@
+"""What an estimator is: pressures and frames of the shape go in, states come out.
+
+All times are in seconds on one clock, that of whoever pushes: the loop, or a recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.model import Model
+
+Array = np.ndarray
+
+
+class State(NamedTuple):
+    """What an estimator knows of the body at one time; its arrays are copies.
+
+    Attributes
+    ----------
+    time : float
+        s, of which it tells.
+    angle, rate : array (n,)
+        Absolute link angles [rad] and rates [rad/s].
+    rest_shift : array (n,)
+        Of the joints' rest angles against those of ``frozen(model)``, rad: the memory as it is, and what the model
+        lacks; zeros where the estimator has no model.
+    disturbance : array (n,)
+        Torque of each joint that the model does not explain, N m; zeros where it is not estimated.
+    covariance : array (2 n, 2 n) or (3 n, 3 n)
+        Of angles, rates and, where it is estimated, the disturbance.
+    torque_scale : float
+        The body turns as the model would under so many times the torque.
+    fault : str
+        Why model and body no longer agree, in one sentence; empty while they do.
+    """
+
+    time: float
+    angle: Array
+    rate: Array
+    rest_shift: Array
+    disturbance: Array
+    covariance: Array
+    torque_scale: float = 1.0
+    fault: str = ""
+
+    @property
+    def consistent(self) -> bool:
+        """Whether model and body agree."""
+        return not self.fault
+
+
+class Frame(NamedTuple):
+    """One frame of the shape as an estimator takes it."""
+
+    rows: Array  # (m, 4) of (kind, link, along, across): what each value sees, as `rows_of` makes them
+    values: Array  # (m,) m or rad, as the model has them before `bend_sign`; NaN where one is lost
+    variance: Array  # (m,)
+
+
+Measure = Callable[[Array], Frame]  # points of the body (S, 2), m, to what an estimator takes: see `LinkAngles.frame`
+
+
+class Estimator(Protocol):
+    """What turns pressures and frames into states."""
+
+    def push_pressure(self, time: float, pressure: float | Array) -> None:
+        """Take a sample of a `time` [s]: the gauge pressure [Pa] of one chamber, or those of all (C,)."""
+
+    def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
+        """Take a frame of a `time` [s]; see `Frame`. A lost one is pushed too, its values NaN."""
+
+    def state(self, time: float) -> State:
+        """What is known of `time` [s]; an estimator that does not predict tells of its last frame."""
+
+
+class Setting(NamedTuple):
+    """What an estimator is made from."""
+
+    model: Model  # with the rest shape of the body at hand, and its memory
+    period: float  # s, of the frames
+    late: int  # periods by which the stamp of a frame lies before the pressures that arrive with it
+
+
+@dataclass(frozen=True)
+class EstimatorKind:
+    """An entry of the list of estimators.
+
+    Attributes
+    ----------
+    make : callable
+        Estimator of a Setting.
+    predicts : bool
+        Whether its state is that of the time asked for. Otherwise it is as old as the last frame, and a control design
+        counts that as dead time.
+    """
+
+    name: str
+    make: Callable[[Setting], Estimator]
+    predicts: bool = False
+
+
+def one_chamber(pressure: float | Array) -> float:
+    """The pressure [Pa] of an estimator that knows one chamber.
+
+    Raises
+    ------
+    InputError
+        When it is that of several.
+    """
+    if isinstance(pressure, float):
+        return pressure
+    if np.size(pressure) != 1:
+        raise InputError(f"this estimator knows one chamber, and {np.size(pressure)} pressures came: pass that of one")
+    return float(np.ravel(pressure)[0])

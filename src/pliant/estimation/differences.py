@@ -1,0 +1,96 @@
+"""The simplest estimator: angles as they are seen, rates by filtered differences; it needs no model."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.estimation.contract import EstimatorKind, Setting, State
+from pliant.estimation.link_angles import needs_joint_rows
+from pliant.model import Model
+
+Array = np.ndarray
+
+
+class Differences:
+    """Angles of the last frame, rates by differences behind a first-order filter.
+
+    Its covariance is what the frames' noise brings; that the rates lag behind the motion is not in it.
+
+    Parameters
+    ----------
+    model : Model
+        For its number of links alone.
+    cutoff : float
+        Of the filter, Hz.
+
+    Raises
+    ------
+    InputError
+        When the cutoff is not positive.
+    """
+
+    def __init__(self, model: Model, cutoff: float = 25.0) -> None:
+        if not (math.isfinite(cutoff) and cutoff > 0):
+            raise InputError(f"the filter's cutoff must be positive, in Hz, got {cutoff}")
+        self._model, self._omega = model, 2 * np.pi * cutoff
+        self._rows: Array | None = None
+        self._still = np.zeros(model.n)
+        self._time, self._keep, self._gain = -math.inf, 1.0, self._omega
+        self._angle, self._rate = np.array(model.rest_angle, dtype=float).cumsum() + model.base_angle, np.zeros(model.n)
+        self._variance = np.full(model.n, math.pi**2)  # rad^2, of angles that nobody has seen
+
+    def push_pressure(self, time: float, pressure: float | Array) -> None:
+        """Pressures tell it nothing."""
+        del time, pressure
+
+    def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
+        """Take the angle of every link; a frame that is lost, or not newer than the last one, changes nothing.
+
+        Raises
+        ------
+        InputError
+            When the rows are others than those of `LinkAngles`.
+        """
+        if rows is not self._rows:
+            self._rows = needs_joint_rows(self._model, rows, "an estimator of differences")
+        if not (time > self._time and np.isfinite(values).all()):
+            return
+        angle, h = np.cumsum(values), time - self._time
+        if math.isfinite(h):
+            keep = math.exp(-self._omega * h)
+            self._rate = keep * self._rate + (1 - keep) * (angle - self._angle) / h
+            self._keep, self._gain = keep, (1 - keep) / h
+        self._time, self._angle, self._variance = time, angle, variance
+
+    def state(self, time: float) -> State:
+        """That of the last frame."""
+        del time
+        return State(
+            self._time, self._angle.copy(), self._rate.copy(), self._still.copy(), self._still.copy(),
+            self._covariance(),
+        )
+
+    def _covariance(self) -> Array:
+        """Of angles and rates, from independent errors of the angles between links.
+
+        The rate r_k = a r_{k-1} + g (e_k - e_{k-1}), with g = (1 - a) / h, has the variance 2 g^2 / (1 + a) of that of
+        e, and the covariance g of it with e_k.
+        """
+        n, g = self._model.n, self._gain
+        own = np.tril(np.ones((n, n))) * self._variance
+        own = own @ np.tril(np.ones((n, n))).T
+        out = np.empty((2 * n, 2 * n))
+        out[:n, :n], out[:n, n:], out[n:, :n] = own, g * own, g * own
+        out[n:, n:] = 2.0 * g * g / (1.0 + self._keep) * own
+        return out
+
+
+def make(setting: Setting) -> Differences:
+    """Differences of a body's links."""
+    return Differences(setting.model)
+
+
+ESTIMATOR = EstimatorKind("differences", make)

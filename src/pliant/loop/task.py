@@ -1,0 +1,104 @@
+"""A task done on a plant: its rest measured, estimator and controller prepared, the loop run, all of it logged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from pliant.control.preparation import Prepared, prepare_control
+from pliant.control.task import TaskFile
+from pliant.errors import InputError
+from pliant.loop.clock import SystemClock, VirtualClock
+from pliant.loop.log import LoopLog, read_log
+from pliant.loop.run import ControlLoop, log_columns
+from pliant.loop.sample import connection
+from pliant.loop.virtual import VirtualActuator
+from pliant.loop.watchdog import Bounds, Watchdog
+from pliant.model import Model
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+AT_REST = 50  # frames by which the rest of a body is measured
+ABOVE = 1.15  # times the highest command that the watchdog lets a reading be
+
+
+class Done(NamedTuple):
+    """A task that was done."""
+
+    prepared: Prepared
+    summary: dict[str, float | str]  # counters of the loop, and its fault
+    log: pd.DataFrame
+
+
+def make_plant(name: str) -> Any:
+    """The plant of a name: ``testbed:<actuator>``, or an entry point of the group ``pliant.plants``.
+
+    Raises
+    ------
+    InputError
+        When nobody offers that name.
+    """
+    kind, _, which = name.partition(":")
+    if kind == "testbed":
+        from pliant.testbed.plant import Plant
+
+        return Plant(which or "a")
+    return connection("plant", kind)(which) if which else connection("plant", kind)()
+
+
+def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "observer") -> Prepared:
+    """Estimator and controller for a plant whose rest is measured first.
+
+    Raises
+    ------
+    InputError
+        When the plant's frames come at another period than the task's.
+    """
+    if abs(plant.period - wanted.period) > 1e-9:
+        raise InputError(f"the plant's frames come every {plant.period * 1e3:g} ms: set period_ms to that")
+    frames = [plant.advance(0.0) for _ in range(AT_REST)]
+    late = round((plant.time - frames[-1].time) / wanted.period)
+    shapes = np.array([f.shape for f in frames])
+    return prepare_control(
+        model, plant.arc_length, shapes, wanted.task, wanted.limits, wanted.period, late=late, supply=wanted.supply,
+        estimator=estimator,
+    )
+
+
+def run_task(
+    model: Model, plant: Any, wanted: TaskFile, folder: Path, *, estimator: str = "observer", real_time: bool = False
+) -> Done:
+    """Do a task and write ``log.csv`` into a folder, whatever ends the run.
+
+    Parameters
+    ----------
+    model : Model
+    plant : PlantLike
+    wanted : TaskFile
+    folder : Path
+    estimator : str
+        See `pliant.estimation.estimators`.
+    real_time : bool
+        By the machine's clock, not as fast as it goes.
+
+    Raises
+    ------
+    InputError
+        When task, model and plant do not fit.
+    """
+    ready = prepare_plant(model, plant, wanted, estimator)
+    path = folder / "log.csv"
+    path.unlink(missing_ok=True)
+    log = LoopLog(path, log_columns(model.n, ready.control.chambers))
+    clock = SystemClock() if real_time else VirtualClock()
+    arm = VirtualActuator(plant, clock)
+    watchdog = Watchdog(Bounds(ABOVE * wanted.limits.highest))
+    loop = ControlLoop([arm], arm, ready.pipeline, watchdog, wanted.period, clock, log)
+    try:
+        loop.run(wanted.duration_s)
+    finally:
+        log.close()
+    return Done(ready, {**loop.summary(), "commands_at_a_limit": ready.control.saturated}, read_log(path))

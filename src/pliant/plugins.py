@@ -1,0 +1,68 @@
+"""What installed packages add to pliant's own lists: readers, estimators, controllers.
+
+Another package adds one by an entry point of the list's group that leads to an object of the list's kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import TypeVar
+
+from pliant.errors import InputError
+
+T = TypeVar("T")
+
+
+def offered(group: str, built_in: Mapping[str, str], kind: type[T]) -> dict[str, T]:
+    """All of a kind by name: the built-in ones first, then those of installed packages.
+
+    Parameters
+    ----------
+    group : str
+        Of the entry points, e.g. ``pliant.readers``.
+    built_in : mapping of str to str
+        Name to ``module:attribute``: a source tree that is not installed has no entry points.
+    kind : type
+        What each of them must lead to.
+
+    Raises
+    ------
+    InputError
+        When one cannot be loaded, or leads to something else.
+    """
+    targets = {point.name: point.value for point in entry_points(group=group)} | dict(built_in)
+    names = [*built_in, *(name for name in targets if name not in built_in)]
+    return {name: _load(group, name, targets[name], kind) for name in names}
+
+
+def chosen(group: str, built_in: Mapping[str, str], kind: type[T], name: str) -> T:
+    """The one of a name.
+
+    Raises
+    ------
+    InputError
+        When none has that name.
+    """
+    if name in built_in:
+        return _load(group, name, built_in[name], kind)
+    known = offered(group, built_in, kind)
+    if name not in known:
+        raise InputError(f"unknown {_noun(group)} {name!r}: use one of {', '.join(known)}")
+    return known[name]
+
+
+def _noun(group: str) -> str:
+    return group.rpartition(".")[2].removesuffix("s")
+
+
+def _load(group: str, name: str, target: str, kind: type[T]) -> T:
+    module, _, attribute = target.partition(":")
+    try:
+        found = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"the {_noun(group)} {name!r} of entry point {target!r} cannot be loaded: {error}") from None
+    if not isinstance(found, kind):
+        raise InputError(f"the entry point {target!r} must lead to a pliant {kind.__name__}")
+    return found
