@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pliant.control import design_lqr
     from pliant.errors import FitError, InputError, PliantError, SimulationError
     from pliant.estimation import estimate
+    from pliant.exporters import export
     from pliant.identification import (
         Experiment,
         Parameter,
@@ -73,6 +74,7 @@ _PAGE = {
     "pliant.contact": ("find_contact", "map_contacts"),
     "pliant.linear": ("linearise",),
     "pliant.control": ("design_lqr",),
+    "pliant.exporters": ("export",),
     "pliant.errors": ("PliantError", "InputError", "SimulationError", "FitError"),
 }
 _HOME = {name: module for module, names in _PAGE.items() for name in names}
@@ -84,7 +86,7 @@ __all__ = [  # noqa: RUF022  in the order of the journey
     "simulate_batch",
     "Experiment", "experiment", "Parameter", "identifiability", "fit", "ladder", "predict", "predict_held_out",
     "prediction_band", "load_study", "run_study", "run_sweep",
-    "estimate", "find_contact", "map_contacts", "linearise", "design_lqr",
+    "estimate", "find_contact", "map_contacts", "linearise", "design_lqr", "export",
     "PliantError", "InputError", "SimulationError", "FitError",
 ]
 

@@ -74,6 +74,7 @@ def at_work(model: pliant.Model, free: Path, poked: Path) -> float:
     chart = pliant.map_contacts([contact], cell=2e-3)
     linear = pliant.linearise(model, 5e4)
     design = pliant.design_lqr(model, 1.2e5, 4e-3)
+    print(pliant.export(model, "mjcf", "finger.xml", approximate=True, prefix="left_").files)
     print(states.sizes, contact.attrs["alarm_s"], chart.sizes, linear, design)
     return float(states["joint_rate"].max())
 

@@ -13,6 +13,7 @@ from pliant.cli.control import control
 from pliant.cli.demo import demo
 from pliant.cli.design import design
 from pliant.cli.estimate import estimate
+from pliant.cli.export import export
 from pliant.cli.inspect import inspect
 from pliant.cli.new import new
 from pliant.cli.order import order
@@ -50,7 +51,7 @@ JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # panels of the help, in
     "See it work": {"demo": demo},
     "Your recording": {"inspect": inspect, "new": new, "shape": shape, "order": order},
     "Your model": {"run": run_command, "design": design, "simulate": simulate, "sweep": sweep},
-    "The model at work": {"estimate": estimate, "contact": contact, "control": control},
+    "The model at work": {"estimate": estimate, "contact": contact, "control": control, "export": export},
     "The laboratory and the machine": {"testbed": run_testbed, "bench": bench},
 }
 for panel, commands in JOURNEY.items():

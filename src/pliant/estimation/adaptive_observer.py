@@ -199,7 +199,7 @@ def with_shifts(model: Model) -> tuple[Array, Array]:
     chain[: 2 * n, : 2 * n] = linear.A
     chain[n : 2 * n, 2 * n :] = -linear.A[n:, :n] @ np.tril(np.ones((n, n)))  # a rest shift pulls as the opposite bend
     drive = np.zeros(3 * n)
-    drive[: 2 * n] = linear.B / float(model.torque[0])
+    drive[: 2 * n] = linear.B[:, 0] / float(model.torque[0])
     return chain, drive
 
 

@@ -22,12 +22,12 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class LinearModel:
-    """dx/dt = A x + B u(t - dead_time), y = C x, about the rest under `pressure`.
+    """dx/dt = A x + B u(t - dead_time), y = C x + D u, about the rest under `pressure`.
 
     Attributes
     ----------
-    A, B, C : array (N, N), (N,), (outputs, N)
-        SI: rad, rad/s, Pa, Pa/s; u is the commanded pressure, Pa.
+    A, B, C, D : array (N, N), (N, chambers), (outputs, N), (outputs, chambers)
+        SI: rad, rad/s, Pa, Pa/s; u are the commanded pressures, Pa. D is zero: no output moves at once.
     outputs : tuple of str
         Names of the rows of C: tip_x, tip_y [m], angle_sum, q_1 ... q_n [rad].
     states : tuple of str
@@ -47,6 +47,11 @@ class LinearModel:
     angle: Array
     pressure: float
     dead_time: float
+
+    @property
+    def D(self) -> Array:
+        """What the pressures do to the outputs at once (outputs, chambers): nothing."""
+        return np.zeros((self.C.shape[0], self.B.shape[1]))
 
     @property
     def n(self) -> int:
@@ -70,17 +75,18 @@ class LinearModel:
         values = np.linalg.eigvals(self.A)
         return values[np.argsort(np.abs(values))]
 
-    def zeros(self, output: str) -> Array:
-        """Finite transmission zeros [1/s] from the commanded pressure to one output, slowest first."""
-        return transmission_zeros(self.A, self.B, self.row(output))
+    def zeros(self, output: str, chamber: int = 0) -> Array:
+        """Finite transmission zeros [1/s] from a commanded pressure to one output, slowest first."""
+        return transmission_zeros(self.A, self.B[:, chamber], self.row(output))
 
-    def response(self, output: str, omega: Array) -> Array:
+    def response(self, output: str, omega: Array, chamber: int = 0) -> Array:
         """Frequency response y/u at the angular frequencies `omega` (W,) [rad/s], dead time included."""
-        return frequency_response(self.A, self.B, self.row(output), omega) * np.exp(-1j * omega * self.dead_time)
+        late = np.exp(-1j * omega * self.dead_time)
+        return frequency_response(self.A, self.B[:, chamber], self.row(output), omega) * late
 
-    def static_gain(self, output: str) -> float:
+    def static_gain(self, output: str, chamber: int = 0) -> float:
         """Change of the output at rest for one pascal more."""
-        return float(-self.row(output) @ np.linalg.solve(self.A, self.B))
+        return float(-self.row(output) @ np.linalg.solve(self.A, self.B[:, chamber]))
 
 
 def linearise(model: Model, pressure: float = 0.0) -> LinearModel:
@@ -119,7 +125,7 @@ def linearise(model: Model, pressure: float = 0.0) -> LinearModel:
     A, B, names = behind_valve(chain, drive, model.valve)
     C, outputs = output_rows(model, phi, A.shape[0])
     states = (*(f"phi_{i + 1}" for i in range(n)), *(f"w_{i + 1}" for i in range(n)), *names)
-    return LinearModel(A, B, C, outputs, states, phi, float(pressure), model.valve.dead_time)
+    return LinearModel(A, B[:, None], C, outputs, states, phi, float(pressure), model.valve.dead_time)
 
 
 def derivatives(model: Model, phi: Array, pressure: float) -> tuple[Array, Array, Array]:

@@ -49,6 +49,8 @@ class LoopCurve:
 def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
     """The linear model at a sampling `period` [s] behind a zero-order hold, its dead time and `latency` [s] exact.
 
+    Of one pressure: the first chamber's.
+
     Raises
     ------
     InputError
@@ -61,10 +63,10 @@ def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
     if period - part < 1e-9 * period:
         whole, part = whole + 1, 0.0
     D = int(whole) + (part > 0)
-    Ad, fresh = hold(linear.A, linear.B, period - part)
+    Ad, fresh = hold(linear.A, linear.B[:, 0], period - part)
     old = np.zeros_like(fresh)
     if part:
-        early, old = hold(linear.A, linear.B, part)
+        early, old = hold(linear.A, linear.B[:, 0], part)
         old, Ad = Ad @ old, Ad @ early
     N = linear.A.shape[0]
     A, B = np.zeros((N + D, N + D)), np.zeros(N + D)

@@ -1,0 +1,63 @@
+"""By how much the motion of two models differs, on one input that anybody can repeat."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.model import Model
+from pliant.simulation import Pulse, simulate
+from pliant.simulation.levels import typical_pressure
+
+START, WIDTH, DURATION, STEP = 0.1, 1.0, 2.0, 1e-3  # s, of the reference input and of its simulation
+
+
+class Difference(NamedTuple):
+    """Distance between the tips of two models on the reference input."""
+
+    level: float  # Pa, of the pulse; 0: both are let go from joints bent by 0.1 rad
+    travel: float  # m, largest distance of the first model's tip from its start
+    largest: float  # m
+    rms: float  # m
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers with their units in the names."""
+        return {
+            "input": self.input, "tip_travel_mm": 1e3 * self.travel, "largest_tip_difference_mm": 1e3 * self.largest,
+            "rms_tip_difference_mm": 1e3 * self.rms,
+        }
+
+    @property
+    def input(self) -> str:
+        """The reference input in words."""
+        if not self.level:
+            return f"let go from 0.1 rad at every joint, {DURATION:g} s"
+        return f"pulse of {1e-3 * self.level:.4g} kPa from {START:g} s for {WIDTH:g} s, {DURATION:g} s"
+
+    def __str__(self) -> str:
+        return (
+            f"on the reference input ({self.input}) the tip differs by at most {1e3 * self.largest:.3g} mm, "
+            f"{1e3 * self.rms:.3g} mm RMS, of a travel of {1e3 * self.travel:.3g} mm"
+        )
+
+
+def difference(one: Model, other: Model) -> Difference:
+    """Simulate both on the reference input and compare their tips."""
+    level = typical_pressure(one)
+    start = None if level else np.full(one.n, 0.1)
+    pulse = Pulse(level, START, WIDTH)
+    tips = [
+        simulate(m, pulse, duration=DURATION, step=STEP, initial_angle=start).tip_position.values[:, -1]
+        for m in (one, other)
+    ]
+    return of_tips(level, *tips)
+
+
+def of_tips(level: float, one: np.ndarray, other: np.ndarray) -> Difference:
+    """The numbers of two paths (T, 2) [m] of a tip."""
+    apart = np.linalg.norm(one - other, axis=1)
+    travel = np.linalg.norm(one - one[0], axis=1).max()
+    return Difference(level, float(travel), float(apart.max()), float(np.sqrt(np.mean(apart**2))))
+
+

@@ -1,0 +1,184 @@
+"""MuJoCo's MJCF: the chain as hinges, creep as hidden hinges, the drive as actuators on one tendon.
+
+In MuJoCo's words a joint's stiffness "K K2" is K q + K2 q^2, a fixed tendon with the joint gains as coefficients turns
+one force into the torques of all joints, and a branch of creep is a hinge of its own, damped by K share time and tied
+to the joint by a tendon of stiffness K share. The rest shape is in the frames of the bodies, so that q = 0 is at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.exporters.features import ALL
+from pliant.exporters.provenance import Told
+from pliant.exporters.registry import Exporter
+from pliant.files import write_text
+from pliant.model import Model
+
+CAN = ALL - {"lagging_law", "two_lags", "second_order", "rates", "settling", "swelling", "inflation", "slip", "boucwen"}
+ARMATURE = 1e-6  # kg m^2, of a creep's hinge: MuJoCo moves nothing without inertia
+TINY = 1e-12  # kg m^2, of a mass that is a point in pliant
+
+
+def number(*values: float) -> str:
+    """Numbers as MJCF reads them, to the last bit."""
+    return " ".join(f"{float(v):.17g}" for v in values)
+
+
+def mjcf(model: Model, told: Told, *, prefix: str = "", timestep: float = 1e-3, radius: float = 0.0) -> str:
+    """The XML of a model that has only what MJCF can express."""
+    size = radius or 0.08 * model.length
+    root = ET.Element("mujoco", model=f"{prefix}{model.name}")
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    ET.SubElement(
+        root, "option", timestep=number(timestep), gravity=number(*model.gravity, 0.0), integrator="implicitfast"
+    )
+    ET.SubElement(ET.SubElement(root, "custom"), "text", name=f"{prefix}pliant", data=told.json())
+    base = ET.SubElement(
+        ET.SubElement(root, "worldbody"), "body", name=f"{prefix}base",
+        euler=number(0.0, 0.0, model.bend_sign * model.base_angle),
+    )
+    capsule(base, f"{prefix}skin_base", model.base_length, size)
+    sites(base, model, -1, prefix)
+    parent = base
+    for i in range(model.n):
+        parent = link(parent, model, i, prefix, size)
+    tendons(root, model, prefix)
+    contacts(root, model, prefix)
+    actuators(root, model, prefix, timestep)
+    sensors(root, model, prefix)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def link(parent: ET.Element, model: Model, i: int, prefix: str, size: float) -> ET.Element:
+    """Link `i`: its body in the rest shape, hinge, inertia, looks and the hinges of its creep."""
+    start = model.base_length if i == 0 else model.link_length[i - 1]
+    place = {
+        "pos": number(0.0, start, 0.0), "euler": number(0.0, 0.0, model.bend_sign * model.rest_angle[i]),
+    }
+    axis = number(0.0, 0.0, model.bend_sign)
+    K = model.stiffness[i]
+    for j, (share, time) in enumerate(zip(model.memory.creep_share, model.memory.creep_time, strict=True)):
+        name = f"{prefix}creep_{j + 1}_{i + 1}"
+        hidden = ET.SubElement(parent, "body", attrib={"name": f"{name}_body", **place})
+        ET.SubElement(hidden, "inertial", pos="0 0 0", mass="1e-9", diaginertia=number(TINY, TINY, TINY))
+        ET.SubElement(
+            hidden, "joint", name=name, type="hinge", axis=axis, damping=number(K * share * time),
+            armature=number(ARMATURE),
+        )
+    body = ET.SubElement(parent, "body", attrib={"name": f"{prefix}link_{i + 1}", **place})
+    ET.SubElement(
+        body, "joint", name=f"{prefix}q_{i + 1}", type="hinge", axis=axis, damping=number(model.damping[i]),
+        stiffness=number(K, K * model.stiffening[i]) if model.stiffening[i] else number(K),
+    )
+    mass, centre, inertia = link_inertia(model, i)
+    across = max(min(0.5 * mass * size**2, 2.0 * inertia), TINY)
+    ET.SubElement(
+        body, "inertial", pos=number(0.0, centre, 0.0), mass=number(mass), diaginertia=number(inertia, across, inertia)
+    )
+    capsule(body, f"{prefix}skin_{i + 1}", float(model.link_length[i]), size)
+    sites(body, model, i, prefix)
+    return body
+
+
+def link_inertia(model: Model, i: int) -> tuple[float, float, float]:
+    """Mass [kg], distance of its centre from the joint [m] and inertia about it [kg m^2] of a link, cap included."""
+    rod = model.mass_at == "rod"
+    m, l = float(model.link_mass[i]), float(model.link_length[i])
+    cap = model.tip_mass if i == model.n - 1 else 0.0
+    own = 0.5 * l if rod else l
+    mass = m + cap
+    centre = (m * own + cap * l) / mass
+    inertia = m * l**2 / 12.0 * rod + m * (own - centre) ** 2 + cap * (l - centre) ** 2
+    return mass, centre, max(inertia, TINY)
+
+
+def capsule(body: ET.Element, name: str, length: float, size: float) -> None:
+    """A capsule along a link: looks and contact, no mass."""
+    if length > 0:
+        r = min(size, 0.9 * length)
+        ET.SubElement(
+            body, "geom", name=name, type="capsule", fromto=number(0.0, 0.0, 0.0, 0.0, length, 0.0), size=number(r),
+            rgba="0.35 0.5 0.65 1",
+        )
+
+
+def sites(body: ET.Element, model: Model, carrier: int, prefix: str) -> None:
+    """The observed points on a carrier."""
+    for p in model.points:
+        if p.link == carrier:
+            ET.SubElement(
+                body, "site", name=f"{prefix}{p.name}", pos=number(-model.bend_sign * p.across, p.along, 0.0),
+                size="0.002",
+            )
+
+
+def tendons(root: ET.Element, model: Model, prefix: str) -> None:
+    """The tendon of the pressure and the springs between joints and their creep."""
+    group = ET.SubElement(root, "tendon")
+    if model.torque.any():
+        fixed = ET.SubElement(group, "fixed", name=f"{prefix}bend")
+        for i in range(model.n):
+            ET.SubElement(fixed, "joint", joint=f"{prefix}q_{i + 1}", coef=number(model.joint_gain[i]))
+    for j, share in enumerate(model.memory.creep_share):
+        for i in range(model.n):
+            name = f"{prefix}creep_{j + 1}_{i + 1}"
+            spring = ET.SubElement(
+                group, "fixed", name=f"{name}_spring", stiffness=number(model.stiffness[i] * share), springlength="0"
+            )
+            ET.SubElement(spring, "joint", joint=f"{prefix}q_{i + 1}", coef="1")
+            ET.SubElement(spring, "joint", joint=name, coef="-1")
+
+
+def contacts(root: ET.Element, model: Model, prefix: str) -> None:
+    """Links do not touch each other: in the plane of the model they never did."""
+    group = ET.SubElement(root, "contact")
+    names = [f"{prefix}base", *(f"{prefix}link_{i + 1}" for i in range(model.n))]
+    for a in range(len(names)):
+        for b in range(a):
+            ET.SubElement(group, "exclude", body1=names[b], body2=names[a])
+
+
+def actuators(root: ET.Element, model: Model, prefix: str, timestep: float) -> None:
+    """One control for each power of the pressure that the law holds, the first behind the valve."""
+    group = ET.SubElement(root, "actuator")
+    valve = model.valve
+    for k, gain in enumerate(model.torque):
+        if not gain:
+            continue
+        words = {"gainprm": number(gain), "biastype": "none", "gaintype": "fixed", "dyntype": "none"}
+        if valve.rise_time:
+            words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
+        if valve.dead_time:
+            words |= {"delay": number(valve.dead_time), "nsample": str(int(np.ceil(valve.dead_time / timestep)) + 1)}
+        name = f"{prefix}pressure" + (f"_{k + 1}" if k else "")
+        ET.SubElement(group, "general", attrib={"name": name, "tendon": f"{prefix}bend", **words})
+
+
+def sensors(root: ET.Element, model: Model, prefix: str) -> None:
+    """Positions of the observed points and joint angles."""
+    group = ET.SubElement(root, "sensor")
+    for p in model.points:
+        ET.SubElement(group, "framepos", name=f"{prefix}{p.name}_pos", objtype="site", objname=f"{prefix}{p.name}")
+    for i in range(model.n):
+        ET.SubElement(group, "jointpos", name=f"{prefix}q_{i + 1}_pos", joint=f"{prefix}q_{i + 1}")
+
+
+def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
+    """Write the MJCF."""
+    if not options["timestep"] > 0 or options["radius"] < 0:
+        raise InputError(f"mjcf timestep must be positive and radius not negative (m), got {dict(options)}")
+    return (write_text(path, mjcf(model, told, **options)),)
+
+
+EXPORTER = Exporter(
+    "mjcf", "MuJoCo model (XML)", (".xml", ".mjcf"), CAN, write,
+    {"prefix": "", "timestep": 1e-3, "radius": 0.0},
+)

@@ -1,0 +1,103 @@
+"""What every artefact says of itself: name, version, units, frame, parameters with their uncertainty, the command."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pliant.errors import InputError
+from pliant.exporters.difference import Difference
+from pliant.model import Model
+from pliant.model.file import UNITS, model_to_dict
+from pliant.version import __version__
+
+FRAME = (
+    "base at the origin, its tangent along +y, the body in the x-y plane; positive angles bend towards {side}; "
+    "pressure is gauge, in Pa"
+)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What an artefact tells beside the model itself."""
+
+    model: Model  # as given, before anything was left out
+    target: str
+    command: str
+    left_out: tuple[str, ...] = ()
+    difference: Difference | None = None
+    std: Mapping[str, float] = field(default_factory=dict)  # standard errors by the names of a fit
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, as plain values."""
+        content = model_to_dict(self.model)
+        for name in ("schema_name", "schema_version", "units", "source", "name"):
+            content.pop(name)
+        return {
+            "name": self.model.name, "made_by": f"pliant {__version__}", "target": self.target,
+            "command": self.command, "frame": FRAME.format(side="-x" if self.model.bend_sign > 0 else "+x"),
+            "units": UNITS, "parameters": content, "source": self.model.source,
+            "standard_errors": dict(self.std) or "not known: the model file holds none and no fit was given",
+            "left_out": list(self.left_out), "notes": list(self.notes),
+            "difference": self.difference.to_dict() if self.difference else None,
+        }
+
+    def json(self) -> str:
+        """The same as JSON."""
+        return json.dumps(self.to_dict(), indent=1)
+
+    def lines(self) -> list[str]:
+        """The same as lines of text, for a comment."""
+        told = self.to_dict()
+        first = [
+            f"{told['name']}: {self.target} made by {told['made_by']}", f"command: {told['command']}",
+            f"frame: {told['frame']}", "SI units throughout",
+        ]
+        rows = [f"{k}: {json.dumps(v)} {UNITS.get(k, '')}".rstrip() for k, v in told["parameters"].items()]
+        doubt = told["standard_errors"]
+        errors = [f"{k}: {v:.4g}" for k, v in doubt.items()] if isinstance(doubt, dict) else [doubt]
+        source = [f"{k}: {v}" for k, v in told["source"].items()]
+        sections = {"parameters": rows, "standard errors": errors, "source": source, "left out": self.sentences()}
+        return first + [line for title, part in sections.items() if part for line in (f"{title}:", *indent(part))]
+
+    def sentences(self) -> list[str]:
+        """What was left out and by how much the motion differs, and the notes of the target."""
+        said = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
+        return [*said, *([str(self.difference)] if self.difference else []), *self.notes]
+
+
+def indent(lines: list[str]) -> list[str]:
+    """Two blanks before each line."""
+    return [f"  {line}" for line in lines]
+
+
+def command_of(source: str, target: str, path: Path, options: Mapping[str, Any], *, approximate: bool) -> str:
+    """The command line that makes this artefact again."""
+    parts = ["pliant", "export", source, "--to", target, "-o", str(path), *(["--approximate"] if approximate else [])]
+    return shlex.join([*parts, *(part for k, v in options.items() for part in ("--set", f"{k}={v}"))])
+
+
+def standard_errors(path: str | Path) -> dict[str, float]:
+    """Standard errors by parameter from `metrics.json` of `pliant run`, or from a fit's own dictionary.
+
+    Of several fits, that of the first, which made the model.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or holds no parameters.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        if "fits" in content:
+            fits = content["fits"]
+            content = next(iter(fits.values())) if isinstance(fits, dict) else fits[0]
+        rows = content["parameters"]
+        return {name: float(row["std"]) for name, row in rows.items() if row.get("std") is not None}
+    except (OSError, ValueError, KeyError, IndexError, TypeError, StopIteration, AttributeError):
+        raise InputError(f"{path} holds no fit: give metrics.json, as `pliant run` writes it") from None

@@ -1,0 +1,145 @@
+"""State space about a rest: A, B, C, D for MATLAB, NumPy and python-control, continuous or sampled.
+
+Beside what `pliant.linearise` gives, every branch of creep adds its n states exactly: d xi/dt = (q - xi) / time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pliant.equations import inertia
+from pliant.errors import InputError
+from pliant.exporters.features import ALL
+from pliant.exporters.provenance import Told
+from pliant.exporters.registry import Exporter
+from pliant.files import whole
+from pliant.linear import linearise
+from pliant.linear.linearisation import LinearModel
+from pliant.linear.sampled import sample
+from pliant.model import Model
+from pliant.simulation import state
+
+Array = np.ndarray
+CAN = ALL - {"two_lags", "rates", "settling", "swelling", "inflation", "slip", "boucwen"}
+STATE_UNITS = {"phi": "rad", "w_": "rad/s", "pressure_rate": "Pa/s", "pressure": "Pa", "creep": "rad", "command": "Pa"}
+
+
+def linear_model(model: Model, pressure: float = 0.0) -> LinearModel:
+    """`pliant.linearise` with the states of creep: relaxed angles xi of every joint and branch, behind the others.
+
+    Parameters
+    ----------
+    model : Model
+    pressure : float
+        Gauge pressure of the rest, Pa.
+
+    Raises
+    ------
+    InputError, SimulationError
+        As `pliant.linearise`.
+    """
+    linear, n = linearise(model, pressure), model.n
+    branches = list(zip(model.memory.creep_share, model.memory.creep_time, strict=True))
+    N = linear.A.shape[0]
+    A = np.zeros((N + n * len(branches), N + n * len(branches)))
+    A[:N, :N] = linear.A
+    relative = np.eye(n) - np.eye(n, k=-1)
+    c, s, body, M = np.cos(linear.angle), np.sin(linear.angle), model.body(), np.empty((n, n))
+    inertia.inertia_absolute(c, s, body.B, body.I, M)
+    answer = np.linalg.solve(M, relative.T)  # of the accelerations to a torque at each joint
+    names = []
+    for j, (share, time) in enumerate(branches):
+        own = slice(N + j * n, N + (j + 1) * n)
+        A[n : 2 * n, own] = answer * (model.stiffness * share)  # a branch pulls the joint to its relaxed angle
+        A[own, :n], A[own, own] = relative / time, -np.eye(n) / time
+        names += [f"creep_{j + 1}_{i + 1}" for i in range(n)]
+    more = A.shape[0] - N
+    B = np.concatenate([linear.B, np.zeros((more, linear.B.shape[1]))])
+    C = np.concatenate([linear.C, np.zeros((linear.C.shape[0], more))], axis=1)
+    return LinearModel(
+        A, B, C, linear.outputs, (*linear.states, *names), linear.angle, linear.pressure, linear.dead_time
+    )
+
+
+def control_system(model: Model, pressure: float = 0.0, period: float = 0.0) -> Any:
+    """The model about its rest as a `control.StateSpace`: sampled behind a hold with its dead time where period > 0.
+
+    Pressure in Pa, period in s. A continuous one knows no dead time: add ``model.valve.dead_time`` yourself.
+
+    Raises
+    ------
+    InputError
+        When python-control is not installed.
+    """
+    try:
+        import control
+    except ImportError:
+        raise InputError("python-control is not installed: pip install 'pliant[export]'") from None
+    told = matrices(model, pressure, period)
+    names = {"states": told["state"], "inputs": told["input"], "outputs": told["output"]}
+    return control.ss(told["A"], told["B"], told["C"], told["D"], *([period] if period else []), **names)
+
+
+def matrices(model: Model, pressure: float, period: float) -> dict[str, Any]:
+    """A, B, C, D, operating point, names and units, as a file holds them."""
+    linear = linear_model(model, pressure)
+    A, B, C, states, dead = linear.A, linear.B, linear.C, list(linear.states), linear.dead_time
+    if period:
+        plant = sample(linear, period)
+        waiting = [f"command_{k + 1}_periods_ago" for k in range(plant.waiting)]
+        A, B, states, dead = plant.A, plant.B[:, None], [*states, *waiting], 0.0
+        C = np.concatenate([C, np.zeros((C.shape[0], plant.waiting))], axis=1)
+    units = [unit_of(name) for name in states]
+    return {
+        "A": A, "B": B, "C": C, "D": linear.D, "period": period, "dead_time": dead, "state": states,
+        "input": ["pressure"], "output": list(linear.outputs), "state_unit": units, "input_unit": ["Pa"],
+        "output_unit": ["m" if o.startswith("tip") else "rad" for o in linear.outputs],
+        "operating_state": operating_point(model, linear, states), "operating_input": np.array([linear.pressure]),
+    }
+
+
+def unit_of(name: str) -> str:
+    """Unit of a state."""
+    return next(unit for start, unit in STATE_UNITS.items() if name.startswith(start))
+
+
+def operating_point(model: Model, linear: LinearModel, states: list[str]) -> Array:
+    """Values of the states at the rest: the deviations that the matrices take are from these."""
+    joint = state.joint_angles(model, linear.angle)
+    point = np.zeros(len(states))
+    for k, name in enumerate(states):
+        last = int(name.rsplit("_", 1)[1]) - 1 if name.startswith(("phi", "creep")) else 0
+        if name.startswith("phi"):
+            point[k] = linear.angle[last]
+        elif name.startswith("creep"):
+            point[k] = joint[last]
+        elif name == "pressure" or name.startswith("command"):
+            point[k] = linear.pressure
+    return point
+
+
+def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
+    """Write .mat or .npz."""
+    if options["period"] < 0:
+        raise InputError(f"state-space period must be 0 (continuous) or positive, s, got {options['period']}")
+    content = matrices(model, options["pressure"], options["period"]) | {"pliant": told.json()}
+    with whole(path) as draft, draft.open("wb") as file:
+        if path.suffix == ".npz":
+            arrays: dict[str, Any] = {k: np.asarray(v) for k, v in content.items()}
+            np.savez(file, **arrays)
+        else:
+            from scipy.io import savemat
+
+            cells = {k: np.array(v, dtype=object) if isinstance(v, list) else v for k, v in content.items()}
+            savemat(file, cells)
+    return (path,)
+
+
+EXPORTER = Exporter(
+    "state-space", "A, B, C, D about a rest (.mat or .npz)", (".mat", ".npz"), CAN, write,
+    {"pressure": 0.0, "period": 0.0},
+)

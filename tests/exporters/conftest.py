@@ -1,0 +1,43 @@
+"""Models that every target is tried on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pliant.actuators import chen2018
+from pliant.model import Memory, Model, Valve, load_model
+
+KINDS = Path(__file__).parents[2] / "benchmarks" / "models"
+
+
+def paper() -> Model:
+    """The paper's five links."""
+    return chen2018.model()
+
+
+def demo() -> Model:
+    """As the demo's: springs that soften, each its own, a quadratic law, a curved rest shape, a cap."""
+    return load_model(KINDS / "a.json").with_(memory=Memory(), name="demo")
+
+
+def creeping() -> Model:
+    """Creep, valve, dead time, gravity, mirrored, observed away from the axis."""
+    model = load_model(KINDS / "b.json")
+    memory = replace(model.memory, slip_share=(), slip_angle=())
+    return model.with_(
+        memory=memory, valve=Valve(rise_time=0.03, fall_time=0.03, dead_time=0.0123), gravity=[0.4, -9.7],
+        torque=[1.1e-6], bend_sign=-1, base_length=0.02, base_angle=0.2, name="creeping",
+        stations=[("middle", 2, 0.01, 0.004), ("base", -1, 0.01, 0.0), ("tip", 4, 0.017, 0.0)],
+    )
+
+
+MODELS = {"paper": paper, "demo": demo, "creeping": creeping}
+
+
+@pytest.fixture(params=list(MODELS))
+def model(request: pytest.FixtureRequest) -> Model:
+    """Each of the three."""
+    return MODELS[request.param]()

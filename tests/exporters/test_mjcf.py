@@ -1,0 +1,111 @@
+"""MuJoCo moves the exported chain as pliant does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pliant
+from pliant.exporters.mjcf import mjcf
+from pliant.exporters.provenance import Told
+from pliant.simulation import equilibrium, simulate, state
+
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'pliant[bench]'")
+STEP = 1e-4  # s
+
+
+def compiled(model, **options):
+    xml = mjcf(model, Told(model, "mjcf", "test"), timestep=STEP, **options)
+    loaded = mujoco.MjModel.from_xml_string(xml)
+    return loaded, mujoco.MjData(loaded)
+
+
+def put(model, m, d, q, prefix=""):
+    """The chain at joint angles q, its creep relaxed there."""
+    for i in range(model.n):
+        d.qpos[m.joint(f"{prefix}q_{i + 1}").qposadr[0]] = q[i]
+        for j in range(len(model.memory.creep_share)):
+            d.qpos[m.joint(f"{prefix}creep_{j + 1}_{i + 1}").qposadr[0]] = q[i]
+    mujoco.mj_forward(m, d)
+
+
+def drive(m, d, pressure):
+    for a in range(m.nu):
+        power = m.actuator(a).name.rpartition("pressure")[2]
+        d.ctrl[a] = pressure ** (int(power[1:]) if power else 1)
+
+
+def test_pulses_within_a_tenth_of_a_millimetre(model):
+    m, d = compiled(model)
+    put(model, m, d, equilibrium(model))
+    pulse, times = pliant.Pulse(1e5, 0.05, 0.3), np.arange(6001) * STEP
+    tip = m.site(model.points[-1].name).id
+    path = [d.site_xpos[tip, :2].copy()]
+    for t in times[:-1]:
+        drive(m, d, float(pulse(t + 0.5 * STEP)))
+        mujoco.mj_step(m, d)
+        mujoco.mj_kinematics(m, d)
+        path.append(d.site_xpos[tip, :2].copy())
+    run = simulate(model, pulse, times=times, step=STEP)
+    apart = np.abs(np.array(path) - run.station_position.values[:, -1])
+    assert np.abs(run.station_position.values[:, -1] - path[0]).max() > 0.02
+    assert apart.max() < 1e-4
+
+
+def test_every_station_in_place(model):
+    m, d = compiled(model)
+    q = np.linspace(0.1, -0.2, model.n)
+    put(model, m, d, q)
+    places, _ = state.stations(model, state.absolute(model, q))
+    for point, place in zip(model.points, places, strict=True):
+        assert d.site_xpos[m.site(point.name).id] == pytest.approx([*place, 0.0], abs=1e-12)
+
+
+def test_static_to_a_millionth_of_a_radian(model):
+    """Held at pliant's equilibrium, nothing accelerates; let fall from elsewhere, it comes to rest there."""
+    level = 8e4
+    q = equilibrium(model, level)
+    m, d = compiled(model)
+    drive(m, d, level)
+    if m.na:
+        d.act[:] = level
+    put(model, m, d, q)
+    slopes = model.stiffness * (1 + 2 * model.stiffening * q)
+    joints = [m.joint(f"q_{i + 1}").dofadr[0] for i in range(model.n)]
+    history = d.qfrc_actuator[joints] if not model.valve.dead_time else model.joint_gain * model.torque_at(level)
+    residual = history + d.qfrc_passive[joints] - d.qfrc_bias[joints]
+    assert np.abs(residual / slopes).max() < 1e-6
+
+
+def test_two_fingers_in_one_world():
+    from pliant.actuators import chen2018
+
+    model = chen2018.model()
+    world = mujoco.MjSpec.from_string(
+        '<mujoco><option timestep="0.001" integrator="implicitfast" gravity="0 0 0"/><worldbody/></mujoco>'
+    )
+    for k in range(2):
+        own = mujoco.MjSpec.from_string(mjcf(model, Told(model, "mjcf", "test")))
+        world.worldbody.add_frame(pos=[0.1 * k, 0.0, 0.0]).attach_body(own.body("base"), f"finger{k}_", "")
+    included = '<mujoco><include file="0.xml"/><include file="1.xml"/></mujoco>'
+    files = {f"{k}.xml": mjcf(model, Told(model, "mjcf", "test"), prefix=f"finger{k}_").encode() for k in range(2)}
+    for m in (world.compile(), mujoco.MjModel.from_xml_string(included, files)):
+        assert m.nq == 2 * model.n
+        assert m.nu == 2
+        assert {m.actuator(a).name for a in range(2)} == {"finger0_pressure", "finger1_pressure"}
+
+
+def test_mass_and_inertia(model):
+    m, d = compiled(model)
+    q = np.full(model.n, 0.1)
+    put(model, m, d, q)
+    M = np.zeros((m.nv, m.nv))
+    mujoco.mj_fullM(m, d, M)
+    joints = [m.joint(f"q_{i + 1}").dofadr[0] for i in range(model.n)]
+    from pliant.equations import inertia
+
+    phi, body = state.absolute(model, q), model.body()
+    X, own = np.empty((model.n, model.n)), np.empty((model.n, model.n))
+    inertia.inertia_absolute(np.cos(phi), np.sin(phi), body.B, body.I, X)
+    inertia.to_joint_angles(X, own)
+    assert M[np.ix_(joints, joints)] == pytest.approx(own, rel=1e-6)

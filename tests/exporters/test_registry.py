@@ -1,0 +1,151 @@
+"""The door: targets, what they refuse, what they leave out, bad input."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+from command_line import invoke
+
+import pliant
+from pliant.actuators import chen2018
+from pliant.exporters.difference import difference
+from pliant.exporters.features import FEATURES, missing, named, without
+from pliant.exporters.provenance import standard_errors
+from pliant.exporters.registry import BUILT_IN, exporters
+from pliant.model import Memory, Valve, load_model, save_model
+from pliant.simulation import equilibrium
+from pliant.simulation.levels import typical_pressure
+
+PROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
+EVERYTHING = chen2018.model(
+    gravity=[0.0, -9.8], stiffening=-0.1, torque=[6e-7, 1e-13], swell_share=0.2, inflation_limit=2e6,
+    valve=Valve(rise_time=0.02, fall_time=0.03, dead_time=0.01, rise_rate=1e6, settle_share=0.1),
+    memory=Memory((0.1, 0.05), (0.5, 5.0), (0.1,), (0.02,), boucwen_share=0.05),
+)
+
+
+def test_built_in_targets_are_the_entry_points():
+    declared = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["entry-points"]["pliant.exporters"]
+    assert declared == BUILT_IN
+    assert {name: e.name for name, e in exporters().items() if name in BUILT_IN} == {n: n for n in BUILT_IN}
+    assert all(e.can | set(e.by_nature) <= set(FEATURES) for e in exporters().values())
+
+
+@pytest.mark.parametrize("key", list(FEATURES))
+def test_a_model_without_a_feature_has_none_of_it(key):
+    model = EVERYTHING
+    if key == "second_order":
+        model = model.with_(valve=Valve(natural_frequency=9.0))
+    assert FEATURES[key].names(model)
+    if key not in ("springs", "drive"):  # no artefact can do without: those that cannot say so by nature
+        assert not FEATURES[key].names(without(model, (key,)))
+
+
+def test_a_refusal_names_each_thing(tmp_path):
+    with pytest.raises(pliant.InputError) as caught:
+        pliant.export(EVERYTHING, "mjcf", tmp_path / "a.xml")
+    for name in ("slip element 1", "Bouc-Wen", "inflation", "swelling", "limited rate", "not expressible in mjcf"):
+        assert name in str(caught.value)
+    assert "creep" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_approximate_lists_and_measures(tmp_path):
+    done = pliant.export(EVERYTHING, "mjcf", tmp_path / "a.xml", approximate=True)
+    can = exporters()["mjcf"].can
+    reduced = without(EVERYTHING, missing(EVERYTHING, can))
+    again = difference(EVERYTHING, reduced)
+    assert done.difference == again
+    assert 0 < again.rms < again.largest < 1.0
+    assert done.left_out == named(EVERYTHING, missing(EVERYTHING, can))
+    text = (tmp_path / "a.xml").read_text(encoding="utf-8")
+    assert "slip element 1" in text
+    assert f"{1e3 * again.largest:.3g} mm" in repr(done)
+    assert not missing(reduced, can)
+
+
+def test_nothing_left_out_is_said(tmp_path):
+    done = pliant.export(chen2018.model(), "mjcf", tmp_path / "a.xml")
+    assert done.left_out == ()
+    assert done.difference is None
+    assert "nothing was left out" in repr(done)
+
+
+@pytest.mark.parametrize("target", list(BUILT_IN))
+def test_every_artefact_says_what_it_is(target, tmp_path):
+    model = chen2018.model()
+    path = tmp_path / f"arm{exporters()[target].suffixes[-1]}"
+    done = pliant.export(model, target, path, standard_errors={"stiffness": 0.0123})
+    text = b"".join(f.read_bytes() for f in done.files if f.suffix != ".fmu").decode(errors="ignore")
+    if path.suffix == ".npz":
+        import numpy as np
+
+        text = str(np.load(path)["pliant"])
+    for word in ("chen2018", f"pliant {pliant.__version__}", "along +y", "0.0123", "Secs. II and III", "pliant export"):
+        assert word.replace("&quot;", '"') in text, word
+
+
+def test_bad_input(tmp_path):
+    model = chen2018.model()
+    with pytest.raises(pliant.InputError, match=f"unknown target 'simulink': use one of {', '.join(BUILT_IN)}"):
+        pliant.export(model, "simulink", tmp_path / "a.xml")
+    with pytest.raises(pliant.InputError, match=r"a file for mjcf ends in \.xml or \.mjcf, not 'a\.urdf'"):
+        pliant.export(model, "mjcf", tmp_path / "a.urdf")
+    with pytest.raises(pliant.InputError, match="does not exist; make it first"):
+        pliant.export(model, "mjcf", tmp_path / "none" / "a.xml")
+    with pytest.raises(pliant.InputError, match="has no option 'colour': its options are prefix, timestep, radius"):
+        pliant.export(model, "mjcf", tmp_path / "a.xml", colour="red")
+    with pytest.raises(pliant.InputError, match="timestep must be a float, got 'soon'"):
+        pliant.export(model, "mjcf", tmp_path / "a.xml", timestep="soon")
+    folder = tmp_path / "folder.xml"
+    folder.mkdir()
+    with pytest.raises(pliant.InputError, match="cannot write"):
+        pliant.export(model, "mjcf", folder)
+    assert [p.name for p in tmp_path.iterdir()] == ["folder.xml"]
+
+
+def test_the_command(tmp_path):
+    file = save_model(EVERYTHING, tmp_path / "model.json")
+    fit = tmp_path / "metrics.json"
+    fit.write_text(json.dumps({"fits": {"first": {"parameters": {"damping": {"std": 2e-4}, "x": {"std": None}}}}}))
+    refused = invoke("export", file, "--to", "urdf", "-o", tmp_path / "a.urdf")
+    assert isinstance(refused.exception, pliant.InputError)
+    assert "creep branch 2" in str(refused.exception)
+    done = invoke(
+        "export", file, "--to", "mjcf", "-o", tmp_path / "a.xml", "--approximate", "--json", "--fit", fit,
+        "--set", "prefix=left_",
+    )
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.output)
+    assert told["difference"]["largest_tip_difference_mm"] > 0
+    text = (tmp_path / "a.xml").read_text(encoding="utf-8")
+    assert "--approximate --set prefix=left_" in text
+    assert "0.0002" in text
+    assert standard_errors(fit) == {"damping": 2e-4}
+    with pytest.raises(pliant.InputError, match="holds no fit"):
+        standard_errors(file)
+    wrong = invoke("export", file, "--to", "mjcf", "-o", tmp_path / "a.xml", "--set", "prefix")
+    assert "NAME=VALUE" in str(wrong.exception)
+
+
+def test_typical_pressure():
+    paper = chen2018.model()
+    level = typical_pressure(paper)
+    assert equilibrium(paper, level).sum() == pytest.approx(0.5, rel=0.05)
+    weak = paper.with_(stiffening=[-6.0])  # gives way at 1/12 rad a joint
+    assert 0 < typical_pressure(weak) < level
+    assert equilibrium(weak, typical_pressure(weak)).sum() < 0.5
+    assert typical_pressure(paper.with_(torque=[0.0])) == 0.0
+    assert difference(paper.with_(torque=[0.0]), paper.with_(torque=[0.0], damping=[0.01])).largest > 0
+
+
+def test_the_file_is_the_model(tmp_path):
+    """A path and the model that lies there give one artefact, but for the name in the command."""
+    file = save_model(chen2018.model(), tmp_path / "model.json")
+    pliant.export(file, "mjcf", tmp_path / "a.xml")
+    pliant.export(load_model(file), "mjcf", tmp_path / "b.xml")
+    one, other = ((tmp_path / n).read_text(encoding="utf-8") for n in ("a.xml", "b.xml"))
+    assert one.replace(str(file), "MODEL.json").replace("a.xml", "b.xml") == other

@@ -1,0 +1,95 @@
+"""State space: files that others read, creep's states against the stepped model."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import pliant
+from pliant.actuators import chen2018
+from pliant.exporters.state_space import control_system, linear_model
+from pliant.model import Memory, Valve
+from pliant.simulation import Stepper, state
+
+
+def test_a_library_takes_what_linearise_gives():
+    from scipy.signal import StateSpace
+
+    linear = pliant.linearise(chen2018.model(), 5e4)
+    system = StateSpace(linear.A, linear.B, linear.C, linear.D)
+    assert system.inputs == 1
+    assert linear.B.shape == (10, 1)
+    assert linear.D.shape == (8, 1)
+
+
+def test_creep_as_states_follows_small_steps():
+    """A step of 200 Pa about a rest under pressure, over seconds in which creep flows."""
+    model = chen2018.model(
+        gravity=[1.0, -9.0], torque=[6.6e-7, 5e-13], stiffening=-0.2,
+        memory=Memory(creep_share=(0.3, 0.2), creep_time=(0.05, 0.8)), valve=Valve(rise_time=0.02, fall_time=0.02),
+    )
+    from scipy.linalg import expm
+
+    linear, h = linear_model(model, 6e4), 1e-3
+    N = linear.A.shape[0]
+    block = np.zeros((N + 1, N + 1))
+    block[:N, :N], block[:N, N] = linear.A, linear.B[:, 0] * 200.0
+    move = expm(block * h)
+    x, stepper = np.zeros(N), Stepper(model, h, 6e4)
+    rest = stepper.angle.copy()
+    worst = size = 0.0
+    for _ in range(1500):
+        x = move[:N, :N] @ x + move[:N, N]
+        stepper.step(60200.0)
+        worst = max(worst, np.abs(stepper.angle - rest - x[:5]).max())
+        size = max(size, np.abs(x[:5]).max())
+    assert worst < 5e-3 * size
+    flowed = pliant.linearise(model, 6e4)
+    assert abs(linear.static_gain("angle_sum")) > 1.3 * abs(flowed.static_gain("angle_sum"))
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".npz"])
+@pytest.mark.parametrize("period", [0.0, 4e-3])
+def test_files_hold_everything(model, suffix, period, tmp_path):
+    model = model.with_(memory=Memory(creep_share=(0.1,), creep_time=(1.0,)))
+    path = tmp_path / f"arm{suffix}"
+    pliant.export(model, "state-space", path, pressure=5e4, period=period)
+    if suffix == ".npz":
+        found = dict(np.load(path))
+        names = list(found["state"])
+        told = json.loads(str(found["pliant"]))
+    else:
+        from scipy.io import loadmat
+
+        found = loadmat(path, squeeze_me=True)
+        names = list(found["state"])
+        told = json.loads(str(found["pliant"]))
+    N = len(names)
+    B, D = (np.reshape(found[k], (-1, 1)) for k in "BD")
+    assert found["A"].shape == (N, N)
+    assert B.shape == (N, 1)
+    assert D.shape == (found["C"].shape[0], 1)
+    assert not D.any()
+    assert told["name"] == model.name
+    assert found["operating_state"][: model.n] == pytest.approx(
+        state.absolute(model, pliant.equilibrium(model, 5e4)), abs=1e-12
+    )
+    assert len(found["state_unit"]) == N
+    assert float(found["dead_time"]) == (0.0 if period else model.valve.dead_time)
+    gain = linear_model(model, 5e4).static_gain("tip_y")
+    inverse = np.eye(N) - found["A"] if period else -found["A"]
+    assert float(found["C"][1] @ np.linalg.solve(inverse, B[:, 0])) == pytest.approx(gain, rel=1e-8)
+
+
+def test_python_control_takes_it():
+    control = pytest.importorskip("control", reason="python-control is not installed: pip install 'pliant[export]'")
+    model = chen2018.model(valve=Valve(dead_time=0.01))
+    system = control_system(model, 5e4)
+    assert system.dcgain()[0, 0] == pytest.approx(linear_model(model, 5e4).static_gain("tip_x"))
+    sampled = control_system(model, 5e4, 4e-3)
+    assert sampled.dt == 4e-3
+    assert sampled.dcgain()[0, 0] == pytest.approx(system.dcgain()[0, 0])
+    assert sampled.state_labels[-1] == "command_3_periods_ago"
+    assert control.isdtime(sampled, strict=True)
