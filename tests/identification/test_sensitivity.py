@@ -16,7 +16,7 @@ VALUES = {
     "p.start": 0.1234, "p.stop": 0.6012, "stiffness": 0.9, "stiffness_2": 0.8, "damping": 6e-3, "mass": 0.05,
     "tip_mass": 0.01, "valve_rise": 0.03, "valve_fall": 0.05, "valve_dead_time": 0.003, "torque_1": 6e-7,
     "torque_2": 1e-13, "gain": 1.1, "base_angle": 0.02, "base_x": 1e-3, "tip.along": 0.03, "tip.across": -0.005,
-    "rest_angle_3": 0.07, "gravity_angle": 2.7,
+    "rest_angle_3": 0.07, "gravity_angle": 2.7, "latency": 4.2e-3,
 }
 
 
@@ -39,6 +39,16 @@ def test_every_parameter_agrees_with_differences(hanging: Model, pulse: Any, nam
     expected = differences(hanging, exp, VALUES, name, 2e-5 * size)
     assert np.abs(slopes[0, ..., :2] - expected).max() < 3e-6 * np.abs(expected).max()
     np.testing.assert_allclose(rows[..., :2], predict(hanging, exp, VALUES, STEP)["position"], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["joint_gain_2", "latency"])
+def test_gains_of_joints_and_latency_agree_with_differences(hanging: Model, traced: Any, name: str) -> None:
+    exp = traced(hanging)
+    values = {"joint_gain_1": 1.2, "joint_gain_2": 0.7, "latency": 0.0117, "stiffness": 0.9, "damping": 6e-3}
+    size = abs(values[name])
+    _, slopes = sensitivities(hanging, exp, values, {name: size}, STEP)
+    expected = differences(hanging, exp, values, name, 2e-5 * size)
+    assert np.abs(slopes[0, ..., :2] - expected).max() < 3e-6 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("name", ["stiffness", "damping", "torque_1", "valve_rise"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -12,6 +12,7 @@ import xarray as xr
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.edges import edges
+from pliant.identification.forces import PointForce, checked
 from pliant.identification.forward_model import moved, set_up
 from pliant.identification.parameters import Parameter
 from pliant.model import Model
@@ -61,6 +62,8 @@ class Experiment(Shown):
     held : array (S, 2) or None
         Where a release held the observed points, m, when not in the unloaded shape: the hand's pose is then taken as
         measured, pulled there from the unloaded shape.
+    forces : tuple of PointForce
+        Known forces at points of the body, such as a thread that pulls.
     travel : float
         Largest displacement of the last station from its rest, m; found from the data.
     """
@@ -79,6 +82,7 @@ class Experiment(Shown):
     angle_noise: float | None = None
     arc_length: Array | None = None
     held: Array | None = None
+    forces: tuple[PointForce, ...] = ()
     travel: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -101,6 +105,7 @@ class Experiment(Shown):
             if np.isfinite(self.position[:, k]).all(axis=1).sum() < 10:
                 raise InputError(f"experiment {self.name}: station {station!r} was seen in fewer than 10 frames")
         check_extras(self)
+        object.__setattr__(self, "forces", tuple(checked(self.name, f) for f in self.forces))
         seen = self.last_station[np.isfinite(self.last_station).all(axis=1)]
         travel = float(np.linalg.norm(seen - np.median(seen[:5], axis=0), axis=1).max())
         if travel == 0:
@@ -151,7 +156,7 @@ def check_extras(exp: Experiment) -> None:
 def experiment(
     name: str, recording: xr.Dataset, *, stations: tuple[str, ...] | None = None, excitation: Excitation | None = None,
     known: Mapping[str, float] | None = None, noise: Mapping[str, float] | None = None, angles: bool = False,
-    held: Held = "unloaded",
+    held: Held = "unloaded", forces: Sequence[PointForce] = (),
 ) -> Experiment:
     """An experiment from an aligned (planar) recording.
 
@@ -172,6 +177,8 @@ def experiment(
     held : {"unloaded", "measured"}
         Where a body that is let go was held: in its unloaded shape, or pulled aside, as the recording shows it in the
         moments before the release.
+    forces : sequence of PointForce
+        Known forces at points of the body.
 
     Raises
     ------
@@ -194,7 +201,7 @@ def experiment(
         name, recording.time.values.astype(float), recording["position"].sel(station=list(used)).values.astype(float),
         used, excitation, trace, float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
         **recorded_angles(name, recording, used, wanted=angles), noise=dict(noise or {}),
-        arc_length=dense_arc_length(recording, used),
+        arc_length=dense_arc_length(recording, used), forces=tuple(forces),
     )
     return replace(made, held=held_pose(made)) if held == "measured" else made
 

@@ -90,22 +90,25 @@ def set_up(
     own = {**for_record(values, exp.name), **exp.known}
     m = apply(model, own)
     plans = {} if plans is None else plans
+    times = exp.time - own.get("latency", 0.0)
     if exp.excitation == "release":
-        return let_go(m, exp, own, step, plans)
-    plan = planned(m, exp, own, step, plans)
+        return let_go(m, exp, own, times, step, plans)
+    plan = planned(m, exp, own, times, step, plans)
     start = state.absolute(m, equilibrium(m, plan.initial) if rest is None else rest)
     numbers = gathered(m, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
     return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, plan.pressure, True)
 
 
-def let_go(model: Model, exp: Experiment, own: Mapping[str, float], step: float, plans: Plans) -> SetUp:
+def let_go(
+    model: Model, exp: Experiment, own: Mapping[str, float], times: Array, step: float, plans: Plans,
+) -> SetUp:
     """The set-up of a body that is held, then let go; the clamp may give way by ``base_turn`` at that moment."""
     base = (model.base_angle, model.base_angle + own.get("base_turn", 0.0))
     angles = state.absolute(model, held_angles(model, exp, own))
-    free = exp.time[exp.time > own["release"]]
+    free = times[times > own["release"]]
     plan = Drive(np.zeros(0), np.zeros(0), np.zeros(0, dtype=int), np.zeros(1), 0.0)
     if free.size:
-        key = ("release", exp.name, own["release"])
+        key = ("release", exp.name, own["release"], times[0])
         if key not in plans:
             plans[key] = drive(model, Pulse(0.0), np.concatenate([[own["release"]], free]), step)
         plan = plans[key]
@@ -151,10 +154,12 @@ def posed(model: Model, carrier: Array, chosen: list[Any], seen: Array) -> Array
     return state.joint_angles(model, phi)
 
 
-def planned(model: Model, exp: Experiment, own: Mapping[str, float], step: float, plans: Plans) -> Drive:
-    """Steps and torques under a measured or nominal pressure."""
+def planned(
+    model: Model, exp: Experiment, own: Mapping[str, float], times: Array, step: float, plans: Plans,
+) -> Drive:
+    """Steps and torques under a measured or nominal pressure, at the frames' `times` on its clock, s."""
     start, stop = own.get("start", 0.0), own.get("stop", 0.0)
-    key = (exp.name, start, stop, model.valve, model.torque.tobytes(), model.swell_share, model.swell_time,
+    key = (exp.name, times[0], start, stop, model.valve, model.torque.tobytes(), model.swell_share, model.swell_time,
            model.inflation_limit, model.inflation_time)
     if key not in plans:
         pressure: Input
@@ -163,7 +168,7 @@ def planned(model: Model, exp: Experiment, own: Mapping[str, float], step: float
         else:
             width = np.inf if exp.excitation == "step" else max(stop - start, 1e-6)
             pressure = Pulse(exp.level, start, width)
-        plans[key] = drive(model, pressure, exp.time, step)
+        plans[key] = drive(model, pressure, times, step)
     return plans[key]
 
 

@@ -21,7 +21,7 @@ Array = np.ndarray
 MOST_INFLATED = 10.0  # fourth power of the stretch that a start value reckons with: one near the limit says nothing
 DEFAULTS = {
     "tip_mass": 0.0, "valve_rise": 0.02, "valve_fall": 0.02, "valve_dead_time": 0.005, "base_angle": 0.0,
-    "base_x": 0.0, "base_y": 0.0, "base_turn": 0.0, "hold_force": 0.0, "start": 0.0,
+    "base_x": 0.0, "base_y": 0.0, "base_turn": 0.0, "hold_force": 0.0, "start": 0.0, "latency": 0.0,
 }
 
 
@@ -155,6 +155,7 @@ def estimate(
         "gravity_angle": float(np.arctan2(-model.gravity[0], model.gravity[1])),
         "rest_angle": float(model.rest_angle.mean()), "inflation_limit": 2.0 * highest_level(experiments),
         **{f"rest_angle_{i + 1}": float(a) for i, a in enumerate(model.rest_angle)},
+        **{f"joint_gain_{i + 1}": float(a) for i, a in enumerate(model.joint_gain)},
     }
     for exp in experiments:
         found |= {f"{exp.name}.{k}": v for k, v in edges(exp).items()}
@@ -200,7 +201,7 @@ def prepare(
 def shared_name(name: str) -> str:
     """The name without the recording or the joint that it belongs to; that of a station's place stays whole."""
     own = name if name.endswith((".along", ".across")) and name.count(".") == 1 else name.partition(".")[2] or name
-    return re.sub(r"^(stiffness|damping|rest_angle)_\d+$", r"\1", own)
+    return re.sub(r"^(stiffness|damping|rest_angle|joint_gain)_\d+$", r"\1", own)
 
 
 def typical_sizes(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:

@@ -99,7 +99,7 @@ class Kind:
     meaning: str = ""
 
 
-PER_JOINT = ("stiffness", "damping", "rest_angle")
+PER_JOINT = ("stiffness", "damping", "rest_angle", "joint_gain")
 KNOWN: dict[str, Kind] = {
     "stiffness": Kind("N m/rad", lower=1e-9, meaning="stiffness of every joint"),
     "damping": Kind("N m s/rad", lower=0.0, meaning="damping of every joint"),
@@ -110,6 +110,7 @@ KNOWN: dict[str, Kind] = {
     "joint_share": Kind("1", lower=0.0, upper=0.99, scale=0.1, meaning="place of a joint in its segment: 0 its base"),
     "gravity_angle": Kind("rad", lower=-6.3, upper=6.3, scale=0.05, meaning="angle of gravity from the base tangent"),
     "gain": Kind("1", scale=1.0, meaning="mean of the joints' gains: a factor on the whole torque law"),
+    r"joint_gain_(\d+|\*)": Kind("1", scale=0.3, meaning="share of the torque law that one joint feels, * each"),
     r"torque_[1-9]": Kind("N m/Pa^k", meaning="coefficient of pressure^k in the torque law"),
     "mass": Kind("kg", lower=1e-9, meaning="mass of all links together, without the tip mass"),
     "tip_mass": Kind("kg", lower=0.0, scale=5e-3, meaning="cap or load at the last tip"),
@@ -123,6 +124,7 @@ KNOWN: dict[str, Kind] = {
     r".+\.across": Kind("m", scale=2e-3, meaning="place of a station across its link"),
     "start": Kind("s", scale=0.01, meaning="when the pulse begins, or the pressure clock's offset"),
     "stop": Kind("s", scale=0.01, meaning="when the pulse ends"),
+    "latency": Kind("s", lower=-5.0, upper=5.0, scale=5e-3, meaning="how late the shape is stamped, beside pressure"),
     "release": Kind("s", scale=0.01, meaning="when the held body is let go"),
     "base_turn": Kind("rad", lower=-0.2, upper=0.2, scale=0.01, meaning="turn of a clamp that gives way at release"),
     "hold_force": Kind("N", scale=0.05, meaning="force at the tip, along x, that holds the body before its release"),
@@ -245,3 +247,16 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
         number = re.fullmatch(rf"(?:{'|'.join(PER_JOINT)})_(\d+)", own or owner)
         if number and not 1 <= int(number[1]) <= model.n:
             raise InputError(f"parameter {p.name}: the model has joints 1 to {model.n}")
+    if "gain" in seen and any(name.startswith("joint_gain_") for name in seen):
+        raise InputError("the parameters gain and joint_gain_<i> both set the gains of joints: leave one of them out")
+
+
+def gains_share_scale(parameters: Iterable[Parameter], model: Model) -> bool:
+    """Whether the gains of all joints are free and so is the torque law's scale, which is theirs: ratios alone show."""
+    listed = {p.name: p for p in parameters}
+    if not all((p := listed.get(f"joint_gain_{i + 1}")) and p.free for i in range(model.n)):
+        return False
+    law = {f"torque_{k + 1}": None for k in np.flatnonzero(model.torque)} | {
+        name: p for name, p in listed.items() if re.fullmatch(r"torque_[1-9]", name)
+    }
+    return any(p and p.free for p in law.values()) and all(p and (p.free or not p.value) for p in law.values())

@@ -9,7 +9,7 @@ import numpy as np
 from pliant.errors import PliantError
 from pliant.identification.experiment import Experiment
 from pliant.identification.forward_model import Plans, moved, set_up
-from pliant.identification.parameters import Parameter
+from pliant.identification.parameters import Parameter, gains_share_scale
 from pliant.identification.residuals import Observations, correlated_frames
 from pliant.identification.sensitivity import slopes_of
 from pliant.model import Model
@@ -18,6 +18,7 @@ Array = np.ndarray
 FAR = 1e3  # residual, in scales, of a parameter set that cannot be simulated
 BLIND = 1e-11  # of the longest column: a shorter one is rounding
 MOST_PLANS = 100  # steps and torques kept from one evaluation for the next
+HELD_MEAN = 1e-3  # standard deviation of the mean of joint gains that is held; no recording pulls at it
 FIRST_GUESS = 0.01  # of a travel: the size of residuals before there are any
 
 
@@ -58,6 +59,8 @@ class Problem:
                 o.weight *= balance
         self.ends = np.cumsum(counts)
         self.known = known_rows(self.free, self.scale, self.start)
+        if gains_share_scale(parameters, model):
+            self.known = with_held_mean(self.known, self.free, self.scale, self.start)
         self.held = np.zeros((0, len(self.free))), np.zeros(0)
         self.size = 1.0 if weighting == "noise" else FIRST_GUESS * self.unit
         self.evaluations = 0
@@ -153,6 +156,15 @@ class Problem:
                     if not known and mine.any():
                         self.latest = (b"", np.zeros(0))
                         o.weight[s, list(channel)] /= max(float(np.sqrt(np.mean(part[mine] ** 2))), 1e-6)
+
+
+def with_held_mean(
+    known: tuple[Array, Array], free: list[Parameter], scale: Array, start: Array,
+) -> tuple[Array, Array]:
+    """What is known before, and that the mean of the joints' gains stays where it starts: nothing else decides it."""
+    gains = np.array([p.name.startswith("joint_gain_") for p in free])
+    row = gains * scale / (gains.sum() * HELD_MEAN)
+    return np.concatenate([known[0], row[None]]), np.append(known[1], row @ start)
 
 
 def known_rows(free: list[Parameter], scale: Array, start: Array) -> tuple[Array, Array]:

@@ -64,7 +64,9 @@ def vector(model: Model, value: Any) -> Array:
     return a
 
 
-def equilibrium(model: Model, pressure: float = 0.0, tip_force: Array | None = None) -> Array:
+def equilibrium(
+    model: Model, pressure: float = 0.0, tip_force: Array | None = None, link_load: Array | None = None,
+) -> Array:
     """Joint angles (n,) at rest under constant `pressure` [Pa], gravity and a force at the last tip, rad.
 
     Paper: Eq. (5) [eq:eom] without motion.
@@ -75,6 +77,8 @@ def equilibrium(model: Model, pressure: float = 0.0, tip_force: Array | None = N
     pressure : float, Pa gauge
     tip_force : array (2,)
         Force on the last tip in the base frame, N; none by default.
+    link_load : array (n, 2)
+        Loads of forces at other points, N m: what each link carries, times the force, before `bend_sign` is applied.
 
     Returns
     -------
@@ -93,6 +97,7 @@ def equilibrium(model: Model, pressure: float = 0.0, tip_force: Array | None = N
     if not (np.isfinite(pressure) and np.isfinite(force).all()):
         raise InputError(f"rest needs a finite pressure (Pa) and tip force (N), got {pressure} and {tip_force}")
     load = np.outer(body.h, [body.gx, body.gy]) + np.outer(model.link_length, force)
+    load = load if link_load is None else load + link_load
     push = float(model.torque_at(pressure))
     if not np.isfinite(push):
         raise SimulationError(

@@ -91,4 +91,5 @@ def link_experiment(study: Study, name: str, body: xr.Dataset, chain: Links) -> 
         pressure=body["pressure"].values if measured else None,
         pressure_time=body["pressure_time"].values if measured else None,
     )
-    return experiment(name, tips, excitation=entry.excitation, known=entry.known)
+    forces = [f.point_force for f in entry.forces]
+    return experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces)

@@ -104,7 +104,7 @@ def study_experiment(study: Study, name: str, ds: xr.Dataset) -> Experiment:
     stations = entry.stations or moving_stations(name, ds, base)
     return experiment(
         name, ds, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
-        angles=entry.angles, held=entry.held,
+        angles=entry.angles, held=entry.held, forces=[f.point_force for f in entry.forces],
     )
 
 

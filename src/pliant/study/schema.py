@@ -8,11 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pliant.errors import InputError, explain_validation
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
+from pliant.identification.forces import PointForce
+from pliant.model import Station
 from pliant.study.questions import refuse_open
 from pliant.study.shorthand import written_out
 from pliant.sweep.spec import Sweep
@@ -77,6 +80,30 @@ class Reduction(Entry):
     placement: Literal["equal", "best"] = "equal"
 
 
+class KnownForce(Entry):
+    """A known force at a point of the body, as of a thread that pulls; straight lines between the times."""
+
+    station: str | None = None  # a point of the model
+    link: int | None = Field(None, ge=1)  # or a place on a link, 1 the first
+    along: float | None = None  # m, from the joint, with a link
+    across: float = 0.0  # m, to the left of the link
+    time_s: list[float]
+    force_n: list[tuple[float, float]]  # in the base frame
+
+    @model_validator(mode="after")
+    def one_place(self) -> KnownForce:
+        """A force has one place."""
+        if (self.station is None) == (self.link is None) or (self.link is None) != (self.along is None):
+            raise ValueError("a known force pulls at a station, or at a link with along (and across)")
+        return self
+
+    @property
+    def point_force(self) -> PointForce:
+        """The force as an experiment takes it."""
+        at = self.station or Station("known force", (self.link or 1) - 1, self.along or 0.0, self.across)
+        return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2), at)
+
+
 class Recording(Entry):
     """One recording; `shorthand` tells of defaults and of many trials in one file."""
 
@@ -92,6 +119,7 @@ class Recording(Entry):
     known: dict[str, float] = {}  # parameters of this recording alone, SI
     noise: dict[str, float] = {}  # m, standard deviation of a station's coordinates, where it is known
     angles: bool = False  # fit the recorded angles too
+    forces: list[KnownForce] = []
     alignment: Alignment | None = None  # its entries overrule the study's
 
 
