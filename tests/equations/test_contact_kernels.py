@@ -8,7 +8,7 @@ from oracles.chains import SIZES, random_chain, random_state, workspace
 from oracles.derivatives import complex_step
 
 from pliant.equations.chain import station
-from pliant.equations.contact import momentum, momentum_rate, point_force
+from pliant.equations.contact import add_link_loads, momentum, momentum_rate, point_force
 from pliant.equations.elastic import joint_torques
 from pliant.equations.inertia import inertia_absolute
 from pliant.equations.motion import acceleration
@@ -62,3 +62,20 @@ def test_rate_of_momentum_is_that_of_the_motion(rng, n):
     M = np.empty((n, n))
     inertia_absolute(np.cos(phi), np.sin(phi), body.B, body.I, M)
     np.testing.assert_allclose(p.real, M @ w, rtol=1e-12)
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_loads_of_links_are_the_joint_torques_of_point_forces(rng, n):
+    chain = random_chain(rng, n)
+    phi, w = chain.phi(random_state(rng, n)[0]), rng.normal(size=n)
+    load, expected = np.zeros((n, 2)), np.zeros(n)
+    for link in range(n):
+        f, along, across, Q = rng.normal(size=2), rng.uniform(0, 0.03), rng.normal(0, 0.01), np.empty(n)
+        load[:link] += np.outer(chain.l[:link], f)
+        load[link] += along * f + across * np.array([f[1], -f[0]])
+        point_force(phi + 0.01 * w, chain.l, link, along, across, *f, Q)
+        expected += np.cumsum(Q[::-1])[::-1]
+    before = rng.normal(size=n + 1)
+    t = before.copy()
+    add_link_loads(phi, w, 0.01, load, t)
+    np.testing.assert_allclose(t - before, np.append(expected, 0.0), atol=1e-14)

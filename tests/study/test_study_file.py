@@ -53,6 +53,18 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "word for a number": (
         changed("fits", "linear", "parameters", stiffness={"value": "big"}), "value must be a float, got 'big'",
     ),
+    "a force at no place": (
+        changed("recordings", "low", forces=[{"time_s": [0.0], "force_n": [[1.0, 0.0]]}]), "pulls at a station, or at",
+    ),
+    "a force at two places": (
+        changed("recordings", "low", forces=[
+            {"station": "tip", "link": 2, "along": 0.1, "time_s": [0.0], "force_n": [[1.0, 0.0]]}
+        ]), "pulls at a station, or at",
+    ),
+    "a force of three numbers": (
+        changed("recordings", "low", forces=[{"station": "tip", "time_s": [0.0], "force_n": [[1.0, 0.0, 0.0]]}]),
+        "recordings.low.forces.0.force_n.0",
+    ),
     "unknown known": (
         changed("recordings", "low", known={"tip_mas": 0.1}), "recording low: unknown parameter 'tip_mas'",
     ),

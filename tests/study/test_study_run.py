@@ -338,3 +338,20 @@ def test_a_dense_shape_without_a_fibre_has_no_status_of_a_tip(tmp_path: Path, fo
     assert ready.shape is not None
     assert ready.shape.tip_status == ""
     assert ready.model.n == 3
+
+
+def test_the_forces_of_a_recording_reach_its_experiment(tmp_path: Path) -> None:
+    from pliant.model import Station
+    from pliant.study.run import prepare_all
+
+    forces = [
+        {"station": "tip", "time_s": [0.0, 0.5], "force_n": [[0.0, 0.0], [0.1, -0.2]]},
+        {"link": 2, "along": 0.03, "across": -0.01, "time_s": [0.2], "force_n": [[0.3, 0.0]]},
+    ]
+    content = changed("recordings", "low", forces=forces)
+    ready = prepare_all(load_study(write_study(tmp_path, content)), lambda _line: None)
+    one, other = ready.experiments["low"].forces
+    assert (one.at, one.time.tolist(), one.force.tolist()) == ("tip", [0.0, 0.5], [[0.0, 0.0], [0.1, -0.2]])
+    assert isinstance(other.at, Station)
+    assert other.at[1:] == (1, 0.03, -0.01)
+    assert ready.experiments["high"].forces == ()

@@ -125,7 +125,7 @@ def test_autocorrelation_of_white_noise_and_of_a_wave(rng):
 
 @pytest.mark.parametrize("count", [1, 5, 6, 7, 40, 212])
 def test_chosen_stations_hold_the_last_and_are_few(count):
-    chosen = curves.spread(count)
+    chosen = curves.evenly_spaced(count)
     assert chosen[-1] == count - 1
     assert len(chosen) == min(count, 6)
     assert min(chosen) >= 0

@@ -27,6 +27,21 @@ def point_force(phi, l, link, along, across, fx, fy, Q):
             Q[k] = 0.0 * normal
 
 
+def add_link_loads(phi, w, ahead, load, t):
+    """Add to the joint torques t (n,) those of forces at points of the links, N m.
+
+    `load` (n, 2) is what each link carries times the force, so that Q_k = -(load_k0 cos phi_k + load_k1 sin phi_k), as
+    weight does; t_i takes the sum of Q_k over the links that it moves, k >= i. Angles are those `ahead` [s] along w.
+
+    Source: `point_force`, with along f for a link's own point and l_k f for the links before it; across as (f_y, -f_x)
+    """
+    total = 0.0 * t[0]
+    for k in range(len(phi) - 1, -1, -1):
+        angle = phi[k] + ahead * w[k]
+        total = total - load[k, 0] * np.cos(angle) - load[k, 1] * np.sin(angle)
+        t[k] = t[k] + total
+
+
 def momentum(phi, w, body, p):
     """Generalized momentum p = M w (n,) in absolute angles, N m s."""
     n = len(phi)

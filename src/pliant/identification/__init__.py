@@ -6,7 +6,8 @@ from pliant.identification.fit import FitResult, fit, predict_held_out
 from pliant.identification.identifiability import Identifiability, identifiability
 from pliant.identification.ladder import Ladder, ladder
 from pliant.identification.parameters import Parameter
-from pliant.identification.prediction_bands import Band, bootstrap, bootstrapped, prediction_band, residual_noise
+from pliant.identification.prediction_bands import Band, prediction_band, residual_noise
+from pliant.identification.resampling import bootstrap, bootstrapped
 from pliant.identification.rungs import MORE_RUNGS, RUNGS, Rung
 from pliant.identification.sensitivity import sensitivities
 

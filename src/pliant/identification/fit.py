@@ -14,7 +14,7 @@ from pliant.identification.experiment import Experiment, predict
 from pliant.identification.identifiability import combinations, examine
 from pliant.identification.initial_guess import prepare
 from pliant.identification.parameters import Parameter, apply, gains_share_scale
-from pliant.identification.problem import Problem, root_mean_square
+from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS
 from pliant.identification.result import FitResult, cautions, parameter_dict, status_sentence
 from pliant.identification.uncertainty import covariance
@@ -112,7 +112,7 @@ def fit(
 
 def starts_of(problem: Problem, starts: int, rng: np.random.Generator) -> list[Array]:
     """The estimate and points scattered about it, as far as they can be simulated; FitError when none can."""
-    points = [problem.start, *(problem.scattered(rng) for _ in range(starts - 1))]
+    points = [problem.start, *(scattered(problem.free, problem.start, problem.bounds, rng) for _ in range(starts - 1))]
     good = []
     broken = ""
     for x in points:
@@ -206,8 +206,8 @@ def finished(
 ) -> FitResult:
     """The result with covariance, status, cautions and errors of each record."""
     values = problem.values(best.x)
-    spread = covariance(problem, best.x, robust=loss != "linear")
-    named = dict(zip(spread.names, spread.std, strict=True))
+    found = covariance(problem, best.x, robust=loss != "linear")
+    named = dict(zip(found.names, found.std, strict=True))
     parameters = tuple(p.with_(value=values[p.name], std=named.get(p.name)) for p in problem.parameters)
     own = tuple(f"{e.name}." for e in problem.experiments)
     model = apply(problem.model, {k: v for k, v in values.items() if not k.startswith(own)})
@@ -215,16 +215,16 @@ def finished(
         e.name: root_mean_square(predict(problem.model, e, values, problem.step)["position"], e.position)
         for e in problem.experiments
     }
-    notes = cautions(model, parameters, problem.experiments, section_area) + combinations(problem, best.x, spread)
-    if spread.correlated:
-        notes.append(f"Residuals are correlated over {spread.correlated:.2g} s, which the standard errors count in.")
+    notes = cautions(model, parameters, problem.experiments, section_area) + combinations(problem, best.x, found)
+    if found.correlated:
+        notes.append(f"Residuals are correlated over {found.correlated:.2g} s, which the standard errors count in.")
     if gains_share_scale(parameters, problem.model):
         notes.append("The mean of the joints' gains is held where it began: the torque law has a scale of its own.")
     r = problem.data_residual(best.x)
-    bic = spread.effective * np.log(max(float(np.mean(r**2)), 1e-300)) + best.x.size * np.log(spread.effective)
+    bic = found.effective * np.log(max(float(np.mean(r**2)), 1e-300)) + best.x.size * np.log(found.effective)
     return FitResult(
         model, parameters, status_sentence(best, parameters), rmse, problem.evaluations, seconds, best.status > 0,
-        spread, tuple(notes), float(bic),
+        found, tuple(notes), float(bic),
     )
 
 

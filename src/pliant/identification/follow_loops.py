@@ -8,28 +8,40 @@ from __future__ import annotations
 
 import numpy as np
 
+from pliant.equations.contact import add_link_loads
 from pliant.equations.elastic import tangent
 from pliant.equations.motion import step
 
 
-def follow(phi, w, base_angle, h, torque, keep, still, held, held_base, body, joints, work, places, out):
+def follow(phi, w, base_angle, h, torque, keep, still, held, held_base, pull, body, joints, work, places, out):
     """Take len(h) steps as `simulation.march_loops.march` does, from phi and w (n,), and observe the chain.
 
     The first `still` rows of out (rows, S, 3) show the chain held at the absolute angles `held` (n,); the state after
-    step k goes to row keep[k] - 1 + still where keep[k] >= 0. Rows are x [m], y [m] and angle [rad] of each point.
+    step k goes to row keep[k] - 1 + still where keep[k] >= 0. `pull` is what known forces do, see `pulled`. Rows are
+    x [m], y [m] and angle [rad] of each point.
     Returns the index of the first step in which a link turns by more than a radian or a spring holds nothing, or -1.
     """
     n = len(phi)
     for row in range(still):
         observe(held, held_base, places, work.c, work.s, out[row])
     for k in range(len(h)):
-        step(phi, w, base_angle, h[k], torque[k], body, joints, work)
+        step(phi, w, base_angle, h[k], pulled(k, phi, w, 0.5 * h[k], torque[k], pull, joints), body, joints, work)
         for i in range(n):
             if not (abs((w[i] * h[k]).real) <= 1.0 and tangent(i, phi, base_angle, joints).real > 0.0):
                 return k  # as does what is not a number
         if keep[k] >= 0:
             observe(phi, base_angle, places, work.c, work.s, out[keep[k] - 1 + still])
     return -1
+
+
+def pulled(k, phi, w, ahead, torque, pull, joints):
+    """The torque of step k; with known forces the joints take theirs beside it, and the torque is 1 for all of them."""
+    if len(pull.load) == 0:
+        return torque
+    for i in range(len(phi)):
+        joints.gain[i] = pull.gain[i] * torque
+    add_link_loads(phi, w, ahead, pull.load[k], joints.gain)
+    return 1.0 + 0.0 * torque
 
 
 def observe(phi, base_angle, places, c, s, seen):

@@ -73,6 +73,18 @@ def at_time(force: PointForce, time: Array) -> Array:
     return np.stack([np.interp(time, force.time, column) for column in force.force.T], axis=-1)
 
 
+def loads_at(model: Model, forces: Sequence[PointForce], time: float) -> Array:
+    """Loads (n, 2) of the links at one time, N m."""
+    values = np.stack([at_time(force, np.array([time])) for force in forces], axis=1)
+    return np.asarray(link_loads(model, forces, values)[0])
+
+
+def joint_loads(phi: Array, load: Array) -> Array:
+    """Torques (n,) of the links' loads (n, 2) at the joints, N m; also of complex ones."""
+    Q = -(load[:, 0] * np.cos(phi) + load[:, 1] * np.sin(phi))
+    return np.cumsum(Q[::-1])[::-1]
+
+
 def mean_loads(model: Model, forces: Sequence[PointForce], nodes: Array) -> Array:
     """Loads (m, n, 2) of the links, the mean over each interval of `nodes` (m + 1,) [s], N m."""
     impulse = [integral(force, nodes) for force in forces]

@@ -11,6 +11,7 @@ from pliant.compiler.choose import twin
 from pliant.equations.symbols import Body, Held, Joints, Memory
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops, memory_loops
+from pliant.identification.forces import loads_at, mean_loads
 from pliant.identification.parameters import apply, for_record
 from pliant.model import Model
 from pliant.simulation import Pulse, Trace, equilibrium, state
@@ -40,6 +41,13 @@ class Places(NamedTuple):
     reference: Any  # rad, what angles are measured from
 
 
+class Pull(NamedTuple):
+    """Known forces, for the compiled loop; no loads where there are none."""
+
+    load: Any  # (steps, n, 2) N m, of the links, the mean over each step
+    gain: Any  # (n,) of the joints
+
+
 class Numbers(NamedTuple):
     """All that a derivative can act on; every entry a number or an array."""
 
@@ -50,6 +58,8 @@ class Numbers(NamedTuple):
     h: Any  # (steps,) s
     torque: Any  # (steps,) N m
     torque_before: Any  # N m, under which the chain rests at the start
+    load: Any  # (steps, n, 2) N m, of known forces; no rows where there are none
+    load_before: Any  # (n, 2) N m, under which the chain rests at the start
     body: Body
     joints: Joints
     memory: Memory
@@ -94,8 +104,10 @@ def set_up(
     if exp.excitation == "release":
         return let_go(m, exp, own, times, step, plans)
     plan = planned(m, exp, own, times, step, plans)
-    start = state.absolute(m, equilibrium(m, plan.initial) if rest is None else rest)
+    before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
+    start = state.absolute(m, equilibrium(m, plan.initial, link_load=before) if rest is None else rest)
     numbers = gathered(m, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
+    numbers = with_loads(numbers, m, exp, float(times[0]), before)
     return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, plan.pressure, True)
 
 
@@ -112,7 +124,7 @@ def let_go(
         if key not in plans:
             plans[key] = drive(model, Pulse(0.0), np.concatenate([[own["release"]], free]), step)
         plan = plans[key]
-    numbers = gathered(model, exp, own, plan, (angles, angles), base)
+    numbers = with_loads(gathered(model, exp, own, plan, (angles, angles), base), model, exp, own["release"])
     still = exp.time.size - free.size
     return SetUp(numbers, plan.keep, still, carriers(model, exp), model, np.zeros(exp.time.size), from_rest=False,
                  pulled=exp.held is not None)
@@ -180,13 +192,23 @@ def gathered(
     chosen = observed(model, exp)
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], base_angle=base[1], h=plan.h, torque=plan.torque,
-        torque_before=float(model.torque_at(plan.initial)), body=model.body(), joints=model.joints(),
+        torque_before=float(model.torque_at(plan.initial)), load=np.zeros((0, model.n, 2)),
+        load_before=np.zeros((model.n, 2)), body=model.body(), joints=model.joints(),
         memory=model.memory.law(),
         along=np.array([p.along for p in chosen]), across=np.array([p.across for p in chosen]),
         shift=np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)]),
         reference=model.base_angle if exp.angle_reference == "base" else 0.0,
         length=model.link_length, base_length=model.base_length,
     )
+
+
+def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, before: Array | None = None) -> Numbers:
+    """The numbers with the loads of an experiment's known forces, for steps from the time `first` [s] on."""
+    if not exp.forces or not numbers.h.size:
+        return numbers
+    nodes = first + np.append(0.0, np.cumsum(numbers.h))
+    loads = mean_loads(model, exp.forces, nodes)
+    return numbers._replace(load=loads, load_before=numbers.load_before if before is None else before)
 
 
 def observed(model: Model, exp: Experiment) -> list[Any]:
@@ -222,7 +244,10 @@ def moved(made: SetUp, numbers: Numbers, kind: type[Any], rows: int) -> Array:
     )
     out: Array = np.empty((rows, made.carrier.size, 3), dtype=kind)
     steps = (cast(numbers.base_angle), cast(numbers.h), cast(numbers.torque), made.keep, made.still)
-    before = (cast(numbers.held), cast(numbers.held_base), body, joints)
+    pull = Pull(cast(numbers.load), joints.gain)
+    if numbers.load.size:
+        joints = joints._replace(gain=np.empty_like(joints.gain))  # written anew in every step
+    before = (cast(numbers.held), cast(numbers.held_base), pull, body, joints)
     start: tuple[Array, Array] = (cast(numbers.phi), np.zeros(n, dtype=kind))
     if made.model.memory:
         memory = Memory(*map(cast, numbers.memory))

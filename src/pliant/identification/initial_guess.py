@@ -12,6 +12,7 @@ from pliant.equations.section import lever_growth
 from pliant.errors import FitError, InputError, SimulationError
 from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
+from pliant.identification.forces import loads_at
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of
 from pliant.model import Model, Station
 from pliant.numerics.ringdown import RingDown, ring_down
@@ -64,7 +65,9 @@ def registered(model: Model, experiments: Sequence[Experiment], values: dict[str
     for exp in experiments:
         m = apply(model, {**values, **exp.known})
         straight = exp.excitation == "release" and exp.held is None
-        phi = state.absolute(m, np.zeros(m.n) if straight else equilibrium(m))
+        pulled = [f for f in exp.forces if not isinstance(f.at, str) or f.at in {p.name for p in m.points}]
+        load = loads_at(m, pulled, float(exp.time[0])) if pulled and not straight else None
+        phi = state.absolute(m, np.zeros(m.n) if straight else equilibrium(m, link_load=load))
         for k, name in enumerate(exp.stations):
             if name in known:
                 points[name] = known[name]

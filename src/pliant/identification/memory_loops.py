@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pliant.equations.elastic import tangent
 from pliant.equations.memory import step_with_memory
-from pliant.identification.follow_loops import observe
+from pliant.identification.follow_loops import observe, pulled
 
 
 def follow_with_memory(
-    phi, w, state, base_angle, h, torque, keep, still, hand, hand_base, body, joints, memory, held, work, places, out,
+    phi, w, state, base_angle, h, torque, keep, still, hand, hand_base, pull, body, joints, memory, held, work, places,
+    out,
 ):
     """As `follow_loops.follow`, with the memory of the joints: `state` (n, branches) is set to rest at phi.
 
@@ -24,7 +25,8 @@ def follow_with_memory(
             state[i, j] = phi[i] - before - joints.theta0[i]
         before = phi[i]
     for k in range(len(h)):
-        lost = step_with_memory(phi, w, base_angle, h[k], torque[k], body, joints, memory, state, held, work)
+        push = pulled(k, phi, w, 0.5 * h[k], torque[k], pull, joints)
+        lost = step_with_memory(phi, w, base_angle, h[k], push, body, joints, memory, state, held, work)
         if not lost.real > -0.5:  # the square of an imaginary part may stand a trifle below zero
             return k
         for i in range(n):

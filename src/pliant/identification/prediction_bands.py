@@ -1,9 +1,9 @@
-"""From the uncertainty of parameters to that of predictions: bands by the delta method, and by block bootstrap."""
+"""From the uncertainty of parameters to that of predictions: bands by the delta method."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
@@ -11,15 +11,12 @@ from scipy.stats import norm
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.experiment import Experiment, predict
-from pliant.identification.fit import predict_held_out, solve
-from pliant.identification.problem import Problem
-from pliant.identification.residuals import correlated_frames
+from pliant.identification.fit import predict_held_out
 from pliant.identification.result import FitResult
 from pliant.identification.sensitivity import sensitivities
 from pliant.identification.uncertainty import HIDDEN
 
 Array = np.ndarray
-FEWEST = 20  # replicates of a bootstrap, of which a covariance can be taken
 
 
 @dataclass(frozen=True, repr=False)
@@ -105,8 +102,8 @@ def prediction_band(
         taken = np.linalg.lstsq(mine[:, seen].T, theirs[:, seen].T, rcond=HIDDEN)[0]
         theirs = theirs - np.tensordot(taken.T, mine, axes=1)
     unit = np.array([sizes[n] for n in names[: len(shared)]])
-    spread = fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(unit, unit)
-    variance = np.einsum("itsc,ij,jtsc->tsc", theirs, spread, theirs)
+    relative = fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(unit, unit)
+    variance = np.einsum("itsc,ij,jtsc->tsc", theirs, relative, theirs)
     std = np.sqrt(np.maximum(variance, 0.0) + noise**2)
     half = float(norm.ppf(0.5 + 0.5 * level)) * std
     return Band(rows[..., :2], std, rows[..., :2] - half, rows[..., :2] + half, level)
@@ -133,78 +130,3 @@ def residual_noise(
     reach = float(np.linalg.norm(path - path[0], axis=1).max()) if weighting == "travel" else 1.0
     rows = np.array([mean.get(name, usual) for name in experiment.stations])
     return np.asarray(reach * np.sqrt(rows))
-
-
-def bootstrapped(
-    experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, step: float = 2e-3,
-    weighting: str = "travel", loss: str = "linear", rng: np.random.Generator | int | None = 0,
-) -> FitResult:
-    """The fit with covariance and standard errors from `bootstrap`; reports and bands then rest on it.
-
-    Raises
-    ------
-    InputError
-        When the fit has no covariance, or the replicates are too few for one.
-    """
-    if fitted.covariance is None or replicates < FEWEST:
-        raise InputError(f"a bootstrap needs a fit with free parameters and {FEWEST} replicates, got {replicates}")
-    _, values = bootstrap(
-        experiments, fitted, replicates=replicates, step=step, weighting=weighting, loss=loss, rng=rng
-    )
-    spread = fitted.covariance._replace(matrix=np.atleast_2d(np.cov(values.T)), source="block bootstrap")
-    errors = dict(zip(spread.names, spread.std, strict=True))
-    parameters = tuple(p.with_(std=errors.get(p.name)) for p in fitted.parameters)
-    told = f"Standard errors come from {replicates} replicates that keep residuals correlated as they are."
-    return replace(fitted, parameters=parameters, covariance=spread, notes=(*fitted.notes, told))
-
-
-def bootstrap(
-    experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, block: int | None = None,
-    step: float = 2e-3, weighting: str = "travel", loss: str = "linear",
-    rng: np.random.Generator | int | None = 0,
-) -> tuple[tuple[str, ...], Array]:
-    """Parameters (R, P), SI, of fits to the model's motion plus its own residuals, drawn again in blocks of frames.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        Those of the fit.
-    block : int, optional
-        Frames in a block; default: twice as many as residuals are correlated over.
-    weighting, loss : str
-        Those of the fit.
-
-    Returns
-    -------
-    names, values
-        Of the free parameters; percentiles of a column are an interval.
-    """
-    free = [p for p in fitted.parameters if p.free]
-    generator = np.random.default_rng(rng)
-    base = Problem(list(experiments), fitted.model, list(fitted.parameters), step, weighting)
-    parts = np.split(base.data_residual(base.start), base.ends[:-1])
-    frames = [block or int(np.ceil(2 * correlated_frames(o, r))) for o, r in zip(base.observed, parts, strict=True)]
-    motions = [predict(fitted.model, e, fitted.values, step)["position"] for e in experiments]
-    drawn = []
-    for _ in range(replicates):
-        again = [
-            replace(e, position=redrawn(e, p, width, generator))
-            for e, p, width in zip(experiments, motions, frames, strict=True)
-        ]
-        problem = Problem(again, fitted.model, list(fitted.parameters), step, weighting)
-        drawn.append(solve(problem, problem.start, loss, 20).x * problem.scale)
-    return tuple(p.name for p in free), np.array(drawn)
-
-
-def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator) -> Array:
-    """Positions (T, S, 2): the modelled motion plus the residuals' blocks of `width` frames in another order.
-
-    Blocks wrap around the end, so that every frame is drawn alike; what was not seen stays so, and a residual that is
-    missing where it is drawn to is replaced by none.
-    """
-    residual = exp.position - motion
-    count = exp.time.size
-    first = rng.integers(count, size=-(-count // width))
-    index = ((first[:, None] + np.arange(width)) % count).ravel()[:count]
-    drawn = np.nan_to_num(residual[index], nan=0.0)
-    return np.where(np.isfinite(exp.position), motion + drawn, np.nan)

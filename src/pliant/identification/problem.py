@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -128,14 +129,6 @@ class Problem:
         """What is known before, and what is held to its start, as rows and aims."""
         return np.concatenate([self.known[0], self.held[0]]), np.concatenate([self.known[1], self.held[1]])
 
-    def scattered(self, rng: np.random.Generator) -> Array:
-        """A start near the estimate: every shared parameter moved by up to 30 % of itself or one scale."""
-        moved = self.start.copy()
-        for i, p in enumerate(self.free):
-            if p.name.rpartition(".")[2] not in ("start", "stop", "release"):
-                moved[i] += 0.3 * rng.uniform(-1, 1) * max(abs(moved[i]), 1e-3)
-        return np.clip(moved, *self.bounds)
-
     def learn_sizes(self, x: Array) -> None:
         """Take the size of the residuals at x for what the priors are weighed against, and for unknown noise levels.
 
@@ -156,6 +149,25 @@ class Problem:
                     if not known and mine.any():
                         self.latest = (b"", np.zeros(0))
                         o.weight[s, list(channel)] /= max(float(np.sqrt(np.mean(part[mine] ** 2))), 1e-6)
+
+
+def scattered(free: Sequence[Parameter], x: Array, bounds: Sequence[Array], rng: np.random.Generator) -> Array:
+    """A start near the scaled parameters x: all but edge times moved by up to 30 % of themselves."""
+    found = x.copy()
+    for i, p in enumerate(free):
+        if p.name.rpartition(".")[2] not in ("start", "stop", "release"):
+            found[i] += 0.3 * rng.uniform(-1, 1) * max(abs(found[i]), 1e-3)
+    return np.clip(found, *bounds)
+
+
+def scattered_start(parameters: Sequence[Parameter], rng: np.random.Generator) -> list[Parameter]:
+    """The parameters from another start; see `scattered`."""
+    free = [p for p in parameters if p.free and p.value is not None]
+    scale = np.array([p.scale or 1.0 for p in free])
+    bounds = np.array([(p.lower, p.upper) for p in free]).reshape(-1, 2).T / scale
+    x = scattered(free, np.array([p.value for p in free]) / scale, bounds, rng) * scale
+    moved = {p.name: float(np.clip(v, p.lower, p.upper)) for p, v in zip(free, x, strict=True)}
+    return [p.with_(value=moved.get(p.name, p.value)) for p in parameters]
 
 
 def with_held_mean(

@@ -83,18 +83,18 @@ def length_weights(exp: Experiment) -> Array:
 def noise_levels(exp: Experiment, data: Array) -> Array:
     """Standard deviation (S, 3) of the noise: as given, or from second differences in time, which motion hardly has."""
     bend = np.diff(data, 2, axis=0)
-    spread: Array = np.full(data.shape[1:], 1.0)
+    noise: Array = np.full(data.shape[1:], 1.0)
     for s in range(len(exp.stations)):
         for c in range(3):
             found = bend[np.isfinite(bend[:, s, c]), s, c]
             if found.size:
-                spread[s, c] = max(float(np.median(np.abs(found))) / 0.6745 / np.sqrt(6.0), LEAST_NOISE)
+                noise[s, c] = max(float(np.median(np.abs(found))) / 0.6745 / np.sqrt(6.0), LEAST_NOISE)
     for k, name in enumerate(exp.stations):
         if name in exp.noise:
-            spread[k, :2] = exp.noise[name]
+            noise[k, :2] = exp.noise[name]
     if exp.angle_noise is not None:
-        spread[:, 2] = exp.angle_noise
-    return spread
+        noise[:, 2] = exp.angle_noise
+    return noise
 
 
 def correlated_frames(observed: Observations, residual: Array) -> float:

@@ -16,6 +16,7 @@ from pliant.compiler.choose import twin
 from pliant.equations import motion
 from pliant.equations.symbols import Body, Joints
 from pliant.errors import FitError, PliantError
+from pliant.identification.forces import joint_loads
 from pliant.identification.forward_model import Numbers, Plans, SetUp, moved, set_up
 from pliant.model import Model
 from pliant.simulation import state
@@ -139,12 +140,17 @@ def leaves(numbers: Any) -> list[Any]:
 def equilibrium_slope(numbers: Numbers, slope: Numbers) -> Array:
     """Derivative (n,) of the absolute angles at rest: those at which the acceleration stays zero."""
     n = len(numbers.phi)
+    loaded = bool(np.any(numbers.load_before) or np.any(slope.load_before))
     a, a_phi, a_w, still = np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    real = beside_loads(numbers, numbers.phi) if loaded else numbers
     twin(motion.acceleration_jacobian)(
-        numbers.phi, still, numbers.base_angle, numbers.torque_before, numbers.body, numbers.joints,
+        numbers.phi, still, real.base_angle, real.torque_before, real.body, real.joints,
         state.workspace(n), a, a_phi, a_w,
     )
     tilted = Numbers(*join(numbers._replace(held=0.0, phi=0.0), slope._replace(held=0.0, phi=0.0)))
+    if loaded:
+        a_phi += load_stiffness(numbers)
+        tilted = beside_loads(tilted, numbers.phi)
     scratch = state.workspace(n)
     work = type(scratch)(*(w.astype(complex) for w in scratch))
     push = np.zeros(n, dtype=complex)
@@ -153,6 +159,19 @@ def equilibrium_slope(numbers: Numbers, slope: Numbers) -> Array:
         Body(*(complex_of(v) for v in tilted.body)), Joints(*(complex_of(v) for v in tilted.joints)), work, push,
     )
     return -np.linalg.solve(a_phi.T, push.imag / TINY)
+
+
+def beside_loads(numbers: Numbers, phi: Array) -> Numbers:
+    """The numbers with the torques of the loads at rest, beside that of the pressure, in the place of the gains."""
+    total = numbers.joints.gain * numbers.torque_before + joint_loads(phi, numbers.load_before)
+    return numbers._replace(torque_before=1.0, joints=numbers.joints._replace(gain=total))
+
+
+def load_stiffness(numbers: Numbers) -> Array:
+    """What the loads at rest add to the Jacobian (n, n) of the acceleration, row by variable."""
+    phi, load, B = numbers.phi, numbers.load_before, numbers.body.B
+    M = B * np.cos(phi[:, None] - phi) + np.diag(numbers.body.I)
+    return np.linalg.solve(M, np.diag(load[:, 0] * np.sin(phi) - load[:, 1] * np.cos(phi))).T
 
 
 def complex_of(value: Any) -> Any:

@@ -86,7 +86,7 @@ def travel(position: NDArray) -> NDArray:
         return np.nanmax(distance, axis=0)
 
 
-def spread(position: NDArray) -> NDArray:
+def rms_deviation(position: NDArray) -> NDArray:
     """(S,) root-mean-square distance in metres between a station and its mean place."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)

@@ -139,8 +139,8 @@ def standing_stations(ds: xr.Dataset) -> tuple[str, ...]:
     position = ds["position"].values
     repeated = detectors.repeated_frames(position, ds["quaternion"].values if "quaternion" in ds else None)
     fresh = position[~repeated] if repeated.any() else position
-    noise, spread = (by_blocks(f, fresh) for f in (detectors.noise_level, detectors.spread))
-    return _standing([str(n) for n in ds["station"].values], spread, noise)
+    noise, deviation = (by_blocks(f, fresh) for f in (detectors.noise_level, detectors.rms_deviation))
+    return _standing([str(n) for n in ds["station"].values], deviation, noise)
 
 
 def _clock(time: np.ndarray) -> dict[str, Any]:
@@ -166,7 +166,8 @@ def _positions(ds: xr.Dataset) -> dict[str, Any]:
     jumped = by_blocks(lambda part: detectors.jumps(part, clock), fresh)
     whole = jumped.mean(1) > 0.5
     single = jumped & ~whole[:, None]
-    noise, spread, travel = (by_blocks(f, fresh) for f in (detectors.noise_level, detectors.spread, detectors.travel))
+    measures = (detectors.noise_level, detectors.rms_deviation, detectors.travel)
+    noise, deviation, travel = (by_blocks(f, fresh) for f in measures)
     found = {
         "stations": len(names), "repeated_frames": int(repeated.sum()),
         "missing": _counts(names, by_blocks(lambda part: np.isnan(part).any(-1).sum(0), position)),
@@ -174,7 +175,7 @@ def _positions(ds: xr.Dataset) -> dict[str, Any]:
         "station_jumps": _counts(names, single.sum(0)), "frame_jumps_s": tuple(clock[whole].tolist()),
         "noise_m": dict(zip(names, noise.tolist(), strict=True)),
         "travel_m": dict(zip(names, travel.tolist(), strict=True)),
-        "standing": _standing(names, spread, noise),
+        "standing": _standing(names, deviation, noise),
     }  # fmt: skip
     if quaternion is not None:
         found["sign_flips"] = _counts(names, detectors.sign_flips(quaternion))
@@ -196,10 +197,10 @@ def _counts(names: list[str], numbers: np.ndarray) -> dict[str, int]:
     return {name: int(n) for name, n in zip(names, numbers, strict=True) if n}
 
 
-def _standing(names: list[str], spread: np.ndarray, noise: np.ndarray) -> tuple[str, ...]:
-    largest = float(np.nanmax(spread)) if np.isfinite(spread).any() else 0.0
+def _standing(names: list[str], deviation: np.ndarray, noise: np.ndarray) -> tuple[str, ...]:
+    largest = float(np.nanmax(deviation)) if np.isfinite(deviation).any() else 0.0
     limit = np.fmax(STANDING_SHARE * largest, 3.0 * np.sqrt(3.0) * np.nan_to_num(noise))
-    return tuple(name for name, still in zip(names, spread <= limit, strict=True) if still)
+    return tuple(name for name, still in zip(names, deviation <= limit, strict=True) if still)
 
 
 def _pressure_range(ds: xr.Dataset) -> dict[str, tuple[float, float]]:

@@ -10,6 +10,8 @@ import numpy as np
 
 from pliant.errors import PliantError
 from pliant.identification import Experiment, FitResult, Parameter, fit, predict
+from pliant.identification.problem import scattered_start
+from pliant.identification.resampling import redrawn
 from pliant.model import Model
 from pliant.sweep.spec import PULSE, Sweep, fixed, generator, table
 
@@ -104,38 +106,22 @@ def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
     for sample in range(first, last):
         rng = generator(campaign.sweep.seed, sample)
         again = [
-            replace(exp, position=position + moved_blocks(exp.position - position, exp.time, campaign.sweep.block, rng))
+            replace(exp, position=redrawn(exp, position, frames_in(exp, campaign.sweep.block), rng))
             for exp, position in zip(campaign.experiments, modelled, strict=True)
         ]
         rows.append(refitted(campaign, sample, again, start))
     return stacked(rows)
 
 
-def moved_blocks(residual: Array, time: Array, block: float, rng: np.random.Generator) -> Array:
-    """Residuals (T, S, 2) put together from blocks of `block` [s] drawn from them; what was not seen stays unseen."""
-    frames = len(time)
-    length = int(np.clip(round(block / np.median(np.diff(time))), 1, frames))
-    starts = rng.integers(0, frames - length + 1, -(-frames // length))
-    index = (starts[:, None] + np.arange(length)).ravel()[:frames]
-    centred = residual - np.nanmean(residual, axis=0)
-    drawn = np.nan_to_num(centred[index], nan=0.0)
-    return np.where(np.isfinite(residual), drawn, np.nan)
+def frames_in(exp: Experiment, seconds: float) -> int:
+    """Frames of a block of some seconds, at least one and at most all of a recording."""
+    return int(np.clip(round(seconds / np.median(np.diff(exp.time))), 1, exp.time.size))
 
 
 def multi_start(campaign: Campaign, first: int, last: int) -> Arrays:
-    """Fits from starts scattered by up to half of themselves: do they end in one place?"""
+    """Fits from scattered starts, as a fit scatters its own: do they end in one place?"""
     rows = []
     for sample in range(first, last):
         rng = generator(campaign.sweep.seed, sample)
-        start = [scattered(p, rng) if p.free and p.value is not None else p for p in campaign.parameters]
-        rows.append(refitted(campaign, sample, campaign.experiments, start))
+        rows.append(refitted(campaign, sample, campaign.experiments, scattered_start(campaign.parameters, rng)))
     return stacked(rows)
-
-
-def scattered(p: Parameter, rng: np.random.Generator) -> Parameter:
-    """A parameter moved by up to half of itself, or one scale where it is zero."""
-    value = float(p.value or 0.0)
-    size = 0.5 * abs(value) or p.scale
-    if p.name.rpartition(".")[2] in ("start", "stop", "release"):  # times: moved by a scale, not by half the record
-        size = p.scale
-    return p.with_(value=float(np.clip(value + size * rng.uniform(-1, 1), p.lower, p.upper)))

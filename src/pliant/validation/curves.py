@@ -58,7 +58,7 @@ def autocorrelation(time: Array, value: Array) -> tuple[Array, Array]:
     return lags * float(np.median(np.diff(time))), correlation
 
 
-def spread(count: int, most: int = 6) -> list[int]:
+def evenly_spaced(count: int, most: int = 6) -> list[int]:
     """At most `most` of `count` indices, evenly spread, the last always among them."""
     if count <= most:
         return list(range(count))

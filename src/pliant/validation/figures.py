@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.plotting import DASHES, PAGE_WIDTH, style
-from pliant.validation.curves import autocorrelation, instants, level_of, slenderness, spread, thin
+from pliant.validation.curves import autocorrelation, evenly_spaced, instants, level_of, slenderness, thin
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome
 from pliant.validation.wording import ROLE, clip, digits, heading
 
@@ -47,7 +47,7 @@ def record_figure(record: RecordOutcome) -> Figure:
     At most six stations, evenly spread, the last one always among them.
     """
     exp = record.experiment
-    chosen = spread(len(exp.stations))
+    chosen = evenly_spaced(len(exp.stations))
     forced = exp.excitation != "release"
     heights = [1.0] * len(chosen) + [0.8] + [0.7] * forced
     with drawing():
@@ -207,7 +207,7 @@ def demo_figure(trajectory: xr.Dataset) -> Figure:
     with drawing():
         figure, axes = columns_in_time([2.6, 1.0])
         for axis, ax in enumerate(axes[0]):
-            for i, colour, dash in zip(spread(tips.shape[1]), greys, DASHES, strict=False):
+            for i, colour, dash in zip(evenly_spaced(tips.shape[1]), greys, DASHES, strict=False):
                 line: dict[str, Any] = {"color": colour, "linestyle": dash, "label": f"tip of link {i + 1}"}
                 ax.plot(*thin(time, 1e3 * tips[:, i, axis]), **line)
             ax.set_ylabel(f"{'XY'[axis]} of the link tips (mm)")
@@ -248,7 +248,7 @@ def draw_band(ax: Axes, record: RecordOutcome, station: int, axis: int) -> None:
 
 def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:
     """Residuals (T, S): the last station as a line, every other one thin and light behind it."""
-    for k, s in enumerate(spread(residual.shape[1] - 1)):
+    for k, s in enumerate(evenly_spaced(residual.shape[1] - 1)):
         label = "residual, other stations" if k == 0 else None
         ax.plot(*thin(time, residual[:, s]), color="0.7", linestyle="-", linewidth=0.6, label=label)
     ax.plot(*thin(time, residual[:, -1]), color="black", linestyle="-", linewidth=0.7, label="residual, last station")
