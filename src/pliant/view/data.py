@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pliant.identification.experiment import Experiment
-from pliant.validation.curves import autocorrelation, level_of, evenly_spaced
+from pliant.validation.curves import autocorrelation, evenly_spaced, level_of
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
 from pliant.view.packing import Pack
 
@@ -60,7 +60,7 @@ def measured_of(exp: Experiment, every: int, pack: Pack) -> dict[str, Any]:
     return {
         "stations": list(exp.stations), "shown": evenly_spaced(len(exp.stations), 3), "kind": exp.excitation,
         "time": clock(exp.time[::every], pack), "position": pack.add(1e3 * exp.position[::every]),
-        "pressures": pressures, "level": 1e-3 * exp.level if exp.excitation == "pulse" else None,
+        "pressures": pressures, "level": 1e-3 * exp.level if exp.excitation in ("pulse", "step") else None,
     }
 
 
