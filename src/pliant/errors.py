@@ -32,12 +32,26 @@ class FitError(PliantError):
 def explain_validation(error: Any, what: str) -> InputError:
     """One sentence from a pydantic ValidationError: which entry of `what` is wrong, why, and what came."""
     first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"]) or "the whole"
+    where = clipped(".".join(str(part) for part in first["loc"])) or "the whole"
     more = len(error.errors()) - 1
-    came = "" if first["type"] in {"missing", "extra_forbidden"} else f" (got {first['input']!r:.60})"
+    came = "" if first["type"] in {"missing", "extra_forbidden"} else f" (got {shown(first['input'])})"
     reason = {
         "missing": "is missing: add it",
         "extra_forbidden": "is not a known entry: remove it or correct its name",
     }.get(first["type"], first["msg"].removeprefix("Value error, ").removeprefix("Input "))
     others = f"; {more} more such problem{'s' * (more > 1)}" if more else ""
     return InputError(f"{what}: '{where}' {reason}{came}{others}")
+
+
+def clipped(text: str, most: int = 80) -> str:
+    """A text for a sentence: in one line, and no longer than one can read."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else f"{line[: most - 3]}..."
+
+
+def shown(value: Any, most: int = 60) -> str:
+    """A value for a sentence, as Python writes it; only that it is too large or deep where it cannot be written."""
+    try:
+        return clipped(repr(value), most)
+    except (RecursionError, ValueError):  # ValueError: an integer of more digits than Python writes
+        return f"a {type(value).__name__} too large to show"

@@ -1,13 +1,22 @@
-"""Files are written whole or not at all."""
+"""Files are written whole or not at all; what a person wrote is read within bounds."""
 
 from __future__ import annotations
 
+import json
 import os
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from hashlib import file_digest, sha256
 from pathlib import Path
+from typing import Any
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped
+
+DEEPEST, LONGEST_TEXT, LARGEST_FILE = 32, 4000, 20_000_000  # levels, characters, bytes
+LARGEST_NUMBER = 1e300
+SEAL = b"pliant-sha256 "
+SEAL_BYTES = len(SEAL) + 64 + 1  # the digest and a line end
 
 
 @contextmanager
@@ -24,9 +33,91 @@ def whole(path: Path) -> Iterator[Path]:
             draft.unlink(missing_ok=True)
 
 
+def seal(path: Path) -> None:
+    """Append a checksum of its content to a file whose format knows its own end, such as HDF5."""
+    with path.open("rb") as file:
+        digest = file_digest(file, "sha256").hexdigest()
+    with path.open("ab") as file:
+        file.write(SEAL + digest.encode() + b"\n")
+
+
+def is_sealed(path: Path) -> bool | None:
+    """Whether a file keeps the checksum that it ends in; None where it ends in none."""
+    with path.open("rb") as file:
+        left = max(file.seek(0, os.SEEK_END) - SEAL_BYTES, 0)
+        file.seek(left)
+        end = file.read()
+        if not end.startswith(SEAL):
+            return None
+        file.seek(0)
+        digest = sha256()
+        while left and (part := file.read(min(left, 1 << 22))):
+            digest.update(part)
+            left -= len(part)
+    return end[len(SEAL) :].strip() == digest.hexdigest().encode()
+
+
 def write_text(path: str | Path, text: str) -> Path:
     """Write a text file atomically: the old content or the new, never half of it."""
     path = Path(path)
     with whole(path) as draft:
         draft.write_text(text, encoding="utf-8")
     return path
+
+
+def read_entries(path: str | Path, what: str) -> Any:
+    """The entries of a TOML or JSON file that a person wrote: a study, a mapping, a task.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.json`` is JSON, everything else TOML.
+    what : str
+        What the file is, for messages.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, is neither, or holds what no person writes: more than 32 levels, texts of more than 4000
+        characters or with control characters, numbers beyond 1e300.
+    """
+    path = Path(path)
+    kind = "JSON" if path.suffix == ".json" else "TOML"
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{what} {path} has {path.stat().st_size} bytes: no {what} is so large")
+        text = path.read_text(encoding="utf-8")
+        content = json.loads(text) if kind == "JSON" else tomllib.loads(text)
+    except OSError as error:
+        raise InputError(f"cannot read the {what} {path}: {error.strerror or error}") from None
+    except RecursionError:
+        raise InputError(f"{what} {path} is nested deeper than {DEEPEST} levels") from None
+    except ValueError as error:  # no UTF-8, no TOML, no JSON, an integer of thousands of digits, a NUL in the path
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{what} {clipped(str(path), 200)} is not valid {kind}: {clipped(str(error), 200)}") from None
+    if problem := _problem(content):
+        raise InputError(f"{what} {path} {problem}")
+    return content
+
+
+def _problem(content: Any) -> str:
+    """What no person writes, in words; empty where there is none. Without recursion: levels are what is counted."""
+    left = [(content, 0, "the whole")]
+    while left:
+        value, depth, where = left.pop()
+        if depth > DEEPEST:
+            return f"is nested deeper than {DEEPEST} levels at '{clipped(where)}'"
+        if isinstance(value, dict):
+            left += [(text, depth, f"the name of an entry in {where}") for text in value]
+            left += [(item, depth + 1, str(name)) for name, item in value.items()]
+        elif isinstance(value, list):
+            left += [(item, depth + 1, where) for item in value]
+        elif isinstance(value, str):
+            if len(value) > LONGEST_TEXT:
+                return f"holds a text of {len(value)} characters at '{clipped(where)}': at most {LONGEST_TEXT}"
+            if any(ord(c) < 32 and c not in "\t\n\r" for c in value):
+                return f"holds a control character in the text at '{clipped(where)}'"
+        elif isinstance(value, (int, float)) and not abs(value) <= LARGEST_NUMBER:  # not a number compares false
+            return f"holds a number that is none, or too large to be used, at '{clipped(where)}'"
+    return ""

@@ -11,6 +11,7 @@ import pytest
 from pliant.actuators import chen2018
 from pliant.errors import InputError
 from pliant.model import Model, Station, Valve, load_model, save_model
+from pliant.model.model import PER_LINK
 
 
 def full(rng):
@@ -82,6 +83,34 @@ def test_a_broken_file_gets_one_sentence(tmp_path, changes, words):
         load_model(path)
     assert "\n" not in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"link_mass": [1e308] * 5}, {"link_mass": [1e30] * 5}, {"link_length": [1e-320] * 5},
+        {"stiffness": [1e300] * 5},
+        {"valve": {"natural_frequency": 5e-324}}, {"valve": {"rise_time": 1e-320}}, {"memory": {"creep_share": [1e308],
+        "creep_time": [1.0]}}, {"memory": {"creep_share": [0.1], "creep_time": [5e-324]}}, {"gravity": [0.0, 1e200]},
+        {"stations": [{"name": "a", "link": 0, "along": 1e300}]}, {"torque": [1e200]}, {"torque": [1e-7] * 50},
+        {name: [1.0] * 200 for name in PER_LINK},
+        {"inflation_limit": 5e-324}, {"rest_angle": [1e300] * 5}, {"tip_mass": 1e-320},
+    ],
+)
+def test_what_no_body_can_be_is_refused(tmp_path, changes):
+    """Each of these overflowed, divided by zero or never ended in the arithmetic behind."""
+    with pytest.raises(InputError, match=r"must have a size of|must have at most") as caught:
+        load_model(broken(tmp_path, **changes))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_what_was_written(tmp_path):
+    with pytest.raises(InputError, match="its checksum differs"):
+        load_model(broken(tmp_path, stiffness=[1.6077] * 5))
+    changed = json.loads((tmp_path / "broken.json").read_text(encoding="utf-8"))
+    del changed["checksum"]
+    (tmp_path / "broken.json").write_text(json.dumps(changed), encoding="utf-8")
+    assert load_model(tmp_path / "broken.json").stiffness[0] == 1.6077
 
 
 @pytest.mark.parametrize("cut", [0, 1, 57, -3])

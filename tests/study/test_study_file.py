@@ -11,8 +11,10 @@ import pytest
 from small_study import STUDY, changed, write_study
 
 from pliant.errors import InputError
+from pliant.recording import read
 from pliant.study import Study, load_study
 from pliant.study.prepare import hardly_moved, without
+from pliant.units import metre_per
 
 TOML = """
 name = "small"
@@ -110,6 +112,42 @@ def test_a_file_that_is_no_study_is_refused(tmp_path: Path, name: str, text: str
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=sentence):
         load_study(tmp_path / name)
+
+
+DEEP = 5000
+HOSTILE = {
+    "nested deep, TOML": ("a.toml", f"name = 'a'\nmapping.x = {'[' * DEEP}{']' * DEEP}", "levels|not valid TOML"),
+    "nested deep, JSON": ("a.json", "[" * 100_000 + "]" * 100_000, "deeper than 32 levels"),
+    "nested less deep": ("a.json", '{"name": ' + "[" * 100 + "]" * 100 + "}", "deeper than 32 levels at 'name'"),
+    "a tangent beyond numbers": ("a.toml", TOML + f"[alignment.options]\ntangent = [1{'0' * 400}, 0, 0]", "too large"),
+    "an integer of 5000 digits": ("a.json", '{"seed": 1' + "0" * 5000 + "}", "not valid JSON|too large"),
+    "a path of 5000 characters": ("a.toml", TOML.replace("a.csv", "a" * 5000), "text of 5000 characters at 'file'"),
+    "NUL in a folder": ("a.toml", TOML.replace("name =", 'folder = "a\\u0000b"\nname ='), "control character"),
+    "not a number": ("a.toml", TOML.replace("0.01", "nan"), "a number that is none"),
+    "infinite": ("a.toml", TOML.replace("0.01", "inf"), "too large"),
+    "a name of a fit without end": ("a.toml", TOML.replace("first", "f" * 5000), "text of 5000 characters"),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_what_no_person_writes_is_one_sentence(tmp_path: Path, case: str) -> None:
+    name, text, sentence = HOSTILE[case]
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=sentence) as caught:
+        load_study(tmp_path / name)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600
+
+
+def test_units_are_not_echoed_whole() -> None:
+    with pytest.raises(InputError) as caught:
+        metre_per("m" * 100_000)
+    assert len(str(caught.value)) < 200
+
+
+def test_a_file_name_that_no_disk_takes_is_one_sentence() -> None:
+    with pytest.raises(InputError, match="no recording can be read"):
+        read("a" * 3000 + ".csv")
 
 
 def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:

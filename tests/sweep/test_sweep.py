@@ -227,3 +227,19 @@ def test_missing_chunks_are_never_papered_over(tmp_path):
     kept.save(0, 0, {"x": np.arange(2.0)})
     with pytest.raises(PliantError, match="chunk 1"):
         kept.combine([(0, 2), (2, 4)])
+
+
+def test_every_bit_of_a_chunk_counts(tmp_path):
+    """A flipped bit anywhere is seen by the checksum: the chunk counts as absent, and a sweep makes it again."""
+    kept = store.Store(tmp_path, {"a": 1})
+    kept.save(0, 0, {"tip": np.arange(60.0).reshape(4, 15)})
+    data = kept.path(0).read_bytes()
+    assert kept.load(0, 0, 4) is not None
+    end = len(data) - 79  # behind it stands the checksum
+    for place in np.random.default_rng(3).integers(0, end, 60):
+        broken = bytearray(data)
+        broken[place] ^= 1 << int(place % 8)
+        kept.path(0).write_bytes(broken)
+        assert kept.load(0, 0, 4) is None, place
+    kept.path(0).write_bytes(data[:end])  # as chunks were written before they had one
+    assert kept.load(0, 0, 4) is not None

@@ -25,6 +25,8 @@ from pliant.cli.testbed import run_testbed
 from pliant.errors import PliantError
 from pliant.version import __version__
 
+INTERRUPTED = 130
+
 app = typer.Typer(
     name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False,
     help="From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.",
@@ -66,6 +68,8 @@ def run() -> None:
     except PliantError as error:
         typer.echo(f"pliant: {error}", err=True)
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit) as left:
+        if isinstance(left, SystemExit) and left.code != INTERRUPTED:  # typer turns the one into the other
+            raise
         typer.echo("pliant: interrupted; nothing half written was left behind", err=True)
-        sys.exit(130)
+        sys.exit(INTERRUPTED)

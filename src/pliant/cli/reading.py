@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json as jsonlib
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from pliant.cli.output import busy
-from pliant.errors import InputError
+from pliant.files import read_entries
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,12 +19,8 @@ def load_mapping(path: Path | None) -> dict[str, Any] | None:
     """The mapping that a TOML file holds; None without a file."""
     if path is None:
         return None
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read the mapping {path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"mapping {path} is not valid TOML: {error}") from None
+    entries: dict[str, Any] = read_entries(path, "mapping")
+    return entries
 
 
 def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:

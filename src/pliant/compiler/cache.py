@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from time import monotonic, sleep, time
 from typing import IO, Any
+from warnings import warn
 
 import llvmlite
 import numba
@@ -110,10 +111,15 @@ def fields(kind: Any) -> Any:
 def kept(function: Any, **options: Any) -> Any:
     """`function` compiled by Numba (nopython, fastmath off) when it is first called, or taken from the shared cache.
 
-    Where several processes ask for one kernel at once, one compiles it and the others wait for it.
+    Where several processes ask for one kernel at once, one compiles it and the others wait for it. Where nothing can be
+    written, it is compiled anew in every process, which is told once.
     """
     made = njit(**options)(function)
-    made._cache = KernelCache(made.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
+    try:
+        made._cache = KernelCache(made.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
+    except RuntimeError:  # no folder takes a file: neither the shared one, nor those that Numba tries
+        tell_uncached()
+        return made
     compile_now, lock = made.compile, made._cache.index.with_suffix(".lock")  # noqa: SLF001
 
     def compile_alone(signature: Any) -> Any:
@@ -129,6 +135,16 @@ def kept(function: Any, **options: Any) -> Any:
 
     made.compile = compile_alone
     return made
+
+
+@cache
+def tell_uncached() -> None:
+    """Warn, once, that nothing can be kept."""
+    warn(
+        "no folder takes compiled kernels, so each start compiles them again, which takes seconds: let the environment "
+        "variable NUMBA_CACHE_DIR name a folder that can be written",
+        RuntimeWarning, stacklevel=2,
+    )
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
@@ -95,6 +96,7 @@ class ModelFile(BaseModel):
     inflation_time: float = 0.1
     stations: list[StationEntry] = []
     source: dict[str, str] = {}
+    checksum: str = ""
 
     @field_validator("units")
     @classmethod
@@ -119,14 +121,21 @@ def model_to_dict(model: Model) -> dict[str, Any]:
 
 
 def save_model(model: Model, path: str | Path) -> Path:
-    """Write `model` as JSON to `path`, atomically; `load_model` gives back an equal model.
+    """Write `model` as JSON to `path`, atomically, with a checksum; `load_model` gives back an equal model.
 
     Raises
     ------
     InputError
         When the file cannot be written.
     """
-    return write_text(path, json.dumps(model_to_dict(model), indent=1) + "\n")
+    content = model_to_dict(model)
+    return write_text(path, json.dumps(content | {"checksum": checksum_of(content)}, indent=1) + "\n")
+
+
+def checksum_of(content: dict[str, Any]) -> str:
+    """SHA-256 of a model file's entries but the checksum itself, whatever their order and layout."""
+    entries = {name: value for name, value in content.items() if name != "checksum"}
+    return sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 
 def load_model(path: str | Path) -> Model:
@@ -140,18 +149,26 @@ def load_model(path: str | Path) -> Model:
     Raises
     ------
     InputError
-        When the file is absent, not JSON, of another schema, or holds a non-physical number.
+        When the file is absent, not JSON, of another schema, holds a non-physical number, or is not what was written:
+        its checksum differs. A file without one is taken as it is.
     """
     path = Path(path)
     try:
-        entries = ModelFile.model_validate_json(path.read_bytes())
+        text = path.read_bytes()
+        entries = ModelFile.model_validate_json(text)
     except OSError as error:
         raise InputError(f"cannot read the model file {path}: {error.strerror or error}") from None
     except ValidationError as error:
         raise explain_validation(error, f"model file {path}") from None
-    values = entries.model_dump(exclude={"schema_name", "schema_version", "units"})
+    values = entries.model_dump(exclude={"schema_name", "schema_version", "units", "checksum"})
     values["stations"] = tuple(Station(**s) for s in values["stations"])
     try:
-        return Model(**{**values, "valve": Valve(**values["valve"]), "memory": Memory(**values["memory"])})
+        model = Model(**{**values, "valve": Valve(**values["valve"]), "memory": Memory(**values["memory"])})
     except InputError as error:
         raise InputError(f"model file {path}: {error}") from None
+    if entries.checksum and entries.checksum != checksum_of(json.loads(text)):
+        raise InputError(
+            f"model file {path} is not what was written: its checksum differs. Copy it again; or, if you changed it on "
+            "purpose, remove its entry 'checksum'"
+        )
+    return model

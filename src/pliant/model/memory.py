@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.equations import symbols
 from pliant.errors import InputError
+from pliant.model.limits import MOST_TERMS, check_limit
 
 PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"))
 
@@ -50,6 +51,8 @@ class Memory:
             value = getattr(self, field.name)
             row = field.type.startswith("tuple")
             object.__setattr__(self, field.name, checked(field.name, value, row))
+        if (most := max(len(self.creep_share), len(self.slip_share))) > MOST_TERMS:
+            raise InputError(f"memory has at most {MOST_TERMS} branches of a kind, got {most}")
         for shares, others in PAIRS:
             row, other = getattr(self, shares), getattr(self, others)
             if len(row) != len(other):
@@ -64,6 +67,10 @@ class Memory:
             )
         if self.boucwen_exponent < 1:
             raise InputError(f"memory boucwen_exponent must be at least 1, got {self.boucwen_exponent}")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            for number in value if isinstance(value, tuple) else (value,):
+                check_limit("memory", field.name, number)
 
     def __bool__(self) -> bool:
         """Whether there is any branch."""

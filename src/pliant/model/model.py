@@ -13,6 +13,7 @@ from pliant.display import Card, Shown
 from pliant.equations import inertia, section
 from pliant.equations.symbols import Body, Joints
 from pliant.errors import InputError
+from pliant.model.limits import LIMITS, MOST_LINKS, MOST_STATIONS, MOST_TERMS, check_limit
 from pliant.model.memory import Memory
 from pliant.model.summary import model_card
 from pliant.model.valve import Valve
@@ -20,6 +21,9 @@ from pliant.model.valve import Valve
 Array = np.ndarray
 PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", "joint_gain", "stiffening")
 ARRAYS = (*PER_LINK, "torque", "gravity")
+POSITIVE = ("link_length", "stiffness", "swell_time", "inflation_time")
+NOT_NEGATIVE = ("link_mass", "damping", "tip_mass", "base_length", "swell_share", "inflation_limit")
+OF_ANY_SIGN = ("rest_angle", "joint_gain", "stiffening", "torque", "gravity", "base_angle")
 SCALARS = (
     "tip_mass", "base_length", "base_angle", "swell_share", "swell_time", "inflation_limit", "inflation_time"
 )
@@ -228,31 +232,47 @@ def station_of(entry: Any) -> Station:
 
 def check_physical(model: Model) -> None:
     """Raise InputError when a parameter of `model` is not finite or not physical; a fit asks thousands of times."""
-    positive = ("link_length", "stiffness", "swell_time", "inflation_time")
-    not_negative = ("link_mass", "damping", "tip_mass", "base_length", "swell_share", "inflation_limit")
-    for name in (*positive, *not_negative, "rest_angle", "joint_gain", "stiffening", "torque", "gravity", "base_angle"):
+    for name in (*POSITIVE, *NOT_NEGATIVE, *OF_ANY_SIGN):
         value = getattr(model, name)
         least, most = (value.min(initial=inf), value.max(initial=-inf)) if name in ARRAYS else (value, value)
         if not (-inf < least and most < inf):  # not a number compares false
             raise InputError(f"model {name} must be finite, got {value}")
-        if least <= 0 and name in positive:
+        if least <= 0 and name in POSITIVE:
             raise InputError(f"model {name} must be positive, got {value}")
-        if least < 0 and name in not_negative:
+        if least < 0 and name in NOT_NEGATIVE:
             raise InputError(f"model {name} must not be negative, got {value}")
-    names = [s.name for s in model.stations]
-    lost = [s for s in model.stations if not (-1 <= s.link < model.n and isfinite(s.along) and isfinite(s.across))]
+        if least < LIMITS[name].least or max(most, -least) > LIMITS[name].most:
+            check_limit("model", name, least)
+            check_limit("model", name, most)
+    check_limit("model", "link_mass", model.link_mass.min(initial=1.0, where=model.link_mass > 0))
+    check_stations(model)
     choices = (  # sentences are filled in for what is wrong alone
         (model.mass_at in ("rod", "tip"), "mass_at must be 'rod' or 'tip', got {0.mass_at!r}"),
         (model.bend_sign in (1, -1), "bend_sign must be 1 or -1, got {0.bend_sign!r}"),
         (model.gravity.size == 2, "gravity must be two numbers (x, y in the base frame), got {0.gravity.size}"),
         (model.swell_share <= 1, "swell_share must be at most 1, the whole of it, got {0.swell_share}"),
+        (model.n <= MOST_LINKS, f"must have at most {MOST_LINKS} links, got {{0.n}}"),
+        (model.torque.size <= MOST_TERMS, f"torque must have at most {MOST_TERMS} numbers, got {{0.torque.size}}"),
         (model.torque.size > 0, "torque must have at least one coefficient (N m/Pa); the paper's is A d"),
-        (len(set(names)) == len(names), "station names must differ from each other, got {1}"),
         (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass > 0,
          "link_mass must be positive for every link, got {0.link_mass}"),
-        (not lost, "station {2.name!r} must sit on a link 0..{3} or the base (-1), got {2}"),
     )
     for good, sentence in choices:
         if not good:
-            told = sentence.format(model, ", ".join(names), lost[0] if lost else None, model.n - 1)
-            raise InputError(f"model {told}")
+            raise InputError(f"model {sentence.format(model)}")
+
+
+def check_stations(model: Model) -> None:
+    """Raise InputError when an observed point does not sit on the body, or is called like another."""
+    names = [s.name for s in model.stations]
+    if len(names) > MOST_STATIONS:
+        raise InputError(f"model must have at most {MOST_STATIONS} stations, got {len(names)}")
+    if len(set(names)) < len(names):
+        raise InputError(f"model station names must differ from each other, got {', '.join(names):.200}")
+    for station in model.stations:
+        if not (-1 <= station.link < model.n and isfinite(station.along) and isfinite(station.across)):
+            raise InputError(
+                f"model station {station.name!r} must sit on a link 0..{model.n - 1} or the base (-1), got {station}"
+            )
+        check_limit("model", "station along", station.along)
+        check_limit("model", "station across", station.across)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.model.limits import check_limit
 
 
 @dataclass(frozen=True)
@@ -50,11 +51,14 @@ class Valve:
             value = getattr(self, field.name)
             if not np.isfinite(value) or value < 0:
                 raise InputError(f"valve {field.name} must be finite and not negative, got {value}")
+            if field.name not in ("settle_share", "settle_time"):
+                check_limit("valve", field.name, value)
         if self.settle_share > 1 or not self.settle_time > 0:
             raise InputError(
                 f"valve settle_share must be at most 1 and settle_time positive, got {self.settle_share} and "
                 f"{self.settle_time}"
             )
+        check_limit("valve", "settle_time", self.settle_time)
         first = self.rise_time or self.fall_time or self.rise_rate or self.fall_rate
         if self.natural_frequency and first:
             raise InputError("a valve has rise_time and fall_time, or natural_frequency: set one kind, not both")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, shown
 from pliant.preprocessing import detectors
 from pliant.preprocessing.rotations import mean_rotation, to_matrix
 
@@ -23,10 +23,11 @@ def unit_vector(value: ArrayLike, what: str) -> NDArray:
     """Unit vector of three finite numbers; InputError names `what` when it is none."""
     try:
         vector = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} must be three numbers, not {value!r}") from None
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not np.linalg.norm(vector) > 0:
-        raise InputError(f"{what} must be three finite numbers that are not all zero, not {value!r}")
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{what} must be three numbers, not {shown(value)}") from None
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not np.abs(vector).max() > 0:
+        raise InputError(f"{what} must be three finite numbers that are not all zero, not {shown(value)}")
+    vector = vector / np.abs(vector).max()  # the square of 1e200 is infinite
     return vector / np.linalg.norm(vector)
 
 

@@ -6,14 +6,13 @@ What pliant writes ends in a checksum of its own bytes. A file without one is re
 from __future__ import annotations
 
 import json
-from hashlib import file_digest, sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
-from pliant.files import whole
+from pliant.files import is_sealed, seal, whole
 from pliant.recording.apart import read_apart
 from pliant.recording.registry import Reader
 from pliant.recording.schema import COORDINATES, VARIABLES, check_recording
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-MARK = b"pliant-sha256"
-TRAILER = len(MARK) + 1 + 64 + 1  # bytes behind the content: mark, blank, digest, line end
-CHUNK = 1 << 22
 BROKEN_FILE = (OSError, ValueError, KeyError, RuntimeError, TypeError, AttributeError, IndexError,
                NotImplementedError, OverflowError, MemoryError)  # fmt: skip
 
@@ -35,28 +31,14 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
         raise InputError(f"a netCDF recording describes itself: no mapping is needed for {path.name}")
     with path.open("rb") as file:
         classic = file.read(3) == b"CDF"
-    loaded = _own(path) if _is_whole(path) else _foreign("classic" if classic else "hdf5", path)
+    kept = is_sealed(path)
+    if kept is False:
+        raise InputError(f"{path.name} is damaged: its content has another checksum than it was written with")
+    loaded = _own(path) if kept else _foreign("classic" if classic else "hdf5", path)
     if loaded.attrs.get("schema") is None:
         names = ", ".join(map(str, loaded.variables)) or "nothing"
         raise InputError(f"{path.name} is netCDF, but no pliant recording; it holds {names}")
     return _in_memory(loaded)
-
-
-def _is_whole(path: Path) -> bool:
-    """Whether the file ends in our checksum and keeps it; refused where it ends in one and does not."""
-    with path.open("rb") as file:
-        size = file.seek(0, 2)
-        file.seek(max(size - TRAILER, 0))
-        mark, _, stated = file.read().partition(b" ")
-        if mark != MARK:
-            return False
-        file.seek(0)
-        digest = sha256()
-        for start in range(0, size - TRAILER, CHUNK):
-            digest.update(file.read(min(CHUNK, size - TRAILER - start)))
-    if digest.hexdigest().encode() != stated.strip():
-        raise InputError(f"{path.name} is damaged: its content has another checksum than it was written with")
-    return True
 
 
 def _own(path: Path) -> xr.Dataset:
@@ -113,10 +95,7 @@ def write_netcdf(ds: xr.Dataset, path: Path, *, float32: bool = False, compress:
             plain.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
         except (ValueError, TypeError, NotImplementedError) as error:
             raise InputError(f"cannot write {path.name} as netCDF: {error}") from None
-        with temporary.open("rb") as file:
-            digest = file_digest(file, "sha256").hexdigest()
-        with temporary.open("ab") as file:  # HDF5 knows where its own content ends
-            file.write(MARK + b" " + digest.encode() + b"\n")
+        seal(temporary)
 
 
 def _storable(value: Any) -> Any:

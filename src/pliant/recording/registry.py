@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped
 from pliant.plugins import offered
 from pliant.recording.schema import check_recording
 
@@ -91,7 +91,12 @@ def read_recording(
         When the file is absent, of no known format, damaged, or does not fit the mapping.
     """
     path = Path(path)
-    if not path.is_file():
+    try:
+        there = path.is_file()
+    except OSError as error:  # such as a name too long
+        where = clipped(str(path), 200)
+        raise InputError(f"no recording can be read from {where}: {error.strerror or error}") from None
+    if not there:
         what = "a folder" if path.is_dir() else "absent"
         raise InputError(f"no recording can be read from {path}: it is {what}")
     if mapping is not None and not hasattr(mapping, "items"):

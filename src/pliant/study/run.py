@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.files import write_text
+from pliant.files import whole, write_text
 from pliant.identification import (
     MORE_RUNGS,
     RUNGS,
@@ -243,15 +243,17 @@ def edge_values(names: Sequence[str], template: Experiment) -> dict[str, float]:
 
 
 def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:
-    """Write model, resolved study, results and report, then metrics.json as the last and telling file."""
+    """Write resolved study, results and report, then metrics and model together: no model without its metrics."""
     from pliant.view.report import write_report  # loaded when something is written
 
-    save_model(outcome.model, folder / "model.json")
     resolved: dict[str, Any] = study.model_dump(exclude_none=True)
     write_text(folder / "study.json", json.dumps(resolved, indent=1) + "\n")
     outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
     report = write_report(outcome, folder)
     outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
-    write_text(folder / "metrics.json", json.dumps(outcome.to_dict(), indent=1, allow_nan=False) + "\n")
+    metrics = json.dumps(outcome.to_dict(), indent=1, allow_nan=False) + "\n"
+    with whole(folder / "model.json") as model, whole(folder / "metrics.json") as draft:  # the inner one is first
+        save_model(outcome.model, model)
+        draft.write_text(metrics, encoding="utf-8")
     tell(f"wrote {report}")
     return outcome

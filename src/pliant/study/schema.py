@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -12,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pliant.errors import InputError, explain_validation
+from pliant.files import read_entries
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.forces import PointForce
@@ -205,13 +204,7 @@ def load_study(path: str | Path) -> Study:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
-        content = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except OSError as error:
-        raise InputError(f"cannot read the study {path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"study {path} is not valid {'JSON' if path.suffix == '.json' else 'TOML'}: {error}") from None
-    try:
+        content = read_entries(path, "study")
         refuse_open(content, path)
         study = Study.model_validate(written_out(content, path))
     except ValidationError as error:

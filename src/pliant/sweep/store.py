@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError, PliantError
-from pliant.files import whole, write_text
+from pliant.files import SEAL, is_sealed, whole, write_text
 from pliant.version import __version__
 
 Array = np.ndarray
@@ -37,6 +37,7 @@ def write_dataset(ds: xr.Dataset, path: Path) -> None:
     try:
         with whole(path) as draft, draft.open("wb") as file:
             file.write(content.getbuffer())
+            file.write(SEAL + hashlib.sha256(content.getbuffer()).hexdigest().encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
     except InputError as error:
@@ -102,8 +103,10 @@ class Store:
         write_dataset(ds, self.path(chunk))
 
     def load(self, chunk: int, first: int, last: int) -> xr.Dataset | None:
-        """A chunk that is there, whole and of this campaign; None otherwise."""
+        """A chunk that is there, whole by its checksum where it has one, and of this campaign; None otherwise."""
         try:
+            if is_sealed(self.path(chunk)) is False:
+                return None
             with xr.open_dataset(self.path(chunk), engine="h5netcdf") as opened:
                 ds = opened.load()
         except (OSError, ValueError, KeyError, RuntimeError):

@@ -1,0 +1,86 @@
+"""What a soft body can be, generously: the bounds of every number of a model, in one table.
+
+Beyond them stands a wrong unit or a damaged file, and arithmetic that overflows, divides by zero or never ends. Each is
+at least a factor of a thousand from anything that was built.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from pliant.errors import InputError
+
+MOST_LINKS = 128  # beyond, compiling and stepping take minutes, and a chain is no reduced model
+MOST_TERMS = 16  # of the torque law, and branches of each kind of memory
+MOST_STATIONS = 4096
+
+
+class Limit(NamedTuple):
+    """Least and largest size of a number, its unit, and whether 0 is one too where the least is not."""
+
+    least: float
+    most: float
+    unit: str
+    zero: bool = False
+
+
+LIMITS = {
+    "link_length": Limit(1e-6, 1e3, "m"),
+    "link_mass": Limit(1e-12, 1e5, "kg", zero=True),
+    "tip_mass": Limit(1e-12, 1e5, "kg", zero=True),
+    "base_length": Limit(0.0, 1e3, "m"),
+    "stiffness": Limit(1e-12, 1e9, "N m/rad"),
+    "damping": Limit(0.0, 1e9, "N m s/rad"),
+    "stiffening": Limit(0.0, 1e6, "1/rad"),
+    "rest_angle": Limit(0.0, 1e3, "rad"),
+    "base_angle": Limit(0.0, 1e3, "rad"),
+    "joint_gain": Limit(0.0, 1e6, ""),
+    "torque": Limit(0.0, 1e3, "N m/Pa^k"),
+    "gravity": Limit(0.0, 1e4, "m/s^2"),
+    "swell_share": Limit(0.0, 1.0, ""),
+    "swell_time": Limit(1e-6, 1e9, "s"),
+    "inflation_limit": Limit(1.0, 1e12, "Pa", zero=True),
+    "inflation_time": Limit(1e-6, 1e9, "s"),
+    "station along": Limit(0.0, 1e3, "m"),
+    "station across": Limit(0.0, 1e3, "m"),
+    "rise_time": Limit(1e-9, 1e6, "s", zero=True),
+    "fall_time": Limit(1e-9, 1e6, "s", zero=True),
+    "dead_time": Limit(0.0, 1e6, "s"),
+    "natural_frequency": Limit(1e-6, 1e6, "Hz", zero=True),
+    "damping_ratio": Limit(0.0, 1e4, ""),
+    "rise_rate": Limit(1e-3, 1e15, "Pa/s", zero=True),
+    "fall_rate": Limit(1e-3, 1e15, "Pa/s", zero=True),
+    "settle_share": Limit(0.0, 1.0, ""),
+    "settle_time": Limit(1e-6, 1e6, "s"),
+    "creep_share": Limit(0.0, 1e6, ""),
+    "creep_time": Limit(1e-6, 1e12, "s"),
+    "slip_share": Limit(0.0, 1e6, ""),
+    "slip_angle": Limit(1e-9, 1e3, "rad"),
+    "boucwen_share": Limit(0.0, 1e6, ""),
+    "boucwen_beta": Limit(0.0, 1e9, "1/rad^n"),
+    "boucwen_gamma": Limit(0.0, 1e9, "1/rad^n"),
+    "boucwen_exponent": Limit(1.0, 50.0, ""),
+}
+
+
+def check_limit(what: str, name: str, value: float) -> None:
+    """Raise InputError when a number of the model is larger, or nearer to 0, than any body's.
+
+    Parameters
+    ----------
+    what : str
+        Where it stands, for the sentence: "model", "valve", "memory".
+    name : str
+        Its entry in `LIMITS`.
+    value : float
+        Finite; its sign is checked where the sign matters.
+    """
+    limit, size = LIMITS[name], abs(value)
+    if limit.least <= size <= limit.most or (size == 0.0 and limit.zero):
+        return
+    zero = ", or be 0" if limit.zero else ""
+    unit = f" {limit.unit}" if limit.unit else ""
+    raise InputError(
+        f"{what} {name} must have a size of {limit.least:g} to {limit.most:g}{unit}{zero}, got {value:g}: check its "
+        "unit"
+    )
