@@ -181,3 +181,26 @@ def test_a_kernel_has_one_twin_whoever_calls_it():
             for kernel in reached(entry):
                 made.setdefault((kernel.__module__, kernel.__qualname__), set()).add(id(make(kernel, links)))
         assert all(len(twins) == 1 for twins in made.values())
+
+
+READ_ONLY = """
+import tempfile, warnings
+
+def refuse(*_, **__):
+    raise OSError(30, "Read-only file system")
+
+tempfile.TemporaryFile = refuse  # by which every folder for a cache is tried
+import pliant
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    model = pliant.chain_model(length=0.1, mass=0.02, links=1, stiffness=0.5, damping=1e-3, torque=[1e-6])
+    for stiffness in (0.5, 0.6):
+        pliant.simulate(model.with_(stiffness=stiffness), pliant.step(1e4), duration=0.02)
+print([str(w.message) for w in caught])
+"""
+
+
+def test_where_nothing_can_be_written_it_compiles_and_says_so_once():
+    done = subprocess.run([sys.executable, "-c", READ_ONLY], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout.count("no folder takes compiled kernels") == 1

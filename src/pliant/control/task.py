@@ -16,6 +16,7 @@ from pliant.control.lqr import Tuning
 from pliant.control.registry import controller_kind
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError, explain_validation
+from pliant.files import read_entries
 
 EXAMPLE = """\
 # set-points of the tip, and what may be asked of the valve
@@ -167,10 +168,7 @@ def read_task(path: str | Path | None) -> TaskFile:
     InputError
         When the file cannot be read, or an entry is unknown, missing or wrong.
     """
-    try:
-        content = tomllib.loads(EXAMPLE if path is None else Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"cannot read the task {path}: {error}") from None
+    content = tomllib.loads(EXAMPLE) if path is None else read_entries(path, "task")
     try:
         return TaskFile.model_validate(content)
     except ValidationError as error:
