@@ -216,3 +216,38 @@ def recording_overview(ds: Any, *, most: int = 5) -> Figure:
         panels[-1, 0].set_xlabel("time (s)")
         figure.align_ylabels()
     return figure
+
+
+def clock_figure(time: ArrayLike, motion: ArrayLike, clock: ArrayLike, pressure: ArrayLike, delay: float,
+                 drift: float = 0.0, title: str = "") -> Figure:
+    """Motion and pressure over each other, the pressure as logged and as moved: the whole record, and one edge close.
+
+    Parameters
+    ----------
+    time, motion : (T,) arrays
+        s, and the main course of the shape in any unit.
+    clock, pressure : (P,) arrays
+        s on the log's own clock, and the pressure in any unit.
+    delay, drift : float
+        The log's times become ``clock * (1 + drift) + delay``.
+    """
+    t, y, c, p = (np.asarray(a, dtype=float) for a in (time, motion, clock, pressure))
+    moved = c * (1.0 + drift) + delay
+    at = np.interp(t, moved, p)
+    y = y * (np.sign((y - y.mean()) @ (at - at.mean())) or 1.0)
+    y, p = ((v - v.min()) / max(float(np.ptp(v)), 1e-300) for v in (y, p))
+    window = 0.1
+    rise = np.abs(np.interp(moved + window, moved, p) - p) * ((moved > t[0]) & (moved < t[-1]))
+    edge = float(moved[np.argmax(rise)])
+    with style():
+        figure, (whole, close) = new_figure(1, 2, height=2.4, width_ratios=[3, 2])
+        for ax in (whole, close):
+            ax.plot(t, y, color="0.6", linestyle="-", linewidth=2.2, label="motion")
+            ax.plot(moved, p, color="black", linestyle="-", linewidth=0.9, label="pressure, moved")
+            ax.plot(c, p, color="0.35", linestyle=":", linewidth=0.9, label="pressure, as logged")
+            ax.set(xlabel="time on the shape's clock (s)", yticks=[0, 1])
+        whole.set(ylabel="share of its range", xlim=(t[0] - 0.05 * np.ptp(t), t[-1] + 0.05 * np.ptp(t)))
+        close.set(xlim=(edge - 0.3, edge + 0.7), title="its fastest edge")
+        whole.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+        figure.suptitle(title, fontsize=9)
+    return figure

@@ -18,7 +18,7 @@ from pliant.cli import app
 from pliant.cli.new import new
 from pliant.recording.arrays import ArrayMapping
 from pliant.study import load_study
-from pliant.study.schema import Study
+from pliant.study.schema import Recording, Study
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -106,7 +106,9 @@ def test_toml_of_the_data_page_is_what_pliant_takes():
     parts = [tomllib.loads(text) for text in blocks(ROOT / "docs" / "your_own_data.md", "toml")]
     assert any("alignment" in part for part in parts)
     for part in parts:
-        if "alignment" not in part:
+        for entry in part.get("recordings", {}).values():
+            Recording.model_validate(entry)
+        if not {"alignment", "recordings"} & set(part):
             ArrayMapping.model_validate(part)
 
 

@@ -103,15 +103,15 @@ def test_a_logged_arm_shows_its_traps(shared_data):
 def test_the_arm_without_pressure_does_not_move(shared_data):
     ds = read(shared_data / "planar_two_segment_arm" / "jan10-1_no_pressure_1.txt", mapping=ARM)
     assert "no station moves beyond its noise" in quality(ds).findings
-    with pytest.raises(InputError, match="agree at no delay"):
+    with pytest.raises(InputError, match="agree at no offset"):
         sync(ds)
 
 
-def test_an_over_damped_arm_lags_its_pressure(shared_data):
+def test_the_lag_of_an_over_damped_arm_is_not_taken_for_an_offset(shared_data):
     ds = read(shared_data / "planar_two_segment_arm" / "jan10-4_steps_chamber1_2.txt", mapping=ARM)
     found = sync(ds)
-    assert 0.4 < found.delay_s < 1.0
-    assert found.correlation > 0.95
+    assert abs(found.delay_s) < 0.1  # one logger wrote both: what lags is the arm
+    assert found.explained > 0.9
 
 
 def test_trials_of_one_table_are_selected_and_judged(shared_data):

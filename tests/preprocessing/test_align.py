@@ -128,6 +128,19 @@ def test_the_rest_window_is_the_still_stretch_before_the_motion():
     assert 0.85 < end < 1.0
 
 
+def test_a_pressure_that_rises_after_the_body_moved_says_nothing_of_rest():
+    """The log's clock is 0.7 s late: before its rise the body has moved already."""
+    late = tracked(Rotation.identity(), pressure=np.where(TIME > 1.7, 1e5, 0.0))
+    assert rest_window(late)[1] < 1.0
+    assert "the body moves before the pressure does" in align(late).attrs["history"]
+    right = tracked(Rotation.identity(), pressure=np.where(TIME > 0.995, 1e5, 0.0))
+    assert rest_window(right) == (0.0, pytest.approx(0.99))
+    assert "the body moves before" not in align(right).attrs["history"]
+    spiky = right.copy(deep=True)
+    spiky["position"].values[30, 5] += 0.2  # one bad frame is no motion
+    assert rest_window(spiky)[1] == pytest.approx(0.99)
+
+
 def test_a_body_that_never_rests_asks_for_a_window():
     position = 0.1 * np.sin(6 * TIME[:, None, None] + np.arange(9).reshape(3, 3))
     with pytest.raises(InputError, match="never at rest"):

@@ -147,3 +147,16 @@ def test_a_body_that_lengthens_is_told_and_one_that_only_bends_is_not(growth: fl
     assert found["extension_percent"] == pytest.approx(100 * growth, rel=0.08, abs=0.02)  # over the last of its travel
     assert found["extension_mm"] == pytest.approx(2 * found["extension_percent"], rel=1e-2, abs=0.02)
     assert extension(pulse())["extension_mm"] is None  # one point: its tilt would pass for growth
+
+
+def test_a_pressure_on_its_own_clock_is_judged_on_that_of_the_shape() -> None:
+    """The log is 0.7 s late: read as it stands, its plateau would lie in the ring-down."""
+    late = Trace(np.array([0.0, START, START + 0.005, STOP, STOP + 0.005, 4.0]) + 0.7, [0, 0, 2e4, 2e4, 0, 0])
+    exp = pulse(excitation="trace", pressure=late, level=0.0)
+    right = compare(exp.synchronised({"start": -0.7}), exp.position, 0.1)
+    assert right["steady_state_mm"]["measured"] == pytest.approx(20, rel=1e-2)
+    assert right["overshoot_percent"]["measured"] == pytest.approx(82.8, rel=4e-2)
+    own = exp.synchronised({"start": 5.0, "p.start": -0.7})  # its own value overrules the shared one
+    assert compare(own, exp.position, 0.1) == right
+    assert compare(pulse(excitation="trace", pressure=late, level=0.0, known={"start": -0.7}).synchronised({}),
+                   exp.position, 0.1) == right  # fmt: skip

@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.identification.edges import edges
 from pliant.identification.forces import PointForce, checked
 from pliant.identification.forward_model import moved, set_up
-from pliant.identification.parameters import Parameter
+from pliant.identification.parameters import Parameter, for_record
 from pliant.model import Model
 from pliant.recording.schema import check_recording
 from pliant.simulation import Trace
@@ -124,6 +124,13 @@ class Experiment(Shown):
     def last_station(self) -> Array:
         """Positions (T, 2) of the last station, m."""
         return self.position[:, -1]
+
+    def synchronised(self, values: Mapping[str, float]) -> Experiment:
+        """The experiment with its measured pressure on the clock of the shape, as the parameter ``start`` has it."""
+        start = {**for_record(values, self.name), **self.known}.get("start", 0.0)
+        if self.pressure is None or start == 0.0:
+            return self
+        return replace(self, pressure=Trace(self.pressure.time + start, self.pressure.pressure))
 
     @property
     def own_parameters(self) -> tuple[str, ...]:

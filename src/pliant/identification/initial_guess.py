@@ -152,7 +152,7 @@ def estimate(
     """
     values = {p.name: p.value for p in parameters if p.value is not None}
     wanted = {shared_name(p.name) for p in parameters if p.value is None}
-    base = apply(model, values)
+    base, experiments = apply(model, values), [e.synchronised(values) for e in experiments]
     found = DEFAULTS | {
         "gain": float(model.joint_gain.mean()), "mass": float(model.link_mass.sum()),
         "gravity_angle": float(np.arctan2(-model.gravity[0], model.gravity[1])),

@@ -14,7 +14,7 @@ from pliant.preprocessing.alignment import Alignment, alignment_of
 from pliant.preprocessing.base import base_rotation_at_rest, base_tangent, bending_normal, still_noise
 from pliant.preprocessing.detectors import BLOCK_FRAMES, by_blocks, mean_place, orientation_jumps, seen_points
 from pliant.preprocessing.repair import undo_orientation_jumps
-from pliant.preprocessing.rest import rest_window
+from pliant.preprocessing.rest import clock_finding, rest_window
 from pliant.preprocessing.rotations import angle_about, mean_rotation, to_matrix
 from pliant.recording import append_history, check_recording, make_recording
 
@@ -283,6 +283,7 @@ def _planar(
     rest = f"rest {report.rest_s[0]:.3g} to {report.rest_s[1]:.3g} s, bending sign {report.bend_sign:+d}"
     out = f"{1e3 * report.out_of_plane_rms_m:.3g} mm rms ({100 * report.out_of_plane_share:.2g} % of the motion)"
     lines = [f"aligned: {frame}, {rest}", f"out of plane {out}, left out"]
+    lines += clock_finding(ds)
     if report.flatness > VAGUE_PLANE:
         lines.append(f"the plane is vague: the motion across it is {100 * report.flatness:.0f} % of that in it")
     if report.base_travel_m > 0:

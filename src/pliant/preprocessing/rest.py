@@ -20,13 +20,15 @@ EARLY_SHARE = 0.1  # of it: what a body at rest may drift before the still stret
 LEAST_REST_S = 0.1
 PRESSURE_SHARE = 0.05
 FEWEST_FRAMES = 3
+STILL_FRAMES = 0.95
 
 
 def rest_window(ds: xr.Dataset) -> tuple[float, float]:
     """Find the still stretch before the first motion.
 
     Where pressure was measured, it is the time before the pressure first leaves its start by 5 % of its range, if
-    that holds three frames. Otherwise the shape decides: a frame is still when, within 0.1 s around it, every station
+    that holds three frames and the body is still in it: a pressure on another clock than the shape's may rise long
+    after the body moved. Otherwise the shape decides: a frame is still when, within 0.1 s around it, every station
     stays within 3 % of the largest travel or twenty times its noise, whichever is more. When no still stretch precedes
     the first motion, the longest one anywhere is taken.
 
@@ -43,8 +45,8 @@ def rest_window(ds: xr.Dataset) -> tuple[float, float]:
     if "position" not in ds:
         raise InputError("a rest window is found from positions, but the recording holds none")
     time, position = ds["time"].values, ds["position"].values
-    quiet = _before_pressure(ds, time)
-    if quiet is not None:
+    quiet = before_pressure(ds)
+    if quiet is not None and still_within(position, time, quiet):
         return quiet
     runs = [run for run in _runs(_still(position, time)) if time[run[1]] - time[run[0]] >= LEAST_REST_S]
     if not runs:
@@ -55,15 +57,45 @@ def rest_window(ds: xr.Dataset) -> tuple[float, float]:
     return float(time[chosen[0]]), float(time[chosen[1]])
 
 
-def _before_pressure(ds: xr.Dataset, time: NDArray) -> tuple[float, float] | None:
+def before_pressure(ds: xr.Dataset) -> tuple[float, float] | None:
     """First and last frame before a measured pressure moves; None without one, or with fewer than three frames."""
     if "pressure" not in ds:
         return None
+    time = ds["time"].values
     pressure = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
     moved = np.abs(pressure - np.nanmedian(pressure[:5], axis=0)) > PRESSURE_SHARE * np.ptp(pressure, axis=0)
     first = int(np.argmax(moved.any(axis=1))) if moved.any() else 0
     before = time[time < ds["pressure_time"].values[first]]
     return (float(before[0]), float(before[-1])) if before.size >= FEWEST_FRAMES else None
+
+
+def clock_finding(ds: xr.Dataset) -> list[str]:
+    """The sentence that a body which moves before its pressure deserves; none where it waits."""
+    window = before_pressure(ds)
+    if window is None or still_within(ds["position"].values, ds["time"].values, window):
+        return []
+    line = f"the body moves before the pressure does ({window[1]:.3g} s): their clocks differ, or a hand moved it"
+    return [f"{line}; rest is taken from the shape"]
+
+
+def still_within(position: NDArray, time: NDArray, window: tuple[float, float]) -> bool:
+    """Whether the body keeps its place in a window, but for its noise and a drift of a tenth of its travel.
+
+    One frame in twenty may be off, as spikes are.
+    """
+    part = position[(time >= window[0]) & (time <= window[1])]
+    noise, travel = (np.nan_to_num(detectors.by_blocks(f, position)) for f in (detectors.noise_level, detectors.travel))
+    limit = np.maximum(EARLY_SHARE * travel.max(initial=0.0), 20.0 * noise)
+    away = detectors.by_blocks(_away, part)
+    return bool((away <= limit).all(axis=1).mean() >= STILL_FRAMES)
+
+
+def _away(position: NDArray) -> NDArray:
+    """(T, S) distance of each station from its median place, m; 0 where it was not seen."""
+    seen = np.isfinite(position).all(axis=(-1,))
+    place = np.array([np.median(p[s], axis=0) if s.any() else np.zeros(p.shape[1])
+                      for p, s in zip(np.swapaxes(position, 0, 1), seen.T, strict=True)])
+    return np.where(seen, np.linalg.norm(position - place, axis=-1), 0.0)
 
 
 def _precedes_motion(position: NDArray, run: tuple[int, int]) -> bool:

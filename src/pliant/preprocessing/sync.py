@@ -1,236 +1,218 @@
-"""Delay between the clock of the pressure and the clock of the shape, with its uncertainty."""
+"""The clock of the pressure against that of the shape: offset and drift, with their uncertainty."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pliant.display import Card, Shown
 from pliant.errors import InputError
+from pliant.preprocessing.lag_model import Course, Fitted, body_course, fit_lag, holes, pressure_course
 from pliant.recording import append_history, check_recording
 
 if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-EDGE_TIME_S = 0.1  # an edge runs through most of its step within this time
-EDGE_SHARE = 0.3  # of the pressure's range
-ONSET_SHARE = 0.03  # of the step: where an edge, and the motion after it, begin
-SEARCH_S = 0.3  # around the coarse delay, for the onset of the motion
-SEGMENTS = 4
-LEAST_CORRELATION = 0.3
+LEAST_OVERLAP = 0.5  # of the shorter record, at every offset that is looked at
+APART_S = 0.15  # between two offsets that count as rivals
+RIVALS = 4
+LEAST_EXPLAINED = 0.5  # of the motion's variance
+AMBIGUOUS = 1.5  # how much more variance a rival must leave unexplained where both were recorded,
+ALIKE = 0.75  # unless it explains less than this share of what the best explains
+COARSE_S = 0.02
+ROUGH = 8  # evaluations of a fit that only ranks an offset
+DOUBTFUL_S = 0.02  # an uncertainty beyond this is told as a warning
+LONGEST_DRIFT = 5e-3
+DRIFT_SIGMA = 3.0  # a drift is applied only when it is that clear
 
 
-@dataclass(frozen=True)
-class Delay:
-    """How much later the shape follows the pressure.
+@dataclass(frozen=True, repr=False)
+class Delay(Shown):
+    """How the clock of the pressure goes against that of the shape: shape = pressure * (1 + drift) + delay.
 
     Attributes
     ----------
     delay_s : float
-        Time on the shape's clock minus time on the pressure's clock of the same event. The body's and the
-        valve's own lag are part of it: a recording alone cannot tell them from an offset of the clocks.
+        To be added to the pressure's times, s. The body's own lag is no part of it: it is modelled, as a second-order
+        response with slow creep, and taken out.
     uncertainty_s : float
         One standard deviation.
-    method : {"onset", "correlation"}
-    edges : int
-        Edges of the pressure that were used; 0 for the correlation.
-    correlation : float
-        Largest absolute correlation of pressure and motion over all delays.
+    drift, drift_uncertainty : float
+        Relative; 0 where drift was not looked for or is not clear.
+    explained : float
+        Share of the motion's variance that pressure and response explain.
+    frequency_hz, damping_ratio : float
+        Of that response.
+    warnings : tuple of str
+        What makes the answer doubtful, a sentence each.
     """
 
     delay_s: float
     uncertainty_s: float
-    method: str
-    edges: int
-    correlation: float
+    drift: float
+    drift_uncertainty: float
+    explained: float
+    frequency_hz: float
+    damping_ratio: float
+    warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
-        """One sentence."""
-        how = f"from {self.edges} edge(s)" if self.method == "onset" else "from the correlation"
-        return (
-            f"the shape follows the pressure by {1e3 * self.delay_s:.1f} +- {1e3 * self.uncertainty_s:.1f} ms, {how}; "
-            f"correlation {self.correlation:.2f}"
-        )
+        """One sentence, and one for each warning."""
+        drift = f", a drift of {1e6 * self.drift:+.0f} +- {1e6 * self.drift_uncertainty:.0f} ppm" if self.drift else ""
+        moved = f"{1e3 * self.delay_s:+.1f} +- {1e3 * self.uncertainty_s:.1f} ms{drift}"
+        how = f"found from pressure and motion ({100 * self.explained:.1f} % of the motion explained)"
+        return ". ".join([f"the pressure's clock is moved by {moved}, {how}", *self.warnings])
+
+    def card(self) -> Card:
+        """The summary."""
+        return Card(self.summary(), [])
 
 
-def sync(
-    ds: xr.Dataset, *, largest_s: float = 2.0, method: Literal["auto", "onset", "correlation"] = "auto"
-) -> Delay:
-    """Estimate the delay between pressure and shape.
+def sync(ds: xr.Dataset, *, largest_s: float | None = None, drift: bool = False) -> Delay:
+    """Find the offset, and where asked the drift, between the clocks of pressure and shape.
+
+    A body of second order, with gains on pressure and its square and with slow creep, is driven by the pressure; the
+    offset at which it explains the motion best is taken, refined between the frames by least squares over offset,
+    frequency and damping. Its uncertainty reckons with correlated residuals.
 
     Parameters
     ----------
     ds : xarray.Dataset
-        Recording with position and pressure.
-    largest_s : float
-        Largest delay that is looked for, of either sign.
-    method : {"auto", "onset", "correlation"}
-        ``correlation``: the delay at which pressure and motion agree best; its uncertainty is the larger of the
-        scatter over parts of the recording and the one from residual and slope. ``onset``: where the motion
-        starts after each edge of the pressure, looked for around the former delay. ``auto``: onset when there
-        are edges.
+        Recording with pressure and with position or angle.
+    largest_s : float, optional
+        Largest offset that is looked for, of either sign. Default: every offset at which half of the shorter record
+        overlaps with the other.
+    drift : bool
+        Look for a difference of rates too; it is used when it exceeds three times its uncertainty.
 
     Raises
     ------
     InputError
-        When pressure or motion is missing or constant, or when they do not agree at any delay.
+        When pressure or motion is missing or constant, when no offset explains the motion, or when two offsets explain
+        it equally well, as with a periodic pressure.
     """
     check_recording(ds)
-    if "position" not in ds or "pressure" not in ds:
-        raise InputError("a delay is found between position and pressure, but the recording lacks one of them")
-    if method not in ("auto", "onset", "correlation"):
-        raise InputError(f"method is 'auto', 'onset' or 'correlation', not {method!r}")
-    shape_time, motion = ds["time"].values, _motion(ds)
-    pressure_time, pressure = ds["pressure_time"].values, _pressure(ds)
-    coarse = _correlate(shape_time, motion, pressure_time, pressure, largest_s)
-    if method == "correlation":
-        return coarse
-    edges = _edges(pressure_time, pressure)
-    onsets = [_motion_onset(shape_time, motion, edge + coarse.delay_s) for edge in edges]
-    delays = np.array([onset - edge for onset, edge in zip(onsets, edges, strict=True) if onset is not None])
-    if delays.size == 0:
-        if method == "onset":
-            raise InputError(f"no motion starts at any of the {len(edges)} edges of the pressure: use the correlation")
-        return coarse
-    frame = float(np.median(np.diff(shape_time)))
-    scatter = float(np.std(delays, ddof=1)) if delays.size > 1 else 2.0 * frame
-    uncertainty = float(np.hypot(scatter / np.sqrt(delays.size), frame / np.sqrt(12.0)))
-    return Delay(float(np.median(delays)), uncertainty, "onset", delays.size, coarse.correlation)
+    if not ({"position", "angle"} & set(ds)) or "pressure" not in ds:
+        raise InputError("clocks are compared by motion and pressure, but the recording lacks one of them")
+    body, pressure = body_course(ds), pressure_course(ds)
+    best, rival = two_best(body, pressure, offsets(body.time, pressure.time, largest_s))
+    check_fit(best, rival, largest_s)
+    warnings = doubts(best, pressure)
+    clear = fit_lag(
+        body, pressure, best.delay, starts=((best.frequency, best.damping),), drift=True, evaluations=60
+    ) if drift else best
+    if drift and abs(clear.drift) > DRIFT_SIGMA * clear.drift_uncertainty and clear.explained >= best.explained:
+        best = clear
+        if abs(best.drift) > LONGEST_DRIFT:
+            warnings.append(f"a drift of {100 * best.drift:.2g} % is more than two clocks have: check the stated rates")
+    return Delay(best.delay, best.uncertainty, best.drift, best.drift_uncertainty if best.drift else 0.0,
+                 best.explained, best.frequency, best.damping, tuple(warnings))
 
 
-def shift_pressure(ds: xr.Dataset, delay_s: float) -> xr.Dataset:
-    """Move the clock of the pressure by `delay_s`, such as ``sync(ds).delay_s``, onto that of the shape."""
+def check_fit(best: Fitted, rival: Fitted | None, largest_s: float | None) -> None:
+    """Refuse an offset that explains nothing, lies at the end of the search or has an equal elsewhere."""
+    if best.explained < LEAST_EXPLAINED:
+        raise InputError(
+            f"pressure and motion agree at no offset of their clocks (at best {100 * max(best.explained, 0.0):.0f} % "
+            "of the motion is explained): check that they belong together, or state clock as a number of seconds"
+        )
+    if largest_s is not None and abs(best.delay) > largest_s - COARSE_S:
+        raise InputError(f"the best offset lies at the end of the search, {best.delay:.3g} s: raise largest_s")
+    if rival is not None and rival.share > ALIKE * best.share and (
+        1 - rival.explained < AMBIGUOUS * (1 - best.explained)
+    ):
+        raise InputError(
+            f"offsets of {best.delay:.3g} s and of {rival.delay:.3g} s explain the motion equally well (a periodic "
+            "pressure?): state clock as a number of seconds, or look within largest_s"
+        )
+
+
+def doubts(best: Fitted, pressure: Course) -> list[str]:
+    """Sentences about what makes an offset doubtful."""
+    said = []
+    if best.uncertainty > DOUBTFUL_S:
+        said.append(f"WARNING: the offset is known to {1e3 * best.uncertainty:.0f} ms only; pressure that changes "
+                    "fast, more than once, would tell it")  # fmt: skip
+    if best.inside < 0.98:
+        said.append(f"the log covers {100 * best.inside:.0f} % of the shape's frames")
+    if best.after_motion:
+        said.append("WARNING: the log begins with the pressure up already: its first rise is not in it")
+    if gaps := holes(pressure.time):
+        longest = max(gaps, key=lambda gap: gap[1] - gap[0])
+        said.append(f"the log has {len(gaps)} hole(s), the longest {longest[1] - longest[0]:.3g} s at {longest[0]:.3g} "
+                    "s of its clock; they were left out here, and become straight lines in a simulation")  # fmt: skip
+    return said
+
+
+def offsets(time: NDArray, clock: NDArray, largest_s: float | None) -> NDArray:
+    """Offsets to look at, s."""
+    if largest_s is not None:
+        if not (np.isfinite(largest_s) and largest_s > 0):
+            raise InputError(f"largest_s is a positive number of seconds, got {largest_s}")
+        return np.arange(-largest_s, largest_s + COARSE_S, COARSE_S)
+    overlap = LEAST_OVERLAP * min(np.ptp(time), np.ptp(clock))
+    return np.arange(time[0] - clock[-1] + overlap, time[-1] - clock[0] - overlap + COARSE_S, COARSE_S)
+
+
+def two_best(body: Course, pressure: Course, delays: NDArray) -> tuple[Fitted, Fitted | None]:
+    """The best offset, and the best one elsewhere."""
+    scores = coarse_scores(body, pressure, delays)
+    fits: list[Fitted] = []
+    for _ in range(RIVALS):
+        k = int(np.argmax(scores))
+        if scores[k] <= 0:
+            break
+        fits.append(fit_lag(body, pressure, float(delays[k]), evaluations=ROUGH))
+        scores[np.abs(delays - delays[k]) < 2 * APART_S] = 0.0
+    if not fits:
+        raise InputError("pressure and motion agree at no offset of their clocks: they hardly overlap")
+    fits.sort(key=lambda f: -f.share)
+    best = polished(body, pressure, fits[0])
+    others = [polished(body, pressure, f) for f in fits[1:]]
+    return best, next((f for f in others if abs(f.delay - best.delay) > APART_S), None)
+
+
+def polished(body: Course, pressure: Course, found: Fitted) -> Fitted:
+    """A rough fit, taken on from where it ended."""
+    if not np.isfinite(found.frequency):
+        return found
+    return fit_lag(body, pressure, found.delay, starts=((found.frequency, found.damping),), evaluations=60)
+
+
+def coarse_scores(body: Course, pressure: Course, delays: NDArray) -> NDArray:
+    """Squared correlation (D,) of motion and delayed pressure where they overlap, by Fourier transform."""
+    from scipy.signal import correlate
+
+    def sampled(course: Course) -> tuple[NDArray, NDArray]:
+        grid = np.arange(course.time[0], course.time[-1] + COARSE_S / 2, COARSE_S)
+        values = np.interp(grid, course.time, course.values[:, 0])
+        return grid, values - values.mean()
+
+    (at, y), (clock, p) = sampled(body), sampled(pressure)
+    ones = (np.ones_like(y), np.ones_like(p))
+    full = {name: correlate(a, b, method="fft") for name, (a, b) in {
+        "yp": (y, p), "y": (y, ones[1]), "p": (ones[0], p), "yy": (y**2, ones[1]), "pp": (ones[0], p**2), "n": ones,
+    }.items()}
+    n = np.maximum(full["n"], 1.0)
+    covariance = full["yp"] - full["y"] * full["p"] / n
+    spread = (full["yy"] - full["y"] ** 2 / n) * (full["pp"] - full["p"] ** 2 / n)
+    floor = 1e-6 * float((y**2).sum() * (p**2).sum())
+    score = covariance**2 / np.maximum(spread, floor)
+    score = np.where(spread > floor, score, 0.0) * np.sqrt(n / n.max())  # a short overlap agrees by chance
+    lags = (np.arange(score.size) - (p.size - 1)) * COARSE_S + at[0] - clock[0]
+    return np.asarray(np.interp(delays, lags, score, left=0.0, right=0.0))
+
+
+def shift_pressure(ds: xr.Dataset, delay_s: float, drift: float = 0.0) -> xr.Dataset:
+    """Move the clock of the pressure onto that of the shape: its times become ``t * (1 + drift) + delay_s``."""
     check_recording(ds)
-    if "pressure" not in ds or not np.isfinite(delay_s):
+    if "pressure" not in ds or not (np.isfinite(delay_s) and np.isfinite(drift)):
         raise InputError("shift_pressure needs a recording with pressure and a finite delay in seconds")
-    clock = ds["pressure_time"].copy(data=ds["pressure_time"].values + delay_s)
+    clock = ds["pressure_time"].copy(data=ds["pressure_time"].values * (1.0 + drift) + delay_s)
     shifted = ds.assign_coords(pressure_time=clock.values)
     shifted["pressure_time"].attrs = dict(ds["pressure_time"].attrs)
-    return append_history(shifted, f"clock of the pressure moved by {1e3 * delay_s:+.2f} ms")
-
-
-def _first_component(values: NDArray) -> NDArray:
-    """(T,) main common course of the columns; NaN rows stay NaN."""
-    seen = np.isfinite(values).all(1)
-    if seen.sum() < 10:
-        raise InputError("a delay needs at least ten samples of motion and of pressure")
-    centred = values - values[seen].mean(0)
-    weights = np.linalg.eigh(centred[seen].T @ centred[seen])[1][:, -1]
-    return centred @ weights
-
-
-def _motion(ds: xr.Dataset) -> NDArray:
-    position = ds["position"].values
-    course = _first_component(position.reshape(len(position), -1)[:, ~np.isnan(position).all(0).ravel()])
-    return _without_gaps(ds["time"].values, course, "motion")
-
-
-def _pressure(ds: xr.Dataset) -> NDArray:
-    values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
-    course = _first_component(values)
-    course = course * np.sign(course @ np.nan_to_num(values - np.nanmean(values, 0)).sum(1) or 1.0)
-    return _without_gaps(ds["pressure_time"].values, course, "pressure")
-
-
-def _without_gaps(time: NDArray, course: NDArray, what: str) -> NDArray:
-    """Gaps are bridged for the estimate alone; the recording keeps them."""
-    seen = np.isfinite(course)
-    course = np.interp(time, time[seen], course[seen])
-    if np.ptp(course) == 0:
-        raise InputError(f"the {what} is constant: there is nothing to find a delay from")
-    return course
-
-
-def _correlate(time: NDArray, motion: NDArray, clock: NDArray, pressure: NDArray, largest: float) -> Delay:
-    step = float(min(np.median(np.diff(time)), max(np.median(np.diff(clock)), 2e-3)))
-    delay, peak, slope = _best_delay(time, motion, clock, pressure, np.arange(-largest, largest + step, step), step)
-    if abs(peak) < LEAST_CORRELATION:
-        raise InputError(f"pressure and motion agree at no delay up to {largest:g} s (correlation {abs(peak):.2f})")
-    if abs(delay) > largest - step:
-        raise InputError(f"the best delay lies at the end of the search, {delay:.3g} s: raise largest_s")
-    near = delay + np.arange(-0.25, 0.25, step)
-    parts = []
-    for start, end in zip(*_segments(time), strict=True):
-        part = (time >= start) & (time < end)
-        if part.sum() > 20 and np.ptp(motion[part]) > 0.3 * np.ptp(motion):
-            parts.append(_best_delay(time[part], motion[part], clock, pressure, near, step)[0])
-    scatter = float(np.std(parts, ddof=1) / np.sqrt(len(parts))) if len(parts) > 1 else 0.0
-    return Delay(delay, float(max(scatter, slope, step / np.sqrt(12.0))), "correlation", 0, abs(float(peak)))
-
-
-def _segments(time: NDArray) -> tuple[NDArray, NDArray]:
-    bounds = np.linspace(time[0], time[-1], SEGMENTS + 1)
-    return bounds[:-1], bounds[1:]
-
-
-def _best_delay(
-    time: NDArray, motion: NDArray, clock: NDArray, pressure: NDArray, delays: NDArray, step: float
-) -> tuple[float, float, float]:
-    """Delay of the largest correlation between samples, that correlation, and its standard deviation."""
-    grid = np.arange(time[0], time[-1], step)
-    shape = np.interp(grid, time, motion)
-    values = np.array([_correlation(grid, shape, clock, pressure, delay) for delay in delays])
-    best = int(np.argmax(np.abs(values)))
-    delay, peak = float(delays[best]), float(values[best])
-    if 0 < best < len(delays) - 1:
-        before, after = values[best - 1], values[best + 1]
-        bend = before - 2 * peak + after
-        delay += step * 0.5 * float((before - after) / bend) if bend else 0.0
-    course = np.interp(grid - delay, clock, pressure)
-    slope = np.gradient(course, step)
-    residual = np.std(shape) * np.sqrt(max(1.0 - peak**2, 0.0))
-    gain = abs(peak) * np.std(shape) / max(np.std(course), 1e-300)
-    independent = max(time[-1] - time[0], 1.0)  # one sample a second: residuals persist
-    spread = residual / max(gain * np.sqrt(np.mean(slope**2) * independent), 1e-300)
-    return delay, peak, float(spread)
-
-
-def _correlation(grid: NDArray, shape: NDArray, clock: NDArray, pressure: NDArray, delay: float) -> float:
-    inside = (grid - delay >= clock[0]) & (grid - delay <= clock[-1])
-    if inside.sum() < 0.3 * len(grid):
-        return 0.0
-    course, motion = np.interp(grid[inside] - delay, clock, pressure), shape[inside]
-    spread = np.std(course) * np.std(motion)
-    return float(np.mean((course - course.mean()) * (motion - motion.mean())) / spread) if spread > 0 else 0.0
-
-
-def _edges(clock: NDArray, pressure: NDArray) -> list[float]:
-    """Times at which fast changes of the pressure begin."""
-    level = (pressure - pressure.min()) / np.ptp(pressure)
-    ahead = np.interp(clock + EDGE_TIME_S, clock, level) - level
-    fast = np.abs(ahead) > EDGE_SHARE
-    starts = np.flatnonzero(fast & ~np.concatenate([[False], fast[:-1]]))
-    edges = []
-    for start in starts:
-        window = (clock >= clock[start]) & (clock <= clock[start] + 2 * EDGE_TIME_S)
-        before = level[start]
-        step = level[window][-1] - before
-        onset = _crossing(clock[window], (level[window] - before) / step, ONSET_SHARE) if abs(step) > 0.2 else None
-        if onset is not None:
-            edges.append(onset)
-    return edges
-
-
-def _motion_onset(time: NDArray, motion: NDArray, guess: float) -> float | None:
-    """When the motion leaves its course before `guess`; None when it cannot be told."""
-    before = (time >= guess - 2 * SEARCH_S) & (time < guess - SEARCH_S)
-    window = (time >= guess - SEARCH_S) & (time <= guess + SEARCH_S)
-    if before.sum() < 5 or window.sum() < 5:
-        return None
-    level, noise = float(np.median(motion[before])), float(np.std(motion[before]))
-    step = float(np.ptp(motion[window]))
-    threshold = max(ONSET_SHARE * step, 5.0 * noise)
-    if threshold > 0.3 * step:
-        return None
-    return _crossing(time[window], np.abs(motion[window] - level) / threshold, 1.0)
-
-
-def _crossing(time: NDArray, course: NDArray, level: float) -> float | None:
-    above = np.flatnonzero(course >= level)
-    if above.size == 0 or above[0] == 0:
-        return None
-    i = above[0]
-    share = (level - course[i - 1]) / (course[i] - course[i - 1])
-    return float(time[i - 1] + share * (time[i] - time[i - 1]))
+    rate = f" and its rate by {1e6 * drift:+.0f} ppm" if drift else ""
+    return append_history(shifted, f"clock of the pressure moved by {1e3 * delay_s:+.2f} ms{rate}")

@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pliant.errors import InputError
+from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import Reader
 from pliant.recording.schema import make_recording
@@ -81,9 +82,10 @@ class ColumnMapping(FileMapping):
     rate_hz : float, optional
         Frame rate of a table without a time column.
     length_unit : str
+        Of positions.
     stations : dict of StationColumns, optional
     points : Points, optional
-        Instead of `stations`.
+        Instead of `stations`. A table without either is a log of pressure.
     arc_length : list of float, m, optional
         From base to tip, one per station.
     pressure : PressureColumns, optional
@@ -96,9 +98,9 @@ class ColumnMapping(FileMapping):
     header: bool = False
     skip_lines: int = Field(default=0, ge=0)
     time: Column | None = None
-    time_unit: Literal["s", "ms"] = "s"
+    time_unit: Literal["s", "ms", "us"] = "s"
     rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    length_unit: str
+    length_unit: str = ""
     stations: dict[str, StationColumns] | None = None
     points: Points | None = None
     arc_length: list[float] | None = None
@@ -110,8 +112,12 @@ class ColumnMapping(FileMapping):
     def _is_complete(self) -> Self:
         if (self.time is None) == (self.rate_hz is None):
             raise ValueError("give either time, a column, or rate_hz")
-        if (not self.stations) == (self.points is None):
+        if self.stations and self.points is not None:
             raise ValueError("give either stations or points")
+        if not self.stations and self.points is None and self.pressure is None:
+            raise ValueError("give stations or points, or pressure for a log of pressure alone")
+        if (self.stations or self.points is not None) and not self.length_unit:
+            raise ValueError("positions need length_unit, such as 'mm'")
         if self.delimiter != "space" and len(self.delimiter) != 1:
             raise ValueError('delimiter is one character, or "space" for any white space')
         return self
@@ -128,8 +134,10 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     names, table, doubt = _table(path, options)
     history = [*doubt, *_unused(names, table.shape[1], options, path.name)]
     table, kept = _rows(table, names, options, path.name)
-    history += kept
-    time = _time(table, names, options, path.name)
+    time, wrapped = _time(table, names, options, path.name)
+    history += [*kept, *wrapped]
+    if not options.stations and options.points is None:
+        return _log(time, _pressure(table, names, options, path.name), history, path.name)
     arrays, more = _stations(table, names, options, path.name)
     try:
         return make_recording(
@@ -203,11 +211,21 @@ def _rows(
     return table, history
 
 
-def _time(table: NDArray, names: list[str], options: ColumnMapping, file: str) -> NDArray:
+def _time(table: NDArray, names: list[str], options: ColumnMapping, file: str) -> tuple[NDArray, list[str]]:
     if options.time is None:
-        return np.arange(len(table)) / float(options.rate_hz or np.nan)
+        return np.arange(len(table)) / float(options.rate_hz or np.nan), []
     column = _index(options.time, names, table.shape[1], file)
-    return table[:, column] * (1e-3 if options.time_unit == "ms" else 1.0)
+    return unwrapped(table[:, column], options.time_unit, file)
+
+
+def _log(time: NDArray, pressure: dict[str, Any], history: list[str], file: str) -> xr.Dataset:
+    """A recording of pressure alone."""
+    keep, repeats = without_repeats(time, file)
+    values = pressure.pop("pressure")[keep]
+    try:
+        return make_recording(pressure=values, pressure_time=time[keep], history=[*history, *repeats], **pressure)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
 
 
 def _layout(options: ColumnMapping) -> dict[str, StationColumns]:

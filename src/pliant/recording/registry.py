@@ -78,7 +78,7 @@ def read_recording(
         of length. The keys belong to the format; see the module of its reader.
     format : str, optional
         Name of the format. Default: found from the ending and the first bytes of the file. A mapping
-        that describes ``stations`` or ``points`` by columns means the format ``columns``.
+        that describes ``stations``, ``points`` or ``pressure`` by columns means the format ``columns``.
 
     Returns
     -------
@@ -126,13 +126,19 @@ def _provenance(ds: xr.Dataset, path: Path, name: str, digest: str) -> dict[str,
     return attrs
 
 
+def describes_columns(mapping: Mapping[str, Any]) -> bool:
+    """Whether a mapping says what the columns of a table mean."""
+    pressure = mapping.get("pressure")
+    return bool({"stations", "points"} & set(mapping)) or (isinstance(pressure, dict) and "columns" in pressure)
+
+
 def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: str | None) -> Reader:
     known = readers()
     if name is not None:
         if name not in known:
             raise InputError(f"unknown format {name!r}: use one of {', '.join(known)}")
         return known[name]
-    if mapping is not None and {"stations", "points"} & set(mapping):
+    if mapping is not None and describes_columns(mapping):
         return known["columns"]
     suffix = path.suffix.lower()
     fitting = [r for r in known.values() if suffix in r.suffixes and r.recognises(head)]

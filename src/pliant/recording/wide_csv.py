@@ -1,6 +1,6 @@
 """Wide CSV: one row per sample, `t,p_kpa,x_000,y_000,z_000,...`, metadata as JSON.
 
-Columns: ``t`` (s) or ``t_ms``; ``p_<unit>`` for one pressure or ``p_<unit>_<chamber>`` for several (gauge);
+Columns: ``t`` (s), ``t_ms`` or ``t_us``; ``p_<unit>`` for one pressure or ``p_<unit>_<chamber>`` for several (gauge);
 ``x_<station>``, ``y_<station>`` and, unless planar, ``z_<station>``; optional ``qx_ qy_ qz_ qw_<station>``
 and ``angle_<station>`` (rad). Their order is free. Metadata stand in a first line ``# {...}`` or in a JSON
 file of the same name beside the table; ``length_unit`` (default m), ``station``, ``arc_length`` (m), ``frame``.
@@ -17,6 +17,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.files import whole
+from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.mapping import shorten
 from pliant.recording.registry import Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-CLOCKS = {"t": 1.0, "t_s": 1.0, "t_ms": 1e-3}
+CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us"}
 KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 STATION_COLUMN = re.compile(r"(x|y|z|qx|qy|qz|qw|angle)_(.+)")
 KNOWN_METADATA = {"length_unit", "station", "arc_length", "frame", "nominal_pressure", "rows", "history",
@@ -147,7 +148,11 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
         history += more
     elif pressure is None:
         raise InputError(f"{file} has neither stations (x_000, y_000, ...) nor pressure (p_kpa)")
-    time = columns[clock] * CLOCKS[clock]
+    time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
+    history += wrapped
+    if not labels:
+        keep, repeats = without_repeats(time, file)
+        time, pressure, history = time[keep], np.asarray(pressure)[keep], [*history, *repeats]
     try:
         return make_recording(
             time if labels else None, pressure=pressure, pressure_time=None if pressure is None else time,

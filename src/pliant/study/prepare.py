@@ -20,9 +20,11 @@ from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.quality import LEAST_PRESSURE, quality, standing_stations
 from pliant.recording import read
 from pliant.reduction import Links
+from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
 from pliant.study.schema import Actuator, Alignment, Recording, Study
 from pliant.units import pascal_per
+from pliant.validation.outcome import Clocks
 
 Array = np.ndarray
 LEAST_TRAVEL = 0.003  # of the body's length: the tip of a recording that tells anything moves further
@@ -31,14 +33,22 @@ LEAST_TRAVEL = 0.003  # of the body's length: the tip of a recording that tells 
 def load_recording(study: Study, name: str) -> xr.Dataset:
     """Read one recording of the study, with its nominal pressure where that is all there is."""
     entry = study.recordings[name]
-    path = Path(entry.file)
-    path = path if path.is_absolute() else Path(study.folder) / path
+    path = located(study, entry.file)
     ds = read(path, mapping={**study.mapping, **(entry.mapping or {})} or None, format=entry.format)
+    if entry.pressure_file is not None:
+        log = read(located(study, entry.pressure_file), mapping=entry.pressure_mapping)
+        ds = with_pressure(ds, log, name, Path(entry.pressure_file).name)
     if entry.nominal_pressure is not None:
         ds = ds.assign_attrs(nominal_pressure=entry.nominal_pressure * pascal_per(entry.pressure_unit))
     if not entry.allow_low_pressure:
         check_pressure_unit(name, ds)
     return ds
+
+
+def located(study: Study, file: str) -> Path:
+    """Where a file of the study lies."""
+    path = Path(file)
+    return path if path.is_absolute() else Path(study.folder) / path
 
 
 def check_pressure_unit(name: str, ds: xr.Dataset) -> None:
@@ -54,29 +64,30 @@ def check_pressure_unit(name: str, ds: xr.Dataset) -> None:
 
 
 class Aligned(NamedTuple):
-    """One recording in the base frame."""
+    """One recording in the base frame, its pressure on the clock of its shape."""
 
     body: xr.Dataset
     findings: tuple[str, ...]  # of reading and aligning it
     tip: str = ""  # how the tip of a fibre was found; empty where stations are markers
+    clocks: Clocks | None = None  # how they were compared, where they were
 
 
 def planar(study: Study, name: str) -> Aligned:
-    """One recording of the study, read and aligned."""
+    """One recording of the study, read, brought onto one clock and aligned."""
     entry = study.recordings[name]
-    raw = load_recording(study, name)
-    found = [str(line) for line in quality(raw).findings]
+    raw, clocks, told = on_one_clock(load_recording(study, name), entry, name)
+    found = [*told, *(str(line) for line in quality(raw).findings)]
     if study.fibre is not None:
         body, tip = body_of_fibre(raw, study.fibre)
-        return Aligned(body, (*found, tip), tip)
+        return Aligned(body, (*found, tip), tip, clocks)
     if raw.attrs.get("frame") == "planar":
-        return Aligned(raw, tuple(found))
+        return Aligned(raw, tuple(found), clocks=clocks)
     alignment = combined(study.alignment, entry.alignment)
     ds = assemble(raw, alignment.stations) if alignment.stations else raw
     before = len(str(raw.attrs.get("history", "")).splitlines())
     ds = align(ds, **checked_options(alignment))
     found += str(ds.attrs.get("history", "")).splitlines()[before:]
-    return Aligned(ds, tuple(found))
+    return Aligned(ds, tuple(found), clocks=clocks)
 
 
 def combined(shared: Alignment, own: Alignment | None) -> Alignment:

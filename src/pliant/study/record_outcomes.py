@@ -16,7 +16,7 @@ def outcome_of(
 ) -> RecordOutcome:
     """One record beside the model of a fit."""
     prediction = predict(result.model, exp, values, step)
-    metrics = compare(exp, prediction["position"], result.model.length)
+    metrics = compare(exp.synchronised(values), prediction["position"], result.model.length)
     body = predict_body(result.model, exp, values, step)
     return RecordOutcome(exp.name, role, exp, prediction["position"], prediction["pressure"], metrics, body=body)
 

@@ -37,7 +37,7 @@ from pliant.study.schema import Fit, ForecastEntry, LadderEntry, Study
 from pliant.study.verdict import verdict
 from pliant.units import pascal_per
 from pliant.validation.metrics import response
-from pliant.validation.outcome import FitOutcome, Forecast, Shape, StudyOutcome
+from pliant.validation.outcome import Clocks, FitOutcome, Forecast, Shape, StudyOutcome
 from pliant.version import __version__
 
 Tell = Callable[[str], None]
@@ -85,6 +85,7 @@ def run_study(study: Study, folder: str | Path | None = None, *, progress: Tell 
         study.name, study.title or study.name, study.description, replace(first.model, name=study.name), tuple(fits),
         forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
         {"pliant": __version__, **ready.provenance}, climbed,
+        clocks=ready.clocks,
     )
     outcome = replace(
         outcome, verdict=verdict(outcome, study.targets), headline=headline(outcome, study.targets)
@@ -116,6 +117,7 @@ class Prepared(NamedTuple):
     provenance: dict[str, str]
     shape: Shape | None  # of the recording that decides the chain, where shapes are dense
     dropped: Mapping[str, str]  # recordings that tell nothing, with the sentence that says why
+    clocks: dict[str, Clocks]  # of recordings whose pressure was moved onto the shape's clock
 
 
 def prepare_all(study: Study, tell: Tell) -> Prepared:
@@ -128,20 +130,23 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
         tell(f"order from {name}: {shape.order.reason} The chain has {shape.links.n} links.")
     experiments, provenance = {}, {}
     rotation = None
-    for name, (ds, _, _) in aligned.items():
+    for name, (ds, _, _, clocks) in aligned.items():
         reduced = link_experiment(study, name, ds, shape.links) if shape else study_experiment(study, name, ds)
         experiments[name] = reduced
         digest = ds.attrs.get("source_sha256", "")
         provenance[name] = f"{ds.attrs.get('source', '')}{f' sha256 {digest}' if digest else ''}"
         if rotation is None and "alignment" in ds.attrs:
             rotation = np.array(alignment_of(ds).rotation)
+        if clocks is not None:
+            tell(f"{name}: {clocks.told}")
         tell(f"prepared {name}: {reduced.time.size} frames, travel {1e3 * reduced.travel:.3g} mm")
     model = study_model(study.actuator, rotation, shape.links if shape else None)
     dropped = hardly_moved(experiments, model.length)
     for line in dropped.values():
         tell(line)
-    findings = {n: (*found, *([dropped[n]] if n in dropped else [])) for n, (_, found, _) in aligned.items()}
-    return Prepared(experiments, model, findings, provenance, shape, dropped)
+    findings = {n: (*a.findings, *([dropped[n]] if n in dropped else [])) for n, a in aligned.items()}
+    found_clocks = {n: a.clocks for n, a in aligned.items() if a.clocks is not None}
+    return Prepared(experiments, model, findings, provenance, shape, dropped, found_clocks)
 
 
 def run_fit(
@@ -221,7 +226,7 @@ def run_forecast(
 
     def measure(values: Mapping[str, float]) -> np.ndarray:
         tip = predict(result.model, case, {**values, **own}, study.step)["position"][:, -1]
-        traits = response(template, tip)
+        traits = response(template.synchronised(values), tip)
         seen[:] = seen or [k for k, v in traits.items() if v is not None]
         numbers = [np.nan if (v := traits[k]) is None else v for k in seen]
         return np.concatenate([numbers, tip.ravel()])

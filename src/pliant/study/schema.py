@@ -109,6 +109,9 @@ class Recording(Entry):
     file: str
     mapping: dict[str, Any] | None = None
     format: str | None = None
+    pressure_file: str | None = None  # a log of the pressure, apart from the shape
+    pressure_mapping: dict[str, Any] | None = None
+    clock: Literal["same", "align"] | float | None = None  # s to add to the log's times; default: align another file's
     excitation: Excitation | None = None
     held: Literal["unloaded", "measured"] = "unloaded"  # where a body that is let go was held before
     nominal_pressure: float | None = None

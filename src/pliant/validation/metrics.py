@@ -35,6 +35,8 @@ DEFINITIONS = {
 def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     """Metrics of a modelled motion (T, S, 2) [m] against an experiment; `length` [m] of the body.
 
+    A measured pressure must be on the clock of the shape: see `Experiment.synchronised`.
+
     Returns plain numbers; ``frequency_hz`` and its like are pairs {"measured": ..., "modelled": ...} with None where
     the motion has no such thing (no ring-down, no overshoot).
     """

@@ -6,11 +6,14 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from pliant.display import Card, Shown
 from pliant.identification import Band, Experiment, FitResult, Ladder
 from pliant.identification.fit import parameter_dict
 from pliant.model import Model
+from pliant.preprocessing.lag_model import body_course, pressure_course
+from pliant.preprocessing.sync import Delay
 from pliant.reduction import Links, OrderResult
 
 Array = np.ndarray
@@ -67,6 +70,26 @@ class Shape:
 
 
 @dataclass(frozen=True)
+class Clocks:
+    """How the clock of a pressure was brought onto that of a shape."""
+
+    told: str
+    time: Array  # (T,) s
+    motion: Array  # (T,) main course of the shape
+    clock: Array  # (P,) s, as logged
+    pressure: Array  # (P,)
+    delay: float  # s
+    drift: float
+
+    @classmethod
+    def of(cls, ds: xr.Dataset, found: Delay) -> Clocks:
+        """From a recording as it was logged and what `sync` found."""
+        motion, pressure = body_course(ds), pressure_course(ds)
+        return cls(found.summary(), motion.time, motion.values[:, 0], pressure.time, pressure.values[:, 0],
+                   found.delay_s, found.drift)  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Forecast:
     """A prediction for a case that was not recorded."""
 
@@ -105,6 +128,7 @@ class StudyOutcome(Shown):
     provenance: dict[str, str] = field(default_factory=dict)
     ladder: Ladder | None = None
     headline: Headline | None = None
+    clocks: dict[str, Clocks] = field(default_factory=dict)  # by recording, where the pressure's clock was moved
 
     def card(self) -> Card:
         """The headline, and every record under the first fit that holds it."""
@@ -136,5 +160,6 @@ class StudyOutcome(Shown):
                 f.name: {"stated": f.stated, **f.numbers, "half_width_95": f.interval} for f in self.forecasts
             },
             "findings": {k: list(v) for k, v in self.findings.items()},
+            "clocks": {k: {"delay_s": c.delay, "drift": c.drift, "told": c.told} for k, c in self.clocks.items()},
             "timing": self.timing, "provenance": self.provenance,
         }

@@ -1,0 +1,59 @@
+"""`pliant sync`: the clock of a pressure log against that of a shape."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def sync(
+    shape: Annotated[Path, typer.Argument(help="Recording of the shape.")],
+    pressure: Annotated[
+        Path | None, typer.Argument(help="Log of the pressure; default: the one in the shape's file.")
+    ] = None,
+    mapping: Annotated[Path | None, typer.Option(help="TOML file that says what the shape's columns mean.")] = None,
+    pressure_mapping: Annotated[
+        Path | None, typer.Option("--pressure-mapping", help="TOML file that says what the log's columns mean.")
+    ] = None,
+    largest_s: Annotated[
+        float | None, typer.Option("--largest-s", help="Largest offset to look for, s; default: what overlaps by half.")
+    ] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Joined recording to write (.nc).")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Overlay to draw (.png, .svg or .pdf).")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print what was found as JSON.")] = False,
+) -> None:
+    """Find the offset between a pressure log's clock and the shape's, from when the body moves.
+
+    Example: pliant sync points.csv log.csv --pressure-mapping log.toml --figure clocks.png
+    """
+    from pliant.cli.output import busy, write_figure
+    from pliant.cli.reading import read_with_mapping
+    from pliant.preprocessing.sync import shift_pressure
+    from pliant.preprocessing.sync import sync as find
+    from pliant.recording import write
+    from pliant.study.clocks import with_pressure
+
+    ds = read_with_mapping(shape, mapping)
+    if pressure is not None:
+        ds = with_pressure(ds, read_with_mapping(pressure, pressure_mapping), shape.stem, pressure.name)
+    with busy("comparing the clocks"):
+        found = find(ds, largest_s=largest_s, drift=True)
+    if figure is not None:
+        from pliant.plotting import clock_figure
+        from pliant.validation.outcome import Clocks
+
+        c = Clocks.of(ds, found)
+        title = f"the pressure's clock is moved by {1e3 * c.delay:+.1f} ± {1e3 * found.uncertainty_s:.1f} ms"
+        write_figure(clock_figure(c.time, c.motion, c.clock, c.pressure, c.delay, c.drift, title), figure)
+    if output is not None:
+        write(shift_pressure(ds, found.delay_s, found.drift), output)
+    if json:
+        from dataclasses import asdict
+        from json import dumps
+
+        typer.echo(dumps(asdict(found)))
+        return
+    typer.echo(found.summary())
+    typer.echo(f'in a study: clock = {found.delay_s:.4f}, or clock = "align"')

@@ -1,0 +1,213 @@
+"""A body of second order between pressure and motion, with creep: it tells an offset of clocks from the body's lag."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing.detectors import spikes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import xarray as xr
+    from numpy.typing import NDArray
+
+FEWEST = 10  # samples of motion and of pressure
+HOLE_STEPS, HOLE_S = 6.0, 0.1  # a hole in a log is longer than so many of its steps, and than this time
+CREEP_S = 1.0  # of the slow share of the response
+SETTLE_S = 0.5  # after a hole or the log's start, before motion counts again
+MOST_SAMPLES = 40_000
+STARTS = ((1.0, 1.0), (4.0, 0.2), (10.0, 0.2), (0.3, 1.5))  # Hz, damping ratio
+HYSTERESIS = 0.03  # of the pressure's range: a loop so wide looks like a delay where the pressure is slow
+EDGE_SHARE, EDGE_TIMES_S = 0.15, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+BLOCK_S = 0.5  # residuals that lie closer are correlated
+
+
+class Course(NamedTuple):
+    """Values in time."""
+
+    time: NDArray  # (T,) s
+    values: NDArray  # (T, K)
+    weight: NDArray  # (T,) 0 where nothing was seen
+
+
+class Fitted(NamedTuple):
+    """An offset and what it leaves."""
+
+    delay: float
+    uncertainty: float
+    drift: float
+    drift_uncertainty: float
+    explained: float  # share of the motion's variance where both were recorded
+    share: float  # the same, of all the motion that was recorded
+    frequency: float
+    damping: float
+    inside: float  # share of the shape's frames that the log covers
+    after_motion: bool  # whether the log begins with its pressure up
+
+
+def body_course(ds: xr.Dataset) -> Course:
+    """Main common course of all that moves; spikes and gaps carry no weight."""
+    if "position" in ds:
+        position = ds["position"].values
+        position = np.where(spikes(position)[..., None], np.nan, position)
+        columns = position.reshape(len(position), -1)
+    else:
+        columns = ds["angle"].values
+    columns = columns[:, np.isfinite(columns).sum(0) >= FEWEST]
+    course, seen = first_component(columns)
+    if np.ptp(course[seen]) == 0:
+        raise InputError("the motion is constant: there is nothing to compare clocks by")
+    time = ds["time"].values
+    return Course(time, np.interp(time, time[seen], course[seen])[:, None], seen.astype(float))
+
+
+def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
+    """(T,) main common course of the columns, and where it was seen."""
+    if values.shape[1] == 0:
+        raise InputError(f"clocks need at least {FEWEST} samples of motion")
+    seen = np.isfinite(values).all(1)
+    if seen.sum() < max(FEWEST, 0.3 * len(values)):  # some columns are lost often: keep those that are seen most
+        often = np.isfinite(values).sum(0)
+        values = values[:, often >= np.quantile(often, 0.5)]
+        seen = np.isfinite(values).all(1)
+    if seen.sum() < FEWEST:
+        raise InputError(f"clocks need at least {FEWEST} samples of motion in which every station is seen")
+    centred = values - values[seen].mean(0)
+    weights = np.linalg.eigh(centred[seen].T @ centred[seen])[1][:, -1]
+    return centred @ weights, seen
+
+
+def pressure_course(ds: xr.Dataset) -> Course:
+    """The pressure, main course first, then each chamber where there are several; gaps bridged."""
+    values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
+    clock = ds["pressure_time"].values
+    seen = np.isfinite(values).all(1)
+    if seen.sum() < FEWEST:
+        raise InputError(f"clocks need at least {FEWEST} samples of pressure")
+    values = np.stack([np.interp(clock, clock[seen], v[seen]) for v in values.T], axis=1)
+    if not (np.ptp(values, axis=0) > 0).any():
+        raise InputError("the pressure is constant: there is nothing to compare clocks by")
+    values = values[:, np.ptp(values, axis=0) > 0]
+    values = (values - values.min(0)) / np.ptp(values)
+    main, _ = first_component(values)
+    return Course(clock, np.column_stack([main, values]), np.ones(len(clock)))
+
+
+def holes(clock: NDArray) -> list[tuple[float, float]]:
+    """(start, end) of each hole in a log, s of its clock."""
+    step = np.diff(clock)
+    wide = np.flatnonzero(step > max(HOLE_STEPS * float(np.median(step)), HOLE_S))
+    return [(float(clock[i]), float(clock[i + 1])) for i in wide]
+
+
+def fit_lag(
+    body: Course, pressure: Course, guess: float, *, starts: Sequence[tuple[float, float]] = STARTS,
+    drift: bool = False, evaluations: int = 40,
+) -> Fitted:
+    """Offset near a guess, by least squares over offset, frequency, damping and, where asked, drift.
+
+    `starts` are pairs of frequency in Hz and damping ratio.
+    """
+    from scipy.optimize import least_squares
+
+    frame = Frame(body, pressure, guess, drift=drift)
+    if frame.keep.sum() < 3 * FEWEST or np.ptp(frame.y) == 0:
+        return Fitted(guess, np.inf, 0.0, np.inf, 0.0, 0.0, np.nan, np.nan, 0.0, after_motion=False)
+    ends = []
+    for hertz, ratio in starts:
+        start = np.array([0.0, np.log(hertz), np.log(ratio), 0.0][: 4 if drift else 3])
+        low = np.array([-0.5, np.log(0.02), np.log(0.01), -0.02][: start.size])
+        high = np.array([0.5, np.log(100.0), np.log(20.0), 0.02][: start.size])
+        ends.append(least_squares(frame.residual, start, bounds=(low, high), x_scale=frame.scale, max_nfev=evaluations,
+                                  diff_step=1e-3))  # fmt: skip
+    best = min(ends, key=lambda end: end.cost)
+    spread = frame.spread(best.x, best.fun)
+    explained = 1.0 - float(best.fun @ best.fun) / float(frame.y @ frame.y)
+    first = pressure.values[0, 0]
+    up = abs(first - np.median(np.sort(pressure.values[:, 0])[: max(1, len(pressure.time) // 20)]))
+    return Fitted(
+        guess + float(best.x[0]) - (float(best.x[3]) * frame.middle if drift else 0.0),
+        float(np.hypot(spread[0], HYSTERESIS * edge_time(pressure))),
+        float(best.x[3]) if drift else 0.0, float(spread[3]) if drift else np.inf, explained,
+        explained * frame.share, float(np.exp(best.x[1])),
+        float(np.exp(best.x[2])), float(frame.inside.mean()),
+        after_motion=bool(up > 0.3 * np.ptp(pressure.values[:, 0])),
+    )
+
+
+class Frame:
+    """The motion that overlaps with a pressure delayed by about `guess`, and the response that should explain it."""
+
+    def __init__(self, body: Course, pressure: Course, guess: float, *, drift: bool) -> None:
+        clock = pressure.time
+        self.guess, self.drift = guess, drift
+        self.middle = float(clock.mean())
+        at = body.time - guess
+        self.inside = (at >= clock[0]) & (at <= clock[-1])
+        blind = [(clock[0] - np.inf, clock[0] + 0.05), *holes(clock)]
+        settled = ~np.any([(at > a) & (at < b + SETTLE_S * (k > 0)) for k, (a, b) in enumerate(blind)], axis=0)
+        self.keep = self.inside & settled & (body.weight > 0)
+        self.at = at[self.keep]
+        y = body.values[self.keep, 0]
+        whole = body.values[body.weight > 0, 0]
+        self.share = float(((y - y.mean()) ** 2).sum() / ((whole - whole.mean()) ** 2).sum()) if y.size else 0.0
+        self.y = (y - y.mean()) / max(float(np.std(y)), 1e-300) if y.size else y
+        step = min(float(np.median(np.diff(clock))), float(np.median(np.diff(body.time))), 5e-3)
+        step = max(step, 1e-3, float(np.ptp(clock)) / MOST_SAMPLES)
+        self.grid = np.arange(clock[0], clock[-1] + step, step)
+        self.step = step
+        base = np.stack([np.interp(self.grid, clock, v) for v in pressure.values.T[1:]], axis=1)
+        self.columns = np.column_stack([base, base**2])
+        self.scale = np.array([0.01, 0.3, 0.5, 1e-4][: 4 if drift else 3])
+
+    def residual(self, x: NDArray) -> NDArray:
+        """(K,) of the motion, in its standard deviations, at offset, log frequency, log damping and drift."""
+        basis = self.response(x)
+        return np.asarray(self.y - basis @ np.linalg.lstsq(basis, self.y, rcond=1e-10)[0])
+
+    def response(self, x: NDArray) -> NDArray:
+        """(K, columns) of the second-order responses and their slow shares, and a constant."""
+        from scipy.signal import lfilter, lfilter_zi
+
+        numerator, denominator = second_order(np.exp(x[1]), np.exp(x[2]), self.step)
+        moved = lfilter(numerator, denominator, self.columns, axis=0,
+                        zi=lfilter_zi(numerator, denominator)[:, None] * self.columns[:1])[0]  # fmt: skip
+        share = self.step / CREEP_S
+        slow = lfilter([share], [1.0, share - 1.0], moved, axis=0, zi=(1.0 - share) * moved[:1])[0]
+        at = self.at - x[0] - (x[3] * (self.at - self.middle) if self.drift else 0.0)
+        columns = np.concatenate([moved, slow], axis=1)
+        return np.stack([*(np.interp(at, self.grid, c) for c in columns.T), np.ones_like(at)], axis=1)
+
+    def spread(self, x: NDArray, residual: NDArray) -> NDArray:
+        """Standard deviations of the parameters, with residuals correlated within half a second."""
+        tiny = np.array([1e-4, 1e-3, 1e-3, 1e-6][: x.size])
+        slope = np.stack([(self.residual(x + d) - self.residual(x - d)) / (2 * s)
+                          for s, d in zip(tiny, np.diag(tiny), strict=True)], axis=1)  # fmt: skip
+        bread = np.linalg.pinv(slope.T @ slope)
+        block = np.floor(self.at / BLOCK_S).astype(int)
+        sums = np.stack([np.bincount(block - block.min(), g * residual) for g in slope.T], axis=1)
+        plain = float(residual @ residual) / max(residual.size - x.size, 1) * bread
+        grouped = bread @ (sums.T @ sums) @ bread
+        return np.asarray(np.sqrt(np.maximum(np.diag(plain), np.diag(grouped))))
+
+
+def edge_time(pressure: Course) -> float:
+    """Time that the pressure takes through its range where it changes fastest, s; noise alone is no edge."""
+    course = pressure.values[:, 0]
+    for window in EDGE_TIMES_S:
+        ahead = np.interp(pressure.time + window, pressure.time, course)
+        share = float(np.abs(ahead - course).max() / np.ptp(course))
+        if share >= EDGE_SHARE:
+            return window / share
+    return float(np.ptp(pressure.time))
+
+
+def second_order(hertz: float, ratio: float, step: float) -> tuple[NDArray, NDArray]:
+    """Discrete filter of a second-order response of unit gain by the trapezoidal rule, which shifts nothing in time."""
+    half = 0.5 * step * 2 * np.pi * hertz
+    rest = np.array([1 + 2 * ratio * half + half**2, 2 * half**2 - 2, 1 - 2 * ratio * half + half**2])
+    return half**2 * np.array([1.0, 2.0, 1.0]) / rest[0], rest / rest[0]
