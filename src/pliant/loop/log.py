@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import io
 import os
 import queue
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,19 +34,21 @@ class LoopLog:
     Attributes
     ----------
     dropped : int
-        Rows that were not taken because the disk fell behind by more than 100 000 rows.
+        Rows that are not in the file: the disk fell behind by more than 100 000 rows, or took no more.
+    fault : str
+        One sentence when the disk took no more, empty otherwise. Rows are tried again, each half a second.
     """
 
     def __init__(self, path: str | Path, columns: Sequence[str]) -> None:
-        self.path, self.columns, self.dropped = Path(path), tuple(columns), 0
+        self.path, self.columns, self.dropped, self.fault = Path(path), tuple(columns), 0, ""
         try:
-            self._file = self.path.open("x", encoding="ascii", newline="\n")
+            self._file = self.path.open("xb", buffering=0)
+            self._append(f"{MARK}\n{','.join(self.columns)}\n".encode("ascii"))
         except FileExistsError:
             raise InputError(f"the log {path} exists already: name a new one") from None
         except OSError as error:
             raise InputError(f"cannot write the log {path}: {error.strerror or error}") from None
-        self._file.write(f"{MARK}\n{','.join(self.columns)}\n")
-        self._rows: queue.Queue[tuple[float, ...] | None] = queue.Queue(100_000)
+        self._rows: queue.Queue[tuple[float, ...]] = queue.Queue(100_000)
         self._thread = threading.Thread(target=self._work, name="pliant-log", daemon=True)
         self._closed = threading.Event()
         self._thread.start()
@@ -64,24 +66,37 @@ class LoopLog:
         self._drain()
 
     def _drain(self) -> None:
-        text = io.StringIO()
-        while True:
-            try:
-                row = self._rows.get_nowait()
-            except queue.Empty:
-                break
-            if row is not None:
-                text.write(",".join(map(repr, map(float, row))) + "\n")
-        if text.tell():
-            self._file.write(text.getvalue())
-            self._file.flush()
+        rows = []
+        with suppress(queue.Empty):
+            while True:
+                rows.append(self._rows.get_nowait())
+        if not rows:
+            return
+        try:
+            self._append("".join(",".join(map(repr, map(float, row))) + "\n" for row in rows).encode("ascii"))
+        except OSError as error:
+            self.dropped += len(rows)
+            self.fault = self.fault or f"the log {self.path} lost rows: {error.strerror or error}"
+
+    def _append(self, data: bytes) -> None:
+        """All of it onto the disk, or none of it."""
+        end = self._file.seek(0, os.SEEK_END)
+        try:
+            left = memoryview(data)
+            while left:
+                left = left[self._file.write(left) :]
             os.fsync(self._file.fileno())
+        except OSError:
+            with suppress(OSError):
+                self._file.truncate(end)
+            raise
 
     def close(self) -> None:
-        """Write what is left and close the file."""
+        """Write what is left and close the file; `fault` and `dropped` then tell what the disk did not take."""
         self._closed.set()
         self._thread.join()
-        self._file.close()
+        with suppress(OSError):
+            self._file.close()
 
 
 def read_log(path: str | Path) -> pd.DataFrame:

@@ -1,4 +1,8 @@
-"""A sample as bytes: 4 bytes "PLN1", time [ns], lengths, name, unit, dimensions, float64 values, little endian."""
+"""A sample as bytes: 4 bytes "PLN2", time [ns], hold [us], lengths, name, unit, dimensions, float64, little endian.
+
+`hold` is the dead-man's time: a receiver of a command to which no newer one comes within it must vent. Packets "PLN1",
+which have none, are read.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +14,26 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.loop.sample import Sample
 
-HEAD = struct.Struct("<4sqBBB")
-MAGIC = b"PLN1"
+HEAD = struct.Struct("<4sqIBBB")
+OLD_HEAD = struct.Struct("<4sqBBB")
+MAGIC, OLD_MAGIC = b"PLN2", b"PLN1"
 LARGEST = 65_507  # bytes, of a UDP datagram
+MOST_DIMENSIONS = 8
+LONGEST_HOLD = 2**32 - 1  # us
 
 
 def pack(sample: Sample) -> bytes:
     """The bytes of a sample; InputError when they do not fit one datagram."""
     name, unit = sample.name.encode(), sample.unit.encode()
     array = np.ascontiguousarray(sample.array, dtype="<f8")
-    if max(len(name), len(unit), array.ndim) > 255:
+    if max(len(name), len(unit)) > 255:
         raise InputError("a sample's name and unit have at most 255 bytes")
-    data = HEAD.pack(MAGIC, sample.time_ns, len(name), len(unit), array.ndim) + name + unit
+    if array.ndim > MOST_DIMENSIONS:
+        raise InputError(f"a sample has at most {MOST_DIMENSIONS} dimensions, got {array.ndim}")
+    if not 0 <= sample.hold * 1e6 <= LONGEST_HOLD:
+        raise InputError(f"a sample holds for 0 to {LONGEST_HOLD * 1e-6:g} s, got {sample.hold}")
+    hold = math.ceil(sample.hold * 1e6 - 1e-3)  # never 0 where a time was given
+    data = HEAD.pack(MAGIC, sample.time_ns, hold, len(name), len(unit), array.ndim) + name + unit
     data += struct.pack(f"<{array.ndim}I", *array.shape) + array.tobytes()
     if len(data) > LARGEST:
         raise InputError(f"a sample of {array.size} numbers exceeds a datagram of {LARGEST} bytes: send fewer points")
@@ -31,14 +43,16 @@ def pack(sample: Sample) -> bytes:
 def unpack(data: bytes) -> Sample:
     """The sample of these bytes; InputError when they are not one, whatever they are."""
     try:
-        magic, time_ns, a, b, ndim = HEAD.unpack_from(data)
-        at = HEAD.size
+        head = OLD_HEAD if data[:4] == OLD_MAGIC else HEAD
+        magic, time_ns, *hold, a, b, ndim = head.unpack_from(data)
+        at = head.size
         name, unit = data[at : at + a].decode(), data[at + a : at + a + b].decode()
         at += a + b
         shape = struct.unpack_from(f"<{ndim}I", data, at)
         at += 4 * ndim
     except (struct.error, UnicodeDecodeError) as error:
         raise InputError(f"{len(data)} bytes are no sample: {error}") from None
-    if magic != MAGIC or len(data) - at != 8 * math.prod(shape):
-        raise InputError(f"{len(data)} bytes are no sample: wrong mark or length")
-    return Sample(time_ns, name, np.frombuffer(data, "<f8", offset=at).reshape(shape).astype(float), unit)
+    if magic not in (MAGIC, OLD_MAGIC) or ndim > MOST_DIMENSIONS or len(data) - at != 8 * math.prod(shape):
+        raise InputError(f"{len(data)} bytes are no sample: wrong mark, dimensions or length")
+    values = np.frombuffer(data, "<f8", offset=at).reshape(shape).astype(float)
+    return Sample(time_ns, name, values, unit, 1e-6 * sum(hold))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,12 +11,16 @@ from pliant.control.contract import Pipeline
 from pliant.errors import InputError
 from pliant.estimation.contract import State
 from pliant.loop.clock import Clock, Timing
+from pliant.loop.endings import ended_by_signals
+from pliant.loop.intake import streams
 from pliant.loop.log import LoopLog
 from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, Sink, Source, nanoseconds, sample
 from pliant.loop.watchdog import Watchdog
 
 Array = np.ndarray
 MOST = 256  # samples read in one period: a flood cannot hold up the loop
+HOLD_PERIODS, LEAST_HOLD = 5, 0.02  # periods, and s, that a command is in force without a newer one
+STREAMS = ("shapes", "pressures")
 COLUMNS = (
     "time_s", "shape_time_s", "pressure_pa", "command_pa", "target_m", "error_m", "vented", "work_us", "lateness_us",
 )
@@ -40,7 +45,8 @@ class ControlLoop:
     """A control loop of fixed period with a watchdog.
 
     A fault of any kind, an exception of the estimator or the controller included, sends a command of 0 Pa in the period
-    in which it is seen, and from then on.
+    in which it is seen, and from then on. Every command says how long it holds, so that a receiver vents by itself when
+    this program is gone (`ValveReceiver`).
 
     Parameters
     ----------
@@ -56,13 +62,18 @@ class ControlLoop:
     clock : Clock
     log : LoopLog, optional
         With the columns `log_columns`.
+    log_needed : bool
+        Whether a log that stops, on a full disk, vents. Default: the loop goes on, and tells it at once and in the end.
 
     Attributes
     ----------
     timing : Timing
-    frames, lost, late : int
-        Whole shapes, shapes with missing points, and shapes older than one seen before: of the last two the estimator
-        learns at most that they were lost.
+    frames, lost : int
+        Whole shapes, and shapes with missing points: of those the estimator learns at most that they were lost.
+    shapes, pressures : Stream
+        What arrived, and how much of it was rejected, ahead of its time or late: none of that is used.
+    hold : float
+        s that a command is in force without a newer one.
     chambers_left_out, pressures_left_out : int
         Most chambers of one pressure sample beyond those that the controller drives, and all such pressures.
 
@@ -77,16 +88,17 @@ class ControlLoop:
 
     def __init__(
         self, sources: Sequence[Source], sink: Sink, pipeline: Pipeline, watchdog: Watchdog, period: float,
-        clock: Clock, log: LoopLog | None = None,
+        clock: Clock, log: LoopLog | None = None, *, log_needed: bool = False,
     ) -> None:
         self.sources, self.sink, self.pipeline = list(sources), sink, pipeline
         self.watchdog, self.clock, self.log = watchdog, clock, log
         self.timing = Timing(nanoseconds(period))
-        self.frames = self.lost = self.late = 0
+        self.frames = self.lost = 0
+        self.hold, self._log_needed, self._log_told = max(HOLD_PERIODS * period, LEAST_HOLD), log_needed, False
         self.chambers_left_out = self.pressures_left_out = 0
         self.command = self.pressure = without_pressure(pipeline.controller.chambers)
-        self._shape_time = self._pressure_time = self._seen = clock.now()
         self._began = clock.now()
+        self.shapes, self.pressures = streams(nanoseconds(watchdog.bounds.clock_skew), self._began)
         self._state: State | None = None
 
     @property
@@ -97,34 +109,51 @@ class ControlLoop:
     def run(self, duration: float | None = None) -> str:
         """Run for `duration` [s], or until the sources end; returns the watchdog's fault, empty when there was none.
 
-        Whatever ends the run, the last command is 0.
+        Whatever ends the run, the last command is 0: the time, an exception, and every signal that can be caught. What
+        cannot (SIGKILL, a crash, the supply) is the receiver's part: without a newer command it vents within `hold`.
         """
         deadline = self.clock.now()
         stop = None if duration is None else deadline + nanoseconds(duration)
-        try:
-            while (stop is None or deadline < stop) and not self.finished:
-                self.clock.sleep_until(deadline)
-                began = self.clock.now()
-                self.timing.begin(deadline, began)
-                self.period(began, deadline)
-                deadline = self.timing.end(began, deadline, self.clock.now())
-        finally:
-            self.sink.write(sample(COMMAND, without_pressure(self.pipeline.controller.chambers), self.clock.now()))
+        with ended_by_signals():
+            try:
+                while (stop is None or deadline < stop) and not self.finished:
+                    self.clock.sleep_until(deadline)
+                    began = self.clock.now()
+                    self.timing.begin(deadline, began)
+                    self.period(began, deadline)
+                    deadline = self.timing.end(began, deadline, self.clock.now())
+            finally:
+                self.command = without_pressure(self.pipeline.controller.chambers)
+                self._send(self.clock.now())
         return self.watchdog.fault
 
     def period(self, now: int, deadline: int) -> None:
         """One period that begins at `now` [ns]."""
         try:
             self._read()
-            self.watchdog.readings(now, self._shape_time, self._pressure_time, self.pressure)
+            self.watchdog.readings(now, self.shapes.seen, self.pressures.seen, self.pressure)
+            self.watchdog.frozen(now, self.shapes.repeats, self.pressures.repeats)
+            self._look_at_log(now)
             wish = self._control(now)
         except Exception as error:  # noqa: BLE001  whatever it is, the pressure must go
             self.watchdog.trip(f"{type(error).__name__}: {error}", now)
             wish = without_pressure(self.pipeline.controller.chambers)
         self.command = self.watchdog.command(now, wish)
-        self.sink.write(sample(COMMAND, self.command, now))
+        self._send(now)
         if self.log is not None:
             self._write(self.log, now, deadline)
+
+    def _send(self, now: int) -> None:
+        self.sink.write(sample(COMMAND, self.command, now, hold=self.hold))
+
+    def _look_at_log(self, now: int) -> None:
+        """Tell a log that has stopped, once, and vent where it is needed."""
+        if self.log is None or not self.log.fault or self._log_told:
+            return
+        self._log_told = True
+        logging.getLogger(__name__).error("%s", self.log.fault)
+        if self._log_needed:
+            self.watchdog.trip(self.log.fault, now)
 
     def _control(self, now: int) -> float | Array:
         if not self.frames or self.watchdog.fault:
@@ -145,34 +174,34 @@ class ControlLoop:
 
     def _take(self, arrived: Sample) -> None:
         """Shapes go to the estimator in the order of their times; a pressure is in force until the next one."""
+        now = self.clock.now()
         if arrived.name == PRESSURE:
-            self._take_pressure(arrived)
+            taken = self.pressures.take(arrived, now)
+            if taken is not None:
+                self._take_pressure(arrived, taken, now)
             return
-        if arrived.name != SHAPE:
+        if arrived.name != SHAPE or (shape := self.shapes.take(arrived, now)) is None:
             return
-        if arrived.time_ns <= self._seen:
-            self.late += 1
-            return
-        self._seen = arrived.time_ns
-        frame = self.pipeline.measure(arrived.array)
+        frame = self.pipeline.measure(shape)
         if np.isfinite(frame.values).all():
             self.frames += 1
-            self._shape_time = arrived.time_ns
+            self.shapes.whole(now)
         else:
             self.lost += 1
         self.pipeline.estimator.push_frame(arrived.time, *frame)
 
-    def _take_pressure(self, arrived: Sample) -> None:
-        chambers, came = self.pipeline.controller.chambers, arrived.array.size
+    def _take_pressure(self, arrived: Sample, taken: Array, now: int) -> None:
+        chambers, came = self.pipeline.controller.chambers, taken.size
         if came < chambers:
             raise InputError(f"a sample holds the pressures of {came} chambers, the controller drives {chambers}")
         if came > chambers:
             self.chambers_left_out = max(self.chambers_left_out, came - chambers)
             self.pressures_left_out += came - chambers
-        kept = arrived.array.ravel()[:chambers]
+        kept = taken[:chambers]
         self.pressure = float(kept[0]) if chambers == 1 else kept
-        self._pressure_time = max(self._pressure_time, arrived.time_ns)
-        if np.isfinite(kept).all():  # otherwise the watchdog vents
+        self.watchdog.pressure(now, self.pressure)  # each one: a good one may follow in the same period
+        if np.isfinite(kept).all():
+            self.pressures.whole(now)
             self.pipeline.estimator.push_pressure(arrived.time, self.pressure)
 
     def _write(self, log: LoopLog, now: int, deadline: int) -> None:
@@ -180,14 +209,20 @@ class ControlLoop:
         angle = self._state.angle if self._state is not None else np.full(links, np.nan)
         controller, pressure, command = self.pipeline.controller, np.ravel(self.pressure), np.ravel(self.command)
         log.write((
-            now * 1e-9, self._shape_time * 1e-9, *pressure, *command, controller.target, controller.error,
+            now * 1e-9, self.shapes.stamp * 1e-9, *pressure, *command, controller.target, controller.error,
             bool(self.watchdog.fault), (self.clock.now() - now) * 1e-3, (now - deadline) * 1e-3, *angle,
         ))
 
     def summary(self) -> dict[str, float | str]:
         """Counters of the loop, its frames and its fault."""
         counted: dict[str, float | str] = {**self.timing.summary()}
-        counted |= {"frames": self.frames, "frames_lost": self.lost, "frames_late": self.late}
+        counted |= {"frames": self.frames, "frames_lost": self.lost, "frames_late": self.shapes.late}
+        for name, stream in zip(STREAMS, (self.shapes, self.pressures), strict=True):
+            numbers = {"rejected": stream.rejected, "ahead": stream.ahead}
+            numbers |= {"late": stream.late} if name == "pressures" else {}
+            counted |= {f"{name}_{what}": count for what, count in numbers.items() if count}
+        if self.log is not None and self.log.fault:
+            counted |= {"log_fault": self.log.fault, "log_rows_missing": self.log.dropped}
         if self.pressures_left_out:
             counted |= {"chambers_left_out": self.chambers_left_out, "pressures_left_out": self.pressures_left_out}
         counted |= {"fault": self.watchdog.fault, "fault_time_s": self.watchdog.fault_time * 1e-9}

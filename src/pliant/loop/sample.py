@@ -22,7 +22,8 @@ class Sample(NamedTuple):
     time_ns: int  # ns, on the clock of the loop
     name: str  # "shape", "pressure", "command", or a name of your own
     array: Array  # float64
-    unit: str  # SI
+    unit: str  # SI; a loop converts other units that it knows, and rejects the rest
+    hold: float = 0.0  # s, of a command: without a newer one within it the receiver vents; 0: the receiver decides
 
     @property
     def time(self) -> float:
@@ -54,9 +55,10 @@ class Sink(Protocol):
         """Give back what is held."""
 
 
-def sample(name: str, value: Any, time_ns: int, unit: str | None = None) -> Sample:
+def sample(name: str, value: Any, time_ns: int, unit: str | None = None, hold: float = 0.0) -> Sample:
     """A sample of one of the known names in its SI unit, or of any name with its unit."""
-    return Sample(int(time_ns), name, np.atleast_1d(np.asarray(value, dtype=float)), unit or UNITS.get(name, "1"))
+    array = np.atleast_1d(np.asarray(value, dtype=float))
+    return Sample(int(time_ns), name, array, unit or UNITS.get(name, "1"), hold)
 
 
 def nanoseconds(seconds: float) -> int:

@@ -28,7 +28,7 @@ class PlantLike(Protocol):
 
 
 class VirtualActuator:
-    """Source and sink of a plant that moves as the clock does.
+    """Source and sink of a plant that moves as the clock does, and vents when a command has held its time.
 
     Parameters
     ----------
@@ -49,6 +49,7 @@ class VirtualActuator:
         self._done = self._start = clock.now()
         self._begin, self.behind = plant.time, 0
         self._command: float | Array = 0.0
+        self._until: int | None = None
         self.finished = False
 
     def read(self) -> Sample | None:
@@ -60,6 +61,8 @@ class VirtualActuator:
             self._done += (owed - BEHIND) * self._period
         while self._done + self._period <= now:
             self._done += self._period
+            if self._until is not None and self._done > self._until:
+                self._command, self._until = 0.0 * self._command, None  # nobody has commanded since
             taken, shape, pressure = self.plant.advance(self._command)
             self._queue.append(sample(PRESSURE, pressure, self._done))
             self._queue.append(sample(SHAPE, shape, self._start + nanoseconds(taken - self._begin)))
@@ -69,6 +72,7 @@ class VirtualActuator:
         """Hold a command from now on."""
         if sample.name == COMMAND:
             self._command = float(sample.array[0]) if sample.array.size == 1 else sample.array
+            self._until = self._clock.now() + nanoseconds(sample.hold) if sample.hold else None
 
     def close(self) -> None:
         """Nothing is held."""

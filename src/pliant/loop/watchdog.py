@@ -30,6 +30,11 @@ class Bounds:
         rad, of the last link against its rest.
     largest_rate : float
         rad/s, of any link.
+    clock_skew : float
+        s by which a reading's time may lie ahead of the loop's clock; beyond, it is not used, and so goes stale.
+    shape_repeats, pressure_repeats : int
+        Readings in a row that may equal each other in every number: one more is a sensor that is frozen. 0: any number,
+        for sensors coarser than their noise.
     """
 
     highest_pressure: float
@@ -38,11 +43,17 @@ class Bounds:
     lowest_pressure: float = -2e4
     largest_angle: float = 3.0
     largest_rate: float = 100.0
+    clock_skew: float = 5e-3
+    shape_repeats: int = 25
+    pressure_repeats: int = 250
 
     def __post_init__(self) -> None:
         for name in ("highest_pressure", "shape_age", "pressure_age", "largest_angle", "largest_rate"):
             if not getattr(self, name) > 0:
                 raise InputError(f"watchdog bound {name} must be positive, got {getattr(self, name)}")
+        for name in ("clock_skew", "shape_repeats", "pressure_repeats"):
+            if not getattr(self, name) >= 0:
+                raise InputError(f"watchdog bound {name} must not be negative, got {getattr(self, name)}")
 
 
 class Watchdog:
@@ -76,6 +87,20 @@ class Watchdog:
             age = (now - seen) * 1e-9
             if age > limit:
                 self.trip(f"stale {what}: the last whole one is {age * 1e3:.1f} ms old, {limit * 1e3:.1f} allowed", now)
+        self.pressure(now, pressure)
+
+    def frozen(self, now: int, shape_repeats: int, pressure_repeats: int) -> None:
+        """Look at how many readings in a row were equal."""
+        b = self.bounds
+        for what, count, most in (
+            ("shape", shape_repeats, b.shape_repeats), ("pressure", pressure_repeats, b.pressure_repeats),
+        ):
+            if 0 < most < count:
+                self.trip(f"frozen {what}: {count} readings in a row equal the one before, {most} allowed", now)
+
+    def pressure(self, now: int, pressure: float | Array) -> None:
+        """Look at the pressure of every chamber [Pa]."""
+        b = self.bounds
         for p in each(pressure):
             if not math.isfinite(p):
                 self.trip(f"the pressure reading is {p}", now)
