@@ -9,7 +9,7 @@ demo: $(VENV)/.run
 	$(BIN)/pliant demo -o results/demo
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --tell-skips
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -34,7 +34,7 @@ $(BIN)/python:
 $(VENV)/.run: $(BIN)/python pyproject.toml constraints.txt
 	$(PIP) -e . && touch $@
 $(VENV)/.dev: $(BIN)/python pyproject.toml constraints.txt
-	$(PIP) -e '.[dev,io]' && touch $@ $(VENV)/.run
+	$(PIP) -e '.[dev,io,mpc,zmq,scale,browser]' && touch $@ $(VENV)/.run
 $(VENV)/.docs: $(VENV)/.run
 	$(PIP) -e '.[docs]' && touch $@
 $(VENV)/.bench: $(VENV)/.dev

@@ -1,12 +1,17 @@
-"""Shared fixtures: where the measured recordings lie, and a seeded random generator."""
+"""Shared by all tests: where recordings lie, seeded random numbers, the order of files, what may be skipped."""
 
 from __future__ import annotations
 
 import os
+import sys
+from collections import Counter
+from math import log2
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: small matrices, and tests share the cores
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # the suite starts a hundred processes: without bytecode each of them
+sys.dont_write_bytecode = False  # compiles the package again, and each worker all tests
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
@@ -15,6 +20,73 @@ from hypothesis import settings  # noqa: E402
 # The same examples in every run; `--hypothesis-profile=default` draws new ones.
 settings.register_profile("repeatable", derandomize=True, database=None)
 settings.load_profile("repeatable")
+
+MAY_BE_SKIPPED = {  # what a reason holds -> why a run without that test is complete on this machine
+    "measured recordings are absent": "they are no part of the project",
+    "the extra 'bench' is not installed": "peers to measure against, half a gigabyte",
+    "second simulator comes with the extra": "peers to measure against, half a gigabyte",
+    "the extra 'gpu' is not installed": "libraries of one maker of cards",
+    "a GPU is there": "what is said where there is none",
+    "no Chromium on this machine": "a browser does not come with pip",
+    "not a git checkout": "a copy without history",
+    "this user may write everywhere": "file permissions do not stop root",
+}
+DURATIONS = "pliant/seconds_by_file"
+
+
+def pytest_addoption(parser):
+    parser.addoption("--tell-skips", action="store_true", help="fail when a test is skipped for a reason not expected")
+
+
+class Controller:
+    """What is counted over the whole run, on all workers."""
+
+    def __init__(self, config):
+        self.config, self.seconds, self.untold = config, Counter(), []
+
+    def pytest_runtest_logreport(self, report):
+        self.seconds[report.nodeid.partition("::")[0]] += report.duration
+        self.note(report)
+
+    def pytest_collectreport(self, report):
+        self.note(report)
+
+    def note(self, report):
+        if report.skipped and isinstance(report.longrepr, tuple):
+            reason = str(report.longrepr[2])
+            if not any(part in reason for part in MAY_BE_SKIPPED):
+                self.untold.append(f"{report.nodeid}: {reason}")
+
+    def pytest_sessionfinish(self, session):
+        self.config.cache.set(DURATIONS, {**self.config.cache.get(DURATIONS, {}), **self.seconds})
+        if self.untold and self.config.getoption("--tell-skips") and not session.exitstatus:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter):
+        if self.untold and self.config.getoption("--tell-skips"):
+            terminalreporter.section("skipped for a reason not in MAY_BE_SKIPPED of tests/conftest.py", red=True)
+            terminalreporter.write_line("\n".join(self.untold))
+
+
+def pytest_configure(config):
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Controller(config), "pliant-controller")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config, items):
+    """Files that took long in the last run come first, so that no worker is left with one at the end.
+
+    Those that took about as long as each other stay in their random order, as do the tests of a file.
+    """
+    seconds = config.cache.get(DURATIONS, {})
+    slow = Counter(item.nodeid.partition("::")[0] for item in items if item.get_closest_marker("slow"))
+
+    def rank(item):
+        file = item.nodeid.partition("::")[0]
+        return -round(log2(seconds.get(file, 4.0 * slow[file]) + 1.0))
+
+    items.sort(key=rank)
 
 
 @pytest.fixture(scope="session")
