@@ -46,6 +46,7 @@ UNGATHERED = {  # kernels whose arguments wait for a record to carry them: this 
     "contact/locate.py": ["described"],
     "control/feedback_loops.py": ["feedback", "follow_valve", "steer"],
     "control/frame_loops.py": ["filter_and_steer", "many_filtered"],
+    "control/preparation.py": ["prepare_control"],
     "equations/chain.py": ["station"],
     "equations/coriolis.py": ["inertia_derivative"],
     "equations/linearised.py": ["step_jacobian"],

@@ -69,16 +69,22 @@ def cluster():
     made.stop()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def long_sweep():
+    """Thirty chunks of which each takes a tenth of a second, so that one is under way when its worker goes."""
     return sweep_from({
-        "kind": "monte_carlo", "samples": 60, "chunk": 2, "seed": 5, "duration": 30.0, "rate": 5.0, "step": 5e-5,
+        "kind": "monte_carlo", "samples": 60, "chunk": 2, "seed": 5, "duration": 8.0, "rate": 5.0, "step": 5e-5,
         "parameters": {"stiffness": {"mean": 1.6, "std": 0.1}, "level": 5e4},
     })
 
 
-def test_a_killed_worker_changes_nothing(cluster, long_sweep, paper, tmp_path):
-    whole = run_sweep(long_sweep, paper, tmp_path / "local").samples
+@pytest.fixture(scope="module")
+def whole(long_sweep, paper, tmp_path_factory):
+    """The same on this machine's cores."""
+    return run_sweep(long_sweep, paper, tmp_path_factory.mktemp("local")).samples
+
+
+def test_a_killed_worker_changes_nothing(cluster, long_sweep, whole, paper, tmp_path):
 
     def kill_early(line):
         if "28 to go" in line:
@@ -90,9 +96,8 @@ def test_a_killed_worker_changes_nothing(cluster, long_sweep, paper, tmp_path):
     assert result.account.made == 30
 
 
-def test_a_restarted_scheduler_changes_nothing(cluster, long_sweep, paper, tmp_path, monkeypatch):
+def test_a_restarted_scheduler_changes_nothing(cluster, long_sweep, whole, paper, tmp_path, monkeypatch):
     monkeypatch.setattr(scheduler, "CONNECT_S", 60.0)
-    whole = run_sweep(long_sweep, paper, tmp_path / "local").samples
 
     def restart(line):
         if "28 to go" in line:
