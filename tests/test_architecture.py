@@ -27,6 +27,7 @@ DOORS = {  # functions of more than eight parameters, and why
     "batch/batch.py::simulate_batch": "a public door: options by keyword, as those of `simulate`",
     "estimation/adaptive_observer.py::AdaptiveObserver.__init__": "a public door: options by keyword",
     "estimation/offline.py::estimate": "a public door: options by keyword",
+    "identification/experiment.py::experiment": "a public door: what is known of a recording, by keyword",
     "identification/fit.py::fit": "a public door: options by keyword",
     "identification/ladder.py::ladder": "a public door: options by keyword, as those of `fit`",
     "preprocessing/align.py::align": "a public door: what is known of the setup, by keyword",
