@@ -54,7 +54,6 @@ UNGATHERED = {  # kernels whose arguments wait for a record to carry them: this 
     "equations/memory.py": ["step_with_memory"],
     "equations/motion.py": ["acceleration_jacobian", "acceleration_recursive"],
     "equations/section.py": ["mean_inflated_torque", "mean_swollen_torque"],
-    "estimation/adaptive_observer_loops.py": ["follow"],
     "estimation/kalman_loops.py": ["filter_record", "many_frames", "predict", "predict_span", "update"],
     "identification/follow_loops.py": ["follow"],
     "identification/memory_loops.py": ["follow_with_memory"],
