@@ -110,17 +110,18 @@ def speed():
     from pliant.estimation import default_noise
     from pliant.estimation import kalman_loops as filter_loops
     from pliant.estimation.offline import chain_of
-    from pliant.estimation.workspace import make_scratch
+    from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
+    from pliant.estimation.workspace import make_workspace
 
     run = Loop("a", "a", True, time=[0.0], displacement=[STEP], duration=1.0)
     run.go(0.3)
     seen, control, lead = run.ready.estimator, run.ready.control, run.ready.trajectory.lead[9]
     points, now = run.plant.advance(0.0).shape, [0.3]
-    regulator = control.law.inputs(6e4, np.zeros(2))
+    regulator = control.law.inputs(6e4, np.zeros(2), lead)
     observer = seen.inputs(run.ready.link_angles.frame(points).values)
     many = twin(frame_loops.many_followed, seen.model.n)
-    many(1, observer, regulator, lead, np.zeros(8))
-    told = {"observer_lqr_us": spent(lambda: many(50, observer, regulator, lead, np.zeros(8)), 50)}
+    many(1, observer, regulator)
+    found = {"observer_lqr_us": spent(lambda: many(50, observer, regulator), 50)}
 
     def frame():
         now[0] += PERIOD
@@ -128,21 +129,25 @@ def speed():
         seen.push_frame(now[0], *run.ready.link_angles.frame(points))
         control.step(now[0], seen.state(now[0]), 6e4)
 
-    told["observer_lqr_python_us"] = spent(frame, calls=3000)
+    found["observer_lqr_python_us"] = spent(frame, calls=3000)
     body, n, noise = seen.model, seen.model.n, default_noise(seen.model)
     rows, P = np.array([(filter_loops.JOINT, i, 0.0, 0.0) for i in range(n)]), noise.initial(body)
-    state_of = (state.absolute(body, np.zeros(n)), np.zeros(n), np.zeros(n), P, state.relaxed(body, np.zeros(n)))
-    sight = (body.link_length, body.first_joint, rows, body.rest_angle.copy(), np.full(n, 1e-6), np.empty(n))
-    many, one = (twin(kernel, n) for kernel in (frame_loops.many_filtered, frame_loops.filter_and_steer))
+    rest = np.zeros(n)
+    state_of = FilterState(state.absolute(body, rest), np.zeros(n), np.zeros(n), P, state.relaxed(body, rest))
+    frame_of = FilterFrame(
+        body.link_length, body.first_joint, rows, body.rest_angle.copy(), np.full(n, 1e-6), np.empty(n)
+    )
+    kernels = frame_loops.many_filtered, frame_loops.filter_and_steer
+    many, one = (twin(kernel, n) for kernel in kernels)
     for name, steps, span in (("filter_lqr", 1, PERIOD), ("filter_lqr_75hz_3_steps", 3, 1 / 75)):
-        call = (state_of, np.zeros(n), (chain_of(body), seen.body),
-                (steps, span / steps, 0.05, (*noise.densities(body), np.zeros(1))), sight, regulator, lead,
-                make_scratch(body, P.shape[0], n), np.zeros(8))  # fmt: skip
+        prediction = Prediction(steps, span / steps, 0.05, FilterNoise(*noise.densities(body), np.zeros(1)))
+        call = (state_of, np.zeros(n), (chain_of(body), seen.body), prediction, frame_of, regulator,
+                make_workspace(body, P.shape[0], n))  # fmt: skip
         many(1, *call)
-        told[f"{name}_us"] = spent(lambda call=call: many(50, *call), 50)
+        found[f"{name}_us"] = spent(lambda call=call: many(50, *call), 50)
         one(*call)
-        told[f"{name}_python_us"] = spent(lambda call=call: one(*call), calls=3000)
-    return told
+        found[f"{name}_python_us"] = spent(lambda call=call: one(*call), calls=3000)
+    return found
 
 
 def figure(traces, path):

@@ -28,7 +28,7 @@ from pliant.testbed.stepping import simulate
 from pliant.testbed.truth import joint_rates
 from pliant.testbed.valve import supply_pressure
 
-NOISE = Noise(angle=9.5e-4, torque=5e-7, wander=1e-3, unrest=8.0, initial_disturbance=0.01)
+NOISE = Noise(angle=9.5e-4, torque=5e-7, random_walk=1e-3, motion_growth=8.0, initial_disturbance=0.01)
 LATENCY = {"a": 4.351e-3, "b": 4.317e-3, "c": 4.673e-3}  # s, fitted with each model
 FIBRE = Fibre(body_length=0.17, cap_curvature=50.0, cap_length=0.03, gauge_length=2.4e-3)
 RATE = 75.0  # Hz
@@ -74,23 +74,24 @@ def speed():
     from pliant.compiler.choose import twin
     from pliant.estimation import kalman_loops
     from pliant.estimation.offline import chain_of
-    from pliant.estimation.workspace import make_scratch
+    from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
+    from pliant.estimation.workspace import make_workspace
     from pliant.simulation import state
 
     for name, chain in (("with memory", model("a")), ("without", model("a").with_(memory=type(model("a").memory)()))):
         n, rows = chain.n, np.array([(kalman_loops.JOINT, i, 0.0, 0.0) for i in range(chain.n)])
-        scratch, P = make_scratch(chain, NOISE.states(chain), n), NOISE.initial(chain)
-        q = np.zeros(n)
-        own = [state.absolute(chain, q), np.zeros(n), np.zeros(n), P, state.relaxed(chain, q)]
-        many = twin(kalman_loops.many_frames, n)
-        call = (*own, chain_of(chain), 1.0 / RATE, 0.05, (*NOISE.densities(chain), np.zeros(1)), chain.link_length,
-                chain.first_joint, rows, chain.rest_angle.copy(), np.full(n, NOISE.angle**2), np.empty(n), scratch)
-        many(1, 3, *call)
+        workspace, P, rest = make_workspace(chain, NOISE.states(chain), n), NOISE.initial(chain), np.zeros(n)
+        own = FilterState(state.absolute(chain, rest), np.zeros(n), np.zeros(n), P, state.relaxed(chain, rest))
+        noise, many = FilterNoise(*NOISE.densities(chain), np.zeros(1)), twin(kalman_loops.many_frames, n)
+        frame = FilterFrame(chain.link_length, chain.first_joint, rows, chain.rest_angle.copy(),
+                            np.full(n, NOISE.angle**2), np.empty(n))  # fmt: skip
         for steps in (1, 2, 3):
+            call = own, chain_of(chain), Prediction(steps, 1.0 / RATE / steps, 0.05, noise), frame, workspace
+            many(1, *call)
             spent = []
             for _ in range(200):
                 began = time.process_time()
-                many(50, steps, *call)
+                many(50, *call)
                 spent.append((time.process_time() - began) / 50)
             print(f"{name}: frame of {steps} steps and {n} angles: median {1e6 * np.median(spent):.1f} us, "
                   f"least {1e6 * min(spent):.1f} us")

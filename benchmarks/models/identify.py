@@ -24,7 +24,8 @@ from pliant.errors import SimulationError
 from pliant.estimation import Noise, kalman_loops
 from pliant.estimation.measurement import measurement_of
 from pliant.estimation.offline import chain_of, input_of
-from pliant.estimation.workspace import make_scratch
+from pliant.estimation.symbols import FilterNoise, FilterState
+from pliant.estimation.workspace import make_workspace
 from pliant.model import Model, save_model
 from pliant.model.memory import Memory
 from pliant.simulation import state
@@ -90,17 +91,17 @@ def predicted(chain, body, sight, latency, arm=None):
     plan = drive(held, source, times, 5e-3)
     n, (T, _) = chain.n, sight.value.shape
     q = state.equilibrium(held, plan.initial)
-    phi, w, d = state.absolute(held, q), np.zeros(n), np.zeros(n)
-    rest = (np.zeros((2 * n, 2 * n)), state.relaxed(held, q), chain_of(held))
-    quiet = (np.zeros(n), 0.0, np.zeros(n), 0.0, np.zeros(1))
-    predict, scratch, frame, out = twin(kalman_loops.predict, n), make_scratch(held, 2 * n, n), 0, np.empty((T, n))
-    middle = times[0] + np.cumsum(plan.h) - 0.5 * plan.h
+    phi, d, known = state.absolute(held, q), np.zeros(n), np.zeros((2 * n, 2 * n))
+    own = FilterState(phi, np.zeros(n), d, known, state.relaxed(held, q))
+    quiet = FilterNoise(np.zeros(n), 0.0, np.zeros(n), 0.0, np.zeros(1))
+    predict, workspace, frame, out = twin(kalman_loops.predict, n), make_workspace(held, 2 * n, n), 0, np.empty((T, n))
+    chain_now, middle = chain_of(held), times[0] + np.cumsum(plan.h) - 0.5 * plan.h
     force = push(middle)
     out[0] = phi
     for k in range(plan.h.size):
         if arm is not None:
             d[:] = force[k] * arm[frame]
-        if predict(phi, w, d, *rest, plan.h[k], plan.torque[k], quiet, scratch) < 0:
+        if predict(own, chain_now, plan.h[k], plan.torque[k], quiet, workspace) < 0:
             raise SimulationError("a link turns by more than a radian in a step")
         if plan.keep[k] >= 0:
             frame = plan.keep[k]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.contact.moment_arms import curve_at, levers, mean_lever
+from pliant.contact.moment_arms import curve_at, mean_moment_arm, moment_arms
 from pliant.equations.contact import point_force
 from pliant.model import chain_model
 
@@ -34,7 +34,7 @@ def test_a_force_on_a_beam_turns_its_chords_as_the_levers_say(base, lengths):
 
     for place in (0.3, 0.55, 0.8, 1.0):
         at = place * nodes[-1]
-        found = mean_lever(m, np.arange(m.n), at - nodes[:-1])
+        found = mean_moment_arm(m, np.arange(m.n), at - nodes[:-1])
         wanted = joints(at) / joints(nodes[-1]) * (nodes[-1] - nodes[:-1])
         np.testing.assert_allclose(found, wanted, atol=2e-6)
 
@@ -43,7 +43,7 @@ def test_a_chain_of_rigid_links_has_the_levers_of_virtual_work(rng):
     m = chain()
     angle = np.cumsum(rng.uniform(-0.4, 0.6, (3, 5)), axis=1)
     link, along = np.array([0, 2, 4]), np.array([0.02, 0.001, 0.015])
-    found = levers(m, angle, link, along, rigid=True)
+    found = moment_arms(m, angle, link, along, rigid=True)
     Q = np.empty(5)
     for t in range(3):
         c, s = np.cos(angle[t]), np.sin(angle[t])
@@ -56,7 +56,7 @@ def test_a_chain_of_rigid_links_has_the_levers_of_virtual_work(rng):
 def test_levers_of_a_body_are_the_chains_away_from_the_force():
     m = chain()
     angle = np.cumsum(np.full((1, 5), 0.25), axis=1)
-    soft, rigid = (levers(m, angle, np.array([3]), np.array([0.02]), rigid=r)[0, 0] for r in (False, True))
+    soft, rigid = (moment_arms(m, angle, np.array([3]), np.array([0.02]), rigid=r)[0, 0] for r in (False, True))
     np.testing.assert_allclose(soft[:, :3], rigid[:, :3], rtol=1e-12)
     assert soft[0, 3] > rigid[0, 3]
     assert soft[0, 4] > rigid[0, 4] == 0.0

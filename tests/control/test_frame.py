@@ -12,7 +12,8 @@ from pliant.control.frame_loops import filter_and_steer
 from pliant.estimation import AdaptiveObserver, LinkAngles, State, default_noise, frozen
 from pliant.estimation import kalman_loops as filter_loops
 from pliant.estimation.offline import chain_of
-from pliant.estimation.workspace import make_scratch
+from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
+from pliant.estimation.workspace import make_workspace
 from pliant.model import load_model
 from pliant.simulation import memory_loops, state
 
@@ -33,7 +34,7 @@ def design(body):
 def command_of(law, target, angle, rate, valve, shift, scale):
     """The regulator's wish [Pa] and the tip's error [m], with matrices."""
     design, p = law.design, law.design.pressure
-    tables = law.inputs(target, valve)[0]
+    tables = law.regulator.schedule
 
     def at(table, where):
         flat = table.reshape(len(p), -1)
@@ -43,7 +44,7 @@ def command_of(law, target, angle, rate, valve, shift, scale):
     hold = target - at(tables[5], target) @ np.cumsum(shift) / at(tables[6], target)[0]
     x = np.concatenate([
         angle - at(tables[2], hold) - np.cumsum(shift), rate, scale * valve - [hold, 0.0],
-        scale * law.inputs(target, valve)[5] - hold, [law.integral],
+        scale * law.memory.waiting - hold, [law.integral],
     ])  # fmt: skip
     now = state.tips(design.model, angle)[-1]
     return (hold - gain @ x) / scale, float((now - tip) @ way)
@@ -128,19 +129,19 @@ def test_filter_and_regulator_in_one_frame(body, design):
     z, valve, shift = state.absolute(body, np.full(n, 0.02)), np.zeros(2), np.zeros(n)
     for _ in range(2):
         P = noise.initial(body)
-        x = (state.absolute(body, np.zeros(n)), np.zeros(n), np.zeros(n), P, state.relaxed(body, np.zeros(n)))
-        prediction = (1, PERIOD, 0.01, (*noise.densities(body), np.zeros(1)))
-        sight = (body.link_length, body.first_joint, rows, z, np.full(n, 1e-6), np.empty(n))
-        out.append((x, prediction, sight, make_scratch(body, P.shape[0], n)))
-    x, prediction, sight, scratch = out[0]
+        rest = np.zeros(n)
+        x = FilterState(state.absolute(body, rest), np.zeros(n), np.zeros(n), P, state.relaxed(body, rest))
+        prediction = Prediction(1, PERIOD, 0.01, FilterNoise(*noise.densities(body), np.zeros(1)))
+        frame = FilterFrame(body.link_length, body.first_joint, rows, z, np.full(n, 1e-6), np.empty(n))
+        out.append((x, prediction, frame, make_workspace(body, P.shape[0], n)))
+    x, prediction, frame, workspace = out[0]
     model = (chain_of(body), AdaptiveObserver(body, PERIOD).body)
     lead = np.zeros(design.gain.shape[1])
-    command = filter_and_steer(
-        x, shift, model, prediction, sight, law.inputs(3e4, valve), lead, scratch, np.zeros(8)
-    )
-    (phi, w, d, P, memory), (steps, h, torque, density), sight, scratch = out[1]
-    filter_loops.predict_span(phi, w, d, P, memory, chain_of(body), steps, h, torque, density, scratch)
-    filter_loops.update(phi, w, d, P, memory, chain_of(body), *sight, scratch)
-    np.testing.assert_allclose(x[0], phi, rtol=1e-12)
-    assert np.abs(phi - z).max() < 0.3 * np.abs(z - state.absolute(body, np.zeros(n))).max()
-    assert command == pytest.approx(apart.step(3e4, State(0.0, phi, w, shift, d, P), valve), rel=1e-12)
+    command = filter_and_steer(x, shift, model, prediction, frame, law.inputs(3e4, valve, lead), workspace)
+    own, prediction, frame, workspace = out[1]
+    filter_loops.predict_span(own, chain_of(body), prediction, workspace)
+    filter_loops.update(own, chain_of(body), frame, workspace)
+    np.testing.assert_allclose(x.angle, own.angle, rtol=1e-12)
+    assert np.abs(own.angle - z).max() < 0.3 * np.abs(z - state.absolute(body, np.zeros(n))).max()
+    now = State(0.0, own.angle, own.rate, shift, own.disturbance, own.covariance)
+    assert command == pytest.approx(apart.step(3e4, now, valve), rel=1e-12)

@@ -142,7 +142,7 @@ def test_a_valve_is_found_from_its_gauge():
     found = identify_valve([ValveRun(edges, levels, time, valve_answer(true, edges, levels, time) + 100 + 300 * noise)])
     assert found.rmse == pytest.approx(300, rel=0.1)
     for name, value in vars(true).items():
-        assert abs(getattr(found.valve, name) - value) < max(5 * found.spread[name], 1e-3 * value)
+        assert abs(getattr(found.valve, name) - value) < max(5 * found.standard_error[name], 1e-3 * value)
     with pytest.raises(InputError, match="as many edges"):
         identify_valve([ValveRun(edges, levels[:2], time, time)])
     with pytest.raises(InputError, match="at least one run"):

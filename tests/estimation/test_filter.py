@@ -31,7 +31,7 @@ def pressure(t):
     return 1e5 * (np.asarray(t) >= ON - 1e-12)
 
 
-def noisy_run(seed, frames=60, disturbance=0.0, wander=0.0):
+def noisy_run(seed, frames=60, disturbance=0.0, random_walk=0.0):
     """Frames of the model under its own torque noise, from a random start: truth (T, 3n) and tips with noise."""
     m, rng = model(), np.random.default_rng(seed)
     n, h = m.n, H / SUB
@@ -46,7 +46,7 @@ def noisy_run(seed, frames=60, disturbance=0.0, wander=0.0):
             push = d + NOISE.torque / np.sqrt(h) * rng.standard_normal(n)
             torque = float(m.torque_at(float(pressure(t))))
             kernel(phi, w, 0.0, h, torque, body, joints._replace(theta0=joints.theta0 + push / joints.K), work)
-            d = d + wander * np.sqrt(h) * rng.standard_normal(n)
+            d = d + random_walk * np.sqrt(h) * rng.standard_normal(n)
         truth[f] = np.concatenate([phi, w, d])
     tips = state.tips(m, truth[:, :n])
     return truth, tips + NOISE.position * rng.standard_normal(tips.shape)
@@ -58,19 +58,19 @@ def recorded(tips, links=3):
     return make_recording(time, tips, station=names, frame="planar", pressure=pressure(CLOCK), pressure_time=CLOCK)
 
 
-@pytest.mark.parametrize("wander", [0.0, 0.05])
-def test_errors_and_innovations_are_as_large_as_the_filter_says(wander):
-    noise = Noise(**{**NOISE.__dict__, "wander": wander, "initial_disturbance": 0.02 * (wander > 0)})
+@pytest.mark.parametrize("random_walk", [0.0, 0.05])
+def test_errors_and_innovations_are_as_large_as_the_filter_says(random_walk):
+    noise = Noise(**{**NOISE.__dict__, "random_walk": random_walk, "initial_disturbance": 0.02 * (random_walk > 0)})
     N = noise.states(model())
     ratios, innovations, smooth = [], [], []
     for seed in range(100, 200):
-        truth, tips = noisy_run(seed, disturbance=noise.initial_disturbance, wander=wander)
+        truth, tips = noisy_run(seed, disturbance=noise.initial_disturbance, random_walk=random_walk)
         found = estimate(recorded(tips), model(), noise=noise, step=H / SUB * 1.001, pressure_window=0.0)
         q, dq = state.joint_angles(model(), truth[:, :3]), state.joint_rates(truth[:, 3:6])
         parts = [found.joint_angle - q, found.joint_rate - dq]
         T = np.eye(3) - np.eye(3, k=-1)
         blocks = [T, T]
-        if wander:
+        if random_walk:
             parts.append(found.disturbance - truth[:, 6:])
             blocks.append(np.eye(3))
         J = np.zeros((N, N))

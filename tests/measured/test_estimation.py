@@ -38,7 +38,7 @@ def test_tip_poses_of_a_pulse_give_the_velocity_of_a_zero_phase_derivative(share
     model = pulsed_arm()
     found = estimate(
         ds, model, pressure=pulse, stations=("tip",),
-        noise=Noise(position=1e-4, torque=1e-4, wander=0.05, initial_disturbance=0.02),
+        noise=Noise(position=1e-4, torque=1e-4, random_walk=0.05, initial_disturbance=0.02),
     )
     phi = np.cumsum(found["joint_angle"].values + model.rest_angle, axis=1) + model.base_angle
     w = np.cumsum(found["joint_rate"].values, axis=1)
@@ -79,7 +79,7 @@ def test_the_hand_that_held_a_trunk_is_seen_until_it_lets_go(shared_data, trial)
         damping=0.1806, torque=[0.0], tip_mass=0.2,
         stations=tuple(Station(*each) for each in zip(names, range(3), (0.052382, 0.042235, 0.053429), strict=True)),
     )  # fmt: skip
-    noise = Noise(position=5e-4, torque=5e-3, wander=4.0, initial_disturbance=2.0, initial_angle=0.5)
+    noise = Noise(position=5e-4, torque=5e-3, random_walk=4.0, initial_disturbance=2.0, initial_angle=0.5)
     let_go = release_of(estimate(ds, model, noise=noise, pressure=Pulse(0.0), stations=names))
     tip = ds["position"].sel(station="tip").values
     speed = np.linalg.norm(np.gradient(tip, 0.01, axis=0), axis=1)
@@ -114,7 +114,7 @@ def test_a_measured_pressure_gives_the_angles_of_an_arm(shared_data):
     path = shared_data / "planar_two_segment_arm" / "jan10-4_steps_chamber1_2.txt"
     ds = align(read(path, format="columns", mapping=mapping), base="base", tangent="chord", undo_jumps=True)
     model, pressure = two_segments(), Trace(ds["pressure_time"].values, ds["pressure"].values.ravel())
-    noise = Noise(position=1e-2, torque=2e-2, wander=3e-3, initial_disturbance=0.01)
+    noise = Noise(position=1e-2, torque=2e-2, random_walk=3e-3, initial_disturbance=0.01)
     found = estimate(ds.drop_vars(["angle", "quaternion"], errors="ignore"), model, noise=noise, pressure=pressure)
     phi = np.cumsum(found["joint_angle"].values + model.rest_angle, axis=1) + model.base_angle
     turned = phi[:, [2, 4]] - state.absolute(model, state.equilibrium(model))[[2, 4]]

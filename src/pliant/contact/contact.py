@@ -51,7 +51,7 @@ def find_contact(
     false_alarms_per_hour : float
         That the threshold stands for.
     noise : Noise, optional
-        As for `estimate`; the disturbance must wander.
+        As for `estimate`; the disturbance must be a random walk.
     friction : float
         Likely coefficient of friction: what the force along the body may be where the torques do not show it.
     torque_error : float
@@ -105,8 +105,8 @@ def find_contact(
         touching[event.alarm : event.end] = True
         left[event.onset : event.end] -= event.before
     for k in map(int, np.flatnonzero(touching)):
-        doubt = scale[k] * learnt.change + np.diag((torque_error * left[k]) ** 2)
-        pushes[k] = locate(model, seen.angle[k], left[k], doubt, friction=friction)
+        covariance = scale[k] * learnt.change + np.diag((torque_error * left[k]) ** 2)
+        pushes[k] = locate(model, seen.angle[k], left[k], covariance, friction=friction)
     return described(seen, left, np.maximum(slow, fast), touching, pushes, learnt, events)
 
 
@@ -122,8 +122,8 @@ def free_motion(
         raise InputError("the threshold comes from free motion: give at least one recording without contact")
     settings, rate = noise or default_noise(model, disturbance=True), false_alarms_per_hour
     parts = [unexplained(r, model, settings, options) for r in recordings]
-    sight = measurement_of(recordings[0], model, settings, options.get("stations"))
-    answer = answer_of(model, settings, sight, step=options.get("step", 5e-3))
+    measurement = measurement_of(recordings[0], model, settings, options.get("stations"))
+    answer = answer_of(model, settings, measurement, step=options.get("step", 5e-3))
     for part in parts:
         check_pace(part.found, answer.period)
     ratios = [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts]
@@ -158,8 +158,8 @@ class Seen(NamedTuple):
 
 def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> Seen:
     """Estimate of a recording with its disturbance torques, and the features of the free motion beside it."""
-    if not noise.wander > 0:
-        raise InputError("contact is seen in the disturbance torques: noise.wander must be positive")
+    if not noise.random_walk > 0:
+        raise InputError("contact is seen in the disturbance torques: noise.random_walk must be positive")
     found = estimate(recording, model, noise=noise, **options)
     source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3))
     times = found["time"].values - options.get("latency", 0.0)

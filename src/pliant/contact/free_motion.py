@@ -24,7 +24,7 @@ MANY = 40  # peaks from which the upper quartile, else the upper half, makes the
 
 @dataclass(frozen=True)
 class Sudden:
-    """The likelihood ratio of `jump` in free motion.
+    """The likelihood ratio of forces that set in, in free motion.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """A force that sets in: generalised likelihood ratio of a step of the joint torques, on the filter's innovations.
 
 White innovations of unit variance, as long as the model holds; after a step of the torques by J f, f being a force at a
-point of the body and J its levers, they carry R_j J f, j frames after the onset. Over all onsets of late and places
-along the body the largest (sum y)^2 / sum |R_j J|^2 is the test: the best that a frame after an onset can know.
+point of the body and J its moment arms, they carry R_j J f, j frames after the onset. Over all onsets of late and all
+places along the body the largest (sum y)^2 / sum |R_j J|^2 is the test: the best that a frame after an onset can know.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.contact.moment_arms import levers
+from pliant.contact.moment_arms import moment_arms
 from pliant.estimation import kalman_loops
 from pliant.estimation.measurement import Measurement
 from pliant.estimation.noise import Noise
 from pliant.estimation.offline import chain_of
-from pliant.estimation.workspace import make_scratch
+from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
+from pliant.estimation.workspace import make_workspace
 from pliant.model import Model
 from pliant.simulation import state
 
@@ -67,43 +68,46 @@ def windows_of(period: float) -> list[int]:
     return sorted({frames_of(w, period) for w in WINDOWS})
 
 
-def answer_of(model: Model, noise: Noise, sight: Measurement, *, step: float) -> Answer:
+def answer_of(model: Model, noise: Noise, measurement: Measurement, *, step: float) -> Answer:
     """Answer of the settled filter at rest, for bodies that move little and much."""
-    cases = [
-        replace(noise, wander=noise.wander * float(np.sqrt(1.0 + noise.unrest * a)), unrest=0.0) for a in MOTIONS
-    ]
-    period = float(np.median(np.diff(sight.time)))
-    made = [response_of(model, one, sight, period, max(1, int(np.ceil(period / step)))) for one in cases]
+    grown = [noise.random_walk * float(np.sqrt(1.0 + noise.motion_growth * a)) for a in MOTIONS]
+    cases = [replace(noise, random_walk=walk, motion_growth=0.0) for walk in grown]
+    period = float(np.median(np.diff(measurement.time)))
+    made = [response_of(model, one, measurement, period, max(1, int(np.ceil(period / step)))) for one in cases]
     return Answer(np.array(MOTIONS), np.stack(made), period)
 
 
-def response_of(model: Model, noise: Noise, sight: Measurement, period: float, steps: int) -> Array:
+def response_of(model: Model, noise: Noise, measurement: Measurement, period: float, steps: int) -> Array:
     """Whitened innovations (W, m, n) after a unit step of each torque."""
-    n, rows = model.n, sight.rows
-    scratch = make_scratch(model, noise.states(model), len(rows))
+    n, rows = model.n, measurement.rows
+    workspace = make_workspace(model, noise.states(model), len(rows))
     q = state.equilibrium(model)
-    start = [state.absolute(model, q), np.zeros(n), np.zeros(n), noise.initial(model), state.relaxed(model, q)]
+    start = FilterState(
+        state.absolute(model, q), np.zeros(n), np.zeros(n), noise.initial(model), state.relaxed(model, q)
+    )
     predict, update = twin(kalman_loops.predict_span, n), twin(kalman_loops.update)
-    chain, densities = chain_of(model), (*noise.densities(model), np.zeros(1))
+    chain, densities = chain_of(model), FilterNoise(*noise.densities(model), np.zeros(1))
+    still = Prediction(steps, period / steps, 0.0, densities)
     seen, slopes, innovation = np.empty(len(rows)), np.empty((len(rows), n)), np.empty(len(rows))
+    shown = FilterFrame(model.link_length, model.first_joint, rows, seen, measurement.variance, innovation)
 
-    def frame(own: list[Array], true: Array) -> Array:
-        predict(*own, chain, steps, period / steps, 0.0, densities, scratch)
+    def frame(own: FilterState, true: Array) -> Array:
+        predict(own, chain, still, workspace)
         kalman_loops.observe(true, model.link_length, model.first_joint, rows, seen, slopes)
-        update(*own, chain, model.link_length, model.first_joint, rows, seen, sight.variance, innovation, scratch)
+        update(own, chain, shown, workspace)
         return innovation
 
     for _ in range(frames_of(SETTLED, period)):
-        frame(start, start[0].copy())
+        frame(start, start.angle.copy())
     frames = windows_of(period)[-1]
     made = np.zeros((frames, len(rows), n))
     push = 1e-4 * float(np.mean(model.stiffness))
     for i in range(n):
-        true, own = [a.copy() for a in start], [a.copy() for a in start]
-        true[2][i] += push
+        true, own = (FilterState(*(a.copy() for a in start)) for _ in range(2))
+        true.disturbance[i] += push
         for j in range(frames):
-            predict(*true, chain, steps, period / steps, 0.0, densities, scratch)
-            made[j, :, i] = frame(own, true[0]) / push
+            predict(true, chain, still, workspace)
+            made[j, :, i] = frame(own, true.angle) / push
     return made
 
 
@@ -125,15 +129,15 @@ def likelihood_ratio(
     """
     e, case = np.nan_to_num(innovation), answer.case(motion)
     link, share = (a.ravel() for a in np.meshgrid(np.arange(min(1, model.n - 1), model.n), PLACES, indexing="ij"))
-    J = levers(model, angle, link, share * model.link_length[link])[:, :, 0]
+    J = moment_arms(model, angle, link, share * model.link_length[link])[:, :, 0]
     best, since = np.zeros(len(e)), np.zeros(len(e), dtype=int)
     for b in np.unique(case):
         R, at = answer.response[b], case == b
         for w in answer.windows:
             y = sum(shifted(e, w - 1 - j) @ R[j] for j in range(w))
-            spread = sum(R[j].T @ R[j] for j in range(w))
+            information = sum(R[j].T @ R[j] for j in range(w))
             push = np.einsum("tan,tn->ta", J[at], np.asarray(y)[at])
-            size = np.einsum("tan,nm,tam->ta", J[at], spread, J[at])
+            size = np.einsum("tan,nm,tam->ta", J[at], information, J[at])
             ratio = np.zeros(len(e))
             ratio[at] = (push**2 / size).max(axis=1)
             since[ratio > best] = w

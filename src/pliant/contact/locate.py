@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from pliant.contact.moment_arms import curve_at, levers
+from pliant.contact.moment_arms import curve_at, moment_arms
 from pliant.errors import InputError
 from pliant.model import Model
 
@@ -81,7 +82,7 @@ def locate(
     spacing : float
         Between the points that are tried, m.
     rigid : bool
-        Whether the body bends at its joints alone, like the chain; see `pliant.contact.moment_arms.levers`.
+        Whether the body bends at its joints alone, like the chain; see `pliant.contact.moment_arms.moment_arms`.
 
     Returns
     -------
@@ -101,7 +102,7 @@ def locate(
     except np.linalg.LinAlgError:
         raise InputError("the covariance of the torques must be symmetric and positive definite") from None
     link, along = points(model, spacing)
-    J = levers(model, np.asarray(angle)[None], link, along, rigid=rigid)[0]
+    J = moment_arms(model, np.asarray(angle)[None], link, along, rigid=rigid)[0]
     A = J @ whiten.T  # (points, 2, n): torque per newton to the left and to the tip
     z = whiten @ torque
     size = np.full(link.size, np.inf)
@@ -118,9 +119,19 @@ def locate(
     misfit += np.einsum("pa,pab,pb->p", force, weight, force)
     free = np.linalg.det(information) / information[:, 0, 0] / weight[:, 1, 1]
     evidence = misfit + np.log(free)  # freedom along the body costs: little where friction leaves little
-    best = int(np.argmin(evidence))
-    likely = evidence <= evidence[best] + 3.84
-    return described(model, angle, link, along, force, information, weight, misfit, best, likely)
+    return described(model, angle, Tried(link, along, force, information, weight, misfit, evidence))
+
+
+class Tried(NamedTuple):
+    """The points that are tried, and the best force at each."""
+
+    link: Array  # (P,)
+    along: Array  # (P,) m, from the link's joint
+    force: Array  # (P, 2) N, to the left of the body and towards its tip
+    information: Array  # (P, 2, 2) 1/N^2, inverse of the force's covariance
+    weight: Array  # (P, 2, 2) 1/N^2, of that what friction makes likely
+    misfit: Array  # (P,) chi-square left
+    evidence: Array  # (P,) that and what freedom costs: the lowest is the likeliest
 
 
 def points(model: Model, spacing: float) -> tuple[Array, Array]:
@@ -130,24 +141,23 @@ def points(model: Model, spacing: float) -> tuple[Array, Array]:
     return np.repeat(np.arange(model.n), counts), np.concatenate(along)
 
 
-def described(
-    model: Model, angle: Array, link: Array, along: Array, force: Array, information: Array, weight: Array,
-    misfit: Array, best: int, likely: Array,
-) -> Push:
+def described(model: Model, angle: Array, tried: Tried) -> Push:
     """The best point in the base frame, with what it cannot show."""
-    j, sign = int(link[best]), np.array([model.bend_sign, 1.0])
-    arc = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])[link] + along
+    best = int(np.argmin(tried.evidence))
+    likely = tried.evidence <= tried.evidence[best] + 3.84
+    j, sign = int(tried.link[best]), np.array([model.bend_sign, 1.0])
+    arc = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])[tried.link] + tried.along
     c, s = np.cos(angle[j]), np.sin(angle[j])
     turn = np.array([[-c, -s], [-s, c]]).T  # left and tipwards to x and y
     point, tangent = curve_at(model, angle, float(arc[best]))
-    own = np.linalg.inv(information[best])
+    own, force = np.linalg.inv(tried.information[best]), tried.force[best]
     sd = np.sqrt(np.diag(own))
-    allowed = 1.0 / np.sqrt(np.diag(weight[best]))
+    allowed = 1.0 / np.sqrt(np.diag(tried.weight[best]))
     names = np.array(["normal", "tangential"])
     F = np.diag(sign) @ turn
     return Push(
         float(arc[best]), (float(arc[likely].min()), float(arc[likely].max())), model.length, j,
-        sign * point, sign * np.array([-tangent[1], tangent[0]]), F @ force[best], F @ own @ F.T,
-        float(force[best, 0]), float(force[best, 1]), float(sd[0]), float(sd[1]), float(misfit[best]),
+        sign * point, sign * np.array([-tangent[1], tangent[0]]), F @ force, F @ own @ F.T,
+        float(force[0]), float(force[1]), float(sd[0]), float(sd[1]), float(tried.misfit[best]),
         tuple(str(name) for name in names[sd > HIDDEN * allowed]),
     )

@@ -10,11 +10,11 @@ from pliant.numerics.spline import CLAMPED, spline_matrix
 Array = np.ndarray
 
 
-def mean_lever(model: Model, joint: Array, u: Array) -> Array:
-    """Lever (P,) [m] at `joint` (P,) of a force across a body that bends everywhere, u (P,) [m] beyond the joint.
+def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
+    """Moment arm (P,) [m] at `joint` (P,) of a force across a body that bends everywhere, u (P,) [m] beyond the joint.
 
-    The angle between two chords of a body weighs its curvature by a hat: up along the link before, or from the base at
-    once, and down along the link behind. The mean of max(u, 0) under that hat is the lever, scaled to be the chain's
+    The angle between two links of a body weighs its curvature by a hat: up along the link before, or from the base at
+    once, and down along the link behind. The mean of max(u, 0) under that hat is the arm, scaled to be the chain's
     own at the tip, as the joint's stiffness was found with the chain.
     """
     l = model.link_length
@@ -31,7 +31,7 @@ def mean_lever(model: Model, joint: Array, u: Array) -> Array:
     return np.asarray(tip * moment(u) / moment(tip))
 
 
-def levers(model: Model, angle: Array, link: Array, along: Array, *, rigid: bool = False) -> Array:
+def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid: bool = False) -> Array:
     """Joint torques (T, P, 2, n) of a unit force to the left of the body and of one towards its tip, m.
 
     Parameters
@@ -41,7 +41,7 @@ def levers(model: Model, angle: Array, link: Array, along: Array, *, rigid: bool
     link, along : arrays (P,)
         Of the points: link, and distance from its joint, m.
     rigid : bool
-        Whether the body bends at its joints alone. Otherwise `mean_lever` holds at the joints beside the force.
+        Whether the body bends at its joints alone. Otherwise `mean_moment_arm` holds at the joints beside the force.
     """
     l, n = model.link_length, model.n
     ahead = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)  # (T, n, 2)
@@ -52,7 +52,7 @@ def levers(model: Model, angle: Array, link: Array, along: Array, *, rigid: bool
     if not rigid:
         for k, u in ((link, along), (link + 1, along - l[link])):
             here = np.flatnonzero(k < n)
-            arm[:, here, k[here]] = mean_lever(model, k[here], u[here])[:, None] * own[:, here]
+            arm[:, here, k[here]] = mean_moment_arm(model, k[here], u[here])[:, None] * own[:, here]
     sides = (np.stack([-own[..., 1], own[..., 0]], axis=-1), own)
     return np.stack([arm[..., 0] * d[:, :, None, 1] - arm[..., 1] * d[:, :, None, 0] for d in sides], axis=2)
 

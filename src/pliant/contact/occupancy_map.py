@@ -14,10 +14,10 @@ from pliant.errors import InputError
 
 Array = np.ndarray
 FREE, TOUCHED = -0.85, 2.2  # log-odds that one pass and one touch are worth
-SURE = 3.0  # standard deviations by which a force must be clear of zero to tell of a surface
+CLEAR = 3.0  # standard deviations by which a force must be clear of zero to tell of a surface
 STILL = 0.5  # rad/s: faster joints make torques that look like contact
 STEADY, SAME_PLACE, SAME_FORCE = 0.13, 5e-3, 0.3  # s for which place [m] and force [share] of a touch must have stayed
-LIMIT = 8.0  # log-odds beyond which nothing is surer
+LIMIT = 8.0  # log-odds beyond which nothing counts
 DEPTH = 2.0e-3  # m behind a surface that a touch says is solid
 
 
@@ -59,9 +59,9 @@ def poke_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02)
     tips = contact["tip_position"].values
     curve = np.concatenate([np.zeros((len(tips), 1, 2)), tips], axis=1)
     width = (contact["arc_high"] - contact["arc_low"]).values
-    sure = np.abs(contact["normal_force"].values) > SURE * contact["normal_force_sd"].values
+    clear = np.abs(contact["normal_force"].values) > CLEAR * contact["normal_force_sd"].values
     moving = np.abs(np.gradient(contact["joint_angle"].values, contact["time"].values, axis=0)).max(axis=1)
-    good = contact["in_contact"].values & (width <= most) & sure & (moving <= STILL) & steady(contact)
+    good = contact["in_contact"].values & (width <= most) & clear & (moving <= STILL) & steady(contact)
     push = contact["contact_normal"].values[good]  # the obstacle pushes the body this way
     point = contact["contact_position"].values[good] - half_width * push
     return Poke(

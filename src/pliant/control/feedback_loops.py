@@ -1,8 +1,13 @@
-"""The arithmetic of one control step, compiled."""
+"""The arithmetic of one control step, compiled.
+
+Records of `symbols` are taken apart by position, so that plain tuples do as well: Python hands those over faster.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+
+from pliant.control.symbols import COMMAND, DIRECTION, ERROR, HOLD, INTEGRAL, SATURATED, SEEN, TIP, WISH
 
 
 def between(grid, value):
@@ -14,20 +19,20 @@ def between(grid, value):
     return k, min(1.0, max(0.0, b))
 
 
-def feedback(
-    gains, grid, rest_angle, rest_tip, direction, tip_by_angle, tip_by_pressure,
-    target, angle, rate, shift, valve, waiting, integral, scale, lead, out,
-):
+def feedback(schedule, aim, seen, lead, memory):
     """Command of a gain-scheduled state feedback before its limits; Pa.
 
-    Gains (G, N) and rests are interpolated between the pressures of `grid` (G,). The state is angle (n,), rate (n,),
-    valve (v,), the commands on their way `waiting` (D,) and `integral` [m s]. Where the joints' rest angles are off by
-    `shift` (n,), another pressure brings the tip to where the model rests at `target` [Pa]: out[0]; angles, valve and
-    commands are deviations from the rest there, less those of a reference, `lead` (N,), whose last entry is added to
-    the command. Where the body turns as if under `scale` times the pressure, pressures are counted so often and the
-    command is divided by it. out[1] takes the command, out[2:4] the tip [m] at the rest and out[4:6] the direction of
-    its path.
+    Gains and rests are interpolated between the pressures of the schedule. The state is that of body and valve, the
+    commands on their way and the integral of the tip's error. Where the joints' rest angles are off by a shift, another
+    pressure brings the tip to where the model rests at `aim.target`: out[HOLD]; angles, valve and commands are
+    deviations from the rest there, less those of a trajectory, `lead` (N,), whose last entry is added to the command.
+    Where the body turns as if under `aim.scale` times the pressure, pressures are counted so often and the command is
+    divided by it. out[WISH] takes the command, out[TIP:] the tip [m] at the rest and out[DIRECTION:] that of its path.
     """
+    gains, grid, rest_angle, rest_tip, direction, tip_by_angle, tip_by_pressure = schedule
+    target, scale, _lead_tip = aim
+    angle, rate, shift, valve = seen
+    waiting, held, out = memory
     k, b = between(grid, target)
     a = 1.0 - b
     n = len(angle)
@@ -57,45 +62,37 @@ def feedback(
         off = scale * waiting[i] - hold - lead[base + i]
         total = total + (a * gains[k, base + i] + b * gains[k + 1, base + i]) * off
     base = base + len(waiting)
-    total = total + (a * gains[k, base] + b * gains[k + 1, base]) * integral
-    out[0] = hold / scale
-    out[1] = (hold + lead[len(lead) - 1] - total) / scale
+    total = total + (a * gains[k, base] + b * gains[k + 1, base]) * held[INTEGRAL]
+    out[HOLD] = hold / scale
+    out[WISH] = (hold + lead[len(lead) - 1] - total) / scale
     for i in range(2):
-        out[2 + i] = a * rest_tip[k, i] + b * rest_tip[k + 1, i]
-        out[4 + i] = a * direction[k, i] + b * direction[k + 1, i]
+        out[TIP + i] = a * rest_tip[k, i] + b * rest_tip[k + 1, i]
+        out[DIRECTION + i] = a * direction[k, i] + b * direction[k + 1, i]
 
 
-def steer(table, place, rules, aim, angle, rate, shift, valve, lead, waiting, held, out):
-    """One step of the linear-quadratic regulator: feedback, limits, integral action without windup; the command, Pa.
-
-    `table` holds the first seven arguments of `feedback`, `place` (link_length, x0, y0, sign of the bend), `rules`
-    (highest [Pa], slew [Pa/s], period [s], integral_band [m]) and `aim` (target [Pa], scale, lead_tip [m]). Changed in
-    place: `waiting` (D,), and held (4,), the command [Pa], the integral [m s], the tip's error [m] and the count of
-    commands that met a limit. `out` (8,) is scratch.
-    """
-    gains, grid, rest_angle, rest_tip, direction, tip_by_angle, tip_by_pressure = table
-    link_length, x0, y0, sign = place
+def steer(law, aim, seen, lead, memory):
+    """One step of the linear-quadratic regulator: feedback, limits, integral action without windup; the command, Pa."""
+    schedule, geometry, rules = law
+    link_length, x0, y0, sign = geometry
     highest, slew, period, band = rules
-    target, scale, lead_tip = aim
-    feedback(
-        gains, grid, rest_angle, rest_tip, direction, tip_by_angle, tip_by_pressure,
-        target, angle, rate, shift, valve, waiting, held[1], scale, lead, out,
-    )
-    tip_of(angle, link_length, x0, y0, out[6:])
-    error = (sign * out[6] - out[2]) * out[4] + (out[7] - out[3]) * out[5] - lead_tip
-    wish = out[1]
-    command = within(wish, held[0], highest, slew * period)
+    waiting, held, out = memory
+    feedback(schedule, aim, seen, lead, memory)
+    tip_of(seen[0], link_length, x0, y0, out)
+    error = (sign * out[SEEN] - out[TIP]) * out[DIRECTION] + (out[SEEN + 1] - out[TIP + 1]) * out[DIRECTION + 1]
+    error = error - aim[2]
+    wish = out[WISH]
+    command = within(wish, held[COMMAND], highest, slew * period)
     if command != wish:
-        held[3] = held[3] + 1.0
+        held[SATURATED] = held[SATURATED] + 1.0
     if (wish - command) * error >= 0.0:  # at a limit, only what leads away from it is summed up
         share = band / max(abs(error), 1e-12)
-        held[1] = held[1] + min(1.0, share * share) * error * period
+        held[INTEGRAL] = held[INTEGRAL] + min(1.0, share * share) * error * period
     for i in range(len(waiting) - 1, 0, -1):
         waiting[i] = waiting[i - 1]
     if len(waiting) > 0:
         waiting[0] = command
-    held[0] = command
-    held[2] = error
+    held[COMMAND] = command
+    held[ERROR] = error
     return command
 
 
@@ -116,12 +113,12 @@ def within(command, before, highest, reach):
 
 
 def tip_of(angle, link_length, x0, y0, out):
-    """Tip (2,) of the last link from absolute angles (n,), m, before any mirror."""
-    out[0] = x0
-    out[1] = y0
+    """Tip of the last link from absolute angles (n,), m, before any mirror, into out[SEEN:]."""
+    out[SEEN] = x0
+    out[SEEN + 1] = y0
     for i in range(len(angle)):
-        out[0] = out[0] - link_length[i] * np.sin(angle[i])
-        out[1] = out[1] + link_length[i] * np.cos(angle[i])
+        out[SEEN] = out[SEEN] - link_length[i] * np.sin(angle[i])
+        out[SEEN + 1] = out[SEEN + 1] + link_length[i] * np.cos(angle[i])
 
 
 def regulate(command, h, rise, fall, damping, held, out):
@@ -148,11 +145,12 @@ def regulate(command, h, rise, fall, damping, held, out):
     held[1] = v
 
 
-def follow_valve(asked, seen, h, rise, fall, damping, gain, held, command, out):
+def follow_valve(asked, seen, valve, held, command, out):
     """As `regulate` under one command [Pa], len(command) steps, then corrected by a gauge's reading [Pa] if finite.
 
-    `gain` (2,) is that of the correction, `command` and `out` are scratch.
+    `valve` is a `SupplyNumbers`, `held` (2,) the pressure and its rate, `command` and `out` are workspace.
     """
+    h, rise, fall, damping, gain = valve
     for k in range(len(command)):
         command[k] = asked
     regulate(command, h, rise, fall, damping, held, out)

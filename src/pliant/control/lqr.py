@@ -7,7 +7,6 @@ would set a bound to the damping, and not the first joint, whose zeros lie in th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,19 @@ from pliant.compiler.choose import twin
 from pliant.control import feedback_loops
 from pliant.control.equilibria import Equilibria, equilibria
 from pliant.control.limits import Limits
+from pliant.control.symbols import (
+    COMMAND,
+    ERROR,
+    INTEGRAL,
+    SATURATED,
+    Aim,
+    Geometry,
+    Law,
+    Memory,
+    Regulator,
+    Rules,
+    Schedule,
+)
 from pliant.errors import InputError
 from pliant.estimation.contract import State
 from pliant.linear.linearisation import LinearModel, linearise
@@ -120,17 +132,17 @@ def design_lqr(
     tuning = tuning or Tuning()
     family = equilibria(model, highest)
     pressures = np.linspace(0.0, highest, grid)
-    gains, told, slowest = [], [], []
+    gains, found, slowest = [], [], []
     for p in pressures:
         linear = linearise(model, float(p))
         plant = with_integral(linear, sample(linear, period, latency), family.at(p)[2], period)
         K = riccati_gain(plant, tip_row(linear, family.at(p)[2], plant.A.shape[0]), linear, family.at(p)[2], tuning)
         gains.append(K)
-        told.append(margins(loop_curve(plant, K, period)))
+        found.append(margins(loop_curve(plant, K, period)))
         slowest.append(np.abs(np.linalg.eigvals(plant.A - np.outer(plant.B, K))).max())
     waiting = sample(linearise(model), period, latency).waiting
     return LqrDesign(
-        model, family, pressures, np.array(gains), tuple(told), np.array(slowest), period, latency, waiting, tuning
+        model, family, pressures, np.array(gains), tuple(found), np.array(slowest), period, latency, waiting, tuning
     )
 
 
@@ -200,43 +212,48 @@ class Lqr:
         self.design, self.limits = design, limits
         model, family = design.model, design.equilibria
         angle, tip, way = (np.array(rows) for rows in zip(*map(family.at, design.pressure), strict=True))
-        self._grid = (design.gain, design.pressure, angle, tip, way, *tip_slopes(design))
+        schedule = Schedule(design.gain, design.pressure, angle, tip, way, *tip_slopes(design))
         self._no_lead = np.zeros(design.gain.shape[1])
-        self._place = (np.array(model.link_length), *(float(v) for v in model.first_joint), float(model.bend_sign))
-        self._rules = (
+        x0, y0 = (float(v) for v in model.first_joint)
+        geometry = Geometry(np.array(model.link_length), x0, y0, float(model.bend_sign))
+        rules = Rules(
             float(limits.highest), float(limits.slew), float(design.period), float(design.tuning.integral_band)
         )
-        self._steer, self._out = twin(feedback_loops.steer), np.zeros(8)
+        self.regulator = Law(schedule, geometry, rules)
+        self._fields = tuple(map(tuple, self.regulator))  # Python hands plain tuples over in a third of the time
+        self._steer = twin(feedback_loops.steer)
         self.reset()
 
     def reset(self, command: float = 0.0) -> None:
         """Start from a `command` [Pa] that has held for long."""
-        self._waiting = np.full(self.design.waiting, float(command))
-        self._held = np.array([command, 0.0, 0.0, 0.0])
+        held = np.zeros(4)
+        held[COMMAND] = command
+        self.memory = Memory(np.full(self.design.waiting, float(command)), held, np.zeros(8))
+        self._memory = tuple(self.memory)
 
     @property
     def command(self) -> float:
         """The last command, Pa."""
-        return float(self._held[0])
+        return float(self.memory.held[COMMAND])
 
     @property
     def integral(self) -> float:
         """Of the tip's error, m s."""
-        return float(self._held[1])
+        return float(self.memory.held[INTEGRAL])
 
     @property
     def error(self) -> float:
         """Of the tip along its path at the last step, m."""
-        return float(self._held[2])
+        return float(self.memory.held[ERROR])
 
     @property
     def saturated(self) -> int:
         """Steps whose command met a limit."""
-        return int(self._held[3])
+        return int(self.memory.held[SATURATED])
 
-    def inputs(self, target: float, valve: Array) -> tuple[Any, ...]:
+    def inputs(self, target: float, valve: Array, lead: Array) -> Regulator:
         """The regulator as `frame_loops` takes it, towards a `target` [Pa], with states of the valve."""
-        return self._grid, self._place, self._rules, (float(target), 1.0, 0.0), valve, self._waiting, self._held
+        return Regulator(self.regulator, Aim(float(target), 1.0, 0.0), valve, lead, self.memory)
 
     def step(
         self, target: float, state: State, valve: Array, *, lead: Array | None = None, lead_tip: float = 0.0
@@ -258,7 +275,5 @@ class Lqr:
             m, how far along its path the tip is wanted from its rest at `target`.
         """
         lead = self._no_lead if lead is None else lead
-        return float(self._steer(
-            self._grid, self._place, self._rules, (target, state.torque_scale, lead_tip), state.angle, state.rate,
-            state.rest_shift, valve, lead, self._waiting, self._held, self._out,
-        ))
+        seen = (state.angle, state.rate, state.rest_shift, valve)
+        return float(self._steer(self._fields, (target, state.torque_scale, lead_tip), seen, lead, self._memory))

@@ -94,14 +94,14 @@ class ValveFit:
     valve : SupplyValve
     rmse : float
         Of the gauge's readings, Pa.
-    spread : dict of str to float
-        Standard errors by the names of the valve's numbers, residuals taken as white: too small where the valve is of
+    standard_error : dict of str to float
+        By the names of the valve's numbers, residuals taken as white: too small where the valve is of
         another kind.
     """
 
     valve: SupplyValve
     rmse: float
-    spread: dict[str, float]
+    standard_error: dict[str, float]
 
 
 NAMES = ("rise_frequency", "fall_frequency", "damping_ratio", "dead_time")
@@ -159,10 +159,10 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
             f"no valve of second order answers like these readings ({numbers}): are command and gauge on one clock?"
         )
     count = found.fun.size
-    spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2 * found.cost / max(count - 4, 1))
+    errors = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2 * found.cost / max(count - 4, 1))
     squares = sum(float(np.sum((_misfit(run, found.x) * run.level.max()) ** 2)) for run in whole)
-    told = dict(zip(NAMES, map(float, spread), strict=True))
-    return ValveFit(SupplyValve(*map(float, found.x)), float(np.sqrt(squares / count)), told)
+    standard_error = dict(zip(NAMES, map(float, errors), strict=True))
+    return ValveFit(SupplyValve(*map(float, found.x)), float(np.sqrt(squares / count)), standard_error)
 
 
 def valve_answer(valve: SupplyValve, edge_time: Array, level: Array, time: Array) -> Array:

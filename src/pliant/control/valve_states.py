@@ -51,15 +51,17 @@ class ValveObserver:
         self._supply = supply if self.order == 2 else None
         if self._supply is not None:
             parts, turn = max(1, round(period / FINE)), 2 * math.pi
-            self._numbers = (
+            numbers = (
                 period / parts, turn * self._supply.rise_frequency, turn * self._supply.fall_frequency,
                 float(self._supply.damping_ratio),
             )
-            self._rooms, self._follow = np.zeros((2, parts)), twin(feedback_loops.follow_valve)
+            self._workspace, self._follow = np.zeros((2, parts)), twin(feedback_loops.follow_valve)
         Q = trust**2 * np.outer(self._B, self._B) + 1e-6 * np.eye(self.order) * trust**2
         H = np.eye(1, self.order)
         P = solve_discrete_are(self._A.T, H.T, Q * 1e-6, np.array([[noise**2 * 1e-6]]))
         self._gain = np.ascontiguousarray((P @ H.T / (P[0, 0] + noise**2 * 1e-6))[:, 0])
+        if self._supply is not None:
+            self._numbers = (*numbers, self._gain)  # of `SupplyNumbers`
 
     def reset(self) -> None:
         """No pressure, and none on its way."""
@@ -75,7 +77,7 @@ class ValveObserver:
             self.value[0] = asked
             return self.value
         if self._supply is not None:
-            self._follow(float(asked), float(seen), *self._numbers, self._gain, self.value, *self._rooms)
+            self._follow(float(asked), float(seen), self._numbers, self.value, *self._workspace)
             return self.value
         self.value = self._A @ self.value + self._B * asked
         if math.isfinite(seen):

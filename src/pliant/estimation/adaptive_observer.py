@@ -19,9 +19,9 @@ from pliant.estimation.symbols import (
     ObserverGains,
     ObserverModel,
     ObserverState,
-    ObserverWorkspace,
     Pace,
 )
+from pliant.estimation.workspace import make_observer_workspace
 from pliant.linear.linearisation import linearise
 from pliant.linear.sampled import hold
 from pliant.model import Memory, Model, Valve
@@ -91,8 +91,8 @@ class AdaptiveObserver:
             float(model.base_angle), np.array(model.rest_angle), model.joints(), self.model.body(),
             np.array(model.torque), float(model.swell_share), float(model.swell_time), model.memory.law(), remembered,
         )
-        self.workspace = make_workspace(self.model)
-        self._follow = twin(adaptive_observer_loops.follow_fields, model.n)
+        self.workspace = make_observer_workspace(self.model)
+        self._follow = twin(adaptive_observer_loops.follow, model.n)
         self.reset()
 
     def reset(self) -> None:
@@ -106,7 +106,7 @@ class AdaptiveObserver:
             angle, rate, own, innovation, shift, state.relaxed(model, q), np.zeros(3 * n), np.array(self._scale),
             np.zeros(1),
         )
-        self._fields = tuple(plain(part) for part in (self.own, self.body, self.gains, self.pace, self.workspace))
+        self._records = self.own, self.body, self.gains, self.pace, self.workspace
         self._pressure = self._reading = self._latest = 0.0
         self._waiting: deque[float] = deque([0.0] * self._late)
         self._time = -math.inf
@@ -118,8 +118,8 @@ class AdaptiveObserver:
         return float(self.own.factor[0])
 
     def inputs(self, values: Array, periods: int = 1) -> tuple[Any, ...]:
-        """Arguments of `follow_fields` for a frame's values (n,), so many periods after the last one."""
-        return (periods, float(self._pressure), values, *self._fields)
+        """Arguments of `adaptive_observer_loops.follow` for a frame's values (n,), so many periods after the last."""
+        return (periods, float(self._pressure), values, *self._records)
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
         """Take a pressure [Pa]; the mean of those at a frame and at the one before moves the model between them."""
@@ -159,20 +159,6 @@ class AdaptiveObserver:
         return State(
             self._time, angle, rate, shift, self.body.joints.K * own, self._covariance, self.scale, self.fault
         )
-
-
-def make_workspace(model: Model) -> ObserverWorkspace:
-    """Arrays that a frame works in."""
-    n, joints = model.n, model.joints()
-    springs = joints._replace(theta0=np.zeros(n))
-    return ObserverWorkspace(
-        state.held(model), state.workspace(n), springs, np.zeros(len(model.torque)), np.zeros(3 * n), np.zeros(3 * n)
-    )
-
-
-def plain(record: Any) -> Any:
-    """A NamedTuple and those within it as tuples."""
-    return tuple(plain(part) for part in record) if isinstance(record, tuple) else record
 
 
 def make(setting: Setting) -> AdaptiveObserver:

@@ -9,33 +9,8 @@ import numpy as np
 
 from pliant.equations.memory import memory_angle
 from pliant.equations.section import torque
-from pliant.equations.symbols import Body, Held, Joints, Memory, Workspace
-from pliant.estimation.symbols import (
-    FOLLOWED,
-    FRAME_LOST,
-    PARTED,
-    STEP_FAILED,
-    ObserverGains,
-    ObserverModel,
-    ObserverState,
-    ObserverWorkspace,
-    Pace,
-)
+from pliant.estimation.symbols import FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED
 from pliant.simulation.memory_loops import held_step_with_memory
-
-
-def follow_fields(periods, pressure, values, state, model, gains, pace, workspace):
-    """`follow` on plain tuples of the fields: handing over a NamedTuple costs Python three times as much."""
-    base_angle, rest_angle, joints, body, law, share, time, memory, left = model
-    held, work, springs, now, weight, move = workspace
-    named = ObserverModel(
-        base_angle, rest_angle, Joints(*joints), Body(*body), law, share, time, Memory(*memory), left
-    )
-    rest, moved = held[:-1], Joints(*held[-1])
-    rooms = ObserverWorkspace(Held(*rest, moved), Workspace(*work), Joints(*springs), now, weight, move)
-    return follow(
-        periods, pressure, values, ObserverState(*state), named, ObserverGains(*gains), Pace(*pace), rooms
-    )
 
 
 def follow(periods, pressure, values, state, model, gains, pace, workspace):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from pliant.estimation.adaptive_observer_loops import rest_shift
 from pliant.estimation.contract import EstimatorKind, Setting, State, one_chamber
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of
-from pliant.estimation.workspace import make_scratch
+from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, FilterWorkspace, Prediction
+from pliant.estimation.workspace import make_workspace
 from pliant.model import Model
 from pliant.simulation import state
 
@@ -107,7 +108,7 @@ class KalmanFilter:
         self.step, self.latency, self.buffer = step, latency, buffer
         self.counts, self.fault = Counts(), ""
         self._chain = chain_of(model)
-        self._scratch: dict[int, Any] = {}
+        self._workspaces: dict[int, FilterWorkspace] = {}
         self._predict, self._update = twin(kalman_loops.predict_span, model.n), twin(kalman_loops.update)
         self._rest_shift = twin(rest_shift)
         q, n = state.equilibrium(model, pressure), model.n
@@ -119,7 +120,8 @@ class KalmanFilter:
         self.angle, self.rate, self.disturbance = self._state[: 3 * n].reshape(3, n)
         self.covariance = self._state[3 * n : 3 * n + N * N].reshape(N, N)
         self.memory = self._state[3 * n + N * N : -1].reshape(memory.shape)
-        self._densities = (*self.noise.densities(model), self._state[-1:])
+        self._own = FilterState(self.angle, self.rate, self.disturbance, self.covariance, self.memory)
+        self._densities = FilterNoise(*self.noise.densities(model), self._state[-1:])
         self.innovation = np.empty(0)
         self._events: deque[tuple[Snapshot, Event]] = deque()
 
@@ -172,10 +174,8 @@ class KalmanFilter:
         if not span > 1e-12 or math.isinf(span):
             return
         count = math.ceil(span / self.step * (1 - 1e-9))
-        failed = self._predict(
-            self.angle, self.rate, self.disturbance, self.covariance, self.memory, self._chain, count, span / count,
-            self._torque(span), self._densities, self._arrays(1),
-        )
+        prediction = Prediction(count, span / count, self._torque(span), self._densities)
+        failed = self._predict(self._own, self._chain, prediction, self._arrays(1))
         if failed < 0:
             raise SimulationError(f"the prediction to {time:.6g} s fails: the step {span / count:.3g} s is too long")
         self.time = float(time)
@@ -196,10 +196,10 @@ class KalmanFilter:
             section.mean_swollen_torque(p, p, p, p, slow, middle, self._slow, self.model.swell_share, law)
         )
 
-    def _arrays(self, rows: int) -> Any:
-        if rows not in self._scratch:
-            self._scratch[rows] = make_scratch(self.model, self.covariance.shape[0], rows)
-        return self._scratch[rows]
+    def _arrays(self, rows: int) -> FilterWorkspace:
+        if rows not in self._workspaces:
+            self._workspaces[rows] = make_workspace(self.model, self.covariance.shape[0], rows)
+        return self._workspaces[rows]
 
     def _take(self, event: Event) -> None:
         if math.isinf(self.time):
@@ -239,14 +239,14 @@ class KalmanFilter:
             self.pressure = event.pressure
             return
         self.innovation = np.empty(event.value.size)
-        used, square, _ = self._update(
-            self.angle, self.rate, self.disturbance, self.covariance, self.memory, self._chain, self.model.link_length,
-            self.model.first_joint, event.rows, event.value, event.variance, self.innovation,
-            self._arrays(event.value.size),
+        workspace, model = self._arrays(event.value.size), self.model
+        frame = FilterFrame(
+            model.link_length, model.first_joint, event.rows, event.value, event.variance, self.innovation
         )
+        used, square, _ = self._update(self._own, self._chain, frame, workspace)
         self.counts.used += 1
         self.counts.last_ratio = square / used
-        off = np.abs(event.value - self._arrays(event.value.size).seen)
+        off = np.abs(event.value - workspace.seen)
         angular = (event.rows[:, 0] == kalman_loops.ANGLE) | (event.rows[:, 0] == kalman_loops.JOINT)
         if np.nanmax(off / np.where(angular, 1.0, self.model.length)) > LARGEST:
             self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad, or as much of its length"

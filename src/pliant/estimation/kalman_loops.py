@@ -1,7 +1,7 @@
 """The compiled loops of estimation: prediction by exact Jacobians, updates row by row, whole records at once.
 
 The state is (phi, w) or (phi, w, d): absolute angles [rad] and rates [rad/s] of the links, and a disturbance torque
-[N m] of each joint that wanders as a random walk. Memory of the joints moves with the estimate; what is not known of
+[N m] of each joint, a random walk. Memory of the joints moves with the estimate; what is not known of
 it is left to the disturbance.
 """
 
@@ -11,42 +11,42 @@ import numpy as np
 
 from pliant.equations.linearised import step_jacobian
 from pliant.equations.memory import remember, step_with_memory
+from pliant.estimation.symbols import FilterFrame
 
 ANGLE, ALONG_X, ALONG_Y, JOINT = 0, 1, 2, 3  # what a row of a measurement sees
 FADE = 0.1  # s for which motion is remembered
 
 
-def predict(phi, w, d, P, memory_state, chain, h, torque, noise, scratch):
+def predict(state, model, h, torque, noise, workspace):
     """Move the estimate and its covariance P (N, N) over one step of h [s] under the mean `torque` [N m].
 
-    `chain` is (base_angle, body, joints, law of the memory, whether there is memory). `noise` holds the spectral
-    densities of the torque noise of each joint [(N m)^2 s], of a common one that the pressure brings, and of the rate
-    of the disturbance [(N m)^2/s], the growth of the last with motion, and how much motion there was of late, (1,).
-    Returns the Jacobian of the step in scratch.J, row by variable; -1 where the step failed, else 0.
+    Returns the Jacobian of the step in workspace.J, row by variable; -1 where the step failed, else 0.
     """
-    base_angle, body, joints, law, remembers = chain
+    phi, w, d, P, memory_state = state
+    base_angle, body, joints, law, remembers = model
     n = len(phi)
     N = P.shape[0]
-    springs = scratch.springs
+    springs = workspace.springs
     for i in range(n):
         springs.theta0[i] = joints.theta0[i] + d[i] / joints.K[i]
     if remembers:
         for i in range(n):
-            scratch.phi[i] = phi[i]
-            scratch.w[i] = w[i]
+            workspace.phi[i] = phi[i]
+            workspace.w[i] = w[i]
         taken = step_with_memory(
-            scratch.phi, scratch.w, base_angle, h, torque, body, springs, law, memory_state, scratch.held, scratch.work,
+            workspace.phi, workspace.w, base_angle, h, torque, body, springs, law, memory_state, workspace.held,
+            workspace.work,
         )
         if not taken >= 0.0:
             return -1
-        springs = scratch.held.springs
-    step_jacobian(phi, w, base_angle, h, torque, body, springs, scratch.work, scratch.J)
+        springs = workspace.held.springs
+    step_jacobian(phi, w, base_angle, h, torque, body, springs, workspace.work, workspace.J)
     for i in range(n):
         if not abs(w[i]) * h <= 1.0:
             return -1
-    spread(P, N, n, scratch.J, scratch.W)
-    recall(w, h, noise[4])
-    add_noise(P, N, n, h, joints.gain, noise, scratch.J, scratch.G)
+    propagate(P, N, n, workspace.J, workspace.W)
+    recall(w, h, noise.recent)
+    add_noise(P, n, h, joints.gain, noise, workspace.J, workspace.G)
     return 0
 
 
@@ -64,7 +64,7 @@ def moved(J, B, N, n, W):
                 W[a, b] += f * B[v, b]
 
 
-def spread(P, N, n, J, W):
+def propagate(P, N, n, J, W):
     """P becomes F P F^T."""
     m = 2 * n
     moved(J, P, N, n, W)
@@ -82,9 +82,9 @@ def spread(P, N, n, J, W):
             P[b, a] = W[a, b]
 
 
-def add_noise(P, N, n, h, gain, noise, J, G):
-    """Add what white torques held over the step, and the wandering of the disturbance, bring to P; G (2n,) scratch."""
-    own, common, wander, unrest, recent = noise
+def add_noise(P, n, h, gain, noise, J, G):
+    """Add what white torques held over the step, and the disturbance's random walk, bring to P. G (2n,): workspace."""
+    own, common, random_walk, motion_growth, recent = noise
     m = 2 * n
     for i in range(n):
         for a in range(m):
@@ -99,8 +99,8 @@ def add_noise(P, N, n, h, gain, noise, J, G):
         for a in range(m):
             for b in range(m):
                 P[a, b] += common / h * G[a] * G[b]
-    for i in range(N - m):
-        P[m + i, m + i] += wander[i] * (1.0 + unrest * recent[0]) * h
+    for i in range(P.shape[0] - m):
+        P[m + i, m + i] += random_walk[i] * (1.0 + motion_growth * recent[0]) * h
 
 
 def recall(w, h, recent):
@@ -144,19 +144,22 @@ def observe(phi, l, first, rows, seen, H):
         seen[r] = value
 
 
-def update(phi, w, d, P, memory_state, chain, l, first, rows, z, R, innovation, scratch):
-    """Correct the estimate by a measurement z (m,) with variances R (m,); rows that are not numbers are skipped.
+def update(state, model, frame, workspace):
+    """Correct the estimate by a frame; rows whose values are not numbers are skipped.
 
     One row after the other, all linearised about the prediction: the same estimate as from all rows at once, without a
-    matrix to factor, and each innovation is white of those before it. Writes them (m,), of unit variance; returns
-    (number of rows used, normalised innovation squared, log of the determinant of the innovations' covariance).
+    matrix to factor, and each innovation is white of those before it. Writes them to `frame.innovation`, of unit
+    variance; returns (number of rows used, normalised innovation squared, log of the determinant of the innovations'
+    covariance).
 
     Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), Sec. V
     """
+    phi, P = state.angle, state.covariance
+    l, first, rows, z, R, innovation = frame
     n = len(phi)
     N = P.shape[0]
-    H, gain, change = scratch.H, scratch.gain, scratch.change
-    observe(phi, l, first, rows, scratch.seen, H)
+    H, gain, change = workspace.H, workspace.gain, workspace.change
+    observe(phi, l, first, rows, workspace.seen, H)
     used = 0
     square = 0.0
     logdet = 0.0
@@ -166,7 +169,7 @@ def update(phi, w, d, P, memory_state, chain, l, first, rows, z, R, innovation, 
         innovation[r] = np.nan
         if not np.isfinite(z[r]):
             continue
-        nu = z[r] - scratch.seen[r]
+        nu = z[r] - workspace.seen[r]
         S = R[r]
         for a in range(N):
             gain[a] = 0.0
@@ -188,23 +191,24 @@ def update(phi, w, d, P, memory_state, chain, l, first, rows, z, R, innovation, 
         square += nu * nu * share
         logdet += np.log(S)
         innovation[r] = nu * np.sqrt(share)
-    correct(phi, w, d, memory_state, chain, change, scratch)
+    correct(state, model, change, workspace)
     return used, square, logdet
 
 
-def correct(phi, w, d, memory_state, chain, change, scratch):
+def correct(state, model, change, workspace):
     """Add a change (N,) to the state; slip elements and Bouc-Wen follow the joint, creep does not."""
-    _base, _body, joints, law, remembers = chain
+    phi, w, d, _P, memory_state = state
+    joints, law, remembers = model.joints, model.memory, model.remembers
     n = len(phi)
     if remembers:
         angle = 0.0
         before = 0.0
         for a in range(n):
-            scratch.phi[a] = phi[a] - angle - joints.theta0[a]  # of the joint; the base angle does not matter here
+            workspace.phi[a] = phi[a] - angle - joints.theta0[a]  # of the joint; the base angle does not matter here
             angle = phi[a]
-            scratch.w[a] = change[a] - before
+            workspace.w[a] = change[a] - before
             before = change[a]
-        remember(scratch.phi, scratch.w, 0.0, joints.K, memory_state, law)
+        remember(workspace.phi, workspace.w, 0.0, joints.K, memory_state, law)
     for a in range(n):
         phi[a] += change[a]
         w[a] += change[n + a]
@@ -212,51 +216,49 @@ def correct(phi, w, d, memory_state, chain, change, scratch):
         d[a - 2 * n] += change[a]
 
 
-def predict_span(phi, w, d, P, memory_state, chain, count, h, torque, noise, scratch):
-    """Predict over `count` steps of h [s] under one torque; -1 where a step failed, else 0."""
-    for _ in range(count):
-        if predict(phi, w, d, P, memory_state, chain, h, torque, noise, scratch) < 0:
+def predict_span(state, model, prediction, workspace):
+    """Predict over several steps under one torque; -1 where a step failed, else 0."""
+    for _ in range(prediction.steps):
+        if predict(state, model, prediction.h, prediction.torque, prediction.noise, workspace) < 0:
             return -1
     return 0
 
 
-def many_frames(
-    count, steps, phi, w, d, P, memory_state, chain, period, torque, noise, l, first, rows, z, R, innovation, scratch
-):
-    """Filter `count` frames that all show z, `steps` steps of prediction each: what a frame costs, for a benchmark."""
+def many_frames(count, state, model, prediction, frame, workspace):
+    """Filter `count` frames that are all the same: what a frame costs, for a benchmark."""
     for _ in range(count):
-        predict_span(phi, w, d, P, memory_state, chain, steps, period / steps, torque, noise, scratch)
-        update(phi, w, d, P, memory_state, chain, l, first, rows, z, R, innovation, scratch)
+        predict_span(state, model, prediction, workspace)
+        update(state, model, frame, workspace)
 
 
-def filter_record(x, P, memory_state, chain, l, first, plan, noise, rows, z, R, out, scratch):
-    """Filter a whole record. `plan` is (h, torque, first step of each frame); z (T, m), one R (m,) for all.
+def filter_record(state, model, plan, noise, frames, out, workspace):
+    """Filter a whole record. `plan` is (h, torque, first step of each frame); `frames` has values (T, m).
 
     `out` takes, frame by frame, the prediction and the estimate (T, N), their covariances (T, N, N), the transition
     from the frame before (T, N, N), whitened innovations (T, m) and (rows used, their sum of squares, log of the
     determinant, motion of late). Returns the frame at which a step failed, or -1.
     """
-    phi, w, d = x
     h, torque, begin = plan
-    n = len(phi)
-    N = P.shape[0]
+    l, first, rows, z, R, _innovation = frames
+    n = len(state.angle)
+    N = state.covariance.shape[0]
     for f in range(z.shape[0]):
         for a in range(N):
             for b in range(N):
                 out.transition[f, a, b] = 1.0 if a == b else 0.0
         for k in range(begin[f], begin[f + 1]):
-            if predict(phi, w, d, P, memory_state, chain, h[k], torque[k], noise, scratch) < 0:
+            if predict(state, model, h[k], torque[k], noise, workspace) < 0:
                 return f
-            chain_transition(out.transition[f], N, n, scratch.J, scratch.W)
-        store(phi, w, d, P, out.predicted[f], out.predicted_covariance[f])
+            chain_transition(out.transition[f], N, n, workspace.J, workspace.W)
+        store(state, out.predicted[f], out.predicted_covariance[f])
         used, square, logdet = update(
-            phi, w, d, P, memory_state, chain, l, first, rows, z[f], R, out.innovation[f], scratch
+            state, model, FilterFrame(l, first, rows, z[f], R, out.innovation[f]), workspace
         )
         out.score[f, 0] = used
         out.score[f, 1] = square
         out.score[f, 2] = logdet
-        out.score[f, 3] = noise[4][0]
-        store(phi, w, d, P, out.estimate[f], out.covariance[f])
+        out.score[f, 3] = noise.recent[0]
+        store(state, out.estimate[f], out.covariance[f])
     return -1
 
 
@@ -268,8 +270,9 @@ def chain_transition(F, N, n, J, W):
             F[a, b] = W[a, b]
 
 
-def store(phi, w, d, P, x, C):
+def store(state, x, C):
     """Copy the estimate and its covariance into a record."""
+    phi, w, d, P, _memory = state
     n = len(phi)
     for a in range(P.shape[0]):
         if a < n:

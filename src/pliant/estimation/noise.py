@@ -13,8 +13,8 @@ from pliant.model import Model
 Array = np.ndarray
 TORQUE_SHARE = 2e-5  # rad sqrt(s): torque noise in parts of the stiffness, tuned on one virtual actuator
 ALONE_SHARE = 8e-4  # rad sqrt(s): torque noise where no disturbance takes up what the model lacks
-WANDER_SHARE = 3e-3  # rad/sqrt(s): wandering of the disturbance, likewise
-UNREST = 30.0  # s^2/rad^2, likewise
+WALK_SHARE = 3e-3  # rad/sqrt(s): random walk of the disturbance, likewise
+MOTION_GROWTH = 30.0  # s^2/rad^2, likewise
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Noise:
         Square root of the spectral density of the torque that the model does not know, N m sqrt(s).
     pressure : float
         The same of the pressure sensor, Pa sqrt(s).
-    wander : float
+    random_walk : float
         Growth of the disturbance torque, N m/sqrt(s); 0 leaves the disturbance out of the state.
-    unrest : float
+    motion_growth : float
         Growth of the disturbance's variance with motion, per mean square of the joint rates, s^2/rad^2: the model errs
         more while the body moves.
     initial_angle, initial_rate, initial_disturbance : float
@@ -51,8 +51,8 @@ class Noise:
     angle: float = 1e-3
     torque: float = 3e-3
     pressure: float = 0.0
-    wander: float = 0.0
-    unrest: float = 0.0
+    random_walk: float = 0.0
+    motion_growth: float = 0.0
     initial_angle: float = 0.05
     initial_rate: float = 0.2
     initial_disturbance: float = 0.0
@@ -68,13 +68,14 @@ class Noise:
                 raise InputError(f"noise {name} must be finite and {sign} (a standard deviation, SI), got {value}")
 
     def densities(self, model: Model) -> tuple[Array, float, Array, float]:
-        """For the loops: spectral densities of joint torques, a common torque, the disturbance's rate; its unrest."""
+        """For the loops: spectral densities of joint torques, a common torque, the disturbance's rate; its growth."""
         common = (float(model.torque[0]) * self.pressure) ** 2
-        return np.full(model.n, self.torque**2), common, np.full(model.n, self.wander**2), float(self.unrest)
+        walk = np.full(model.n, self.random_walk**2)
+        return np.full(model.n, self.torque**2), common, walk, float(self.motion_growth)
 
     def states(self, model: Model) -> int:
-        """Number of states: angles, rates and, where it wanders or is not known at the start, the disturbance."""
-        return model.n * (3 if self.wander > 0 or self.initial_disturbance > 0 else 2)
+        """Number of states: angles, rates and, where it is a random walk or not known at the start, the disturbance."""
+        return model.n * (3 if self.random_walk > 0 or self.initial_disturbance > 0 else 2)
 
     def initial(self, model: Model) -> Array:
         """Covariance of the state at the start."""
@@ -91,6 +92,6 @@ def default_noise(model: Model, *, disturbance: bool = True) -> Noise:
     if not disturbance:
         return Noise(torque=ALONE_SHARE * stiffness)
     return Noise(
-        torque=TORQUE_SHARE * stiffness, wander=WANDER_SHARE * stiffness, unrest=UNREST,
+        torque=TORQUE_SHARE * stiffness, random_walk=WALK_SHARE * stiffness, motion_growth=MOTION_GROWTH,
         initial_disturbance=0.01 * stiffness,
     )

@@ -14,7 +14,8 @@ from pliant.estimation.consistency import mean_bounds, whiteness
 from pliant.estimation.measurement import Measurement, measurement_of
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.smoother import smooth
-from pliant.estimation.workspace import Output, make_output, make_scratch
+from pliant.estimation.symbols import FilterFrame, FilterModel, FilterNoise, FilterOutput, FilterState
+from pliant.estimation.workspace import make_output, make_workspace
 from pliant.identification.experiment import one_chamber
 from pliant.model import Model, Valve
 from pliant.simulation import Trace, state
@@ -50,8 +51,8 @@ def estimate(
     pressure : Input, optional
         Commanded pressure, through the model's valve. Default: the measured one, taken as behind the valve.
     disturbance : bool
-        Whether to estimate an unknown torque of each joint too, which takes up what the model lacks; `noise.wander`
-        decides when `noise` is given.
+        Whether to estimate an unknown torque of each joint too, which takes up what the model lacks; when `noise`
+        is given, its `random_walk` decides.
     stations : tuple of str, optional
         Which to use. Default: all that recording and model share.
     latency : float
@@ -91,14 +92,14 @@ def estimate(
     >>> found.disturbance, found.disturbance_sd                    # N m of each joint: pushed?
     """
     settings = noise or default_noise(model, disturbance=disturbance)
-    sight = measurement_of(recording, model, settings, stations)
+    measurement = measurement_of(recording, model, settings, stations)
     source, held = input_of(recording, model, pressure, pressure_window)
-    times = sight.time - latency
+    times = measurement.time - latency
     if times.size < 2:
         raise InputError(f"estimation needs at least two frames, got {times.size}")
     plan = drive(held, source, times, step)
-    out = run(held, sight, plan, settings)
-    return described(held, sight, out, settings, plan, lag)
+    out = run(held, measurement, plan, settings)
+    return described(held, measurement, out, settings, plan, lag)
 
 
 def input_of(
@@ -147,30 +148,37 @@ def primitive(at: Array, clock: Array, values: Array, integral: Array) -> Array:
     return np.asarray(integral[k] + u * (values[k] + 0.5 * slope * u))
 
 
-def run(model: Model, sight: Measurement, plan: Drive, noise: Noise) -> Output:
+def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> FilterOutput:
     """Filter a record with the compiled loop."""
-    states, (frames, rows) = noise.states(model), sight.value.shape
+    states, (frames, rows) = noise.states(model), measurement.value.shape
     q = state.equilibrium(model, plan.initial)
-    x = (state.absolute(model, q), np.zeros(model.n), np.zeros(model.n))
+    own = FilterState(
+        state.absolute(model, q), np.zeros(model.n), np.zeros(model.n), noise.initial(model), state.relaxed(model, q)
+    )
     ends = np.flatnonzero(plan.keep >= 0) + 1
     begin = np.concatenate([[0, 0], ends]).astype(np.int64)  # no step leads to the first frame
     out = make_output(frames, states, rows)
     failed = twin(kalman_loops.filter_record, model.n)(
-        x, noise.initial(model), state.relaxed(model, q), chain_of(model), model.link_length,
-        model.first_joint, (plan.h, plan.torque, begin), (*noise.densities(model), np.zeros(1)), sight.rows,
-        sight.value, sight.variance, out, make_scratch(model, states, rows),
+        own, chain_of(model), (plan.h, plan.torque, begin), FilterNoise(*noise.densities(model), np.zeros(1)),
+        frames_of(model, measurement), out, make_workspace(model, states, rows),
     )
     if failed >= 0:
         raise SimulationError(
-            f"the prediction of frame {failed} at {sight.time[failed]:.6g} s fails: a link turns by more than a radian "
-            "in a step; use a shorter step, or check pressure and model"
+            f"the prediction of frame {failed} at {measurement.time[failed]:.6g} s fails: a link turns by more than a "
+            "radian in a step; use a shorter step, or check pressure and model"
         )
     return out
 
 
-def chain_of(model: Model) -> tuple[Any, ...]:
-    """What the loops take of a model: base angle, body, joints, law and presence of memory."""
-    return float(model.base_angle), model.body(), model.joints(), model.memory.law(), bool(model.memory)
+def frames_of(model: Model, measurement: Measurement) -> FilterFrame:
+    """What the loops take of a measurement over time."""
+    rows, value, variance = measurement.rows, measurement.value, measurement.variance
+    return FilterFrame(model.link_length, model.first_joint, rows, value, variance, np.empty(len(rows)))
+
+
+def chain_of(model: Model) -> FilterModel:
+    """What the loops take of a model."""
+    return FilterModel(float(model.base_angle), model.body(), model.joints(), model.memory.law(), bool(model.memory))
 
 
 def split(model: Model, x: Array, P: Array) -> dict[str, Array]:
@@ -179,14 +187,15 @@ def split(model: Model, x: Array, P: Array) -> dict[str, Array]:
     T = np.eye(n) - np.eye(n, k=-1)  # joint values from absolute ones
     made = {
         "joint_angle": state.joint_angles(model, x[:, :n]), "joint_rate": state.joint_rates(x[:, n : 2 * n]),
-        "joint_angle_sd": spread(T, P[:, :n, :n]), "joint_rate_sd": spread(T, P[:, n : 2 * n, n : 2 * n]),
+        "joint_angle_sd": standard_deviations(T, P[:, :n, :n]),
+        "joint_rate_sd": standard_deviations(T, P[:, n : 2 * n, n : 2 * n]),
     }
     if 2 * n < N:
-        made |= {"disturbance": x[:, 2 * n :], "disturbance_sd": spread(np.eye(n), P[:, 2 * n :, 2 * n :])}
+        made |= {"disturbance": x[:, 2 * n :], "disturbance_sd": standard_deviations(np.eye(n), P[:, 2 * n :, 2 * n :])}
     return made
 
 
-def spread(T: Array, P: Array) -> Array:
+def standard_deviations(T: Array, P: Array) -> Array:
     """Standard deviations (T, n) of T x for covariances P of x."""
     return np.sqrt(np.maximum(np.einsum("ia,tab,ib->ti", T, P, T), 0.0))
 
@@ -194,18 +203,20 @@ def spread(T: Array, P: Array) -> Array:
 UNITS = {"joint_angle": "rad", "joint_rate": "rad/s", "disturbance": "N m"}
 
 
-def described(model: Model, sight: Measurement, out: Output, noise: Noise, plan: Drive, lag: int) -> xr.Dataset:
+def described(
+    model: Model, measurement: Measurement, out: FilterOutput, noise: Noise, plan: Drive, lag: int
+) -> xr.Dataset:
     """The dataset of `estimate`."""
     data: dict[str, Any] = {}
     for prefix, (x, P) in {"": (out.estimate, out.covariance), "smooth_": smooth(out, lag)}.items():
         for name, values in split(model, x, P).items():
             units = UNITS[name.removesuffix("_sd")]
-            said = name.removesuffix("_sd").replace("_", " ") + (", standard deviation" if name.endswith("_sd") else "")
+            what = name.removesuffix("_sd").replace("_", " ") + (", standard deviation" if name.endswith("_sd") else "")
             when = f"{lag} frames later" if prefix else "filtered"
-            data[prefix + name] = (("time", "joint"), values, {"units": units, "long_name": f"{said}, {when}"})
+            data[prefix + name] = (("time", "joint"), values, {"units": units, "long_name": f"{what}, {when}"})
     n = model.n
-    told = {"units": "SI", "long_name": "covariance of absolute angles, rates and disturbances"}
-    data["state_covariance"] = (("time", "state", "state_2"), out.covariance, told)
+    attrs = {"units": "SI", "long_name": "covariance of absolute angles, rates and disturbances"}
+    data["state_covariance"] = (("time", "state", "state_2"), out.covariance, attrs)
     data["innovation"] = (("time", "row"), out.innovation, {"units": "1", "long_name": "whitened innovation"})
     data["normalised_innovation_squared"] = ("time", out.score[:, 1], {"units": "1", "long_name": "NIS"})
     data["motion"] = ("time", out.score[:, 3], {"units": "rad2/s2", "long_name": "mean square joint rate of late"})
@@ -215,25 +226,25 @@ def described(model: Model, sight: Measurement, out: Output, noise: Noise, plan:
     data["tip_position"] = (("time", "link", "axis"), tips, {"units": "m", "long_name": "estimated link tips"})
     labels = np.arange(1, n + 1)
     coords = {
-        "time": ("time", sight.time, {"units": "s", "long_name": "stamp of the frame"}), "joint": labels,
-        "link": labels, "axis": ["x", "y"], "row": list(sight.label),
+        "time": ("time", measurement.time, {"units": "s", "long_name": "stamp of the frame"}), "joint": labels,
+        "link": labels, "axis": ["x", "y"], "row": list(measurement.label),
     }
-    return xr.Dataset(data, coords, attrs=judged(sight, out, noise, model, lag))
+    return xr.Dataset(data, coords, attrs=judged(measurement, out, noise, model, lag))
 
 
-def judged(sight: Measurement, out: Output, noise: Noise, model: Model, lag: int) -> dict[str, Any]:
+def judged(measurement: Measurement, out: FilterOutput, noise: Noise, model: Model, lag: int) -> dict[str, Any]:
     """Consistency of the innovations, frames that were skipped, and settings, for the record."""
     used = out.score[:, 0]
     settled = np.flatnonzero(used > 0)[1:]  # the first one meets the assumed start
     correlation, bound = whiteness(out.innovation[settled])
     low, high = mean_bounds(used[settled])
-    partly = int(((used > 0) & (used < sight.value.shape[1])).sum())
+    partly = int(((used > 0) & (used < measurement.value.shape[1])).sum())
     return {
         "schema": "pliant-estimate", "model": model.name, "source": f"pliant {__version__}", "lag_frames": lag,
         "nis_ratio": float(out.score[settled, 1].sum() / used[settled].sum()), "nis_bounds": [low, high],
         "innovation_correlation": correlation, "innovation_correlation_bound": bound,
         "log_likelihood": -0.5 * float(np.sum(out.score[settled, 1] + out.score[settled, 2])),
         "frames": int(used.size), "frames_skipped": int((used == 0).sum()), "frames_in_part": partly,
-        "noise_position_m": noise.position, "noise_torque": noise.torque, "noise_wander": noise.wander,
-        "notes": "\n".join(sight.notes),
+        "noise_position_m": noise.position, "noise_torque": noise.torque, "noise_random_walk": noise.random_walk,
+        "notes": "\n".join(measurement.notes),
     }

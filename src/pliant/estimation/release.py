@@ -55,11 +55,12 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
     Examples
     --------
     >>> from pliant.estimation import Noise, estimate, release_of     # doctest: +SKIP
-    >>> found = estimate(recording, model, pressure=pliant.Pulse(0.0), noise=Noise(wander=4.0, initial_disturbance=2.0))
+    >>> noise = Noise(random_walk=4.0, initial_disturbance=2.0)
+    >>> found = estimate(recording, model, pressure=pliant.Pulse(0.0), noise=noise)
     >>> release_of(found).begin                                    # s
     """
     if "disturbance" not in found or found.sizes["time"] < start + 2 * frames:
-        raise InputError(f"a release needs disturbance torques (noise.wander > 0) and {start + 2 * frames} frames")
+        raise InputError(f"a release needs disturbance torques (noise.random_walk > 0) and {start + 2 * frames} frames")
     time, torque = found["time"].values, found["disturbance"].values
     held = np.median(torque[start : start + frames], axis=0)
     left = float(np.sqrt(np.mean(np.sum(torque[-REST:] ** 2, axis=1))))

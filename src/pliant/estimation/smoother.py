@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.estimation.workspace import Output
+from pliant.estimation.symbols import FilterOutput
 
 Array = np.ndarray
 
 
-def smooth(out: Output, lag: int) -> tuple[Array, Array]:
+def smooth(out: FilterOutput, lag: int) -> tuple[Array, Array]:
     """States (T, N) and covariances (T, N, N) of each frame given the frames up to `lag` later.
 
     x_{k|k+L} = x_k + sum_{j=1..L} C_k ... C_{k+j-1} (x_{k+j} - x^-_{k+j}),  C_k = P_k F_{k+1}^T (P^-_{k+1})^{-1}
@@ -31,19 +31,19 @@ def smooth(out: Output, lag: int) -> tuple[Array, Array]:
     frames = x.shape[0]
     gain = gains(out)
     moved = out.estimate - out.predicted
-    told = out.covariance - out.predicted_covariance
+    learnt = out.covariance - out.predicted_covariance
     product = np.broadcast_to(np.eye(x.shape[1]), P.shape).copy()
     for j in range(1, min(lag, frames - 1) + 1):
         product = product[: frames - j] @ gain[j - 1 : frames - 1]
         x[: frames - j] += np.einsum("tab,tb->ta", product, moved[j:])
-        P[: frames - j] += product @ told[j:] @ np.swapaxes(product, 1, 2)
+        P[: frames - j] += product @ learnt[j:] @ np.swapaxes(product, 1, 2)
     return x, 0.5 * (P + np.swapaxes(P, 1, 2))
 
 
-def gains(out: Output) -> Array:
+def gains(out: FilterOutput) -> Array:
     """Smoothing gains C_k (T - 1, N, N) from each frame to the next.
 
-    States that the model cannot move and nobody doubts have no variance: they are scaled apart before the division.
+    States that the model cannot move and that are known have no variance: they are scaled apart before the division.
     """
     forward = out.transition[1:] @ out.covariance[:-1]  # F P, the transpose of P F^T
     ahead = out.predicted_covariance[1:]

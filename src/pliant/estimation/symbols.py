@@ -67,3 +67,82 @@ class ObserverWorkspace(NamedTuple):
     law: np.ndarray  # of the torque, times the factor
     weight: np.ndarray  # (3n,)
     move: np.ndarray  # (3n,)
+
+
+class FilterState(NamedTuple):
+    """State of the Kalman filter, changed in place: n links, N = 2n or 3n states."""
+
+    angle: np.ndarray  # (n,) rad, absolute
+    rate: np.ndarray  # (n,) rad/s
+    disturbance: np.ndarray  # (n,) N m, of the joints
+    covariance: np.ndarray  # (N, N)
+    memory: np.ndarray  # (n, branches)
+
+
+class FilterModel(NamedTuple):
+    """What the filter's loops take of a model."""
+
+    base_angle: float  # rad
+    body: Body
+    joints: Joints
+    memory: Memory
+    remembers: bool  # whether there is memory
+
+
+class FilterNoise(NamedTuple):
+    """Spectral densities of what the model does not know."""
+
+    own: np.ndarray  # (n,) (N m)^2 s, of the torque of each joint
+    common: float  # (N m)^2 s, of a torque that the pressure brings to all joints
+    random_walk: np.ndarray  # (n,) (N m)^2/s, of the disturbance's rate
+    motion_growth: float  # s^2/rad^2: growth of the last with the mean square of the joint rates
+    recent: np.ndarray  # (1,) rad^2/s^2, how much motion there was of late
+
+
+class Prediction(NamedTuple):
+    """A prediction to the time of a frame."""
+
+    steps: int
+    h: float  # s, length of a step
+    torque: float  # N m, its mean
+    noise: FilterNoise
+
+
+class FilterFrame(NamedTuple):
+    """What the filter is corrected by: one frame, or the frames of a record with values (T, m)."""
+
+    link_length: np.ndarray  # (n,) m
+    first_joint: np.ndarray  # (2,) m
+    rows: np.ndarray  # (m, 4), see `kalman_loops.observe`
+    values: np.ndarray  # (m,) m or rad, NaN where one is missing
+    variance: np.ndarray  # (m,)
+    innovation: np.ndarray  # (m,) takes the whitened innovations
+
+
+class FilterWorkspace(NamedTuple):
+    """Arrays that one prediction or update works in: n links, N states, m rows of the measurement."""
+
+    work: Workspace
+    held: Held
+    springs: Joints  # those that a step sees, their rest moved by the disturbance
+    J: np.ndarray  # (3n, 2n)
+    W: np.ndarray  # (N, N)
+    phi: np.ndarray  # (n,)
+    w: np.ndarray  # (n,)
+    G: np.ndarray  # (2n,)
+    gain: np.ndarray  # (N,)
+    change: np.ndarray  # (N,)
+    seen: np.ndarray  # (m,)
+    H: np.ndarray  # (m, n)
+
+
+class FilterOutput(NamedTuple):
+    """What `kalman_loops.filter_record` writes, frame by frame."""
+
+    predicted: np.ndarray  # (T, N)
+    predicted_covariance: np.ndarray  # (T, N, N)
+    estimate: np.ndarray  # (T, N)
+    covariance: np.ndarray  # (T, N, N)
+    transition: np.ndarray  # (T, N, N), from the estimate of the frame before
+    innovation: np.ndarray  # (T, m), whitened; not a number where a row was missing
+    score: np.ndarray  # (T, 4): rows used, normalised innovation squared, log determinant of its covariance, motion
