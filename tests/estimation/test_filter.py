@@ -19,7 +19,7 @@ from pliant.simulation import Trace, simulate, state
 NOISE = Noise(position=3e-4, torque=3e-4, initial_angle=0.02, initial_rate=0.2)
 H, SUB = 1 / 75, 7
 ON = 8 * H  # the pressure comes on between two steps of the truth
-CLOCK = np.array([0.0, ON - 1e-9, ON, 10.0])
+CLOCK = np.array([0.0, ON - 2e-9, ON, 10.0])
 
 
 @cache
