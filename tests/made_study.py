@@ -15,7 +15,7 @@ from pliant.recording import make_recording
 from pliant.reduction import links_of, select_order
 from pliant.simulation import Pulse, Trace, simulate
 from pliant.validation.metrics import compare
-from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, Role, Shape, StudyOutcome
+from pliant.validation.outcome import Clocks, FitOutcome, Forecast, Headline, RecordOutcome, Role, Shape, StudyOutcome
 from pliant.view import write_report
 
 NASTY = '<script>alert("x")</script> & $x_1'
@@ -60,10 +60,14 @@ def outcome() -> StudyOutcome:
             FitOutcome("square", "_polynomial law", result, (low, high), 0.6))
     forecast = Forecast("heavy", "a load that was not recorded", {"tip_mass": 0.1, "level": 1e4}, low.experiment.time,
                         low.modelled[:, -1], {"frequency_hz": 3.2, "static_drop_mm": 12.0})
+    ticks = np.arange(300) / 200
+    clocks = Clocks("moved by -0.1 s", low.experiment.time, low.modelled[:, -1, 0], ticks + 0.1, low.pressure.max() * (
+        (ticks > 0.1) & (ticks < 0.7)), -0.1, 0.0)
     return StudyOutcome(
         "made", f"Made study {NASTY}", "", model, fits, (forecast,), verdict=("Held out: 0.3 mm, 4 % of travel.",),
         headline=Headline("beware", "Held out, in one sentence.", ("the largest error is 22 mm.",)),
         findings={"low": ("140 frames, 20 points not seen", NASTY), "unused": ()}, timing={"total_s": 1.25},
+        clocks={"low": clocks},
         provenance={"pliant": "0.1.0", "low": "low.csv sha256 " + 64 * "0"},
     )
 

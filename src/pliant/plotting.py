@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,20 +45,43 @@ RC: dict[str, Any] = {
     "svg.hashsalt": "pliant",
     "pdf.fonttype": 42,
 }
+WIDTH: ContextVar[float] = ContextVar("width", default=PAGE_WIDTH)  # inches, of the figures being drawn
+NARROW = 5.0  # inches: below, panels stand on each other and letters are smaller
+SMALL = {"font.size": 6.5, "axes.titlesize": 6.5, "axes.labelsize": 6.5, "legend.fontsize": 6, "xtick.labelsize": 6,
+         "ytick.labelsize": 6, "legend.handlelength": 2.0}
+
+
+@contextmanager
+def page(width: float) -> Iterator[None]:
+    """Figures that are drawn inside have this width, inches."""
+    token = WIDTH.set(width)
+    try:
+        yield
+    finally:
+        WIDTH.reset(token)
+
+
+def side_by_side(count: int, ratios: tuple[float, ...], height: float, **kw: Any) -> Any:
+    """Panels beside each other, or on each other where the page is narrow; figure and axes."""
+    if WIDTH.get() >= NARROW:
+        return new_figure(1, count, width_ratios=ratios, height=height, **kw)
+    return new_figure(count, 1, height=0.85 * count * height, **kw)
 
 
 @contextmanager
 def style() -> Iterator[None]:
     """Fonts, sizes and line styles of all figures."""
     lines = cycler(color=COLOURS) + cycler(linestyle=DASHES)
-    settings: Any = RC | {"axes.prop_cycle": lines}
+    settings: Any = RC | {"axes.prop_cycle": lines} | (SMALL if WIDTH.get() < NARROW else {})
     with mpl.rc_context(settings):
         yield
 
 
-def new_figure(rows: int = 1, columns: int = 1, *, width: float = PAGE_WIDTH, height: float = 2.6, **kw: Any) -> Any:
+def new_figure(
+    rows: int = 1, columns: int = 1, *, width: float | None = None, height: float = 2.6, **kw: Any
+) -> Any:
     """A figure without global state and its axes: ``figure, axes = new_figure(2, 1)``; sizes in inches."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width or WIDTH.get(), height), layout="constrained")
     return figure, figure.subplots(rows, columns, **kw)
 
 
@@ -134,7 +158,8 @@ def error_by_order(
         )  # fmt: skip
     ax.set(xlabel="time (s)", ylabel="largest error (mm)")
     decades(ax)
-    ax.legend(loc="lower center", ncols=len(shown), bbox_to_anchor=(0.5, 1.0), columnspacing=1.2)
+    columns = len(shown) if WIDTH.get() >= NARROW else 3
+    ax.legend(loc="lower center", ncols=columns, bbox_to_anchor=(0.5, 1.0), columnspacing=1.2)
 
 
 def order_bars(ax: Axes, errors: Mapping[int, ArrayLike], *, bound: float | None = None) -> None:

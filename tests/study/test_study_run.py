@@ -115,7 +115,8 @@ def test_the_headline_judges_what_was_held_out(done: tuple[StudyOutcome, Path, l
 def test_nothing_unfinished_is_left_behind(done: tuple[StudyOutcome, Path, list[str]]) -> None:
     left = {p.name for p in done[1].rglob("*") if p.is_file() and (p.name.startswith(".") or p.suffix == ".tmp")}
     assert left == set()
-    assert {p.name for p in done[1].iterdir()} == {"model.json", "metrics.json", "study.json", "report.html"}
+    names = {p.name for p in done[1].iterdir()}
+    assert names == {"model.json", "metrics.json", "study.json", "report.html", "results.nc"}
 
 
 def test_a_run_tells_what_it_does(done: tuple[StudyOutcome, Path, list[str]]) -> None:

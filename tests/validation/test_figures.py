@@ -44,7 +44,7 @@ def test_comparison_has_one_column_a_fit_and_says_who_had_seen_the_record(outcom
     figure = figures.comparison_figure(outcome.fits, "low")
     titles = [ax.get_title(loc="left") for ax in figure.axes if ax.get_title(loc="left")]
     assert len(titles) == 2
-    assert all("training: RMSE" in t for t in titles)
+    assert all("training:\nRMSE" in t for t in titles)
     with pytest.raises(InputError, match="no fit holds the record 'absent'"):
         figures.comparison_figure(outcome.fits, "absent")
 

@@ -80,7 +80,7 @@ def test_nothing_comes_from_elsewhere(source, page):
 
 def test_every_picture_has_words(page):
     pictures = [attrs for _, attrs in page.tags if attrs.get("role") == "img"]
-    assert len(pictures) == 1 + 5 + 1 + 2  # body, traces, torque law, forecast
+    assert len(pictures) == 1 + 5 + 1 + 2 + 1  # body, traces, torque law, forecast, clocks
     assert all(len(attrs["aria-label"]) > 30 for attrs in pictures)
 
 
@@ -138,7 +138,8 @@ def test_same_outcome_same_bytes(outcome, written, tmp_path):
 @pytest.fixture
 def bare(outcome):
     one = replace(outcome.fits[1], records=outcome.fits[1].records[:1])
-    return replace(outcome, verdict=(), headline=None, forecasts=(), fits=(one,), findings={}, timing={}, provenance={})
+    plain = replace(outcome, verdict=(), headline=None, clocks={}, forecasts=())
+    return replace(plain, fits=(one,), findings={}, timing={}, provenance={})
 
 
 def test_without_verdict_and_forecast_the_page_stands(bare, tmp_path):

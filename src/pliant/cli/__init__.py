@@ -14,6 +14,7 @@ from pliant.cli.demo import demo
 from pliant.cli.design import design
 from pliant.cli.estimate import estimate
 from pliant.cli.export import export
+from pliant.cli.figures import figures
 from pliant.cli.inspect import inspect
 from pliant.cli.new import new
 from pliant.cli.order import order
@@ -53,7 +54,7 @@ def common(
 JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # panels of the help, in the order of the journey
     "See it work": {"demo": demo},
     "Your recording": {"inspect": inspect, "sync": sync, "new": new, "shape": shape, "order": order},
-    "Your model": {"run": run_command, "design": design, "simulate": simulate, "sweep": sweep},
+    "Your model": {"run": run_command, "figures": figures, "design": design, "simulate": simulate, "sweep": sweep},
     "The model at work": {"estimate": estimate, "contact": contact, "control": control, "export": export},
     "The laboratory and the machine": {"testbed": run_testbed, "bench": bench},
 }

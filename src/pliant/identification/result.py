@@ -88,6 +88,7 @@ def parameter_dict(p: Parameter) -> dict[str, Any]:
     return {
         "value": p.value, "unit": p.unit, "free": p.free, "std": p.std, "source": p.source,
         "lower": p.lower if np.isfinite(p.lower) else None, "upper": p.upper if np.isfinite(p.upper) else None,
+        "scale": p.scale,
     }
 
 

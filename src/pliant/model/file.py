@@ -155,20 +155,26 @@ def load_model(path: str | Path) -> Model:
     path = Path(path)
     try:
         text = path.read_bytes()
-        entries = ModelFile.model_validate_json(text)
     except OSError as error:
         raise InputError(f"cannot read the model file {path}: {error.strerror or error}") from None
+    return read_model(text, f"model file {path}")
+
+
+def read_model(text: bytes | str, where: str) -> Model:
+    """The model in the text of a model file; `where` it stands opens the sentence of an error."""
+    try:
+        entries = ModelFile.model_validate_json(text)
     except ValidationError as error:
-        raise explain_validation(error, f"model file {path}") from None
+        raise explain_validation(error, where) from None
     values = entries.model_dump(exclude={"schema_name", "schema_version", "units", "checksum"})
     values["stations"] = tuple(Station(**s) for s in values["stations"])
     try:
         model = Model(**{**values, "valve": Valve(**values["valve"]), "memory": Memory(**values["memory"])})
     except InputError as error:
-        raise InputError(f"model file {path}: {error}") from None
+        raise InputError(f"{where}: {error}") from None
     if entries.checksum and entries.checksum != checksum_of(json.loads(text)):
         raise InputError(
-            f"model file {path} is not what was written: its checksum differs. Copy it again; or, if you changed it on "
+            f"{where} is not what was written: its checksum differs. Copy it again; or, if you changed it on "
             "purpose, remove its entry 'checksum'"
         )
     return model

@@ -38,6 +38,7 @@ from pliant.study.verdict import verdict
 from pliant.units import pascal_per
 from pliant.validation.metrics import response
 from pliant.validation.outcome import Clocks, FitOutcome, Forecast, Shape, StudyOutcome
+from pliant.validation.store import save_results
 from pliant.version import __version__
 
 Tell = Callable[[str], None]
@@ -254,6 +255,7 @@ def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: floa
     resolved: dict[str, Any] = study.model_dump(exclude_none=True)
     write_text(folder / "study.json", json.dumps(resolved, indent=1) + "\n")
     outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
+    save_results(outcome, folder)
     report = write_report(outcome, folder)
     outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
     metrics = json.dumps(outcome.to_dict(), indent=1, allow_nan=False) + "\n"

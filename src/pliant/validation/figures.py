@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from pliant.errors import InputError
 from pliant.files import whole
-from pliant.plotting import DASHES, PAGE_WIDTH, style
+from pliant.plotting import DASHES, NARROW, WIDTH, side_by_side, style
 from pliant.validation.curves import autocorrelation, evenly_spaced, instants, level_of, slenderness, thin
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome
 from pliant.validation.wording import ROLE, clip, digits, heading
@@ -26,6 +26,7 @@ from pliant.validation.wording import ROLE, clip, digits, heading
 Array = np.ndarray
 MOST_FITS = 4
 BAND: dict[str, Any] = {"facecolor": "0.9", "edgecolor": "0.75", "linewidth": 0.4, "zorder": 0.5}
+TIMELESS: dict[str, Any] = {"svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None}}
 SPARSE = 120  # up to so many frames, measured points are drawn one by one
 MEASURED: dict[str, Any] = {"color": "0.57", "linestyle": "-", "linewidth": 1.9, "label": "measured"}
 MEASURED_POINTS: dict[str, Any] = {
@@ -37,7 +38,7 @@ MODELLED: dict[str, Any] = {"color": "#0b2f6b", "linestyle": "-", "linewidth": 0
 @contextmanager
 def drawing() -> Iterator[None]:
     """The shared style, with text taken literally: a `$` in a recording's name is no formula."""
-    with style(), mpl.rc_context({"text.parse_math": False, "axes.titlelocation": "left", "axes.labelsize": 7.5}):
+    with style(), mpl.rc_context({"text.parse_math": False, "axes.titlelocation": "left", "axes.labelsize": "medium"}):
         yield
 
 
@@ -64,7 +65,7 @@ def record_figure(record: RecordOutcome) -> Figure:
         for ax in axes[-1] if forced else ():
             draw_pressure(ax, record)
         note = f"; {len(chosen)} of {len(exp.stations)} stations" if len(chosen) < len(exp.stations) else ""
-        figure.suptitle(f"{heading(record)}{note}", fontsize=9)
+        figure.suptitle(f"{heading(record)}{note}", fontsize="medium", wrap=True)
         legend(figure, axes[:, 0])
     return figure
 
@@ -80,9 +81,9 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
     pairs = [(f, r) for f in fits for r in f.records if r.name == record_name]
     if not pairs:
         raise InputError(f"no fit holds the record {record_name!r}")
-    shown = pairs[:MOST_FITS]
+    shown, letters = pairs[:MOST_FITS], int(13.4 * WIDTH.get())
     with drawing():
-        figure = Figure(figsize=(PAGE_WIDTH, 4.2), layout="constrained")
+        figure = Figure(figsize=(WIDTH.get(), 4.2), layout="constrained")
         axes = figure.subplots(3, len(shown), sharex=True, sharey="row", squeeze=False)
         for column, (fit, record) in zip(axes.T, shown, strict=True):
             exp = record.experiment
@@ -93,14 +94,14 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
             column[2].plot(*thin(exp.time, distance), color="black", linestyle="-", linewidth=0.7, label="distance")
             column[2].set_xlabel("time (s)")
             rmse = digits(record.metrics.get("rmse_mm"))
-            title = fill(clip(fit.title, 2 * (96 // len(shown))), 96 // len(shown))
-            column[0].set_title(f"{title}\n{ROLE[record.role]}: RMSE {rmse} mm", fontsize=7)
+            title = fill(clip(fit.title, 2 * (letters // len(shown))), letters // len(shown))
+            column[0].set_title(f"{title}\n{ROLE[record.role]}:\nRMSE {rmse} mm", fontsize="small")
         axes[2, 0].set_ylim(0, None)
         last = clip(shown[0][1].experiment.stations[-1], 18)
         for ax, what in zip(axes[:, 0], (f"{last} x (mm)", f"{last} y (mm)", "distance (mm)"), strict=True):
             ax.set_ylabel(what)
         more = f" (first {len(shown)} of {len(pairs)} fits)" if len(shown) < len(pairs) else ""
-        figure.suptitle(f"{clip(record_name)} under each fit{more}", fontsize=9)
+        figure.suptitle(f"{clip(record_name)} under each fit{more}", fontsize="medium", wrap=True)
         legend(figure, axes[:2, 0])
     return figure
 
@@ -110,8 +111,7 @@ def residual_figure(record: RecordOutcome) -> Figure:
     exp = record.experiment
     residual = 1e3 * (record.modelled[:, -1] - exp.last_station)
     with drawing():
-        figure = Figure(figsize=(PAGE_WIDTH, 2.5), layout="constrained")
-        left, right = figure.subplots(1, 2)
+        figure, (left, right) = side_by_side(2, (1, 1), 2.5)
         for axis, (colour, dash) in enumerate((("black", "-"), ("#c1440e", (0, (4, 1.5))))):
             line: dict[str, Any] = {"color": colour, "linestyle": dash, "linewidth": 0.85, "label": "xy"[axis]}
             left.plot(*thin(exp.time, residual[:, axis]), **line)
@@ -123,7 +123,7 @@ def residual_figure(record: RecordOutcome) -> Figure:
         right.set_title("Pure measurement noise would stay in the band")
         left.legend(ncols=2)
         right.legend(ncols=3)
-        figure.suptitle(heading(record), fontsize=9)
+        figure.suptitle(heading(record), fontsize="medium", wrap=True)
     return figure
 
 
@@ -132,8 +132,7 @@ def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
     levels = [level_of(r) for f in fits for r in f.records]
     pressure = np.linspace(0.0, 1.05 * max([*levels, 1.0]), 200)
     with drawing():
-        figure = Figure(figsize=(PAGE_WIDTH, 3.2), layout="constrained")
-        ax = figure.subplots()
+        figure, ax = side_by_side(1, (1,), 3.2)
         for fit, mark in zip(fits, cycle("osD^v<>ph"), strict=False):
             model = fit.result.model
             label = f" {clip(fit.title)}"  # the space: matplotlib hides labels that begin with _
@@ -154,7 +153,8 @@ def path_figure(record: RecordOutcome) -> Figure:
     exp = record.experiment
     body = len(exp.stations) > 1
     with drawing():
-        figure = Figure(figsize=(5.4, 1.2 + 4.4 * slenderness(record, body)), layout="constrained")
+        size = (width := min(5.4, WIDTH.get()), 1.2 + 0.8 * width * slenderness(record, body))
+        figure = Figure(figsize=size, layout="constrained")
         ax = figure.subplots()
         seen = np.isfinite(exp.last_station).all(axis=1)
         ax.plot(*(1e3 * exp.last_station).T, **MEASURED if seen.sum() > SPARSE else MEASURED_POINTS)
@@ -173,7 +173,7 @@ def path_figure(record: RecordOutcome) -> Figure:
         ax.plot(*(1e3 * exp.last_station[seen][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
                 linestyle="", label="first frame")
         ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", adjustable="datalim")
-        figure.suptitle(f"Path of {clip(exp.stations[-1], 18)}, {heading(record)}", fontsize=9)
+        figure.suptitle(f"Path of {clip(exp.stations[-1], 18)}, {heading(record)}", fontsize="medium", wrap=True)
         legend(figure, [ax])
     return figure
 
@@ -189,7 +189,7 @@ def forecast_figure(forecast: Forecast) -> Figure:
                 tip, half = 1e3 * forecast.tip[:, axis], 1e3 * forecast.half_width[:, axis]
                 ax.fill_between(forecast.time, tip - half, tip + half, color="0.8", linewidth=0, label="95 % band")
             ax.set_ylabel(f"tip {'xy'[axis]} (mm)")
-        figure.suptitle(f"Forecast: {clip(forecast.title)}", fontsize=9)
+        figure.suptitle(f"Forecast: {clip(forecast.title)}", fontsize="medium", wrap=True)
         legend(figure, axes[:, 0])
     return figure
 
@@ -215,14 +215,14 @@ def demo_figure(trajectory: xr.Dataset) -> Figure:
             ax.plot(*thin(time, 1e-3 * trajectory["pressure"].values), color="black", linestyle="-", linewidth=0.9)
             ax.set_ylabel("pressure (kPa)")
         model = clip(str(trajectory.attrs.get("model", "model")))
-        figure.suptitle(f"{model}: simulated motion of the link tips", fontsize=9)
+        figure.suptitle(f"{model}: simulated motion of the link tips", fontsize="medium", wrap=True)
         legend(figure, axes[:1, 0])
     return figure
 
 
 def columns_in_time(heights: Sequence[float]) -> tuple[Figure, Any]:
     """A figure with rows of the given relative heights and two columns, x and y, on one time axis."""
-    figure = Figure(figsize=(PAGE_WIDTH, 0.6 + 1.3 * sum(heights)), layout="constrained")
+    figure = Figure(figsize=(WIDTH.get(), 0.6 + 1.3 * sum(heights)), layout="constrained")
     axes = figure.subplots(len(heights), 2, sharex=True, squeeze=False, gridspec_kw={"height_ratios": list(heights)})
     for ax in axes[-1]:
         ax.set_xlabel("time (s)")
@@ -272,13 +272,13 @@ def draw_pressure(ax: Axes, record: RecordOutcome) -> None:
 def legend(figure: Figure, axes: Iterable[Axes]) -> None:
     """One legend below the figure for all that the axes show, each label once."""
     entries = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    room = figure.get_figwidth() / (0.65 + 0.062 * max(map(len, entries)))  # inches of a handle and of a letter
+    room = figure.get_figwidth() / ((0.65 + 0.062 * max(map(len, entries))) * (1 if WIDTH.get() >= NARROW else 0.8))
     columns = max(1, min(len(entries), int(room)))
     figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
 
 
-def save(figure: Figure, folder: str | Path, name: str) -> tuple[Path, Path]:
-    """Write ``name.svg`` and ``name.png`` (200 dpi) into `folder`, each whole or not at all, and clear the figure.
+def save(figure: Figure, folder: str | Path, name: str, kinds: Sequence[str] = ("svg", "png")) -> tuple[Path, ...]:
+    """Write ``name.svg``, ``name.png`` (200 dpi), ... into `folder`, each whole or not at all, and clear the figure.
 
     The same figure gives the same bytes.
 
@@ -287,14 +287,14 @@ def save(figure: Figure, folder: str | Path, name: str) -> tuple[Path, Path]:
     InputError
         When the folder cannot be made or written.
     """
-    targets = (Path(folder) / f"{name}.svg", Path(folder) / f"{name}.png")
+    targets = tuple(Path(folder) / f"{name}.{kind}" for kind in kinds)
     with drawing(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from")  # the report has the name in full
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # laid out: once is enough
-        for target, metadata in zip(targets, ({"Date": None}, {"Software": None}), strict=True):
+        for target in targets:
             with whole(target) as draft:
                 target.parent.mkdir(parents=True, exist_ok=True)
-                figure.savefig(draft, format=target.suffix[1:], dpi=200, metadata=metadata)
+                figure.savefig(draft, format=target.suffix[1:], dpi=200, metadata=TIMELESS[target.suffix[1:]])
     figure.clear()
     return targets

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pliant.identification import Ladder
-from pliant.plotting import new_figure
+from pliant.plotting import side_by_side
 from pliant.validation.figures import drawing
 from pliant.validation.wording import clip, digits
 
@@ -18,7 +18,7 @@ def ladder_figure(ladder: Ladder) -> Any:
     at = np.arange(len(steps))
     with drawing():
         height = 0.9 + 0.32 * len(steps)
-        figure, axes = new_figure(1, 3, width_ratios=(2, 1, 1), height=height, sharey=True)
+        figure, axes = side_by_side(3, (2, 1, 1), height, sharey=True)
         draw_errors(axes[0], ladder, at)
         for ax, cost, what in (
             (axes[1], [s.seconds for s in steps], "time of the fits (s)"),
@@ -28,7 +28,7 @@ def ladder_figure(ladder: Ladder) -> Any:
             ax.bar_label(bars, [digits(c, 2) for c in cost], padding=2, fontsize=6.5)
             ax.set(xlabel=what, xlim=(0, 1.3 * max(cost)))
             ax.grid(visible=False, axis="y")
-        figure.suptitle("Ladder of models", fontsize=9)
+        figure.suptitle("Ladder of models", fontsize="medium", wrap=True)
     return figure
 
 

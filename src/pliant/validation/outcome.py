@@ -12,6 +12,7 @@ from pliant.display import Card, Shown
 from pliant.identification import Band, Experiment, FitResult, Ladder
 from pliant.identification.fit import parameter_dict
 from pliant.model import Model
+from pliant.model.file import model_to_dict
 from pliant.preprocessing.lag_model import body_course, pressure_course
 from pliant.preprocessing.sync import Delay
 from pliant.reduction import Links, OrderResult
@@ -46,12 +47,19 @@ class FitOutcome:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, for metrics.json."""
+        spread = self.result.covariance
         return {
-            "title": self.title,
-            "status": self.result.status,
+            "title": self.title, "status": self.result.status, "notes": list(self.result.notes),
+            "converged": self.result.converged, "bic": self.result.bic,
             "records": {r.name: {"role": r.role, **r.metrics} for r in self.records},
             "parameters": {p.name: parameter_dict(p) for p in self.result.parameters},
-            "timing": {"fit_s": self.seconds, "simulated_sets": self.result.evaluations},
+            "timing": {
+                "fit_s": self.seconds, "optimiser_s": self.result.seconds, "simulated_sets": self.result.evaluations,
+            },
+            "model": model_to_dict(self.result.model),
+            "covariance": None if spread is None else {
+                k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in spread._asdict().items()
+            },
         }
 
 
@@ -150,6 +158,7 @@ class StudyOutcome(Shown):
                 records.setdefault(r.name, {"role": r.role, "fit": f.name, **r.metrics})
         return {
             "schema": "pliant-metrics", "schema_version": 1, "study": self.name,
+            "title": self.title, "description": self.description,
             "headline": self.headline._asdict() if self.headline else None, "verdict": list(self.verdict),
             "records": records,
             "parameters": {p.name: parameter_dict(p) for p in self.fits[0].result.parameters},
@@ -157,7 +166,8 @@ class StudyOutcome(Shown):
             "ladder": self.ladder.to_dict() if self.ladder else None,
             "order": self.shape.order.to_dict() if self.shape else None,
             "forecasts": {
-                f.name: {"stated": f.stated, **f.numbers, "half_width_95": f.interval} for f in self.forecasts
+                f.name: {"title": f.title, "stated": f.stated, **f.numbers, "half_width_95": f.interval}
+                for f in self.forecasts
             },
             "findings": {k: list(v) for k, v in self.findings.items()},
             "clocks": {k: {"delay_s": c.delay, "drift": c.drift, "told": c.told} for k, c in self.clocks.items()},

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.plotting import curvature_fan, error_by_order, new_figure, order_bars, snapshots
+from pliant.plotting import curvature_fan, error_by_order, order_bars, side_by_side, snapshots
 from pliant.reduction import spline_shape
 from pliant.validation.curves import instants
 from pliant.validation.figures import drawing
@@ -22,20 +22,20 @@ def order_figure(shape: Shape) -> Any:
     order = shape.order
     errors = dict(zip(order.orders, order.max_error, strict=True))
     with drawing():
-        figure, (left, right) = new_figure(1, 2, width_ratios=(2, 1), height=2.8)
+        figure, (left, right) = side_by_side(2, (2, 1), 2.8)
         error_by_order(left, order.time, errors, bound=order.bound)
         order_bars(right, errors, bound=order.bound)
-        figure.suptitle(f"{clip(shape.name)}: error of the shape against the number of segments", fontsize=9)
+        figure.suptitle(f"{clip(shape.name)}: error of the shape by number of segments", fontsize="medium")
     return figure
 
 
 def shape_figure(shape: Shape) -> Any:
     """Curvature along the body at many instants, and the chain and its spline laid through the shape at a few."""
     with drawing():
-        figure, (left, right) = new_figure(1, 2, height=3.4)
+        figure, (left, right) = side_by_side(2, (1, 1), 3.4)
         curvature_fan(left, shape.arc_length, shape.curvature, shape.rest_curvature)
         snapshots(right, *chain_through(shape))
-        figure.suptitle(f"{clip(shape.name)}: curvature, and the chain of {shape.links.n} links", fontsize=9)
+        figure.suptitle(f"{clip(shape.name)}: curvature, and the chain of {shape.links.n} links", fontsize="medium")
     return figure
 
 

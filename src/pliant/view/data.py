@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +9,8 @@ import numpy as np
 
 from pliant.identification.experiment import Experiment
 from pliant.validation.curves import autocorrelation, evenly_spaced, level_of
-from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
+from pliant.validation.draw import moves_torque
+from pliant.validation.outcome import Clocks, FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
 from pliant.view.packing import Pack
 
 Array = np.ndarray
@@ -32,8 +32,9 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
             "title": f.title, "records": {r.name: modelled_of(r, every, pack) for r in f.records},
         } for f in outcome.fits],
         "shape": shape_of(outcome.shape, pack) if outcome.shape else None,
-        "torque": torque_of(outcome.fits, pack) if has_torque(outcome.fits) else None,
+        "torque": torque_of(outcome.fits, pack) if moves_torque(outcome.fits) else None,
         "forecasts": [forecast_of(f, pack) for f in outcome.forecasts],
+        "clocks": [clocks_of(c, pack) for c in outcome.clocks.values()],
     }
 
 
@@ -108,11 +109,6 @@ def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:
     }
 
 
-def has_torque(fits: Sequence[FitOutcome]) -> bool:
-    """Whether a fit moved the torque law."""
-    return any(re.match(r"(.+\.)?(torque_\d|gain)$", p.name) for f in fits for p in f.result.parameters)
-
-
 def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
     """Torque law of each fit, kPa and mN m, with the levels of its records."""
     levels = sorted({level_of(r) for f in fits for r in f.records})
@@ -132,3 +128,15 @@ def forecast_of(forecast: Forecast, pack: Pack) -> dict[str, Any]:
     half = forecast.half_width
     edges = None if half is None else [pack.add(1e3 * (forecast.tip + s * half)) for s in (-1, 1)]
     return {"time": clock(forecast.time, pack), "tip": pack.add(1e3 * forecast.tip), "band": edges}
+
+
+def clocks_of(c: Clocks, pack: Pack) -> dict[str, Any]:
+    """Motion and pressure over each other, in shares of their ranges; the pressure as moved and as logged."""
+    time = c.time[:: -(-c.time.size // MOST_FRAMES)]
+    moved = c.clock * (1.0 + c.drift) + c.delay
+    motion, pressure = (np.interp(time, t, v) for t, v in ((c.time, c.motion), (moved, c.pressure)))
+    motion = motion * (np.sign((motion - motion.mean()) @ (pressure - pressure.mean())) or 1.0)
+    level = (c.pressure - c.pressure.min()) / max(float(np.ptp(c.pressure)), 1e-300)
+    shown = [np.interp(time, t, level, left=np.nan, right=np.nan) for t in (moved, c.clock)]
+    return {"time": clock(time, pack), "motion": pack.add((motion - motion.min()) / max(float(np.ptp(motion)), 1e-300)),
+            "moved": pack.add(shown[0]), "logged": pack.add(shown[1])}

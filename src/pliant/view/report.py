@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from base64 import b64encode
 from collections.abc import Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +11,11 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.files import write_text
+from pliant.validation.draw import moves_torque
 from pliant.validation.metrics import DEFINITIONS
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import ROLE, digits, metric_label
-from pliant.view.data import has_torque, page_data
+from pliant.view.data import page_data
 from pliant.view.packing import Pack
 from pliant.view.rows import (
     PAIRS,
@@ -127,21 +126,13 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
         "forecasts": [forecast_block(f) for f in outcome.forecasts],
         "definitions": {k: (*metric_label(k), v) for k, v in DEFINITIONS.items()},
         "pairs": PAIRS, "single": SINGLE, "facts": model_facts(outcome),
-        "torque": has_torque(outcome.fits), "clocks": clock_pictures(outcome),
+        "torque": moves_torque(outcome.fits), "clocks": [clock_title(n, c.delay) for n, c in outcome.clocks.items()],
     }
 
 
-def clock_pictures(outcome: StudyOutcome) -> list[tuple[str, str]]:
-    """Title and data address of motion and pressure over each other, where the pressure's clock was moved."""
-    from pliant.plotting import clock_figure
-
-    pictures = []
-    for name, c in outcome.clocks.items():
-        title, drawn = f"{name}: the pressure's clock is moved by {1e3 * c.delay:+.1f} ms", BytesIO()
-        figure = clock_figure(c.time, c.motion, c.clock, c.pressure, c.delay, c.drift, title)
-        figure.savefig(drawn, format="png", dpi=150, metadata={"Software": None})
-        pictures.append((title, f"data:image/png;base64,{b64encode(drawn.getvalue()).decode()}"))
-    return pictures
+def clock_title(name: str, delay: float) -> str:
+    """How far a pressure's clock was moved."""
+    return f"{name}: the pressure's clock is moved by {1e3 * delay:+.1f} ms".replace("-", "\N{MINUS SIGN}")
 
 
 def band_sentence(fit: FitOutcome, record: RecordOutcome) -> str:

@@ -300,6 +300,14 @@
     });
   }
 
+  function clocks(c, i) {
+    const draw = (note, label, colour, width, dash) => ({ label, values: column(open(note), 0), width, dash,
+      colour: () => paint(colour), tag: label });
+    all.push(plot($(`plot-clock-${i}`), { x: Array.from(open(c.time).flat), height: 180, ylabel: "share of its range",
+      xlabel: "time on the shape's clock (s)", series: [draw(c.motion, "motion", "measured", 4.5),
+        draw(c.moved, "moved", "tip", 1.6), draw(c.logged, "as logged", "soft", 1.2, [2, 4])] }));
+  }
+
   const repaint = () => { all.forEach((u) => u.redraw(false)); body.draw(); };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
   addEventListener("beforeprint", () => { document.documentElement.classList.add("print"); repaint(); });
@@ -318,6 +326,7 @@
   if (data.shape) shape(data.shape);
   if (data.torque) torque(data.torque);
   data.forecasts.forEach(forecast);
+  data.clocks.forEach(clocks);
   document.documentElement.dataset.ready = "yes";
   window.pliantReport = { choose, go, get frame() { return frame; }, get now() { return now; }, get plots() { return plots; }, body };
 })();

@@ -1,0 +1,43 @@
+"""`pliant figures`: a study's figures for a paper, drawn from what its run left behind."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pliant.cli.output import busy
+
+
+def figures(
+    result: Annotated[Path, typer.Argument(help="Folder that `pliant run` or `pliant demo` has written.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Folder for the figures; by default RESULT/figures.")
+    ] = None,
+    kinds: Annotated[str, typer.Option("--format", help="One or more of svg, pdf and png: pdf,svg.")] = "pdf",
+    width_mm: Annotated[
+        float | None, typer.Option("--width-mm", help="Width, mm; 88 is one column. Default: two columns, 182 mm.")
+    ] = None,
+    records: Annotated[str, typer.Option("--records", help="Only these records: a,b. Default: the whole study.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="Print the files as JSON.")] = False,
+) -> None:
+    """Draw the figures of a study that has run: motion, residual, path, fits side by side, torque law, order, ladder.
+
+    Example: pliant figures results/demo --format pdf,svg --width-mm 88 --records pulse_119
+    """
+    from pliant.validation.draw import draw_figures
+    from pliant.validation.stored import load_outcome
+
+    with busy("drawing"):
+        files = list(draw_figures(
+            load_outcome(result), output or result / "figures", kinds=split(kinds), width_mm=width_mm,
+            records=split(records),
+        ))
+    typer.echo(json_format.dumps([str(f) for f in files]) if as_json else "\n".join(map(str, files)))
+
+
+def split(text: str) -> list[str]:
+    """The words between commas."""
+    return [word.strip() for word in text.split(",") if word.strip()]

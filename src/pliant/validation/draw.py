@@ -1,0 +1,116 @@
+"""Figures of a study for papers, drawn when they are asked for."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from pliant.errors import InputError
+from pliant.validation.outcome import FitOutcome, StudyOutcome
+
+KINDS = ("svg", "pdf", "png")
+NARROWEST, WIDEST = 60.0, 400.0  # mm
+INCH = 25.4  # mm
+
+
+def draw_figures(
+    outcome: StudyOutcome, folder: str | Path, *, kinds: Sequence[str] = ("pdf",), width_mm: float | None = None,
+    records: Sequence[str] = (),
+) -> Iterator[Path]:
+    """Draw a study's figures into a folder, one after another.
+
+    Parameters
+    ----------
+    outcome : StudyOutcome
+        Of `run_study`, or of `pliant.validation.stored.load_outcome`.
+    folder : str or Path
+        Made when absent.
+    kinds : sequence of str
+        Of svg, pdf and png.
+    width_mm : float, optional
+        Of every figure, mm; by default that of a page of two columns. Narrow ones stack their panels, letters are
+        smaller.
+    records : sequence of str
+        Only these; by default all.
+
+    Yields
+    ------
+    Path
+        Each file, once it is written.
+
+    Raises
+    ------
+    InputError
+        When a kind, the width or a record is not possible, or the folder cannot be written.
+    """
+    from pliant.plotting import PAGE_WIDTH, page
+    from pliant.validation.figures import save
+
+    known = list(dict.fromkeys(r.name for f in outcome.fits for r in f.records))
+    if strange := [k for k in kinds if k not in KINDS]:
+        raise InputError(f"a figure is {', '.join(KINDS)}, not {strange[0]!r}")
+    if strange := [r for r in records if r not in known]:
+        raise InputError(f"no record {strange[0]!r} in these results; they have {', '.join(known)}")
+    if width_mm is not None and not NARROWEST <= width_mm <= WIDEST:
+        raise InputError(f"a figure is {NARROWEST:g} to {WIDEST:g} mm wide, not {width_mm:g}")
+    taken: set[str] = set()
+    with page(PAGE_WIDTH if width_mm is None else width_mm / INCH):
+        for name, figure in figures_of(outcome, records or known, only=bool(records)):
+            yield from save(figure, folder, file_name(name, taken), list(dict.fromkeys(kinds)))
+
+
+def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> Iterator[tuple[str, Any]]:
+    """Names and figures: of the wanted records, and, unless those alone are wanted, of all that concerns the study."""
+    from pliant.validation import figures
+
+    for fit in outcome.fits:
+        for record in fit.records:
+            if record.name in records:
+                yield f"{fit.name}-{record.name}-motion", figures.record_figure(record)
+                yield f"{fit.name}-{record.name}-residual", figures.residual_figure(record)
+                yield f"{fit.name}-{record.name}-path", figures.path_figure(record)
+    yield from compared(outcome.fits, records)
+    if only:
+        return
+    if moves_torque(outcome.fits):
+        yield "torque", figures.torque_figure(outcome.fits)
+    if outcome.ladder:
+        from pliant.validation.ladder_figure import ladder_figure
+
+        yield "ladder", ladder_figure(outcome.ladder)
+    if outcome.shape:
+        from pliant.validation.shape_figures import order_figure, shape_figure
+
+        yield f"order-{outcome.shape.name}", order_figure(outcome.shape)
+        yield f"shape-{outcome.shape.name}", shape_figure(outcome.shape)
+    for forecast in outcome.forecasts:
+        yield f"forecast-{forecast.name}", figures.forecast_figure(forecast)
+
+
+def compared(fits: Sequence[FitOutcome], records: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    """Records that several fits have, under each of them."""
+    from pliant.validation import figures
+
+    counts = Counter(r.name for f in fits for r in f.records)
+    for name in records:
+        if counts[name] > 1:
+            yield f"compare-{name}", figures.comparison_figure(fits, name)
+
+
+def moves_torque(fits: Sequence[FitOutcome]) -> bool:
+    """Whether a fit moved the torque law."""
+    return any(re.match(r"(.+\.)?(torque_\d|gain)$", p.name) for f in fits for p in f.result.parameters)
+
+
+def file_name(name: str, taken: set[str]) -> str:
+    """A plain file name that no other figure has."""
+    plain = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:80] or "figure"
+    file, count = plain, 1
+    while file.lower() in taken:
+        count += 1
+        file = f"{plain}-{count}"
+    taken.add(file.lower())
+    return file

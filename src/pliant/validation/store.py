@@ -1,0 +1,119 @@
+"""`results.nc` beside `metrics.json`: what a study measured and modelled, kept, so that figures can be drawn later."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pliant.files import whole
+from pliant.identification import Experiment
+from pliant.validation.outcome import FitOutcome, Forecast, Shape, StudyOutcome
+
+Array = np.ndarray
+FILE = "results.nc"
+SPACE = ("time", "station", "axis")
+
+
+def save_results(outcome: StudyOutcome, folder: Path) -> Path:
+    """Write ``results.nc``: a group for each recording with every fit of it, the dense shape and each forecast.
+
+    Positions are in m, times in s, pressures in Pa. The numbers that metrics.json has are not repeated.
+    """
+    groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs={"schema": "pliant-results", "schema_version": 1})}
+    named = {r.name: r.experiment for f in outcome.fits for r in f.records}
+    for k, exp in enumerate(named.values()):
+        groups[f"/recording_{k}"] = recorded(exp).assign(modelled(outcome.fits, exp))
+    if outcome.shape:
+        groups |= shaped(outcome.shape)
+    for k, f in enumerate(outcome.forecasts):
+        groups[f"/forecast_{k}"] = foretold(f)
+    for k, (name, c) in enumerate(outcome.clocks.items()):
+        groups[f"/clocks_{k}"] = xr.Dataset(
+            {"time": ("frame", c.time, {"units": "s"}), "motion": ("frame", c.motion),
+             "clock": ("sample", c.clock, {"units": "s"}), "pressure": ("sample", c.pressure)}, attrs={"name": name})
+    packed = {"zlib": True, "complevel": 1, "shuffle": True}
+    encoding = {path: {str(v): packed for v, a in ds.data_vars.items() if a.ndim} for path, ds in groups.items()}
+    with whole(folder / FILE) as draft:
+        xr.DataTree.from_dict(groups).to_netcdf(draft, engine="h5netcdf", encoding=encoding)
+    return folder / FILE
+
+
+def in_metres(dims: Sequence[str], values: Array, name: str = "") -> tuple[Sequence[str], Array, dict[str, str]]:
+    """A variable with its unit."""
+    return dims, values, {"units": "m", **({"long_name": name} if name else {})}
+
+
+def recorded(exp: Experiment) -> xr.Dataset:
+    """What a recording showed, and what drove it."""
+    variables: dict[str, Any] = {"position": in_metres(SPACE, exp.position, "measured position")}
+    if exp.pressure is not None:
+        samples = np.asarray(exp.pressure.pressure, dtype=float)
+        dims = ("pressure_time", "chamber")[: samples.ndim]
+        variables["pressure"] = (dims, samples, {"units": "Pa", "long_name": "measured gauge pressure"})
+        variables["pressure_time"] = ("pressure_time", exp.pressure.time, {"units": "s"})
+    coordinates = {"time": ("time", exp.time, {"units": "s"}), "station": list(exp.stations), "axis": ["x", "y"]}
+    return xr.Dataset(variables, coordinates, {"name": exp.name, "excitation": exp.excitation, "level": exp.level})
+
+
+def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
+    """What every fit says of a recording; NaN where a fit does not use it, or gives no band."""
+    rows = [next((r for r in f.records if r.name == exp.name), None) for f in fits]
+    found: dict[str, Any] = {"fit": [f.name for f in fits]}
+
+    def stack(name: str, dims: tuple[str, ...], units: str, values: list[Array | None]) -> None:
+        shape = next((v.shape for v in values if v is not None), None)
+        if shape is not None:
+            whole = np.stack([np.full(shape, np.nan) if v is None else v for v in values])
+            found[name] = (("fit", *dims), whole, {"units": units})
+
+    stack("modelled", SPACE, "m", [r.modelled if r else None for r in rows])
+    chambers = max(np.ndim(r.pressure) for r in rows if r)
+    stack("modelled_pressure", ("time", "chamber")[:chambers], "Pa",
+          [np.asarray(r.pressure) if r else None for r in rows])
+    stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])
+    for part in ("std", "lower", "upper"):
+        stack(f"band_{part}", SPACE, "m", [getattr(r.band, part) if r and r.band else None for r in rows])
+    found["band_level"] = ("fit", [r.band.level if r and r.band else np.nan for r in rows], {"units": "1"})
+    return found
+
+
+def shaped(shape: Shape) -> dict[str, xr.Dataset]:
+    """The dense shape, its orders and its links, in a group each."""
+    own = {"arc_length": ("place", shape.arc_length, {"units": "m"}),
+           "position": in_metres(("frame", "place", "axis"), shape.position),
+           "curvature": (("whole_frame", "place"), shape.curvature, {"units": "1/m"}),
+           "rest_curvature": ("place", shape.rest_curvature, {"units": "1/m"})}
+    order = {"time": ("time", shape.order.time, {"units": "s"}),
+             **{k: in_metres(("order", "time"), getattr(shape.order, k)) for k in ("max_error", "mean_error")}}
+    return {
+        "/shape": xr.Dataset(own, attrs={"name": shape.name, "tip_status": shape.tip_status}),
+        "/shape_order": xr.Dataset(order, attrs={"json": plain(shape.order, set(order))}),
+        "/shape_links": xr.Dataset(
+            {f.name: ([f"{f.name}_{k}" for k in range(v.ndim)], v) for f in fields(shape.links)
+             if isinstance(v := getattr(shape.links, f.name), np.ndarray)}, attrs={"json": plain(shape.links, set())}),
+    }
+
+
+def plain(result: Any, but: set[str]) -> str:
+    """The fields of a dataclass that are no arrays, as JSON; tuples of arrays become lists."""
+    found: dict[str, Any] = {}
+    for f in fields(result):
+        value = getattr(result, f.name)
+        if f.name not in but and not isinstance(value, np.ndarray):
+            found[f.name] = [v.tolist() if isinstance(v, np.ndarray) else v for v in value] if isinstance(
+                value, tuple) else value
+    return json.dumps(found)
+
+
+def foretold(forecast: Forecast) -> xr.Dataset:
+    """A forecast's tip with its half-width."""
+    variables: dict[str, Any] = {"tip": in_metres(("time", "axis"), forecast.tip)}
+    if forecast.half_width is not None:
+        variables["half_width"] = in_metres(("time", "axis"), forecast.half_width)
+    return xr.Dataset(variables, {"time": ("time", forecast.time, {"units": "s"})}, {"name": forecast.name})

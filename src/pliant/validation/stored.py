@@ -1,0 +1,196 @@
+"""A study's outcome, read back from `metrics.json` and `results.nc`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.identification import Band, Experiment, FitResult, Ladder, Parameter
+from pliant.identification.ladder_fit import Step
+from pliant.identification.rungs import Rung
+from pliant.identification.uncertainty import Covariance
+from pliant.model import Model
+from pliant.model.file import read_model
+from pliant.reduction import Links, OrderResult
+from pliant.simulation import Trace
+from pliant.validation.outcome import Clocks, FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
+from pliant.validation.store import FILE
+
+BROKEN = (OSError, ValueError, KeyError, RuntimeError, TypeError, AttributeError)
+Groups = Mapping[str, xr.Dataset]
+
+
+def load_outcome(folder: str | Path) -> StudyOutcome:
+    """What `pliant run` found, from the folder that it wrote: every number, curve and sentence of its report.
+
+    Parameters
+    ----------
+    folder : str or Path
+        With metrics.json and results.nc.
+
+    Raises
+    ------
+    InputError
+        When a file is absent, not what `pliant run` writes, or of another schema.
+    """
+    folder = Path(folder)
+    told = metrics_of(folder)
+    groups = groups_of(folder)
+    try:
+        return restored(told, groups)
+    except BROKEN as error:
+        raise InputError(f"{folder}: metrics.json and results.nc do not belong together ({error}); run the study again"
+                         ) from None
+
+
+def metrics_of(folder: Path) -> dict[str, Any]:
+    """The content of metrics.json."""
+    path = folder / "metrics.json"
+    try:
+        told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"cannot read {path}: {reason}; name a folder that `pliant run` has written") from None
+    except ValueError as error:
+        raise InputError(f"{path} is no JSON: {error}") from None
+    if not isinstance(told, dict) or told.get("schema") != "pliant-metrics":
+        raise InputError(f"{path} is no metrics.json of `pliant run`")
+    return told
+
+
+def groups_of(folder: Path) -> Groups:
+    """The groups of results.nc, in memory."""
+    path = folder / FILE
+    if not path.is_file():
+        raise InputError(f"{folder} has no {FILE}: it was written by an older pliant; run the study again")
+    try:
+        groups = xr.open_groups(path, engine="h5netcdf", decode_times=False)
+        loaded = {name: ds.load() for name, ds in groups.items()}
+        for ds in groups.values():
+            ds.close()
+    except BROKEN as error:
+        raise InputError(f"{path} cannot be read: {error}") from None
+    if loaded["/"].attrs.get("schema") != "pliant-results":
+        raise InputError(f"{path} holds no results of `pliant run`")
+    return loaded
+
+
+def restored(told: dict[str, Any], groups: Groups) -> StudyOutcome:
+    """The outcome from both files' content."""
+    recordings = {str(ds.attrs["name"]): (experiment_of(ds), ds) for name, ds in groups.items()
+                  if name.startswith("/recording_")}
+    fits = tuple(fit_of(i, name, entry, recordings) for i, (name, entry) in enumerate(told["fits"].items()))
+    forecasts = tuple(forecast_of(n, e, groups[f"/forecast_{k}"]) for k, (n, e) in enumerate(told["forecasts"].items()))
+    headline = Headline(**{**told["headline"], "warnings": tuple(told["headline"]["warnings"])}) if told[
+        "headline"] else None
+    return StudyOutcome(
+        told["study"], told["title"], told["description"], fits[0].result.model, fits, forecasts, shape_of(groups),
+        tuple(told["verdict"]), {k: tuple(v) for k, v in told["findings"].items()}, told["timing"],
+        told["provenance"], ladder_of(told["ladder"], fits[0].result), headline,
+        clocks={n: clocks_of(n, e, groups) for n, e in told["clocks"].items()},
+    )
+
+
+def experiment_of(ds: xr.Dataset) -> Experiment:
+    """A recording as it was fitted."""
+    trace = None
+    if "pressure" in ds:
+        trace = Trace(ds["pressure_time"].values, ds["pressure"].values)
+    return Experiment(
+        str(ds.attrs["name"]), ds["time"].values, ds["position"].values, tuple(str(s) for s in ds["station"].values),
+        ds.attrs["excitation"], trace, float(ds.attrs["level"]),
+    )
+
+
+def fit_of(
+    i: int, name: str, entry: dict[str, Any], recordings: Mapping[str, tuple[Experiment, xr.Dataset]],
+) -> FitOutcome:
+    """A fit with its records."""
+    result = result_of(entry, read_model(json.dumps(entry["model"]), f"metrics.json, model of fit {name}"))
+    records = []
+    for record, numbers in entry["records"].items():
+        exp, ds = recordings[record]
+        own = ds.isel(fit=i)
+        metrics = {key: value for key, value in numbers.items() if key != "role"}
+        body = own["body"].values if "body" in own and own["body"].notnull().any() else None
+        records.append(RecordOutcome(record, numbers["role"], exp, own["modelled"].values,
+                                     own["modelled_pressure"].values, metrics, band_of(own), body))
+    return FitOutcome(name, entry["title"], result, tuple(records), entry["timing"]["fit_s"])
+
+
+def result_of(entry: dict[str, Any], model: Model) -> FitResult:
+    """What the optimisation gave."""
+    parameters = tuple(
+        Parameter(name, p["value"], -np.inf if p["lower"] is None else p["lower"],
+                  np.inf if p["upper"] is None else p["upper"], p["free"], p["unit"], p["scale"], p["source"], p["std"])
+        for name, p in entry["parameters"].items()
+    )
+    spread = entry["covariance"]
+    covariance = None if spread is None else Covariance(**{
+        **spread, "names": tuple(spread["names"]), **{k: np.array(spread[k]) for k in ("matrix", "white", "hidden")}})
+    return FitResult(
+        model, parameters, entry["status"], {}, entry["timing"]["simulated_sets"], entry["timing"]["optimiser_s"],
+        entry["converged"], covariance, tuple(entry["notes"]), entry["bic"],
+    )
+
+
+def band_of(ds: xr.Dataset) -> Band | None:
+    """The band of a prediction, where it has one."""
+    level = float(ds["band_level"])
+    if np.isnan(level):
+        return None
+    std, lower, upper = (ds[f"band_{part}"].values for part in ("std", "lower", "upper"))
+    return Band(ds["modelled"].values, std, lower, upper, level)
+
+
+def shape_of(groups: Groups) -> Shape | None:
+    """The dense shape that decided the chain."""
+    if "/shape" not in groups:
+        return None
+    own, order, links = (groups[name] for name in ("/shape", "/shape_order", "/shape_links"))
+    facts: dict[str, Any] = json.loads(order.attrs["json"])
+    facts |= {k: tuple(facts[k]) for k in ("orders", "stations_between", "notes")}
+    facts["node_arc_length"] = tuple(np.array(nodes) for nodes in facts["node_arc_length"])
+    facts |= {k: order[k].values for k in ("time", "max_error", "mean_error")}
+    chain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(
+        links.attrs["json"]).items()}
+    chain |= {str(k): v.values for k, v in links.data_vars.items()}
+    arc, position, curvature, rest = (own[k].values for k in ("arc_length", "position", "curvature", "rest_curvature"))
+    return Shape(str(own.attrs["name"]), arc, position, curvature, rest, OrderResult(**facts), Links(**chain),
+                 str(own.attrs["tip_status"]))
+
+
+def ladder_of(told: dict[str, Any] | None, result: FitResult) -> Ladder | None:
+    """A ladder as its table and figure ask for it: that a rung was fitted, not what its fit was."""
+    if told is None:
+        return None
+    steps = [
+        Step(Rung(name, r["title"]), None if r["step_ns"] is None else result, tuple(r["free"]), r["train_percent"],
+             r["held_out_percent"], r["fit_s"], float("nan") if r["step_ns"] is None else r["step_ns"], r["stands_on"],
+             bic=r["bic"], told=r["told"])
+        for name, r in told["rungs"].items()
+    ]
+    return Ladder(tuple(steps), told["chosen"], told["reason"])
+
+
+def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:
+    """How a pressure's clock was moved."""
+    ds = next(g for k, g in groups.items() if k.startswith("/clocks_") and g.attrs["name"] == name)
+    time, motion, clock, pressure = (ds[k].values for k in ("time", "motion", "clock", "pressure"))
+    return Clocks(entry["told"], time, motion, clock, pressure, entry["delay_s"], entry["drift"])
+
+
+def forecast_of(name: str, entry: dict[str, Any], ds: xr.Dataset) -> Forecast:
+    """A prediction for a case that was not recorded."""
+    apart = {"title", "stated", "half_width_95"}
+    return Forecast(
+        name, entry["title"], entry["stated"], ds["time"].values, ds["tip"].values,
+        {k: v for k, v in entry.items() if k not in apart}, entry["half_width_95"],
+        ds["half_width"].values if "half_width" in ds else None,
+    )

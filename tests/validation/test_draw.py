@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from pliant.errors import InputError
+from pliant.validation.draw import draw_figures, file_name
+
+
+def test_every_figure_of_a_study_is_drawn_once(outcome, shape, tmp_path):
+    files = list(draw_figures(replace(outcome, shape=shape), tmp_path, kinds=["svg"]))
+    assert len(files) == len(set(files)) == 3 * 5 + 2 + 1 + 2 + 1  # records, compared, torque law, shape, forecast
+    assert all(f.is_file() for f in files)
+
+
+@pytest.mark.parametrize("width", [88.0, 182.0])
+def test_the_width_is_that_of_the_column(outcome, tmp_path, width):
+    file, *_ = draw_figures(outcome, tmp_path, kinds=["svg"], width_mm=width, records=["low"])
+    points = float(file.read_text(encoding="utf-8").split('width="')[1].split("pt")[0])
+    assert points == pytest.approx(width / 25.4 * 72, abs=0.01)
+
+
+def test_wanted_records_alone(outcome, tmp_path):
+    files = list(draw_figures(outcome, tmp_path, kinds=["pdf"], records=["let go/"]))
+    assert [f.name for f in files] == [f"linear-let-go--{what}.pdf" for what in ("motion", "residual", "path")]
+    assert files[0].read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(("asked", "sentence"), [
+    ({"kinds": ["gif"]}, "a figure is svg, pdf, png, not 'gif'"), ({"records": ["moon"]}, "no record 'moon'"),
+    ({"width_mm": 5.0}, "60 to 400 mm wide, not 5"),
+])
+def test_what_cannot_be_drawn_is_one_sentence(outcome, tmp_path, asked, sentence):
+    with pytest.raises(InputError, match=sentence):
+        next(draw_figures(outcome, tmp_path, **asked))
+
+
+def test_file_names_are_plain_and_differ():
+    taken: set[str] = set()
+    names = [file_name(n, taken) for n in ("../../etc", "..", "A b", "a-b", "软")]
+    assert names == ["etc", "figure", "A-b", "a-b-2", "figure-2"]

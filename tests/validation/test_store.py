@@ -1,0 +1,64 @@
+"""What a study found, written and read back: nothing that report or figures show may be lost on the way."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.validation.store import save_results
+from pliant.validation.stored import load_outcome
+
+
+@pytest.fixture
+def kept(outcome, shape, tmp_path):
+    whole = replace(outcome, shape=shape)
+    save_results(whole, tmp_path)
+    (tmp_path / "metrics.json").write_text(json.dumps(whole.to_dict()).replace("NaN", "null"), encoding="utf-8")
+    return whole, tmp_path
+
+
+def test_the_report_of_what_was_read_back_is_the_same_page(kept):
+    from pliant.view.report import report_page
+
+    whole, folder = kept
+    assert report_page(load_outcome(folder)) == report_page(whole)
+
+
+def test_arrays_come_back_to_the_bit(kept):
+    whole, folder = kept
+    again = load_outcome(folder)
+    for fit, same in zip(whole.fits, again.fits, strict=True):
+        assert same.result.model == fit.result.model
+        for record, found in zip(fit.records, same.records, strict=True):
+            for a, b in ((record.experiment.position, found.experiment.position), (record.modelled, found.modelled),
+                         (record.pressure, found.pressure)):
+                np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(again.shape.links.tips, whole.shape.links.tips)
+
+
+def test_others_can_read_it_with_names_and_units(kept):
+    with xr.open_dataset(kept[1] / "results.nc", group="recording_0", engine="h5netcdf") as ds:
+        assert ds["position"].dims == ("time", "station", "axis")
+        assert ds["position"].attrs["units"] == "m"
+        assert ds["modelled"].sel(fit="linear").dims == ds["position"].dims
+        assert ds.attrs["name"] == "low"
+
+
+@pytest.mark.parametrize(("damage", "sentence"), [
+    (lambda f: (f / "metrics.json").unlink(), "name a folder that `pliant run` has written"),
+    (lambda f: (f / "metrics.json").write_text("{"), "is no JSON"),
+    (lambda f: (f / "metrics.json").write_text("[]"), "is no metrics.json of"),
+    (lambda f: (f / "results.nc").unlink(), "has no results.nc"),
+    (lambda f: (f / "results.nc").write_bytes(b"nonsense"), "cannot be read"),
+    (lambda f: (f / "metrics.json").write_text(json.dumps({"schema": "pliant-metrics", "fits": {}})), "do not belong"),
+])
+def test_what_is_no_result_is_one_sentence(kept, damage, sentence):
+    damage(kept[1])
+    with pytest.raises(InputError, match=sentence) as caught:
+        load_outcome(kept[1])
+    assert "\n" not in str(caught.value)
