@@ -282,13 +282,30 @@ def test_the_page_of_the_whole_paper_is_one_page():
     assert not {m for m in imported("basic.py") if m.startswith("pliant")}
 
 
-@pytest.mark.parametrize("statement", ["import pliant", "import pliant.__main__", "import pliant.errors, pliant.units"])
-def test_light_doors(statement):
-    """Neither the package nor its command's --help pays for what it may not use."""
-    heavy = ("numba", "scipy", "matplotlib", "xarray", "pandas", "h5py")
+HEAVY = ("numba", "scipy", "matplotlib", "xarray", "pandas", "h5py", "rich")
+SCIPY = tuple(f"scipy.{part}" for part in ("stats", "optimize", "signal", "integrate", "interpolate"))
+NEEDED_BY_FEW = ("numba", *SCIPY, "matplotlib", "h5py", "rich")
+
+
+@pytest.mark.parametrize(("statement", "heavy"), [
+    ("import pliant", HEAVY),
+    ("import pliant.__main__, pliant.cli", HEAVY),
+    ("import pliant.errors, pliant.units", HEAVY),
+    ("import pliant.recording, pliant.simulation, pliant.study", NEEDED_BY_FEW),
+])  # fmt: skip
+def test_light_doors(statement, heavy):
+    """Neither the package nor its command's --help pays for what it may not use, nor a study for what only some do."""
     code = f"import sys; {statement}; print([m for m in {heavy!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.stdout.strip(), done.returncode) == ("[]", 0), done.stderr
+
+
+def test_the_help_page_draws_no_boxes():
+    code = "import sys, pliant.__main__ as p; sys.argv = ['', '--help']\ntry: p.main()\nfinally: print(sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "See it work" in done.stdout
+    assert not [name for name in HEAVY if f"'{name}'" in done.stdout]
 
 
 def tracked():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from pliant.contact.likelihood_ratio import Answer, frames_of
 from pliant.errors import InputError
@@ -109,6 +108,8 @@ def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: 
     The torque of the law, its square, its lags, and the joint angles and rates that the model itself predicts under the
     pressure: none of them knows what touched the body.
     """
+    from scipy.signal import lfilter
+
     tau = np.asarray(model.torque_at(pressure), dtype=float)
     h = float(np.median(np.diff(time)))
     lagged = []

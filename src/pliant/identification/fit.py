@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
 
 from pliant.errors import FitError, InputError
 from pliant.identification.experiment import Experiment, predict
@@ -20,6 +19,9 @@ from pliant.identification.result import FitResult, cautions, parameter_dict, st
 from pliant.identification.uncertainty import covariance
 from pliant.model import Model
 from pliant.simulation.solve import check_step
+
+if TYPE_CHECKING:  # an optimiser is imported when one runs
+    from scipy.optimize import OptimizeResult
 
 __all__ = ["FitResult", "fit", "parameter_dict", "parameters_from", "predict_held_out"]
 Array = np.ndarray
@@ -138,6 +140,8 @@ def solve(problem: Problem, x0: Array, loss: str, max_evaluations: int) -> Optim
     The optimiser sees moves from x0 in sizes of the parameters, so that its first step is of one size at most: where
     a start shows little of a parameter, a step scaled by the derivatives would leave all that is physical.
     """
+    from scipy.optimize import least_squares
+
     residual, jacobian = condensed(problem) if loss == "linear" else (problem.residual, problem.jacobian)
     best = least_squares(
         lambda move: residual(x0 + move), np.zeros_like(x0), lambda move: jacobian(x0 + move),

@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.optimize import brentq
 
 from pliant.equations.section import lever_growth
 from pliant.errors import FitError, InputError, SimulationError
@@ -104,6 +103,8 @@ def stiffness_for_frequency(model: Model, exp: Experiment, frequency: float) -> 
         except SimulationError:  # too soft to carry its load: slower than any frequency
             return -1.0
 
+    from scipy.optimize import brentq
+
     middle = np.log(model.stiffness.mean())
     try:
         return float(np.exp(brentq(gap, middle - 16, middle + 16, xtol=1e-6)))
@@ -122,6 +123,8 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float) -> float:
         q = equilibrium(model) + joints.gain * torque / joints.K
         moved = state.stations(model, state.absolute(model, q))[0]
         return float(np.linalg.norm(moved[k] - rest[k])) - target
+
+    from scipy.optimize import brentq
 
     high = float(joints.K.mean() * 0.01)
     while gap(high) < 0 and high < joints.K.mean() * 2:

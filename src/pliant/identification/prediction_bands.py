@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
@@ -105,7 +105,7 @@ def prediction_band(
     relative = fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(unit, unit)
     variance = np.einsum("itsc,ij,jtsc->tsc", theirs, relative, theirs)
     std = np.sqrt(np.maximum(variance, 0.0) + noise**2)
-    half = float(norm.ppf(0.5 + 0.5 * level)) * std
+    half = float(ndtri(0.5 + 0.5 * level)) * std
     return Band(rows[..., :2], std, rows[..., :2] - half, rows[..., :2] + half, level)
 
 

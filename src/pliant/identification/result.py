@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.optimize import OptimizeResult
 
 from pliant.display import Card, Shown
 from pliant.identification.experiment import Experiment
 from pliant.identification.parameters import Parameter
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
+
+if TYPE_CHECKING:  # an optimiser is imported when one runs
+    from scipy.optimize import OptimizeResult
 
 Array = np.ndarray
 DENSEST, LIGHTEST = 3000.0, 300.0  # kg/m^3: no silicone body lies beyond

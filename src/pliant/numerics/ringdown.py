@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 Array = np.ndarray
 SHARE_NEEDED = 0.5  # of the variance of the detrended signal that the damped sine must explain
@@ -39,6 +38,8 @@ def ring_down(time: Array, signal: Array) -> RingDown | None:
     y = np.asarray(signal, dtype=float)
     if t.size < 16 or not np.isfinite(t + y).all() or np.ptp(y) == 0:
         return None
+    from scipy.optimize import least_squares
+
     scale = float(np.std(y))
     y = y / scale
     span = float(t[-1])
