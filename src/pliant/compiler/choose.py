@@ -35,7 +35,7 @@ def twin(kernel: FunctionType, links: int | None = None) -> Any:
     if kernel in fast:
         return fast[kernel]
     if fast:
-        return compiled_twin(kernel, f"{links}", lambda callee: twin(callee, links), SOURCES)
+        return compiled_twin(kernel, f"{links}", lambda callee: twin(callee, links), SOURCES, replaced=fast)
     return twin(kernel) if links else compiled_twin(kernel, "n", twin, ())
 
 

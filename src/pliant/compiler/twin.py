@@ -8,7 +8,7 @@ is the door.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dis import get_instructions
 from functools import cache
 from pathlib import Path
@@ -52,24 +52,25 @@ def is_kernel(value: Any) -> TypeGuard[FunctionType]:
     return isinstance(value, FunctionType) and value.__module__.startswith("pliant.")
 
 
-def reached(kernel: FunctionType) -> set[FunctionType]:
+def reached(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> set[FunctionType]:
     """`kernel` and every pliant kernel that it calls, directly or not."""
     todo = [kernel]
     seen: set[FunctionType] = set()
     while todo:
         function = todo.pop()
-        if function not in seen:
+        if function not in seen and function not in replaced:
             seen.add(function)
             todo += callees(function)
     return seen
 
 
-def options(kernel: FunctionType) -> dict[str, Any]:
+def options(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> dict[str, Any]:
     """How Numba compiles a kernel: without counting references to arrays unless it makes some.
 
     Where the caller owns every array the counting is idle, and with many arrays it takes longer than the mathematics.
+    Kernels that are `replaced` by stand-ins do not matter here: those were compiled for themselves.
     """
-    return {"_nrt": any(map(makes_arrays, reached(kernel)))}
+    return {"_nrt": any(map(makes_arrays, reached(kernel, replaced)))}
 
 
 @cache
@@ -132,10 +133,13 @@ def stable(value: Any) -> Any:
     raise TypeError(f"a kernel reads numbers, tuples, functions and records from around it, not {value!r}")
 
 
-def compiled_twin(kernel: FunctionType, tag: str, made: Kernel, sources: tuple[str, ...], **more: Any) -> Any:
+def compiled_twin(
+    kernel: FunctionType, tag: str, made: Kernel, sources: tuple[str, ...], *, replaced: Collection[FunctionType] = (),
+    **more: Any,
+) -> Any:
     """The compiled twin of a plain kernel (Numba, nopython, kept on disk, fastmath off).
 
-    `made` gives the twin of a kernel that it calls, `sources` are the files that made stand-ins for some of them,
+    `made` gives the twin of a kernel that it calls, `sources` are the files that made stand-ins for those `replaced`,
     `more` holds further options of Numba; `tag` tells twins of one kernel apart.
     """
     from pliant.compiler.cache import kept
@@ -144,4 +148,4 @@ def compiled_twin(kernel: FunctionType, tag: str, made: Kernel, sources: tuple[s
     copy = FunctionType(kernel.__code__, scope, kernel.__name__, kernel.__defaults__)
     copy.__module__ = kernel.__module__
     copy.__qualname__ = f"{kernel.__qualname__}_{tag}_{fingerprint(kernel, *sources)}"  # names the file of the cache
-    return kept(copy, **options(kernel), **more)
+    return kept(copy, **options(kernel, replaced), **more)
