@@ -11,6 +11,7 @@ import typer
 def run(
     study: Annotated[Path, typer.Argument(help="Study file (TOML), or the study.json of an earlier run.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for model, metrics, figures and report.")],
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a target of the study is missed.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
     """Check, align, fit, predict and report: the whole chain from recordings to a validated model.
@@ -22,6 +23,8 @@ def run(
     outcome = run_study(load_study(study), output, progress=lambda line: typer.echo(line, err=True))
     if json:
         typer.echo((output / "metrics.json").read_text(encoding="utf-8"))
-        return
-    typer.echo(repr(outcome))
-    typer.echo(f"report: {output / 'report.html'}")
+    else:
+        typer.echo(repr(outcome))
+        typer.echo(f"report: {output / 'report.html'}")
+    if strict and outcome.headline is not None and outcome.headline.state == "missed":
+        raise typer.Exit(1)

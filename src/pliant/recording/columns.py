@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pliant.errors import InputError
+from pliant.recording.camera import Camera, in_plane
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import Reader
@@ -83,6 +84,8 @@ class ColumnMapping(FileMapping):
         Frame rate of a table without a time column.
     length_unit : str
         Of positions.
+    camera : Camera, optional
+        Instead of `length_unit`, where positions are pixels, x right and y down.
     stations : dict of StationColumns, optional
     points : Points, optional
         Instead of `stations`. A table without either is a log of pressure.
@@ -101,6 +104,7 @@ class ColumnMapping(FileMapping):
     time_unit: Literal["s", "ms", "us"] = "s"
     rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     length_unit: str = ""
+    camera: Camera | None = None
     stations: dict[str, StationColumns] | None = None
     points: Points | None = None
     arc_length: list[float] | None = None
@@ -110,14 +114,15 @@ class ColumnMapping(FileMapping):
 
     @model_validator(mode="after")
     def _is_complete(self) -> Self:
-        if (self.time is None) == (self.rate_hz is None):
+        rate = self.rate_hz or (self.camera.rate_hz if self.camera and self.time is None else None)
+        if (self.time is None) == (rate is None):
             raise ValueError("give either time, a column, or rate_hz")
         if self.stations and self.points is not None:
             raise ValueError("give either stations or points")
         if not self.stations and self.points is None and self.pressure is None:
             raise ValueError("give stations or points, or pressure for a log of pressure alone")
-        if (self.stations or self.points is not None) and not self.length_unit:
-            raise ValueError("positions need length_unit, such as 'mm'")
+        if (self.stations or self.points is not None) and bool(self.length_unit) == (self.camera is not None):
+            raise ValueError("positions need length_unit, such as 'mm', or camera where they are pixels")
         if self.delimiter != "space" and len(self.delimiter) != 1:
             raise ValueError('delimiter is one character, or "space" for any white space')
         return self
@@ -139,6 +144,9 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     if not options.stations and options.points is None:
         return _log(time, _pressure(table, names, options, path.name), history, path.name)
     arrays, more = _stations(table, names, options, path.name)
+    if options.camera is not None:
+        arrays["position"], how = in_plane(arrays["position"], options.camera, path.parent)
+        more.append(how)
     try:
         return make_recording(
             time, **arrays, **_pressure(table, names, options, path.name), arc_length=options.arc_length,
@@ -213,7 +221,8 @@ def _rows(
 
 def _time(table: NDArray, names: list[str], options: ColumnMapping, file: str) -> tuple[NDArray, list[str]]:
     if options.time is None:
-        return np.arange(len(table)) / float(options.rate_hz or np.nan), []
+        rate = options.rate_hz or (options.camera.rate_hz if options.camera else None)
+        return np.arange(len(table)) / float(rate or np.nan), []
     column = _index(options.time, names, table.shape[1], file)
     return unwrapped(table[:, column], options.time_unit, file)
 
@@ -249,7 +258,7 @@ def _stations(
     history = []
     for s, (name, columns) in enumerate(stations.items()):
         indices = [_index(c, names, table.shape[1], file) for c in columns.position]
-        position[:, s, : len(indices)] = table[:, indices] * metre_per(options.length_unit)
+        position[:, s, : len(indices)] = table[:, indices] * metre_per(options.length_unit or "m")
         if columns.quaternion is not None:
             raw = table[:, [_index(c, names, table.shape[1], file) for c in columns.quaternion]]
             quaternion[:, s], lost = unit_quaternions(raw)

@@ -24,6 +24,8 @@ HEAD_BYTES = 65536
 
 # kept equal to the entry points of the package, so that a source tree that is not installed can read
 BUILT_IN = {
+    "deeplabcut": "pliant.recording.deeplabcut:READER",
+    "sleap": "pliant.recording.sleap:READER",
     "netcdf": "pliant.recording.netcdf:READER",
     "c3d": "pliant.recording.c3d:READER",
     "columns": "pliant.recording.columns:READER",
@@ -31,6 +33,8 @@ BUILT_IN = {
     "mat": "pliant.recording.mat:READER",
     "luna": "pliant.recording.luna:READER",
     "motive": "pliant.recording.motive:READER",
+    "tracker": "pliant.recording.point_files:TRACKER",
+    "kinovea": "pliant.recording.point_files:KINOVEA",
     "csv": "pliant.recording.wide_csv:READER",  # last: it takes any table that no other reader knows
 }
 
@@ -129,7 +133,8 @@ def _provenance(ds: xr.Dataset, path: Path, name: str, digest: str) -> dict[str,
 def describes_columns(mapping: Mapping[str, Any]) -> bool:
     """Whether a mapping says what the columns of a table mean."""
     pressure = mapping.get("pressure")
-    return bool({"stations", "points"} & set(mapping)) or (isinstance(pressure, dict) and "columns" in pressure)
+    named = "points" in mapping or not isinstance(mapping.get("stations", []), list)  # a list chooses among names
+    return named or (isinstance(pressure, dict) and "columns" in pressure)
 
 
 def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: str | None) -> Reader:

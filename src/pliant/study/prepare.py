@@ -34,7 +34,7 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     """Read one recording of the study, with its nominal pressure where that is all there is."""
     entry = study.recordings[name]
     path = located(study, entry.file)
-    ds = read(path, mapping={**study.mapping, **(entry.mapping or {})} or None, format=entry.format)
+    ds = read(path, mapping={**seen_by(study), **study.mapping, **(entry.mapping or {})} or None, format=entry.format)
     if entry.pressure_file is not None:
         log = read(located(study, entry.pressure_file), mapping=entry.pressure_mapping)
         ds = with_pressure(ds, log, name, Path(entry.pressure_file).name)
@@ -43,6 +43,11 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     if not entry.allow_low_pressure:
         check_pressure_unit(name, ds)
     return ds
+
+
+def seen_by(study: Study) -> dict[str, Any]:
+    """The study's camera, as a mapping has it."""
+    return {} if study.camera is None else {"camera": study.camera}
 
 
 def located(study: Study, file: str) -> Path:

@@ -177,6 +177,7 @@ class Study(Entry):
     title: str = ""
     description: str = ""
     actuator: Actuator
+    camera: dict[str, Any] | None = None  # of every recording that a tracker made of a video
     mapping: dict[str, Any] = {}  # of every recording; what a recording's own says overrules it
     alignment: Alignment = Alignment()
     fibre: Fibre | None = None

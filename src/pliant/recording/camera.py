@@ -1,0 +1,223 @@
+"""One camera that looks at the plane of bending: from pixels to metres, the same for trackers and for video.
+
+As a table of a study or of a mapping::
+
+    [camera]
+    rate_hz = 60.0
+    pixels_per_mm = 4.2
+
+Instead of ``pixels_per_mm``: ``scale = { points = [[x, y], [x, y]], distance_mm = 100.0 }``; four known points for a
+camera that looks at the plane from the side, ``plane = { pixels = [[...], ...], mm = [[...], ...] }``; or a ``board``
+in a picture. Pixels run right and down; the plane that comes out runs right and up.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from pliant.errors import InputError
+from pliant.recording.mapping import FileMapping
+
+Array = np.ndarray
+Pair = tuple[float, float]
+Axis = Literal["+x", "-x", "+y", "-y"]
+
+
+class Scale(FileMapping):
+    """Two points in the picture and their distance."""
+
+    points: tuple[Pair, Pair]
+    distance_mm: float = Field(gt=0)
+
+
+class Plane(FileMapping):
+    """Points of the plane, four or more, in the picture and in the plane (mm, its y axis upward)."""
+
+    pixels: list[Pair] = Field(min_length=4)
+    mm: list[Pair] = Field(min_length=4)
+
+
+class Lens(FileMapping):
+    """Camera matrix and distortion coefficients as OpenCV has them."""
+
+    focal: Pair  # pixels, x and y
+    centre: Pair  # pixels
+    coefficients: list[float] = Field(min_length=4, max_length=14)  # k1, k2, p1, p2, k3, ...
+
+
+class Board(FileMapping):
+    """A board in the plane of bending, in a picture of the same camera."""
+
+    picture: str
+    kind: Literal["chessboard", "aruco", "apriltag"]
+    columns: int = Field(2, ge=2)  # inner corners of a chessboard
+    rows: int = Field(2, ge=2)
+    side_mm: float = Field(gt=0)  # of a square, or of the marker
+
+
+class Camera(FileMapping):
+    """Rate and scale of a camera, and how it looks at the plane.
+
+    Attributes
+    ----------
+    rate_hz : float, optional
+        Frames a second; needed where a file has no times.
+    pixels_per_mm, scale, plane, board : one of them
+        See the module.
+    lens : Lens, optional
+        Distortion to take out first (extra ``camera``).
+    axes : two of "+x", "-x", "+y", "-y"
+        Which directions of the picture's plane (x right, y up) become x and y, for a camera that was turned.
+    """
+
+    rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    pixels_per_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    scale: Scale | None = None
+    plane: Plane | None = None
+    board: Board | None = None
+    lens: Lens | None = None
+    axes: tuple[Axis, Axis] = ("+x", "+y")
+
+    @model_validator(mode="after")
+    def _says_one_scale(self) -> Self:
+        told = [n for n in ("pixels_per_mm", "scale", "plane", "board") if getattr(self, n) is not None]
+        if len(told) != 1:
+            got = ", ".join(told) or "none"
+            raise ValueError(f"camera needs one of pixels_per_mm, scale, plane or board, got {got}")
+        if self.plane is not None and len(self.plane.pixels) != len(self.plane.mm):
+            raise ValueError("camera.plane needs as many points in mm as in pixels")
+        if {a[1] for a in self.axes} != {"x", "y"}:
+            raise ValueError("camera.axes names x and y once each, such as ['+y', '-x']")
+        return self
+
+    def metres(self, pixels: Array, folder: Path) -> Array:
+        """Places (..., 2) [m] in the plane, x right and y up, of points (..., 2) [pixels]; NaN stays NaN.
+
+        Parameters
+        ----------
+        pixels : array (..., 2)
+        folder : Path
+            Where the picture of a board lies.
+        """
+        flat = self.straightened(np.asarray(pixels, dtype=float).reshape(-1, 2))
+        homography = self.homography(folder)
+        mapped = np.column_stack([flat, np.ones(len(flat))]) @ homography.T
+        place = 1e-3 * mapped[:, :2] / mapped[:, 2:]
+        turned = np.stack([{"+": 1.0, "-": -1.0}[a[0]] * place[:, "xy".index(a[1])] for a in self.axes], axis=1)
+        return turned.reshape(np.shape(pixels))
+
+    def homography(self, folder: Path) -> Array:
+        """(3, 3) from pixels to millimetres of the plane, y upward."""
+        if self.plane is not None:
+            return projective(self.straightened(np.array(self.plane.pixels)), np.array(self.plane.mm))
+        if self.board is not None:
+            corners, places = board_points(self.board, folder)
+            return projective(self.straightened(corners), places)
+        scale = self.pixels_per_mm
+        if self.scale is not None:
+            ends = self.straightened(np.array(self.scale.points))
+            scale = float(np.linalg.norm(ends[1] - ends[0])) / self.scale.distance_mm
+            if scale == 0:
+                raise InputError("camera.scale: its two points are the same")
+        return np.diag([1.0 / float(scale or np.nan), -1.0 / float(scale or np.nan), 1.0])
+
+    def straightened(self, pixels: Array) -> Array:
+        """Points (N, 2) without the lens's distortion, in the same pixels."""
+        if self.lens is None:
+            return pixels
+        cv2 = opencv("lens distortion")
+        matrix = np.array([[self.lens.focal[0], 0, self.lens.centre[0]], [0, self.lens.focal[1], self.lens.centre[1]],
+                           [0, 0, 1.0]])  # fmt: skip
+        seen = np.isfinite(pixels).all(axis=1)
+        out = np.full_like(pixels, np.nan)
+        if seen.any():
+            stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
+            out[seen] = cv2.undistortPoints(
+                pixels[seen][:, None], matrix, np.array(self.lens.coefficients), R=np.eye(3), P=matrix, criteria=stop
+            )[:, 0]
+        return out
+
+    def told(self, folder: Path) -> str:
+        """One line for the history."""
+        homography = self.homography(folder)
+        if self.plane is None and self.board is None:
+            return f"pixels to metres by {1.0 / homography[0, 0]:.6g} pixels per mm, y upward"
+        return "pixels to metres by a homography from known points of the plane"
+
+
+def in_plane(position: Array, camera: Camera, folder: Path) -> tuple[Array, str]:
+    """Positions (T, S, 3) [m] in the plane z = 0 of pixels (T, S, 2 or more), and how they came to be."""
+    place = camera.metres(position[..., :2], folder)
+    flat = np.where(np.isfinite(place[..., :1]), 0.0, np.nan)
+    return np.concatenate([place, flat], axis=2), camera.told(folder)
+
+
+def opencv(what: str) -> Any:
+    """The module cv2; InputError where it is not installed."""
+    try:
+        import cv2
+    except ImportError:
+        raise InputError(f"{what} needs OpenCV: pip install pliant[camera]") from None
+    return cv2
+
+
+def projective(pixels: Array, places: Array) -> Array:
+    """Homography (3, 3) by least squares on normalised points, from (N, 2) pixels to (N, 2) places.
+
+    Raises
+    ------
+    InputError
+        When the points do not fix it, as four of which three lie on a line, or do not agree.
+    """
+    def normal(points: Array) -> Array:
+        middle, size = points.mean(axis=0), float(np.std(points)) or 1.0
+        return np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1.0]])
+
+    before, after = normal(pixels), normal(places)
+    p, q = ((np.column_stack([x, np.ones(len(x))]) @ t.T)[:, :2] for x, t in ((pixels, before), (places, after)))
+    one, zero = np.ones(len(p)), np.zeros(len(p))
+    rows = np.concatenate([
+        np.column_stack([p, one, zero, zero, zero, -q[:, :1] * p, -q[:, 0]]),
+        np.column_stack([zero, zero, zero, p, one, -q[:, 1:] * p, -q[:, 1]]),
+    ])
+    size, vectors = np.linalg.svd(rows)[1:]
+    if size[7] < 1e-6 * size[0]:
+        raise InputError("the known points of the camera's plane do not fix it: no three of four may lie on a line")
+    made = np.linalg.inv(after) @ vectors[-1].reshape(3, 3) @ before
+    mapped = np.column_stack([pixels, one]) @ made.T
+    error = float(np.abs(mapped[:, :2] / mapped[:, 2:] - places).max())
+    if error > 0.02 * float(np.ptp(places, axis=0).max()):
+        raise InputError(f"the known points of the camera's plane do not agree: they lie up to {error:.3g} mm off")
+    return np.asarray(made / made[2, 2])
+
+
+def board_points(board: Board, folder: Path) -> tuple[Array, Array]:
+    """Corners (N, 2) of a board in its picture, pixels, and in the plane, mm with y upward."""
+    cv2 = opencv("a calibration board")
+    path = Path(board.picture) if Path(board.picture).is_absolute() else folder / board.picture
+    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        raise InputError(f"the picture of the board, {path}, is absent or no picture")
+    if board.kind == "chessboard":
+        found, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows))
+        if not found:
+            raise InputError(f"{path.name} shows no chessboard of {board.columns} x {board.rows} inner corners")
+        row, column = np.divmod(np.arange(board.columns * board.rows), board.columns)
+        corners = corners.reshape(-1, 2).astype(float)
+        if corners[0].sum() > corners[-1].sum():  # a board looks alike turned by half a turn: begin at the upper left
+            corners = corners[::-1]
+        return corners, board.side_mm * np.column_stack([column, -row]).astype(float)
+    name = cv2.aruco.DICT_ARUCO_ORIGINAL if board.kind == "aruco" else cv2.aruco.DICT_APRILTAG_36h11
+    names = [cv2.aruco.DICT_4X4_250, cv2.aruco.DICT_5X5_250, cv2.aruco.DICT_6X6_250, name]
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    for each in names if board.kind == "aruco" else [name]:
+        seen = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(each), settings).detectMarkers(picture)[0]
+        if len(seen) == 1:
+            corners = np.asarray(seen[0], dtype=float).reshape(4, 2)
+            return corners, board.side_mm * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, -1.0], [0.0, -1.0]])
+    raise InputError(f"{path.name} does not show one {board.kind} marker")

@@ -1,0 +1,113 @@
+"""DeepLabCut: points of one or several animals with their likelihoods, as CSV or HDF5.
+
+Layout as DeepLabCut's documentation and its own reader have it: CSV rows ``scorer``, (``individuals`` with several
+animals,) ``bodyparts``, ``coords`` (x, y, likelihood), then a row a frame with its number first; HDF5 a pandas table of
+the same columns under the key ``df_with_missing``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from pliant.errors import InputError
+from pliant.recording.registry import Reader
+from pliant.recording.tables import parse_numbers, read_text, split_cells
+from pliant.recording.trackers import TrackerMapping, tracked
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    import xarray as xr
+    from numpy.typing import NDArray
+
+LEVELS = ("scorer", "individuals", "bodyparts", "coords")
+
+
+def read_deeplabcut(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Read the points of one animal; options are those of `TrackerMapping`."""
+    options = TrackerMapping.load(mapping, path.name)
+    hdf = path.suffix.lower() in (".h5", ".hdf5")
+    columns, frame, table = from_hdf(path) if hdf else from_csv(path)
+    animals = list(dict.fromkeys(c[1] for c in columns))
+    animal = options.individual or (animals[0] if len(animals) == 1 else None)
+    if animal not in animals:
+        asked = f"no individual {animal!r}" if animal else "several individuals"
+        raise InputError(f"{path.name} has {asked}: say individual, one of {', '.join(animals)}")
+    names = list(dict.fromkeys(c[2] for c in columns if c[1] == animal))
+    where = {c[1:]: k for k, c in enumerate(columns)}
+    lacking = [f"{n} {a}" for n in names for a in ("x", "y") if (animal, n, a) not in where]
+    if lacking:
+        raise InputError(f"{path.name} lacks the column {lacking[0]}")
+    points = np.stack([table[:, [where[animal, n, "x"], where[animal, n, "y"]]] for n in names], axis=1)
+    likelihood = None
+    if all((animal, n, "likelihood") in where for n in names):
+        likelihood = np.stack([table[:, where[animal, n, "likelihood"]] for n in names], axis=1)
+    history = [f"individual {animal} of {len(animals)}"] if len(animals) > 1 else []
+    points, likelihood, more = whole_clock(frame, points, likelihood, path.name)
+    return tracked(path, options, names, points, likelihood=likelihood, history=[*history, *more])
+
+
+def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray]:
+    """Columns (scorer, individual, point, coordinate), frame numbers (T,) and values (T, columns)."""
+    lines = read_text(path).split("\n")
+    head = [split_cells(line, ",") for line in lines[:4]]
+    rows = {row[0].lower(): row for row in head if row and row[0].lower() in LEVELS}
+    if not {"bodyparts", "coords"} <= set(rows):
+        raise InputError(f"{path.name} is no DeepLabCut table: rows bodyparts and coords are missing in its header")
+    first, width = len(rows), len(rows["coords"])
+    if any(len(row) != width for row in rows.values()):
+        raise InputError(f"the header rows of {path.name} differ in length: the file is damaged")
+    table = parse_numbers(lines[first:], name=path.name, first_line=first + 1, delimiter=",", columns=width)
+    columns = [tuple(rows[level][k] if level in rows else "" for level in LEVELS) for k in range(1, width)]
+    return columns, table[:, 0], table[:, 1:]
+
+
+def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray]:
+    """The same of the HDF5 file."""
+    try:
+        table = pd.read_hdf(path)
+    except ImportError:
+        raise InputError(f"{path.name} is a table of PyTables: pip install pliant[io], or export CSV") from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
+        raise InputError(f"{path.name} is no readable table of DeepLabCut: {reason}") from None
+    known = [str(n).lower() for n in table.columns.names]
+    if not {"bodyparts", "coords"} <= set(known):
+        raise InputError(f"{path.name} is no DeepLabCut table: its columns have no levels bodyparts and coords")
+    columns = [tuple(str(c[known.index(level)]) if level in known else "" for level in LEVELS) for c in table.columns]
+    return columns, np.asarray(table.index, dtype=float), table.to_numpy(dtype=float)
+
+
+def whole_clock(
+    frame: NDArray, points: NDArray, likelihood: NDArray | None, file: str
+) -> tuple[NDArray, NDArray | None, list[str]]:
+    """Points on every frame from the first to the last: frames that the table leaves out become gaps, told."""
+    number = np.round(frame).astype(int)
+    if np.any(np.diff(number) <= 0) or np.abs(frame - number).max(initial=0.0) > 0:
+        raise InputError(f"the first column of {file} must be frame numbers that rise")
+    count = int(number[-1] - number[0]) + 1
+    if count == len(number):
+        return points, likelihood, []
+    if count > 100 * len(number):
+        raise InputError(f"{file} has {len(number)} rows for frames {number[0]} to {number[-1]}: it is damaged")
+    whole = np.full((count, *points.shape[1:]), np.nan)
+    whole[number - number[0]] = points
+    likely = None if likelihood is None else np.zeros((count, points.shape[1]))
+    if likely is not None and likelihood is not None:
+        likely[number - number[0]] = likelihood
+    return whole, likely, [f"{count - len(number)} frames are not in {file}: gaps"]
+
+
+def recognises(head: bytes) -> bool:
+    """The header rows of the CSV, or the key of the HDF5 file."""
+    start = head[:20000].lower().lstrip(b"\xef\xbb\xbf")
+    if start.startswith(b"\x89hdf"):
+        return b"df_with_missing" in head
+    return start.startswith(b"scorer,") and b"\nbodyparts," in start and b"\ncoords," in start
+
+
+READER = Reader("deeplabcut", (".csv", ".h5", ".hdf5"), read_deeplabcut, recognises)

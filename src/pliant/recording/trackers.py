@@ -1,0 +1,121 @@
+"""Points that a tracker followed in a video: what all such files share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from pydantic import Field
+
+from pliant.errors import InputError
+from pliant.recording.camera import Camera, in_plane
+from pliant.recording.clock import SECONDS
+from pliant.recording.mapping import FileMapping
+from pliant.recording.schema import make_recording
+from pliant.units import metre_per
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    import xarray as xr
+    from numpy.typing import NDArray
+
+LIKELY = 0.6  # below it a point is a gap, as the trackers' own tools do
+
+
+class TrackerMapping(FileMapping):
+    """What the file of a tracker does not say.
+
+    Attributes
+    ----------
+    camera : Camera, optional
+        Needed where the points are in pixels.
+    length_unit : str, optional
+        Instead of a camera, where the tracker was calibrated: coordinates are then lengths, y upward.
+    likelihood : float
+        A point whose likelihood or score is lower is a gap; told.
+    individual : str, optional
+        Which animal or track, where there are several.
+    stations : list of str, optional
+        Points to keep, base first. Default: all, in the order of the file.
+    time_unit : {"s", "ms"}, optional
+        Of a tracker's own times.
+    more : tuple of str
+        Further files, one point each, for trackers that write one file for a point.
+    """
+
+    camera: Camera | None = None
+    length_unit: str | None = None
+    likelihood: float = Field(default=LIKELY, ge=0, le=1)
+    individual: str | None = None
+    stations: list[str] | None = None
+    time_unit: Literal["s", "ms"] | None = None
+    more: tuple[str, ...] = ()
+
+
+def tracked(
+    path: Path, options: TrackerMapping, names: Sequence[str], points: NDArray, *, time: NDArray | None = None,
+    likelihood: NDArray | None = None, history: Sequence[str] = (),
+) -> xr.Dataset:
+    """A recording from points (T, S, 2) as a tracker has them; NaN where a point was not found.
+
+    Parameters
+    ----------
+    names : S names
+    time : array (T,), s, optional
+        Default: frames at the camera's rate.
+    likelihood : array (T, S), optional
+    """
+    history = list(history)
+    if likelihood is not None:
+        doubtful = (likelihood < options.likelihood) & np.isfinite(points).all(axis=2)
+        points = np.where(doubtful[..., None], np.nan, points)
+        told = ", ".join(f"{n} {c}" for n, c in zip(names, doubtful.sum(axis=0), strict=True) if c)
+        lost = f"{int(doubtful.sum())} of {doubtful.size} points have a likelihood below {options.likelihood:g}"
+        history.append(f"{lost} and are gaps{f': {told}' if told else ''}")
+    names, points = chosen(names, points, options, path.name)
+    position, how = in_metres(points, options, path)
+    try:
+        return make_recording(frames(len(points), options, path.name) if time is None else time, position,
+                              station=list(names), history=[*history, how])  # fmt: skip
+    except InputError as error:
+        raise InputError(f"{path.name}: {error}") from None
+
+
+def chosen(
+    names: Sequence[str], points: NDArray, options: TrackerMapping, file: str
+) -> tuple[list[str], NDArray]:
+    """The stations that are wanted, in their order."""
+    if options.stations is None:
+        return list(names), points
+    if missing := [s for s in options.stations if s not in names]:
+        raise InputError(f"{file} has no point {missing[0]!r}; it has {', '.join(names)}")
+    return list(options.stations), points[:, [list(names).index(s) for s in options.stations]]
+
+
+def in_metres(points: NDArray, options: TrackerMapping, path: Path) -> tuple[NDArray, str]:
+    """Positions (T, S, 3) in metres, y upward and z = 0, and how they came to be."""
+    if (options.camera is None) == (options.length_unit is None):
+        raise InputError(
+            f"{path.name} holds points of a tracker: say [camera] with pixels_per_mm (or scale, plane, board) and "
+            "rate_hz where they are pixels, or length_unit in its mapping where the tracker was calibrated, not both"
+        )
+    if options.camera is not None:
+        return in_plane(points, options.camera, path.parent)
+    place = points * metre_per(str(options.length_unit))
+    flat = np.where(np.isfinite(place[..., :1]), 0.0, np.nan)
+    return np.concatenate([place, flat], axis=2), f"lengths in {options.length_unit}, y upward, as calibrated"
+
+
+def frames(count: int, options: TrackerMapping, file: str) -> NDArray:
+    """Times of frames at the camera's rate, s."""
+    rate = options.camera.rate_hz if options.camera is not None else None
+    if rate is None:
+        raise InputError(f"{file} has no times: say the frames a second of its video as rate_hz in [camera]")
+    return np.arange(count) / rate
+
+
+def seconds(ticks: NDArray, options: TrackerMapping, usual: str) -> NDArray:
+    """Times in seconds from the tracker's own."""
+    return np.asarray(ticks * SECONDS[options.time_unit or usual])

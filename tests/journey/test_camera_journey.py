@@ -1,0 +1,125 @@
+"""A phone's video and a microcontroller: points in pixels, a log in psi on its own clock, one study, two commands."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import program
+
+from pliant.study import demo_study, load_study
+from pliant.study.prepare import planar
+
+PIXELS_PER_MM, RATE, LATE_S = 4.2, 60.0, 0.7
+PLACES = {"base": 0.0, "third": 0.06, "middle": 0.11, "tip": 0.17}  # m along the body
+STUDY = """
+name = "phone"
+
+[actuator]
+length = 0.17
+mass = 0.069
+tip_mass = 0.006
+links = 5
+joint_placement = "midsegment"
+
+[camera]
+rate_hz = 60.0
+pixels_per_mm = 4.2
+
+[alignment.options]
+base = "base"
+tangent = "+y"
+
+[recordings.low]
+file = "low.csv"
+pressure_file = "low_log.csv"
+[recordings.middle]
+file = "middle.csv"
+pressure_file = "middle_log.csv"
+[recordings.high]
+file = "high.csv"
+pressure_file = "high_log.csv"
+
+[recordings.defaults]
+pressure_mapping = { header = true, time = "t_ms", time_unit = "ms", pressure = { columns = ["psi"], unit = "psi" } }
+
+[fits.first]
+train = ["low", "high"]
+held_out = ["middle"]
+starts = 1
+[fits.first.parameters]
+"stiffness_*" = "free"
+stiffening = "free"
+damping = "free"
+torque_1 = "free"
+torque_2 = "free"
+start = "free"
+base_angle = "free"
+
+[targets]
+rmse_percent_of_travel = 3.0
+"""
+
+
+def film(folder: Path, name: str, recorded: str, seed: int) -> None:
+    """DeepLabCut's table of four points, and the log, of a bundled recording of the virtual actuator."""
+    rng = np.random.default_rng(seed)
+    demo = load_study(demo_study())
+    body = planar(demo, recorded).body
+    s, t = body["arc_length"].to_numpy(), body["time"].to_numpy()
+    whole = np.isfinite(body["position"].to_numpy()).all(axis=(1, 2))
+    at = np.arange(t[0], t[-1], 1 / RATE)
+    places = [[np.interp(at, t[whole], [np.interp(p, s, frame) for frame in body["position"].to_numpy()[whole, :, k]])
+               for k in range(2)] for p in PLACES.values()]
+    pixels = np.array([960.0, 900.0]) + 1e3 * PIXELS_PER_MM * np.array([1.0, -1.0]) * np.moveaxis(places, 2, 0)
+    pixels += 0.3 * rng.standard_normal(pixels.shape)
+    likelihood = np.where(rng.random(pixels.shape[:2]) < 0.01, 0.1, 0.98)
+    pixels[likelihood < 0.5] += 80.0
+    columns = pd.MultiIndex.from_product([["net"], PLACES, ["x", "y", "likelihood"]],
+                                         names=["scorer", "bodyparts", "coords"])  # fmt: skip
+    values = np.concatenate([pixels, likelihood[..., None]], axis=2).reshape(len(at), -1)
+    pd.DataFrame(values, columns=columns).to_csv(folder / f"{name}.csv")
+    clock = body["pressure_time"].to_numpy()
+    log = np.arange(clock[0], clock[-1], 0.01)
+    psi = np.interp(log, clock, body["pressure"].to_numpy()) / 6894.757293168361 + 0.01 * rng.standard_normal(log.size)
+    rows = zip(np.round(1e3 * (log - t[0] + LATE_S)).astype(int), np.round(psi, 2), strict=True)
+    (folder / f"{name}_log.csv").write_text("t_ms,psi\n" + "".join(f"{a},{b}\n" for a, b in rows), encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("phone")
+    for seed, (name, recorded) in enumerate({"low": "pulse_60", "middle": "pulse_119", "high": "pulse_180"}.items()):
+        film(folder, name, recorded, seed)
+    (folder / "phone.toml").write_text(STUDY, encoding="utf-8")
+    return folder
+
+
+def test_a_camera_is_enough(folder: Path) -> None:
+    mapping = 'header = true\ntime = "t_ms"\ntime_unit = "ms"\npressure = { columns = ["psi"], unit = "psi" }\n'
+    (folder / "log.toml").write_text(mapping, encoding="utf-8")
+    (folder / "camera.toml").write_text("[camera]\nrate_hz = 60.0\npixels_per_mm = 4.2\n", encoding="utf-8")
+    seen = program("sync", folder / "middle.csv", folder / "middle_log.csv", "--mapping", folder / "camera.toml",
+                   "--pressure-mapping", folder / "log.toml", "--json")  # fmt: skip
+    assert seen.returncode == 0, seen.stderr
+    assert json.loads(seen.stdout)["delay_s"] == pytest.approx(-LATE_S, abs=0.01)
+    done = program("run", folder / "phone.toml", "-o", folder / "out", "--strict")
+    assert done.returncode == 0, done.stderr + done.stdout
+    metrics = json.loads((folder / "out" / "metrics.json").read_text(encoding="utf-8"))
+    assert metrics["records"]["middle"]["role"] == "held_out"
+    assert metrics["records"]["middle"]["rmse_percent_of_travel"] < 3.0
+    for clocks in metrics["clocks"].values():
+        assert clocks["delay_s"] == pytest.approx(-LATE_S, abs=0.01)
+    told = " ".join(metrics["findings"]["middle"])
+    assert "the pressure's clock is moved by" in told
+    steady = metrics["records"]["middle"]["steady_state_mm"]
+    assert steady["modelled"] == pytest.approx(steady["measured"], rel=0.03)
+
+
+def test_a_target_that_is_missed_fails_a_strict_run_alone(folder: Path) -> None:
+    (folder / "hard.toml").write_text(STUDY.replace("= 3.0", "= 0.1"), encoding="utf-8")
+    assert program("run", folder / "hard.toml", "-o", folder / "hard", "--strict").returncode == 1
+    assert program("run", folder / "hard.toml", "-o", folder / "hard").returncode == 0
