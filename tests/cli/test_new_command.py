@@ -178,3 +178,35 @@ def test_small_parts(tmp_path):
     assert relative(tmp_path / "a" / "f.c3d", tmp_path / "b") == "../a/f.c3d"
     value = {"a b": [1, 2.5, True], "c": {"d": 'quote " and \\'}}
     assert tomllib.loads(f"x = {toml(value)}")["x"] == value
+
+
+def test_markers_that_stand_beside_the_base_are_left_out_of_the_fit(tmp_path):
+    """A camera sees the stand as well as the body: the draft must name what moves, or its run is refused."""
+    from pliant.study.prepare import planar, study_experiment
+    from pliant.study.schema import load_study
+
+    t, kappa = swing()
+    rng = np.random.default_rng(2)
+    for name, gain in {"weak": 0.5, "strong": 1.5, "between": 1.0}.items():
+        body = arc(gain * kappa, np.array([0.0, 0.08, 0.15]))
+        place = np.concatenate([body[:, :1], body[:, :1] + np.array([0.03, 0.0, 0.0]), body[:, 1:]], axis=1)
+        place = place + 1e-5 * rng.standard_normal(place.shape)
+        write(make_recording(t, place, station=["base", "stand", "half", "end"]), tmp_path / f"{name}.csv")
+    files = [tmp_path / f"{name}.csv" for name in ("weak", "between", "strong")]
+    draft = draft_study(files, tmp_path / "s.toml", mass=0.1, length=0.15, level=3e4)
+    content = tomllib.loads(draft.text)
+    assert content["recordings"]["weak"]["stations"] == ["half", "end"]
+    assert content["fits"]["first"]["held_out"] == ["between"]  # levels are not known: the middle travel
+    (tmp_path / "s.toml").write_text(draft.text)
+    study = load_study(tmp_path / "s.toml")
+    for name in study.recordings:
+        assert study_experiment(study, name, planar(study, name).body).stations == ("half", "end")
+
+
+def test_a_mapping_that_is_run_as_a_study_says_what_it_is(tmp_path):
+    from pliant.study.schema import load_study
+
+    path = tmp_path / "fiber.toml"
+    path.write_text('delimiter = "space"\nrate_hz = 32.0\nlength_unit = "mm"\npoints = { count = 20 }\n')
+    with pytest.raises(InputError, match=r"is a mapping, .* and no study: pass it with --mapping"):
+        load_study(path)

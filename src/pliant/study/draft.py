@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pliant.errors import InputError
+from pliant.preprocessing.quality import standing_stations
 from pliant.study.new import Look, body_length, excitation, held_out, key, look_at, moved, relative, toml
 from pliant.study.questions import OPEN
 
@@ -198,6 +199,8 @@ def recording(out: Lines, look: Look, folder: Path, level: float | None) -> None
         out.say(f"of several pressures a model takes one: {look.chamber} moves most, the mapping reads no other")
     if look.mapping:
         out.put("mapping", look.mapping)
+    if (moving := moving_beside(look)) is not None:
+        out.put("stations", moving, f"what moves, tip last; others stand still beside the base {look.base}")
     kind, when = excitation(look), moved(look)
     if kind == "release":
         out.put("excitation", "release", "no pressure, and the body does not return: read as held and let go"
@@ -213,6 +216,15 @@ def recording(out: Lines, look: Look, folder: Path, level: float | None) -> None
         out.ask("nominal_pressure", f"kPa gauge, the level of the pulse in {look.path.name}",
                 None if value is None else value / 1e3, said)
         out.put("pressure_unit", "kPa")
+
+
+def moving_beside(look: Look) -> list[str] | None:
+    """The stations to compare with where others than the base stand still too; None where only the base does."""
+    if look.dense or look.aligned is None:
+        return None
+    names = [str(s) for s in look.aligned["station"].values if str(s) != look.base]
+    still = set(standing_stations(look.aligned)) & set(names)
+    return [n for n in names if n not in still] if 0 < len(still) < len(names) else None
 
 
 def fit(out: Lines, looks: Sequence[Look]) -> None:

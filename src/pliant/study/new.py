@@ -227,11 +227,16 @@ def excitation(look: Look) -> Excitation:
 
 
 def held_out(looks: Sequence[Look]) -> str | None:
-    """Name of the recording to predict: of three or more the one with the middle pressure, of two the last."""
+    """Name of the recording to predict: of three or more the one with the middle pressure, of two the last.
+
+    Where a pressure is not known, the one of middle travel: the others then lie on both sides of it.
+    """
     if len(looks) < 2:
         return None
-    if len(looks) == 2 or any(look.highest_pa is None for look in looks):
+    if len(looks) == 2:
         return looks[-1].name
+    if any(look.highest_pa is None for look in looks):
+        return sorted(looks, key=lambda look: max(look.found.travel_m.values()))[len(looks) // 2].name
     return sorted(looks, key=lambda look: look.highest_pa or 0.0)[len(looks) // 2].name
 
 

@@ -28,3 +28,12 @@ def refuse_open(content: Mapping[str, Any], path: Path) -> None:
     if found := list(open_entries(content)):
         many = f"{len(found)} open questions" if len(found) > 1 else "one open question"
         raise InputError(f'study {path} has {many}: answer the "?" at {", ".join(found)}')
+
+
+def refuse_mapping(content: Mapping[str, Any], path: Path) -> None:
+    """Raise InputError where the file says what a table's columns mean, and nothing of a study."""
+    if {"points", "stations", "length_unit", "pressure", "delimiter"} & set(content) and not {
+        "actuator", "recordings"
+    } & set(content):
+        raise InputError(f"{path} is a mapping, which says what a table's columns mean, and no study: pass it with "
+                         f"--mapping, as in pliant order TABLE --mapping {path.name}")  # fmt: skip

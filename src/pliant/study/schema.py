@@ -15,7 +15,7 @@ from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.forces import PointForce
 from pliant.model import Station
-from pliant.study.questions import refuse_open
+from pliant.study.questions import refuse_mapping, refuse_open
 from pliant.study.shorthand import written_out
 from pliant.sweep.spec import Sweep
 
@@ -210,6 +210,7 @@ def load_study(path: str | Path) -> Study:
     try:
         content = read_entries(path, "study")
         refuse_open(content, path)
+        refuse_mapping(content, path)
         study = Study.model_validate(written_out(content, path))
     except ValidationError as error:
         raise explain_validation(error, f"study {path}") from None
