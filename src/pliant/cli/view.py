@@ -1,0 +1,34 @@
+"""`pliant view`: a model that runs in a page of the browser, on this machine alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def view(
+    source: Annotated[Path, typer.Argument(help="Model file, or folder that `pliant run` has written.")],
+    loop: Annotated[
+        Path | None, typer.Option("--loop", help="Log that `pliant control --log` is writing: watch that loop.")
+    ] = None,
+    port: Annotated[int, typer.Option("--port", help="Port on this machine; 0: any free one.")] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+) -> None:
+    """Open a page where the model runs: pressures, parameters and gravity on sliders, the body pulled by hand.
+
+    Needs the extra view. The page is for this machine alone and ends with this program (Ctrl-C).
+
+    Example: pliant view results/demo
+    """
+    import webbrowser
+
+    from pliant.view.played import played_from
+    from pliant.view.server import Server
+
+    server = Server(played_from(source, loop), port)
+    typer.echo(server.address)
+    if browser:
+        webbrowser.open(server.address)
+    server.run()

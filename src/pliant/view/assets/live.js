@@ -1,0 +1,137 @@
+"use strict";
+// The live page: what the model does now, and what the hand, the sliders and a recording ask of it.
+(() => {
+  const { Body, digits, paint, plot, ramp } = Pliant;
+  const $ = (id) => document.getElementById(id);
+  const data = JSON.parse($("data").textContent), KEPT = 10, MOST = 650;
+  const body = new Body($("body")), L = data.length;
+  const socket = new WebSocket(`${location.href.replace(/^http/, "ws")}live`);
+  const roll = { t: [], series: [] }; // of the last ten seconds, whatever the speed
+  let now = null, pull = null, drawn = 0, counted = performance.now(), frames = 0;
+  const ask = (wish) => socket.readyState === 1 && socket.send(JSON.stringify(wish));
+
+  function slider(host, label, o, act) {
+    const row = document.createElement("label"), range = document.createElement("input"), out = document.createElement("output");
+    row.className = "wide";
+    range.type = "range";
+    Object.assign(range, { min: o.low, max: o.high, step: (o.high - o.low) / 400, value: o.value });
+    const tell = () => { out.textContent = `${Number(range.value).toPrecision(4)} ${o.unit}`; };
+    range.addEventListener("input", () => { tell(); act(Number(range.value)); });
+    tell();
+    row.append(`${label} `, out, range);
+    host.append(row);
+    return range;
+  }
+
+  const kpa = Array(data.chambers).fill(0);
+  kpa.forEach((_, c) => slider($("pressures"), data.chambers > 1 ? `pressure, chamber ${c + 1}` : "pressure",
+    { low: 0, high: data.highest, value: 0, unit: "kPa" }, (v) => { kpa[c] = v; ask({ pressure_kpa: kpa }); }));
+  const gravity = [...data.gravity];
+  ["x", "y"].forEach((name, c) => slider($("numbers"), `gravity ${name}`, { low: -10, high: 10, value: gravity[c],
+    unit: "m/s²" }, (v) => { gravity[c] = v; ask({ gravity }); }));
+  for (const s of data.sliders) slider($("numbers"), s.name, s, (v) => ask({ parameters: { [s.name]: v } }));
+  for (const name of data.records) $("record").append(new Option(name, name));
+  if (data.watched) {
+    $("summary").hidden = true;
+    $("drag").textContent = "as the loop's log tells it";
+  }
+  $("recording").hidden = !data.records.length;
+  $("record").addEventListener("change", () => ask({ record: $("record").value || null }));
+  $("speed").addEventListener("change", () => ask({ speed: Number($("speed").value) }));
+  $("reset").addEventListener("click", () => ask({ reset: true }));
+
+  body.show({ low: [-1.15 * L, -0.45 * L], high: [1.15 * L, 1.15 * L], paint: (b) => {
+    if (!now) return;
+    if (now.measured) {
+      const seen = now.measured.filter((p) => p[0] !== null);
+      if (seen.length > 1) b.line([[0, 0], ...seen], paint("measured"), 9);
+      b.dots(seen, paint("paper"), 4.5, paint("measured"));
+    }
+    b.line(now.body, paint("tip"), 3);
+    b.dots(now.body.slice(1), paint("tip"), 3.5, paint("paper"));
+    if (pull) {
+      const held = point(pull);
+      b.line([held, [pull.x_mm, pull.y_mm]], paint("accent"), 1.6, [4, 3]);
+      b.dots([held], paint("accent"), 5);
+    }
+  } });
+
+  const point = (p) => [0, 1].map((c) => now.body[p.link + 1][c] + p.share * (now.body[p.link + 2][c] - now.body[p.link + 1][c]));
+  const hand = (e) => {
+    const box = body.canvas.getBoundingClientRect();
+    return body.from(e.clientX - box.left, e.clientY - box.top);
+  };
+
+  function grasp([x, y]) {
+    let best = { gap: Infinity };
+    for (let link = 0; link < data.links; link++) {
+      const [a, b] = [now.body[link + 1], now.body[link + 2]], d = [b[0] - a[0], b[1] - a[1]];
+      const share = Math.max(0, Math.min(1, ((x - a[0]) * d[0] + (y - a[1]) * d[1]) / (d[0] ** 2 + d[1] ** 2)));
+      const gap = Math.hypot(a[0] + share * d[0] - x, a[1] + share * d[1] - y);
+      if (gap < best.gap) best = { gap, link, share };
+    }
+    return best.gap < 0.2 * L ? { link: best.link, share: best.share, x_mm: x, y_mm: y } : null;
+  }
+
+  body.canvas.addEventListener("pointerdown", (e) => {
+    if (data.watched || !now || !(pull = grasp(hand(e)))) return;
+    body.canvas.setPointerCapture(e.pointerId);
+    ask({ pull });
+  });
+  body.canvas.addEventListener("pointermove", (e) => {
+    if (!pull) return;
+    [pull.x_mm, pull.y_mm] = hand(e);
+    ask({ pull });
+  });
+  for (const name of ["pointerup", "pointercancel"]) {
+    body.canvas.addEventListener(name, () => { pull = null; ask({ pull: null }); });
+  }
+
+  const empty = (n) => Array.from({ length: n }, () => []);
+  roll.series = empty(2 + data.chambers);
+  const tip = plot($("plot-tip"), { x: [], height: 220, ylabel: "tip (mm)", series: [0, 1].map((c) => ({ label: "xy"[c],
+    values: [], colour: () => paint("tip"), dash: c ? [6, 4] : undefined, tag: "xy"[c] })) });
+  const chambers = plot($("plot-pressure"), { x: [], height: 150, ylabel: "pressure (kPa)", xlabel: "time (s)",
+    room: true, series: kpa.map((_, c) => ({ label: `chamber ${c + 1}`, values: [], width: 1.6,
+      colour: () => ramp(data.chambers > 1 ? c / (data.chambers - 1) : 1), tag: data.chambers > 1 ? `chamber ${c + 1}` : "" })) });
+
+  function keep(f) {
+    if (roll.t.length && f.t < roll.t[roll.t.length - 1]) { roll.t = []; roll.series = empty(2 + data.chambers); }
+    if (f.t === roll.t[roll.t.length - 1]) return;
+    roll.t.push(f.t);
+    [...f.body[f.body.length - 1], ...f.kpa].forEach((v, i) => roll.series[i].push(v));
+    while (roll.t[0] < f.t - KEPT || roll.t.length > MOST) {
+      roll.t.shift();
+      roll.series.forEach((s) => s.shift());
+    }
+  }
+
+  socket.addEventListener("open", () => { $("told").textContent = "The model steps a thousand times a second."; });
+  socket.addEventListener("close", () => { $("told").textContent = "The program behind this page has ended."; });
+  socket.addEventListener("message", (e) => {
+    now = JSON.parse(e.data);
+    frames += 1;
+    if (now.told) $("told").textContent = now.told;
+    keep(now);
+  });
+
+  function tick(clock) {
+    requestAnimationFrame(tick);
+    if (!now || drawn === now.t && !pull) return;
+    drawn = now.t;
+    body.draw();
+    tip.setData([roll.t, roll.series[0], roll.series[1]]);
+    chambers.setData([roll.t, ...roll.series.slice(2)]);
+    $("clock").textContent = `${now.t.toFixed(2)} s`;
+    const force = Math.hypot(...now.force);
+    $("force").textContent = force ? `pull ${digits(force, "N")}` : "";
+    if (clock - counted > 1000) {
+      $("rate").textContent = `${Math.round(1000 * frames / (clock - counted))} frames/s`;
+      counted = clock;
+      frames = 0;
+    }
+  }
+  requestAnimationFrame(tick);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { body.draw(); tip.redraw(); chambers.redraw(); });
+  window.pliantLive = { ask, keep, get now() { return now; }, roll, body };
+})();

@@ -1,0 +1,218 @@
+"""A model that runs behind the live page: steps of a millisecond, pulled by hand, driven by sliders or a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from pliant.equations import inertia
+from pliant.errors import InputError, SimulationError
+from pliant.identification import Experiment
+from pliant.identification.parameters import apply
+from pliant.model import Model
+from pliant.simulation import Stepper
+from pliant.simulation import state as chain
+
+Array = np.ndarray
+STEP = 1e-3  # s
+TINY = 1e-9  # s, that a sum of frames may lack of a step
+LATEST = 0.1  # s of motion that one frame of the page may catch up with
+WIDE = 1.959964  # standard errors to each side of a 95 % interval
+FACTORS = (0.5, 2.0)  # of stiffness and damping, where a model comes without intervals
+PULL = 1.5  # stiffness of the thread between hand and body, in those of a joint over the body's length squared
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Slider(NamedTuple):
+    """One number of the model that the page may change."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+class Pull(BaseModel):
+    """A hand at a point of the body."""
+
+    model_config = ConfigDict(extra="forbid")
+    link: int = Field(ge=0)
+    share: float = Field(ge=0.0, le=1.0)  # of the link's length
+    x_mm: Finite  # where the hand is
+    y_mm: Finite
+
+
+class Wish(BaseModel):
+    """What the page asks for; what it does not name stays."""
+
+    model_config = ConfigDict(extra="forbid")
+    pressure_kpa: list[Annotated[float, Field(ge=0.0, le=2000.0)]] | None = None
+    gravity: tuple[Annotated[float, Field(ge=-30, le=30)], Annotated[float, Field(ge=-30, le=30)]] | None = None
+    parameters: dict[str, Finite] | None = None
+    speed: float | None = Field(None, ge=0.0, le=1.0)
+    pull: Pull | None = None
+    record: str | None = None
+    reset: bool = False
+
+
+class Played(NamedTuple):
+    """What the page can show: a model, what may be changed of it, recordings to play under it."""
+
+    model: Model
+    sliders: tuple[Slider, ...]
+    records: Mapping[str, Experiment]
+    start: float = 0.0  # s, that the pressure's clock is behind the shape's, as fitted
+    log: Path | None = None  # of a control loop that is watched
+
+
+def sliders_of(model: Model, parameters: tuple[Any, ...] = ()) -> tuple[Slider, ...]:
+    """Fitted parameters within their 95 % intervals; of a bare model, factors on stiffness and damping."""
+    known = [p for p in parameters if p.free and p.std and p.value is not None and moves(model, p.name, p.value)]
+    if known:
+        return tuple(Slider(p.name, p.value, max(p.value - WIDE * p.std, p.lower), min(p.value + WIDE * p.std, p.upper),
+                            p.unit) for p in known)
+    return tuple(Slider(f"{name} x", 1.0, *FACTORS, "") for name in ("stiffness", "damping"))
+
+
+def moves(model: Model, name: str, value: float) -> bool:
+    """Whether a parameter belongs to the model, and not to one recording."""
+    try:
+        return apply(model, {name: 1.01 * value}) != model
+    except (InputError, KeyError):
+        return False
+
+
+class Live:
+    """One running model; each page has its own.
+
+    Parameters
+    ----------
+    played : Played
+
+    Raises
+    ------
+    InputError
+        When the model cannot be stepped, as `Stepper`.
+    """
+
+    def __init__(self, played: Played) -> None:
+        self.played = played
+        self.model = played.model
+        self.stepper = Stepper(self.model, STEP)
+        self.chambers = int(np.size(self.stepper.pressure))
+        self.command = np.zeros(self.chambers)
+        self.speed, self.debt, self.told = 1.0, 0.0, ""
+        self.pull: Pull | None = None
+        self.force = np.zeros(2)
+        self.record: Experiment | None = None
+        self.changed: dict[str, Any] = {}
+
+    def ask(self, wish: Wish) -> None:
+        """Take over what the page asks for."""
+        if wish.pressure_kpa is not None and len(wish.pressure_kpa) == self.chambers:
+            self.command[:] = 1e3 * np.array(wish.pressure_kpa)
+        if wish.speed is not None:
+            self.speed = wish.speed
+        if "pull" in wish.model_fields_set:
+            self.pull = wish.pull
+        if "record" in wish.model_fields_set:
+            self.record = self.played.records.get(wish.record or "")
+            self.restart(0.0)
+        if wish.gravity is not None or wish.parameters:
+            gravity = {} if wish.gravity is None else {"gravity": np.array(wish.gravity)}
+            self.changed |= {**gravity, **(wish.parameters or {})}
+            self.rebuild()
+        if wish.reset:
+            self.restart(0.0)
+
+    def restart(self, pressure: float) -> None:
+        """Back to rest."""
+        start: Any = np.full(self.chambers, pressure) if self.chambers > 1 else pressure
+        self.stepper.reset(start)
+        self.debt = 0.0
+
+    def rebuild(self) -> None:
+        """Put another model under the same motion; one that cannot be is told and left."""
+        known = {s.name: s for s in self.played.sliders}
+        numbers = {n: float(np.clip(v, known[n].low, known[n].high)) for n, v in self.changed.items() if n in known}
+        model = self.played.model
+        try:
+            for name in ("stiffness", "damping"):
+                if (factor := numbers.pop(f"{name} x", None)) is not None:
+                    model = model.with_(**{name: factor * getattr(model, name)})
+            model = apply(model, numbers)
+            if "gravity" in self.changed:
+                model = model.with_(gravity=self.changed["gravity"])
+            stepper = Stepper(model, STEP, self.stepper.pressure)
+        except (InputError, SimulationError) as error:
+            self.told = str(error)
+            return
+        for name in ("angle", "rate", "memory"):
+            getattr(stepper, name)[:] = getattr(self.stepper, name)
+        stepper.time = self.stepper.time
+        self.model, self.stepper = model, stepper
+
+    def advance(self, elapsed: float) -> None:
+        """Move on by `elapsed` [s] of the wall's clock, slowed by the speed."""
+        self.debt = min(self.debt + self.speed * elapsed, LATEST)
+        while self.debt >= STEP - TINY:
+            self.debt -= STEP
+            self.one()
+
+    def one(self) -> None:
+        """One step: the hand's push, then the pressure's."""
+        if self.record is not None:
+            self.play(self.record)
+        try:
+            self.push()
+            command: Any = self.command if self.chambers > 1 else float(self.command[0])
+            self.stepper.step(command)
+        except SimulationError as error:
+            self.told, self.pull = f"{error} The body is back at rest.", None
+            self.command[:] = 0.0
+            self.restart(0.0)
+
+    def play(self, exp: Experiment) -> None:
+        """The recorded pressure at this instant; from the beginning once it has ended."""
+        if self.stepper.time > np.ptp(exp.time):
+            self.restart(0.0)
+        if exp.pressure is not None:
+            self.command[:] = exp.pressure(np.array([exp.time[0] + self.stepper.time - self.played.start]))[0]
+
+    def push(self) -> None:
+        """The impulse of the hand's thread over a step: M dw = h J'F, in absolute angles."""
+        self.force[:] = 0.0
+        if self.pull is None or self.pull.link >= self.model.n:
+            return
+        m, phi = self.model, self.stepper.angle
+        i, along = self.pull.link, self.pull.share * float(m.link_length[self.pull.link])
+        reach = np.where(np.arange(m.n) < i, m.link_length, 0.0)
+        reach[i] = along
+        J = np.stack([-m.bend_sign * reach * np.cos(phi), -reach * np.sin(phi)])
+        joints = np.concatenate([[m.first_joint * [m.bend_sign, 1]], chain.tips(m, phi)])
+        at = joints[i] + self.pull.share * (joints[i + 1] - joints[i])
+        stiffness = PULL * float(m.stiffness.mean()) / (m.n * m.length**2)
+        gap = np.clip(1e-3 * np.array([self.pull.x_mm, self.pull.y_mm]) - at, -m.length, m.length)
+        self.force[:] = stiffness * gap
+        M, body = np.empty((m.n, m.n)), m.body()
+        inertia.inertia_absolute(np.cos(phi), np.sin(phi), body.B, body.I, M)
+        self.stepper.rate += STEP * np.linalg.solve(M, J.T @ self.force)
+
+    def frame(self) -> dict[str, Any]:
+        """What the page draws now: mm, kPa, N."""
+        m, t = self.model, self.stepper.time
+        joints = np.concatenate([[[0.0, 0.0], m.first_joint * [m.bend_sign, 1]], chain.tips(m, self.stepper.angle)])
+        told, self.told = self.told, ""
+        measured = None
+        if self.record is not None:
+            k = int(np.abs(self.record.time - self.record.time[0] - t).argmin())
+            measured = [[None if not np.isfinite(v) else round(1e3 * float(v), 3) for v in p]
+                        for p in self.record.position[k]]
+        return {"t": round(t, 6), "body": np.round(1e3 * joints, 3).tolist(), "told": told, "measured": measured,
+                "kpa": np.round(1e-3 * np.atleast_1d(self.stepper.pressure), 4).tolist(),
+                "command": np.round(1e-3 * self.command, 4).tolist(), "force": np.round(self.force, 5).tolist()}

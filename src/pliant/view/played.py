@@ -1,0 +1,32 @@
+"""What the live page plays: a model file, or the folder of a study with its intervals and recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pliant.model import load_model
+from pliant.validation.stored import load_outcome
+from pliant.view.live import Played, sliders_of
+
+
+def played_from(source: Path, log: Path | None = None) -> Played:
+    """The model in a file, or that of a study's first fit with what may be changed of it and its recordings.
+
+    Parameters
+    ----------
+    source : Path
+    log : Path, optional
+        Of a control loop of that body, to be watched.
+
+    Raises
+    ------
+    InputError
+        When the file or folder cannot be read.
+    """
+    if not source.is_dir():
+        model = load_model(source)
+        return Played(model, sliders_of(model), {}, log=log)
+    outcome = load_outcome(source)
+    first = outcome.fits[0]
+    return Played(outcome.model, sliders_of(outcome.model, first.result.parameters),
+                  {r.name: r.experiment for r in first.records}, first.result.values.get("start", 0.0), log)

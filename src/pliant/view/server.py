@@ -1,0 +1,166 @@
+"""The live page's server: this machine alone, a token in the address, one running model for each page."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+import socket
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from pliant.errors import InputError
+from pliant.identification import Experiment
+from pliant.view.live import Live, Played, Wish
+from pliant.view.report import asset, script_json, template
+from pliant.view.watched import Watched
+
+HOST = "127.0.0.1"
+RATE = 60.0  # frames in a second
+BARE_KPA = 200.0  # where nothing was recorded
+LARGEST = 4096  # bytes of a wish
+POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
+          "connect-src ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'")
+
+
+def running(played: Played) -> Live | Watched:
+    """What moves on a page: a model of its own, or the loop that is watched."""
+    return Live(played) if played.log is None else Watched(played.log, played.model)
+
+
+def live_page(played: Played, live: Live | Watched) -> str:
+    """The page as text."""
+    m = played.model
+    data = {
+        "length": 1e3 * m.length, "links": m.n, "chambers": live.chambers, "gravity": [float(g) for g in m.gravity],
+        "sliders": [s._asdict() for s in played.sliders], "name": m.name,
+        "watched": played.log is not None, "highest": highest(played),
+        "records": [n for n, e in played.records.items() if e.pressure is not None],
+    }
+    scripts = [asset("uPlot.iife.min.js"), asset("figures.js"), asset("live.js")]
+    return str(template("live.html.j2").render(
+        name=m.name, data=script_json(data), scripts=scripts, styles=[asset("uPlot.min.css"), asset("page.css")]))
+
+
+def highest(played: Played) -> float:
+    """Where the sliders of pressures end, kPa: a quarter above what was recorded."""
+    seen = [level_of_experiment(e) for e in played.records.values()]
+    return 1.25e-3 * max(seen) if seen and max(seen) > 0 else BARE_KPA
+
+
+def level_of_experiment(exp: Experiment) -> float:
+    """The highest pressure of a recording, Pa."""
+    return float(np.max(exp.pressure.pressure)) if exp.pressure is not None else float(exp.level)
+
+
+def application(played: Played, token: str, host: str) -> Any:
+    """The page and its socket, as an ASGI application; everything else is not found."""
+    try:
+        from starlette.applications import Starlette
+        from starlette.responses import HTMLResponse, PlainTextResponse
+        from starlette.routing import Route, WebSocketRoute
+    except ImportError:
+        raise InputError("the live page needs the extra view: pip install 'pliant[view]'") from None
+    live_page(played, running(played))  # refused here, before a browser asks
+
+    def known(connection: Any) -> bool:
+        return connection.headers.get("host") == host and secrets.compare_digest(
+            connection.path_params["token"].encode(), token.encode())
+
+    async def page(request: Any) -> Any:
+        if not known(request):
+            return PlainTextResponse("not found", 404)
+        headers = {"Content-Security-Policy": POLICY.format(host=host), "Referrer-Policy": "no-referrer",
+                   "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
+        return HTMLResponse(live_page(played, running(played)), headers=headers)
+
+    async def follow(ws: Any) -> None:
+        if not known(ws) or ws.headers.get("origin") != f"http://{host}":
+            await ws.close(1008)
+            return
+        await ws.accept()
+        await converse(ws, running(played))
+
+    made = Starlette(routes=[Route("/{token}/", page), WebSocketRoute("/{token}/live", follow)])
+    made.router.redirect_slashes = False
+    return made
+
+
+async def converse(ws: Any, live: Live | Watched) -> None:
+    """Send frames at a steady rate and take wishes, until the page is closed."""
+    from starlette.websockets import WebSocketDisconnect
+
+    async def listen() -> None:
+        while True:
+            message = await ws.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            text = message.get("text") or ""
+            try:
+                live.ask(Wish.model_validate_json(text[:LARGEST]))  # what is longer is no JSON when cut
+            except ValidationError:
+                live.told = "the page asked for something that cannot be"
+
+    listening = asyncio.create_task(listen())
+    clock = asyncio.get_running_loop().time
+    before = due = clock()
+    try:
+        while not listening.done():
+            now = clock()
+            live.advance(now - before)
+            before = now
+            await ws.send_text(json.dumps(live.frame(), allow_nan=False))
+            due = max(due + 1 / RATE, now)
+            await asyncio.wait({listening}, timeout=max(due - clock(), 0.0))
+    except (WebSocketDisconnect, RuntimeError, OSError):
+        pass  # the page is gone
+    finally:
+        listening.cancel()
+
+
+class Server:
+    """A server that is ready to run; `address` is what to open.
+
+    Parameters
+    ----------
+    played : Played
+    port : int
+        0: any free one.
+
+    Raises
+    ------
+    InputError
+        When the extra is missing, the port is taken or the model cannot be stepped.
+    """
+
+    def __init__(self, played: Played, port: int = 0) -> None:
+        try:
+            import uvicorn
+        except ImportError:
+            raise InputError("the live page needs the extra view: pip install 'pliant[view]'") from None
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self.socket.bind((HOST, port))
+        except OSError as error:
+            self.socket.close()
+            raise InputError(f"cannot listen at {HOST}:{port}: {error.strerror or error}") from None
+        host = f"{HOST}:{self.socket.getsockname()[1]}"
+        token = secrets.token_urlsafe(16)
+        self.address = f"http://{host}/{token}/"
+        config = uvicorn.Config(application(played, token, host), log_level="error", ws="websockets-sansio",
+                                timeout_graceful_shutdown=1, lifespan="off", access_log=False)
+        self.server = uvicorn.Server(config)
+
+    def run(self) -> None:
+        """Serve until the program is interrupted, or `stop` is called from another thread."""
+        try:
+            self.server.run(sockets=[self.socket])
+        finally:
+            self.socket.close()
+
+    def stop(self) -> None:
+        """End `run`."""
+        self.server.should_exit = True

@@ -1,0 +1,97 @@
+"""A control loop that runs elsewhere, watched by the log that it writes: nothing is sent to it."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.loop.log import MARK
+from pliant.model import Model
+from pliant.simulation import state as chain
+from pliant.view.live import Wish
+
+BEHIND = 0.7  # s that the page lags: the log reaches the disk at most half a second after the loop wrote it
+KEPT = 4000  # rows
+
+
+class Watched:
+    """The rows of a loop's log as they come, drawn like a running model.
+
+    Parameters
+    ----------
+    path : Path
+        Of the log that `pliant control --log` is writing.
+    model : Model
+        Of the body; its links are as many as the log's angles.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, is no log of a loop, or is of another body.
+    """
+
+    def __init__(self, path: Path, model: Model) -> None:
+        try:
+            with path.open("rb") as file:
+                mark, names = (file.readline().decode("ascii", "replace").strip() for _ in range(2))
+                self.read = file.tell()
+        except OSError as error:
+            raise InputError(f"cannot read the log {path}: {error.strerror or error}") from None
+        self.path = path
+        if mark != MARK:
+            raise InputError(f"{path} is no log of a control loop: name what `pliant control --log` writes")
+        self.columns = names.split(",")
+        self.angles = [k for k, n in enumerate(self.columns) if n.startswith("phi_")]
+        if len(self.angles) != model.n:
+            raise InputError(f"the log {path} is of {len(self.angles)} links, the model has {model.n}")
+        self.model, self.rows, self.rest = model, deque[list[float]](maxlen=KEPT), b""
+        self.shown, self.told = -np.inf, ""
+        self.chambers = len(self.named("pressure"))
+
+    def named(self, what: str) -> list[int]:
+        """Columns of a pressure or a command, one for each chamber."""
+        return [k for k, n in enumerate(self.columns) if n.startswith(f"{what}_") and n.endswith("pa")]
+
+    def ask(self, wish: Wish) -> None:
+        """Pass over what the page asks for: a loop that is watched is not touched."""
+
+    def advance(self, elapsed: float) -> None:
+        """Read what has come, and move on."""
+        with self.path.open("rb") as file:
+            file.seek(self.read)
+            *lines, self.rest = (self.rest + file.read()).split(b"\n")
+            self.read = file.tell()
+        for line in lines:
+            try:
+                row = [float(v) for v in line.split(b",")]
+            except ValueError:
+                continue  # a remark
+            if len(row) == len(self.columns):
+                self.rows.append(row)
+        if self.rows:
+            newest = self.rows[-1][0]
+            self.shown = float(np.clip(self.shown + elapsed, newest - 2 * BEHIND, newest))
+
+    def frame(self) -> dict[str, Any]:
+        """The row of this instant: mm, kPa."""
+        row = next((r for r in reversed(self.rows) if r[0] <= self.shown), None)
+        if row is None:
+            still = [[0.0, 0.0]] * (self.model.n + 2)
+            return {"t": 0.0, "body": still, "told": "no row has come yet", "measured": None,
+                    "kpa": [0.0] * self.chambers, "command": [0.0] * self.chambers, "force": [0, 0]}
+        m, phi = self.model, np.array([row[k] for k in self.angles])
+        joints = np.concatenate([[[0.0, 0.0], m.first_joint * [m.bend_sign, 1]], chain.tips(m, phi)])
+        value = dict(zip(self.columns, row, strict=True))
+        vented = "VENTED by a fault" if value.get("vented") else "in control"
+        target, error = (1e3 * value.get(n, np.nan) for n in ("target_m", "error_m"))
+        told = f"{vented}; target {target:.2f} mm, error {error:.2f} mm; a period's work took {value['work_us']:.0f} us"
+        return {
+            "t": round(row[0], 6), "body": np.nan_to_num(np.round(1e3 * joints, 3)).tolist(), "told": told,
+            "measured": None, "force": [0, 0],
+            "kpa": [round(float(np.nan_to_num(1e-3 * row[k])), 4) for k in self.named("pressure")],
+            "command": [round(float(np.nan_to_num(1e-3 * row[k])), 4) for k in self.named("command")],
+        }

@@ -1,0 +1,265 @@
+"""The live page: the model behind it, who is let in, and what a browser sees."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+import time
+from contextlib import closing
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from test_report_look import CHROMIUM
+
+from pliant.errors import InputError
+from pliant.identification import Parameter
+from pliant.loop.log import LoopLog
+from pliant.loop.run import log_columns
+from pliant.model import chain_model, save_model
+from pliant.simulation import Stepper, equilibrium, state
+from pliant.view.live import Live, Played, Pull, Wish, sliders_of
+from pliant.view.played import played_from
+from pliant.view.watched import Watched
+
+
+@pytest.fixture(scope="module")
+def model():
+    return chain_model(length=0.11, mass=0.05, links=3, stiffness=0.6, damping=8e-3, torque=[3e-6])
+
+
+@pytest.fixture
+def played(model):
+    return Played(model, sliders_of(model), {})
+
+
+def test_frames_of_any_length_are_the_steps_of_the_model(played, model):
+    live, alone = Live(played), Stepper(model, 1e-3)
+    live.ask(Wish(pressure_kpa=[20.0]))
+    for elapsed in (0.016, 0.017, 0.0004, 0.0166, 0.05):
+        live.advance(elapsed)
+    for _ in range(100):
+        alone.step(20e3)
+    np.testing.assert_array_equal(live.stepper.angle, alone.angle)
+    assert live.frame()["kpa"] == [20.0]
+
+
+def test_slow_motion_is_slow_and_a_late_frame_does_not_run_away(played):
+    live = Live(played)
+    live.ask(Wish(speed=0.25))
+    live.advance(0.1)
+    assert live.stepper.time == pytest.approx(0.025)
+    live.advance(60.0)
+    assert live.stepper.time == pytest.approx(0.125, abs=2e-3)
+
+
+def test_a_hand_that_holds_still_ends_in_the_equilibrium_of_its_force(played, model):
+    """Against the equilibrium under a tip force, which comes from a root search."""
+    live = Live(played)
+    live.ask(Wish(pull=Pull(link=2, share=1.0, x_mm=40.0, y_mm=90.0)))
+    for _ in range(100):
+        live.advance(0.1)
+    assert np.linalg.norm(live.force) > 0.05
+    q = equilibrium(model, 0.0, live.force)
+    np.testing.assert_allclose(live.stepper.angle, state.absolute(model, q), atol=2e-3)
+
+
+def test_parameters_stay_within_their_intervals_and_the_motion_goes_on(model):
+    fitted = (Parameter("stiffness", 0.6, std=0.01), Parameter("start", 0.01, std=1e-3), Parameter("damping", 8e-3))
+    sliders = sliders_of(model, fitted)
+    assert [s.name for s in sliders] == ["stiffness"]
+    live = Live(Played(model, sliders, {}))
+    live.ask(Wish(pressure_kpa=[20.0]))
+    live.advance(0.08)
+    before = live.stepper.angle.copy()
+    live.ask(Wish(parameters={"stiffness": 9.0, "moon": 1.0}, gravity=(0.0, -9.81)))
+    assert live.model.stiffness[0] == pytest.approx(0.6 + 1.959964 * 0.01)
+    assert live.model.gravity[1] == -9.81
+    np.testing.assert_array_equal(live.stepper.angle, before)
+
+
+def test_what_no_body_follows_is_told_and_the_body_rests(played):
+    live = Live(played)
+    live.ask(Wish(pressure_kpa=[2000.0]))
+    live.stepper.rate[:] = 5e3
+    live.advance(0.002)
+    frame = live.frame()
+    assert "back at rest" in frame["told"]
+    assert live.frame()["told"] == ""
+
+
+def test_a_recording_is_played_under_the_model(outcome):
+    first = outcome.fits[0]
+    live = Live(Played(outcome.model, (), {r.name: r.experiment for r in first.records}))
+    trace = next(r for r in first.records if r.experiment.pressure is not None)
+    live.ask(Wish(record=trace.name))
+    for _ in range(3):
+        live.advance(0.1)
+    assert live.command[0] == trace.experiment.pressure(np.array([0.3]))[0]
+    seen = live.frame()["measured"]
+    np.testing.assert_allclose(seen[-1], 1e3 * trace.experiment.position[30, -1], atol=1e-3)
+    live.ask(Wish(record=None))
+    assert live.frame()["measured"] is None
+
+
+def test_a_loop_is_watched_by_its_log(model, tmp_path):
+    columns = log_columns(3)
+    log = LoopLog(tmp_path / "loop.csv", columns)
+    for k in range(200):
+        row = dict.fromkeys(columns, 0.0) | {"time_s": 0.01 * k, "pressure_pa": 1e3, "phi_3_rad": 0.1 + 1e-3 * k}
+        log.write([row[c] for c in columns])
+    log.close()
+    watched = Watched(tmp_path / "loop.csv", model)
+    watched.advance(0.016)
+    early = watched.frame()
+    for _ in range(200):
+        watched.advance(0.016)
+    late = watched.frame()
+    assert early["t"] < late["t"] == pytest.approx(1.99)
+    assert late["kpa"] == [1.0]
+    assert "in control" in late["told"]
+    turn = np.arctan2(-np.diff(late["body"], axis=0)[-1, 0], np.diff(late["body"], axis=0)[-1, 1])
+    assert turn == pytest.approx(0.1 + 0.199, abs=1e-4)
+
+
+def test_what_is_no_log_is_one_sentence(model, tmp_path):
+    (tmp_path / "a.csv").write_text("time,x\n0,1\n")
+    with pytest.raises(InputError, match="is no log of a control loop"):
+        Watched(tmp_path / "a.csv", model)
+    with pytest.raises(InputError, match="cannot read the log"):
+        Watched(tmp_path / "none.csv", model)
+    LoopLog(tmp_path / "b.csv", log_columns(5)).close()
+    with pytest.raises(InputError, match="is of 5 links, the model has 3"):
+        Watched(tmp_path / "b.csv", model)
+
+
+@pytest.fixture(scope="module")
+def served(model, tmp_path_factory):
+    pytest.importorskip("uvicorn", reason="needs: pip install pliant[view]")
+    from pliant.view.server import Server
+
+    path = tmp_path_factory.mktemp("live") / "model.json"
+    save_model(model, path)
+    server = Server(played_from(path))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    parts = urlsplit(server.address)
+    for _ in range(100):
+        try:
+            with closing(http.client.HTTPConnection(parts.hostname, parts.port, timeout=1)) as connection:
+                connection.connect()
+            break
+        except OSError:
+            time.sleep(0.05)
+    yield server.address
+    server.stop()
+    thread.join(10)
+    assert not thread.is_alive()
+
+
+def answer(address, path=None, **headers):
+    parts = urlsplit(address)
+    with closing(http.client.HTTPConnection(parts.hostname, parts.port, timeout=5)) as connection:
+        connection.request("GET", parts.path if path is None else path, headers=headers)
+        found = connection.getresponse()
+        found.read()
+        return found
+
+
+def test_only_who_knows_the_token_and_asks_this_host_is_let_in(served):
+    good = answer(served)
+    assert good.status == 200
+    assert "default-src 'none'" in good.headers["Content-Security-Policy"]
+    assert urlsplit(served).hostname == "127.0.0.1"
+    for path in ("/", "/live", "/AAAAAAAAAAAAAAAAAAAAAA/", "/..%2f"):
+        assert answer(served, path).status == 404
+    assert answer(served, Host="evil.example").status == 404
+
+
+@pytest.mark.parametrize(("origin", "token"), [("http://evil.example", True), (None, True), ("own", False)])
+def test_another_page_cannot_open_the_socket(served, origin, token):
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    parts = urlsplit(served)
+    own = f"http://{parts.netloc}"
+    path = f"{parts.path if token else '/moon/'}live"
+    with pytest.raises(InvalidStatus):
+        connect(f"ws://{parts.netloc}{path}", origin=own if origin == "own" else origin)
+
+
+def test_nonsense_from_the_page_is_told_not_done(served):
+    from websockets.sync.client import connect
+
+    parts = urlsplit(served)
+    with connect(f"ws://{parts.netloc}{parts.path}live", origin=f"http://{parts.netloc}") as socket:
+        for text in ("{", "[]", json.dumps({"pressure_kpa": [1e9]}), json.dumps({"moon": 1}), "x" * 9000):
+            socket.send(text)
+            deadline = time.monotonic() + 5
+            while not json.loads(socket.recv(timeout=5))["told"]:
+                assert time.monotonic() < deadline
+        assert json.loads(socket.recv(timeout=5))["kpa"] == [0.0]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    sync_api = pytest.importorskip("playwright.sync_api", reason="needs: pip install pliant[browser]")
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine: apt-get install chromium")
+    with sync_api.sync_playwright() as play:
+        found = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield found
+        found.close()
+
+
+def until(page, true):
+    """Wait until an expression holds; the page's own policy forbids what Playwright would wait with."""
+    for _ in range(600):
+        if page.evaluate(true):
+            return
+        page.wait_for_timeout(25)
+    pytest.fail(f"never: {true}")
+
+
+def test_two_pages_follow_their_own_steps(browser, served, model):
+    pages, asked, complaints = [], [], []
+    for _ in range(2):
+        page = browser.new_page(viewport={"width": 900, "height": 900})
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("console", lambda message: complaints.append(message.text))
+        page.goto(served)
+        until(page, "pliantLive.now && pliantLive.now.t > 0.1")
+        pages.append(page)
+    pages[0].evaluate("pliantLive.ask({pressure_kpa: [20]})")
+    until(pages[0], "pliantLive.now.kpa[0] === 20 && pliantLive.now.t > 4")
+    q = equilibrium(model, 20e3)
+    tip = 1e3 * state.tips(model, state.absolute(model, q))[-1]
+    assert pages[0].evaluate("pliantLive.now.body.at(-1)") == pytest.approx(tip.tolist(), abs=0.5)
+    assert pages[1].evaluate("pliantLive.now.kpa[0]") == 0
+    rest = 1e3 * state.tips(model, state.absolute(model, np.zeros(3)))[-1]
+    assert pages[1].evaluate("pliantLive.now.body.at(-1)") == pytest.approx(rest.tolist(), abs=0.01)
+    assert asked == [served, served]
+    assert not complaints
+    for page in pages:
+        page.close()
+
+
+def test_the_body_is_dragged_and_ten_minutes_of_frames_do_not_grow(browser, served):
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.goto(served)
+    until(page, "pliantLive.now && pliantLive.now.t > 0.1")
+    box = page.locator("#body").bounding_box()
+    x, y = page.evaluate("pliantLive.body.at(...pliantLive.now.body.at(-1))")
+    page.mouse.move(box["x"] + x, box["y"] + y)
+    page.mouse.down()
+    page.mouse.move(box["x"] + x + 60, box["y"] + y + 20, steps=4)
+    until(page, "Math.hypot(...pliantLive.now.force) > 0.01 && pliantLive.now.body.at(-1)[0] > 1")
+    page.mouse.up()
+    until(page, "Math.hypot(...pliantLive.now.force) === 0")
+    kept = page.evaluate("""() => { const f = pliantLive.now;
+        for (let k = 1; k <= 36000; k++) pliantLive.keep({ ...f, t: f.t + k / 60 });
+        return [pliantLive.roll.t.length, ...pliantLive.roll.series.map((s) => s.length)]; }""")
+    assert max(kept) <= 650
+    page.close()
