@@ -1,7 +1,7 @@
 """What a soft body can be, generously: the bounds of every number of a model, in one table.
 
 Beyond them stands a wrong unit or a damaged file, and arithmetic that overflows, divides by zero or never ends. Each is
-at least a factor of a thousand from anything that was built.
+at least a factor of a thousand from anything that was built, and where a fit's bound is 0 its steps towards it fit in.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Limit(NamedTuple):
 LIMITS = {
     "link_length": Limit(1e-6, 1e3, "m"),
     "link_mass": Limit(1e-12, 1e5, "kg", zero=True),
-    "tip_mass": Limit(1e-12, 1e5, "kg", zero=True),
+    "tip_mass": Limit(0.0, 1e5, "kg"),
     "base_length": Limit(0.0, 1e3, "m"),
     "stiffness": Limit(1e-12, 1e9, "N m/rad"),
     "damping": Limit(0.0, 1e9, "N m s/rad"),
@@ -37,14 +37,14 @@ LIMITS = {
     "joint_gain": Limit(0.0, 1e6, ""),
     "torque": Limit(0.0, 1e3, "N m/Pa^k"),
     "gravity": Limit(0.0, 1e4, "m/s^2"),
-    "swell_share": Limit(0.0, 1.0, ""),
+    "swell_share": Limit(0.0, 1e3, ""),
     "swell_time": Limit(1e-6, 1e9, "s"),
     "inflation_limit": Limit(1.0, 1e12, "Pa", zero=True),
     "inflation_time": Limit(1e-6, 1e9, "s"),
     "station along": Limit(0.0, 1e3, "m"),
     "station across": Limit(0.0, 1e3, "m"),
-    "rise_time": Limit(1e-9, 1e6, "s", zero=True),
-    "fall_time": Limit(1e-9, 1e6, "s", zero=True),
+    "rise_time": Limit(1e-30, 1e6, "s", zero=True),
+    "fall_time": Limit(1e-30, 1e6, "s", zero=True),
     "dead_time": Limit(0.0, 1e6, "s"),
     "natural_frequency": Limit(1e-6, 1e6, "Hz", zero=True),
     "damping_ratio": Limit(0.0, 1e4, ""),

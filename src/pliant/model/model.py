@@ -21,6 +21,7 @@ from pliant.model.valve import Valve
 Array = np.ndarray
 PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", "joint_gain", "stiffening")
 ARRAYS = (*PER_LINK, "torque", "gravity")
+LIGHTEST = LIMITS["link_mass"].least
 POSITIVE = ("link_length", "stiffness", "swell_time", "inflation_time")
 NOT_NEGATIVE = ("link_mass", "damping", "tip_mass", "base_length", "swell_share", "inflation_limit")
 OF_ANY_SIGN = ("rest_angle", "joint_gain", "stiffening", "torque", "gravity", "base_angle")
@@ -254,7 +255,7 @@ def check_physical(model: Model) -> None:
         (model.n <= MOST_LINKS, f"must have at most {MOST_LINKS} links, got {{0.n}}"),
         (model.torque.size <= MOST_TERMS, f"torque must have at most {MOST_TERMS} numbers, got {{0.torque.size}}"),
         (model.torque.size > 0, "torque must have at least one coefficient (N m/Pa); the paper's is A d"),
-        (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass > 0,
+        (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass >= LIGHTEST,
          "link_mass must be positive for every link, got {0.link_mass}"),
     )
     for good, sentence in choices:

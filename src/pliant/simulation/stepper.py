@@ -10,6 +10,7 @@ from pliant.compiler.choose import twin
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
 from pliant.simulation import march_loops, memory_loops, state
+from pliant.simulation.balance import EnergyWatch
 from pliant.simulation.drive import UNLIMITED
 from pliant.simulation.solve import check_step
 
@@ -39,6 +40,9 @@ class Stepper:
         Hoop stretch of a chamber that inflates; 1 for a rigid wall.
     time : float
         s since the start.
+    energy_gain : float
+        Largest share of energy that came from nothing while the pressure did not change, looked at every 256 steps; an
+        `EnergyWarning` tells it beyond 1 %. Models that remember or whose chamber swells or inflates are not watched.
 
     Raises
     ------
@@ -78,6 +82,12 @@ class Stepper:
         self._slow = self.pressure
         self._chamber = np.array([self.pressure, self.pressure, float(self.model.inflation_at(pressure))])
         self.time = 0.0
+        self._watch = EnergyWatch(self.model)
+
+    @property
+    def energy_gain(self) -> float:
+        """Largest share of energy that came from nothing under a pressure that did not change."""
+        return self._watch.gain
 
     @property
     def stretch(self) -> float:
@@ -118,4 +128,5 @@ class Stepper:
                 f"at {self.time:.6g} s, under {pressure} Pa, a link turns by more than a radian within the step of "
                 f"{self.length * 1e3:.3g} ms, or the pressure is not finite; use a shorter step or a smaller pressure"
             )
+        self._watch.look(self.angle, self.rate, self.pressure, self.length)
         return self.angle, self.rate
