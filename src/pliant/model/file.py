@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
-from pliant.errors import InputError, explain_validation
+from pliant.errors import InputError, explain_validation, shown
 from pliant.files import write_text
 from pliant.model.memory import Memory
 from pliant.model.model import Model, Station
@@ -104,7 +104,7 @@ class ModelFile(BaseModel):
         """Numbers in other units would be read as if they were SI."""
         wrong = {name: unit for name, unit in units.items() if UNITS.get(name) != unit}
         if wrong:
-            raise ValueError(f"must be those of the schema, {UNITS}; these differ: {wrong}")
+            raise ValueError(f"must be those of the schema, {UNITS}; these differ: {shown(wrong, 200)}")
         return units
 
 

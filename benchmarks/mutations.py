@@ -1,0 +1,215 @@
+"""Damaged recordings, and an oracle that knows which bytes were touched and what their format can show."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy.io import savemat
+
+from pliant.errors import InputError
+from pliant.preprocessing.quality import quality
+from pliant.recording import make_recording, read, write
+
+FRAMES, POINTS = 24, 3
+TIME = np.arange(FRAMES) / 50
+GENTLE = np.random.default_rng(0).normal(size=(FRAMES, POINTS, 3)) * 1e-3 + np.arange(POINTS)[:, None] * 0.05
+NUMBERS = (b"", b"nan", b"inf", b"-0", b"1e999", b"-1e308", b"1e308", b"5e-324", b"0x10", b"1_000", b"999", b"-", b'"')
+UNITS = ((b"mm", b"m"), (b"Meters", b"Millimeters"), (b"kpa", b"psi"), (b"microstrain", b"strain"), (b"x_", b"y_"),
+         (b"POINT", b"PAINT"), (b"time", b"tame"), (b"position", b"positiom"), (b"Strain", b"GHz"))  # fmt: skip
+KINDS = ("bits", "bytes", "cut", "lose", "double", "swap", "number", "unit", "encoding", "append", "lines", "zeros")
+
+
+class Original(NamedTuple):
+    """A whole file of one format."""
+
+    name: str
+    suffix: str
+    data: bytes
+    mapping: dict[str, Any] | None
+    sealed: bool  # every byte that matters is under a checksum
+    framed: bool  # the format says how long it is: cuts, lost and doubled bytes show
+    text: bool
+
+
+class Whole(NamedTuple):
+    """What an original holds when it is read."""
+
+    recording: xr.Dataset
+    findings: tuple[str, ...]
+
+
+def read_whole(original: Original, folder: Path) -> Whole:
+    """Read an original, undamaged."""
+    path = folder / f"damaged{original.suffix}"
+    path.write_bytes(original.data)
+    ds = read(path, mapping=original.mapping)
+    return Whole(ds, quality(ds).findings)
+
+
+def c3d() -> bytes:
+    """A C3D file that states its facts in header and parameters."""
+
+    def parameter(name: bytes, kind: int, dims: list[int], content: bytes) -> bytes:
+        value = struct.pack("bB", kind, len(dims)) + bytes(dims) + content + b"\0"
+        return struct.pack("bb", len(name), 1) + name + struct.pack("<H", len(value) + 2) + value
+
+    entries = b"".join([
+        struct.pack("bb", 5, -1) + b"POINT" + struct.pack("<HB", 3, 0),
+        parameter(b"USED", 2, [], struct.pack("<H", POINTS)), parameter(b"FRAMES", 2, [], struct.pack("<H", FRAMES)),
+        parameter(b"DATA_START", 2, [], struct.pack("<H", 3)), parameter(b"RATE", 4, [], struct.pack("<f", 50)),
+        parameter(b"SCALE", 4, [], struct.pack("<f", -0.1)), parameter(b"UNITS", -1, [2, 1], b"mm"),
+        parameter(b"LABELS", -1, [4, POINTS], b"basemid tip "),
+    ])  # fmt: skip
+    header = struct.pack("<BB5HfHHf", 2, 0x50, POINTS, 0, 1, FRAMES, 10, -0.1, 3, 0, 50)
+    points = np.ones((FRAMES, POINTS, 4), "<f4")
+    points[..., :3] = 1e3 * GENTLE
+    body = header.ljust(512, b"\0") + (bytes([1, 0x50, 1, 84]) + entries).ljust(512, b"\0") + points.tobytes()
+    return body + bytes(-len(body) % 512)
+
+
+def luna() -> str:
+    """A Luna table."""
+    rows = [f"2023-09-06 12:51:28.{888946 + 20 * k:06d}\tmeasurement\tstrain\t{k:.1f}\t{2 * k:.1f}\t{-k:.1f}"
+            for k in range(FRAMES)]  # fmt: skip
+    head = ["Test name:\tbench", "Gage Pitch (mm):\t50", "Units:\tmicrostrain", "-----", "x-axis\t\t\t0.00\t0.05\t0.10"]
+    return "\n".join([*head, *rows, ""])
+
+
+def motive() -> str:
+    """A Motive export of three markers."""
+    names = [n for n in ("base", "mid", "tip") for _ in "xyz"]
+    head = [f"Format Version,1.23,Total Exported Frames,{FRAMES},Export Frame Rate,50.0,Length Units,Meters", "",
+            ",Type" + ",Marker" * 9, ",Name," + ",".join(names), ",ID," + ",".join(str(i // 3) for i in range(9)),
+            "," + ",Position" * 9, "Frame,Time (Seconds)" + ",X,Y,Z" * 3]  # fmt: skip
+    rows = [f"{k},{TIME[k]:.6f}," + ",".join(f"{v:.6f}" for v in GENTLE[k].ravel()) for k in range(FRAMES)]
+    return "\n".join([*head, *rows, ""])
+
+
+def originals(folder: Path) -> list[Original]:
+    """One whole file of each format, made in `folder`."""
+    pressure = np.linspace(0, 5e4, FRAMES)
+    ds = make_recording(TIME, GENTLE, pressure=pressure, pressure_time=TIME)
+    write(ds, folder / "own.nc")
+    write(ds, folder / "own.csv")
+    ds.to_netcdf(folder / "foreign.nc", engine="h5netcdf")
+    ds.to_netcdf(folder / "classic.nc", engine="scipy")
+    arrays = {"time": TIME, "position": GENTLE, "p_kpa": pressure / 1e3}
+    np.savez(folder / "a.npz", **arrays)
+    savemat(folder / "plain.mat", arrays)
+    savemat(folder / "packed.mat", arrays, do_compression=True)
+    header = "t,p_kpa," + ",".join(f"{a}_{s:03d}" for s in range(POINTS) for a in "xyz")
+    rows = [f"{t:.3f},{p:.3f}," + ",".join(f"{v:.6f}" for v in x.ravel())
+            for t, p, x in zip(TIME, pressure / 1e3, GENTLE, strict=True)]  # fmt: skip
+    wide = "\n".join([header, *rows, ""]).encode()
+    plain = "\n".join([*(" ".join(f"{v:.6f}" for v in x.ravel()) for x in GENTLE), ""]).encode()
+    table = {"delimiter": "space", "rate_hz": 50, "length_unit": "m", "points": {"count": POINTS}}
+
+    def of(name: str) -> bytes:
+        return (folder / name).read_bytes()
+
+    return [
+        Original("csv, own", ".csv", of("own.csv"), None, True, True, True),
+        Original("csv, wide", ".csv", wide, None, False, False, True),
+        Original("csv, Motive", ".csv", motive().encode(), None, False, True, True),
+        Original("tsv, Luna", ".tsv", luna().encode(), None, False, False, True),
+        Original("txt, mapped", ".txt", plain, table, False, False, True),
+        Original("c3d", ".c3d", c3d(), None, False, True, False),
+        Original("npz", ".npz", of("a.npz"), None, True, True, False),
+        Original("nc, own", ".nc", of("own.nc"), None, True, True, False),
+        Original("nc, foreign", ".nc", of("foreign.nc"), None, False, False, False),
+        Original("nc, classic", ".nc", of("classic.nc"), None, False, False, False),
+        Original("mat, plain", ".mat", of("plain.mat"), None, False, False, False),
+        Original("mat, packed", ".mat", of("packed.mat"), None, True, False, False),
+    ]
+
+
+def damaged(original: Original, rng: np.random.Generator) -> tuple[bytes, str, int]:
+    """A damaged copy, what was done to it, and the first byte that was touched."""
+    kinds = KINDS if original.text else ("bits", "bytes", "cut", "lose", "double", "unit", "append", "zeros")
+    kind = str(rng.choice(kinds))
+    data, size = original.data, len(original.data)
+    at, length = int(rng.integers(0, size)), int(rng.choice([1, 1, 2, 3, 4, 7, 16, 100, 512]))
+    if kind in ("bits", "bytes"):
+        broken, places = bytearray(data), np.sort(rng.integers(0, size, rng.integers(1, 6)))
+        for place in places:
+            broken[place] = broken[place] ^ (1 << int(rng.integers(8))) if kind == "bits" else int(rng.integers(256))
+        return bytes(broken), kind, int(places[0])
+    made = {
+        "cut": lambda: data[:at], "lose": lambda: data[:at] + data[at + length :],
+        "double": lambda: data[: at + length] + data[at:], "append": lambda: data + data, "zeros": lambda: data[:at]
+        + bytes(min(length, size - at)) + data[at + length :],
+        "encoding": lambda: _encoded(data, rng),
+    }  # fmt: skip
+    if kind in made:
+        return made[kind](), kind, 0 if kind == "encoding" else size if kind == "append" else at
+    if kind == "unit":
+        there = [pair for pair in UNITS if pair[0] in data]
+        if not there:
+            return data[:at], "cut", at
+        old, new = there[int(rng.integers(len(there)))]
+        return data.replace(old, new, 1), kind, data.index(old)
+    lines = data.split(b"\n")
+    if kind == "lines":
+        i, j = rng.integers(0, len(lines), 2)
+        lines[i], lines[j] = lines[j], lines[i]
+        return b"\n".join(lines), kind, sum(len(line) + 1 for line in lines[: min(i, j)])
+    return _cells(original, lines, kind, rng)
+
+
+def _encoded(data: bytes, rng: np.random.Generator) -> bytes:
+    codec = ("utf-16", "utf-8-sig", "latin-1", "utf-32", "cp037")[int(rng.integers(5))]
+    return data.decode().encode(codec)
+
+
+def _cells(original: Original, lines: list[bytes], kind: str, rng: np.random.Generator) -> tuple[bytes, str, int]:
+    """Columns swapped, or one number replaced."""
+    separator = {".csv": b",", ".tsv": b"\t", ".txt": b" "}[original.suffix]
+    row = int(rng.integers(0, len(lines) - 1))
+    cells = lines[row].split(separator)
+    i, j = rng.integers(0, len(cells), 2)
+    if kind == "number":
+        cells[i] = NUMBERS[int(rng.integers(len(NUMBERS)))]
+    else:
+        cells[i], cells[j] = cells[j], cells[i]
+    lines[row] = separator.join(cells)
+    return b"\n".join(lines), kind, sum(len(line) + 1 for line in lines[:row])
+
+
+def can_show(original: Original, kind: str, at: int, data: bytes) -> bool:
+    """Whether the format holds anything by which this change could be known: what it cannot show is no fault of ours.
+
+    A number that became another number in a format without a checksum shows nothing; a length does, where the format
+    says how long it is, and so does the missing line end of a text that was cut inside a line.
+    """
+    if original.sealed:
+        return original.name != "csv, own" or at > original.data.index(b"\n")  # its first line is metadata
+    if original.text and kind == "cut":
+        return original.framed or not data.endswith(b"\n")
+    if kind in ("append", "encoding") or (kind in ("lose", "double", "cut") and not original.text):
+        return original.framed
+    return False
+
+
+def outcome(original: Original, data: bytes, kind: str, at: int, whole: Whole, folder: Path) -> tuple[str, str]:
+    """Read a damaged file: (right, refused, told, unseen, silent or crash; the sentence)."""
+    path = folder / f"damaged{original.suffix}"
+    path.write_bytes(data)
+    try:
+        ds = read(path, mapping=original.mapping)
+        found = quality(ds).findings
+    except InputError as error:
+        return ("crash" if "\n" in str(error) or "Traceback" in str(error) else "refused"), str(error)
+    except BaseException as error:  # noqa: BLE001  whatever it is, it is what is looked for
+        return "crash", f"{type(error).__name__}: {error}"
+    same = ds.drop_attrs(deep=False).equals(whole.recording.drop_attrs(deep=False))
+    history, before = (str(d.attrs["history"]).split("\n")[:-1] for d in (ds, whole.recording))
+    told = [line for line in (*history, *found) if line not in (*before, *whole.findings)]
+    if same:
+        return "right", ""
+    if told:
+        return "told", told[0]
+    return ("silent" if can_show(original, kind, at, data) else "unseen"), kind
