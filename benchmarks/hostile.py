@@ -292,7 +292,7 @@ def loop_table() -> str:
     lines = ["", "| fault | valve left at (kPa) | vented after (ms) |", "|---|---|---|"]
     for fault in (*INSIDE, *SIGNALS):
         left, after = loop_fault(fault)
-        lines.append(f"| {fault} | {left / 1e3:g} | {after:.1f} |")
+        lines.append(f"| {fault} | {left / 1e3:g} | {max(after, 0.0):.1f} |")
     return "\n".join(lines)
 
 
