@@ -147,14 +147,16 @@ def main() -> None:
         rows[kind], more = watched(kind, count, asked.seed, longer * asked.patience, until)
         bad += more
         print(f"{kind}: {dict(rows[kind])}", file=sys.stderr, flush=True)
-    print(table(rows))
+    if rows:
+        print(table(rows))
     for line in bad:
         print(f"- {line}")
     if asked.loop or asked.prices:
         import hostile
 
-        print(hostile.loop_table() if asked.loop else "")
-        print(hostile.prices() if asked.prices else "")
+        for wanted, make in ((asked.loop, hostile.loop_table), (asked.prices, hostile.prices)):
+            if wanted:
+                print(make())
     if asked.json:
         asked.json.write_text(json.dumps({"rows": rows, "bad": bad}, indent=1))
     sys.exit(bool(bad))

@@ -95,6 +95,7 @@ class ZmqSource:
         self._flag = zmq.NOBLOCK
         self._socket = zmq.Context.instance().socket(zmq.SUB)
         self._socket.setsockopt(zmq.RCVHWM, 100)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, LARGEST)
         self._socket.setsockopt(zmq.SUBSCRIBE, b"")
         self._socket.connect(endpoint)
         self.rejected, self.finished = 0, False

@@ -87,13 +87,14 @@ class EnergyWatch:
     """
 
     def __init__(self, model: Model) -> None:
-        self._model, self._before, self._left = model, None, EVERY
+        self._model, self._left = model, EVERY
+        self._before: Held | None = None
         self._reliable = not (model.memory or model.swell_share or model.inflation_limit)
         self.gain = 0.0
 
     def look(self, phi: Array, w: Array, pressure: float, length: float) -> None:
         """Take note of a step that was made; `pressure` is that behind the valve."""
-        before: Held | None = self._before
+        before = self._before
         if not self._reliable:
             return
         if before is None or before.pressure != pressure:
