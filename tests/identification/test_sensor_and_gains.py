@@ -74,3 +74,21 @@ def test_the_law_s_factor_and_the_gains_of_joints_are_refused_together(truth: Mo
         fit([traced(truth)], truth, ["gain", "joint_gain_2"])
     with pytest.raises(InputError, match="joints 1 to 3"):
         fit([traced(truth)], truth, ["joint_gain_4"])
+
+
+def test_the_angles_of_joints_alone_find_the_body(truth: Model, traced: Any) -> None:
+    """Angles from the station before, one on each link; positions that are nonsense change nothing."""
+    ends = truth.with_(stations=(), base_angle=0.07)
+    exp = traced(ends)
+    absolute = predict(ends, replace(exp, angle=exp.position[..., 0], angle_reference="base"), {}, 1e-4)["angle"]
+    joints = np.diff(absolute, axis=1, prepend=0.0)
+    seen = replace(
+        exp, position=1e-2 * np.cumsum(np.ones_like(exp.position), axis=0), angle=joints, angle_reference="joint",
+        angles_alone=True,
+    )
+    start = ends.with_(rest_angle=[0.12, 0.1, 0.1], stiffness=1.1)
+    found = fit([seen], start, ["rest_angle_*", "stiffness", "damping", "torque_1"], step=1e-4, starts=1)
+    np.testing.assert_allclose(found.model.rest_angle, ends.rest_angle, atol=1e-5)
+    assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
+    with pytest.raises(InputError, match="compares angles alone, but has none"):
+        replace(exp, angles_alone=True)

@@ -356,3 +356,22 @@ def test_the_forces_of_a_recording_reach_its_experiment(tmp_path: Path) -> None:
     assert isinstance(other.at, Station)
     assert other.at[1:] == (1, 0.03, -0.01)
     assert ready.experiments["high"].forces == ()
+
+
+def test_a_reduced_shape_may_have_its_joints_mid_segment_and_be_fitted_by_their_angles(tmp_path: Path) -> None:
+    from pliant.study.run import prepare_all
+
+    dense_recording(tmp_path / "dense.nc")
+    content = changed("recordings", value={"dense": {"file": "dense.nc", "angles": "only"}})
+    content |= {"reduction": {"links": 3, "joint_placement": "midsegment"}, "alignment": {}}
+    content["fits"]["linear"] |= {"train": ["dense"], "held_out": []}
+    ready = prepare_all(load_study(write_study(tmp_path, content, recordings=False)), lambda _line: None)
+    model, exp = ready.model, ready.experiments["dense"]
+    np.testing.assert_allclose([model.base_length, *model.link_length], [0.02, 0.04, 0.04, 0.02], rtol=1e-3)
+    assert model.mass == pytest.approx(0.05 * 10 / 12, rel=1e-3)
+    assert exp.angles_alone
+    assert exp.angle is not None
+    # of an arc of curvature 6/m: the chord from 20 to 60 mm has turned by 40 mm of it, each further one by its segment
+    np.testing.assert_allclose(exp.angle[-1], 6.0 * np.array([0.04, 0.04, 0.03]), atol=2e-3)
+    tip = np.array([-(1 - np.cos(0.72)), np.sin(0.72)]) / 6.0
+    np.testing.assert_allclose(exp.position[-1, -1], tip, atol=1e-4)

@@ -23,7 +23,8 @@ Array = np.ndarray
 HELD_S = 0.05  # s before a release, over which the held pose is a median
 Excitation = Literal["trace", "pulse", "step", "release"]
 Held = Literal["unloaded", "measured"]
-AngleReference = Literal["rest", "base", ""]
+Angles = bool | Literal["only"]
+AngleReference = Literal["rest", "base", "joint", ""]
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,8 +52,8 @@ class Experiment(Shown):
         Parameters of this recording alone whose values are known, such as the tip_mass that it carried.
     angle : array (T, S) or None
         Observed angles about +z, rad; NaN where an angle was not seen.
-    angle_reference : {"rest", "base", ""}
-        What the angles are measured from: the rest pose, or the base tangent.
+    angle_reference : {"rest", "base", "joint", ""}
+        What the angles are measured from: the rest pose, the base tangent, or the station before (the first: the base).
     noise : dict
         Standard deviation of a station's coordinates where it is known, m; by name.
     angle_noise : float or None
@@ -64,6 +65,8 @@ class Experiment(Shown):
         measured, pulled there from the unloaded shape.
     forces : tuple of PointForce
         Known forces at points of the body, such as a thread that pulls.
+    angles_alone : bool
+        Whether a fit compares the angles and leaves the positions to the eye.
     travel : float
         Largest displacement of the last station from its rest, m; found from the data.
     """
@@ -83,6 +86,7 @@ class Experiment(Shown):
     arc_length: Array | None = None
     held: Array | None = None
     forces: tuple[PointForce, ...] = ()
+    angles_alone: bool = False
     travel: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -145,8 +149,12 @@ def check_extras(exp: Experiment) -> None:
         raise InputError(
             f"experiment {exp.name}: angles must be (time, station) = {exp.position.shape[:2]}, got {exp.angle.shape}"
         )
-    if exp.angle is not None and exp.angle_reference not in ("rest", "base"):
-        raise InputError(f"experiment {exp.name}: say what its angles are measured from: angle_reference rest or base")
+    if exp.angle is not None and exp.angle_reference not in ("rest", "base", "joint"):
+        raise InputError(
+            f"experiment {exp.name}: say what its angles are measured from: angle_reference rest, base or joint"
+        )
+    if exp.angles_alone and exp.angle is None:
+        raise InputError(f"experiment {exp.name} compares angles alone, but has none")
     if strange := [s for s in exp.noise if s not in exp.stations]:
         raise InputError(f"experiment {exp.name} has a noise level for {strange[0]!r}, which is no station of it")
     levels = [*exp.noise.values(), *([] if exp.angle_noise is None else [exp.angle_noise])]
@@ -162,7 +170,8 @@ def check_extras(exp: Experiment) -> None:
 
 def experiment(
     name: str, recording: xr.Dataset, *, stations: tuple[str, ...] | None = None, excitation: Excitation | None = None,
-    known: Mapping[str, float] | None = None, noise: Mapping[str, float] | None = None, angles: bool = False,
+    known: Mapping[str, float] | None = None, noise: Mapping[str, float] | None = None,
+    angles: Angles = False,
     held: Held = "unloaded", forces: Sequence[PointForce] = (),
 ) -> Experiment:
     """An experiment from an aligned (planar) recording.
@@ -179,8 +188,8 @@ def experiment(
         Default: "trace" when the recording has a measured pressure, "pulse" when it has a nominal one.
     noise : dict, optional
         Standard deviation of coordinates by station, m, where it is known.
-    angles : bool
-        Whether to fit the recorded angles too.
+    angles : bool or "only"
+        Whether to fit the recorded angles too, or them alone.
     held : {"unloaded", "measured"}
         Where a body that is let go was held: in its unloaded shape, or pulled aside, as the recording shows it in the
         moments before the release.
@@ -207,8 +216,9 @@ def experiment(
     made = Experiment(
         name, recording.time.values.astype(float), recording["position"].sel(station=list(used)).values.astype(float),
         used, excitation, trace, float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
-        **recorded_angles(name, recording, used, wanted=angles), noise=dict(noise or {}),
+        **recorded_angles(name, recording, used, wanted=bool(angles)), noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
+        angles_alone=angles == "only",
     )
     return replace(made, held=held_pose(made)) if held == "measured" else made
 
@@ -284,6 +294,8 @@ def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], ste
 
 
 def turned(exp: Experiment, rows: Array) -> Array:
-    """Angles (..., T, S) [rad] of observed rows (..., T, S, 3), from the rest pose where the experiment's are."""
+    """Angles (..., T, S) [rad] of observed rows (..., T, S, 3), from where the experiment's are measured."""
     angle = rows[..., 2]
+    if exp.angle_reference == "joint":
+        return np.diff(angle, axis=-1, prepend=0.0)
     return angle - angle[..., :1, :] if exp.angle_reference == "rest" else angle

@@ -197,7 +197,7 @@ def gathered(
         memory=model.memory.law(),
         along=np.array([p.along for p in chosen]), across=np.array([p.across for p in chosen]),
         shift=np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)]),
-        reference=model.base_angle if exp.angle_reference == "base" else 0.0,
+        reference=model.base_angle if exp.angle_reference in ("base", "joint") else 0.0,
         length=model.link_length, base_length=model.base_length,
     )
 

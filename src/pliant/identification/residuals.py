@@ -26,7 +26,8 @@ class Observations:
     def __init__(self, exp: Experiment, weighting: str) -> None:
         angle = np.full(exp.position.shape[:2], np.nan) if exp.angle is None else exp.angle
         self.exp = exp
-        self.data = np.concatenate([exp.position, angle[..., None]], axis=2)
+        position = np.full_like(exp.position, np.nan) if exp.angles_alone else exp.position
+        self.data = np.concatenate([position, angle[..., None]], axis=2)
         self.seen = np.isfinite(self.data)
         self.rows, self.station, self.channel = np.nonzero(self.seen)
         swing = angle_travel(exp)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import xarray as xr
 
@@ -64,7 +66,7 @@ def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction)
     n = reduction.links or order.chosen
     if n is None:
         raise InputError(f"recording {name}: {order.reason} Raise max_order or bound_mm, or state links.")
-    links = links_of(body, node_arc_length=nodes_of(order, n))
+    links = links_of(body, node_arc_length=nodes_of(order, n, reduction))
     kappa = curvature_of(body)
     clock = kappa["time"].values
     rest = np.nanmean(kappa.values[clock <= clock[0] + REST_S], axis=0)
@@ -73,8 +75,10 @@ def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction)
     )
 
 
-def nodes_of(order: OrderResult, n: int) -> np.ndarray:
-    """Arc lengths (n + 1,) of the nodes that the order selection placed for n links."""
+def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
+    """Arc lengths (n + 1,) of joints and tip: as the order selection placed n links, or mid-segment."""
+    if reduction.joint_placement == "midsegment":
+        return np.asarray(order.length / n * np.append(np.arange(n) + 0.5, n))
     if n not in order.orders:
         return np.array([0.0, order.length])
     return np.asarray(order.node_arc_length[order.orders.index(n)])
@@ -85,11 +89,16 @@ def link_experiment(study: Study, name: str, body: xr.Dataset, chain: Links) -> 
     entry = study.recordings[name]
     links = links_of(body, node_arc_length=chain.node_arc_length)
     measured = "pressure" in body
+    origin = links.base if chain.node_arc_length[0] == 0 else np.zeros(2)  # that of the base, not of the first joint
     tips = make_recording(
-        links.time, links.tips - links.base, station=[f"link_{i + 1}" for i in range(links.n)], frame="planar",
+        links.time, links.tips - origin, station=[f"link_{i + 1}" for i in range(links.n)], frame="planar",
         nominal_pressure=body.attrs.get("nominal_pressure"), source=str(body.attrs.get("source", "")),
         pressure=body["pressure"].values if measured else None,
         pressure_time=body["pressure_time"].values if measured else None,
     )
     forces = [f.point_force for f in entry.forces]
-    return experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces)
+    made = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces)
+    if not entry.angles:
+        return made
+    angle = links.joint_angle + links.rest_angle
+    return replace(made, angle=angle, angle_reference="joint", angles_alone=entry.angles == "only")

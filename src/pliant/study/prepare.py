@@ -187,10 +187,11 @@ def measured_chain(values: dict[str, Any], links: Links) -> Model:
     """The chain laid through a measured shape, with the link tips as its observed points."""
     for key in ("length", "links", "joint_placement"):
         values.pop(key, None)
-    lengths = links.link_length
+    lengths, before = links.link_length, float(links.node_arc_length[0])  # what lies before the first joint is rigid
     values["source"] |= dict.fromkeys(("link_length", "rest_angle"), "chords of the recorded rest shape")
-    mass = values.pop("mass") * lengths / lengths.sum()
-    model = Model(**{**values, "link_length": lengths, "rest_angle": links.rest_angle, "link_mass": mass})
+    mass = values.pop("mass") * lengths / (lengths.sum() + before)
+    model = Model(**{**values, "link_length": lengths, "rest_angle": links.rest_angle, "link_mass": mass,
+                     "base_length": before})  # fmt: skip
     return model.with_(stations=model.points)
 
 

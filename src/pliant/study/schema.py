@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from pliant.errors import InputError, explain_validation
 from pliant.files import read_entries
-from pliant.identification.experiment import Excitation
+from pliant.identification.experiment import Angles, Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.forces import PointForce
 from pliant.model import Station
@@ -77,6 +77,7 @@ class Reduction(Entry):
     max_order: int = Field(8, ge=2, le=64)
     boundary: str = "clamped+not-a-knot"
     placement: Literal["equal", "best"] = "equal"
+    joint_placement: Literal["base", "midsegment"] = "base"  # where in its segment each joint sits
 
 
 class KnownForce(Entry):
@@ -120,7 +121,7 @@ class Recording(Entry):
     stations: list[str] | None = None  # which to compare with, in order, the tip last
     known: dict[str, float] = {}  # parameters of this recording alone, SI
     noise: dict[str, float] = {}  # m, standard deviation of a station's coordinates, where it is known
-    angles: bool = False  # fit the recorded angles too
+    angles: Angles = False  # fit the recorded angles too (of a reduced shape: those of its joints), or "only" them
     forces: list[KnownForce] = []
     alignment: Alignment | None = None  # its entries overrule the study's
 

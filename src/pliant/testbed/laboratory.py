@@ -79,6 +79,9 @@ def run_rod(
     time = np.asarray(np.arange(steps * fine + 1) * (case.step / fine), dtype=float)
     loads = np.zeros((steps, 4))
     loads[:, 0] = supply_pressure(case.command, time, lab.valve)[fine::fine]
+    if case.pushes:
+        at, *force = np.array(case.pushes).T
+        loads[:, 1:3] = np.stack([np.interp(time[fine::fine], at, f) for f in force], axis=1)
     rows = obstacle_rows(case.obstacles)
     return simulate(
         replace(rod, gravity=case.gravity), loads, case.step, stride=stride, obstacles=rows, progress=progress

@@ -82,6 +82,7 @@ class Scenario:
     gravity: tuple[float, float] = (0.0, 0.0)
     rate: float = 75.0
     step: float = 2.5e-4
+    pushes: tuple[tuple[float, float, float], ...] = ()  # s, N, N: force on the tip, straight lines between
 
 
 def pulse(level: float, width: float, *, start: float = 0.12) -> Command:
@@ -109,6 +110,11 @@ POST = Circle((-0.081, 0.117), 0.008)
 WALL = Wall((1.0, 0.0), -0.085)
 SPRING = Circle((-0.095, 0.110), 0.022, stiffness=40.0, friction=0.1)
 
+PUSHES = tuple(
+    corner for start, end, newton in ((0.4, 1.1, 0.5), (1.5, 2.2, -0.5), (4.2, 4.9, 0.5), (5.3, 6.0, -0.5))
+    for corner in ((start, 0.0, 0.0), (start + 0.05, newton, 0.0), (end - 0.05, newton, 0.0), (end, 0.0, 0.0))
+)
+
 SCENARIOS: dict[str, Scenario] = {
     s.name: s
     for s in (
@@ -123,6 +129,8 @@ SCENARIOS: dict[str, Scenario] = {
                  Command("multisine", mean=100e3, amplitude=60e3, band=(0.1, 8.0), start=1.5, stop=21.5)),
         Scenario("creep_hold", "119 kPa held for 30 s, then 10 s of recovery", 41.0, pulse(119e3, 30.0, start=0.5)),
         Scenario("still", "no pressure: the noise floor", 5.0, Command("steps", ((0.0, 0.0),))),
+        Scenario("known_pushes", "a thread pulls at the tip with 0.5 N, at rest and under 119 kPa", 7.4,
+                 Command("steps", ((2.7, 119e3), (6.5, 0.0))), pushes=PUSHES),
         Scenario("pulse_119_hanging", "119 kPa, gravity along the rest tangent", 4.5, pulse(119e3, 2.76),
                  gravity=(0.0, 9.81)),
         Scenario("pulse_119_sideways", "119 kPa, gravity across the rest tangent", 4.5, pulse(119e3, 2.76),
