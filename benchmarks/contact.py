@@ -5,7 +5,7 @@
     python benchmarks/contact.py b --minutes 60           # false alarms in other free motion, nothing else
 
 The noise was tuned on actuator a alone; the model's error of torque and what counts as steady were chosen with b and c
-in view. The models in benchmarks/models are each actuator's own. The test learns from five minutes of free motion of
+in view. The models in examples/state are each actuator's own. The test learns from five minutes of free motion of
 the same body.
 """
 

@@ -3,7 +3,7 @@
     python benchmarks/state.py rates      # filter and smoother against differences behind the best low-pass
     python benchmarks/state.py speed      # compiled time of a frame, and of one call of the running filter
 
-The models in benchmarks/models come from free pulses of each actuator and known pushes (benchmarks/models/identify.py);
+The models in examples/state come from free pulses of each actuator and known pushes, by the study there (identify.py);
 the last two pulses of `rates` are none of them. The noise is that of actuator a.
 """
 
@@ -40,7 +40,7 @@ CASES = (
 
 
 def model(name):
-    return load_model(Path(__file__).parent / "models" / f"{name}.json")
+    return load_model(Path(__file__).parents[1] / "examples" / "state" / f"model_{name}.json")
 
 
 def true_rates(motion, chain, at):

@@ -11,7 +11,7 @@ from pliant.study.dense import body_of_fibre
 from pliant.study.schema import Fibre
 from pliant.testbed import bundled_recording, generate
 
-MODELS = Path(__file__).parents[1] / "benchmarks" / "models"  # made by identify.py there
+MODELS = Path(__file__).parents[1] / "examples" / "state"  # made by identify.py there
 LATENCY = 0.004351  # s, of the shape against the pressure of actuator a, fitted with the rest
 NOISE = Noise(angle=9.5e-4, torque=5e-7, random_walk=1e-3, motion_growth=8.0, initial_disturbance=0.01)  # tuned on a
 FIBRE = Fibre(body_length=0.17, cap_curvature=50.0, cap_length=0.03, gauge_length=2.4e-3)
@@ -19,7 +19,7 @@ FIBRE = Fibre(body_length=0.17, cap_curvature=50.0, cap_length=0.03, gauge_lengt
 
 def fitted(name):
     """Five joints at mid-segment, so that stiffness keeps its physical size; with memory."""
-    return load_model(MODELS / f"{name}.json")
+    return load_model(MODELS / f"model_{name}.json")
 
 
 def laid_bare(recording):
