@@ -150,9 +150,7 @@ def check_extras(exp: Experiment) -> None:
             f"experiment {exp.name}: angles must be (time, station) = {exp.position.shape[:2]}, got {exp.angle.shape}"
         )
     if exp.angle is not None and exp.angle_reference not in ("rest", "base", "joint"):
-        raise InputError(
-            f"experiment {exp.name}: say what its angles are measured from: angle_reference rest, base or joint"
-        )
+        raise InputError(f"experiment {exp.name}: say what angles are measured from: angle_reference rest, base, joint")
     if exp.angles_alone and exp.angle is None:
         raise InputError(f"experiment {exp.name} compares angles alone, but has none")
     if strange := [s for s in exp.noise if s not in exp.stations]:
