@@ -210,3 +210,30 @@ def test_a_mapping_that_is_run_as_a_study_says_what_it_is(tmp_path):
     path.write_text('delimiter = "space"\nrate_hz = 32.0\nlength_unit = "mm"\npoints = { count = 20 }\n')
     with pytest.raises(InputError, match=r"is a mapping, .* and no study: pass it with --mapping"):
         load_study(path)
+
+
+def test_points_in_pixels_ask_for_the_camera(tmp_path):
+    kappa = swing()[1]
+    place = arc(kappa, np.array([0.0, 0.08, 0.15]))[..., :2] * [4e3, -4e3] + [900.0, 1000.0]
+    place = place + 0.2 * np.random.default_rng(3).standard_normal(place.shape)
+    names = ["base", "half", "end"]
+    head = [["scorer", *["net"] * 9], ["bodyparts", *np.repeat(names, 3)], ["coords", *["x", "y", "likelihood"] * 3]]
+    rows = [[k, *np.column_stack([p, [0.9] * 3]).ravel()] for k, p in enumerate(place)]
+    file = tmp_path / "push_30kPa.csv"
+    file.write_text("\n".join(",".join(map(str, row)) for row in [*head, *rows]) + "\n")
+    draft = draft_study([file], tmp_path / "s.toml", mass=0.1)
+    content = tomllib.loads(draft.text)
+    assert set(open_entries(content)) == {"camera.rate_hz", "camera.pixels_per_mm", "actuator.length"}
+    answered = draft.text
+    for name, value in {"rate_hz": 100.0, "pixels_per_mm": 4.0, "length": 0.15}.items():
+        answered = answered.replace(f'{name} = "?"', f"{name} = {value}")
+    (tmp_path / "s.toml").write_text(answered)
+    from pliant.study.prepare import planar
+    from pliant.study.schema import load_study
+
+    found = planar(load_study(tmp_path / "s.toml"), "push_30kPa").body
+    assert float(np.linalg.norm(found["position"].values[0, -1])) == pytest.approx(0.15, rel=0.01)
+    camera = {"rate_hz": 60.0, "pixels_per_mm": 4.0}
+    told = draft_study([file], tmp_path / "s.toml", mass=0.1, mapping={"camera": camera})
+    assert "camera" in tomllib.loads(told.text)["recordings"]["push_30kPa"]["mapping"]
+    assert not told.questions

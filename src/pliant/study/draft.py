@@ -102,6 +102,7 @@ def draft_study(
     out.put("name", title)
     out.put("title", title.replace("_", " "))
     out.put("step", 2e-3, "s, of the integration")
+    camera(out, looks)
     actuator(out, first, length, mass)
     weight(out, looks, gravity)
     if first.capped:
@@ -117,6 +118,16 @@ def draft_study(
     out.say("what the verdict holds the predictions against; take a line away and it is not judged")
     out.put("rmse_percent_of_travel", 5.0)
     return Draft("\n".join(out.text) + "\n", tuple(out.questions))
+
+
+def camera(out: Lines, looks: Sequence[Look]) -> None:
+    """The camera, where points are pixels and nothing says how large one is."""
+    if all(look.scaled for look in looks):
+        return
+    out.table("camera")
+    out.say("points of a tracker: what follows was found at 30 frames a second and 1 pixel per mm, for want of these")
+    out.ask("rate_hz", "frames a second of the video")
+    out.ask("pixels_per_mm", "or instead scale, plane or board: see docs/your_own_data.md")
 
 
 def actuator(out: Lines, look: Look, length: float | None, mass: float | None) -> None:

@@ -20,13 +20,16 @@ from pliant.identification.experiment import Excitation
 from pliant.preprocessing.align import DENSE_STATIONS, align
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.quality import Quality, quality
-from pliant.recording import read
+from pliant.recording import read, readers
+from pliant.recording.registry import HEAD_BYTES
 from pliant.units import PASCAL, pascal_per
 
 LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
 NUMBERED = re.compile(r"(.*?)[ _.:-]*\d+")  # "Tip - 1" belongs to "Tip"
 RIGID_SHARE, RIGID_M = 0.02, 1e-3  # what distances within a rigid part may change, of themselves and in metres
 LINE = 0.15  # markers whose width is below this share of their length lie along a body, not on a plate
+TRACKERS = ("deeplabcut", "sleap", "tracker", "kinovea")
+MADE_UP = {"rate_hz": 30.0, "pixels_per_mm": 1.0}
 RETURNED = 0.3  # of the travel: what a pulse leaves at its end, and a release does not undo
 
 
@@ -50,6 +53,8 @@ class Look:
         Why it failed.
     chamber : str
         The one whose pressure was kept, where the file has several.
+    scaled : bool
+        False where a tracker's pixels and frames were read with a made-up camera, for their shape alone.
     """
 
     path: Path
@@ -61,6 +66,7 @@ class Look:
     aligned: xr.Dataset | None = None
     problem: str = ""
     chamber: str = ""
+    scaled: bool = True
 
     @property
     def name(self) -> str:
@@ -107,7 +113,7 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
         When the file cannot be read, or holds no positions.
     """
     kept = dict(mapping) if mapping else None
-    ds = read(path, mapping=kept)
+    ds, scaled = read_or_guess(path, kept)
     if "position" not in ds:
         held = "strain: make positions of it with pliant.sensing.shape_from_strain first" if "strain" in ds else \
             "pressure alone: a study needs the shape too"
@@ -116,7 +122,7 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
     if chambers := several(ds):
         kept, chosen = narrowed(kept, chambers, found, path.name)
         ds = ds.assign(pressure=ds["pressure"].sel(chamber=chosen)).drop_vars("chamber")
-    look = Look(path, ds, found, kept, chamber=chosen)
+    look = Look(path, ds, found, kept, chamber=chosen, scaled=scaled)
     if ds.attrs["frame"] == "planar":
         return replace(look, aligned=ds)
     stations = {} if look.dense else rigid_clusters(ds)
@@ -127,6 +133,21 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
         return replace(look, aligned=align(assemble(ds, stations) if stations else ds, **look.options))
     except InputError as error:
         return replace(look, problem=str(error))
+
+
+def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> tuple[xr.Dataset, bool]:
+    """A recording, and whether its scale and rate are known; points in pixels are looked at with a made-up camera."""
+    try:
+        return read(path, mapping=mapping), True
+    except InputError:
+        told = mapping or {}
+        if not path.is_file() or {"camera", "length_unit"} & set(told):
+            raise
+        head = path.read_bytes()[:HEAD_BYTES]
+        known = readers()
+        if not any(path.suffix.lower() in known[n].suffixes and known[n].recognises(head) for n in TRACKERS):
+            raise
+        return read(path, mapping={**told, "camera": MADE_UP}), False
 
 
 def several(ds: xr.Dataset) -> list[str]:
@@ -204,7 +225,7 @@ def directions(ds: xr.Dataset, found: Quality, stations: Mapping[str, list[str]]
 
 def body_length(look: Look) -> float | None:
     """Length of the body as far as the file shows it, m: along the stations, or from base to tip at rest."""
-    if look.aligned is None or look.capped:
+    if look.aligned is None or look.capped or not look.scaled:
         return None
     if "arc_length" in look.aligned.coords:
         return float(look.aligned["arc_length"].values[-1])
@@ -268,7 +289,7 @@ def key(name: str) -> str:
 
 def moved(look: Look) -> str:
     """When the motion begins and ends, as a comment; empty where that cannot be told."""
-    if look.aligned is None or excitation(look) == "trace":
+    if look.aligned is None or not look.scaled or excitation(look) == "trace":
         return ""
     stations = tuple(str(n) for n in look.aligned["station"].values if n != look.base)
     ds = look.aligned.assign_attrs(nominal_pressure=1.0)  # any level: only times are asked for
