@@ -177,3 +177,16 @@ def test_a_job_that_fails_leaves_with_one(tmp_path: Path) -> None:
     assert done.stderr.strip().splitlines()[-1].startswith("pliant: nothing to fit")
     assert "Traceback" not in done.stderr
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_the_demo_hands_its_options_on_by_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked: dict[str, object] = {}
+    monkeypatch.setattr("pliant.cli.run.run", lambda study, output, **options: asked.update(options, output=output))
+    assert invoke("demo", "-o", tmp_path, "--json", "--quiet").exit_code == 0
+    assert asked == {"quiet": True, "json": True, "output": tmp_path}
+
+
+def test_a_quiet_run_tells_nothing_but_the_result(study: Path, tmp_path: Path) -> None:
+    done = program("run", study, "-o", tmp_path / "quiet", "--quiet")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Record middle, not seen by the fit" in done.stdout

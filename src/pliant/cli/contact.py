@@ -60,7 +60,7 @@ def report(found: xr.Dataset) -> dict[str, float | int | str]:
     said = "extrapolated beyond it" if a["threshold_extrapolated"] else "within it"
     made: dict[str, float | int | str] = {
         "contacts": len(a["alarm_s"]), "frames_in_contact": int(found["in_contact"].sum()),
-        "threshold": a["threshold"],
+        "threshold_of_statistic": a["threshold"],
         "threshold_from": f"{a['free_motion_s']:.3g} s of free motion, {a['false_alarms_per_hour']:g} alarm/h {said}",
     }
     if not a["alarm_s"]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as jsonlib
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +40,27 @@ def busy(what: str) -> Iterator[None]:
         begin.cancel()
         begin.join()
         bar.stop()
+
+
+@contextmanager
+def telling(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
+    """Takes one line for each thing done: above a running clock on a terminal, plain in a pipe, none if quiet."""
+    if quiet or not sys.stderr.isatty():
+        yield (lambda _line: None) if quiet else (lambda line: typer.echo(line, err=True))
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bar:
+        task = bar.add_task("reading", total=None)
+
+        def tell(line: str) -> None:
+            console.print(line, markup=False, highlight=False)
+            bar.update(task, description=f"after: {line[:60]}")
+
+        yield tell
 
 
 def save_trajectory(trajectory: xr.Dataset, path: Path) -> None:

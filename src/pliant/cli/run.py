@@ -7,11 +7,14 @@ from typing import Annotated
 
 import typer
 
+from pliant.cli.output import telling
+
 
 def run(
     study: Annotated[Path, typer.Argument(help="Study file (TOML), or the study.json of an earlier run.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for model, metrics, figures and report.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for model, metrics, results and report.")],
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a target of the study is missed.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing but the result.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
     """Check, align, fit, predict and report: the whole chain from recordings to a validated model.
@@ -20,7 +23,8 @@ def run(
     """
     from pliant.study import load_study, run_study
 
-    outcome = run_study(load_study(study), output, progress=lambda line: typer.echo(line, err=True))
+    with telling(quiet=quiet) as tell:
+        outcome = run_study(load_study(study), output, progress=tell)
     if json:
         typer.echo((output / "metrics.json").read_text(encoding="utf-8"))
     else:

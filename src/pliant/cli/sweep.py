@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pliant.cli.output import telling
+
 if TYPE_CHECKING:
     from pliant.model import Model
     from pliant.study import Study
@@ -14,13 +16,14 @@ if TYPE_CHECKING:
 
 
 def sweep(
-    study: Annotated[Path, typer.Argument(help="Study file (TOML) with a [sweep] table.")],
+    study: Annotated[Path, typer.Argument(help="Study file (TOML) with a table called sweep.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the samples; a sweep goes on there.")],
     scheduler: Annotated[str, typer.Option(help="local, processes, or tcp://host:port of a Dask scheduler.")] = "local",
     *,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default one for each core.")] = None,
     model: Annotated[Path | None, typer.Option(help="Model file to start from, in place of the study's body.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed, in place of the file's.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing but the result.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit; go on where one stopped.
@@ -34,10 +37,8 @@ def sweep(
     from pliant.sweep.sweep import run_sweep
 
     wanted, body, extra = prepare(study, model, seed)
-    result = run_sweep(
-        wanted, body, output, scheduler=scheduler, workers=workers, **extra,
-        progress=lambda line: typer.echo(line, err=True),
-    )
+    with telling(quiet=quiet) as tell:
+        result = run_sweep(wanted, body, output, scheduler=scheduler, workers=workers, progress=tell, **extra)
     summary = result.summary()
     if json:
         typer.echo(jsonlib.dumps(summary))
