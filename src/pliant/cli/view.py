@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from json import dumps
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,7 @@ def view(
     ] = None,
     port: Annotated[int, typer.Option("--port", help="Port on this machine; 0: any free one.")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+    json: Annotated[bool, typer.Option("--json", help="Print the address as JSON.")] = False,
 ) -> None:
     """Open a page where the model runs: pressures, parameters and gravity on sliders, the body pulled by hand.
 
@@ -28,7 +30,7 @@ def view(
     from pliant.view.server import Server
 
     server = Server(played_from(source, loop), port)
-    typer.echo(server.address)
+    typer.echo(dumps({"address": server.address}) if json else server.address)
     if browser:
         webbrowser.open(server.address)
     server.run()

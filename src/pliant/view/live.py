@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -16,6 +17,7 @@ from pliant.identification.parameters import apply
 from pliant.model import Model
 from pliant.simulation import Stepper
 from pliant.simulation import state as chain
+from pliant.simulation.balance import EnergyWarning
 
 Array = np.ndarray
 STEP = 1e-3  # s
@@ -160,9 +162,11 @@ class Live:
     def advance(self, elapsed: float) -> None:
         """Move on by `elapsed` [s] of the wall's clock, slowed by the speed."""
         self.debt = min(self.debt + self.speed * elapsed, LATEST)
-        while self.debt >= STEP - TINY:
-            self.debt -= STEP
-            self.one()
+        with catch_warnings():
+            simplefilter("ignore", EnergyWarning)  # a hand that pulls brings energy
+            while self.debt >= STEP - TINY:
+                self.debt -= STEP
+                self.one()
 
     def one(self) -> None:
         """One step: the hand's push, then the pressure's."""
