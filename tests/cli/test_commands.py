@@ -181,7 +181,11 @@ def test_a_job_that_fails_leaves_with_one(tmp_path: Path) -> None:
 
 def test_the_demo_hands_its_options_on_by_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked: dict[str, object] = {}
-    monkeypatch.setattr(sys.modules["pliant.cli.run"], "run", lambda study, output, **options: asked.update(options, output=output))
+
+    def run(_study: Path, output: Path, **options: object) -> None:
+        asked.update(options, output=output)
+
+    monkeypatch.setattr(sys.modules["pliant.cli.run"], "run", run)
     assert invoke("demo", "-o", tmp_path, "--json", "--quiet").exit_code == 0
     assert asked == {"quiet": True, "json": True, "output": tmp_path}
 
