@@ -29,16 +29,15 @@ def step_ns(compiled, n: int) -> tuple[float, np.ndarray]:
     """Time of one step in a march, ns, and the angles after `CALLS` of them."""
     model = chen2018.model(links=n)
     march = rebuild(march_loops.march, njit(**{**options(march_loops.march), "cache": False}), {"step": compiled})
-    h, torque = np.full(CALLS, STEP), np.full(CALLS, TORQUE)
-    keep, rows = np.append(np.full(CALLS - 1, -1), 0), (np.empty((1, n)), np.empty((1, n)), np.empty((1, 2)))
+    keep = np.append(np.full(CALLS - 1, -1), 0)
+    steps = march_loops.Steps(np.full(CALLS, STEP), np.full((CALLS, 1), TORQUE), np.ones((1, n)), keep)
+    rows = march_loops.Rows(np.empty((1, n)), np.empty((1, n)), np.empty((1, 2)), np.empty((0, n, 0)))
 
     def run():
-        march(
-            np.zeros(n), np.zeros(n), 0.0, h, torque, keep, model.body(), model.joints(), workspace(n), *rows
-        )
+        march(np.zeros(n), np.zeros(n), steps, model.body(), model.joints(), workspace(n), rows)
 
     seconds = best(run, seconds=0.2)
-    return 1e9 * seconds / CALLS, rows[0][0].copy()
+    return 1e9 * seconds / CALLS, rows.phi[0].copy()
 
 
 def kinds(n: int) -> dict[str, object]:

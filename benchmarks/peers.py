@@ -52,12 +52,15 @@ def idas(problem: Problem) -> list[Method]:
             made[index] = ca.SX(0)
         return made
 
-    work = Workspace(*(symbols(n, n) for _ in range(2)), symbols(n), symbols(n), symbols(n + 1), symbols(n), symbols(n))
+    shapes = {"A": (n, n), "S": (n, n), "t": (n + 1,)}
+    work = Workspace(*(symbols(*shapes.get(field, (n,))) for field in Workspace._fields))
     phi, w, a = symbols(n), symbols(n), symbols(n)
     for k in range(n):
         phi[k], w[k] = y[k], y[n + k]
     plain = rebuild(motion.acceleration, lambda f: f, {"np": Shim})
-    plain(phi, w, 0.0, torque, model.body(), model.joints(), work, a)
+    tau = symbols(n)
+    tau[:] = [gain * torque for gain in model.joint_gain]
+    plain(phi, w, tau, model.body(), model.joints(), work, a)
     ode = {"x": y, "p": torque, "ode": ca.vertcat(*w, *a)}
     made: dict[tuple[float, int], list] = {}
 

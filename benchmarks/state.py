@@ -86,7 +86,8 @@ def speed():
         frame = FilterFrame(chain.link_length, chain.first_joint, rows, chain.rest_angle.copy(),
                             np.full(n, NOISE.angle**2), np.empty(n))  # fmt: skip
         for steps in (1, 2, 3):
-            call = own, chain_of(chain), Prediction(steps, 1.0 / RATE / steps, 0.05, noise), frame, workspace
+            ahead = Prediction(steps, 1.0 / RATE / steps, np.full(n, 0.05), noise)
+            call = own, chain_of(chain), ahead, frame, workspace
             many(1, *call)
             spent = []
             for _ in range(200):

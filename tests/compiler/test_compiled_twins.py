@@ -11,6 +11,7 @@ from pliant.compiler.twin import callees, rebuild
 from pliant.equations import chain as chain_kernels
 from pliant.equations import coriolis, elastic, energy, inertia, section, velocity
 from pliant.equations.motion import acceleration, acceleration_jacobian, acceleration_recursive, step
+from pliant.equations.symbols import Slopes
 
 
 def arrays(rng, n):
@@ -22,15 +23,14 @@ def arrays(rng, n):
 
 
 def motion_cases(chain, q, dq, phi, w):
-    n, base = chain.n, chain.base_angle
+    n, drive = chain.n, chain.drive(0.08)
     system = (chain.body(), chain.joints())
-    matrices = (np.zeros((n, n)), np.zeros((n, n)))
-    links = (chain.l, chain.theta0, chain.m, chain.c, chain.I, chain.m_tip, chain.gx, chain.gy, base)
+    out = Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
     return [
-        (acceleration, (phi, w, base, 0.08, *system, workspace(n), np.zeros(n))),
-        (acceleration_jacobian, (phi, w, base, 0.08, *system, workspace(n), np.zeros(n), *matrices)),
-        (step, (phi, w, base, 1e-3, 0.08, *system, workspace(n))),
-        (acceleration_recursive, (q, dq, chain.torques(q, dq, 0.08), *links, np.zeros(n))),
+        (acceleration, (phi, w, drive, *system, workspace(n), np.zeros(n))),
+        (acceleration_jacobian, (phi, w, drive, *system, workspace(n), out)),
+        (step, (phi, w, 1e-3, drive, *system, workspace(n))),
+        (acceleration_recursive, (q, dq, chain.torques(q, dq, 0.08), chain.links(), np.zeros(n))),
     ]
 
 
@@ -42,7 +42,7 @@ def kinematic_cases(chain, q, dq, phi, w):
         (section.torque, (1.5, np.array([0.3, 0.2]))),
         (chain_kernels.forward, (q, theta0, l, *pose)),
         (chain_kernels.tips, (phi, l, 0.1, 0.2, np.zeros((n, 2)))),
-        (chain_kernels.station, (phi, l, 0.1, 0.2, 0.3, n - 1, 0.01, 0.002, np.zeros(2))),
+        (chain_kernels.station, (phi, l, (0.1, 0.2), 0.3, (n - 1, 0.01, 0.002), np.zeros(2))),
         (velocity.body_velocities, (q, dq, theta0, l, np.zeros(n), np.zeros((n, 2)))),
         (velocity.body_hessian, (q, theta0, l, chain.c, np.zeros((n, 2, n, n)))),
         (inertia.inertia_absolute, (c, s, body.B, body.I, np.zeros((n, n)))),

@@ -17,7 +17,7 @@ from pliant.compiler import cache, choose, simd
 from pliant.compiler.twin import fingerprint, reached, stable
 from pliant.equations import linearised, motion
 from pliant.estimation import kalman_loops
-from pliant.simulation import march_loops, memory_loops
+from pliant.simulation import march_loops
 from pliant.testbed.stepping import stepping_loops
 
 SOURCE = Path(pliant.__file__).parent
@@ -32,7 +32,7 @@ from pliant.equations.motion import acceleration
 chain = paper_chain()
 a = np.zeros(5)
 compiled = twin(acceleration)
-compiled(np.zeros(5), np.zeros(5), 0.0, 0.08, chain.body(), chain.joints(), workspace(5), a)
+compiled(np.zeros(5), np.zeros(5), chain.drive(0.08), chain.body(), chain.joints(), workspace(5), a)
 count = lambda c: sum(c.values())
 print(json.dumps({
     "hits": count(compiled.stats.cache_hits), "misses": count(compiled.stats.cache_misses),
@@ -84,7 +84,7 @@ def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(package, tmp_
     assert len(kept) == 2
     for file in kept:
         os.utime(file, (0.0, 0.0))
-    replace(package, "elastic.py", "joints.gain[i] * torque", "2.0 * joints.gain[i] * torque")
+    replace(package, "elastic.py", "t[i] = torque[i]", "t[i] = 2.0 * torque[i]")
     edited = probe(package, kernels)
     assert (edited["hits"], edited["misses"], edited["callee"]) == (0, 1, 1)
     assert edited["value"] == pytest.approx(2 * first["value"], rel=1e-12)
@@ -117,9 +117,9 @@ def test_fields_that_trade_places_are_seen(package, tmp_path):
     before = probe(package, tmp_path / "kernels")
     symbols = package / "pliant" / "equations" / "symbols.py"
     lines = symbols.read_text(encoding="utf-8").splitlines()
-    gain = next(i for i, line in enumerate(lines) if line.startswith("    gain:"))
+    spring = next(i for i, line in enumerate(lines) if line.startswith("    K2:"))
     damper = next(i for i, line in enumerate(lines) if line.startswith("    D:"))
-    lines[gain], lines[damper] = lines[damper], lines[gain]
+    lines[spring], lines[damper] = lines[damper], lines[spring]
     symbols.write_text("\n".join(lines), encoding="utf-8")
     after = probe(package, tmp_path / "kernels")
     assert (after["hits"], after["misses"], after["value"]) == (0, 1, before["value"])
@@ -174,7 +174,7 @@ def test_sets_are_written_alike_in_every_process():
 
 def test_a_kernel_has_one_twin_whoever_calls_it():
     """The marches of one model share what they call: no callee is compiled for each of them again."""
-    entries = (march_loops.march, memory_loops.march_with_memory, kalman_loops.predict_span, linearised.step_jacobian)
+    entries = (march_loops.march, march_loops.march_with_memory, kalman_loops.predict_span, linearised.step_jacobian)
     for make, links in ((choose.twin, 5), (simd.lane_twin, 5), (choose.twin, 20)):
         made = {}
         for entry in entries:

@@ -11,7 +11,7 @@ import pytest
 from pliant.compiler import trace
 from pliant.compiler.choose import straight, twin
 from pliant.equations import motion
-from pliant.equations.symbols import Body, Joints
+from pliant.equations.symbols import Body, Joints, Slopes
 from pliant.numerics.trig import cos_sin
 from pliant.simulation.state import workspace
 
@@ -25,13 +25,13 @@ def arguments(rng: np.random.Generator, n: int, kind: type = float) -> dict[str,
 
     body_constants(l, m, c, 0.007, B, h)
     body = Body(B.astype(kind), (m * l**2 / 12).astype(kind), h.astype(kind), 3.0, -9.0)
-    joints = Joints(*(rng.uniform(0.5, 1.5, n).astype(kind) for _ in Joints._fields))
+    joints = Joints(kind(0.2), *(rng.uniform(0.5, 1.5, n).astype(kind) for _ in Joints._fields[1:]))
     joints = joints._replace(theta0=(0.3 * rng.normal(size=n)).astype(kind), D=joints.D * 0.01)
     work = type(workspace(n))(*(a.astype(kind) for a in workspace(n)))
     return {
-        "phi": rng.normal(size=n).astype(kind), "w": (5 * rng.normal(size=n)).astype(kind), "base_angle": 0.2,
-        "h": 2e-3, "torque": 0.08, "body": body, "joints": joints, "work": work,
-        "a": np.zeros(n, kind), "a_phi": np.zeros((n, n), kind), "a_w": np.zeros((n, n), kind),
+        "phi": rng.normal(size=n).astype(kind), "w": (5 * rng.normal(size=n)).astype(kind),
+        "h": 2e-3, "torque": np.full(n, 0.08), "body": body, "joints": joints, "work": work,
+        "out": Slopes(np.zeros(n, kind), np.zeros((n, n), kind), np.zeros((n, n), kind)),
     }
 
 
@@ -45,11 +45,12 @@ def call(kernel: object, function: object, given: dict[str, object]) -> None:
 def test_straight_line_gives_the_numbers_of_the_loops(rng, n, kernel):
     one = arguments(rng, n)
     two = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in one.items()}
-    two["work"] = workspace(n)
+    two["work"], two["out"] = workspace(n), Slopes(*map(np.zeros_like, one["out"]))
     call(kernel, kernel, one)
     call(kernel, straight(kernel, n), two)
-    for name in ("phi", "w", "a", "a_phi", "a_w"):
-        np.testing.assert_allclose(two[name], one[name], rtol=1e-11, atol=1e-11 * (1 + np.abs(one[name]).max()))
+    pairs = [(one[name], two[name]) for name in ("phi", "w")] + list(zip(one["out"], two["out"], strict=True))
+    for a, b in pairs:
+        np.testing.assert_allclose(b, a, rtol=1e-11, atol=1e-11 * (1 + np.abs(a).max()))
     if kernel is motion.step:
         np.testing.assert_allclose(two["work"].a, one["work"].a, rtol=1e-11)
 
@@ -74,11 +75,10 @@ def test_march_is_the_same_by_either_twin(rng):
     plan = drive(model, Pulse(119e3, 0.12), times, 1e-3)
     found = []
     for march in (twin(march_loops.march), twin(march_loops.march, model.n)):
-        phi, w = np.zeros((101, 5)), np.zeros((101, 5))
+        out = march_loops.Rows(np.zeros((101, 5)), np.zeros((101, 5)), np.zeros((101, 2)), np.zeros((0, 5, 0)))
         start = (np.zeros(5), np.zeros(5))
-        march(*start, 0.0, plan.h, plan.torque, plan.keep, model.body(), model.joints(), state.workspace(5),
-              phi, w, np.zeros((101, 2)))
-        found.append(phi)
+        march(*start, plan.steps, model.body(), model.joints(), state.workspace(5), out)
+        found.append(out.phi)
     assert np.abs(found[0]).max() > 0.1
     np.testing.assert_allclose(found[1], found[0], atol=1e-12)
 

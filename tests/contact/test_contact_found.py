@@ -69,7 +69,7 @@ def test_the_momentum_observer_answers_a_step_exponentially():
     joints = m.joints()._replace(theta0=m.rest_angle + push / m.stiffness)
     angle, rate = [phi.copy()], [w.copy()]
     for _ in range(1000):
-        step(phi, w, 0.0, h, 0.0, m.body(), joints, work)
+        step(phi, w, h, np.zeros(3), m.body(), joints, work)
         angle.append(phi.copy())
         rate.append(w.copy())
     t = h * np.arange(1001)

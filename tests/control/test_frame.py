@@ -9,13 +9,16 @@ import pytest
 
 from pliant.control import Limits, Lqr, design_lqr
 from pliant.control.frame_loops import filter_and_steer
+from pliant.equations.chamber import advance
+from pliant.equations.memory import step_with_memory
+from pliant.equations.symbols import Interval, Past
 from pliant.estimation import AdaptiveObserver, LinkAngles, State, default_noise, frozen
 from pliant.estimation import kalman_loops as filter_loops
 from pliant.estimation.offline import chain_of
 from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
 from pliant.estimation.workspace import make_workspace
 from pliant.model import load_model
-from pliant.simulation import memory_loops, state
+from pliant.simulation import state
 
 MODEL = Path(__file__).parents[2] / "examples" / "control" / "model_a.json"
 PERIOD = 4e-3
@@ -81,7 +84,8 @@ def test_the_observer_is_its_formula(body):
     link_angles = LinkAngles(body, ends)
     (gain, precision, F, G, _), memory = follower.gains, state.relaxed(body, np.zeros(n))
     phi, w, own, by = state.absolute(body, np.zeros(n)), np.zeros(n), np.zeros(n), np.zeros(3 * n)
-    slow, scale, variance, pressure = 0.0, 1.0, 0.04, 0.0
+    slow, scale, variance, pressure = body.actuation.rest_state(0.0)[0], 1.0, 0.04, 0.0
+    chamber = body.chamber.kernel()
     law, c = body.memory.law(), body.memory.instantaneous
     for k in range(4):
         seen = phi + rng.normal(0.0, 2e-3, n)
@@ -95,10 +99,10 @@ def test_the_observer_is_its_formula(body):
             variance += 0.02**2 * PERIOD
             joints = body.joints()._replace(theta0=body.rest_angle + own)
             for _ in range(2):
-                _, slow = memory_loops.held_step_with_memory(
-                    phi, w, memory, body.base_angle, 2e-3, pressure, pressure, slow, 0.0, 0.0, body.swell_share,
-                    body.swell_time, now, body.body(), joints, law, state.held(body.with_(rest_angle=joints.theta0)),
-                    state.workspace(n),
+                made = advance(2e-3, Interval(*[pressure] * 4), chamber._replace(law=now), slow)
+                past = Past(law, memory, state.held(body.with_(rest_angle=joints.theta0)))
+                step_with_memory(
+                    phi, w, 2e-3, made * body.joint_gain, body.body(), joints, past, state.workspace(n)
                 )
         nu = seen - phi
         weight = precision @ by[:n]
@@ -131,7 +135,7 @@ def test_filter_and_regulator_in_one_frame(body, design):
         P = noise.initial(body)
         rest = np.zeros(n)
         x = FilterState(state.absolute(body, rest), np.zeros(n), np.zeros(n), P, state.relaxed(body, rest))
-        prediction = Prediction(1, PERIOD, 0.01, FilterNoise(*noise.densities(body), np.zeros(1)))
+        prediction = Prediction(1, PERIOD, np.full(n, 0.01), FilterNoise(*noise.densities(body), np.zeros(1)))
         frame = FilterFrame(body.link_length, body.first_joint, rows, z, np.full(n, 1e-6), np.empty(n))
         out.append((x, prediction, frame, make_workspace(body, P.shape[0], n)))
     x, prediction, frame, workspace = out[0]

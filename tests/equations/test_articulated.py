@@ -26,7 +26,7 @@ def test_one_step(rng, n, h):
     results = []
     for kernel in (step, step_articulated):
         work, moved = workspace(n), (phi.copy(), w.copy())
-        twin(kernel)(*moved, chain.base_angle, h, 0.08, chain.body(), chain.joints(), work)
+        twin(kernel)(*moved, h, chain.drive(0.08), chain.body(), chain.joints(), work)
         results.append((*moved, work.a))
     for dense, folded in zip(*results, strict=True):
         np.testing.assert_allclose(folded, dense, rtol=1e-10, atol=1e-10 * np.abs(dense).max())
@@ -37,7 +37,7 @@ def test_a_motion_stays_the_same(rng):
     dense, folded = (phi.copy(), 0.1 * w), (phi.copy(), 0.1 * w)
     for _ in range(300):
         for kernel, moved in ((step, dense), (step_articulated, folded)):
-            twin(kernel)(*moved, chain.base_angle, 5e-4, 0.05, chain.body(), chain.joints(), workspace(12))
+            twin(kernel)(*moved, 5e-4, chain.drive(0.05), chain.body(), chain.joints(), workspace(12))
     assert folded[0] == pytest.approx(dense[0], abs=1e-10)
     assert folded[1] == pytest.approx(dense[1], abs=1e-10 * max(1.0, np.abs(dense[1]).max()))
 
@@ -45,7 +45,7 @@ def test_a_motion_stays_the_same(rng):
 def test_the_plain_text_is_what_is_compiled(rng):
     chain, phi, w = start(rng, 6)
     plain, compiled = (phi.copy(), w.copy()), (phi.copy(), w.copy())
-    rest = (chain.base_angle, 1e-3, 0.08, chain.body(), chain.joints())
+    rest = (1e-3, chain.drive(0.08), chain.body(), chain.joints())
     step_articulated(*plain, *rest, workspace(6))
     twin(step_articulated)(*compiled, *rest, workspace(6))
     np.testing.assert_allclose(compiled[1], plain[1], rtol=1e-12)
@@ -53,7 +53,7 @@ def test_the_plain_text_is_what_is_compiled(rng):
 
 def test_long_chains_are_stepped_by_articulated_bodies(rng):
     """What every march takes its steps by: under gravity, with a mass at the tip, and with the springs of a memory."""
-    from pliant.simulation.memory_loops import march_with_memory
+    from pliant.simulation.march_loops import march_with_memory
 
     chain, phi, w = start(rng, 13)
     chosen = substitutes(march_with_memory, 13)
@@ -61,7 +61,7 @@ def test_long_chains_are_stepped_by_articulated_bodies(rng):
     assert chosen[step] is straight(step_articulated, 13)
     assert substitutes(march_with_memory, 12)[step] is straight(step, 12)
     dense, folded = (phi.copy(), 0.1 * w), (phi.copy(), 0.1 * w)
-    rest = (chain.base_angle, 1e-3, 0.05, chain.body(), chain.joints())
+    rest = (1e-3, chain.drive(0.05), chain.body(), chain.joints())
     for _ in range(20):
         step(*dense, *rest, workspace(13))
         chosen[step](*folded, *rest, workspace(13))
@@ -79,7 +79,7 @@ def test_no_allocation(rng):
     from numba.core.runtime import _nrt_python, rtsys
 
     chain, phi, w = start(rng, 9)
-    arguments = (phi, w, chain.base_angle, 1e-4, 0.02, chain.body(), chain.joints(), workspace(9))
+    arguments = (phi, w, 1e-4, chain.drive(0.02), chain.body(), chain.joints(), workspace(9))
     compiled = rebuild(many, njit, {"step_articulated": twin(step_articulated)})
     compiled(1, arguments)
     _nrt_python.memsys_enable_stats()

@@ -107,14 +107,14 @@ def test_a_station_is_fixed_to_its_link(rng, n):
     p = np.zeros(2)
     every = np.vstack([[0.01, 0.02], run_tips(phi, l, 0.01, 0.02)])
     for link in range(n):
-        station(phi, l, 0.01, 0.02, 0.4, link, l[link], 0.0, p)
+        station(phi, l, (0.01, 0.02), 0.4, (link, l[link], 0.0), p)
         assert p == pytest.approx(every[link + 1], abs=1e-15)
-        station(phi, l, 0.01, 0.02, 0.4, link, 0.0, 0.003, p)
+        station(phi, l, (0.01, 0.02), 0.4, (link, 0.0, 0.003), p)
         left = np.array([-np.cos(phi[link]), -np.sin(phi[link])])
         assert p == pytest.approx(every[link] + 0.003 * left, abs=1e-15)
 
 
 def test_a_station_on_the_base_turns_with_the_base_only(rng):
     p = np.zeros(2)
-    station(rng.uniform(-2, 2, 3), np.full(3, 0.1), 0.01, 0.02, 0.4, -1, 0.05, 0.003, p)
+    station(rng.uniform(-2, 2, 3), np.full(3, 0.1), (0.01, 0.02), 0.4, (-1, 0.05, 0.003), p)
     assert p == pytest.approx(basic.link_transform(0.4, 0.0, 1.0)[:2, :2] @ [-0.003, 0.05], abs=1e-16)

@@ -24,7 +24,7 @@ def test_point_force_is_virtual_work(rng, n):
 
         def place(at, link=link, along=along, across=across):
             p = np.zeros(2, at.dtype)
-            station(at, chain.l, 0.0, 0.0, 0.0, link, along, across, p)
+            station(at, chain.l, (0.0, 0.0), 0.0, (link, along, across), p)
             return p
 
         Q = np.empty(n)
@@ -37,10 +37,10 @@ def test_joint_torques_of_a_point_force_are_its_moments(rng):
     phi, f = chain.phi(random_state(rng, 4)[0]), np.array([0.3, -0.7])
     Q, at, joint = np.empty(4), np.empty(2), np.empty(2)
     point_force(phi, chain.l, 2, 0.01714, 0.0, *f, Q)
-    station(phi, chain.l, 0.0, 0.0, 0.0, 2, 0.01714, 0.0, at)
+    station(phi, chain.l, (0.0, 0.0), 0.0, (2, 0.01714, 0.0), at)
     r = np.cumsum(Q[::-1])[::-1]
     for k in range(3):
-        station(phi, chain.l, 0.0, 0.0, 0.0, k, 0.0, 0.0, joint)
+        station(phi, chain.l, (0.0, 0.0), 0.0, (k, 0.0, 0.0), joint)
         lever = at - joint
         assert r[k] == pytest.approx(lever[0] * f[1] - lever[1] * f[0], abs=1e-15)
     assert r[3] == 0
@@ -54,8 +54,8 @@ def test_rate_of_momentum_is_that_of_the_motion(rng, n):
     phi, w = chain.phi(q), np.cumsum(dq)
     body, joints, work = chain.body(), chain.joints(), workspace(n)
     a, t, p, rate = np.empty(n), np.empty(n + 1), np.empty(n, complex), np.empty(n)
-    acceleration(phi, w, chain.base_angle, 0.03, body, joints, work, a)
-    joint_torques(phi, w, chain.base_angle, joints, 0.03, 0.0, t)
+    acceleration(phi, w, chain.drive(0.03), body, joints, work, a)
+    joint_torques(phi, w, joints, chain.drive(0.03), 0.0, t)
     momentum_rate(phi, w, t, body, rate)
     momentum(phi + 1e-30j * w, w + 1e-30j * a, body, p)
     np.testing.assert_allclose(rate, p.imag / 1e-30, rtol=1e-9, atol=1e-12)

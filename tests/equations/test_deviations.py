@@ -154,10 +154,10 @@ def test_d12_gravity_is_an_option():
     assert chen2018.model().gravity == pytest.approx([0.0, 0.0])
     chain, a = paper_chain(), np.ones(5)
     rest = np.zeros(5)
-    acceleration(rest, rest, 0.0, 0.0, chain.body(), chain.joints(), workspace(5), a)
+    acceleration(rest, rest, 0.0 * rest, chain.body(), chain.joints(), workspace(5), a)
     assert np.array_equal(a, np.zeros(5))
     sideways = chain._replace(gx=9.81)
-    acceleration(rest, rest, 0.0, 0.0, sideways.body(), sideways.joints(), workspace(5), a)
+    acceleration(rest, rest, 0.0 * rest, sideways.body(), sideways.joints(), workspace(5), a)
     assert a[0] < 0.0  # pulled to +x
 
 

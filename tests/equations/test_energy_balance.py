@@ -29,7 +29,7 @@ def case(rng, request):
 
 def energy(phi, w, chain):
     c, s, body = np.cos(phi), np.sin(phi), chain.body()
-    stored = elastic_energy(phi, chain.base_angle, chain.joints()) + gravity_energy(c, s, body)
+    stored = elastic_energy(phi, chain.joints()) + gravity_energy(c, s, body)
     return kinetic_energy(c, s, w, body) + stored
 
 
@@ -37,9 +37,9 @@ def test_power_balance(case):
     """d/dt (kinetic + elastic + gravity) = input - dissipated, along the motion that `acceleration` gives."""
     chain, q, dq = case
     phi, w, a = chain.phi(q), np.cumsum(dq), np.zeros(chain.n)
-    acceleration(phi, w, chain.base_angle, TORQUE, chain.body(), chain.joints(), workspace(chain.n), a)
+    acceleration(phi, w, chain.drive(TORQUE), chain.body(), chain.joints(), workspace(chain.n), a)
     rate = complex_step(lambda t: energy(phi + t[0] * w, w + t[0] * a, chain), np.zeros(1))[0]
-    supplied = input_power(w, chain.joints(), TORQUE)
+    supplied = input_power(w, chain.drive(TORQUE))
     lost = damping_power(w, chain.joints())
     assert lost > 0.0
     assert rate == pytest.approx(supplied - lost, rel=1e-9, abs=1e-9 * (abs(supplied) + lost))
@@ -58,7 +58,7 @@ def test_kinetic_energy_is_that_of_the_moving_masses(case):
 
     def position(t, link, along):
         p = np.zeros(2, complex)
-        station(phi + t[0] * w, chain.l, 0.0, 0.0, 0.0, link, along, 0.0, p)
+        station(phi + t[0] * w, chain.l, (0.0, 0.0), 0.0, (link, along, 0.0), p)
         return p
 
     total = 0.5 * chain.I @ w**2
@@ -82,13 +82,13 @@ def test_gravity_is_the_slope_of_its_energy(case):
 def test_elastic_energy_is_zero_only_in_the_rest_shape(case):
     chain, q, _ = case
     joints = chain.joints()
-    assert elastic_energy(chain.phi(0 * q), chain.base_angle, joints) == pytest.approx(0.0, abs=1e-28)
-    assert elastic_energy(chain.phi(q), chain.base_angle, joints) == pytest.approx(0.5 * chain.K @ q**2, rel=1e-12)
+    assert elastic_energy(chain.phi(0 * q), joints) == pytest.approx(0.0, abs=1e-28)
+    assert elastic_energy(chain.phi(q), joints) == pytest.approx(0.5 * chain.K @ q**2, rel=1e-12)
 
 
 def test_powers_in_joint_angles(case):
     chain, _, dq = case
     w = np.cumsum(dq)
     assert damping_power(w, chain.joints()) == pytest.approx(chain.D @ dq**2, rel=1e-12)
-    supplied = input_power(w, chain.joints(), TORQUE)
+    supplied = input_power(w, chain.drive(TORQUE))
     assert supplied == pytest.approx(TORQUE * chain.gain @ dq, rel=1e-11, abs=1e-12)

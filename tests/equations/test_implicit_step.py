@@ -26,13 +26,13 @@ def run(chain, phi, w, h, steps, torque=TORQUE):
     compiled, out = twin(step), np.empty((steps + 1, 2, chain.n))
     out[0] = phi, w
     for k in range(steps):
-        compiled(phi, w, chain.base_angle, h, torque, *args)
+        compiled(phi, w, h, chain.drive(torque), *args)
         out[k + 1] = phi, w
     return out
 
 
 def right_hand_side(chain, torque=TORQUE):
-    args = (chain.base_angle, torque, chain.body(), chain.joints(), workspace(chain.n))
+    args = (chain.drive(torque), chain.body(), chain.joints(), workspace(chain.n))
     compiled, n = twin(acceleration), chain.n
 
     def rate(_, x):
@@ -58,7 +58,7 @@ def tip(chain, phi):
 
 def energy(chain, phi, w):
     c, s, body = np.cos(phi), np.sin(phi), chain.body()
-    stored = elastic_energy(phi, chain.base_angle, chain.joints()) + gravity_energy(c, s, body)
+    stored = elastic_energy(phi, chain.joints()) + gravity_energy(c, s, body)
     return kinetic_energy(c, s, w, body) + stored
 
 
@@ -77,7 +77,7 @@ def test_the_rule_written_out_in_joint_angles(rng, n, h):
         rate = dq + change / 2
         change = np.linalg.solve(A, h * (held - basic.coriolis(middle, rate, actuator) @ rate))
     phi, w = chain.phi(q), np.cumsum(dq)
-    step(phi, w, chain.base_angle, h, TORQUE, chain.body(), chain.joints(), workspace(n))
+    step(phi, w, h, chain.drive(TORQUE), chain.body(), chain.joints(), workspace(n))
     scale = np.abs(change).max()
     assert np.diff(w, prepend=0.0) == pytest.approx(dq + change, abs=1e-9 * scale)
     assert phi == pytest.approx(chain.phi(q + h * (dq + change / 2)), abs=1e-9 * h * scale + 1e-13)
@@ -115,7 +115,7 @@ def test_without_the_second_solve_it_would_be_first_order(rng):
     for k in (200, 800):
         phi, w = start[0].copy(), start[1].copy()
         for _ in range(k):
-            first_order(phi, w, chain.base_angle, end / k, TORQUE, *args)
+            first_order(phi, w, end / k, chain.drive(TORQUE), *args)
         errors.append(np.abs(phi - expected[0]).max())
     assert np.log(errors[0] / errors[1]) / np.log(4) == pytest.approx(1.0, abs=0.2)
 

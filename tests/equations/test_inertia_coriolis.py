@@ -111,7 +111,7 @@ def test_inertia_derivative_against_complex_step(case):
     n = chain.n
     (J, J_tip), (H, H_tip) = jacobians(q, chain), hessians(q, chain)
     pairs = np.ndindex(n, n, n)
-    found = [inertia_derivative(J, H, chain.m, J_tip, H_tip, chain.m_tip, *abr) for abr in pairs]
+    found = [inertia_derivative(J, H, chain.m, (J_tip, H_tip, chain.m_tip), abr) for abr in pairs]
     close(np.reshape(found, (n, n, n)), complex_step(lambda at: recursive_inertia(at, chain), q))
 
 

@@ -24,13 +24,13 @@ def test_step_jacobian_against_complex_step(rng, n, h, stiffening):
     def moved(x):
         at, rate = x[:n].copy(), x[n : 2 * n].copy()
         pushed = joints._replace(theta0=joints.theta0 + x[2 * n :] / joints.K)  # a torque t moves the rest by t / K
-        step(at, rate, chain.base_angle, h, 0.03, body, pushed, workspace(n, complex))
+        step(at, rate, h, chain.drive(0.03), body, pushed, workspace(n, complex))
         return np.concatenate([at, rate])
 
     wanted = complex_step(moved, np.concatenate([phi, w, np.zeros(n)]))
     J = np.empty((3 * n, 2 * n))
     at, rate = phi.copy(), w.copy()
-    step_jacobian(at, rate, chain.base_angle, h, 0.03, body, joints, workspace(n), J)
+    step_jacobian(at, rate, h, chain.drive(0.03), body, joints, workspace(n), J)
     same = moved(np.concatenate([phi, w, np.zeros(n)]).astype(complex)).real
     np.testing.assert_allclose(np.concatenate([at, rate]), same, rtol=1e-12)
     np.testing.assert_allclose(J.T, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
@@ -44,6 +44,6 @@ def test_step_jacobian_twin_is_the_same_text(rng, n):
     for kernel in (step_jacobian, twin(step_jacobian, n)):
         J = np.empty((3 * n, 2 * n))
         phi, w = chain.phi(q), np.cumsum(dq)
-        kernel(phi, w, chain.base_angle, 2e-3, 0.03, chain.body(), chain.joints(), workspace(n), J)
+        kernel(phi, w, 2e-3, chain.drive(0.03), chain.body(), chain.joints(), workspace(n), J)
         made.append(np.concatenate([J.ravel(), phi, w]))
     np.testing.assert_allclose(made[0], made[1], rtol=1e-10, atol=1e-13)

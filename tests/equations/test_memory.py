@@ -25,7 +25,7 @@ from pliant.equations.memory import (
     stretched,
 )
 from pliant.equations.motion import step
-from pliant.equations.symbols import Held, Joints, Memory
+from pliant.equations.symbols import Held, Joints, Memory, Past
 
 TORQUE = 0.08
 
@@ -188,8 +188,8 @@ def test_decay_solves_its_equation(rng):
 def states_after(kernel, chain, memory, phi, w, h, count, state=None, torque=TORQUE):
     phi, w, joints = phi.copy(), w.copy(), chain.joints()
     state = blank(memory, chain.n) if state is None else state
-    args = (chain.body(), joints, memory, state, scratch(joints), workspace(chain.n))
-    lost = [kernel(phi, w, chain.base_angle, h, torque, *args) for _ in range(count)]
+    args = (chain.body(), joints, Past(memory, state, scratch(joints)), workspace(chain.n))
+    lost = [kernel(phi, w, h, chain.drive(torque), *args) for _ in range(count)]
     return phi, w, state, np.array(lost)
 
 
@@ -201,7 +201,7 @@ def test_no_memory_is_the_plain_step_bit_for_bit(rng, n):
         found = states_after(step_with_memory, chain, memory, phi, w, 1e-3, 5)
         plain = phi.copy(), w.copy()
         for _ in range(5):
-            step(*plain, chain.base_angle, 1e-3, TORQUE, chain.body(), chain.joints(), workspace(n))
+            step(*plain, 1e-3, chain.drive(TORQUE), chain.body(), chain.joints(), workspace(n))
         assert np.array_equal(found[0], plain[0])
         assert np.array_equal(found[1], plain[1])
         assert not found[3].any()
@@ -237,7 +237,7 @@ def test_one_link_keeps_account_of_all_its_energy():
     supplied = 0.0
     inertia = chain.body().B[0, 0] + chain.body().I[0]
     for _ in range(3000):
-        lost += step_with_memory(phi, w, 0.0, 1e-3, TORQUE, chain.body(), joints, ALL, state, held, work)
+        lost += step_with_memory(phi, w, 1e-3, np.full(1, TORQUE), chain.body(), joints, Past(ALL, state, held), work)
         supplied += TORQUE * (phi[0] - before)
         before = phi[0]
         spring = 0.5 * joints.K[0] * phi[0] ** 2 + joints.K[0] * memory_stored(0, phi[0], state, ALL)
@@ -290,13 +290,13 @@ def test_derivatives_pass_through_the_step(rng):
     phi, w = chain.phi(q), 0.3 * np.cumsum(dq)
 
     def moved(memory, kind=float):
-        joints = Joints(*(a.astype(kind) for a in chain.joints()))
+        joints = Joints(*(np.asarray(a).astype(kind)[()] for a in chain.joints()))
         body = type(chain.body())(*(np.asarray(v).astype(kind)[()] for v in chain.body()))
         memory = Memory(*(np.asarray(v).astype(kind)[()] for v in memory))
         p, v = phi.astype(kind), w.astype(kind)
-        args = (body, joints, memory, blank(memory, 3, kind), scratch(joints), workspace(3, kind))
+        args = (body, joints, Past(memory, blank(memory, 3, kind), scratch(joints)), workspace(3, kind))
         for _ in range(10):
-            step_with_memory(p, v, chain.base_angle, 1e-3, TORQUE, *args)
+            step_with_memory(p, v, 1e-3, chain.drive(TORQUE), *args)
         return p
 
     for name in ("creep_share", "creep_time", "slip_share", "slip_angle", "boucwen_share", "boucwen_beta"):
@@ -311,8 +311,8 @@ def test_a_disagreement_is_told_and_leaves_the_chain_where_it_was():
     chain, memory = paper_chain(n=2), law(slip=[(1.0, 0.01)])
     joints, work, state = chain.joints(), workspace(2), blank(law(slip=[(1.0, 0.01)]), 2)
     held, phi, w = scratch(joints), np.array([0.1, 0.3]), np.array([1.0, -2.0])
-    hold_start(phi, w, 0.0, 1e-3, joints, held)
+    hold_start(phi, w, 1e-3, joints, held)
     assert held.q == pytest.approx([0.1, 0.2])
     assert held.dq == pytest.approx([1e-3, -3e-3])
     held.slope[:] = held.offset[:] = 0.0  # as if the elements were not there
-    assert agreement(w, 1e-3, memory, state, held, work, calm=False) == pytest.approx(0.5 * 3e-3)
+    assert agreement(w, 1e-3, Past(memory, state, held), work, calm=False) == pytest.approx(0.5 * 3e-3)

@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 from pliant import basic
 from pliant.equations.chain import tips
 from pliant.equations.motion import acceleration, acceleration_jacobian
+from pliant.equations.symbols import Slopes
 
 
 def state_matrix(chain, q=None):
@@ -18,8 +19,8 @@ def state_matrix(chain, q=None):
     n = chain.n
     phi = chain.phi(np.zeros(n) if q is None else q)
     a, a_phi, a_w = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
-    args = (chain.base_angle, 0.0, chain.body(), chain.joints(), workspace(n))
-    acceleration_jacobian(phi, np.zeros(n), *args, a, a_phi, a_w)
+    args = (np.zeros(n), chain.body(), chain.joints(), workspace(n))
+    acceleration_jacobian(phi, np.zeros(n), *args, Slopes(a, a_phi, a_w))
     return np.block([[np.zeros((n, n)), np.eye(n)], [a_phi.T, a_w.T]])
 
 
@@ -122,7 +123,7 @@ def test_sideways_gravity_is_not_small():
     A = state_matrix(chain)
     work, body, joints, a, rest = workspace(5), chain.body(), chain.joints(), np.ones(5), np.zeros(5)
     for _ in range(30):
-        acceleration(phi, rest, 0.0, 0.0, body, joints, work, a)
+        acceleration(phi, rest, rest, body, joints, work, a)
         phi -= np.linalg.solve(A[5:, :5], a)
     assert np.abs(a).max() < 1e-6
     p = np.zeros((5, 2))

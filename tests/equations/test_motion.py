@@ -10,6 +10,7 @@ from oracles.derivatives import complex_step
 
 from pliant import basic
 from pliant.equations.motion import acceleration, acceleration_jacobian, acceleration_recursive
+from pliant.equations.symbols import Slopes
 
 TORQUE = 0.08  # N m, about that of 119 kPa
 
@@ -18,8 +19,7 @@ def dense(phi, w, chain, torque=TORQUE):
     """Angular accelerations (n,) of the links by the dense form in absolute angles."""
     kind = (phi + w + torque).dtype
     a = np.zeros(chain.n, kind)
-    base = chain.base_angle
-    acceleration(phi, w, base, torque, chain.body(), chain.joints(), workspace(chain.n, kind), a)
+    acceleration(phi, w, chain.drive(torque), chain.body(), chain.joints(), workspace(chain.n, kind), a)
     return a
 
 
@@ -29,9 +29,8 @@ def dense_joint(q, dq, chain, torque=TORQUE):
 
 def recursive(q, dq, chain, torque=TORQUE):
     ddq = np.zeros(chain.n)
-    links = (chain.l, chain.theta0, chain.m, chain.c, chain.I, chain.m_tip)
     torques = chain.torques(q, dq, torque)
-    acceleration_recursive(q, dq, torques, *links, chain.gx, chain.gy, chain.base_angle, ddq)
+    acceleration_recursive(q, dq, torques, chain.links(), ddq)
     return ddq
 
 
@@ -111,8 +110,8 @@ def test_jacobian_against_complex_step(case):
     chain, q, dq = case
     phi, w, n = chain.phi(q), np.cumsum(dq), chain.n
     a, a_phi, a_w = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
-    args = (chain.base_angle, TORQUE, chain.body(), chain.joints(), workspace(n))
-    acceleration_jacobian(phi, w, *args, a, a_phi, a_w)
+    args = (chain.drive(TORQUE), chain.body(), chain.joints(), workspace(n))
+    acceleration_jacobian(phi, w, *args, Slopes(a, a_phi, a_w))
     by_phi = complex_step(lambda at: dense(at, w, chain), phi)
     by_w = complex_step(lambda at: dense(phi, at, chain), w)
     assert a == pytest.approx(dense(phi, w, chain), rel=1e-14)
@@ -124,8 +123,8 @@ def test_derivative_by_the_torque_is_the_static_compliance_at_rest():
     """Held by its springs alone, the chain settles at q_i = tau / K: the two derivatives say so together."""
     chain, n = paper_chain(), 5
     a, a_phi, a_w = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
-    args = (0.0, 0.0, chain.body(), chain.joints(), workspace(n))
-    acceleration_jacobian(np.zeros(n), np.zeros(n), *args, a, a_phi, a_w)
+    args = (np.zeros(n), chain.body(), chain.joints(), workspace(n))
+    acceleration_jacobian(np.zeros(n), np.zeros(n), *args, Slopes(a, a_phi, a_w))
     by_torque = complex_step(lambda at: dense(np.zeros(n), np.zeros(n), chain, at[0]), np.zeros(1))[:, 0]
     settled = -np.linalg.solve(a_phi.T, by_torque)
     assert np.diff(settled, prepend=0.0) == pytest.approx(1 / chain.K, rel=1e-9)

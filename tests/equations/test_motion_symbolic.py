@@ -96,12 +96,13 @@ def test_whole_equation_of_motion(absolute, rng):
     """The accelerations, LDL^T and all, put back into Lagrange's equations; exact numbers keep it quick."""
     phi, w, _, _, body = absolute
     K, D = sym.vector(sym.K), sym.vector(sym.D)
-    joints = Joints(THETA0, K, D, sym.vector([1, sp.Rational(3, 4)]), sym.zeros(2), THETA0)
+    joints = Joints(sym.base, THETA0, K, D, sym.zeros(2), THETA0)
+    drive = sym.vector([sym.torque, sp.Rational(3, 4) * sym.torque])
     a = sym.zeros(2)
-    sym.on_symbols(acceleration)(phi, w, sym.base, sym.torque, body, joints, sym.workspace(), a)
+    sym.on_symbols(acceleration)(phi, w, drive, body, joints, sym.workspace(), a)
     inertia, rest, _, _ = sym.lagrangian()
     ddq = sp.Matrix([a[0], a[1] - a[0]])
-    torques = sp.Matrix([joints.gain[i] * sym.torque - sym.K[i] * Q[i] - sym.D[i] * DQ[i] for i in range(2)])
+    torques = sp.Matrix([drive[i] - sym.K[i] * Q[i] - sym.D[i] * DQ[i] for i in range(2)])
     residual = inertia * ddq + rest - torques
     numbers = {x: sp.Rational(int(rng.integers(1, 100)), 64) for x in sorted(residual.free_symbols, key=str)}
     assert len(numbers) == 23  # every parameter takes part

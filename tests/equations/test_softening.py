@@ -12,6 +12,7 @@ from pliant.equations.articulated import step_articulated
 from pliant.equations.elastic import joint_tangents, joint_torques, tangent
 from pliant.equations.energy import elastic_energy
 from pliant.equations.motion import acceleration, acceleration_jacobian, acceleration_recursive, step
+from pliant.equations.symbols import Slopes
 
 TORQUE = 0.05
 
@@ -24,25 +25,25 @@ def bent(rng):
     return chain, q, dq
 
 
-def springs(phi, joints, base, n):
+def springs(phi, joints, n):
     t, rest = np.zeros(n + 1, np.result_type(phi)), np.zeros(n, np.result_type(phi))
-    joint_torques(phi, rest, base, joints._replace(D=0 * joints.D), 0.0, 0.0, t)
+    joint_torques(phi, rest, joints._replace(D=0 * joints.D), np.zeros(n), 0.0, t)
     return t[:n]
 
 
 def test_torque_is_the_slope_of_the_energy_and_the_tangent_that_of_the_torque(bent):
     chain, q, dq = bent
     joints, phi, n = chain.joints(), chain.phi(q), chain.n
-    assert springs(phi, joints, chain.base_angle, n) == pytest.approx(-chain.K * q * (1 - 0.6 * q), rel=1e-12)
-    by_phi = complex_step(lambda at: np.array([elastic_energy(at, chain.base_angle, joints)]), phi)[0]
-    t = springs(phi, joints, chain.base_angle, n)
+    assert springs(phi, joints, n) == pytest.approx(-chain.K * q * (1 - 0.6 * q), rel=1e-12)
+    by_phi = complex_step(lambda at: np.array([elastic_energy(at, joints)]), phi)[0]
+    t = springs(phi, joints, n)
     assert by_phi == pytest.approx(np.append(t[1:], 0.0) - t, abs=1e-13)
-    slopes = -complex_step(lambda at: springs(chain.phi(at), joints, chain.base_angle, n), q)
+    slopes = -complex_step(lambda at: springs(chain.phi(at), joints, n), q)
     found = np.zeros(n)
-    joint_tangents(phi, np.cumsum(dq), chain.base_angle, joints, 0.0, found)
+    joint_tangents(phi, np.cumsum(dq), joints, 0.0, found)
     assert np.diag(found) == pytest.approx(slopes, abs=1e-12)
-    assert [tangent(i, phi, chain.base_angle, joints) for i in range(n)] == pytest.approx(found, rel=1e-13)
-    joint_tangents(phi, np.cumsum(dq), chain.base_angle, joints, 0.01, found)
+    assert [tangent(i, phi, joints) for i in range(n)] == pytest.approx(found, rel=1e-13)
+    joint_tangents(phi, np.cumsum(dq), joints, 0.01, found)
     assert found == pytest.approx(chain.K * (1 - 1.2 * (q + 0.01 * dq)), rel=1e-12)
 
 
@@ -50,9 +51,9 @@ def test_without_stiffening_the_torque_is_the_linear_one_bit_for_bit(bent):
     chain, q, dq = bent[0]._replace(stiffening=0.0), *bent[1:]
     joints, phi, w = chain.joints(), chain.phi(q), np.cumsum(dq)
     t = np.zeros(6)
-    joint_torques(phi, w, chain.base_angle, joints, TORQUE, 5e-4, t)
+    joint_torques(phi, w, joints, chain.drive(TORQUE), 5e-4, t)
     angle, rate = np.diff(phi, prepend=chain.base_angle) - joints.theta0, np.diff(w, prepend=0.0)
-    linear = joints.gain * TORQUE - joints.K * (angle + 5e-4 * rate) - joints.D * rate
+    linear = chain.drive(TORQUE) - joints.K * (angle + 5e-4 * rate) - joints.D * rate
     assert np.array_equal(t[:5], linear)
 
 
@@ -62,16 +63,15 @@ def test_acceleration_and_its_jacobian(bent):
 
     def accelerated(x):
         work, a = workspace(n, complex), np.zeros(n, complex)
-        acceleration(x[:n], x[n:], chain.base_angle, TORQUE, body, joints, work, a)
+        acceleration(x[:n], x[n:], chain.drive(TORQUE), body, joints, work, a)
         return a
 
     wanted = complex_step(accelerated, np.concatenate([phi, w]))
     a, a_phi, a_w, ddq = np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
-    acceleration_jacobian(phi, w, chain.base_angle, TORQUE, body, joints, workspace(n), a, a_phi, a_w)
+    acceleration_jacobian(phi, w, chain.drive(TORQUE), body, joints, workspace(n), Slopes(a, a_phi, a_w))
     assert pytest.approx(wanted, abs=1e-11 * np.abs(wanted).max()) == np.hstack([a_phi.T, a_w.T])
     acceleration_recursive(
-        q, dq, chain.torques(q, dq, TORQUE), chain.l, chain.theta0, chain.m, chain.c, chain.I, chain.m_tip, chain.gx,
-        chain.gy, chain.base_angle, ddq,
+        q, dq, chain.torques(q, dq, TORQUE), chain.links(), ddq,
     )
     assert a == pytest.approx(np.cumsum(ddq), abs=1e-10 * np.abs(a).max())
 
@@ -81,7 +81,7 @@ def test_articulated_bodies_take_the_same_step(bent):
     made = []
     for kernel in (step, step_articulated, twin(step, 5)):
         moved = (chain.phi(q), 0.1 * np.cumsum(dq))
-        kernel(*moved, chain.base_angle, 2e-3, TORQUE, chain.body(), chain.joints(), workspace(5))
+        kernel(*moved, 2e-3, chain.drive(TORQUE), chain.body(), chain.joints(), workspace(5))
         made.append(np.concatenate(moved))
     assert made[1] == pytest.approx(made[0], rel=1e-10)
     assert made[2] == pytest.approx(made[0], rel=1e-12)

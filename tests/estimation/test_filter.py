@@ -44,8 +44,8 @@ def noisy_run(seed, frames=60, disturbance=0.0, random_walk=0.0):
         for k in range(SUB if f else 0):
             t = (f - 1) * H + (k + 0.5) * h
             push = d + NOISE.torque / np.sqrt(h) * rng.standard_normal(n)
-            torque = float(m.torque_at(float(pressure(t))))
-            kernel(phi, w, 0.0, h, torque, body, joints._replace(theta0=joints.theta0 + push / joints.K), work)
+            torque = float(m.torque_at(float(pressure(t)))) * m.joint_gain
+            kernel(phi, w, h, torque, body, joints._replace(theta0=joints.theta0 + push / joints.K), work)
             d = d + random_walk * np.sqrt(h) * rng.standard_normal(n)
         truth[f] = np.concatenate([phi, w, d])
     tips = state.tips(m, truth[:, :n])

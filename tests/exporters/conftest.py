@@ -10,7 +10,7 @@ import pytest
 from pliant.actuators import chen2018
 from pliant.model import Memory, Model, Valve, load_model
 
-KINDS = Path(__file__).parents[2] / "benchmarks" / "models"
+KINDS = Path(__file__).parents[2] / "examples" / "state"
 
 
 def paper() -> Model:
@@ -20,12 +20,12 @@ def paper() -> Model:
 
 def demo() -> Model:
     """As the demo's: springs that soften, each its own, a quadratic law, a curved rest shape, a cap."""
-    return load_model(KINDS / "a.json").with_(memory=Memory(), name="demo")
+    return load_model(KINDS / "model_a.json").with_(memory=Memory(), name="demo")
 
 
 def creeping() -> Model:
     """Creep, valve, dead time, gravity, mirrored, observed away from the axis."""
-    model = load_model(KINDS / "b.json")
+    model = load_model(KINDS / "model_b.json")
     memory = replace(model.memory, slip_share=(), slip_angle=())
     return model.with_(
         memory=memory, valve=Valve(rise_time=0.03, fall_time=0.03, dead_time=0.0123), gravity=[0.4, -9.7],

@@ -47,8 +47,9 @@ def test_every_row_enters_the_model(arm):
         (values["creep_share_1"],), (50.0,), (values["slip_share_1"],), (0.2,), values["boucwen_share"], 60.0, 50.0,
         values["boucwen_exponent"],
     )
-    assert (changed.swell_share, changed.swell_time) == (1.0, 50.0)
-    assert (changed.inflation_limit, changed.inflation_time) == (3e5, 50.0)
+    changed_chamber = changed.chamber
+    assert (changed_chamber.swell_share, changed_chamber.swell_time) == (1.0, 50.0)
+    assert (changed_chamber.inflation_limit, changed_chamber.inflation_time) == (3e5, 50.0)
     assert (changed.valve.settle_share, changed.valve.settle_time) == (values["valve_settle_share"], 50.0)
     assert (changed.valve.rise_rate, changed.valve.fall_rate) == (2e5, 1e5)
     assert apply(changed, {"creep_share_1": 0.1}).memory.creep_share == (0.1,)

@@ -8,7 +8,7 @@ import numpy as np
 
 from pliant import basic
 from pliant.equations.inertia import body_constants
-from pliant.equations.symbols import Body, Joints, Workspace
+from pliant.equations.symbols import Body, Joints, Links, Workspace
 
 SIZES = list(range(1, 9))
 PAPER_GAIN = 6.666666666666667e-7  # N m/Pa, A d
@@ -41,8 +41,8 @@ class Chain(NamedTuple):
         return Body(B, np.array(self.I), h, self.gx, self.gy)
 
     def joints(self):
-        own = {name: np.array(getattr(self, name)) for name in ("theta0", "K", "D", "gain")}
-        return Joints(**own, K2=self.K * self.stiffening, unbent=np.array(self.theta0))
+        own = {name: np.array(getattr(self, name)) for name in ("theta0", "K", "D")}
+        return Joints(self.base_angle, **own, K2=self.K * self.stiffening, unbent=np.array(self.theta0))
 
     def actuator(self):
         """The same chain for `pliant.basic`, which has no base angle: it goes into the first rest angle."""
@@ -55,6 +55,15 @@ class Chain(NamedTuple):
     def phi(self, q):
         return self.base_angle + np.cumsum(q + self.theta0)
 
+    def drive(self, torque):
+        """What a chamber of this torque gives each joint, (n,)."""
+        return self.gain * torque
+
+    def links(self):
+        return Links(
+            self.l, self.theta0, self.m, self.c, self.I, self.m_tip, self.gx, self.gy, self.base_angle
+        )
+
     def torques(self, q, dq, torque):
         """tau - K q (1 + s q) - D dq, (n,)."""
         return self.gain * torque - self.K * q * (1.0 + self.stiffening * q) - self.D * dq
@@ -64,6 +73,7 @@ def workspace(n, kind=float):
     return Workspace(
         np.zeros((n, n), kind), np.zeros((n, n), kind),
         np.zeros(n, kind), np.zeros(n, kind), np.zeros(n + 1, kind), np.zeros(n, kind), np.zeros(n, kind),
+        np.zeros(n, kind),
     )  # fmt: skip
 
 

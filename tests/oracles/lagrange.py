@@ -45,7 +45,8 @@ def vector(symbols):
 
 
 def workspace():
-    return SimpleNamespace(A=zeros((2, 2)), S=zeros((2, 2)), c=zeros(2), s=zeros(2), t=zeros(3), r=zeros(2), a=zeros(2))
+    rows = {name: zeros(2) for name in ("c", "s", "r", "a", "tau")}
+    return SimpleNamespace(A=zeros((2, 2)), S=zeros((2, 2)), t=zeros(3), **rows)
 
 
 @cache

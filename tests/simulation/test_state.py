@@ -186,5 +186,5 @@ def test_the_kernel_for_stations_says_the_same(awkward, rng):
     position, _ = state.stations(awkward.with_(stations=points), phi)
     for (_, link, along, across), got in zip(points, position, strict=True):
         p = np.empty(2)
-        station(phi, awkward.link_length, *awkward.first_joint, awkward.base_angle, link, along, across, p)
+        station(phi, awkward.link_length, awkward.first_joint, awkward.base_angle, (link, along, across), p)
         assert got == pytest.approx(p, abs=1e-15)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pliant.actuators import chen2018
 from pliant.errors import InputError
 from pliant.model import Valve
 from pliant.simulation import Pulse, Trace, step
@@ -17,7 +16,7 @@ from pliant.simulation.drive import through_valve
 
 def behind(valve, command, nodes, before=0.0):
     """Pressure at the ends of the intervals and its mean over each."""
-    out = through_valve(chen2018.model(valve=valve), command, nodes, before)
+    out = through_valve(valve, command, nodes, before)
     return np.append(out[0, 0], out[:, 2]), out[:, 3], out
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from pliant.batch.samples import Samples
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd import constant_arrays, outputs, unpack
+from pliant.batch.simd_loops import Output
 from pliant.errors import InputError
 
 Array = np.ndarray
@@ -26,7 +27,7 @@ def check_gpu(samples: Samples) -> None:
             "device='gpu' needs an NVIDIA GPU with its driver and the extra 'gpu', pip install 'pliant[gpu]'; Numba "
             "finds no GPU on this machine: use device='cpu'"
         )
-    if samples.template.memory or samples.values["swell_share"].any() or samples.values["inflation_limit"].any():
+    if samples.template.memory or samples.remembering.any():
         raise InputError(
             "chains that remember and chambers that swell or inflate run on the processor: use device='cpu'"
         )
@@ -57,10 +58,10 @@ def march(samples: Samples, schedule: Schedule, start: Array, own: Array, made: 
     constants = [a[..., own] for a in constant_arrays(samples)]
     law = samples.values["torque"][:, own]
     given = (h, grid.keep, grid.intervals[:, 0], grid.parts, behind, which, law, *constants)
-    scratch = ((n, n, count), (n, n, count), (5, n + 1, count), (h.size, count))
+    scratch = ((n, n, count), (n, n, count), (6, n + 1, count), (h.size, count))
     state, failed = start[..., own].copy(), np.full(count, -1)
-    kept = [np.empty((rows, n, count)), np.empty((rows, n, count)), np.empty((rows, n, 2, count))]
-    launch(n, given, scratch, (state, *kept, failed))
+    kept = Output(np.empty((rows, n, count)), np.empty((rows, n, count)), np.empty((rows, n, 2, count)), failed)
+    launch(n, given, scratch, (state, *kept))
     asked = {name: np.empty((count, *a.shape[1:])) for name, a in made.items() if name != "failed_at"}
     unpack(samples, kept, constants[-2], constants[-1], asked)
     for name, a in asked.items():

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from pliant.batch import simd_loops
+from pliant.batch.simd_loops import Lane, Output
 from pliant.compiler import trace
 from pliant.compiler.choose import MOST_LINKS
 from pliant.compiler.twin import rebuild
@@ -73,15 +74,17 @@ def every_sample(links: int) -> Any:
     """The kernel that a launch runs: thread i takes sample i, all arrays having the samples last."""
     mean_torques, march = kernels(links)
 
-    def run(h, keep, intervals, parts, behind, which, law, B, I, first_moment, g, joints, place, A, S, vectors, torque,
-            state, phi_out, w_out, tips_out, failed):
+    def run(given, scratch, state, out):
         i = cuda.grid(1)
+        h, keep, intervals, parts, behind, which, law, B, I, first_moment, g, joints, place = given
+        A, S, vectors, torque = scratch
         if i < which.size:
             mean_torques(intervals, parts, behind[:, :, which[i]], law[:, i], torque[:, i])
+            body = (B[:, :, i], I[:, i], first_moment[:, i], g[:, i])
             march(
-                state[:, :, i], h, torque[:, i], keep, (B[:, :, i], I[:, i], first_moment[:, i], g[:, i]),
-                joints[:, :, i], (A[:, :, i], S[:, :, i], vectors[:, :, i]), place[:, i], phi_out[:, :, i],
-                w_out[:, :, i], tips_out[:, :, :, i], failed[i : i + 1],
+                state[:, :, i], h, torque[:, i], keep, Lane(body, joints[:, :, i], place[:, i]),
+                (A[:, :, i], S[:, :, i], vectors[:, :, i]),
+                Output(out[0][:, :, i], out[1][:, :, i], out[2][:, :, :, i], out[3][i : i + 1]),
             )
 
     return cuda.jit(run)
@@ -100,6 +103,7 @@ def launch(
     own = [cuda.device_array(shape) for shape in scratch]
     count = kept[-1].size
     threads = min(THREADS, count)
-    every_sample(links)[-(-count // threads), threads](*there[: len(given)], *own, *there[len(given) :])
+    state, *out = there[len(given) :]
+    every_sample(links)[-(-count // threads), threads](tuple(there[: len(given)]), tuple(own), state, tuple(out))
     for array, made in zip(kept, there[len(given) :], strict=True):
         made.copy_to_host(array)

@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations import inertia
+from pliant.equations import inertia, symbols
+from pliant.equations.chamber import lever_growth
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model, Valve
+from pliant.model import model as model_fields
+from pliant.model.actuation import rest_growth
 from pliant.simulation import state
 
 Array = np.ndarray
-PER_LINK = ("link_length", "link_mass", "rest_angle", "stiffness", "damping", "joint_gain", "stiffening")
-SCALARS = (
-    "tip_mass", "base_length", "base_angle", "swell_share", "swell_time", "inflation_limit", "inflation_time"
-)
+RUBBER = symbols.Chamber._fields[1:]  # of the only chamber
+SCALARS = (*model_fields.SCALARS, *RUBBER)
+PER_LINK = (*model_fields.PER_LINK, "joint_gain")
 VALVE = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time"}
 
 
@@ -68,9 +70,13 @@ class Samples:
         torque = np.sum(self.values["torque"] * pressure ** powers[:, None], axis=0)
         limit = self.values["inflation_limit"]
         soft = np.flatnonzero(limit)
-        left = 1.0 - pressure[soft] / limit[soft]
-        torque[soft] *= np.where(left > 0.0, 1.0 / np.where(left > 0.0, left, 1.0), np.inf) ** 0.75
+        torque[soft] *= lever_growth(rest_growth(pressure[soft], limit[soft]))
         return torque
+
+    @property
+    def remembering(self) -> Array:
+        """Whether more than the pressure at hand makes the torque of each sample, (N,)."""
+        return np.asarray((self.values["swell_share"] != 0) | (self.values["inflation_limit"] != 0))
 
     def rest(self, pressure: Array) -> Array:
         """Joint angles (n, N) at rest under `pressure` (N,) [Pa] and gravity."""
@@ -128,7 +134,7 @@ class Samples:
 def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None, size: int) -> Samples:
     """Samples from a list of models, or from one model with arrays of parameters; `size` > 1 repeats one model."""
     if isinstance(models, Model):
-        return spread(models, parameters or {}, size)
+        return repeated(models, parameters or {}, size)
     if parameters:
         raise InputError("give a list of models, or one model with parameters, not both")
     models = tuple(models)
@@ -141,12 +147,12 @@ def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None
     values: dict[str, Array] = {}
     longest = max(m.torque.size for m in models)
     for name in (*PER_LINK, *SCALARS, "gravity"):
-        values[name] = np.stack([getattr(m, name) for m in models], axis=-1)
+        values[name] = np.stack([own_value(m, name) for m in models], axis=-1)
     values["torque"] = np.stack([np.pad(m.torque, (0, longest - m.torque.size)) for m in models], axis=-1)
     return Samples(template, values, tuple(m.valve for m in models))
 
 
-def spread(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
+def repeated(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
     """Samples of one model whose `parameters` are arrays with the samples first."""
     given = {name: np.asarray(value, dtype=float) for name, value in parameters.items()}
     lengths = {a.shape[0] for a in given.values() if a.ndim} | ({size} if size > 1 else set())
@@ -155,7 +161,7 @@ def spread(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
     count = lengths.pop() if lengths else 1
     values = {}
     for name in (*PER_LINK, *SCALARS, "gravity", "torque"):
-        own = np.asarray(getattr(model, name), dtype=float)
+        own = np.asarray(own_value(model, name), dtype=float)
         values[name] = np.repeat(own[..., None], count, axis=-1)
     valves: dict[str, Array] = {}
     for name in sorted(given, key=lambda name: name[-1].isdigit()):  # what holds for all joints first, then for one
@@ -167,6 +173,11 @@ def spread(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
     samples = Samples(model, values, lag if every else lag * count)
     check_extremes(samples)
     return samples
+
+
+def own_value(model: Model, name: str) -> Any:
+    """A parameter of a model, or of its only chamber."""
+    return getattr(model.chamber if name in RUBBER else model, name)
 
 
 def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Array) -> None:

@@ -14,15 +14,15 @@ import numpy as np
 from pliant.batch import simd_loops
 from pliant.batch.samples import Samples
 from pliant.compiler.simd import WIDTH, aligned, lane_twin
-from pliant.model import Model, Valve
-from pliant.simulation.drive import drive, merge, subdivide, through_valve
+from pliant.model import Valve
+from pliant.simulation.drive import before, drive, grid, through_valve
 from pliant.simulation.inputs import Input
 
 Array = np.ndarray
 
 
-class Grid(NamedTuple):
-    """The steps between the output times, and the intervals that they are made of."""
+class LaneGrid(NamedTuple):
+    """As `simulation.drive.Grid`, for lanes."""
 
     nodes: Array  # (m + 1,) s
     parts: Array  # (steps + 1,) first interval of each step
@@ -39,12 +39,10 @@ class Schedule:
         self.pressures = pressures  # one for all, or one for each
         self.times = times
         self.step = step
-        self._grids: dict[tuple[bytes, bytes, float], Grid] = {}
+        self._grids: dict[tuple[bytes, bytes, float], LaneGrid] = {}
         self._behind: dict[tuple[int, Valve], Array] = {}
         self._stacks: dict[tuple[tuple[int, Valve], ...], Array] = {}
-        self._carriers: dict[Valve, Model] = {}
-        v = samples.values
-        self.remembering = (v["swell_share"] != 0) | (v["inflation_limit"] != 0)  # (N,) more than pressure makes torque
+        self.remembering = samples.remembering
         self._alike = len(self.pressures) == 1 and len(set(samples.valves)) == 1
 
     def pressure(self, i: int) -> Input:
@@ -53,36 +51,26 @@ class Schedule:
 
     def initial(self, i: int) -> float:
         """Pressure of sample `i` before anything happens at the first time, Pa."""
-        return float(self.pressure(i)(np.nextafter(self.times[0] - self.samples.valves[i].dead_time, -np.inf)))
+        return before(self.pressure(i), self.samples.valves[i], self.times)
 
-    def grid(self, i: int) -> Grid:
+    def grid(self, i: int) -> LaneGrid:
         """The steps of sample `i`, as `simulation.drive` lays them."""
         source, dead = self.pressure(i), self.samples.valves[i].dead_time
         key = (source.jumps.tobytes(), source.breakpoints.tobytes(), dead)
         if key not in self._grids:
-            same = max(1e-9 * self.step, 16.0 * float(np.spacing(np.abs(self.times).max())))
-            corners = subdivide(merge(self.times, source.jumps + dead, same), self.step)
-            fine = merge(corners, source.breakpoints + dead, same)
-            keep = np.full(corners.size - 1, -1)
-            keep[np.searchsorted(corners, self.times)[1:] - 1] = np.arange(1, self.times.size)
+            corners, fine, keep = grid([source], [self.samples.valves[i]], self.times, self.step)
             intervals, steps = aligned((fine.size - 1, WIDTH)), aligned((keep.size, WIDTH))
             intervals[:], steps[:] = np.diff(fine)[:, None], np.diff(corners)[:, None]
-            made = Grid(fine, np.searchsorted(fine, corners), intervals, steps, keep)
+            made = LaneGrid(fine, np.searchsorted(fine, corners), intervals, steps, keep)
             self._grids.setdefault(key, made)  # the first of two threads: grids are told apart by who they are
         return self._grids[key]
-
-    def carrier(self, valve: Valve) -> Model:
-        """A model with this valve: all that the pressure behind it asks for."""
-        if valve not in self._carriers:
-            self._carriers[valve] = self.samples.template.with_(valve=valve)
-        return self._carriers[valve]
 
     def behind(self, i: int, *, shared: bool) -> Array:
         """Pressure behind the valve of sample `i` in the intervals of its grid, (m, 4); kept where others need it."""
         key = (id(self.pressure(i)), self.samples.valves[i])
         if key in self._behind:
             return self._behind[key]
-        found = through_valve(self.carrier(key[1]), self.pressure(i), self.grid(i).nodes, self.initial(i))
+        found = through_valve(key[1], self.pressure(i), self.grid(i).nodes, self.initial(i))
         if shared:
             self._behind[key] = found
         return found
@@ -123,7 +111,7 @@ class Schedule:
         for lane, i in enumerate(members):
             before = np.repeat(last - longest - (ends[i] + 1 - counts[i]), counts[i])
             at = np.arange(plans[i].h.size) + before
-            h[at, lane], torque[at, lane] = plans[i].h, plans[i].torque
+            h[at, lane], torque[at, lane] = plans[i].h, plans[i].torque[:, 0]
         keep = np.full(int(last[-1]), -1)
         keep[last - 1] = np.arange(1, self.times.size)
         return h, torque, keep

@@ -11,8 +11,10 @@ import numpy as np
 from pliant.batch import simd_loops
 from pliant.batch.samples import Samples
 from pliant.batch.schedule import Schedule
+from pliant.batch.simd_loops import Lane, Output
 from pliant.compiler.simd import WIDTH, aligned, lane_twin
-from pliant.simulation import memory_loops, state
+from pliant.equations.symbols import Past
+from pliant.simulation import march_loops, state
 
 Array = np.ndarray
 
@@ -46,14 +48,14 @@ def in_groups(a: Array) -> Array:
 
 
 def unpack(
-    samples: Samples, kept: Sequence[Array], joints: Array, place: Array, asked: dict[str, Array],
+    samples: Samples, kept: Output, joints: Array, place: Array, asked: dict[str, Array],
 ) -> None:
     """From the rows (rows, n[, 2], W) that a march kept to the arrays (samples, rows, n[, 2]) that are asked for."""
-    n, rows = samples.template.n, len(kept[0])
+    n, rows = samples.template.n, len(kept.phi)
     tails = {"joint_angle": (n,), "joint_rate": (n,), "tip_position": (n, 2)}
     made = [asked[name] if name in asked else np.empty((0, rows, *tail)) for name, tail in tails.items()]
     sign = float(samples.template.bend_sign)
-    lane_twin(simd_loops.unpack_lanes, n)(*kept, joints[0], place[-1], sign, *made)
+    lane_twin(simd_loops.unpack_lanes, n)(kept, joints[0], place[-1], sign, *made)
 
 
 class Groups:
@@ -88,22 +90,25 @@ class Groups:
     def work(self) -> None:
         """March one group after the other until none is left; one thread's part, with arrays of its own."""
         n, rows = self.samples.template.n, self.schedule.times.size
-        kept = tuple(aligned(shape) for shape in ((rows, n, WIDTH), (rows, n, WIDTH), (rows, n, 2, WIDTH)))
-        scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (5, n + 1, WIDTH)))
+        shapes = ((rows, n, WIDTH), (rows, n, WIDTH), (rows, n, 2, WIDTH))
+        phi, w, tips = map(aligned, shapes)
+        kept = Output(phi, w, tips, np.full(WIDTH, -1))
+        scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (6, n + 1, WIDTH)))
         torque = None
         while (group := self.next()) is not None:
             torque = self.run(group, kept, scratch, torque)
 
-    def run(self, group: int, kept: tuple[Array, ...], scratch: tuple[Array, ...], torque: Array | None) -> Array:
+    def run(self, group: int, kept: Output, scratch: tuple[Array, ...], torque: Array | None) -> Array:
         """March one group and put its samples where they belong; returns the array of torques, to be used again."""
         own, members = self.members(group)
         h, torque, keep = self.schedule.group(members, torque)
         *fixed, joints, place, moving = (a[group] for a in self.constants)
-        failed = np.full(WIDTH, -1)
-        self.march(moving, h, torque, keep, tuple(fixed), joints, scratch, place, *kept, failed)
+        kept.failed[:] = -1
+        self.march(moving, h, torque, keep, Lane(tuple(fixed), joints, place), scratch, kept)
         unpack(self.samples, kept, joints, place, {k: a[own] for k, a in self.made.items()})
-        for lane in np.flatnonzero(failed[: own.stop - own.start] >= 0):
-            self.made["failed_at"][own.start + lane] = self.schedule.times[0] + h[: failed[lane] + 1, lane].sum()
+        for lane in np.flatnonzero(kept.failed[: own.stop - own.start] >= 0):
+            last = kept.failed[lane]
+            self.made["failed_at"][own.start + lane] = self.schedule.times[0] + h[: last + 1, lane].sum()
         return torque
 
 
@@ -115,7 +120,7 @@ class Alone(Groups):
 
     def prepare(self) -> None:
         """What all chains need."""
-        self.march = lane_twin(memory_loops.march_with_memory, self.samples.template.n)
+        self.march = lane_twin(march_loops.march_with_memory, self.samples.template.n)
 
     def work(self) -> None:
         """As `Groups.work`."""
@@ -132,11 +137,12 @@ class Alone(Groups):
         n, rows = model.n, times.size
         first, rate = self.start[:, :, i].copy()
         states = state.relaxed(model, state.joint_angles(model, first))
-        phi, w, kept = np.empty((rows, n)), np.empty((rows, n)), np.empty((rows, *states.shape))
+        phi, w = np.empty((rows, n)), np.empty((rows, n))
         phi[0], w[0] = first, rate
         failed = self.march(
-            first, rate, states, model.base_angle, h, torque, keep, model.body(), model.joints(), model.memory.law(),
-            state.held(model), state.workspace(n), phi, w, kept, np.empty((rows, 3)),
+            first, rate, march_loops.Steps(h, torque[:, None], np.array(model.actuation.gain), keep), model.body(),
+            model.joints(), Past(model.memory.law(), states, state.held(model)), state.workspace(n),
+            march_loops.Rows(phi, w, np.empty((rows, 3)), np.empty((rows, *states.shape))),
         )
         if failed != -1:
             last = failed if failed >= 0 else -2 - failed  # a link that turns too far, or no agreement

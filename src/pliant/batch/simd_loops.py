@@ -5,14 +5,35 @@ Plain text here; `pliant.compiler.simd.lane_twin` makes what runs. The equations
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+
 from pliant.compiler.simd import WIDTH, as_lanes, within
 from pliant.equations.chain import tips
+from pliant.equations.chamber import mean_of_law, share_out
 from pliant.equations.elastic import tangent
 from pliant.equations.motion import step
-from pliant.equations.section import mean_torque
-from pliant.equations.symbols import Body, Joints, Workspace
+from pliant.equations.symbols import Body, Interval, Joints, Workspace
 
 FAR = 1e4  # in K: springs that stiffen more are none
+
+
+class Output(NamedTuple):
+    """What `march_lanes` writes, the lanes last."""
+
+    phi: np.ndarray  # (rows, n, W) rad
+    w: np.ndarray  # (rows, n, W) rad/s
+    tips: np.ndarray  # (rows, n, 2, W) m
+    failed: np.ndarray  # (W,) first step that fails, -1 where none does
+
+
+class Lane(NamedTuple):
+    """What the samples of a group are, the lanes last."""
+
+    body: tuple[np.ndarray, ...]  # B (n, n, W), I (n, W), h (n, W), gravity (2, W)
+    joints: np.ndarray  # (5, n, W) theta0, K, D, gain and K2
+    place: np.ndarray  # (n + 3, W) lengths of the links, first joint, base angle
 
 
 def mean_torques(h, parts, behind, law, torque):
@@ -29,74 +50,80 @@ def mean_torques(h, parts, behind, law, torque):
         first = parts[k]
         if parts[k + 1] == first + 1:
             p = pressure[first]
-            out[k] = mean_torque(p[0], p[1], p[2], p[3], a)
+            out[k] = mean_of_law(Interval(p[0], p[1], p[2], p[3]), a)
             continue
         total = 0.0 * a[0]
         time = 0.0 * a[0]
         for j in range(first, parts[k + 1]):
             p = pressure[j]
-            total = total + lengths[j] * mean_torque(p[0], p[1], p[2], p[3], a)
+            total = total + lengths[j] * mean_of_law(Interval(p[0], p[1], p[2], p[3]), a)
             time = time + lengths[j]
         out[k] = total / time
 
 
-def march_lanes(state, h, torque, keep, constants, joints, scratch, place, phi_out, w_out, tips_out, failed):
+def march_lanes(state, h, torque, keep, samples, scratch, out):
     """Take len(h) steps of `WIDTH` chains side by side, as `simulation.march_loops.march` takes them of one.
 
     Every array has the lanes last: state (2, n, W) the angles and rates, advanced in place; h and torque (steps, W);
-    keep (steps,) the row of the output after the step, or -1, row 0 being the start; constants B (n, n, W), I (n, W),
-    h (n, W) and g (2, W); joints (5, n, W) theta0, K, D, gain and K2; scratch (n, n, W) twice and (5, n + 1, W);
-    place (n + 3, W) the lengths of the links, the first joint and the base angle.
-    A lane that fails has its step written to failed (W,), -1 elsewhere, and goes on as it may; the others do not
-    feel it. Returns the bits of the lanes that are good.
+    keep (steps,) the row of the output after the step, or -1, row 0 being the start; `samples` (`Lane`); scratch
+    (n, n, W) twice and (6, n + 1, W); `out` (`Output`).
+    A lane that fails has its step written to out.failed, and goes on as it may; the others do not feel it. Returns the
+    bits of the lanes that are good.
     """
     n = state.shape[1]
-    chain = as_lanes(joints)
-    B, I, first_moment, g = constants
+    chain = as_lanes(samples.joints)
+    B, I, first_moment, g = samples.body
     gravity = as_lanes(g)
     body = Body(as_lanes(B), as_lanes(I), as_lanes(first_moment), gravity[0], gravity[1])
-    joint = Joints(chain[0], chain[1], chain[2], chain[3], chain[4], chain[0])
+    where = as_lanes(samples.place)
+    joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4], chain[0])
+    gain = chain[3:4]
     A, S, vectors = scratch
     rows = as_lanes(vectors)
-    work = Workspace(as_lanes(A), as_lanes(S), rows[0, :n], rows[1, :n], rows[2], rows[3, :n], rows[4, :n])
+    work = Workspace(
+        as_lanes(A), as_lanes(S), rows[0, :n], rows[1, :n], rows[2], rows[3, :n], rows[4, :n], rows[5, :n]
+    )
     both = as_lanes(state)
-    phi = both[0]
-    w = both[1]
-    where = as_lanes(place)
+    phi, w = both[0], both[1]
     lengths, torques = as_lanes(h), as_lanes(torque)
-    phi_rows, w_rows, tip_rows = as_lanes(phi_out), as_lanes(w_out), as_lanes(tips_out)
-    tips(phi, where[:n], where[n], where[n + 1], tip_rows[0])
-    for i in range(n):
-        phi_rows[0, i] = phi[i]
-        w_rows[0, i] = w[i]
+    keep_lanes(0, phi, w, where, out)
     good = (1 << WIDTH) - 1
     for k in range(len(lengths)):
-        step(phi, w, where[n + 2], lengths[k], torques[k], body, joint, work)
+        share_out(0, torques[k], gain, work.tau)
+        step(phi, w, lengths[k], work.tau, body, joint, work)
         now = good
         for i in range(n):
             now &= within(w[i] * lengths[k], 1.0)
             far = FAR * joint.K[i]  # positive is what lies no further from a far point than zero does
-            now &= within(tangent(i, phi, where[n + 2], joint) - far, far)
+            now &= within(tangent(i, phi, joint) - far, far)
         if good & ~now:
             for lane in range(WIDTH):
                 if (good & ~now) >> lane & 1:
-                    failed[lane] = k
+                    out.failed[lane] = k
             good &= now
         row = keep[k]
         if row >= 0:
-            for i in range(n):
-                phi_rows[row, i] = phi[i]
-                w_rows[row, i] = w[i]
-            tips(phi, where[:n], where[n], where[n + 1], tip_rows[row])
+            keep_lanes(row, phi, w, where, out)
     return good
 
 
-def unpack_lanes(phi_rows, w_rows, tip_rows, rest, base_angle, sign, angle_out, rate_out, tip_out):
-    """From the rows (rows, n, W) and (rows, n, 2, W) of `march_lanes` to samples (samples, rows, n[, 2]).
+def keep_lanes(row, phi, w, where, out):
+    """Write the chains at phi and w (n,), lanes, to a row of the `Output`; `where` is `Lane.place` as lanes."""
+    n = len(phi)
+    phi_rows, w_rows, tip_rows = as_lanes(out.phi), as_lanes(out.w), as_lanes(out.tips)
+    for i in range(n):
+        phi_rows[row, i] = phi[i]
+        w_rows[row, i] = w[i]
+    tips(phi, where[:n], where[n], where[n + 1], tip_rows[row])
+
+
+def unpack_lanes(kept, rest, base_angle, sign, angle_out, rate_out, tip_out):
+    """From what `march_lanes` kept (`Output`) to samples (samples, rows, n[, 2]).
 
     Joint angles and rates relative to the link before; rest (n, W) and base_angle (W,) as in the march, `sign` is the
     sense of bending. An output of no samples is not asked for.
     """
+    phi_rows, w_rows, tip_rows = kept.phi, kept.w, kept.tips
     rows, n = phi_rows.shape[:2]
     for row in range(rows):
         for lane in range(len(angle_out)):

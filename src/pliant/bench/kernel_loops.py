@@ -20,15 +20,15 @@ def compiled(loop: FunctionType, kernel: FunctionType, links: int) -> Any:
     return rebuild(loop, njit, {kernel.__name__: straight(kernel, links)} if few else None)
 
 
-def many_accelerations(count, phi, w, base_angle, torque, body, joints, work, a):
+def many_accelerations(count, phi, w, torque, parts, a):
     """`count` right-hand sides; phi moves a little, so that no call can be left out."""
     for _ in range(count):
-        acceleration(phi, w, base_angle, torque, body, joints, work, a)
+        acceleration(phi, w, torque, parts[0], parts[1], parts[2], a)
         phi[0] = phi[0] + 1e-18 * a[0]
 
 
-def many_jacobians(count, phi, w, base_angle, torque, body, joints, work, a, a_phi, a_w):
+def many_jacobians(count, phi, w, torque, parts, out):
     """`count` right-hand sides with full Jacobian."""
     for _ in range(count):
-        acceleration_jacobian(phi, w, base_angle, torque, body, joints, work, a, a_phi, a_w)
-        phi[0] = phi[0] + 1e-18 * a[0]
+        acceleration_jacobian(phi, w, torque, parts[0], parts[1], parts[2], out)
+        phi[0] = phi[0] + 1e-18 * out.a[0]

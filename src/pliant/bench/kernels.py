@@ -10,6 +10,7 @@ from pliant.actuators import chen2018
 from pliant.bench import kernel_loops
 from pliant.bench.timing import best
 from pliant.equations import motion
+from pliant.equations.symbols import Slopes
 from pliant.model import Model
 from pliant.simulation import Pulse, state
 from pliant.simulation.drive import drive
@@ -25,7 +26,7 @@ def kernels(links: int = 5) -> dict[str, float]:
     """Time of one implicit step, one right-hand side, and one with its full Jacobian; ns."""
     model = chen2018.model(links=links)
     n, parts = links, (model.body(), model.joints(), workspace(links))
-    a, a_phi, a_w = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+    out, torque = Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n))), np.full(n, TORQUE)
 
     def at() -> tuple[np.ndarray, np.ndarray]:
         return np.linspace(0.05, 0.25, n), np.linspace(0.1, 1.0, n)
@@ -33,8 +34,8 @@ def kernels(links: int = 5) -> dict[str, float]:
     accelerate = kernel_loops.compiled(kernel_loops.many_accelerations, motion.acceleration, n)
     differentiate = kernel_loops.compiled(kernel_loops.many_jacobians, motion.acceleration_jacobian, n)
     jobs = {
-        "rhs_ns": lambda: accelerate(CALLS, *at(), 0.0, TORQUE, *parts, a),
-        "rhs_jacobian_ns": lambda: differentiate(CALLS, *at(), 0.0, TORQUE, *parts, a, a_phi, a_w),
+        "rhs_ns": lambda: accelerate(CALLS, *at(), torque, parts, out.a),
+        "rhs_jacobian_ns": lambda: differentiate(CALLS, *at(), torque, parts, out),
     }
     found = {name: 1e9 * best(job, clock=process_time) / CALLS for name, job in jobs.items()}
     return {"step_ns": step_ns(model), **found}

@@ -14,6 +14,7 @@ from scipy.integrate import odeint, solve_ivp
 from pliant.bench.problem import Problem
 from pliant.compiler.choose import MOST_LINKS, straight, twin
 from pliant.equations import motion
+from pliant.equations.symbols import Slopes
 from pliant.simulation import state
 from pliant.simulation.drive import Drive, drive
 from pliant.simulation.extrapolated import Marched, march_extrapolated
@@ -71,8 +72,8 @@ class RightHandSide:
         kernels = (motion.acceleration, motion.acceleration_jacobian)  # the fastest form that pliant has of them
         few = n <= MOST_LINKS
         self.accelerate, self.differentiate = ((straight(k, n) if few else twin(k)) for k in kernels)
-        self.torque = 0.0
-        self.a, self.by_phi, self.by_w = np.empty(n), np.empty((n, n)), np.empty((n, n))
+        self.torque = np.zeros(n)
+        self.slopes = Slopes(np.empty(n), np.empty((n, n)), np.empty((n, n)))
         self.J = np.zeros((2 * n, 2 * n))
         self.J[:n, n:] = np.eye(n)
 
@@ -81,15 +82,15 @@ class RightHandSide:
         n = self.n
         out = np.empty(2 * n)
         out[:n] = y[n:]
-        self.accelerate(y[:n], y[n:], 0.0, self.torque, *self.parts, out[n:])
+        self.accelerate(y[:n], y[n:], self.torque, *self.parts, out[n:])
         return out
 
     def jacobian(self, _t: float, y: Array) -> Array:
         """d(dy/dt)/dy (2n, 2n)."""
         n = self.n
-        self.differentiate(y[:n], y[n:], 0.0, self.torque, *self.parts, self.a, self.by_phi, self.by_w)
-        self.J[n:, :n] = self.by_phi.T
-        self.J[n:, n:] = self.by_w.T
+        self.differentiate(y[:n], y[n:], self.torque, *self.parts, self.slopes)
+        self.J[n:, :n] = self.slopes.a_phi.T
+        self.J[n:, n:] = self.slopes.a_w.T
         return self.J
 
 
@@ -103,7 +104,7 @@ def in_pieces(name: str, problem: Problem, piece: Piece, settings: Sequence[floa
     def solve(setting: float) -> Array:
         rows = [np.zeros((1, 2 * rhs.n))]
         for times, torque in problem.pieces:
-            rhs.torque = torque
+            rhs.torque[:] = torque
             rows.append(piece(rhs, rows[-1][-1], times, setting)[1:])
         return state.tips(problem.model, np.concatenate(rows)[:, : rhs.n])
 

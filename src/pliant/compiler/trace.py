@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.symbols import Body, Joints, Workspace
+from pliant.equations.symbols import Body, Joints, Slopes, Workspace
 
 
 class Tape:
@@ -134,11 +134,11 @@ def example_arguments(n: int) -> dict[str, Any]:
 
     shapes = {"A": (n, n), "S": (n, n), "t": (n + 1,)}
     return {
-        "phi": zeros(n), "w": zeros(n), "base_angle": 0.0, "h": 0.0, "torque": 0.0,
+        "phi": zeros(n), "w": zeros(n), "h": 0.0, "torque": zeros(n),
         "body": Body(zeros(n, n), zeros(n), zeros(n), 0.0, 0.0),
-        "joints": Joints(*(zeros(n) for _ in Joints._fields)),
+        "joints": Joints(0.0, *(zeros(n) for _ in Joints._fields[1:])),
         "work": Workspace(*(zeros(*shapes.get(f, (n,))) for f in Workspace._fields)),
-        "a": zeros(n), "a_phi": zeros(n, n), "a_w": zeros(n, n), "J": zeros(3 * n, 2 * n),
+        "a": zeros(n), "out": Slopes(zeros(n), zeros(n, n), zeros(n, n)), "J": zeros(3 * n, 2 * n),
     }
 
 

@@ -87,7 +87,7 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
     )
     predict, update = twin(kalman_loops.predict_span, n), twin(kalman_loops.update)
     chain, densities = chain_of(model), FilterNoise(*noise.densities(model), np.zeros(1))
-    still = Prediction(steps, period / steps, 0.0, densities)
+    still = Prediction(steps, period / steps, np.zeros(n), densities)
     seen, slopes, innovation = np.empty(len(rows)), np.empty((len(rows), n)), np.empty(len(rows))
     shown = FilterFrame(model.link_length, model.first_joint, rows, seen, measurement.variance, innovation)
 

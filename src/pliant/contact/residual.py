@@ -43,10 +43,10 @@ def momentum_residual(
     momentum, momentum_rate = twin(contact.momentum), twin(contact.momentum_rate)
     torques = twin(elastic.joint_torques)
     p, rates, t = np.empty((T, n)), np.empty((T, n)), np.empty(n + 1)
-    tau = np.asarray(model.torque_at(pressure), dtype=float)
+    tau = np.outer(np.asarray(model.torque_at(pressure), dtype=float), model.joint_gain)
     for k in range(T):
         momentum(angle[k], rate[k], body, p[k])
-        torques(angle[k], rate[k], float(model.base_angle), joints, float(tau[k]), 0.0, t)
+        torques(angle[k], rate[k], joints, tau[k], 0.0, t)
         momentum_rate(angle[k], rate[k], t, body, rates[k])
     r = np.zeros((T, n))
     for k in range(1, T):
@@ -64,4 +64,4 @@ def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
     tau = np.asarray(model.torque_at(pressure), dtype=float)
     gravity = body.h * (body.gx * np.cos(angle) + body.gy * np.sin(angle))
     weight = np.cumsum(gravity[:, ::-1], axis=1)[:, ::-1]
-    return np.asarray((joints.K + joints.K2 * q) * q - joints.gain * tau[:, None] + weight)
+    return np.asarray((joints.K + joints.K2 * q) * q - model.joint_gain * tau[:, None] + weight)

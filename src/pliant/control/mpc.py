@@ -25,7 +25,7 @@ from pliant.equations.linearised import step_jacobian
 from pliant.equations.symbols import Workspace
 from pliant.errors import InputError
 from pliant.estimation.contract import State
-from pliant.linear.linearisation import behind_valve, torque_slope
+from pliant.linear.linearisation import behind_valve
 from pliant.linear.sampled import hold
 from pliant.model import Model, Valve
 from pliant.simulation.state import workspace
@@ -86,8 +86,9 @@ def symbolic_step(model: Model, h: float) -> Any:
     n = model.n
     x, torque = ca.SX.sym("x", 2 * n), ca.SX.sym("torque")
     phi, w = _symbols([x[i] for i in range(n)]), _symbols([x[n + i] for i in range(n)])
-    work = Workspace(*(np.zeros(size, dtype=object) for size in ((n, n), (n, n), n, n, n + 1, n, n)))
-    motion.step(phi, w, model.base_angle, h, torque, model.body(), model.joints(), work)
+    work = Workspace(*(np.zeros(size, dtype=object) for size in ((n, n), (n, n), n, n, n + 1, n, n, n)))
+    tau = _symbols([gain * torque for gain in model.joint_gain])
+    motion.step(phi, w, h, tau, model.body(), model.joints(), work)
     return ca.Function("step", [x, torque], [ca.vertcat(*phi, *w)])
 
 
@@ -243,10 +244,10 @@ class Mpc:
         for k in range(parts):
             share = (k + 0.5) / parts
             p = p0 + share * (p1 - p0)
-            torque = scale * float(model.torque_at(p))
-            self._advance(x[:n], x[n:], model.base_angle, time_s / parts, torque, *self._fixed)
+            torque = scale * float(model.torque_at(p)) * model.joint_gain
+            self._advance(x[:n], x[n:], time_s / parts, torque, *self._fixed)
             fresh = self._J[: 2 * n].T
-            drive = scale * torque_slope(model, p) * (model.joint_gain @ self._J[2 * n :])
+            drive = scale * model.chamber.torque_slope(p) * (model.joint_gain @ self._J[2 * n :])
             by_x, by_p = fresh @ by_x, fresh @ by_p + np.outer(drive, [1.0 - share, share])
         return x, by_x, by_p
 

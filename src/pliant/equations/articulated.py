@@ -15,7 +15,7 @@ import numpy as np
 from pliant.equations.elastic import joint_tangents, joint_torques
 
 
-def step_articulated(phi, w, base_angle, h, torque, body, joints, work):
+def step_articulated(phi, w, h, torque, body, joints, work):
     """As `motion.step`, in O(n); for n >= 4, since rows of `work.A` and `work.S` hold what each link needs.
 
     Paper: Eq. (5) [eq:eom]
@@ -37,8 +37,8 @@ def step_articulated(phi, w, base_angle, h, torque, body, joints, work):
         c[k] = np.cos(phi[k] + half * w[k])
         s[k] = np.sin(phi[k] + half * w[k])
         length[k] = scale * body.B[n - 1, k]  # of the last link nothing depends on it
-    joint_torques(phi, w, base_angle, joints, torque, half, t)
-    joint_tangents(phi, w, base_angle, joints, half, a)
+    joint_torques(phi, w, joints, torque, half, t)
+    joint_tangents(phi, w, joints, half, a)
     for k in range(n):
         r[k] = h * (t[k] - t[k + 1] - body.h[k] * (body.gx * c[k] + body.gy * s[k]))
         diagonal[k] = body.B[k, k] + body.I[k] + quarter * body.h[k] * (body.gy * c[k] - body.gx * s[k])

@@ -93,15 +93,18 @@ def angles_from_tips(p, x0, y0, l, phi):
         y = p[i, 1]
 
 
-def station(phi, l, x0, y0, base_angle, link, along, across, p):
-    """Position p (2,) of a point fixed to link `link` (-1: to the base), `along` the link from its joint, `across` it.
+def station(phi, l, first, base_angle, point, p):
+    """Position p (2,) of a `point` (link, along, across): fixed to a link, along it from its joint, and across it.
+
+    `first` (2,) is the first joint.
 
     p = joint + along e(phi) + across n(phi),  e = (-sin, cos),  n = (-cos, -sin)
 
     On the base (`link` = -1) `along` is measured from the origin.
     """
-    x = x0
-    y = y0
+    link, along, across = point
+    x = first[0]
+    y = first[1]
     for i in range(link):
         x = x - l[i] * np.sin(phi[i])
         y = y + l[i] * np.cos(phi[i])
@@ -109,8 +112,8 @@ def station(phi, l, x0, y0, base_angle, link, along, across, p):
     if link >= 0:
         angle = phi[link]
     else:
-        x = 0.0 * x0
-        y = 0.0 * y0
+        x = 0.0 * x
+        y = 0.0 * y
     s = np.sin(angle)
     c = np.cos(angle)
     p[0] = x - along * s - across * c

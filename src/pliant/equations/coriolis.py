@@ -12,20 +12,23 @@ def coriolis_from_hessian(J, H, m, J_tip, H_tip, m_tip, dq, C):
     Paper: Eq. (5) [eq:eom], by the recursive formulation of Godage et al., IJRR 35(6), 2016
     """
     n = len(m)
+    tip = (J_tip, H_tip, m_tip)
     for a in range(n):
         for b in range(n):
             total = 0.0 * dq[0]
             for r in range(n):
                 total = total + 0.5 * dq[r] * (
-                    inertia_derivative(J, H, m, J_tip, H_tip, m_tip, a, b, r)
-                    + inertia_derivative(J, H, m, J_tip, H_tip, m_tip, a, r, b)
-                    - inertia_derivative(J, H, m, J_tip, H_tip, m_tip, r, b, a)
+                    inertia_derivative(J, H, m, tip, (a, b, r))
+                    + inertia_derivative(J, H, m, tip, (a, r, b))
+                    - inertia_derivative(J, H, m, tip, (r, b, a))
                 )
             C[a, b] = total
 
 
-def inertia_derivative(J, H, m, J_tip, H_tip, m_tip, a, b, r):
-    """dM_ab/dq_r, kg m^2/rad; see `coriolis_from_hessian`."""
+def inertia_derivative(J, H, m, tip, at):
+    """dM_ab/dq_r, kg m^2/rad, at = (a, b, r); `tip` its Jacobian, Hessian and mass. See `coriolis_from_hessian`."""
+    a, b, r = at
+    J_tip, H_tip, m_tip = tip
     value = m_tip * (
         H_tip[0, a, r] * J_tip[0, b] + H_tip[1, a, r] * J_tip[1, b]
         + J_tip[0, a] * H_tip[0, b, r] + J_tip[1, a] * H_tip[1, b, r]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 
-def joint_torques(phi, w, base_angle, joints, torque, ahead, t):
+def joint_torques(phi, w, joints, torque, ahead, t):
     """Net torque t (n,) of drive, spring and damper at each joint, with t[n] = 0 behind the last one; N m.
 
-    t_i = gain_i torque - K_i q_m - K2_i q_m^2 - D_i dq_i,  q_m = q_i + ahead dq_i
+    t_i = torque_i - K_i q_m - K2_i q_m^2 - D_i dq_i,  q_m = q_i + ahead dq_i
 
     K2 = K s makes springs K q (1 + s q), which stiffen (s > 0) or soften (s < 0) with the angle; s = 0 is the paper's.
 
@@ -15,22 +15,22 @@ def joint_torques(phi, w, base_angle, joints, torque, ahead, t):
     Paper: Eq. (5) [eq:eom]
     """
     n = len(phi)
-    angle = base_angle
+    angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(n):
         q = phi[i] - angle - joints.theta0[i]
         dq = w[i] - rate
         more = phi[i] - angle - joints.unbent[i] + ahead * dq
         spring = joints.K[i] * (q + ahead * dq) + joints.K2[i] * more * more
-        t[i] = joints.gain[i] * torque - spring - joints.D[i] * dq
+        t[i] = torque[i] - spring - joints.D[i] * dq
         angle = phi[i]
         rate = w[i]
     t[n] = 0.0 * t[0]
 
 
-def joint_tangents(phi, w, base_angle, joints, ahead, slope):
+def joint_tangents(phi, w, joints, ahead, slope):
     """Slopes K_i + 2 K2_i q_m (n,) of the springs of `joint_torques`; N m/rad."""
-    angle = base_angle
+    angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(len(phi)):
         more = phi[i] - angle - joints.unbent[i] + ahead * (w[i] - rate)
@@ -39,13 +39,13 @@ def joint_tangents(phi, w, base_angle, joints, ahead, slope):
         rate = w[i]
 
 
-def tangent(i, phi, base_angle, joints):
+def tangent(i, phi, joints):
     """Slope K_i + 2 K2_i q_i of the spring of joint i, N m/rad: what is not positive holds nothing."""
     angle = phi[i] - joints.unbent[i]
     if i > 0:
         angle = angle - phi[i - 1]
     else:
-        angle = angle - base_angle
+        angle = angle - joints.base_angle
     return joints.K[i] + 2.0 * joints.K2[i] * angle
 
 

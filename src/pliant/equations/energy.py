@@ -14,10 +14,10 @@ def kinetic_energy(c, s, w, body):
     return value
 
 
-def elastic_energy(phi, base_angle, joints):
+def elastic_energy(phi, joints):
     """sum_i 1/2 K_i q_i^2 + 1/3 K2_i q_i^3, J, zero in the rest shape."""
     value = 0.0 * phi[0]
-    before = base_angle
+    before = joints.base_angle
     for i in range(len(phi)):
         q = phi[i] - before - joints.theta0[i]
         more = phi[i] - before - joints.unbent[i]
@@ -45,11 +45,11 @@ def damping_power(w, joints):
     return value
 
 
-def input_power(w, joints, torque):
-    """sum_i gain_i torque dq_i, W, what the pressure gives: p dV/dt by virtual work."""
+def input_power(w, torque):
+    """sum_i torque_i dq_i, W, what the pressure gives: p dV/dt by virtual work."""
     value = 0.0 * w[0]
     before = 0.0 * w[0]
     for i in range(len(w)):
-        value = value + joints.gain[i] * torque * (w[i] - before)
+        value = value + torque[i] * (w[i] - before)
         before = w[i]
     return value

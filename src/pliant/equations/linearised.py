@@ -10,7 +10,7 @@ from pliant.equations.motion import centrifugal, step
 from pliant.numerics.ldl import ldl_solve
 
 
-def step_jacobian(phi, w, base_angle, h, torque, body, joints, work, J):
+def step_jacobian(phi, w, h, torque, body, joints, work, J):
     """Advance phi and w (n,) in place as `motion.step`, and give the Jacobian J (3n, 2n) of that step.
 
     J[v, u] = d(phi', w')_u / d(phi, w, t)_v, row by variable, t_i [N m] being a further torque of joint i that is held
@@ -19,7 +19,7 @@ def step_jacobian(phi, w, base_angle, h, torque, body, joints, work, J):
     Paper: Eq. (5) [eq:eom], discretised and differentiated
     """
     n = len(phi)
-    step(phi, w, base_angle, h, torque, body, joints, work)
+    step(phi, w, h, torque, body, joints, work)
     for k in range(n):
         old = w[k] - work.a[k]
         work.t[k] = h * old * old
@@ -32,7 +32,7 @@ def step_jacobian(phi, w, base_angle, h, torque, body, joints, work, J):
     for k in range(n):
         for u in range(2 * n):
             J[n + k, u] = 0.5 * h * J[k, u]  # the rates turn the middle directions by half a step
-    tridiagonal_terms(phi, w, base_angle, h, joints, work, J)
+    tridiagonal_terms(phi, w, h, joints, work, J)
     for k in range(n):
         for j in range(k):
             sine = 2.0 * h * work.S[k, j]
@@ -82,7 +82,7 @@ def turned_directions(w, h, body, work, J):
                 J[j, o + j] = J[j, o + j] - by_k
 
 
-def tridiagonal_terms(phi, w, base_angle, h, joints, work, J):
+def tridiagonal_terms(phi, w, h, joints, work, J):
     """Add what springs, dampers and joint torques give to both right-hand sides of `step_jacobian`.
 
     phi and w are those after the step: phi - h/2 w are the middle angles that the step looked ahead to. The change of
@@ -94,7 +94,7 @@ def tridiagonal_terms(phi, w, base_angle, h, joints, work, J):
         if i > 0:
             more = more - phi[i - 1] + 0.5 * h * w[i - 1]
         else:
-            more = more - base_angle
+            more = more - joints.base_angle
         for stage in range(2):
             o = stage * n
             a = work.r

@@ -185,8 +185,10 @@ def memory_stored(i, q, state, memory):
     return value
 
 
-def step_with_memory(phi, w, base_angle, h, torque, body, joints, memory, state, held, work):
+def step_with_memory(phi, w, h, torque, body, joints, past, work):
     """`motion.step` with the memory of every joint: phi, w (n,) and state (n, branches) advance in place by h [s].
+
+    `past` (`symbols.Past`) holds the law of the memory, its state, and scratch arrays.
 
     Which elements slip, and Bouc-Wen's decay, depend on the turn that the step is to find. They are guessed, the
     linear step is made, and made again until what it took for r agrees with what the branches deliver.
@@ -196,7 +198,10 @@ def step_with_memory(phi, w, base_angle, h, torque, body, joints, memory, state,
     Paper: Eq. (5) [eq:eom], with the hysteresis that the paper leaves to later work
     """
     n = len(phi)
-    hold_start(phi, w, base_angle, h, joints, held)
+    memory = past.memory
+    state = past.state
+    held = past.held
+    hold_start(phi, w, h, joints, held)
     creep_lines(held.q, h, state, memory, held.creep_slope, held.creep_offset)
     for trial in range(TRIALS):
         for i in range(n):
@@ -206,8 +211,8 @@ def step_with_memory(phi, w, base_angle, h, torque, body, joints, memory, state,
         for i in range(n):
             held.K[i] = joints.K[i] * (1.0 + held.slope[i])
             held.theta0[i] = joints.theta0[i] - held.offset[i] / (1.0 + held.slope[i])
-        step(phi, w, base_angle, h, torque, body, held.springs, work)
-        if agreement(w, h, memory, state, held, work, trial >= CALM) <= AGREE:
+        step(phi, w, h, torque, body, held.springs, work)
+        if agreement(w, h, past, work, trial >= CALM) <= AGREE:
             return remember(held.q, held.dq, h, joints.K, state, memory)
         for i in range(n):
             phi[i] = held.phi[i]
@@ -215,9 +220,9 @@ def step_with_memory(phi, w, base_angle, h, torque, body, joints, memory, state,
     return -1.0 + 0.0 * w[0]
 
 
-def hold_start(phi, w, base_angle, h, joints, held):
+def hold_start(phi, w, h, joints, held):
     """Keep the start of a step in `held`, with a first guess of the turns: every joint goes on at its rate."""
-    angle = base_angle
+    angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(len(phi)):
         held.phi[i] = phi[i]
@@ -228,12 +233,15 @@ def hold_start(phi, w, base_angle, h, joints, held):
         rate = w[i]
 
 
-def agreement(w, h, memory, state, held, work, calm):
+def agreement(w, h, past, work, calm):
     """Largest difference [rad] in any joint between r as the step took it and as it comes out of the turns made.
 
     Leaves these turns in held.dq (half-way between them and those of before, when `calm`). Not a number where the step
     failed.
     """
+    memory = past.memory
+    state = past.state
+    held = past.held
     worst = 0.0
     rate = 0.0 * w[0]
     P = len(memory.creep_share)

@@ -18,8 +18,10 @@ from pliant.equations.velocity import body_hessian, body_jacobian
 from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 
-def acceleration(phi, w, base_angle, torque, body, joints, work, a):
+def acceleration(phi, w, torque, body, joints, work, a):
     """Angular accelerations a (n,) of the links [rad/s^2] at absolute angles phi and rates w.
+
+    `torque` (n,) is what drives each joint [N m].
 
     M a = t_k - t_{k+1} - g_k - sum_l B_kl sin(phi_k - phi_l) w_l^2;  `work.A` keeps the factors of M.
 
@@ -33,7 +35,7 @@ def acceleration(phi, w, base_angle, torque, body, joints, work, a):
     for k in range(n):
         c[k] = np.cos(phi[k])
         s[k] = np.sin(phi[k])
-    joint_torques(phi, w, base_angle, joints, torque, 0.0, t)
+    joint_torques(phi, w, joints, torque, 0.0, t)
     for k in range(n):
         a[k] = t[k] - t[k + 1] - body.h[k] * (body.gx * c[k] + body.gy * s[k])
         A[k, k] = body.B[k, k] + body.I[k]
@@ -47,14 +49,17 @@ def acceleration(phi, w, base_angle, torque, body, joints, work, a):
     ldl_solve(A, a)
 
 
-def acceleration_jacobian(phi, w, base_angle, torque, body, joints, work, a, a_phi, a_w):
-    """Acceleration a (n,) and its derivatives a_phi, a_w (n, n) with respect to phi and w: entry [l, k] = da_k / d._l.
+def acceleration_jacobian(phi, w, torque, body, joints, work, out):
+    """Acceleration and its derivatives with respect to phi and w, written to the `symbols.Slopes` of `out`.
 
     Stored row by variable, so that each right-hand side of the shared factors is contiguous.
 
     Paper: Eq. (5) [eq:eom], differentiated
     """
-    acceleration(phi, w, base_angle, torque, body, joints, work, a)
+    a = out.a
+    a_phi = out.a_phi
+    a_w = out.a_w
+    acceleration(phi, w, torque, body, joints, work, a)
     n = len(phi)
     c = work.c
     s = work.s
@@ -75,7 +80,7 @@ def acceleration_jacobian(phi, w, base_angle, torque, body, joints, work, a, a_p
             a_phi[j, j] = a_phi[j, j] - by_k
             a_w[j, k] = a_w[j, k] - 2.0 * sine * w[j]
             a_w[k, j] = a_w[k, j] + 2.0 * sine * w[k]
-    joint_tangents(phi, w, base_angle, joints, 0.0, work.r)
+    joint_tangents(phi, w, joints, 0.0, work.r)
     for i in range(n):  # spring and damper between link i-1 and link i
         a_phi[i, i] = a_phi[i, i] - work.r[i]
         a_w[i, i] = a_w[i, i] - joints.D[i]
@@ -91,8 +96,8 @@ def acceleration_jacobian(phi, w, base_angle, torque, body, joints, work, a, a_p
         ldl_solve(work.A, a_w[i])
 
 
-def step(phi, w, base_angle, h, torque, body, joints, work):
-    """Advance phi and w (n,) in place by h [s] under the mean torque of the step: linearly implicit midpoint rule.
+def step(phi, w, h, torque, body, joints, work):
+    """Advance phi and w (n,) in place by h [s] under the mean torques (n,) of the step: the implicit midpoint rule.
 
     (M + h/2 D + h^2/4 (K + 2 K2 q_m + G)) dw = h [tau - (K + K2 q_m) q_m - D dq - g(q_m) - S(q_m) w_m^2],
     q_m = q + h/2 dq,  phi += h (w + dw/2),  w += dw
@@ -115,8 +120,8 @@ def step(phi, w, base_angle, h, torque, body, joints, work):
     for k in range(n):
         c[k] = np.cos(phi[k] + half * w[k])
         s[k] = np.sin(phi[k] + half * w[k])
-    joint_torques(phi, w, base_angle, joints, torque, half, t)
-    joint_tangents(phi, w, base_angle, joints, half, a)
+    joint_torques(phi, w, joints, torque, half, t)
+    joint_tangents(phi, w, joints, half, a)
     for k in range(n):
         r[k] = h * (t[k] - t[k + 1] - body.h[k] * (body.gx * c[k] + body.gy * s[k]))
         slope = body.h[k] * (body.gy * c[k] - body.gx * s[k])
@@ -154,14 +159,15 @@ def centrifugal(S, square, r, a):
             a[j] = a[j] + S[k, j] * square[k]
 
 
-def acceleration_recursive(q, dq, torques, l, theta0, m, c, I, m_tip, gx, gy, base_angle, ddq):
+def acceleration_recursive(q, dq, torques, links, ddq):
     """Joint accelerations ddq (n,) by the paper's recursion: Eq. (4) -> Jacobians -> M and C -> Eq. (5).
 
-    `torques` (n,) is tau - K q - D dq. Gravity enters through the Jacobians. Allocates: this is the route to read and
-    to check against, not the one to run.
+    `torques` (n,) is tau - K q - D dq, `links` a `symbols.Links`. Gravity enters through the Jacobians. Allocates: this
+    is the route to read and to check against, not the one to run.
 
     Paper: Eqs. (4), (5) [eq:wvi_recursive] [eq:eom], by Godage et al., IJRR 35(6), 2016
     """
+    l, theta0, m, c, I, m_tip, gx, gy, base_angle = links
     n = len(l)
     kind = (q + dq + torques).dtype
     J = np.zeros((n, 2, n), dtype=kind)

@@ -26,13 +26,27 @@ class Body(NamedTuple):
     gy: float  # m/s^2, gravity along y of the base frame
 
 
-class Joints(NamedTuple):
-    """Springs, dampers and drive of the joints."""
+class Links(NamedTuple):
+    """The links one by one, as the paper's recursion takes them."""
 
+    l: np.ndarray  # (n,) m
+    theta0: np.ndarray  # (n,) rad
+    m: np.ndarray  # (n,) kg
+    c: np.ndarray  # (n,) m, from the joint to the centre of mass
+    I: np.ndarray  # (n,) kg m^2, about it
+    m_tip: float  # kg
+    gx: float  # m/s^2
+    gy: float  # m/s^2
+    base_angle: float  # rad
+
+
+class Joints(NamedTuple):
+    """Springs and dampers of the joints, and the direction that the first one counts from."""
+
+    base_angle: float  # rad, the base tangent from +y
     theta0: np.ndarray  # (n,) rad, rest angle of each joint; theta0[0] is measured from the base tangent
     K: np.ndarray  # (n,) N m/rad
     D: np.ndarray  # (n,) N m s/rad
-    gain: np.ndarray  # (n,) share of the torque law that each joint feels; 1 by virtual work
     K2: np.ndarray  # (n,) N m/rad^2, of a spring that stiffens with its angle: K times the stiffening
     unbent: np.ndarray  # (n,) rad, theta0, from which K2 counts also where memory moves a step's theta0
 
@@ -48,6 +62,53 @@ class Memory(NamedTuple):
     boucwen_beta: float  # 1/rad^n
     boucwen_gamma: float  # 1/rad^n, at most beta in size
     boucwen_exponent: float  # n, at least 1
+
+
+class Chamber(NamedTuple):
+    """One pressure that makes one torque: `equations.chamber`."""
+
+    law: np.ndarray  # (k,) N m/Pa^i, the torque law at rest
+    swell_share: float  # of the law's growth with pressure that comes late
+    swell_time: float  # s
+    inflation_limit: float  # Pa, towards which the wall gives way; 0: a rigid wall
+    inflation_time: float  # s
+
+
+class Actuation(NamedTuple):
+    """All chambers of a body: each a `Chamber`, and how the joints share its torque.
+
+    Few arrays: each costs a caller.
+    """
+
+    law: np.ndarray  # (C, k) N m/Pa^i
+    gain: np.ndarray  # (C, n) share of each chamber's torque that each joint feels; 1 by virtual work
+    rubber: np.ndarray  # (C, 4) the last four entries of each `Chamber`
+
+
+class Interval(NamedTuple):
+    """The pressure of a chamber in one interval of time, Pa."""
+
+    start: float
+    middle: float
+    end: float
+    mean: float
+
+
+class Lag(NamedTuple):
+    """A valve of first order whose pressure rises and falls no faster than its rates."""
+
+    rise: float  # s
+    fall: float  # s
+    rise_rate: float  # Pa/s
+    fall_rate: float  # Pa/s
+
+
+class Slopes(NamedTuple):
+    """What `motion.acceleration_jacobian` writes: entry [l, k] of a matrix is da_k / d._l."""
+
+    a: np.ndarray  # (n,) rad/s^2
+    a_phi: np.ndarray  # (n, n)
+    a_w: np.ndarray  # (n, n)
 
 
 class Held(NamedTuple):
@@ -66,6 +127,14 @@ class Held(NamedTuple):
     springs: Joints
 
 
+class Past(NamedTuple):
+    """What a chain that remembers carries through its steps."""
+
+    memory: Memory
+    state: np.ndarray  # (n, branches) rad
+    held: Held
+
+
 class Workspace(NamedTuple):
     """Scratch arrays of one step, owned by the caller so that no kernel allocates."""
 
@@ -76,3 +145,4 @@ class Workspace(NamedTuple):
     t: np.ndarray  # (n + 1,)
     r: np.ndarray  # (n,)
     a: np.ndarray  # (n,)
+    tau: np.ndarray  # (n,) N m, what the chambers give each joint

@@ -88,8 +88,8 @@ class AdaptiveObserver:
         self._covariance, self._rows = in_torques(self.model, design.covariance), np.empty(0)
         remembered = float(share * model.memory.instantaneous)
         self.body = ObserverModel(
-            float(model.base_angle), np.array(model.rest_angle), model.joints(), self.model.body(),
-            np.array(model.torque), float(model.swell_share), float(model.swell_time), model.memory.law(), remembered,
+            np.array(model.rest_angle), model.joints(), self.model.body(), model.chamber.kernel(),
+            np.array(model.actuation.gain), model.memory.law(), remembered,
         )
         self.workspace = make_observer_workspace(self.model)
         self._follow = twin(adaptive_observer_loops.follow, model.n)
@@ -104,7 +104,7 @@ class AdaptiveObserver:
         angle, rate, own, innovation, shift = self._x
         self.own = ObserverState(
             angle, rate, own, innovation, shift, state.relaxed(model, q), np.zeros(3 * n), np.array(self._scale),
-            np.zeros(1),
+            model.actuation.rest_state(0.0)[0],
         )
         self._records = self.own, self.body, self.gains, self.pace, self.workspace
         self._pressure = self._reading = self._latest = 0.0

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.memory import memory_angle
+from pliant.equations.chamber import advance, share_out
+from pliant.equations.elastic import tangent
+from pliant.equations.memory import memory_angle, step_with_memory
 from pliant.equations.section import torque
+from pliant.equations.symbols import Chamber, Interval, Past
 from pliant.estimation.symbols import FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED
-from pliant.simulation.memory_loops import held_step_with_memory
 
 
 def follow(periods, pressure, values, state, model, gains, pace, workspace):
@@ -21,7 +23,7 @@ def follow(periods, pressure, values, state, model, gains, pace, workspace):
     """
     failed = False
     if periods > 0:
-        learn_ahead(state, gains, periods, torque(pressure, model.law), workspace.weight)
+        learn_ahead(state, gains, periods, torque(pressure, model.chamber.law), workspace.weight)
         failed = ahead(state, pressure, model, periods * pace.parts, pace.h, workspace)
     outcome = FOLLOWED
     if lost(values):
@@ -36,7 +38,7 @@ def follow(periods, pressure, values, state, model, gains, pace, workspace):
             if not abs(state.innovation[i]) < pace.largest:
                 outcome = PARTED
     rest_shift(
-        state.angle, state.own_shift, state.memory, model.base_angle, model.rest_angle, model.memory,
+        state.angle, state.own_shift, state.memory, model.joints.base_angle, model.rest_angle, model.memory,
         model.instantaneous, state.rest_shift,
     )
     return STEP_FAILED if failed else outcome
@@ -55,17 +57,18 @@ def ahead(state, pressure, model, count, h, workspace):
     springs = workspace.springs
     for i in range(len(state.angle)):
         springs.theta0[i] = model.rest_angle[i] + state.own_shift[i]
-    for k in range(len(model.law)):
-        workspace.law[k] = model.law[k] * state.factor[0]
-    slow, failed = state.slow_pressure, False
+    own, work, failed = model.chamber, workspace.work, False
+    for k in range(len(own.law)):
+        workspace.law[k] = own.law[k] * state.factor[0]
+    chamber = Chamber(workspace.law, own.swell_share, own.swell_time, own.inflation_limit, own.inflation_time)
+    past = Past(model.memory, state.memory, workspace.held)
+    p = Interval(pressure, pressure, pressure, pressure)
     for _ in range(count):
-        end, slow[0] = held_step_with_memory(
-            state.angle, state.rate, state.memory, model.base_angle, h, pressure, pressure, slow[0], 0.0, 0.0,
-            model.swell_share, model.swell_time, workspace.law, model.body, springs, model.memory, workspace.held,
-            workspace.work,
-        )
-        if not np.isfinite(end):
-            failed = True
+        share_out(0, advance(h, p, chamber, state.slow), model.gain, work.tau)
+        taken = step_with_memory(state.angle, state.rate, h, work.tau, model.body, springs, past, work)
+        for i in range(len(state.angle)):
+            if not (abs(state.rate[i]) * h <= 1.0 and taken >= 0.0 and tangent(i, state.angle, springs) > 0.0):
+                failed = True
     return failed
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations import section
+from pliant.equations import chamber
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import rest_shift
@@ -41,8 +41,7 @@ class Snapshot(NamedTuple):
 
     time: float
     pressure: float
-    slow: float
-    grown: float
+    slow: Array  # (C, 2) states of the chambers
     state: Array
 
 
@@ -112,8 +111,9 @@ class KalmanFilter:
         self._predict, self._update = twin(kalman_loops.predict_span, model.n), twin(kalman_loops.update)
         self._rest_shift = twin(rest_shift)
         q, n = state.equilibrium(model, pressure), model.n
-        self.time, self.pressure, self._slow = float(time), float(pressure), float(pressure)
-        self._grown = float(model.inflation_at(pressure))
+        self.time, self.pressure = float(time), float(pressure)
+        self._actuation, self._torques, self._tau = model.actuation.kernel(), twin(chamber.held_torques), np.zeros(n)
+        self._slow = model.actuation.rest_state(pressure)
         start, memory = self.noise.initial(model), state.relaxed(model, q)
         N = start.shape[0]
         self._state = np.concatenate([state.absolute(model, q), np.zeros(2 * n), start.ravel(), memory.ravel(), [0.0]])
@@ -180,21 +180,10 @@ class KalmanFilter:
             raise SimulationError(f"the prediction to {time:.6g} s fails: the step {span / count:.3g} s is too long")
         self.time = float(time)
 
-    def _torque(self, span: float) -> float:
-        """Mean torque [N m] of the pressure that is held; the slow one of a chamber that swells moves on by `span`."""
-        p, law, slow = self.pressure, self.model.torque, self._slow
-        limit, y = self.model.inflation_limit, self._grown
-        if not (self.model.swell_share or limit):
-            return float(section.torque(p, law))
-        middle, self._slow = section.slow_interval(span, p, p, p, slow, self.model.swell_time)
-        if limit:
-            half, self._grown = section.inflated_interval(span, p, p, p, y, limit, self.model.inflation_time)
-            return float(section.mean_inflated_torque(
-                p, p, p, p, slow, middle, self._slow, y, half, self._grown, self.model.swell_share, law
-            ))
-        return float(
-            section.mean_swollen_torque(p, p, p, p, slow, middle, self._slow, self.model.swell_share, law)
-        )
+    def _torque(self, span: float) -> Array:
+        """Mean torques (n,) [N m] of the joints under the pressure that is held; its chamber moves on by `span`."""
+        self._torques(span, np.array([self.pressure]), self._actuation, self._slow, self._tau)
+        return self._tau
 
     def _arrays(self, rows: int) -> FilterWorkspace:
         if rows not in self._workspaces:
@@ -233,7 +222,7 @@ class KalmanFilter:
         self.advance(now)
 
     def _apply(self, event: Event) -> None:
-        self._events.append((Snapshot(self.time, self.pressure, self._slow, self._grown, self._state.copy()), event))
+        self._events.append((Snapshot(self.time, self.pressure, self._slow.copy(), self._state.copy()), event))
         self.advance(event.time)
         if event.rows is None or event.value is None or event.variance is None:
             self.pressure = event.pressure
@@ -252,7 +241,8 @@ class KalmanFilter:
             self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad, or as much of its length"
 
     def _restore(self, kept: Snapshot) -> None:
-        self.time, self.pressure, self._slow, self._grown = kept.time, kept.pressure, kept.slow, kept.grown
+        self.time, self.pressure = kept.time, kept.pressure
+        self._slow[:] = kept.slow
         self._state[:] = kept.state
 
 

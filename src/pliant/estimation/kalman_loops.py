@@ -11,6 +11,7 @@ import numpy as np
 
 from pliant.equations.linearised import step_jacobian
 from pliant.equations.memory import remember, step_with_memory
+from pliant.equations.symbols import Past
 from pliant.estimation.symbols import FilterFrame
 
 ANGLE, ALONG_X, ALONG_Y, JOINT = 0, 1, 2, 3  # what a row of a measurement sees
@@ -18,12 +19,12 @@ FADE = 0.1  # s for which motion is remembered
 
 
 def predict(state, model, h, torque, noise, workspace):
-    """Move the estimate and its covariance P (N, N) over one step of h [s] under the mean `torque` [N m].
+    """Move the estimate and its covariance P (N, N) over one step of h [s] under the mean `torque` (n,) [N m].
 
     Returns the Jacobian of the step in workspace.J, row by variable; -1 where the step failed, else 0.
     """
     phi, w, d, P, memory_state = state
-    base_angle, body, joints, law, remembers = model
+    gain, body, joints, law, remembers = model
     n = len(phi)
     N = P.shape[0]
     springs = workspace.springs
@@ -34,19 +35,19 @@ def predict(state, model, h, torque, noise, workspace):
             workspace.phi[i] = phi[i]
             workspace.w[i] = w[i]
         taken = step_with_memory(
-            workspace.phi, workspace.w, base_angle, h, torque, body, springs, law, memory_state, workspace.held,
+            workspace.phi, workspace.w, h, torque, body, springs, Past(law, memory_state, workspace.held),
             workspace.work,
         )
         if not taken >= 0.0:
             return -1
         springs = workspace.held.springs
-    step_jacobian(phi, w, base_angle, h, torque, body, springs, workspace.work, workspace.J)
+    step_jacobian(phi, w, h, torque, body, springs, workspace.work, workspace.J)
     for i in range(n):
         if not abs(w[i]) * h <= 1.0:
             return -1
     propagate(P, N, n, workspace.J, workspace.W)
     recall(w, h, noise.recent)
-    add_noise(P, n, h, joints.gain, noise, workspace.J, workspace.G)
+    add_noise(P, n, h, gain, noise, workspace.J, workspace.G)
     return 0
 
 
@@ -91,14 +92,16 @@ def add_noise(P, n, h, gain, noise, J, G):
             f = own[i] / h * J[m + i, a]
             for b in range(m):
                 P[a, b] += f * J[m + i, b]
-    if common > 0.0:
+    for c in range(len(common)):
+        if not common[c] > 0.0:
+            continue
         for a in range(m):
             G[a] = 0.0
             for i in range(n):
-                G[a] += gain[i] * J[m + i, a]
+                G[a] += gain[c, i] * J[m + i, a]
         for a in range(m):
             for b in range(m):
-                P[a, b] += common / h * G[a] * G[b]
+                P[a, b] += common[c] / h * G[a] * G[b]
     for i in range(P.shape[0] - m):
         P[m + i, m + i] += random_walk[i] * (1.0 + motion_growth * recent[0]) * h
 

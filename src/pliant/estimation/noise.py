@@ -67,9 +67,9 @@ class Noise:
                 sign = "positive" if name in positive or "[" in name else "not negative"
                 raise InputError(f"noise {name} must be finite and {sign} (a standard deviation, SI), got {value}")
 
-    def densities(self, model: Model) -> tuple[Array, float, Array, float]:
+    def densities(self, model: Model) -> tuple[Array, Array, Array, float]:
         """For the loops: spectral densities of joint torques, a common torque, the disturbance's rate; its growth."""
-        common = (float(model.torque[0]) * self.pressure) ** 2
+        common = np.array([(float(c.torque[0]) * self.pressure) ** 2 for c in model.chambers])
         walk = np.full(model.n, self.random_walk**2)
         return np.full(model.n, self.torque**2), common, walk, float(self.motion_growth)
 

@@ -159,7 +159,7 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
     begin = np.concatenate([[0, 0], ends]).astype(np.int64)  # no step leads to the first frame
     out = make_output(frames, states, rows)
     failed = twin(kalman_loops.filter_record, model.n)(
-        own, chain_of(model), (plan.h, plan.torque, begin), FilterNoise(*noise.densities(model), np.zeros(1)),
+        own, chain_of(model), (plan.h, plan.joint_torque, begin), FilterNoise(*noise.densities(model), np.zeros(1)),
         frames_of(model, measurement), out, make_workspace(model, states, rows),
     )
     if failed >= 0:
@@ -178,7 +178,8 @@ def frames_of(model: Model, measurement: Measurement) -> FilterFrame:
 
 def chain_of(model: Model) -> FilterModel:
     """What the loops take of a model."""
-    return FilterModel(float(model.base_angle), model.body(), model.joints(), model.memory.law(), bool(model.memory))
+    gain, memory = np.array(model.actuation.gain), model.memory
+    return FilterModel(gain, model.body(), model.joints(), memory.law(), bool(memory))
 
 
 def split(model: Model, x: Array, P: Array) -> dict[str, Array]:
@@ -221,7 +222,7 @@ def described(
     data["normalised_innovation_squared"] = ("time", out.score[:, 1], {"units": "1", "long_name": "NIS"})
     data["motion"] = ("time", out.score[:, 3], {"units": "rad2/s2", "long_name": "mean square joint rate of late"})
     data["rows_used"] = ("time", out.score[:, 0].astype(int), {"units": "1", "long_name": "rows of the frame in use"})
-    data["pressure"] = ("time", plan.pressure, {"units": "Pa", "long_name": "gauge pressure behind the valve"})
+    data["pressure"] = ("time", plan.pressure[:, 0], {"units": "Pa", "long_name": "gauge pressure behind the valve"})
     tips = state.tips(model, out.estimate[:, :n])
     data["tip_position"] = (("time", "link", "axis"), tips, {"units": "m", "long_name": "estimated link tips"})
     labels = np.arange(1, n + 1)

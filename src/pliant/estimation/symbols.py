@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from pliant.equations.symbols import Body, Held, Joints, Memory, Workspace
+from pliant.equations.symbols import Body, Chamber, Held, Joints, Memory, Workspace
 
 if TYPE_CHECKING:
     import numpy as np
@@ -15,13 +15,11 @@ FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED = range(4)  # what became of a frame o
 class ObserverModel(NamedTuple):
     """The model that the adaptive observer runs."""
 
-    base_angle: float  # rad
     rest_angle: np.ndarray  # (n,) rad
     joints: Joints
     body: Body
-    law: np.ndarray  # of the torque
-    swell_share: float
-    swell_time: float  # s
+    chamber: Chamber
+    gain: np.ndarray  # (1, n) share of its torque that each joint feels
     memory: Memory
     instantaneous: float  # stiffness of the memory before it gives way, in parts of K, as far as `frozen` keeps it
 
@@ -47,7 +45,7 @@ class ObserverState(NamedTuple):
     memory: np.ndarray  # (n, branches)
     sensitivity: np.ndarray  # (3n,) of angles, rates and rest shifts to the factor
     factor: np.ndarray  # (2,) on the torque: its value and its variance
-    slow_pressure: np.ndarray  # (1,) Pa
+    slow: np.ndarray  # (2,) slow states of the chamber, see `equations.chamber.advance`
 
 
 class Pace(NamedTuple):
@@ -82,7 +80,7 @@ class FilterState(NamedTuple):
 class FilterModel(NamedTuple):
     """What the filter's loops take of a model."""
 
-    base_angle: float  # rad
+    gain: np.ndarray  # (C, n) share of the torque of each chamber that each joint feels
     body: Body
     joints: Joints
     memory: Memory
@@ -93,7 +91,7 @@ class FilterNoise(NamedTuple):
     """Spectral densities of what the model does not know."""
 
     own: np.ndarray  # (n,) (N m)^2 s, of the torque of each joint
-    common: float  # (N m)^2 s, of a torque that the pressure brings to all joints
+    common: np.ndarray  # (C,) (N m)^2 s, of the torque that the pressure of each chamber brings to its joints
     random_walk: np.ndarray  # (n,) (N m)^2/s, of the disturbance's rate
     motion_growth: float  # s^2/rad^2: growth of the last with the mean square of the joint rates
     recent: np.ndarray  # (1,) rad^2/s^2, how much motion there was of late
@@ -104,7 +102,7 @@ class Prediction(NamedTuple):
 
     steps: int
     h: float  # s, length of a step
-    torque: float  # N m, its mean
+    torque: np.ndarray  # (n,) N m, its mean
     noise: FilterNoise
 
 

@@ -102,9 +102,11 @@ FEATURES: dict[str, Feature] = {
         "pressure that settles late", when("late settling of the valve", lambda m: m.valve.settle_share),
         of_valve(settle_share=0.0),
     ),
-    "swelling": Feature("swelling", when("swelling", lambda m: m.swell_share), lambda m: m.with_(swell_share=0.0)),
+    "swelling": Feature(
+        "swelling", when("swelling", lambda m: m.chamber.swell_share), lambda m: m.with_(swell_share=0.0)
+    ),
     "inflation": Feature(
-        "inflation", when("inflation", lambda m: m.inflation_limit), lambda m: m.with_(inflation_limit=0.0)
+        "inflation", when("inflation", lambda m: m.chamber.inflation_limit), lambda m: m.with_(inflation_limit=0.0)
     ),
     "creep": Feature(
         "creep", numbered("creep branch", lambda m: len(m.memory.creep_share)),

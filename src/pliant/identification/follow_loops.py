@@ -6,42 +6,117 @@ numbers for its derivatives: what is put into the imaginary parts of the inputs 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from pliant.equations.chamber import share_out
 from pliant.equations.contact import add_link_loads
 from pliant.equations.elastic import tangent
+from pliant.equations.memory import step_with_memory
 from pliant.equations.motion import step
 
 
-def follow(phi, w, base_angle, h, torque, keep, still, held, held_base, pull, body, joints, work, places, out):
-    """Take len(h) steps as `simulation.march_loops.march` does, from phi and w (n,), and observe the chain.
+class Course(NamedTuple):
+    """The steps of a march (`simulation.march_loops.Steps`), with known forces."""
 
-    The first `still` rows of out (rows, S, 3) show the chain held at the absolute angles `held` (n,); the state after
-    step k goes to row keep[k] - 1 + still where keep[k] >= 0. `pull` is what known forces do, see `pulled`. Rows are
-    x [m], y [m] and angle [rad] of each point.
+    h: np.ndarray  # (steps,) s
+    torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
+    gain: np.ndarray  # (C, n) share of it that each joint feels
+    keep: np.ndarray  # (steps,) row of the output after the step, -1: none
+    load: np.ndarray  # (steps, n, 2) N m, mean loads of the links by known forces; no rows where there are none
+
+
+class Before(NamedTuple):
+    """A chain that is held before it moves."""
+
+    rows: int  # how many
+    phi: np.ndarray  # (n,) rad
+    base_angle: float  # rad
+
+
+class Places(NamedTuple):
+    """Where the observed points are."""
+
+    length: np.ndarray  # (n,) m
+    base_length: float  # m
+    carrier: np.ndarray  # (S,) index of the link that carries each point, -1 the base
+    along: np.ndarray  # (S,) m
+    across: np.ndarray  # (S,) m
+    sign: float  # 1, or -1 where the x axis is mirrored
+    shift_x: float  # m
+    shift_y: float  # m
+    reference: float  # rad, what angles are measured from
+
+
+class Seen(NamedTuple):
+    """What is observed: points, and the rows (rows, S, 3) that take x [m], y [m] and angle [rad] of each."""
+
+    places: Places
+    rows: np.ndarray
+
+
+def follow(phi, w, course, before, body, joints, work, seen):
+    """Take all steps of a `Course` as `simulation.march_loops.march` does, from phi and w (n,), and observe the chain.
+
+    The first rows of seen.rows show the chain as it was held `before` (`Before`); the state after step k goes to row
+    keep[k] - 1 + before.rows where keep[k] >= 0.
     Returns the index of the first step in which a link turns by more than a radian or a spring holds nothing, or -1.
     """
     n = len(phi)
-    for row in range(still):
-        observe(held, held_base, places, work.c, work.s, out[row])
-    for k in range(len(h)):
-        step(phi, w, base_angle, h[k], pulled(k, phi, w, 0.5 * h[k], torque[k], pull, joints), body, joints, work)
+    look_before(before, seen, work)
+    for k in range(len(course.h)):
+        h = course.h[k]
+        take_torques(k, phi, w, course, work.tau)
+        step(phi, w, h, work.tau, body, joints, work)
         for i in range(n):
-            if not (abs((w[i] * h[k]).real) <= 1.0 and tangent(i, phi, base_angle, joints).real > 0.0):
+            if not (abs((w[i] * h).real) <= 1.0 and tangent(i, phi, joints).real > 0.0):
                 return k  # as does what is not a number
-        if keep[k] >= 0:
-            observe(phi, base_angle, places, work.c, work.s, out[keep[k] - 1 + still])
+        if course.keep[k] >= 0:
+            observe(phi, joints.base_angle, seen.places, work.c, work.s, seen.rows[course.keep[k] - 1 + before.rows])
     return -1
 
 
-def pulled(k, phi, w, ahead, torque, pull, joints):
-    """The torque of step k; with known forces the joints take theirs beside it, and the torque is 1 for all of them."""
-    if len(pull.load) == 0:
-        return torque
-    for i in range(len(phi)):
-        joints.gain[i] = pull.gain[i] * torque
-    add_link_loads(phi, w, ahead, pull.load[k], joints.gain)
-    return 1.0 + 0.0 * torque
+def follow_with_memory(phi, w, course, before, chain, past, work, seen):
+    """As `follow`, with the memory of the joints (`symbols.Past`), whose creep is set to rest at phi.
+
+    `chain` is (body, joints). Returns the index of the first step in which a link turns by more than a radian or the
+    branches find no agreement, or -1.
+    """
+    body, joints = chain
+    n = len(phi)
+    look_before(before, seen, work)
+    last = joints.base_angle
+    for i in range(n):
+        for j in range(len(past.memory.creep_share)):
+            past.state[i, j] = phi[i] - last - joints.theta0[i]
+        last = phi[i]
+    for k in range(len(course.h)):
+        h = course.h[k]
+        take_torques(k, phi, w, course, work.tau)
+        lost = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
+        if not lost.real > -0.5:  # the square of an imaginary part may stand a trifle below zero
+            return k
+        for i in range(n):
+            if not (abs((w[i] * h).real) <= 1.0 and tangent(i, phi, joints).real > 0.0):
+                return k
+        if course.keep[k] >= 0:
+            observe(phi, joints.base_angle, seen.places, work.c, work.s, seen.rows[course.keep[k] - 1 + before.rows])
+    return -1
+
+
+def take_torques(k, phi, w, course, tau):
+    """Torques tau (n,) [N m] of the joints in step k: those of the chambers, and of known forces half a step ahead."""
+    for c in range(len(course.gain)):
+        share_out(c, course.torque[k, c], course.gain, tau)
+    if len(course.load) > 0:
+        add_link_loads(phi, w, 0.5 * course.h[k], course.load[k], tau)
+
+
+def look_before(before, seen, work):
+    """The rows of a chain that is held before it moves."""
+    for row in range(before.rows):
+        observe(before.phi, before.base_angle, seen.places, work.c, work.s, seen.rows[row])
 
 
 def observe(phi, base_angle, places, c, s, seen):

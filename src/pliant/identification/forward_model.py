@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations.symbols import Body, Held, Joints, Memory
+from pliant.equations.symbols import Body, Held, Joints, Memory, Past
 from pliant.errors import SimulationError
-from pliant.identification import follow_loops, memory_loops
+from pliant.identification import follow_loops
+from pliant.identification.follow_loops import Before, Course, Places, Seen
 from pliant.identification.forces import loads_at, mean_loads
 from pliant.identification.parameters import apply, for_record
 from pliant.model import Model
@@ -27,37 +28,16 @@ LEAST_PULL = 1e-6  # of a held pose towards the unloaded shape, in pulls of a me
 POSE_STEPS = 60
 
 
-class Places(NamedTuple):
-    """Where the observed points are, for the compiled loop."""
-
-    length: Any  # (n,) m
-    base_length: Any  # m
-    carrier: Array  # (S,) index of the link that carries each point, -1 the base
-    along: Any  # (S,) m
-    across: Any  # (S,) m
-    sign: Any  # 1, or -1 where the x axis is mirrored
-    shift_x: Any  # m
-    shift_y: Any  # m
-    reference: Any  # rad, what angles are measured from
-
-
-class Pull(NamedTuple):
-    """Known forces, for the compiled loop; no loads where there are none."""
-
-    load: Any  # (steps, n, 2) N m, of the links, the mean over each step
-    gain: Any  # (n,) of the joints
-
-
 class Numbers(NamedTuple):
     """All that a derivative can act on; every entry a number or an array."""
 
     held: Any  # (n,) rad, absolute angles of the first rows
     held_base: Any  # rad
     phi: Any  # (n,) rad, at the start of the motion
-    base_angle: Any  # rad
     h: Any  # (steps,) s
-    torque: Any  # (steps,) N m
-    torque_before: Any  # N m, under which the chain rests at the start
+    torque: Any  # (steps, C) N m, of the chambers
+    gain: Any  # (C, n) share of it that each joint feels
+    torque_before: Any  # (n,) N m, under which the chain rests at the start
     load: Any  # (steps, n, 2) N m, of known forces; no rows where there are none
     load_before: Any  # (n, 2) N m, under which the chain rests at the start
     body: Body
@@ -108,7 +88,7 @@ def set_up(
     start = state.absolute(m, equilibrium(m, plan.initial, link_load=before) if rest is None else rest)
     numbers = gathered(m, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
-    return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, plan.pressure, True)
+    return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, plan.pressure[:, 0], True)
 
 
 def let_go(
@@ -118,7 +98,7 @@ def let_go(
     base = (model.base_angle, model.base_angle + own.get("base_turn", 0.0))
     angles = state.absolute(model, held_angles(model, exp, own))
     free = times[times > own["release"]]
-    plan = Drive(np.zeros(0), np.zeros(0), np.zeros(0, dtype=int), np.zeros(1), 0.0)
+    plan = no_drive(model)
     if free.size:
         key = ("release", exp.name, own["release"], times[0])
         if key not in plans:
@@ -166,13 +146,19 @@ def posed(model: Model, carrier: Array, chosen: list[Any], seen: Array) -> Array
     return state.joint_angles(model, phi)
 
 
+def no_drive(model: Model) -> Drive:
+    """The drive of no step at all."""
+    C = len(model.chambers)
+    return Drive(np.zeros(0), np.zeros((0, C)), model.actuation.gain, np.zeros(0, dtype=int), np.zeros((1, C)),
+                 np.zeros(C))  # fmt: skip
+
+
 def planned(
     model: Model, exp: Experiment, own: Mapping[str, float], times: Array, step: float, plans: Plans,
 ) -> Drive:
     """Steps and torques under a measured or nominal pressure, at the frames' `times` on its clock, s."""
     start, stop = own.get("start", 0.0), own.get("stop", 0.0)
-    key = (exp.name, times[0], start, stop, model.valve, model.torque.tobytes(), model.swell_share, model.swell_time,
-           model.inflation_limit, model.inflation_time)
+    key = (exp.name, times[0], start, stop, *(c.key for c in model.chambers))
     if key not in plans:
         pressure: Input
         if exp.pressure is not None:
@@ -191,9 +177,10 @@ def gathered(
     """The numbers of a set-up: angles and base angle while held, and at the start of the motion."""
     chosen = observed(model, exp)
     return Numbers(
-        held=angles[0], held_base=base[0], phi=angles[1], base_angle=base[1], h=plan.h, torque=plan.torque,
-        torque_before=float(model.torque_at(plan.initial)), load=np.zeros((0, model.n, 2)),
-        load_before=np.zeros((model.n, 2)), body=model.body(), joints=model.joints(),
+        held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
+        gain=model.actuation.gain, torque_before=model.actuation.joint_torques(plan.initial),
+        load=np.zeros((0, model.n, 2)), load_before=np.zeros((model.n, 2)), body=model.body(),
+        joints=model.joints()._replace(base_angle=base[1]),
         memory=model.memory.law(),
         along=np.array([p.along for p in chosen]), across=np.array([p.across for p in chosen]),
         shift=np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)]),
@@ -243,19 +230,17 @@ def moved(made: SetUp, numbers: Numbers, kind: type[Any], rows: int) -> Array:
         cast(numbers.reference),
     )
     out: Array = np.empty((rows, made.carrier.size, 3), dtype=kind)
-    steps = (cast(numbers.base_angle), cast(numbers.h), cast(numbers.torque), made.keep, made.still)
-    pull = Pull(cast(numbers.load), joints.gain)
-    if numbers.load.size:
-        joints = joints._replace(gain=np.empty_like(joints.gain))  # written anew in every step
-    before = (cast(numbers.held), cast(numbers.held_base), pull, body, joints)
+    course = Course(cast(numbers.h), cast(numbers.torque), cast(numbers.gain), made.keep, cast(numbers.load))
+    before = Before(made.still, cast(numbers.held), cast(numbers.held_base))
     start: tuple[Array, Array] = (cast(numbers.phi), np.zeros(n, dtype=kind))
     if made.model.memory:
         memory = Memory(*map(cast, numbers.memory))
-        states = slipped(made, numbers, kind)
-        held = held_of(made.model, kind, joints)
-        failed = twin(memory_loops.follow_with_memory)(*start, states, *steps, *before, memory, held, work, places, out)
+        past = Past(memory, slipped(made, numbers, kind), held_of(made.model, kind, joints))
+        failed = twin(follow_loops.follow_with_memory)(
+            *start, course, before, (body, joints), past, work, Seen(places, out)
+        )
     else:
-        failed = twin(follow_loops.follow, n)(*start, *steps, *before, work, places, out)
+        failed = twin(follow_loops.follow, n)(*start, course, before, body, joints, work, Seen(places, out))
     if failed >= 0:
         after, length = np.sum(numbers.h[: failed + 1]).real, np.real(numbers.h[failed])
         if lost := state.given_way(made.model, start[0].real):
@@ -272,7 +257,7 @@ def slipped(made: SetUp, numbers: Numbers, kind: type[Any]) -> Array:
     states: Array = state.relaxed(made.model, np.zeros(made.model.n)).astype(kind)
     if not made.pulled:
         return states
-    q = np.diff(numbers.phi, prepend=numbers.base_angle) - numbers.joints.theta0
+    q = np.diff(numbers.phi, prepend=numbers.joints.base_angle) - numbers.joints.theta0
     for j, limit in enumerate(numbers.memory.slip_angle, len(made.model.memory.creep_share)):
         beyond = np.abs(q.real) > np.real(limit)
         states[:, j] = np.where(beyond, np.sign(q.real) * limit, q)

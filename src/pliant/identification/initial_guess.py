@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pliant.equations.section import lever_growth
+from pliant.equations.chamber import lever_growth
 from pliant.errors import FitError, InputError, SimulationError
 from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
@@ -120,7 +120,7 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float) -> float:
     k = names.index(exp.stations[-1])
 
     def gap(torque: float) -> float:
-        q = equilibrium(model) + joints.gain * torque / joints.K
+        q = equilibrium(model) + model.joint_gain * torque / joints.K
         moved = state.stations(model, state.absolute(model, q))[0]
         return float(np.linalg.norm(moved[k] - rest[k])) - target
 
@@ -250,7 +250,7 @@ def torque_start(
         return {}
     levels = np.array([plateau(exp) for exp in pushed])
     torques = np.array([torque_for_plateau(model, e, u) for e, (_, u) in zip(pushed, levels, strict=True)])
-    torques /= lever_growth(np.minimum(model.inflation_at(levels[:, 0]), MOST_INFLATED))
+    torques /= lever_growth(np.minimum(model.chamber.growth_at(levels[:, 0]), MOST_INFLATED))
     weight = 1.0 / np.maximum(torques, 1e-12)
     given = sum(v * levels[:, 0] ** int(n[-1]) for n, v in values.items() if re.fullmatch(r"torque_\d", n))
     powers = np.array(sorted(int(n[-1]) for n in wanted))

@@ -14,7 +14,7 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import motion
-from pliant.equations.symbols import Body, Joints
+from pliant.equations.symbols import Body, Joints, Slopes
 from pliant.errors import FitError, PliantError
 from pliant.identification.forces import joint_loads
 from pliant.identification.forward_model import Numbers, Plans, SetUp, moved, set_up
@@ -141,30 +141,28 @@ def equilibrium_slope(numbers: Numbers, slope: Numbers) -> Array:
     """Derivative (n,) of the absolute angles at rest: those at which the acceleration stays zero."""
     n = len(numbers.phi)
     loaded = bool(np.any(numbers.load_before) or np.any(slope.load_before))
-    a, a_phi, a_w, still = np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    still, out = np.zeros(n), Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
     real = beside_loads(numbers, numbers.phi) if loaded else numbers
     twin(motion.acceleration_jacobian)(
-        numbers.phi, still, real.base_angle, real.torque_before, real.body, real.joints,
-        state.workspace(n), a, a_phi, a_w,
+        numbers.phi, still, real.torque_before, real.body, real.joints, state.workspace(n), out
     )
     tilted = Numbers(*join(numbers._replace(held=0.0, phi=0.0), slope._replace(held=0.0, phi=0.0)))
     if loaded:
-        a_phi += load_stiffness(numbers)
+        out.a_phi[:] += load_stiffness(numbers)
         tilted = beside_loads(tilted, numbers.phi)
     scratch = state.workspace(n)
     work = type(scratch)(*(w.astype(complex) for w in scratch))
     push = np.zeros(n, dtype=complex)
     twin(motion.acceleration)(
-        numbers.phi.astype(complex), still.astype(complex), complex(tilted.base_angle), complex(tilted.torque_before),
+        numbers.phi.astype(complex), still.astype(complex), complex_of(tilted.torque_before),
         Body(*(complex_of(v) for v in tilted.body)), Joints(*(complex_of(v) for v in tilted.joints)), work, push,
     )
-    return -np.linalg.solve(a_phi.T, push.imag / TINY)
+    return -np.linalg.solve(out.a_phi.T, push.imag / TINY)
 
 
 def beside_loads(numbers: Numbers, phi: Array) -> Numbers:
-    """The numbers with the torques of the loads at rest, beside that of the pressure, in the place of the gains."""
-    total = numbers.joints.gain * numbers.torque_before + joint_loads(phi, numbers.load_before)
-    return numbers._replace(torque_before=1.0, joints=numbers.joints._replace(gain=total))
+    """The numbers with the torques of the loads at rest beside those of the pressure."""
+    return numbers._replace(torque_before=numbers.torque_before + joint_loads(phi, numbers.load_before))
 
 
 def load_stiffness(numbers: Numbers) -> Array:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pliant.equations import motion, section
+from pliant.equations import motion
+from pliant.equations.symbols import Slopes
 from pliant.errors import InputError
 from pliant.model import Model, Valve
 from pliant.numerics.ldl import ldl_solve
@@ -121,7 +122,7 @@ def linearise(model: Model, pressure: float = 0.0) -> LinearModel:
     chain = np.zeros((2 * n, 2 * n))
     chain[:n, n:] = np.eye(n)
     chain[n:, :n], chain[n:, n:] = a_phi, a_w
-    drive = np.concatenate([np.zeros(n), a_tau * torque_slope(model, pressure)])
+    drive = np.concatenate([np.zeros(n), a_tau * model.chamber.torque_slope(pressure)])
     A, B, names = behind_valve(chain, drive, model.valve)
     C, outputs = output_rows(model, phi, A.shape[0])
     states = (*(f"phi_{i + 1}" for i in range(n)), *(f"w_{i + 1}" for i in range(n)), *names)
@@ -130,39 +131,25 @@ def linearise(model: Model, pressure: float = 0.0) -> LinearModel:
 
 def derivatives(model: Model, phi: Array, pressure: float) -> tuple[Array, Array, Array]:
     """Derivatives of the angular accelerations at rest: by phi, by w (n, n), by the torque (n,)."""
-    if model.inflation_limit:
-        raise InputError(
-            "the linear model and the controllers take a chamber with a rigid wall: fit a torque law without "
-            "inflation_limit for them"
-        )
     n = model.n
     joints, body = model.joints(), model.body()
     stiff = joints._replace(K=joints.K * (1.0 + model.memory.instantaneous))
-    work, a = state.workspace(n), np.zeros(n)
-    a_phi, a_w = np.zeros((n, n)), np.zeros((n, n))
+    work, out = state.workspace(n), Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
     # at rest only K differs from the stiff joints' equilibrium, and the derivative does not see the offset when a = 0
     motion.acceleration_jacobian(
-        phi, np.zeros(n), model.base_angle, float(model.torque_at(pressure)), body, joints, work, a, a_phi, a_w
+        phi, np.zeros(n), model.actuation.joint_torques(pressure), body, joints, work, out
     )
+    a_phi = out.a_phi
     if model.memory:
-        motion.acceleration(phi, np.zeros(n), model.base_angle, 0.0, body, joints, work, a)
+        motion.acceleration(phi, np.zeros(n), np.zeros(n), body, joints, work, out.a)
         relative = np.eye(n) - np.eye(n, k=-1)
         more = relative.T @ np.diag(stiff.K - joints.K) @ relative
         for row in more:
             ldl_solve(work.A, row)
         a_phi = a_phi - more
-    by_torque = joints.gain - np.append(joints.gain[1:], 0.0)
+    by_torque = model.joint_gain - np.append(model.joint_gain[1:], 0.0)
     ldl_solve(work.A, by_torque)
-    return a_phi.T, a_w.T, by_torque
-
-
-def torque_slope(model: Model, pressure: float) -> float:
-    """Slope of the torque law at a pressure [Pa], the swelling held: N m/Pa."""
-    p = float(pressure)
-    by_slow = p * (1.0 - model.swell_share)
-    lever = section.torque(p, model.torque) / p if p else float(model.torque[0])
-    rest = float(section.secant(p, p, model.torque[1:])) if model.torque.size > 1 else 0.0
-    return float(lever + by_slow * rest)
+    return a_phi.T, out.a_w.T, by_torque
 
 
 def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[str, ...]]:

@@ -2,15 +2,19 @@
 
 from typing import TYPE_CHECKING, Any
 
+from pliant.model.actuation import Actuation, Chamber
 from pliant.model.build import chain_model
 from pliant.model.memory import Memory
-from pliant.model.model import Model, Station
+from pliant.model.model import Model
+from pliant.model.station import Station
 from pliant.model.valve import Valve
 
 if TYPE_CHECKING:
     from pliant.model.file import load_model, save_model
 
-__all__ = ["Memory", "Model", "Station", "Valve", "chain_model", "load_model", "save_model"]
+__all__ = [
+    "Actuation", "Chamber", "Memory", "Model", "Station", "Valve", "chain_model", "load_model", "save_model",
+]
 
 
 def __getattr__(name: str) -> Any:

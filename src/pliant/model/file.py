@@ -13,8 +13,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from pliant.errors import InputError, explain_validation, shown
 from pliant.files import write_text
+from pliant.model.actuation import Chamber
 from pliant.model.memory import Memory
-from pliant.model.model import Model, Station
+from pliant.model.model import Model
+from pliant.model.station import Station
 from pliant.model.valve import Valve
 
 SCHEMA: Literal["pliant-model"] = "pliant-model"
@@ -52,6 +54,20 @@ class ValveEntry(BaseModel):
     settle_time: float = 1.0
 
 
+class ChamberEntry(BaseModel):
+    """One of several chambers in a model file."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    torque: list[float]
+    joint_gain: list[float]
+    valve: ValveEntry = ValveEntry()
+    swell_share: float = 0.0
+    swell_time: float = 1.0
+    inflation_limit: float = 0.0
+    inflation_time: float = 0.1
+
+
 class MemoryEntry(BaseModel):
     """The memory of the joints in a model file."""
 
@@ -79,8 +95,6 @@ class ModelFile(BaseModel):
     link_mass: list[float]
     stiffness: list[float]
     damping: list[float]
-    torque: list[float]
-    joint_gain: list[float]
     stiffening: list[float] = [0.0]
     mass_at: Literal["rod", "tip"] = "rod"
     tip_mass: float = 0.0
@@ -88,12 +102,15 @@ class ModelFile(BaseModel):
     base_angle: float = 0.0
     gravity: list[float] = [0.0, 0.0]
     bend_sign: Literal[1, -1] = 1
-    valve: ValveEntry = ValveEntry()
     memory: MemoryEntry = MemoryEntry()
-    swell_share: float = 0.0
-    swell_time: float = 1.0
-    inflation_limit: float = 0.0
-    inflation_time: float = 0.1
+    torque: list[float] | None = None  # these seven of the only chamber, or `chambers`
+    joint_gain: list[float] | None = None
+    valve: ValveEntry | None = None
+    swell_share: float | None = None
+    swell_time: float | None = None
+    inflation_limit: float | None = None
+    inflation_time: float | None = None
+    chambers: list[ChamberEntry] | None = None
     stations: list[StationEntry] = []
     source: dict[str, str] = {}
     checksum: str = ""
@@ -111,13 +128,22 @@ class ModelFile(BaseModel):
 def model_to_dict(model: Model) -> dict[str, Any]:
     """The content of a model file."""
     content: dict[str, Any] = {"schema_name": SCHEMA, "schema_version": SCHEMA_VERSION, "units": UNITS}
-    for field in dataclasses.fields(model):
-        value = getattr(model, field.name)
-        content[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
-    content["valve"] = dataclasses.asdict(model.valve)
+    content |= plain(model)
+    chambers = [{**plain(c), "valve": dataclasses.asdict(c.valve)} for c in model.chambers]
+    if len(chambers) == 1 and model.chambers[0].name == Chamber.name:
+        del content["chambers"], chambers[0]["name"]
+        content |= chambers[0]
+    else:
+        content["chambers"] = chambers
     content["memory"] = dataclasses.asdict(model.memory)
     content["stations"] = [s._asdict() for s in model.stations]
     return content
+
+
+def plain(of: Any) -> dict[str, Any]:
+    """The fields of a dataclass, arrays as lists."""
+    values = {field.name: getattr(of, field.name) for field in dataclasses.fields(of)}
+    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
 
 
 def save_model(model: Model, path: str | Path) -> Path:
@@ -166,10 +192,14 @@ def read_model(text: bytes | str, where: str) -> Model:
         entries = ModelFile.model_validate_json(text)
     except ValidationError as error:
         raise explain_validation(error, where) from None
-    values = entries.model_dump(exclude={"schema_name", "schema_version", "units", "checksum"})
+    values = entries.model_dump(exclude={"schema_name", "schema_version", "units", "checksum"}, exclude_none=True)
     values["stations"] = tuple(Station(**s) for s in values["stations"])
     try:
-        model = Model(**{**values, "valve": Valve(**values["valve"]), "memory": Memory(**values["memory"])})
+        if "chambers" in values:
+            values["chambers"] = tuple(Chamber(**{**c, "valve": Valve(**c["valve"])}) for c in values["chambers"])
+        if "valve" in values:
+            values["valve"] = Valve(**values["valve"])
+        model = Model(**{**values, "memory": Memory(**values["memory"])})
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     if entries.checksum and entries.checksum != checksum_of(json.loads(text)):

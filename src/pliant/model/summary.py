@@ -10,6 +10,7 @@ import numpy as np
 from pliant.display import Card
 
 if TYPE_CHECKING:
+    from pliant.model.actuation import Chamber
     from pliant.model.model import Model
 
 HEAD = ("link", "length mm", "mass g", "stiffness N m/rad", "damping N m s/rad", "rest angle deg")
@@ -29,21 +30,13 @@ def model_card(model: Model) -> Card:
 
 def sentences(model: Model) -> list[str]:
     """What is more than links, as far as the model has it."""
-    powers = ("p", *(f"p^{k}" for k in range(2, model.torque.size + 1)))
-    law = " + ".join(f"{a:.4g} {p}" for a, p in zip(model.torque, powers, strict=True))
-    said = [f"torque at each joint: {law} N m, p in Pa gauge, bending {'-x' if model.bend_sign > 0 else '+x'}"]
+    said = [line for c in model.chambers for line in of_chamber(c, alone=len(model.chambers) == 1)]
+    said[0] += f", bending {'-x' if model.bend_sign > 0 else '+x'}"
     if model.stiffening.any():
-        said.append(f"springs K q (1 + s q), s in 1/rad: {', '.join(f'{s:.3g}' for s in np.unique(model.stiffening))}")
-    valve = [f"{f.name} {getattr(model.valve, f.name):g}" for f in fields(model.valve)
-             if getattr(model.valve, f.name) and f.name not in ("damping_ratio", "settle_time")]  # fmt: skip
-    if valve:
-        said.append(f"valve: {', '.join(valve)}")
+        sizes = ", ".join(f"{s:.3g}" for s in np.unique(model.stiffening))
+        said.insert(1, f"springs K q (1 + s q), s in 1/rad: {sizes}")
     if model.memory:
         said.append(f"memory: {', '.join(model.memory.labels)}")
-    if model.swell_share:
-        said.append(f"swelling: share {model.swell_share:.3g}, {model.swell_time:.3g} s")
-    if model.inflation_limit:
-        said.append(f"inflation: limit {model.inflation_limit:.4g} Pa, {model.inflation_time:.3g} s")
     if model.tip_mass:
         said.append(f"tip mass: {1e3 * model.tip_mass:.4g} g")
     if model.mass_at == "tip":
@@ -52,4 +45,22 @@ def sentences(model: Model) -> list[str]:
     said.append(f"gravity: ({gravity}) m/s^2" if model.gravity.any() else "no gravity")
     if model.stations:
         said.append(f"observed: {', '.join(s.name for s in model.stations)}")
+    return said
+
+
+def of_chamber(chamber: Chamber, *, alone: bool) -> list[str]:
+    """Law, valve and rubber of one chamber."""
+    powers = ("p", *(f"p^{k}" for k in range(2, chamber.torque.size + 1)))
+    law = " + ".join(f"{a:.4g} {p}" for a, p in zip(chamber.torque, powers, strict=True))
+    who = "" if alone else f"{chamber.name}: "
+    joints = "each joint" if alone else f"joints {', '.join(str(i + 1) for i in np.flatnonzero(chamber.joint_gain))}"
+    said = [f"{who}torque at {joints}: {law} N m, p in Pa gauge"]
+    valve = [f"{f.name} {getattr(chamber.valve, f.name):g}" for f in fields(chamber.valve)
+             if getattr(chamber.valve, f.name) and f.name not in ("damping_ratio", "settle_time")]  # fmt: skip
+    if valve:
+        said.append(f"{who}valve: {', '.join(valve)}")
+    if chamber.swell_share:
+        said.append(f"{who}swelling: share {chamber.swell_share:.3g}, {chamber.swell_time:.3g} s")
+    if chamber.inflation_limit:
+        said.append(f"{who}inflation: limit {chamber.inflation_limit:.4g} Pa, {chamber.inflation_time:.3g} s")
     return said

@@ -62,18 +62,18 @@ def tell_gain(motion: xr.Dataset, step: float) -> xr.Dataset:
 class Held(NamedTuple):
     """What a chain holds under a pressure that does not change: no step may add to it."""
 
-    pressure: float
+    pressure: tuple[float, ...]  # Pa, of each chamber
     energy: float
     size: float  # of its parts, J
 
 
-def held_energy(model: Model, phi: Array, w: Array, pressure: float) -> Held:
-    """Energy of a chain under a constant pressure, J: the work that the pressure can still do counts as stored."""
+def held_energy(model: Model, phi: Array, w: Array, pressure: tuple[float, ...]) -> Held:
+    """Energy of a chain under constant pressures, J: the work that they can still do counts as stored."""
     body, joints = model.body(), model.joints()
     c, s = np.cos(phi), np.sin(phi)
     kinetic = float(energy.kinetic_energy(c, s, w, body))
-    elastic = float(energy.elastic_energy(phi, model.base_angle, joints))
-    push = float(model.torque_at(pressure)) * float(joints.gain @ state.joint_angles(model, phi))
+    elastic = float(energy.elastic_energy(phi, joints))
+    push = float(model.actuation.joint_torques(pressure) @ state.joint_angles(model, phi))
     return Held(pressure, kinetic + elastic + float(energy.gravity_energy(c, s, body)) - push, kinetic + elastic)
 
 
@@ -89,11 +89,11 @@ class EnergyWatch:
     def __init__(self, model: Model) -> None:
         self._model, self._left = model, EVERY
         self._before: Held | None = None
-        self._reliable = not (model.memory or model.swell_share or model.inflation_limit)
+        self._reliable = not (model.memory or model.actuation.remembers)
         self.gain = 0.0
 
-    def look(self, phi: Array, w: Array, pressure: float, length: float) -> None:
-        """Take note of a step that was made; `pressure` is that behind the valve."""
+    def look(self, phi: Array, w: Array, pressure: tuple[float, ...], length: float) -> None:
+        """Take note of a step that was made; `pressure` holds those behind the valves, Pa."""
         before = self._before
         if not self._reliable:
             return
@@ -111,9 +111,10 @@ class EnergyWatch:
         size = max(now.size, before.size)
         gain = (now.energy - before.energy) / size if size > 0.0 else 0.0
         if gain > MOST_GAIN >= self.gain:
+            under = ", ".join(f"{p:.6g}" for p in pressure)
             warn(
                 f"the chain gains {100 * gain:.3g} % of its energy from nothing within {EVERY} steps under "
-                f"{pressure:.6g} Pa: the step of {1e3 * length:.3g} ms is too long for how fast its links turn; use a "
-                "shorter one", EnergyWarning, stacklevel=4,
+                f"{under} Pa: the step of {1e3 * length:.3g} ms is too long for how fast "
+                "its links turn; use a shorter one", EnergyWarning, stacklevel=4,
             )
         self.gain = max(self.gain, gain)

@@ -1,45 +1,88 @@
-"""From a pressure input to what the steps need: their lengths and the mean torque of each.
+"""From pressure inputs to what the steps need: their lengths and the mean torque of each chamber in each.
 
 The torque enters a step as its mean over the step, integrated between the breakpoints of the input, and every jump of
-the pressure is the end of a step. So the answer does not depend on how the edges of the input and the steps align.
+a pressure is the end of a step. So the answer does not depend on how the edges of the input and the steps align.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations import section
+from pliant.equations.chamber import mean_torque
+from pliant.equations.symbols import Interval, Lag
 from pliant.errors import InputError, SimulationError
-from pliant.model import Model, Valve
-from pliant.simulation import march_loops, memory_loops
+from pliant.model import Chamber, Model, Valve
+from pliant.simulation import pressure_loops
 from pliant.simulation.inputs import Input
+from pliant.simulation.march_loops import Steps
+from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
 _GAUSS = 0.5 / np.sqrt(3.0)
 LONGEST = 1e8  # steps in one simulation: beyond, memory runs out before the result comes
-UNLIMITED = 1e30  # Pa/s; not infinite, whose product with no lag is not a number
 _SAME = 1e-9  # of a step: times closer than this are one time, written with different rounding
 
 
 class Drive(NamedTuple):
-    """What the compiled march takes, with the pressure at the output times for the record."""
+    """What the compiled march takes, with the pressures at the output times for the record."""
 
     h: Array  # (steps,) s
-    torque: Array  # (steps,) N m, mean over each step
+    torque: Array  # (steps, C) N m, mean of each chamber over each step
+    gain: Array  # (C, n) share of it that each joint feels
     keep: Array  # (steps,) row of the output after the step, -1: none
-    pressure: Array  # (rows,) Pa, behind the valve, at the output times
-    initial: float  # Pa, before anything happens at the first time: a jump there is part of the motion
-    stretch: Array | None = None  # (rows,) hoop stretch of a chamber that inflates, at the output times
+    pressure: Array  # (rows, C) Pa, behind the valves, at the output times
+    initial: Array  # (C,) Pa, before anything happens at the first time: a jump there is part of the motion
+    stretch: Array | None = None  # (rows, C) hoop stretch, at the output times, where a chamber inflates
+
+    @property
+    def steps(self) -> Steps:
+        """For the march."""
+        return Steps(self.h, self.torque, self.gain, self.keep)
+
+    @property
+    def joint_torque(self) -> Array:
+        """Mean torque (steps, n) of each joint over each step, N m."""
+        return np.asarray(self.torque @ self.gain) if len(self.gain) > 1 else self.torque * self.gain
 
 
-def drive(model: Model, pressure: Input, times: Array, step: float) -> Drive:
+class Grid(NamedTuple):
+    """The steps between the output times, and the intervals that they are made of."""
+
+    nodes: Array  # (steps + 1,) s
+    fine: Array  # (m + 1,) s, with the breakpoints of the inputs between the nodes
+    keep: Array  # (steps,) row of the output after the step, or -1
+
+
+def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
+    """One input for each chamber: a single one is enough where there is one chamber.
+
+    Raises
+    ------
+    InputError
+        When an input is none, or there are not as many as chambers.
+    """
+    many = tuple(pressure) if isinstance(pressure, Sequence) else (pressure,)
+    for one in many:
+        if not all(hasattr(one, name) for name in ("__call__", "jumps", "breakpoints")):
+            raise InputError(f"pressure must be an input, as Pulse(level) or Trace(time, pressure), got {one!r:.60}")
+    if len(many) != model.actuation.count:
+        raise InputError(
+            f"model {model.name!r} has {model.actuation.count} chamber(s), {model.actuation.names}, and takes as many "
+            f"pressure inputs, in this order; got {len(many)}"
+        )
+    return many
+
+
+def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: float) -> Drive:
     """Steps of at most `step` [s] that meet every time of `times` and every jump, with their mean torques.
 
     Parameters
     ----------
+    pressure : Input, or one for each chamber
     times : array (rows,)
         Output times, s, strictly increasing; the first is the start of the simulation.
 
@@ -55,53 +98,62 @@ def drive(model: Model, pressure: Input, times: Array, step: float) -> Drive:
         raise InputError(f"the step must be a positive time in seconds, got {step}")
     if (times[-1] - times[0]) / step > LONGEST:
         raise InputError(f"{times[-1] - times[0]:.6g} s in steps of {step:.3g} s are too many steps: use a longer step")
-    dead = model.valve.dead_time
-    initial = float(pressure(np.nextafter(times[0] - dead, -np.inf)))
+    inputs, chambers = inputs_of(model, pressure), model.chambers
+    made = grid(inputs, [c.valve for c in chambers], times, step)
+    h, lengths = np.diff(made.nodes), np.diff(made.fine)
+    bent = made.fine.size > made.nodes.size  # the inputs bend within steps
+    at = np.searchsorted(made.fine if bent else made.nodes, times)
+    first = np.searchsorted(made.fine, made.nodes[:-1])
+    torque, shown = np.empty((h.size, len(chambers))), np.empty((times.size, len(chambers)))
+    stretch, initial = np.ones_like(shown), np.empty(len(chambers))
+    for c, (chamber, source) in enumerate(zip(chambers, inputs, strict=True)):
+        initial[c] = before(source, chamber.valve, times)
+        behind = through_valve(chamber.valve, source, made.fine, float(initial[c]))
+        growth = inflations(chamber, lengths, behind, float(initial[c]))
+        impulse = lengths * mean_torques(chamber, lengths, behind, float(initial[c]), growth)
+        torque[:, c] = (np.add.reduceat(impulse, first) if bent else impulse) / h
+        shown[:, c] = np.append(behind[at[:-1], 0], behind[-1, 2])
+        if growth is not None:
+            stretch[:, c] = np.append(growth[at[:-1], 0], growth[-1, 2]) ** 0.25
+    inflates = any(c.inflation_limit for c in chambers)
+    return Drive(h, torque, np.array(model.actuation.gain), made.keep, shown, initial, stretch if inflates else None)
+
+
+def grid(inputs: Sequence[Input], valves: Sequence[Valve], times: Array, step: float) -> Grid:
+    """The steps and intervals of `drive` for inputs behind their valves."""
     same = max(_SAME * step, 16.0 * float(np.spacing(np.abs(times).max())))
-    nodes = subdivide(merge(times, pressure.jumps + dead, same), step)
-    fine = merge(nodes, pressure.breakpoints + dead, same)
-    behind = through_valve(model, pressure, fine, initial)
-    inflation = inflations(model, np.diff(fine), behind, initial)
-    impulse = np.diff(fine) * mean_torques(model, np.diff(fine), behind, initial, inflation)
-    h = np.diff(nodes)
-    keep = np.full(h.size, -1)
-    ends = at = np.searchsorted(nodes, times)
-    keep[ends[1:] - 1] = np.arange(1, times.size)
-    if fine.size > nodes.size:  # the input bends within steps
-        impulse = np.add.reduceat(impulse, np.searchsorted(fine, nodes[:-1]))
-        at = np.searchsorted(fine, times)
-    shown = np.append(behind[at[:-1], 0], behind[-1, 2])
-    stretch = None if inflation is None else np.append(inflation[at[:-1], 0], inflation[-1, 2]) ** 0.25
-    return Drive(h, impulse / h, keep, shown, initial, stretch)
+    pairs = list(zip(inputs, valves, strict=True))
+    jumps = np.concatenate([p.jumps + v.dead_time for p, v in pairs])
+    bends = np.concatenate([p.breakpoints + v.dead_time for p, v in pairs])
+    nodes = subdivide(merge(times, jumps, same), step)
+    keep = np.full(nodes.size - 1, -1)
+    keep[np.searchsorted(nodes, times)[1:] - 1] = np.arange(1, times.size)
+    return Grid(nodes, merge(nodes, bends, same), keep)
 
 
-def inflations(model: Model, h: Array, behind: Array, initial: float) -> Array | None:
+def before(pressure: Input, valve: Valve, times: Array) -> float:
+    """Pressure before anything happens at the first time, Pa."""
+    return float(pressure(np.nextafter(times[0] - valve.dead_time, -np.inf)))
+
+
+def inflations(chamber: Chamber, h: Array, behind: Array, initial: float) -> Array | None:
     """Fourth power of the hoop stretch (m, 3) at the start, middle and end of each interval; None for a rigid wall."""
-    if not model.inflation_limit:
+    if not chamber.inflation_limit:
         return None
     y = np.empty((h.size, 3))
-    twin(memory_loops.inflation)(
-        h, behind, float(model.inflation_at(initial)), model.inflation_limit, model.inflation_time, y
+    twin(pressure_loops.inflation)(
+        h, behind, float(chamber.growth_at(initial)), chamber.inflation_limit, chamber.inflation_time, y
     )
     return y
 
 
-def mean_torques(model: Model, h: Array, behind: Array, initial: float, inflation: Array | None = None) -> Array:
+def mean_torques(chamber: Chamber, h: Array, behind: Array, initial: float, growth: Array | None = None) -> Array:
     """Mean torque [N m] of each interval; `behind` (m, 4) is the pressure, which was `initial` [Pa] long before."""
-    if not model.swell_share and inflation is None:
-        return section.mean_torque(behind[:, 0], behind[:, 1], behind[:, 2], behind[:, 3], model.torque)
-    slow = np.empty((h.size, 3))
-    twin(memory_loops.slow_pressure)(h, behind, initial, model.swell_time, slow)
-    start, middle, end, mean = behind.T
-    before, half, after = slow.T
-    if inflation is not None:
-        return section.mean_inflated_torque(
-            start, middle, end, mean, before, half, after, inflation[:, 0], inflation[:, 1], inflation[:, 2],
-            model.swell_share, model.torque,
-        )
-    return section.mean_swollen_torque(
-        start, middle, end, mean, before, half, after, model.swell_share, model.torque
-    )
+    slow = np.empty((h.size, 3)) if chamber.remembers else np.empty((0, 3))
+    if chamber.remembers:
+        twin(pressure_loops.slow_pressure)(h, behind, initial, chamber.swell_time, slow)
+    y = slow.T if growth is None else growth.T
+    return np.asarray(mean_torque(Interval(*behind.T), slow.T, y, chamber.kernel()))
 
 
 def merge(times: Array, moments: Array, same: float) -> Array:
@@ -124,13 +176,12 @@ def subdivide(corners: Array, step: float) -> Array:
     return np.append(nodes, corners[-1])
 
 
-def through_valve(model: Model, pressure: Input, nodes: Array, before: float) -> Array:
+def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) -> Array:
     """Pressure behind the valve at the start, middle and end of each interval of `nodes`, and its mean; (m, 4), Pa.
 
     The valve starts at rest at the pressure `before` [Pa]. The command is taken as straight within an interval, from
     two inner points, so that a jump at a node is seen from its proper side.
     """
-    valve = model.valve
     h = np.diff(nodes)
     middle = 0.5 * (nodes[:-1] + nodes[1:]) - valve.dead_time
     u = np.asarray(pressure(np.stack([middle - _GAUSS * h, middle + _GAUSS * h])), dtype=float)
@@ -139,26 +190,28 @@ def through_valve(model: Model, pressure: Input, nodes: Array, before: float) ->
     out = np.stack([mean - half, mean, mean + half, mean], axis=1)
     if not np.isfinite(out).all():
         raise InputError("the pressure input is not finite everywhere between the first and the last time")
+    command, lag = (h, out[:, 0].copy(), out[:, 2].copy()), lag_of(valve)
     if valve.natural_frequency:
-        twin(march_loops.second_order_valve)(
-            h, out[:, 0].copy(), out[:, 2].copy(), 2 * np.pi * valve.natural_frequency, valve.damping_ratio, before, out
-        )
+        omega = 2 * np.pi * valve.natural_frequency
+        twin(pressure_loops.second_order_valve)(*command, omega, valve.damping_ratio, before, out)
     elif valve.rise_rate or valve.fall_rate:
-        twin(march_loops.rate_limited_valve)(
-            h, out[:, 0].copy(), out[:, 2].copy(), valve.rise_time, valve.fall_time, valve.rise_rate or UNLIMITED,
-            valve.fall_rate or UNLIMITED, before, out,
-        )
+        twin(pressure_loops.rate_limited_valve)(*command, lag, before, out)
     elif valve.rise_time or valve.fall_time:
-        twin(march_loops.first_order_valve)(
-            h, out[:, 0].copy(), out[:, 2].copy(), valve.rise_time, valve.fall_time, before, out
-        )
+        twin(pressure_loops.first_order_valve)(*command, lag.rise, lag.fall, before, out)
     return settled(valve, h, out, before) if valve.settle_share else out
+
+
+def lag_of(valve: Valve) -> Lag:
+    """The first-order part of a valve, for the loops."""
+    return Lag(
+        float(valve.rise_time), float(valve.fall_time), valve.rise_rate or UNLIMITED, valve.fall_rate or UNLIMITED
+    )
 
 
 def settled(valve: Valve, h: Array, behind: Array, before: float) -> Array:
     """As `behind` (m, 4), Pa, with the share of the pressure that comes late; at rest at `before` [Pa] long before."""
     late = np.empty((h.size, 3))
-    twin(memory_loops.slow_pressure)(h, behind, before, valve.settle_time, late)
+    twin(pressure_loops.slow_pressure)(h, behind, before, valve.settle_time, late)
     mean = behind[:, 3] - valve.settle_time * (late[:, 2] - late[:, 0]) / h  # of the late one, from its own equation
     return np.asarray(behind + valve.settle_share * (np.column_stack([late, mean]) - behind))
 

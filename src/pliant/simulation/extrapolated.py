@@ -7,13 +7,13 @@ hundredth of a millimetre are wanted, as for a reference or for a derivative by 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.model import Model
-from pliant.simulation.drive import Drive, drive, merge, subdivide
+from pliant.simulation.drive import Drive, drive, inputs_of, merge, subdivide
 from pliant.simulation.inputs import Input
 
 Array = np.ndarray
@@ -21,7 +21,7 @@ Marched = tuple[Array, Array, Array, Array]  # angles, rates, work, states of th
 
 
 def march_extrapolated(
-    model: Model, pressure: Input, times: Array, step: float, march: Callable[[Drive], Marched],
+    model: Model, pressure: Input | Sequence[Input], times: Array, step: float, march: Callable[[Drive], Marched],
 ) -> Marched:
     """What `march` makes of steps of at most `step` [s], extrapolated.
 
@@ -37,10 +37,10 @@ def march_extrapolated(
     return phi, w, work, states
 
 
-def even_steps(model: Model, pressure: Input, times: Array, step: float, parts: int) -> Drive:
+def even_steps(model: Model, pressure: Input | Sequence[Input], times: Array, step: float, parts: int) -> Drive:
     """As `drive`, with steps that end at every bend of the pressure too, each cut into `parts` equal ones."""
-    dead = model.valve.dead_time
-    bends = np.concatenate([pressure.jumps, pressure.breakpoints]) + dead
+    pairs = zip(inputs_of(model, pressure), model.chambers, strict=True)
+    bends = np.concatenate([np.concatenate([p.jumps, p.breakpoints]) + c.valve.dead_time for p, c in pairs])
     same = max(1e-9 * step, 16.0 * float(np.spacing(np.abs(times).max())))
     nodes = subdivide(merge(times, bends, same), step)
     inner = nodes[:-1, None] + np.diff(nodes)[:, None] * np.arange(parts) / parts

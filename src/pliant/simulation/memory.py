@@ -6,9 +6,10 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import memory as kernels
+from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
-from pliant.simulation import memory_loops, state
+from pliant.simulation import march_loops, state
 from pliant.simulation.drive import Drive, too_fast
 
 Array = np.ndarray
@@ -23,14 +24,13 @@ def march_with_memory(
     The losses are those of the dampers, then those of the memory. A model without memory gives, bit for bit, what the
     march without memory gives.
     """
-    phi, w = np.empty((rows, model.n)), np.empty((rows, model.n))
-    kept, work = np.empty((rows, *states.shape)), np.zeros((rows, 3))
-    phi[0], w[0], kept[0] = *start, states
-    now = start[0].copy()
-    failed = twin(memory_loops.march_with_memory, model.n)(
-        now, start[1].copy(), states.copy(), model.base_angle, plan.h, plan.torque, plan.keep,
-        model.body(), model.joints(), model.memory.law(), state.held(model), state.workspace(model.n),
-        phi, w, kept, work,
+    out = march_loops.Rows(
+        np.empty((rows, model.n)), np.empty((rows, model.n)), np.zeros((rows, 3)), np.empty((rows, *states.shape))
+    )
+    out.phi[0], out.w[0], out.state[0] = *start, states
+    now, past = start[0].copy(), Past(model.memory.law(), states.copy(), state.held(model))
+    failed = twin(march_loops.march_with_memory, model.n)(
+        now, start[1].copy(), plan.steps, model.body(), model.joints(), past, state.workspace(model.n), out
     )
     if failed >= 0:
         raise too_fast(plan, failed, state.given_way(model, now))
@@ -39,7 +39,7 @@ def march_with_memory(
             f"{plan.h[: -1 - failed].sum():.6g} s after the start the slip elements find no agreement with the motion "
             f"within a step of {plan.h[-2 - failed] * 1e3:.3g} ms; use a shorter step"
         )
-    return phi, w, work, kept
+    return out.phi, out.w, out.energy, out.state
 
 
 def first_states(model: Model, q0: Array, given: Array | None) -> Array:

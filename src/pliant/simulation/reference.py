@@ -6,18 +6,20 @@ so that nothing is shared with the fixed-step path but the equation of motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations import energy, motion, section
+from pliant.equations import energy, motion
+from pliant.equations.chamber import lever_growth, secant, share_out, swollen_torque
+from pliant.equations.symbols import Slopes
 from pliant.errors import InputError, SimulationError
-from pliant.model import Model, Valve
+from pliant.model import Chamber, Model, Valve
 from pliant.numerics.ldl import ldl_solve
-from pliant.simulation.drive import merge
+from pliant.simulation.drive import inputs_of, merge
 from pliant.simulation.inputs import Input
 from pliant.simulation.state import given_way, joint_angles, tangents, workspace
 
@@ -26,38 +28,38 @@ METHODS = ("LSODA", "BDF", "Radau")
 SHORTEST_LAG = 1e-6  # s; stands for none where a valve lags in one direction only: its pressure is a state here
 
 
-def solve_reference(
-    model: Model, pressure: Input, times: Array, start: tuple[Array, Array, float], states: Array, method: str,
-    rtol: float,
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Absolute angles and rates (T, n), work and losses (T, 3), states of the memory (T, n, branches), stretch (T,).
+class Start(NamedTuple):
+    """Where a solution begins."""
 
-    `start` holds absolute angles and rates (n,) and the pressure before anything happens at the first time, Pa;
-    `states` (n, branches) the memory there. Solved piece by piece between the jumps and bends of the pressure.
+    phi: Array  # (n,) rad
+    w: Array  # (n,) rad/s
+    pressure: Array  # (C,) Pa, before anything happens at the first time
+    memory: Array  # (n, branches) rad
+
+
+def solve_reference(
+    model: Model, pressure: Input | Sequence[Input], times: Array, start: Start, method: str, rtol: float
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Absolute angles and rates (T, n), work and losses (T, 3), states of the memory (T, n, branches), stretch (T, C).
+
+    Solved piece by piece between the jumps and bends of the pressures.
     """
     from scipy.integrate import solve_ivp  # a third of a second that the default need not pay
 
     if model.memory.slip_share or model.memory.boucwen_share:
         raise InputError(f"{method} follows creep, not slip or Bouc-Wen, which have corners: use method='midpoint'")
-    if model.valve.settle_share:
+    if any(c.valve.settle_share for c in model.chambers):
         raise InputError(f"{method} does not follow a pressure that settles late: use method='midpoint'")
-    at = layout(model)
-    dead = model.valve.dead_time
-    corners = merge(times[[0, -1]], pressure.breakpoints + dead, 1e-9 * (times[-1] - times[0]))
-    y = np.zeros(at.size)
-    y[at.phi], y[at.w], y[at.p] = start
-    y[at.slow] = start[2]
-    y[at.inflation] = float(model.inflation_at(start[2]))
-    creep = states[:, : len(model.memory.creep_share)]
-    y[at.creep] = creep.ravel()
-    atol = np.full(at.size, rtol * 1e-3)  # rad and J
-    atol[at.p], atol[at.dp], atol[at.slow] = rtol * 1e2, rtol * 1e4, rtol * 1e2  # Pa and Pa/s
+    at, inputs = layout(model), inputs_of(model, pressure)
+    bends = [p.breakpoints + c.valve.dead_time for p, c in zip(inputs, model.chambers, strict=True)]
+    corners = merge(times[[0, -1]], np.concatenate(bends), 1e-9 * (times[-1] - times[0]))
+    y, atol = first(model, at, start), tolerances(at, rtol)
     out = np.empty((times.size, y.size))
     out[0] = y
     for left, right in pairwise(corners):
         due = np.flatnonzero((times > left) & (times <= right))
         ask = np.unique(np.append(times[due], right))
-        rhs, jacobian = right_hand_side(model, pressure, left, right)
+        rhs, jacobian = right_hand_side(model, inputs, left, right)
         solution = solve_ivp(
             rhs, (left, right), y, method=method, t_eval=ask, rtol=rtol, atol=atol, jac=jacobian,
             events=softest(model),
@@ -69,12 +71,31 @@ def solve_reference(
             raise SimulationError(f"{method} stopped between {left:.6g} and {right:.6g} s: {solution.message}")
         out[due] = solution.y[:, : due.size].T
         y = solution.y[:, -1]
-    kept = np.zeros((times.size, *states.shape))
-    kept[:, :, : creep.shape[1]] = out[:, at.creep].reshape(times.size, *creep.shape)
+    kept = np.zeros((times.size, *start.memory.shape))
+    creep = len(model.memory.creep_share)
+    kept[:, :, :creep] = out[:, at.creep].reshape(times.size, model.n, creep)
     work = np.zeros((times.size, 3))
     work[:, : 2 + at.remembers] = out[:, at.work : at.size]
-    stretch = out[:, at.inflation].sum(axis=1) ** 0.25
+    stretch = np.stack([out[:, c.inflation].sum(axis=1) ** 0.25 for c in at.chambers], axis=1)
     return out[:, at.phi], out[:, at.w], work, kept, stretch
+
+
+def first(model: Model, at: Layout, start: Start) -> Array:
+    """The states at the first time."""
+    y = np.zeros(at.size)
+    y[at.phi], y[at.w] = start.phi, start.w
+    for c, chamber, p in zip(at.chambers, model.chambers, start.pressure, strict=True):
+        y[c.p], y[c.slow], y[c.inflation] = p, p, float(chamber.growth_at(p))
+    y[at.creep] = start.memory[:, : len(model.memory.creep_share)].ravel()
+    return y
+
+
+def tolerances(at: Layout, rtol: float) -> Array:
+    """Absolute tolerances of the states."""
+    atol = np.full(at.size, rtol * 1e-3)  # rad and J
+    for c in at.chambers:
+        atol[c.p], atol[c.dp], atol[c.slow] = rtol * 1e2, rtol * 1e4, rtol * 1e2  # Pa and Pa/s
+    return atol
 
 
 def softest(model: Model) -> Callable[[float, Array], float] | None:
@@ -89,15 +110,21 @@ def softest(model: Model) -> Callable[[float, Array], float] | None:
     return least
 
 
+class Place(NamedTuple):
+    """Where the states of one chamber stand."""
+
+    p: int
+    dp: int
+    slow: slice  # of a chamber that swells, one place or none
+    inflation: slice  # fourth power of the stretch of one that inflates, one place or none
+
+
 class Layout(NamedTuple):
     """Where each state stands; what the model does not have takes no place, so that it cannot touch the step size."""
 
     phi: slice
     w: slice
-    p: int
-    dp: int
-    slow: slice  # of swelling chambers, one place or none
-    inflation: slice  # fourth power of the stretch of inflating chambers, one place or none
+    chambers: tuple[Place, ...]
     creep: slice  # relaxed angles, joint by joint
     work: int  # work of the pressure, loss of the dampers, loss of creep where there is any
     remembers: bool
@@ -107,18 +134,24 @@ class Layout(NamedTuple):
 def layout(model: Model) -> Layout:
     """The places of the states of `model`."""
     n, branches = model.n, len(model.memory.creep_share)
-    slow = 2 * n + 2
-    inflation = slow + bool(model.swell_share)
-    creep = inflation + bool(model.inflation_limit)
-    work = creep + n * branches
+    places, end = [], 2 * n
+    for c in model.chambers:
+        slow = end + 2
+        inflation = slow + bool(c.swell_share)
+        behind = inflation + bool(c.inflation_limit)
+        places.append(Place(end, end + 1, slice(slow, inflation), slice(inflation, behind)))
+        end = behind
+    work = end + n * branches
     return Layout(
-        slice(0, n), slice(n, 2 * n), 2 * n, 2 * n + 1, slice(slow, inflation), slice(inflation, creep),
-        slice(creep, work), work, branches > 0, work + 2 + (branches > 0),
+        slice(0, n), slice(n, 2 * n), tuple(places), slice(end, work), work, branches > 0, work + 2 + (branches > 0)
     )
 
 
+Valves = Callable[[int, float, Array], tuple[float, Array, Array]]  # pressure, rates, Jacobian behind the valve of one
+
+
 def right_hand_side(
-    model: Model, pressure: Input, left: float, right: float,
+    model: Model, inputs: Sequence[Input], left: float, right: float,
 ) -> tuple[Callable[[float, Array], Array], Callable[[float, Array], Array] | None]:
     """The derivative of the states and its Jacobian between two corners of the input.
 
@@ -126,70 +159,81 @@ def right_hand_side(
     """
     at = layout(model)
     body, joints, scratch = model.body(), model.joints(), workspace(model.n)
-    accelerate = twin(motion.acceleration)
+    accelerate, gain = twin(motion.acceleration), model.actuation.gain
     share, tau = (np.array(row) for row in (model.memory.creep_share, model.memory.creep_time))
-    a = np.empty(model.n)
+    a, torque = np.empty(model.n), np.empty(model.n)
     slack = 1e-9 * (right - left)
 
-    def valve(t: float, y: Array) -> tuple[float, Array, Array]:
-        u = float(pressure(np.clip(t, left + slack, right - slack) - model.valve.dead_time))
-        return behind_valve(model.valve, u, y[at.p : at.dp + 1])
+    def valve(c: int, t: float, y: Array) -> tuple[float, Array, Array]:
+        behind = model.chambers[c].valve
+        u = float(inputs[c](np.clip(t, left + slack, right - slack) - behind.dead_time))
+        return behind_valve(behind, u, y[at.chambers[c].p : at.chambers[c].dp + 1])
 
     def rhs(t: float, y: Array) -> Array:
-        p, rates, _ = valve(t, y)
         phi, w = y[at.phi].copy(), y[at.w].copy()
-        slow = y[at.slow]
-        late = slow[0] if slow.size else p
-        torque = float(section.swollen_torque(p, late, model.swell_share, model.torque))
-        wall = y[at.inflation]
-        grown = (1.0 - (1.0 - p / model.inflation_limit) * wall) / model.inflation_time if wall.size else wall
-        torque *= float(section.lever_growth(wall[0])) if wall.size else 1.0
+        moved = []
+        for c, (chamber, place) in enumerate(zip(model.chambers, at.chambers, strict=True)):
+            p, rates, _ = valve(c, t, y)
+            made, slow_rates = torque_and_rates(chamber, p, y[place.slow], y[place.inflation])
+            share_out(c, made, gain, torque)
+            moved += [rates, *slow_rates]
         xi = y[at.creep].reshape(model.n, -1)
         stiff = 1.0 + share.sum()  # creep seen as a stiffer spring with another rest angle
         seen = joints
         if at.remembers:
             seen = joints._replace(K=joints.K * stiff, theta0=joints.theta0 + xi @ share / stiff)
-        accelerate(phi, w, model.base_angle, torque, body, seen, scratch, a)
-        power = energy.input_power(w, joints, torque)
+        accelerate(phi, w, torque, body, seen, scratch, a)
+        power = energy.input_power(w, torque)
         gap = joint_angles(model, phi)[:, None] - xi
         lost = [joints.K @ (gap**2 @ (share / tau))] if at.remembers else []
         return np.concatenate([
-            w, a, rates, (p - slow) / model.swell_time, grown, (gap / tau).ravel(),
-            [power, energy.damping_power(w, joints), *lost],
+            w, a, *moved, (gap / tau).ravel(), [power, energy.damping_power(w, joints), *lost],
         ])
 
-    if at.remembers or model.swell_share or model.inflation_limit:
+    if at.remembers or model.actuation.remembers:
         return rhs, None
     return rhs, jacobian_of(model, valve)
 
 
-def jacobian_of(
-    model: Model, valve: Callable[[float, Array], tuple[float, Array, Array]],
-) -> Callable[[float, Array], Array]:
-    """The exact Jacobian of the right-hand side of a model that neither creeps nor swells, behind its `valve`."""
-    n = model.n
+def torque_and_rates(chamber: Chamber, p: float, slow: Array, wall: Array) -> tuple[float, tuple[Array, Array]]:
+    """Torque [N m] of a chamber at the pressure p [Pa], and the rates of its slow states (none or one of each)."""
+    late = slow[0] if slow.size else p
+    torque = float(swollen_torque(p, late, chamber.swell_share, chamber.torque))
+    grown = (1.0 - (1.0 - p / chamber.inflation_limit) * wall) / chamber.inflation_time if wall.size else wall
+    torque *= float(lever_growth(wall[0])) if wall.size else 1.0
+    return torque, ((p - slow) / chamber.swell_time, grown)
+
+
+def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
+    """The exact Jacobian of the right-hand side of a model that neither creeps nor swells, behind its valves."""
+    n, at, gain = model.n, layout(model), model.actuation.gain
     body, joints, scratch = model.body(), model.joints(), workspace(n)
     differentiate, solve = twin(motion.acceleration_jacobian), twin(ldl_solve)
-    a, a_phi, a_w = np.empty(n), np.empty((n, n)), np.empty((n, n))
-    share = joints.gain - np.append(joints.gain[1:], 0.0)  # of the torque, on each absolute angle
+    out = Slopes(np.empty(n), np.empty((n, n)), np.empty((n, n)))
+    share = gain - np.append(gain[:, 1:], np.zeros((len(gain), 1)), axis=1)  # of a torque, on each absolute angle
 
     def jacobian(t: float, y: Array) -> Array:
-        p, _, by_valve = valve(t, y)
-        torque = float(model.torque_at(p))
+        behind = [valve(c, t, y) for c in range(len(gain))]
+        torques = model.actuation.torques([p for p, _, _ in behind])
+        torque = np.zeros(n)
+        for c, made in enumerate(torques):
+            share_out(c, made, gain, torque)
         phi, w = y[:n].copy(), y[n : 2 * n].copy()
-        differentiate(phi, w, model.base_angle, torque, body, joints, scratch, a, a_phi, a_w)
+        differentiate(phi, w, torque, body, joints, scratch, out)
         J = np.zeros((y.size, y.size))
         J[:n, n : 2 * n] = np.eye(n)
-        J[n : 2 * n, :n] = a_phi.T
-        J[n : 2 * n, n : 2 * n] = a_w.T
+        J[n : 2 * n, :n] = out.a_phi.T
+        J[n : 2 * n, n : 2 * n] = out.a_w.T
         loss = 2.0 * joints.D * np.diff(w, prepend=0.0)
-        J[-2:, n : 2 * n] = torque * share, loss - np.append(loss[1:], 0.0)
-        if by_valve.any():
-            push = share * section.secant(p, p, model.torque)
-            J[-2, 2 * n] = push @ w
-            solve(scratch.A, push)
-            J[n : 2 * n, 2 * n] = push
-            J[2 * n : 2 * n + 2, 2 * n : 2 * n + 2] = by_valve
+        J[-2:, n : 2 * n] = torques @ share, loss - np.append(loss[1:], 0.0)
+        for c, (p, _, by_valve) in enumerate(behind):
+            if by_valve.any():
+                here = at.chambers[c].p
+                push = share[c] * secant(p, p, model.chambers[c].torque, 0)
+                J[-2, here] = push @ w
+                solve(scratch.A, push)
+                J[n : 2 * n, here] = push
+                J[here : here + 2, here : here + 2] = by_valve
         return J
 
     return jacobian

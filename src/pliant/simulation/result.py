@@ -36,7 +36,7 @@ def trajectory(
     model: Model, times: Array, pressure: Array, phi: Array, w: Array, energies: dict[str, Array],
     memory: Mapping[str, tuple[tuple[str, ...], Array]], *, method: str, step: float,
 ) -> xr.Dataset:
-    """Label the arrays of a simulation: absolute angles phi and rates w (T, n) at `times` (T,).
+    """Label the arrays of a simulation: absolute angles phi and rates w (T, n) and pressures (T, C) at `times` (T,).
 
     `memory` holds what `memory.told` tells, and the stretch of a chamber that inflates; empty for a model that
     remembers nothing.
@@ -48,11 +48,13 @@ def trajectory(
         "tip_position": (("time", "link", "axis"), state.tips(model, phi)),
         "station_position": (("time", "station", "axis"), position),
         "station_angle": (("time", "station"), angle),
-        "pressure": (("time",), pressure),
+        "pressure": by_chamber(pressure),
         **{name: (("time",), value) for name, value in energies.items()},
         **memory,
     }
     labels = {"memory": list(model.memory.labels)} if model.memory else {}
+    if len(model.chambers) > 1:
+        labels["chamber"] = [c.name for c in model.chambers]
     return xr.Dataset(
         {name: labelled(*entry, *LABELS[name]) for name, entry in values.items()},
         coords={
@@ -65,6 +67,11 @@ def trajectory(
         attrs={"schema": "pliant-trajectory", "model": model.name, "method": method, "step_s": step,
                "source": f"pliant {__version__}"},
     )
+
+
+def by_chamber(values: Array) -> tuple[tuple[str, ...], Array]:
+    """Numbers (T, C) with their dimensions: one chamber needs none of its own."""
+    return (("time",), values[:, 0]) if values.shape[1] == 1 else (("time", "chamber"), values)
 
 
 def labelled(dims: tuple[str, ...], values: Array, units: str, long_name: str) -> xr.Variable:

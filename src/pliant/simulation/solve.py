@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
@@ -11,11 +13,11 @@ from pliant.errors import InputError, SimulationError
 from pliant.model import Model
 from pliant.simulation import march_loops, memory, state
 from pliant.simulation.balance import tell_gain
-from pliant.simulation.drive import LONGEST, Drive, drive, too_fast
+from pliant.simulation.drive import LONGEST, Drive, drive, inputs_of, too_fast
 from pliant.simulation.extrapolated import Marched, march_extrapolated
 from pliant.simulation.inputs import Input
-from pliant.simulation.reference import METHODS, solve_reference
-from pliant.simulation.result import trajectory
+from pliant.simulation.reference import METHODS, Start, solve_reference
+from pliant.simulation.result import by_chamber, trajectory
 
 Array = np.ndarray
 STEPS_PER_PERIOD = 8  # of the first mode: below, a step cannot draw the oscillation that it claims to follow
@@ -23,7 +25,7 @@ STEPS_PER_PERIOD = 8  # of the first mode: below, a step cannot draw the oscilla
 
 def simulate(
     model: Model,
-    pressure: Input,
+    pressure: Input | Sequence[Input],
     *,
     duration: float | None = None,
     times: Array | None = None,
@@ -39,7 +41,7 @@ def simulate(
     Parameters
     ----------
     model : Model
-    pressure : Input
+    pressure : Input, or one for each chamber in their order
         What is commanded, Pa gauge: `Pulse`, `Trace`, `Chirp`, ... or any object with the same three members.
     duration : float
         s from time 0, output every `step`; or give `times`.
@@ -75,8 +77,7 @@ def simulate(
     SimulationError
         When a value stops being finite, or no rest exists to start from.
     """
-    if not all(hasattr(pressure, name) for name in ("__call__", "jumps", "breakpoints")):
-        raise InputError(f"pressure must be an input, as Pulse(level) or Trace(time, pressure), got {pressure!r:.60}")
+    inputs_of(model, pressure)
     check_step(model, step, method)
     times = output_times(duration, times, step)
     plan = drive(model, pressure, times, step)
@@ -92,8 +93,9 @@ def simulate(
         return *march(model, plan, start, times.size), states
 
     if method in METHODS:
-        begin = (*start, plan.initial)
-        phi, w, work, kept, stretch = solve_reference(model, pressure, times, begin, states, method, rtol)
+        phi, w, work, kept, stretch = solve_reference(
+            model, pressure, times, Start(*start, plan.initial, states), method, rtol
+        )
     elif method == "extrapolated":
         phi, w, work, kept = march_extrapolated(model, pressure, times, step, marched)
     else:
@@ -102,7 +104,7 @@ def simulate(
         raise SimulationError(lost)
     told = memory.told(model, phi, kept, work[:, -1])
     if plan.stretch is not None:
-        told["hoop_stretch"] = (("time",), plan.stretch if stretch is None else stretch)
+        told["hoop_stretch"] = by_chamber(plan.stretch if stretch is None else stretch)
     motion = trajectory(
         model, times, plan.pressure, phi, w, energies(model, phi, w, work), told, method=method, step=step
     )
@@ -147,17 +149,17 @@ def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> t
     if model.memory:
         states = state.relaxed(model, state.joint_angles(model, start[0]))
         return memory.march_with_memory(model, plan, start, states, rows)[:3]
-    phi_out, w_out = np.empty((rows, model.n)), np.empty((rows, model.n))
-    work_out = np.zeros((rows, 2))
-    phi_out[0], w_out[0] = start
+    out = march_loops.Rows(
+        np.empty((rows, model.n)), np.empty((rows, model.n)), np.zeros((rows, 2)), np.empty((0, model.n, 0))
+    )
+    out.phi[0], out.w[0] = start
     now = start[0].copy()
     failed = twin(march_loops.march, model.n)(
-        now, start[1].copy(), model.base_angle, plan.h, plan.torque, plan.keep,
-        model.body(), model.joints(), state.workspace(model.n), phi_out, w_out, work_out,
+        now, start[1].copy(), plan.steps, model.body(), model.joints(), state.workspace(model.n), out
     )
     if failed >= 0:
         raise too_fast(plan, failed, state.given_way(model, now))
-    return phi_out, w_out, work_out
+    return out.phi, out.w, out.energy
 
 
 def energies(model: Model, phi: Array, w: Array, work: Array) -> dict[str, Array]:
@@ -166,7 +168,7 @@ def energies(model: Model, phi: Array, w: Array, work: Array) -> dict[str, Array
     c, s = np.cos(phi), np.sin(phi)
     return {
         "kinetic_energy": np.asarray(energy.kinetic_energy(c.T, s.T, w.T, body)),
-        "elastic_energy": np.asarray(energy.elastic_energy(phi.T, model.base_angle, joints)),
+        "elastic_energy": np.asarray(energy.elastic_energy(phi.T, joints)),
         "gravitational_energy": np.asarray(energy.gravity_energy(c.T, s.T, body)),
         "input_work": work[:, 0],
         "dissipated_energy": work[:, 1],

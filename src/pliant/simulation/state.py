@@ -17,7 +17,8 @@ Array = np.ndarray
 def workspace(n: int) -> Workspace:
     """Scratch arrays for the kernels of an n-link chain."""
     return Workspace(
-        np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n + 1), np.zeros(n), np.zeros(n)
+        np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n + 1), np.zeros(n), np.zeros(n),
+        np.zeros(n),
     )
 
 
@@ -65,7 +66,7 @@ def vector(model: Model, value: Any) -> Array:
 
 
 def equilibrium(
-    model: Model, pressure: float = 0.0, tip_force: Array | None = None, link_load: Array | None = None,
+    model: Model, pressure: float | Array = 0.0, tip_force: Array | None = None, link_load: Array | None = None,
 ) -> Array:
     """Joint angles (n,) at rest under constant `pressure` [Pa], gravity and a force at the last tip, rad.
 
@@ -74,7 +75,7 @@ def equilibrium(
     Parameters
     ----------
     model : Model
-    pressure : float, Pa gauge
+    pressure : float, Pa gauge; an array (C,) where there are several chambers
     tip_force : array (2,)
         Force on the last tip in the base frame, N; none by default.
     link_load : array (n, 2)
@@ -94,17 +95,13 @@ def equilibrium(
     """
     body, joints = model.body(), model.joints()
     force = np.zeros(2) if tip_force is None else np.asarray(tip_force, dtype=float) * [model.bend_sign, 1]
-    if not (np.isfinite(pressure) and np.isfinite(force).all()):
+    if not (np.isfinite(pressure).all() and np.isfinite(force).all()):
         raise InputError(f"rest needs a finite pressure (Pa) and tip force (N), got {pressure} and {tip_force}")
     load = np.outer(body.h, [body.gx, body.gy]) + np.outer(model.link_length, force)
     load = load if link_load is None else load + link_load
-    push = float(model.torque_at(pressure))
-    if not np.isfinite(push):
-        raise SimulationError(
-            f"the chamber has no rest at {pressure:.6g} Pa: it grows without end from its inflation_limit of "
-            f"{model.inflation_limit:.6g} Pa on; lower the pressure"
-        )
-    torque = joints.gain * push
+    torque = model.actuation.joint_torques(pressure)
+    if not np.isfinite(torque).all():
+        raise SimulationError(model.actuation.no_rest(pressure))
     q = spring_angle(model, torque)
     if not load.any():
         return q

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
 
 from pliant.compiler.choose import twin
+from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
-from pliant.simulation import march_loops, memory_loops, state
+from pliant.simulation import march_loops, state
 from pliant.simulation.balance import EnergyWatch
-from pliant.simulation.drive import UNLIMITED
+from pliant.simulation.drive import lag_of
 from pliant.simulation.solve import check_step
 
 Array = np.ndarray
@@ -23,11 +24,11 @@ class Stepper:
     Parameters
     ----------
     model : Model
-        Its valve is applied to the pressures passed in: lag and limits of the rate exact for a pressure held over the
-        step.
+        Its valves are applied to the pressures passed in: lag and limits of the rate exact for a pressure held over
+        the step.
     step : float
         Length of a step, s.
-    pressure : float
+    pressure : float, or array (C,) for several chambers
         Pressure at the start, Pa, under which the chain begins at rest.
 
     Attributes
@@ -36,8 +37,8 @@ class Stepper:
         Absolute link angles [rad] and rates [rad/s], updated in place by `step`.
     memory : array (n, branches)
         States of the model's memory, rad, updated in place; the last column is Bouc-Wen's.
-    stretch : float
-        Hoop stretch of a chamber that inflates; 1 for a rigid wall.
+    pressure, stretch : float, or array (C,)
+        Pressure behind the valve, Pa; hoop stretch of a chamber that inflates, 1 for a rigid wall.
     time : float
         s since the start.
     energy_gain : float
@@ -51,36 +52,41 @@ class Stepper:
         dead time.
     """
 
-    def __init__(self, model: Model, step: float = 1e-3, pressure: float = 0.0) -> None:
-        valve = model.valve
-        if valve.dead_time or valve.natural_frequency or valve.settle_share:
-            raise InputError("a Stepper takes an ideal or first-order valve: pass it the pressure behind another one")
+    def __init__(self, model: Model, step: float = 1e-3, pressure: float | Array = 0.0) -> None:
+        for chamber in model.chambers:
+            valve = chamber.valve
+            if valve.dead_time or valve.natural_frequency or valve.settle_share:
+                raise InputError(
+                    "a Stepper takes an ideal or first-order valve: pass it the pressure behind another one"
+                )
         check_step(model, step, "midpoint")
         self.model = model
         self.length = step
-        self._base = float(model.base_angle)
-        self._valve = (float(valve.rise_time), float(valve.fall_time))
-        self._rates = (valve.rise_rate or UNLIMITED, valve.fall_rate or UNLIMITED)
-        self._inflates = bool(model.inflation_limit or valve.rise_rate or valve.fall_rate)
-        self._parts = (model.torque, model.body(), model.joints(), state.workspace(model.n))
-        self._remembers = bool(model.memory or model.swell_share)
-        kernel = memory_loops.held_step_with_memory if self._remembers else march_loops.held_step
-        self._advance = twin(memory_loops.held_step_of_chamber if self._inflates else kernel, model.n)
-        self._law = (model.swell_share, model.swell_time, model.torque, model.body(), model.joints())
-        self._scratch = (model.memory.law(), state.held(model), state.workspace(model.n))
+        self._drives = march_loops.Drives(
+            model.actuation.kernel(), np.array([lag_of(c.valve) for c in model.chambers]),
+            np.zeros(len(model.chambers)), np.zeros((len(model.chambers), 2)),
+        )
+        self._command = np.zeros(len(model.chambers))
+        self._body, self._joints, self._work = model.body(), model.joints(), state.workspace(model.n)
+        self._law, self._held = model.memory.law(), state.held(model)
+        kernel = march_loops.held_step_with_memory if model.memory else march_loops.held_step
+        self._advance = twin(kernel, model.n)
         self.reset(pressure)
         self.step(pressure)  # compiled here
         self.reset(pressure)
 
-    def reset(self, pressure: float = 0.0) -> None:
+    def reset(self, pressure: float | Array = 0.0) -> None:
         """Back to rest under `pressure` [Pa], time 0."""
         q = state.equilibrium(self.model, pressure)
         self.angle = state.absolute(self.model, q)
         self.rate = np.zeros(self.model.n)
         self.memory = state.relaxed(self.model, q)
-        self.pressure = float(pressure)
-        self._slow = self.pressure
-        self._chamber = np.array([self.pressure, self.pressure, float(self.model.inflation_at(pressure))])
+        self._drives.pressure[:] = self.model.actuation.pressures(pressure)
+        self._drives.state[:] = self.model.actuation.rest_state(pressure)
+        chain: tuple[Any, ...] = (self._body, self._joints)
+        if self.model.memory:
+            chain = (chain, Past(self._law, self.memory, self._held))
+        self._parts = (self.length, self._command, self._drives, *chain, self._work)
         self.time = 0.0
         self._watch = EnergyWatch(self.model)
 
@@ -90,43 +96,38 @@ class Stepper:
         return self._watch.gain
 
     @property
-    def stretch(self) -> float:
-        """Hoop stretch of the chamber."""
-        return float(self._chamber[2] ** 0.25)
+    def pressure(self) -> float | Array:
+        """Pressure behind the valve, Pa; (C,) where there are several chambers."""
+        p = self._drives.pressure
+        return float(p[0]) if p.size == 1 else p.copy()
 
-    def step(self, pressure: float) -> tuple[Array, Array]:
-        """Advance one step under `pressure` [Pa], held constant; returns (angle, rate), the live arrays.
+    @property
+    def stretch(self) -> float | Array:
+        """Hoop stretch of the chamber; (C,) where there are several."""
+        y = self._drives.state[:, 1] ** 0.25
+        return float(y[0]) if y.size == 1 else y
+
+    def step(self, pressure: float | Array) -> tuple[Array, Array]:
+        """Advance one step under `pressure` [Pa], (C,) for several chambers, held constant.
+
+        Returns
+        -------
+        (angle, rate) : the live arrays
 
         Raises
         ------
         SimulationError
             When the pressure is not finite, or moves a link faster than the step can follow; `reset` before going on.
         """
-        if self._inflates:
-            share, time, *parts = self._law
-            self._advance(
-                self.angle, self.rate, self.memory, self._base, self.length, float(pressure), self._chamber,
-                (*self._valve, *self._rates), share, time, self.model.inflation_limit, self.model.inflation_time,
-                *parts, *self._scratch,
-            )
-            self.pressure = float(self._chamber[0])
-        elif self._remembers:
-            self.pressure, self._slow = self._advance(
-                self.angle, self.rate, self.memory, self._base, self.length, float(pressure), self.pressure, self._slow,
-                *self._valve, *self._law, *self._scratch,
-            )
-        else:
-            self.pressure = self._advance(
-                self.angle, self.rate, self._base, self.length, float(pressure), self.pressure, *self._valve,
-                *self._parts,
-            )
+        self._command[:] = pressure
+        failed = self._advance(self.angle, self.rate, *self._parts)
         self.time += self.length
-        if not math.isfinite(self.pressure):
+        if failed < 0:
             if lost := state.given_way(self.model, self.angle):
                 raise SimulationError(f"at {self.time:.6g} s, under {pressure} Pa, {lost}")
             raise SimulationError(
                 f"at {self.time:.6g} s, under {pressure} Pa, a link turns by more than a radian within the step of "
                 f"{self.length * 1e3:.3g} ms, or the pressure is not finite; use a shorter step or a smaller pressure"
             )
-        self._watch.look(self.angle, self.rate, self.pressure, self.length)
+        self._watch.look(self.angle, self.rate, tuple(self._drives.pressure.tolist()), self.length)
         return self.angle, self.rate

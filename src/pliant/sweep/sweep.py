@@ -129,7 +129,7 @@ def run_sweep(
 
 def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experiment]) -> None:
     """Refuse what only a worker would find wrong."""
-    from pliant.batch.samples import spread
+    from pliant.batch.samples import repeated
 
     if sweep.kind in ("bootstrap", "multi_start"):
         if not experiments:
@@ -138,5 +138,5 @@ def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experimen
     for name, r in sweep.parameters.items():
         if name not in PULSE:
             some = r.grid() if r.value is None else np.array([r.value])
-            spread(model, {name: np.array([r.low if r.mean is None else r.mean]) if some is None else some}, 1)
+            repeated(model, {name: np.array([r.low if r.mean is None else r.mean]) if some is None else some}, 1)
 

@@ -1,0 +1,197 @@
+"""One pressure -> one torque, over an interval of time: laws, chambers that swell, chambers whose wall gives way.
+
+A chamber makes the torque of its law (`section.torque`), or, where its rubber takes time, one that depends on two slow
+states: a pressure that lags (swelling) and the fourth power of the hoop stretch (inflation). `mean_torque` averages the
+torque over an interval, `advance` moves the slow states too, `share_out` gives it to the joints: whoever takes steps
+takes its torques from here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.equations.section import torque
+from pliant.equations.symbols import Chamber, Interval
+
+
+def secant(p0, p1, a, first):
+    """Slope of the secant of the law (a_first, a_first+1, ...) between two pressures [Pa], also where they are equal.
+
+    (tau(p1) - tau(p0)) / (p1 - p0) = sum_k a_k (p0^{k-1} + p0^{k-2} p1 + ... + p1^{k-1})
+    """
+    value = 0.0 * p0
+    ratio = 1.0 + 0.0 * p0
+    power = ratio
+    for k in range(first, len(a)):
+        value = value + a[k] * ratio
+        power = power * p0
+        ratio = ratio * p1 + power
+    return value
+
+
+def mean_of_law(p, a):
+    """Mean torque of the law a in an `Interval` p of pressure; N m.
+
+    Simpson's rule; what that rule misses of the mean pressure, where a valve settles within the interval, enters by
+    the slope of the law's secant. Exact for a linear law.
+    """
+    simpson = (torque(p.start, a) + 4.0 * torque(p.middle, a) + torque(p.end, a)) / 6.0
+    return simpson + (p.mean - (p.start + 4.0 * p.middle + p.end) / 6.0) * secant(p.start, p.end, a, 0)
+
+
+def swollen_torque(p, slow, share, a):
+    """Torque at the pressure p of a chamber that swells: its lever grows with a pressure that lags behind; N m.
+
+    tau = p (a_1 + a_2 s + a_3 s^2 + ...),  s = p + share (slow - p)
+
+    At rest, where slow = p, and at share = 0 it is `torque`. Without pressure there is no torque, however swollen the
+    chamber still is.
+    """
+    swell = p + share * (slow - p)
+    value = 0.0 * p
+    for k in range(len(a) - 1, 0, -1):
+        value = (value + a[k]) * swell
+    return (value + a[0]) * p
+
+
+def slow_interval(h, p, slow, time):
+    """Slow pressure at the middle and the end of an `Interval` p of length h [s]: time slow' = p - slow; Pa.
+
+    Exact for a pressure that runs straight from start to end; one that bends in between is taken as a straight line of
+    the same mean and the same rise.
+    """
+    first = p.mean - 0.5 * (p.end - p.start)
+    rise = p.end - p.start
+    x = h / time
+    late = -np.expm1(-0.5 * x) / (0.5 * x)  # mean of the decay over half the interval
+    middle = np.exp(-0.5 * x) * slow + 0.5 * x * late * first + 0.5 * (1.0 - late) * rise
+    late = -np.expm1(-x) / x
+    last = np.exp(-x) * slow + x * late * first + (1.0 - late) * rise
+    return middle, last
+
+
+def mean_swollen(p, slow, chamber):
+    """Mean of `swollen_torque` over an `Interval` p, the slow pressure given at its start, middle and end; N m."""
+    share = chamber.swell_share
+    a = chamber.law
+    simpson = (
+        swollen_torque(p.start, slow[0], share, a)
+        + 4.0 * swollen_torque(p.middle, slow[1], share, a)
+        + swollen_torque(p.end, slow[2], share, a)
+    ) / 6.0
+    slope = swollen_slope(p.start, p.end, slow[1], share, a)
+    return simpson + (p.mean - (p.start + 4.0 * p.middle + p.end) / 6.0) * slope
+
+
+def swollen_slope(start, end, slow, share, a):
+    """Slope of the chord of `swollen_torque` between two pressures [Pa], the slow one held; N m/Pa."""
+    s0 = start + share * (slow - start)
+    s1 = end + share * (slow - end)
+    lever = 0.0 * end
+    for k in range(len(a) - 1, -1, -1):
+        lever = lever * s1 + a[k]
+    return lever + start * (1.0 - share) * secant(s0, s1, a, 1)
+
+
+def inflated_interval(h, p, y, limit, time):
+    """Fourth power y of a chamber's hoop stretch at the middle and the end of an `Interval` p of length h [s].
+
+    time y' = 1 - (1 - p / limit) y
+
+    A thin neo-Hookean tube of viscous rubber whose length fibres hold: p = limit (1 - stretch^-4) at rest, limit [Pa]
+    being shear modulus times wall over radius. It grows without end at the limit, and ever more slowly towards it.
+    Exact where the pressure is constant.
+
+    Source: Rivlin (1949) for the tube; the rate is work done by p less work stored, taken by the wall's viscosity.
+    """
+    half = 0.5 * h
+    first = 2.0 * p.mean - 0.5 * (p.middle + p.end)
+    return inflated(half, first, y, limit, time), inflated(h, p.mean, y, limit, time)
+
+
+def inflated(h, p, y, limit, time):
+    """Fourth power of the hoop stretch after h [s] at the pressure p [Pa]; see `inflated_interval`."""
+    x = (1.0 - p / limit) * h / time
+    late = 1.0 - 0.5 * x  # mean of the decay: its series where the difference below would lose its digits
+    if abs(x) > 1e-8:
+        late = -np.expm1(-x) / x
+    return np.exp(-x) * y + h / time * late
+
+
+def lever_growth(y):
+    """Factor stretch^3 on the torque: V = A L + A d sum(q) and A d = 2/3 r2^3 grows with the cube of the radius.
+
+    Paper: Sec. III-C, with a radius that gives way
+    """
+    return y**0.75
+
+
+def mean_inflated(p, slow, y, chamber):
+    """Mean of `swollen_torque` times `lever_growth` over an `Interval` p, y at its three times as slow is; N m."""
+    share = chamber.swell_share
+    a = chamber.law
+    simpson = (
+        lever_growth(y[0]) * swollen_torque(p.start, slow[0], share, a)
+        + 4.0 * lever_growth(y[1]) * swollen_torque(p.middle, slow[1], share, a)
+        + lever_growth(y[2]) * swollen_torque(p.end, slow[2], share, a)
+    ) / 6.0
+    slope = lever_growth(y[1]) * swollen_slope(p.start, p.end, slow[1], share, a)
+    return simpson + (p.mean - (p.start + 4.0 * p.middle + p.end) / 6.0) * slope
+
+
+def mean_torque(p, slow, y, chamber):
+    """Mean torque [N m] of a chamber in an `Interval` p, with its slow states at the start, middle and end."""
+    if chamber.inflation_limit > 0.0:
+        return mean_inflated(p, slow, y, chamber)
+    if chamber.swell_share > 0.0:
+        return mean_swollen(p, slow, chamber)
+    return mean_of_law(p, chamber.law)
+
+
+def advance(h, p, chamber, state):
+    """Mean torque [N m] of a chamber over an `Interval` p of length h [s]; its slow `state` (2,) moves on in place.
+
+    The state is the slow pressure [Pa] and the fourth power of the hoop stretch; a chamber without rubber that takes
+    time leaves it as it is.
+    """
+    if not (chamber.swell_share > 0.0 or chamber.inflation_limit > 0.0):
+        return mean_of_law(p, chamber.law)
+    before = state[0]
+    half, last = slow_interval(h, p, before, chamber.swell_time)
+    state[0] = last
+    if not chamber.inflation_limit > 0.0:
+        return mean_swollen(p, (before, half, last), chamber)
+    y = state[1]
+    y_half, y_last = inflated_interval(h, p, y, chamber.inflation_limit, chamber.inflation_time)
+    state[1] = y_last
+    return mean_inflated(p, (before, half, last), (y, y_half, y_last), chamber)
+
+
+def advance_one(c, h, p, actuation, state):
+    """As `advance`, of chamber c of an `Actuation`; its slow states are row c of `state` (C, 2)."""
+    rubber = actuation.rubber
+    chamber = Chamber(actuation.law[c], rubber[c, 0], rubber[c, 1], rubber[c, 2], rubber[c, 3])
+    return advance(h, p, chamber, state[c])
+
+
+def share_out(c, torque, gain, tau):
+    """Add the torque [N m] of chamber c to those of the joints, tau (n,): tau_i = sum_c gain_ci torque_c.
+
+    The first chamber writes over what was there.
+    """
+    for i in range(len(tau)):
+        if c == 0:
+            tau[i] = gain[c, i] * torque
+        else:
+            tau[i] = tau[i] + gain[c, i] * torque
+
+
+def held_torques(h, pressure, actuation, state, tau):
+    """Mean torques tau (n,) [N m] of the joints over h [s] under pressures (C,) [Pa] that are held.
+
+    The slow states (C, 2) of the chambers move on in place.
+    """
+    for c in range(len(pressure)):
+        p = pressure[c]
+        made = advance_one(c, h, Interval(p, p, p, p), actuation, state)
+        share_out(c, made, actuation.gain, tau)

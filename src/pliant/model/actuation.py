@@ -1,0 +1,242 @@
+"""What turns pressures into joint torques: chambers, each with law, rubber, valve and the joints that it turns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pliant.equations import chamber, section, symbols
+from pliant.errors import InputError
+from pliant.model.checks import check_numbers, numbers, one_number
+from pliant.model.limits import MOST_TERMS
+from pliant.model.valve import Valve
+
+Array = np.ndarray
+ARRAYS = ("torque", "joint_gain")
+POSITIVE = ("swell_time", "inflation_time")
+NOT_NEGATIVE = ("swell_share", "inflation_limit")
+
+
+@dataclass(frozen=True, eq=False)
+class Chamber:
+    """One pressure and the torque that it makes, all SI.
+
+    Parameters
+    ----------
+    torque : array (k,)
+        Torque law tau = torque[0] p + torque[1] p^2 + ..., N m/Pa^i, p gauge. The paper's is (A d,).
+    joint_gain : array (n,)
+        Share of the torque law that each joint feels; 1 by virtual work. A number stands for all joints.
+    valve : Valve
+    swell_share, swell_time : float
+        A chamber that swells: this share of what the law adds beyond torque[0] p grows with a pressure that lags by
+        swell_time, s. See `pliant.equations.chamber.swollen_torque`; share 0: at once.
+    inflation_limit, inflation_time : float
+        A chamber whose wall gives way: the pressure [Pa] towards which it grows without end, shear modulus times wall
+        over radius of a thin neo-Hookean tube, and the time [s] that its rubber takes at low pressure. The torque
+        grows with the cube of the stretch; see `pliant.equations.chamber.inflated_interval`. Limit 0: a rigid wall.
+    name : str
+
+    Raises
+    ------
+    InputError
+        When a parameter is not finite or not physical.
+    """
+
+    torque: Array
+    joint_gain: Array = field(default_factory=lambda: np.ones(1))
+    valve: Valve = field(default_factory=Valve)
+    swell_share: float = 0.0
+    swell_time: float = 1.0
+    inflation_limit: float = 0.0
+    inflation_time: float = 0.1
+    name: str = "chamber"
+
+    def __post_init__(self) -> None:
+        for name in ARRAYS:
+            a = numbers(name, getattr(self, name))
+            a.setflags(write=False)
+            object.__setattr__(self, name, a)
+        for name in (*POSITIVE, *NOT_NEGATIVE):
+            object.__setattr__(self, name, one_number(name, getattr(self, name)))
+        check_chamber(self)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Chamber):
+            return NotImplemented
+        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) if f.name in ARRAYS
+                   else getattr(self, f.name) == getattr(other, f.name) for f in fields(self))  # fmt: skip
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def remembers(self) -> bool:
+        """Whether more than the pressure at hand makes the torque."""
+        return self.swell_share > 0 or self.inflation_limit > 0
+
+    def torque_at(self, pressure: Any) -> Any:
+        """Torque of the law at rest at gauge `pressure` [Pa], N m; any shape. Infinite where the wall gives way."""
+        torque = section.torque(np.asarray(pressure, dtype=float), self.torque)
+        return torque * chamber.lever_growth(self.growth_at(pressure)) if self.inflation_limit else torque
+
+    def growth_at(self, pressure: Any) -> Any:
+        """Fourth power of the hoop stretch at rest at gauge `pressure` [Pa]: 1 for a rigid wall."""
+        return rest_growth(np.asarray(pressure, dtype=float), self.inflation_limit)
+
+    def torque_slope(self, pressure: float) -> float:
+        """Slope of the torque law at a pressure [Pa], the swelling held: N m/Pa.
+
+        Raises
+        ------
+        InputError
+            Where the wall gives way: its growth is a state that a linear model does not have.
+        """
+        if self.inflation_limit:
+            raise InputError(
+                "the linear model and the controllers take a chamber with a rigid wall: fit a torque law without "
+                "inflation_limit for them"
+            )
+        p = float(pressure)
+        lever = section.torque(p, self.torque) / p if p else float(self.torque[0])
+        rest = float(chamber.secant(p, p, self.torque, 1)) if self.torque.size > 1 else 0.0
+        return float(lever + p * (1.0 - self.swell_share) * rest)
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What the torque of an input depends on, hashable: all but the joints that it turns."""
+        return (self.torque.tobytes(), self.valve, *self.kernel()[1:])
+
+    def kernel(self) -> symbols.Chamber:
+        """Constants for the kernels."""
+        return symbols.Chamber(
+            self.torque, self.swell_share, self.swell_time, self.inflation_limit, self.inflation_time
+        )
+
+
+def rest_growth(pressure: Array, limit: Any) -> Array:
+    """Fourth power of the hoop stretch at rest at `pressure` [Pa] towards `limit` [Pa]; 1 where the limit is 0."""
+    left = 1.0 - pressure / np.where(limit, limit, np.inf)
+    return np.where(left > 0.0, 1.0 / np.where(left > 0.0, left, 1.0), np.inf)
+
+
+FIELDS = tuple(f.name for f in fields(Chamber) if f.name != "name")  # what a model of one chamber calls its own
+
+
+def check_chamber(made: Chamber) -> None:
+    """Raise InputError when a parameter of a chamber is not finite or not physical."""
+    of = "model" if made.name == "chamber" else f"chamber {made.name!r}:"
+    if made.swell_share > 1:
+        raise InputError(f"{of} swell_share must be at most 1, the whole of it, got {made.swell_share}")
+    check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS)
+    if not made.torque.size:
+        raise InputError(f"{of} torque must have at least one coefficient (N m/Pa); the paper's is A d")
+    if made.torque.size > MOST_TERMS:
+        raise InputError(f"{of} torque must have at most {MOST_TERMS} numbers, got {made.torque.size}")
+    if not isinstance(made.valve, Valve):
+        raise InputError(f"{of} valve must be a Valve, got {made.valve!r:.60}")
+
+
+@dataclass(frozen=True)
+class Actuation:
+    """All chambers of a body of `joints` joints: pressures (C,) and their slow states in, joint torques (n,) out.
+
+    Attributes
+    ----------
+    chambers : tuple of Chamber
+    """
+
+    chambers: tuple[Chamber, ...]
+    joints: int
+
+    @property
+    def count(self) -> int:
+        """Number of chambers, C."""
+        return len(self.chambers)
+
+    @cached_property
+    def gain(self) -> Array:
+        """Share (C, n) of each chamber's torque that each joint feels."""
+        return np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.chambers])
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a chamber has slow states."""
+        return any(c.remembers for c in self.chambers)
+
+    def kernel(self) -> symbols.Actuation:
+        """Constants for the kernels, shorter laws filled up with zeros."""
+        longest = max(c.torque.size for c in self.chambers)
+        law = np.stack([np.pad(c.torque, (0, longest - c.torque.size)) for c in self.chambers])
+        return symbols.Actuation(law, np.array(self.gain), np.array([c.kernel()[1:] for c in self.chambers]))
+
+    def pressures(self, value: Any) -> Array:
+        """`value` as pressures (C,) [Pa]: a number is enough where there is one chamber.
+
+        Raises
+        ------
+        InputError
+            When there are not as many as chambers.
+        """
+        p = np.atleast_1d(np.asarray(value, dtype=float))
+        if p.shape != (self.count,):
+            raise InputError(
+                f"expected {self.count} pressure(s) in Pa, one for each chamber ({self.names}), got shape {p.shape}"
+            )
+        return p
+
+    @property
+    def names(self) -> str:
+        """Names of the chambers, for a sentence."""
+        return ", ".join(c.name for c in self.chambers)
+
+    def torques(self, pressure: Any) -> Array:
+        """Torque (C,) of each chamber at rest at `pressure` (C,) [Pa], N m."""
+        return np.array([float(c.torque_at(p)) for c, p in zip(self.chambers, self.pressures(pressure), strict=True)])
+
+    def joint_torques(self, pressure: Any) -> Array:
+        """Torques (n,) [N m] of the joints at rest at `pressure` (C,) [Pa]; infinite where a wall gives way."""
+        tau = np.empty(self.joints)
+        for c, torque in enumerate(self.torques(pressure)):
+            chamber.share_out(c, torque, self.gain, tau)
+        return tau
+
+    def no_rest(self, pressure: Any) -> str:
+        """A sentence on the chamber whose wall gives way at `pressure` (C,) [Pa]."""
+        for c, p in zip(self.chambers, self.pressures(pressure), strict=True):
+            if not np.isfinite(c.torque_at(p)):
+                return (
+                    f"the chamber has no rest at {p:.6g} Pa: it grows without end from its inflation_limit of "
+                    f"{c.inflation_limit:.6g} Pa on; lower the pressure"
+                )
+        return ""
+
+    def rest_state(self, pressure: Any) -> Array:
+        """Slow states (C, 2) long at rest at `pressure` (C,) [Pa]: slow pressure [Pa], fourth power of the stretch."""
+        pairs = zip(self.chambers, self.pressures(pressure), strict=True)
+        return np.array([(p, float(c.growth_at(p))) for c, p in pairs])
+
+
+def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamber, ...]:
+    """The chambers of a model: as `given`, or the one that the `values` of its law, valve and rubber describe.
+
+    Raises
+    ------
+    InputError
+        When both are given, or neither.
+    """
+    if given and values:
+        raise InputError(f"give chambers, or {', '.join(sorted(values))} of the only one, not both")
+    if given:
+        made = tuple(given)
+        if not all(isinstance(c, Chamber) for c in made):
+            raise InputError(f"chambers must be Chamber objects, got {given!r:.80}")
+        if len({c.name for c in made}) < len(made):
+            raise InputError(f"chambers need names that differ, got {', '.join(c.name for c in made)}")
+        return made
+    if "torque" not in values:
+        raise InputError("a model needs a torque law: torque = (A d,) [N m/Pa], or chambers")
+    return (Chamber(**values),)

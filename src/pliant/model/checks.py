@@ -1,0 +1,54 @@
+"""Numbers at the door of a model and of a chamber."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.model.limits import LIMITS, check_limit
+
+Array = np.ndarray
+
+
+def numbers(name: str, value: Any) -> Array:
+    """`value` as a new row of numbers."""
+    try:
+        a = np.atleast_1d(np.array(value, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError(f"model {name} must be numbers, got {value!r:.80}") from None
+    if a.ndim != 1:
+        raise InputError(f"model {name} must be one number or one row of numbers, got shape {a.shape}")
+    return a
+
+
+def one_number(name: str, value: Any) -> float:
+    """`value` as a number."""
+    a = numbers(name, value)
+    if a.size != 1:
+        raise InputError(f"model {name} must be one number, got {a.size}")
+    return float(a[0])
+
+
+def check_numbers(
+    of: Any, what: str, positive: Sequence[str], not_negative: Sequence[str], free: Sequence[str],
+) -> None:
+    """Refuse attributes of `of` that are not finite, of the wrong sign, or larger or smaller than any body's.
+
+    `what` stands before their names in the sentence; those of `free` may have any sign.
+    """
+    for name in (*positive, *not_negative, *free):
+        value = getattr(of, name)
+        least, most = (value.min(initial=inf), value.max(initial=-inf)) if isinstance(value, Array) else (value, value)
+        if not (-inf < least and most < inf):  # not a number compares false
+            raise InputError(f"{what} {name} must be finite, got {value}")
+        if least <= 0 and name in positive:
+            raise InputError(f"{what} {name} must be positive, got {value}")
+        if least < 0 and name in not_negative:
+            raise InputError(f"{what} {name} must not be negative, got {value}")
+        if least < LIMITS[name].least or max(most, -least) > LIMITS[name].most:
+            check_limit(what, name, least)
+            check_limit(what, name, most)

@@ -1,0 +1,35 @@
+"""A point of the body whose motion is observed."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any, NamedTuple
+
+from pliant.errors import InputError
+
+
+class Station(NamedTuple):
+    """A point fixed to the body whose motion is observed: a marker, a link's tip, a spot of a fibre.
+
+    Parameters
+    ----------
+    name : str
+    link : int
+        Index of the link that carries it, 0 the first; -1: the clamped base.
+    along, across : float, m
+        From the link's joint along the link, and to its left, towards positive bending.
+    """
+
+    name: str
+    link: int  # index of the link that carries it, 0 the first; -1: the clamped base
+    along: float  # m, from the link's joint along the link (on the base: from the origin along the tangent)
+    across: float = 0.0  # m, to the left of the link, towards positive bending
+
+
+def station_of(entry: Any) -> Station:
+    """`entry` as a station with a name, an integer link and two lengths."""
+    try:
+        name, link, along, across = Station(*entry)
+        return Station(str(name), operator.index(link), float(along), float(across))
+    except (TypeError, ValueError):
+        raise InputError(f"a station is (name, link, along, across), m, link an integer; got {entry!r:.70}") from None
