@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from pliant.exporters.difference import difference
 from pliant.exporters.features import FEATURES, missing, named, without
 from pliant.exporters.provenance import standard_errors
 from pliant.exporters.registry import BUILT_IN, exporters
-from pliant.model import Memory, Valve, load_model, save_model
+from pliant.model import Chamber, Memory, Valve, load_model, save_model
 from pliant.simulation import equilibrium
 from pliant.simulation.levels import typical_pressure
 
@@ -39,6 +40,9 @@ def test_a_model_without_a_feature_has_none_of_it(key):
     model = EVERYTHING
     if key == "second_order":
         model = model.with_(valve=Valve(natural_frequency=9.0))
+    if key == "chambers":
+        model = model.with_(chambers=(model.chamber, Chamber(torque=[-1e-7], name="other")))
+        assert FEATURES[key].names(model) == ("chamber other",)
     assert FEATURES[key].names(model)
     if key not in ("springs", "drive"):  # no artefact can do without: those that cannot say so by nature
         assert not FEATURES[key].names(without(model, (key,)))
@@ -80,6 +84,9 @@ def test_every_artefact_says_what_it_is(target, tmp_path):
     path = tmp_path / f"arm{exporters()[target].suffixes[-1]}"
     done = pliant.export(model, target, path, standard_errors={"stiffness": 0.0123})
     text = b"".join(f.read_bytes() for f in done.files if f.suffix != ".fmu").decode(errors="ignore")
+    if path.suffix == ".fmu":
+        with zipfile.ZipFile(path) as archive:
+            text = archive.read("documentation/README.txt").decode()
     if path.suffix == ".npz":
         import numpy as np
 

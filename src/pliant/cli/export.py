@@ -12,7 +12,7 @@ from pliant.errors import InputError
 
 def export(
     model: Annotated[Path, typer.Argument(help="Model file, as `pliant run` writes it.")],
-    to: Annotated[str, typer.Option("--to", help="mjcf, state-space, urdf.")],
+    to: Annotated[str, typer.Option("--to", help="mjcf, c99, fmu, state-space, urdf.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write, with the target's ending.")],
     approximate: Annotated[
         bool, typer.Option("--approximate", help="Leave out what the target cannot express, and say what it costs.")

@@ -33,7 +33,7 @@ class Difference(NamedTuple):
         """The reference input in words."""
         if not self.level:
             return f"let go from 0.1 rad at every joint, {DURATION:g} s"
-        return f"pulse of {1e-3 * self.level:.4g} kPa from {START:g} s for {WIDTH:g} s, {DURATION:g} s"
+        return f"a pulse of {1e-3 * self.level:.4g} kPa from {START:g} s for {WIDTH:g} s, {DURATION:g} s"
 
     def __str__(self) -> str:
         return (
@@ -46,12 +46,13 @@ def difference(one: Model, other: Model) -> Difference:
     """Simulate both on the reference input and compare their tips."""
     level = typical_pressure(one)
     start = None if level else np.full(one.n, 0.1)
-    pulse = Pulse(level, START, WIDTH)
-    tips = [
-        simulate(m, pulse, duration=DURATION, step=STEP, initial_angle=start).tip_position.values[:, -1]
-        for m in (one, other)
-    ]
-    return of_tips(level, *tips)
+
+    def tip(model: Model) -> np.ndarray:
+        inputs = [Pulse(level, START, WIDTH), *[Pulse(0.0)] * (len(model.chambers) - 1)]
+        run = simulate(model, inputs, duration=DURATION, step=STEP, initial_angle=start)
+        return np.asarray(run.tip_position.values[:, -1])
+
+    return of_tips(level, tip(one), tip(other))
 
 
 def of_tips(level: float, one: np.ndarray, other: np.ndarray) -> Difference:

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from pliant.model import Model
+import numpy as np
+
+from pliant.model import Chamber, Model
 from pliant.simulation.levels import typical_pressure
 
 
@@ -28,20 +30,25 @@ def numbered(name: str, count: Callable[[Model], int]) -> Callable[[Model], tupl
     return lambda model: tuple(f"{name} {k + 1}" for k in range(count(model)))
 
 
-def lag(model: Model) -> bool:
+def lag(chamber: Chamber) -> bool:
     """Whether the pressure lags behind the command by more than a dead time."""
-    v = model.valve
+    v = chamber.valve
     return bool(v.rise_time or v.fall_time or v.natural_frequency or v.rise_rate or v.fall_rate or v.settle_share)
 
 
-def curved(model: Model) -> bool:
+def curved(chamber: Chamber) -> bool:
     """Whether the torque is more than a multiple of the pressure."""
-    return bool(model.torque[1:].any())
+    return bool(chamber.torque[1:].any())
+
+
+def of_chambers(change: Callable[[Chamber], Chamber]) -> Callable[[Model], Model]:
+    """A model with other chambers."""
+    return lambda model: model.with_(chambers=tuple(change(c) for c in model.chambers))
 
 
 def of_valve(**changes: float) -> Callable[[Model], Model]:
-    """A model with another valve."""
-    return lambda model: model.with_(valve=replace(model.valve, **changes))
+    """A model with other valves."""
+    return of_chambers(lambda c: replace(c, valve=replace(c.valve, **changes)))
 
 
 def of_memory(**changes: Any) -> Callable[[Model], Model]:
@@ -50,63 +57,84 @@ def of_memory(**changes: Any) -> Callable[[Model], Model]:
 
 
 def straight_law(model: Model) -> Model:
-    """A torque that is a multiple of the pressure, right at half of the typical pressure."""
+    """Torques that are multiples of the pressure, right at half of the typical pressure."""
     level = 0.5 * (typical_pressure(model) or 1e5)
-    rigid = model.with_(inflation_limit=0.0)
-    return model.with_(torque=[float(rigid.torque_at(level)) / level])
+
+    def straight(chamber: Chamber) -> Chamber:
+        rigid = replace(chamber, inflation_limit=0.0)
+        return replace(chamber, torque=np.array([float(rigid.torque_at(level)) / level]))
+
+    return of_chambers(straight)(model)
 
 
-def one_lag(model: Model) -> Model:
+def one_lag(chamber: Chamber) -> Chamber:
     """One time constant for rise and fall, their mean."""
-    mean = 0.5 * (model.valve.rise_time + model.valve.fall_time)
-    return of_valve(rise_time=mean, fall_time=mean)(model)
+    mean = 0.5 * (chamber.valve.rise_time + chamber.valve.fall_time)
+    return replace(chamber, valve=replace(chamber.valve, rise_time=mean, fall_time=mean))
 
 
-def first_order(model: Model) -> Model:
+def first_order(chamber: Chamber) -> Chamber:
     """A first-order valve that is as late as the second-order one."""
-    v = model.valve
-    late = v.damping_ratio / (3.141592653589793 * v.natural_frequency)
-    return of_valve(natural_frequency=0.0, rise_time=late, fall_time=late)(model)
+    v = chamber.valve
+    if not v.natural_frequency:
+        return chamber
+    late = v.damping_ratio / (np.pi * v.natural_frequency)
+    return replace(chamber, valve=replace(v, natural_frequency=0.0, rise_time=late, fall_time=late))
+
+
+def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple[str, ...]]:
+    """`name` for a model of which a chamber has it; of several chambers with their names."""
+
+    def names(model: Model) -> tuple[str, ...]:
+        several = len(model.chambers) > 1
+        return tuple(f"{name} of {c.name}" if several else name for c in model.chambers if has(c))
+
+    return names
 
 
 FEATURES: dict[str, Feature] = {
     "springs": Feature("springs and dampers", when("springs and dampers", lambda _: True), lambda m: m),
-    "drive": Feature("torque by pressure", when("torque by pressure", lambda m: m.torque.any()), lambda m: m),
+    "drive": Feature("torque by pressure", some("torque by pressure", lambda c: c.torque.any()), lambda m: m),
+    "chambers": Feature(
+        "several chambers",
+        lambda m: tuple(f"chamber {c.name}" for c in m.chambers[1:]), lambda m: m.with_(chambers=m.chambers[:1]),
+    ),
     "gravity": Feature("gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=[0.0, 0.0])),
     "softening": Feature(
         "springs that soften or stiffen", when("softening springs", lambda m: m.stiffening.any()),
         lambda m: m.with_(stiffening=[0.0]),
     ),
-    "law": Feature("torque law beyond a multiple", when("torque law of higher degree", curved), straight_law),
+    "law": Feature("torque law beyond a multiple", some("torque law of higher degree", curved), straight_law),
     "lagging_law": Feature(
         "such a law behind a lagging valve",
-        when("torque law of higher degree behind a lagging valve", lambda m: curved(m) and lag(m)), straight_law,
+        some("torque law of higher degree behind a lagging valve", lambda c: curved(c) and lag(c)), straight_law,
     ),
-    "dead_time": Feature("dead time", when("dead time", lambda m: m.valve.dead_time), of_valve(dead_time=0.0)),
+    "dead_time": Feature("dead time", some("dead time", lambda c: c.valve.dead_time), of_valve(dead_time=0.0)),
     "two_lags": Feature(
         "rise and fall times that differ",
-        when("rise and fall times that differ", lambda m: m.valve.rise_time != m.valve.fall_time), one_lag,
+        some("rise and fall times that differ", lambda c: c.valve.rise_time != c.valve.fall_time), of_chambers(one_lag),
     ),
     "lag": Feature(
-        "first-order valve", when("first-order valve", lambda m: m.valve.rise_time or m.valve.fall_time),
+        "first-order valve", some("first-order valve", lambda c: c.valve.rise_time or c.valve.fall_time),
         of_valve(rise_time=0.0, fall_time=0.0),
     ),
     "second_order": Feature(
-        "second-order valve", when("second-order valve", lambda m: m.valve.natural_frequency), first_order
+        "second-order valve", some("second-order valve", lambda c: c.valve.natural_frequency), of_chambers(first_order)
     ),
     "rates": Feature(
-        "valve of limited rate", when("limited rate of the valve", lambda m: m.valve.rise_rate or m.valve.fall_rate),
+        "valve of limited rate", some("limited rate of the valve", lambda c: c.valve.rise_rate or c.valve.fall_rate),
         of_valve(rise_rate=0.0, fall_rate=0.0),
     ),
     "settling": Feature(
-        "pressure that settles late", when("late settling of the valve", lambda m: m.valve.settle_share),
+        "pressure that settles late", some("late settling of the valve", lambda c: c.valve.settle_share),
         of_valve(settle_share=0.0),
     ),
     "swelling": Feature(
-        "swelling", when("swelling", lambda m: m.chamber.swell_share), lambda m: m.with_(swell_share=0.0)
+        "swelling", some("swelling", lambda c: c.swell_share), of_chambers(lambda c: replace(c, swell_share=0.0))
     ),
     "inflation": Feature(
-        "inflation", when("inflation", lambda m: m.chamber.inflation_limit), lambda m: m.with_(inflation_limit=0.0)
+        "inflation", some("inflation", lambda c: c.inflation_limit),
+        of_chambers(lambda c: replace(c, inflation_limit=0.0)),
     ),
     "creep": Feature(
         "creep", numbered("creep branch", lambda m: len(m.memory.creep_share)),

@@ -19,7 +19,7 @@ from pliant.exporters.features import ALL
 from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
-from pliant.model import Model
+from pliant.model import Chamber, Model
 
 CAN = ALL - {"lagging_law", "two_lags", "second_order", "rates", "settling", "swelling", "inflation", "slip", "boucwen"}
 ARMATURE = 1e-6  # kg m^2, of a creep's hinge: MuJoCo moves nothing without inertia
@@ -120,13 +120,20 @@ def sites(body: ET.Element, model: Model, carrier: int, prefix: str) -> None:
             )
 
 
+def chamber_names(model: Model, prefix: str) -> list[tuple[Chamber, str, str]]:
+    """Each chamber with the names of its tendon and its first control."""
+    several = len(model.chambers) > 1
+    ends = [f"_{c.name}" if several else "" for c in model.chambers]
+    return [(c, f"{prefix}bend{e}", f"{prefix}pressure{e}") for c, e in zip(model.chambers, ends, strict=True)]
+
+
 def tendons(root: ET.Element, model: Model, prefix: str) -> None:
-    """The tendon of the pressure and the springs between joints and their creep."""
+    """The tendon of each chamber and the springs between joints and their creep."""
     group = ET.SubElement(root, "tendon")
-    if model.torque.any():
-        fixed = ET.SubElement(group, "fixed", name=f"{prefix}bend")
+    for chamber, tendon, _ in chamber_names(model, prefix):
+        fixed = ET.SubElement(group, "fixed", name=tendon)
         for i in range(model.n):
-            ET.SubElement(fixed, "joint", joint=f"{prefix}q_{i + 1}", coef=number(model.joint_gain[i]))
+            ET.SubElement(fixed, "joint", joint=f"{prefix}q_{i + 1}", coef=number(chamber.joint_gain[i]))
     for j, share in enumerate(model.memory.creep_share):
         for i in range(model.n):
             name = f"{prefix}creep_{j + 1}_{i + 1}"
@@ -147,19 +154,20 @@ def contacts(root: ET.Element, model: Model, prefix: str) -> None:
 
 
 def actuators(root: ET.Element, model: Model, prefix: str, timestep: float) -> None:
-    """One control for each power of the pressure that the law holds, the first behind the valve."""
+    """One control for each chamber and power of its pressure that the law holds, the first behind the valve."""
     group = ET.SubElement(root, "actuator")
-    valve = model.valve
-    for k, gain in enumerate(model.torque):
-        if not gain:
-            continue
-        words = {"gainprm": number(gain), "biastype": "none", "gaintype": "fixed", "dyntype": "none"}
-        if valve.rise_time:
-            words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
-        if valve.dead_time:
-            words |= {"delay": number(valve.dead_time), "nsample": str(int(np.ceil(valve.dead_time / timestep)) + 1)}
-        name = f"{prefix}pressure" + (f"_{k + 1}" if k else "")
-        ET.SubElement(group, "general", attrib={"name": name, "tendon": f"{prefix}bend", **words})
+    for chamber, tendon, control in chamber_names(model, prefix):
+        valve = chamber.valve
+        for k, gain in enumerate(chamber.torque):
+            words = {"gainprm": number(gain), "biastype": "none", "gaintype": "fixed", "dyntype": "none"}
+            if valve.rise_time:
+                words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
+            if valve.dead_time:
+                late = int(np.ceil(valve.dead_time / timestep)) + 1
+                words |= {"delay": number(valve.dead_time), "nsample": str(late)}
+            if gain:
+                name = control + (f"_{k + 1}" if k else "")
+                ET.SubElement(group, "general", attrib={"name": name, "tendon": tendon, **words})
 
 
 def sensors(root: ET.Element, model: Model, prefix: str) -> None:

@@ -32,6 +32,7 @@ class Told:
     difference: Difference | None = None
     std: Mapping[str, float] = field(default_factory=dict)  # standard errors by the names of a fit
     notes: tuple[str, ...] = ()
+    said: list[str] = field(default_factory=list)  # what a writer finds to tell while it writes
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain values."""

@@ -24,6 +24,8 @@ GROUP = "pliant.exporters"
 # kept equal to the entry points of the package, so that a source tree that is not installed can export
 BUILT_IN = {
     "mjcf": "pliant.exporters.mjcf:EXPORTER",
+    "c99": "pliant.exporters.c99:EXPORTER",
+    "fmu": "pliant.exporters.fmu:EXPORTER",
     "state-space": "pliant.exporters.state_space:EXPORTER",
     "urdf": "pliant.exporters.urdf:EXPORTER",
 }
@@ -181,7 +183,7 @@ def export(
         dict(standard_errors or {}), notes,
     )
     files = exporter.write(reduced, told, path, chosen)
-    return Exported(target, files, told.left_out, told.difference, notes)
+    return Exported(target, files, told.left_out, told.difference, (*notes, *told.said))
 
 
 def exporter_of(target: str) -> Exporter:

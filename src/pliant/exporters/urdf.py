@@ -18,7 +18,7 @@ from pliant.model import Model
 
 LOST = "URDF has no springs and no pressure: it carries links, joints, inertia and dampers, and its chain hangs loose"
 WORLD = "URDF has no gravity: the world that loads it has"
-BY_NATURE = {"springs": LOST, "drive": LOST, "gravity": WORLD}
+BY_NATURE = {"springs": LOST, "drive": LOST, "chambers": LOST, "gravity": WORLD}
 TURN = 3.0  # rad, limit of a joint: RViz draws its sliders by it
 
 

@@ -174,7 +174,7 @@ class Actuation:
         return symbols.Actuation(law, np.array(self.gain), np.array([c.kernel()[1:] for c in self.chambers]))
 
     def pressures(self, value: Any) -> Array:
-        """`value` as pressures (C,) [Pa]: a number is enough where there is one chamber.
+        """`value` as pressures (C,) [Pa]: a number is enough where there is one chamber; 0 is no pressure in any.
 
         Raises
         ------
@@ -182,6 +182,8 @@ class Actuation:
             When there are not as many as chambers.
         """
         p = np.atleast_1d(np.asarray(value, dtype=float))
+        if p.shape == (1,) and p[0] == 0.0:
+            return np.zeros(self.count)
         if p.shape != (self.count,):
             raise InputError(
                 f"expected {self.count} pressure(s) in Pa, one for each chamber ({self.names}), got shape {p.shape}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pliant.errors import SimulationError
 from pliant.model import Model
 from pliant.simulation import state
@@ -14,10 +16,10 @@ def typical_pressure(model: Model) -> float:
     """Pressure [Pa] that bends the chain at rest by half a radian, or 0.8 of what it holds where that is less.
 
     The model keeps no range of its recordings: this is the level of a pulse when none is given. 0 for a model that
-    no pressure bends.
+    no pressure bends. Of several chambers: the first alone.
     """
     try:
-        rest = float(state.equilibrium(model, 0.0).sum())
+        rest = float(state.equilibrium(model, first_alone(model, 0.0)).sum())
     except SimulationError:
         return 0.0
     low, high = 0.0, 1e3
@@ -36,9 +38,15 @@ def typical_pressure(model: Model) -> float:
     return float(f"{low if held else 0.8 * low:.2g}")
 
 
+def first_alone(model: Model, pressure: float) -> float | np.ndarray:
+    """`pressure` [Pa] in the first chamber and none in the others, (C,); the number itself where there is one."""
+    count = len(model.chambers)
+    return pressure if count == 1 else pressure * np.eye(1, count)[0]
+
+
 def bent(model: Model, pressure: float, rest: float) -> float | None:
     """Size of the bend from rest [rad]; None where the chain finds no rest."""
     try:
-        return abs(float(state.equilibrium(model, pressure).sum()) - rest)
+        return abs(float(state.equilibrium(model, first_alone(model, pressure)).sum()) - rest)
     except SimulationError:
         return None

@@ -1,0 +1,199 @@
+"""From the text of a kernel to C: its Python is run on names of C, and writes down what it does.
+
+As `trace`, with branches: what depends on numbers that are not known yet becomes an ``if``, a ``goto`` or a loop of C.
+Shapes, indices and loops over links are known and leave no trace: every element of an array is a name of its own, and
+scratch arrays become local numbers. Every call is written out where it stands, so that one kernel becomes one function
+of C without memory, and the operations are those of the compiled twin, in its order.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from contextlib import suppress
+from functools import cache
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from pliant.compiler.c_values import Expressions, Frame, Real, Truth, Turn
+from pliant.errors import InputError
+from pliant.numerics import trig
+
+LONG = 16  # a loop that may be left early and turns more often stays a loop
+
+
+class Stop(Exception):  # control flow of the text that is run, known beforehand
+    """A `return`, `break` or `continue` that is certain."""
+
+
+class Returned(Stop):
+    """A certain return."""
+
+
+class Broken(Stop):
+    """A certain break."""
+
+
+@cache
+def tree_of(kernel: FunctionType) -> ast.FunctionDef:
+    """The syntax tree of a kernel."""
+    return ast.parse(textwrap.dedent(inspect.getsource(kernel))).body[0]  # type: ignore[return-value]
+
+
+class Writer(Expressions):
+    """Writes the body of one function of C: calls, branches and loops."""
+
+    def call(self, kernel: Any, *arguments: Any) -> Any:
+        """Write a call of a kernel out; returns what it returns."""
+        self.count += 1
+        frame = Frame(self.count, {**kernel.__globals__, **self.constants})
+        tree = tree_of(kernel)
+        defaults = kernel.__defaults__ or ()
+        given = (*arguments, *defaults[len(defaults) - (len(tree.args.args) - len(arguments)) :])
+        changed = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        for parameter, value in zip(tree.args.args, given, strict=True):
+            name = f"{parameter.arg}_{frame.number}"
+            frame.names[parameter.arg] = self.passed(value, name, changes=parameter.arg in changed)
+        with suppress(Returned):
+            self.block(frame, tree.body)
+        if frame.jumped:
+            self.say(f"{frame.label}:;")
+        return frame.result
+
+    def passed(self, value: Any, name: str, *, changes: bool) -> Any:
+        """An argument: a number that is not its caller's own, or that the kernel changes, is held under a new name."""
+        if changes and isinstance(value, (Real, float)):
+            held = self.local(name)
+            self.say(f"{held} = {self.number(value)};")
+            return held
+        if isinstance(value, Real) and value in self.locals and value not in self.shared:
+            return value
+        if isinstance(value, tuple):
+            parts = [self.passed(v, f"{name}_{i}", changes=False) for i, v in enumerate(value)]
+            return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+        return self.keep(value, name)
+
+    def block(self, frame: Frame, statements: list[ast.stmt]) -> None:
+        """One statement after the other."""
+        for statement in statements:
+            getattr(self, f"do_{type(statement).__name__}")(frame, statement)
+
+    def do_Expr(self, frame: Frame, node: ast.Expr) -> None:
+        if not isinstance(node.value, ast.Constant):
+            self.value(frame, node.value)
+
+    def do_Assign(self, frame: Frame, node: ast.Assign) -> None:
+        value = self.value(frame, node.value)
+        for target in node.targets:
+            self.assign(frame, target, value)
+
+    def assign(self, frame: Frame, target: ast.expr, value: Any) -> None:
+        """Give a name or an element a value."""
+        if isinstance(target, ast.Tuple):
+            if len(target.elts) > 1:
+                value = self.keep(tuple(value), f"pair_{self.fresh()}")
+            for part, own in zip(target.elts, value, strict=True):
+                self.assign(frame, part, own)
+        elif isinstance(target, ast.Subscript):
+            array, index = self.value(frame, target.value), self.value(frame, target.slice)
+            self.say(f"{array[index]} = {self.number(value)};")
+        elif isinstance(value, (Real, float)):
+            name = self.local(f"{target.id}_{frame.number}")  # type: ignore[attr-defined]
+            self.say(f"{name} = {self.number(value)};")
+            frame.names[target.id] = name  # type: ignore[attr-defined]
+        elif isinstance(value, tuple):
+            frame.names[target.id] = self.keep(value, f"{target.id}_{frame.number}")  # type: ignore[attr-defined]
+        else:
+            frame.names[target.id] = value  # type: ignore[attr-defined]
+
+    def do_Return(self, frame: Frame, node: ast.Return) -> None:
+        value = self.value(frame, node.value) if node.value else None
+        if not frame.depth and not frame.jumped:  # the only one
+            frame.result = self.keep(value, f"result_{frame.number}")
+            raise Returned
+        frame.result = self.returned(value, f"result_{frame.number}")
+        if not frame.depth:
+            raise Returned
+        frame.jumped = True
+        self.say(f"goto {frame.label};")
+
+    def returned(self, value: Any, name: str) -> Any:
+        """What is returned, in names that are the same for every `return` of a call."""
+        if isinstance(value, tuple):
+            parts = [self.returned(v, f"{name}_{i}") for i, v in enumerate(value)]
+            return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+        if value is None or isinstance(value, np.ndarray):
+            return value
+        held = self.local(name)
+        self.say(f"{held} = {self.number(value)};")
+        return held
+
+    def do_If(self, frame: Frame, node: ast.If) -> None:
+        test = self.value(frame, node.test)
+        if not isinstance(test, Truth):
+            self.block(frame, node.body if test else node.orelse)
+            return
+        self.say(f"if ({test}) {{")
+        self.branch(frame, node.body)
+        if node.orelse:
+            self.say("} else {")
+            self.branch(frame, node.orelse)
+        self.say("}")
+
+    def branch(self, frame: Frame, statements: list[ast.stmt]) -> None:
+        """Statements that may or may not be reached."""
+        frame.depth += 1
+        self.indent += 1
+        before = dict(frame.names)
+        self.block(frame, statements)
+        for name, value in before.items():
+            if not isinstance(value, Real) and frame.names[name] is not value and isinstance(value, np.ndarray):
+                raise InputError(f"the C writer cannot choose between two arrays {name} at run time")
+        self.indent -= 1
+        frame.depth -= 1
+
+    def do_For(self, frame: Frame, node: ast.For) -> None:
+        turns = self.value(frame, node.iter)
+        leaves = any(isinstance(n, (ast.Return, ast.Break)) for n in ast.walk(node))
+        name = node.target.id  # type: ignore[attr-defined]
+        mark: list[Any] = [f"break_{self.fresh()}", False, frame.depth]
+        frame.breaks.append(mark)
+        if leaves and len(turns) > LONG:
+            self.loop(frame, node, name, turns)
+        else:
+            try:
+                for i in turns:
+                    frame.names[name] = i
+                    self.block(frame, node.body)
+            except Broken:
+                pass
+        frame.breaks.pop()
+        if mark[1]:
+            self.say(f"{mark[0]}:;")
+
+    def loop(self, frame: Frame, node: ast.For, name: str, turns: range) -> None:
+        """A loop that C turns."""
+        turn = f"{name.strip('_') or 'turn'}_{self.fresh()}"
+        self.say(f"for (int {turn} = {turns.start}; {turn} < {turns.stop}; {turn}++) {{")
+        frame.names[name] = Turn(turn)
+        self.branch(frame, node.body)
+        self.say("}")
+
+    def do_Break(self, frame: Frame, _node: ast.Break) -> None:
+        mark = frame.breaks[-1]
+        if frame.depth == mark[2]:
+            raise Broken
+        mark[1] = True
+        self.say(f"goto {mark[0]};")
+
+
+def cosine_and_sine(kind: str, prefix: str, *, single: bool) -> str:
+    """A function of C with the text of `numerics.trig.cos_sin`."""
+    writer = Writer(single)
+    pair = writer.call(trig.cos_sin, Real("x"))
+    for place, name in zip(pair, "cs", strict=True):
+        writer.say(f"*{name} = {place};")
+    return f"static void {prefix}cos_sin({kind} x, {kind} *c, {kind} *s)\n{{\n{writer.body(kind)}\n}}\n"

@@ -1,0 +1,245 @@
+"""What the expressions of a kernel's text come to in C; see `compiler.c`."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import operator
+import re
+from collections import Counter
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+
+OPERATORS: dict[type, tuple[str, Any]] = {
+    ast.Add: ("+", operator.add), ast.Sub: ("-", operator.sub), ast.Mult: ("*", operator.mul),
+    ast.Div: ("/", operator.truediv), ast.FloorDiv: ("//", operator.floordiv), ast.Pow: ("**", operator.pow),
+}
+COMPARISONS: dict[type, tuple[str, Any]] = {
+    ast.Lt: ("<", operator.lt), ast.LtE: ("<=", operator.le), ast.Gt: (">", operator.gt), ast.GtE: (">=", operator.ge),
+    ast.Eq: ("==", operator.eq), ast.NotEq: ("!=", operator.ne),
+}
+NAMES = re.compile(r"[A-Za-z_]\w*")
+SET = re.compile(r"\s*(\w+) = .*;$")
+ASSIGNED = re.compile(r"^(\s*)\w+ = ")  # of a line, the name that it sets: setting is not reading
+LIBRARY = {"exp": "exp", "expm1": "expm1", "sqrt": "sqrt", "floor": "floor", "rint": "rint", "abs": "fabs"}
+
+
+class Real(str):
+    """An expression of C whose value is a number that is not known yet."""
+
+    __slots__ = ()
+
+
+class Truth(str):
+    """A condition of C that is not known yet."""
+
+    __slots__ = ()
+
+
+class Turn:
+    """The counter of a loop of C."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+def cells(name: str, shape: tuple[int, ...], pattern: str = "[{}]") -> np.ndarray:
+    """An array of the names of an array's elements: ``phi[0]``, ..."""
+    made = np.empty(shape, dtype=object)
+    for index in np.ndindex(*shape):
+        made[index] = Real(name + "".join(pattern.format(i) for i in index))
+    return made
+
+
+class Frame:
+    """One call: its names, where it returns to, and what it returned."""
+
+    def __init__(self, number: int, scope: dict[str, Any]) -> None:
+        self.number, self.scope = number, scope
+        self.names: dict[str, Any] = {}
+        self.result: Any = None
+        self.label = f"return_{number}"
+        self.jumped = False
+        self.breaks: list[list[Any]] = []
+        self.depth = 0  # of branches that are not known
+
+
+class Expressions:
+    """Writes expressions into the body of one function of C."""
+
+    def __init__(self, single: bool = False, constants: dict[str, float] | None = None, prefix: str = "") -> None:
+        self.lines: list[str] = []
+        self.locals: dict[str, None] = {}
+        self.suffix = "f" if single else ""
+        self.constants, self.prefix = constants or {}, prefix
+        self.shared: set[str] = set()  # elements of arrays, which a kernel may change
+        self.count = 0
+        self.indent = 1
+        self.angle: tuple[str, int, tuple[Real, Real]] = ("", -9, (Real(""), Real("")))
+
+    def say(self, line: str) -> None:
+        """One line of C."""
+        self.lines.append("    " * self.indent + line)
+
+    def number(self, value: Any) -> str:
+        """A value as a C expression."""
+        if isinstance(value, Real):
+            return str(value)
+        if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+            raise InputError(f"the C writer expected a number, got {value!r:.60}")
+        return f"{float(value)!r}{self.suffix}" if value >= 0 else f"({float(value)!r}{self.suffix})"
+
+    def local(self, name: str) -> Real:
+        """A number of the function's own."""
+        self.locals[name] = None
+        return Real(name)
+
+    def scratch(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
+        """An array of numbers of the function's own."""
+        made = cells(name, shape, "_{}")
+        for cell in made.ravel():
+            self.locals[cell] = None
+            self.shared.add(cell)
+        return made
+
+    def keep(self, value: Any, name: str) -> Any:
+        """A value held in a name of its own: what is passed or returned does not change with its origin."""
+        if isinstance(value, Real):
+            held = self.local(name)
+            self.say(f"{held} = {value};")
+            return held
+        if isinstance(value, tuple):
+            parts = [self.keep(v, f"{name}_{i}") for i, v in enumerate(value)]
+            return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+        return value
+
+    def fresh(self) -> int:
+        """A number that no name has yet."""
+        self.count += 1
+        return self.count
+
+    def call(self, kernel: Any, *arguments: Any) -> Any:
+        """Write a call of a kernel out; see `compiler.c.Writer`."""
+        raise NotImplementedError
+
+    def value(self, frame: Frame, node: ast.expr) -> Any:
+        """What an expression comes to: a known value, cells, or an expression of C."""
+        return getattr(self, f"of_{type(node).__name__}")(frame, node)
+
+    def of_Constant(self, _frame: Frame, node: ast.Constant) -> Any:
+        return node.value
+
+    def of_Name(self, frame: Frame, node: ast.Name) -> Any:
+        if node.id in frame.names:
+            return frame.names[node.id]
+        return frame.scope[node.id] if node.id in frame.scope else getattr(builtins, node.id)
+
+    def of_Tuple(self, frame: Frame, node: ast.Tuple) -> Any:
+        return tuple(self.value(frame, part) for part in node.elts)
+
+    def of_Attribute(self, frame: Frame, node: ast.Attribute) -> Any:
+        owner = self.value(frame, node.value)
+        if node.attr == "real" and isinstance(owner, (Real, int, float)):
+            return owner
+        return getattr(owner, node.attr)
+
+    def of_Subscript(self, frame: Frame, node: ast.Subscript) -> Any:
+        return self.value(frame, node.value)[self.value(frame, node.slice)]
+
+    def of_Slice(self, frame: Frame, node: ast.Slice) -> slice:
+        return slice(*(self.value(frame, part) if part else None for part in (node.lower, node.upper, node.step)))
+
+    def of_UnaryOp(self, frame: Frame, node: ast.UnaryOp) -> Any:
+        value = self.value(frame, node.operand)
+        if isinstance(node.op, ast.Not):
+            return Truth(f"!({value})") if isinstance(value, Truth) else not value
+        return Real(f"(-{value})") if isinstance(value, Real) else -value
+
+    def of_BinOp(self, frame: Frame, node: ast.BinOp) -> Any:
+        left, right = self.value(frame, node.left), self.value(frame, node.right)
+        sign, known = OPERATORS[type(node.op)]
+        if not isinstance(left, Real) and not isinstance(right, Real):
+            return known(left, right)
+        if sign == "**":
+            return self.power(left, right)
+        return Real(f"({self.number(left)} {sign} {self.number(right)})")
+
+    def power(self, base: Any, exponent: Any) -> Real:
+        """A power; squares are products."""
+        if exponent == 2:
+            held = self.keep(base, f"square_{self.fresh()}")
+            return Real(f"({held} * {held})")
+        return Real(f"pow{self.suffix}({self.number(base)}, {self.number(exponent)})")
+
+    def of_Compare(self, frame: Frame, node: ast.Compare) -> Any:
+        left, right = self.value(frame, node.left), self.value(frame, node.comparators[0])
+        sign, known = COMPARISONS[type(node.ops[0])]
+        if isinstance(left, Turn):
+            return Truth(f"{left.name} {sign} {int(right)}")
+        if not isinstance(left, Real) and not isinstance(right, Real):
+            return known(left, right)
+        return Truth(f"{self.number(left)} {sign} {self.number(right)}")
+
+    def of_BoolOp(self, frame: Frame, node: ast.BoolOp) -> Any:
+        stops = isinstance(node.op, ast.Or)
+        open_ones = []
+        for part in node.values:
+            value = self.value(frame, part)
+            if isinstance(value, Truth):
+                open_ones.append(f"({value})")
+            elif bool(value) is stops:
+                return stops
+        if not open_ones:
+            return not stops
+        return Truth((" || " if stops else " && ").join(open_ones))
+
+    def of_Call(self, frame: Frame, node: ast.Call) -> Any:
+        made = self.value(frame, node.func)
+        arguments = [self.value(frame, a) for a in node.args]
+        if isinstance(made, FunctionType) and made.__module__.startswith("pliant."):
+            return self.call(made, *arguments)
+        if isinstance(made, type) and hasattr(made, "_fields"):
+            return self.keep(made(*arguments), f"made_{self.fresh()}")
+        if not any(isinstance(a, Real) for a in arguments):
+            return made(*arguments)
+        return self.library(made.__name__, arguments)
+
+    def library(self, name: str, arguments: list[Any]) -> Real:
+        """A function of the C library, or one of our own."""
+        if name in ("min", "max"):
+            one, other = (self.number(self.keep(a, f"of_{self.fresh()}")) for a in arguments)
+            return Real(f"({other} {'<' if name == 'min' else '>'} {one} ? {other} : {one})")
+        if name in ("cos", "sin"):
+            return self.cosine_and_sine(self.number(arguments[0]))[name == "sin"]
+        return Real(f"{LIBRARY[name if name != 'absolute' else 'abs']}{self.suffix}({self.number(arguments[0])})")
+
+    def cosine_and_sine(self, angle: str) -> tuple[Real, Real]:
+        """Both of one angle, found once where the second is asked for right behind the first."""
+        if self.angle[0] != angle or len(self.lines) - self.angle[1] > 1:
+            number = self.fresh()
+            pair = self.local(f"cosine_{number}"), self.local(f"sine_{number}")
+            self.say(f"{self.prefix}cos_sin({angle}, &{pair[0]}, &{pair[1]});")
+            self.angle = (angle, len(self.lines), pair)
+        return self.angle[2]
+
+    def unread(self) -> None:
+        """Leave out what sets a number of the function's own that nobody reads."""
+        while True:
+            read = Counter(w for line in self.lines for w in NAMES.findall(ASSIGNED.sub(r"\1", line)))
+            idle = {name for name in self.locals if not read[name]}
+            kept = [line for line in self.lines if not ((m := SET.match(line)) and m[1] in idle)]
+            if len(kept) == len(self.lines):
+                break
+            self.lines = kept
+        self.locals = {name: None for name in self.locals if read[name]}
+
+    def body(self, kind: str) -> str:
+        """All that was written, the function's own numbers first."""
+        self.unread()
+        names = sorted(self.locals)
+        rows = [f"    {kind} {', '.join(f'{n} = 0' for n in names[i : i + 8])};" for i in range(0, len(names), 8)]
+        return "\n".join([*rows, *self.lines])

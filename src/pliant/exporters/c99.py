@@ -1,0 +1,221 @@
+"""C99: one .c and one .h without dependencies, allocation or globals, from the very text of the compiled step.
+
+`compiler.c` runs the kernels that `pliant.Stepper` runs and writes down what they do. What a controller may want to
+change (stiffness, damping, masses, lengths, torque law, valve) is in a struct of parameters; what the model has not
+(memory, rubber that takes time, limits of a valve) is left out when the text is made.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.compiler.c import cosine_and_sine
+from pliant.errors import InputError
+from pliant.exporters.c_functions import Text, parameters
+from pliant.exporters.features import ALL
+from pliant.exporters.provenance import Told
+from pliant.exporters.registry import Exporter
+from pliant.files import write_text
+from pliant.model import Model
+from pliant.model.file import UNITS
+from pliant.simulation import state
+from pliant.simulation.solve import check_step
+
+Array = np.ndarray
+CAN = ALL - {"second_order", "settling"}
+MOST_LINKS = 24  # the text of a step grows with the cube of the links
+
+
+class Code(NamedTuple):
+    """The two files of an export, and the sizes that its user needs."""
+
+    header: str
+    source: str
+    prefix: str
+    delay: int  # commands that are on their way at any time
+
+
+def identifier(name: str) -> str:
+    """A name of C from the name of a model."""
+    made = re.sub(r"\W+", "_", name).strip("_").lower() or "model"
+    return made if not made[0].isdigit() else f"m_{made}"
+
+
+def defaults(text: Text) -> str:
+    """The numbers of the model."""
+    w = text.writer()
+    for field, value in parameters(text.model).items():
+        if field not in ("B", "I", "h", "K2", "dead_time"):
+            for index in np.ndindex(*value.shape):
+                w.say(f"p->{field}{''.join(f'[{i}]' for i in index)} = {w.number(float(value[index]))};")
+    w.say(f"{text.prefix}_update(p);")
+    return text.function("void", "defaults", f"{text.prefix}_parameters *p", w)
+
+
+def start(text: Text, pressure: float, queue: int) -> str:
+    """At rest under a pressure."""
+    model, w = text.model, text.writer()
+    q = state.equilibrium(model, pressure if len(model.chambers) == 1 else np.full(len(model.chambers), pressure))
+    levels = np.full(len(model.chambers), pressure)
+    values: dict[str, Array] = {
+        "angle": state.absolute(model, q), "rate": np.zeros(model.n), "pressure": levels,
+        "chamber": model.actuation.rest_state(levels if levels.size > 1 else pressure),
+    }
+    if text.branches:
+        values["memory"] = state.relaxed(model, q)
+    if queue:
+        values["queue"] = np.tile(levels, (queue, 1))
+    for field, value in values.items():
+        for index in np.ndindex(*value.shape):
+            w.say(f"s->{field}{''.join(f'[{i}]' for i in index)} = {w.number(float(value[index]))};")
+    if queue:
+        w.say("s->next = 0;")
+    return text.function("void", "init", f"{text.prefix}_state *s", w)
+
+
+def delays(model: Model, h: float) -> tuple[list[int], list[float]]:
+    """Whole steps and the rest [s] of each chamber's dead time."""
+    whole, rest = [], []
+    for chamber in model.chambers:
+        k, part = divmod(chamber.valve.dead_time, h)
+        if part < 1e-9 * h:
+            part = 0.0
+        elif h - part < 1e-9 * h:
+            k, part = k + 1, 0.0
+        whole.append(int(k))
+        rest.append(float(part))
+    return whole, rest
+
+
+def door(text: Text, h: float) -> tuple[str, int]:
+    """The public step, dead times included, and the length of its queue; steps end where a late command arrives."""
+    prefix, C, kind = text.prefix, len(text.model.chambers), text.kind
+    whole, rest = delays(text.model, h)
+    head = (
+        f"int {prefix}_step({prefix}_state *s, const {prefix}_parameters *p, const {kind} command[{C}])\n{{\n"
+    )
+    w = text.writer()
+    if not any(whole) and not any(rest):
+        return f"{head}    return {prefix}_move(s, p, {w.number(h)}, command);\n}}\n", 0
+    Q = max(k + (r > 0) for k, r in zip(whole, rest, strict=True)) + 1
+    lines = [f"    {kind} late[{C}];", *(f"    s->queue[s->next][{c}] = command[{c}];" for c in range(C))]
+    cuts = [*sorted({0.0, *rest}), h]
+    for begin, end in pairwise(cuts):
+        for c in range(C):
+            age = whole[c] + (1 if begin < rest[c] else 0)
+            lines.append(f"    late[{c}] = s->queue[(s->next + {Q - age}) % {Q}][{c}];")
+        lines.append(f"    if ({prefix}_move(s, p, {w.number(end - begin)}, late) < 0) return -1;")
+    lines += [f"    s->next = (s->next + 1) % {Q};", "    return 0;"]
+    return head + "\n".join(lines) + "\n}\n", Q
+
+
+def fields(text: Text, queue: int) -> tuple[str, str]:
+    """The members of the two structs."""
+    n, C, kind = text.model.n, len(text.model.chambers), text.kind
+    rows = [
+        f"{kind} angle[{n}]; /* rad, absolute angle of each link from the base tangent +y */",
+        f"{kind} rate[{n}]; /* rad/s */", f"{kind} pressure[{C}]; /* Pa gauge, behind the valve */",
+        f"{kind} chamber[{C}][2]; /* Pa, slow pressure; 1, fourth power of the hoop stretch */",
+    ]
+    if text.branches:
+        labels = ", ".join(text.model.memory.labels)
+        rows.append(f"{kind} memory[{n}][{text.branches}]; /* rad, {labels} of each joint */")
+    if queue:
+        rows += [f"{kind} queue[{queue}][{C}]; /* Pa, commands on their way */", "int next; /* place of the next */"]
+    units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s", "B": "derived", "I": "derived", "h": "derived",
+             "K2": "derived", "torque": "N m/Pa^k", "joint_gain": "1", "boucwen": "1, 1/rad^n, 1/rad^n, 1"}  # fmt: skip
+    known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}
+    held = [
+        f"{kind} {f}{''.join(f'[{size}]' for size in v.shape)}; /* {known.get(f, '')} */"
+        for f, v in parameters(text.model).items() if f != "dead_time"
+    ]
+    return tuple("\n".join(f"    {row}" for row in part) for part in (rows, held))  # type: ignore[return-value]
+
+
+def code(model: Model, told: Told, *, step: float, precision: str, pressure: float, prefix: str) -> Code:
+    """The header and the source of a model."""
+    if precision not in ("double", "single"):
+        raise InputError(f"c99 precision must be double or single, got {precision!r}")
+    if model.n > MOST_LINKS:
+        raise InputError(f"c99 writes every link out: at most {MOST_LINKS} links, got {model.n}: take a lower order")
+    check_step(model, step, "midpoint")
+    prefix = identifier(prefix or model.name)
+    single = precision == "single"
+    text = Text(model, prefix, single=single)
+    public, queue = door(text, step)
+    comment = "/*\n" + "\n".join(f" * {line}" for line in told.lines()).replace("*/", "* /") + "\n */\n"
+    rows, held = fields(text, queue)
+    n, C, up = model.n, len(model.chambers), prefix.upper()
+    kind = text.kind
+    header = f"""{comment}#ifndef {up}_H
+#define {up}_H
+
+#define {up}_LINKS {n}
+#define {up}_CHAMBERS {C}
+#define {up}_STATIONS {len(model.points)}
+#define {up}_STEP {step!r} /* s */
+
+typedef {"float" if single else "double"} {kind};
+
+typedef struct {{
+{rows}
+}} {prefix}_state;
+
+typedef struct {{
+{held}
+}} {prefix}_parameters;
+
+/* The numbers of the model; after a change of masses, lengths or stiffness call {prefix}_update. */
+void {prefix}_defaults({prefix}_parameters *p);
+void {prefix}_update({prefix}_parameters *p);
+
+/* At rest under {pressure:g} Pa, with the numbers of {prefix}_defaults. */
+void {prefix}_init({prefix}_state *s);
+
+/* One step of {up}_STEP under commanded pressures [Pa gauge] held constant: 0, or -1 where a link turns by more than a
+ * radian in the step, a spring gave way or a number is not finite; the state is of no use then. */
+int {prefix}_step({prefix}_state *s, const {prefix}_parameters *p, const {kind} command[{C}]);
+
+/* Tips of the links, x and y [m]; angles of the joints from the rest shape [rad]. */
+void {prefix}_tips(const {prefix}_state *s, const {prefix}_parameters *p, {kind} tip[{n}][2]);
+void {prefix}_joint_angles(const {prefix}_state *s, const {prefix}_parameters *p, {kind} q[{n}]);
+
+/* The observed points {", ".join(p.name for p in model.points)}: x, y [m] and angle [rad]. */
+void {prefix}_stations(const {prefix}_state *s, const {prefix}_parameters *p, {kind} pose[{len(model.points)}][3]);
+
+/* Kinetic, elastic and gravitational energy [J]. */
+void {prefix}_energy(const {prefix}_state *s, const {prefix}_parameters *p, {kind} joule[3]);
+
+/* d(angle, rate)/dt = A d(angle, rate) + B d(pressure) about the present state; memory sticks, creep has no time to
+ * flow, rubber that takes time holds. */
+void {prefix}_linearise(const {prefix}_state *s, const {prefix}_parameters *p, {kind} A[{2 * n}][{2 * n}],
+                        {kind} B[{2 * n}][{C}]);
+
+#endif
+"""
+    parts = [
+        cosine_and_sine(kind, f"{prefix}_", single=single), text.update(), defaults(text), start(text, pressure, queue),
+        text.step(), public, text.tips(), text.joint_angles(), text.stations(), text.energy(), text.linearise(),
+    ]
+    source = f'{comment}#include <math.h>\n\n#include "{prefix}.h"\n\n' + "\n".join(parts)
+    return Code(header, source, prefix, queue)
+
+
+def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
+    """Write the source and, beside it, the header of the same name."""
+    made = code(model, told, **{**options, "prefix": options["prefix"] or path.stem})
+    header = path.with_suffix(".h")
+    source = made.source.replace(f'#include "{made.prefix}.h"', f'#include "{header.name}"')
+    return write_text(path, source), write_text(header, made.header)
+
+
+EXPORTER = Exporter(
+    "c99", "C99: one .c and one .h, no dependencies, allocation or globals", (".c",), CAN, write,
+    {"step": 1e-3, "precision": "double", "pressure": 0.0, "prefix": ""},
+)

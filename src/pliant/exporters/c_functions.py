@@ -1,0 +1,285 @@
+"""The functions of C that a model is made of: the kernels of `pliant.Stepper`, run on the names of two structs."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.compiler.c import Writer
+from pliant.compiler.c_values import Real, cells
+from pliant.equations import energy, inertia, motion, symbols
+from pliant.model import Model
+from pliant.numerics.ldl import ldl_solve
+from pliant.simulation import march_loops, state
+from pliant.simulation.drive import lag_of
+from pliant.simulation.pressure_loops import UNLIMITED
+
+Array = np.ndarray
+LIMITS = {"AGREE": 2e-6}  # rad, what single precision can agree to; see `equations.memory`
+
+
+class Names(NamedTuple):
+    """The arrays of a model under the names that they have in C, and what is known beforehand."""
+
+    body: symbols.Body
+    joints: symbols.Joints
+    memory: symbols.Memory
+    drives: march_loops.Drives
+
+
+def parameters(model: Model) -> dict[str, Array]:
+    """What the struct of parameters holds, by field: arrays in SI."""
+    actuation, n = model.actuation.kernel(), model.n
+    memory = model.memory.law()
+    lags = np.array([lag_of(c.valve) for c in model.chambers])
+    held: dict[str, Any] = {
+        "link_length": model.link_length, "link_mass": model.link_mass, "tip_mass": model.tip_mass,
+        "stiffness": model.stiffness, "damping": model.damping, "stiffening": model.stiffening,
+        "rest_angle": model.rest_angle, "base_length": model.base_length, "base_angle": model.base_angle,
+        "gravity": model.gravity, "torque": actuation.law, "joint_gain": actuation.gain, "valve": lags,
+        "rubber": actuation.rubber, "creep_share": memory.creep_share, "creep_time": memory.creep_time,
+        "slip_share": memory.slip_share, "slip_angle": memory.slip_angle,
+        "boucwen": np.array([getattr(memory, f) for f in memory._fields[4:]]),
+        "dead_time": np.array([c.valve.dead_time for c in model.chambers]),
+    }
+    body = model.body()
+    derived = {"B": body.B, "I": body.I, "h": body.h, "K2": np.zeros(n)}
+    return {k: np.asarray(v, dtype=float) for k, v in (held | derived).items() if np.size(v)}
+
+
+def place(model: Model, who: str, field: str) -> Any:
+    """Names of the elements of a field of the parameters; a number where the field is one number."""
+    value = parameters(model).get(field)
+    if value is None:
+        return np.empty(0, dtype=object)
+    return cells(f"{who}->{field}", value.shape) if value.ndim else Real(f"{who}->{field}")
+
+
+def names(model: Model) -> Names:
+    """What the kernels are run on."""
+    C = len(model.chambers)
+
+    def of(field: str) -> Any:
+        return place(model, "p", field)
+
+    gravity = of("gravity")
+    gx: Any = Real(f"({'-' if model.bend_sign < 0 else ''}{gravity[0]})")
+    joints = symbols.Joints(
+        of("base_angle"), of("rest_angle"), of("stiffness"), of("damping"), of("K2"), of("rest_angle")
+    )
+    law = model.memory.law()
+    boucwen = [of("boucwen")[i] if law.boucwen_share else v for i, v in enumerate(law[4:])]
+    memory = symbols.Memory(of("creep_share"), of("creep_time"), of("slip_share"), of("slip_angle"), *boucwen)
+    valve, rubber = of("valve"), of("rubber")
+    for c, chamber in enumerate(model.chambers):
+        lag = lag_of(chamber.valve)
+        for k in range(4):
+            unlimited = k >= 2 and lag[k] >= UNLIMITED
+            valve[c, k] = lag[k] if unlimited or (k < 2 and not any(lag[:2])) else valve[c, k]
+        kernel = chamber.kernel()[1:]
+        rubber[c] = [rubber[c, k] if kernel[k - k % 2] else kernel[k] for k in range(4)]
+    actuation = symbols.Actuation(of("torque"), of("joint_gain"), rubber)
+    drives = march_loops.Drives(actuation, valve, cells("s->pressure", (C,)), cells("s->chamber", (C, 2)))
+    body = symbols.Body(of("B"), of("I"), of("h"), gx, gravity[1])
+    return Names(body, joints, memory, drives)
+
+
+class Text:
+    """The functions of one model."""
+
+    def __init__(self, model: Model, prefix: str, *, single: bool) -> None:
+        self.model, self.prefix, self.single = model, prefix, single
+        self.kind = f"{prefix}_real"
+        self.given = names(model)
+        self.phi, self.w = cells("s->angle", (model.n,)), cells("s->rate", (model.n,))
+        self.branches = state.relaxed(model, np.zeros(model.n)).shape[1] if model.memory else 0
+
+    def writer(self) -> Writer:
+        """An empty function."""
+        return Writer(self.single, LIMITS if self.single else {}, f"{self.prefix}_")
+
+    def workspace(self, writer: Writer) -> symbols.Workspace:
+        """Scratch arrays as local numbers."""
+        example = state.workspace(self.model.n)
+        return symbols.Workspace(*(writer.scratch(f"work_{f}", v.shape) for f, v in example._asdict().items()))
+
+    def past(self, writer: Writer) -> symbols.Past:
+        """The memory, with scratch arrays as local numbers."""
+        rows = {
+            f: writer.scratch(f"held_{f}", (self.model.n,)) for f in symbols.Held._fields if f != "springs"
+        }
+        springs = self.given.joints._replace(theta0=rows["theta0"], K=rows["K"])
+        memory = cells("s->memory", (self.model.n, self.branches))
+        return symbols.Past(self.given.memory, memory, symbols.Held(springs=springs, **rows))
+
+    def step(self) -> str:
+        """One step under commands held for its time h: 0, or -1 where it failed."""
+        w, g = self.writer(), self.given
+        command = cells("command", (len(self.model.chambers),))
+        work = self.workspace(w)
+        if self.model.memory:
+            failed = w.call(
+                march_loops.held_step_with_memory, self.phi, self.w, Real("h"), command, g.drives,
+                (g.body, g.joints), self.past(w), work,
+            )
+        else:
+            failed = w.call(
+                march_loops.held_step, self.phi, self.w, Real("h"), command, g.drives, g.body, g.joints, work
+            )
+        w.say(f"return {failed} < 0 ? -1 : 0;")
+        return self.function(
+            "static int", "move", f"{self.state}, {self.constants}, {self.kind} h, const {self.kind} *command", w
+        )
+
+    @property
+    def state(self) -> str:
+        """The state as an argument."""
+        return f"{self.prefix}_state *s"
+
+    @property
+    def constants(self) -> str:
+        """The parameters as an argument."""
+        return f"const {self.prefix}_parameters *p"
+
+    def function(self, returns: str, name: str, arguments: str, writer: Writer) -> str:
+        """A function of C."""
+        return f"{returns} {self.prefix}_{name}({arguments})\n{{\n{writer.body(self.kind)}\n}}\n"
+
+    def reading(self, name: str, room: str, writer: Writer) -> str:
+        """A function of C that reads the state and fills arrays."""
+        return self.function("void", name, f"const {self.state}, {self.constants}, {self.kind} {room}", writer)
+
+    def update(self) -> str:
+        """Inertia and curved springs from masses, lengths and stiffness."""
+        w, n, rod = self.writer(), self.model.n, self.model.mass_at == "rod"
+        l, m = place(self.model, "p", "link_length"), place(self.model, "p", "link_mass")
+        centre = w.scratch("centre", (n,))
+        for k in range(n):
+            w.say(f"{centre[k]} = {w.number(0.5 if rod else 1.0)} * {l[k]};")
+            inertia_of = f"{m[k]} * {l[k]} * {l[k]} / {w.number(12.0)}" if rod else w.number(0.0)
+            w.say(f"p->I[{k}] = {inertia_of};")
+            w.say(f"p->K2[{k}] = p->stiffness[{k}] * p->stiffening[{k}];")
+        w.call(inertia.body_constants, l, m, centre, Real("p->tip_mass"), self.given.body.B, self.given.body.h)
+        return self.function("void", "update", f"{self.prefix}_parameters *p", w)
+
+    def tips(self) -> str:
+        """Positions of the first joint and the link tips."""
+        w, n = self.writer(), self.model.n
+        sign = w.number(float(self.model.bend_sign))
+        x, y = w.local("x"), w.local("y")
+        c, s = w.cosine_and_sine("p->base_angle")
+        w.say(f"{x} = -p->base_length * {s};")
+        w.say(f"{y} = p->base_length * {c};")
+        for k in range(n):
+            c, s = w.cosine_and_sine(self.phi[k])
+            w.say(f"{x} -= p->link_length[{k}] * {s};")
+            w.say(f"{y} += p->link_length[{k}] * {c};")
+            w.say(f"tip[{k}][0] = {sign} * {x};")
+            w.say(f"tip[{k}][1] = {y};")
+        return self.reading("tips", f"tip[{n}][2]", w)
+
+    def stations(self) -> str:
+        """Positions and angles of the observed points."""
+        w, points = self.writer(), self.model.points
+        sign = float(self.model.bend_sign)
+        x, y = w.local("x"), w.local("y")
+        for carrier in range(-1, self.model.n):
+            angle = self.phi[carrier] if carrier >= 0 else "p->base_angle"
+            c, s = w.cosine_and_sine(angle)
+            for k, point in enumerate(points):
+                if point.link == carrier:
+                    a, b = w.number(point.along), w.number(point.across)
+                    w.say(f"pose[{k}][0] = {w.number(sign)} * ({x} - {a} * {s} - {b} * {c});")
+                    w.say(f"pose[{k}][1] = {y} + {a} * {c} - {b} * {s};")
+                    w.say(f"pose[{k}][2] = {w.number(sign)} * {angle};")
+            length = f"p->link_length[{carrier}]" if carrier >= 0 else "p->base_length"
+            w.say(f"{x} = {x} - {length} * {s};")
+            w.say(f"{y} = {y} + {length} * {c};")
+        rows = len(points)
+        return self.reading("stations", f"pose[{rows}][3]", w)
+
+    def joint_angles(self) -> str:
+        """Angles of the joints from the rest shape."""
+        w = self.writer()
+        for k in range(self.model.n):
+            before = self.phi[k - 1] if k else "p->base_angle"
+            w.say(f"q[{k}] = {self.phi[k]} - {before} - p->rest_angle[{k}];")
+        return self.reading("joint_angles", f"q[{self.model.n}]", w)
+
+    def energy(self) -> str:
+        """Kinetic, elastic and gravitational energy."""
+        w, n, g = self.writer(), self.model.n, self.given
+        c, s = w.scratch("cosine", (n,)), w.scratch("sine", (n,))
+        for k in range(n):
+            pair = w.cosine_and_sine(self.phi[k])
+            w.say(f"{c[k]} = {pair[0]};")
+            w.say(f"{s[k]} = {pair[1]};")
+        w.say(f"joule[0] = {w.call(energy.kinetic_energy, c, s, self.w, g.body)};")
+        w.say(f"joule[1] = {w.call(energy.elastic_energy, self.phi, g.joints)};")
+        w.say(f"joule[2] = {w.call(energy.gravity_energy, c, s, g.body)};")
+        return self.reading("energy", "joule[3]", w)
+
+    def linearise(self) -> str:
+        """A (2n, 2n) and B (2n, C) of the chain at its present shape, rates and pressures; memory as it sticks."""
+        w, n, g = self.writer(), self.model.n, self.given
+        work, tau = self.workspace(w), w.scratch("tau", (n,))
+        out = symbols.Slopes(w.scratch("a", (n,)), w.scratch("by_angle", (n, n)), w.scratch("by_rate", (n, n)))
+        slope = self.law(w, tau)
+        w.call(motion.acceleration_jacobian, self.phi, self.w, tau, g.body, g.joints, work, out)
+        self.stiff_memory(w, work, out)
+        for i in range(n):
+            for j in range(2 * n):
+                w.say(f"A[{i}][{j}] = {w.number(float(j == n + i))};")
+            for j in range(n):
+                w.say(f"A[{n + i}][{j}] = {out.a_phi[j, i]};")
+                w.say(f"A[{n + i}][{n + j}] = {out.a_w[j, i]};")
+        answer, C = w.scratch("answer", (n,)), len(self.model.chambers)
+        for c in range(C):
+            gain = g.drives.actuation.gain[c]
+            for i in range(n):
+                after = f" - {gain[i + 1]}" if i + 1 < n else ""
+                w.say(f"{answer[i]} = ({gain[i]}{after}) * {slope[c]};")
+            w.call(ldl_solve, work.A, answer)
+            for i in range(n):
+                w.say(f"B[{i}][{c}] = {w.number(0.0)};")
+                w.say(f"B[{n + i}][{c}] = {answer[i]};")
+        return self.reading("linearise", f"A[{2 * n}][{2 * n}], {self.kind} B[{2 * n}][{C}]", w)
+
+    def law(self, w: Writer, tau: Array) -> Array:
+        """Torques of the joints at the present pressures into `tau`; slopes (C,) of the chambers' laws, rubber held."""
+        actuation, pressure = self.given.drives.actuation, self.given.drives.pressure
+        slope = w.scratch("slope", (len(self.model.chambers),))
+        for c in range(slope.size):
+            law, p = actuation.law[c], pressure[c]
+            level = rise = w.number(0.0)
+            for k in range(len(law) - 1, -1, -1):
+                rise = f"({rise} * {p} + {w.number(k + 1)} * {law[k]})"
+                level = f"(({level} + {law[k]}) * {p})"
+            w.say(f"{slope[c]} = {rise};")
+            torque = w.keep(Real(level), f"torque_{c}")
+            for i in range(self.model.n):
+                before = f"{tau[i]} + " if c else ""
+                w.say(f"{tau[i]} = {before}{actuation.gain[c, i]} * {torque};")
+        return slope
+
+    def stiff_memory(self, w: Writer, work: symbols.Workspace, out: symbols.Slopes) -> None:
+        """Take the stiffness of the memory before it gives way off the slopes of the acceleration."""
+        m, n = self.given.memory, self.model.n
+        if not self.model.memory:
+            return
+        shares = [*m.creep_share, *m.slip_share, *([m.boucwen_share] if self.model.memory.boucwen_share else [])]
+        share = w.keep(Real(f"({' + '.join(shares)})"), "share")
+        row = w.scratch("row", (n,))
+        for i in range(n):
+            for k in range(n):
+                w.say(f"{row[k]} = {w.number(0.0)};")
+            for joint in (i, i + 1):
+                if joint < n:
+                    w.say(f"{row[i]} += {share} * p->stiffness[{joint}];")
+                    other = joint - 1 if joint == i else joint
+                    if other >= 0:
+                        w.say(f"{row[other]} -= {share} * p->stiffness[{joint}];")
+            w.call(ldl_solve, work.A, row)
+            for k in range(n):
+                w.say(f"{out.a_phi[i, k]} -= {row[k]};")

@@ -1,0 +1,60 @@
+"""The C of a model, compiled and called from Python."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.exporters.c99 import code
+from pliant.exporters.provenance import Told
+from pliant.model import Model
+
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror"]
+COMPILER = shutil.which("cc")
+ROOM = 65536  # numbers; more than any state or struct of parameters here
+
+
+class Arm:
+    """A compiled model: its state and parameters, and its functions."""
+
+    def __init__(self, model: Model, folder: Path, *, step: float = 1e-3, precision: str = "double") -> None:
+        if COMPILER is None:
+            pytest.skip("no C compiler (cc) is on the path: the C is not compiled")
+        made = code(model, Told(model, "c99", "test"), step=step, precision=precision, pressure=0.0, prefix="arm")
+        (folder / "arm.h").write_text(made.header, encoding="utf-8")
+        (folder / "arm.c").write_text(made.source, encoding="utf-8")
+        library = folder / "arm.so"
+        command = [COMPILER, *STRICT, "-O2", "-fPIC", "-shared", str(folder / "arm.c"), "-o", str(library), "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[:2000]
+        self.library, self.model = ctypes.CDLL(str(library)), model
+        self.kind = ctypes.c_float if precision == "single" else ctypes.c_double
+        self.state, self.parameters = (self.kind * ROOM)(), (self.kind * ROOM)()
+        self.library.arm_defaults(self.parameters)
+        self.library.arm_init(self.state)
+
+    def step(self, *pressure: float) -> int:
+        """One step under commanded pressures [Pa]."""
+        command = (self.kind * len(pressure))(*pressure)
+        return self.library.arm_step(self.state, self.parameters, command)
+
+    @property
+    def angle(self) -> np.ndarray:
+        """Absolute link angles (n,), rad."""
+        return np.array(self.state[: self.model.n])
+
+    @property
+    def rate(self) -> np.ndarray:
+        """Their rates (n,), rad/s."""
+        return np.array(self.state[self.model.n : 2 * self.model.n])
+
+    def ask(self, what: str, *shapes: tuple[int, ...]) -> list[np.ndarray]:
+        """Arrays that a function of the state fills."""
+        rooms = [(self.kind * int(np.prod(shape)))() for shape in shapes]
+        getattr(self.library, f"arm_{what}")(self.state, self.parameters, *rooms)
+        return [np.array(room).reshape(shape) for room, shape in zip(rooms, shapes, strict=True)]

@@ -1,0 +1,215 @@
+"""FMUs, validated and simulated by fmpy: equal to `Stepper`, their state saved and restored, parameters tuned."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pliant
+from pliant.actuators import chen2018
+from pliant.exporters import fmu
+from pliant.model import Valve
+from pliant.simulation import Stepper, state
+
+fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install 'pliant[export]'")
+if shutil.which("cc") is None:
+    pytest.skip("no C compiler (cc) is on the path: an FMU has no binary to run", allow_module_level=True)
+VERSIONS = ["2.0", "3.0"]
+
+
+def made(model, path, version, **options):
+    done = pliant.export(model, "fmu", path / "arm.fmu", fmi=version, **options)
+    assert done.notes == ()
+    return str(done.files[0])
+
+
+def without_dead_time(model):
+    return model.with_(valve=Valve(rise_time=model.valve.rise_time, fall_time=model.valve.fall_time))
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_valid(model, version, tmp_path):
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(made(model, tmp_path, version)) == []
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_motion_of_the_stepper(model, version, tmp_path):
+    model = without_dead_time(model)
+    file = made(model, tmp_path, version)
+    n, h = model.n, 1e-3
+    levels = np.repeat([0.0, 8e4, 2e4, 1e5], 100)
+    table = np.array(
+        [(k * h, p) for k, p in enumerate(levels)], dtype=[("time", float), ("pressure", float)],
+    )
+    names = [v.name for v in fmu.variables(model, 0.0) if v.causality == "output"]
+    run = fmpy.simulate_fmu(
+        file, stop_time=0.4, output_interval=h, step_size=h, fmi_type="CoSimulation", output=names,
+        input=table, use_event_mode=False,
+    )
+    stepper = Stepper(model, h)
+    last = model.points[-1].name
+    worst = 0.0
+    for k in range(400):
+        places, angles = state.stations(model, stepper.angle)
+        row = run[k]
+        worst = max(worst, abs(row[f"{last}.x"] - places[-1, 0]), abs(row[f"{last}.y"] - places[-1, 1]))
+        worst = max(worst, abs(row[f"{last}.angle"] - angles[-1]))
+        q = state.joint_angles(model, stepper.angle)
+        worst = max(worst, *(abs(row[f"q_{i + 1}"] - q[i]) for i in range(n)))
+        if k < 399:
+            stepper.step(levels[k])
+    assert worst < 1e-9
+    assert np.ptp(run[f"{last}.x"]) > 0.01
+
+
+class Session:
+    """An FMU that is stepped by hand."""
+
+    def __init__(self, file, version, folder):
+        description = fmpy.read_model_description(file)
+        self.refs = {v.name: v.valueReference for v in description.modelVariables}
+        unzipped = fmpy.extract(file, str(folder / "unzipped"))
+        kind = fmpy.fmi2.FMU2Slave if version == "2.0" else fmpy.fmi3.FMU3Slave
+        token = description.guid if version == "2.0" else description.instantiationToken
+        self.fmu = kind(
+            guid=token, unzipDirectory=unzipped, modelIdentifier=description.coSimulation.modelIdentifier,
+            instanceName="one",
+        )
+        self.fmu.instantiate()
+        self.two = version == "2.0"
+        if self.two:
+            self.fmu.setupExperiment()
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        self.time = 0.0
+
+    def set(self, name, value):
+        put = self.fmu.setReal if self.two else self.fmu.setFloat64
+        put([self.refs[name]], [value])
+
+    def get(self, name):
+        ask = self.fmu.getReal if self.two else self.fmu.getFloat64
+        return ask([self.refs[name]])[0]
+
+    def go(self, steps, h=1e-3):
+        for _ in range(steps):
+            self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=h)
+            self.time += h
+
+    def save(self):
+        return self.fmu.getFMUState() if not self.two else self.fmu.getFMUstate()
+
+    def restore(self, saved):
+        (self.fmu.setFMUstate if self.two else self.fmu.setFMUState)(saved)
+
+    def close(self):
+        self.fmu.terminate()
+        self.fmu.freeInstance()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_state_saved_parameters_tuned(model, version, tmp_path):
+    model = without_dead_time(model)
+    run = Session(made(model, tmp_path, version), version, tmp_path)
+    tip = f"{model.points[-1].name}.x"
+    run.set("pressure", 9e4)
+    run.go(80)
+    saved = run.save()
+    run.go(50)
+    first = run.get(tip)
+    run.restore(saved)
+    run.go(5, 1e-2)  # ten steps at a time
+    assert run.get(tip) == pytest.approx(first, abs=1e-15)
+    run.restore(saved)
+    names = [f"stiffness[{i + 1}]" for i in range(model.n)]
+    before = [run.get(name) for name in names]
+    assert before == pytest.approx(model.stiffness)
+    for name, value in zip(names, before, strict=True):
+        run.set(name, 1.5 * value)
+    run.set("link_mass[1]", 0.02)
+    run.go(10000)
+    stiffer = model.with_(stiffness=1.5 * model.stiffness, link_mass=[0.02, *model.link_mass[1:]])
+    if not model.memory:
+        rest = pliant.equilibrium(stiffer, 9e4)
+        assert [run.get(f"q_{i + 1}") for i in range(model.n)] == pytest.approx(rest, abs=1e-4)
+    assert run.get("kinetic_energy") >= 0.0
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        run.go(1, 1.5e-3)
+    run.close()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_types_of_the_standard(version, tmp_path):
+    """The official headers, which fmpy carries, agree with every function that the FMU defines."""
+    headers = Path(fmpy.__file__).parent / "c-code"
+    number = version[0]
+    if not (headers / f"fmi{number}Functions.h").is_file():
+        pytest.skip("this fmpy carries no headers of the standard")
+    file = made(chen2018.model(), tmp_path, version)
+    with zipfile.ZipFile(file) as archive:
+        text = archive.read("sources/all.c").decode()
+    declared = text[text.index("#include <stdarg.h>") :].split("FMI ")
+    functions = [part.split("(")[0].split()[-1].lstrip("*") for part in declared[1:] if "(" in part]
+    names = [f for f in functions if f.startswith(f"fmi{number}")]
+    assert len(names) > 20
+    library = fmu.compiled(text, tmp_path)
+    assert library[1] == ""
+    from ctypes import CDLL
+
+    loaded = CDLL(str(tmp_path / "all.so"))
+    import re
+
+    header = (headers / f"fmi{number}Functions.h").read_text(encoding="utf-8")
+    wanted = set(re.findall(rf"FMI{number}_Export fmi{number}\w+TYPE\s+(fmi{number}\w+);", header))
+    wanted -= {w for w in wanted if version == "2.0" and any(k in w for k in MODEL_EXCHANGE)}
+    missing = [w for w in sorted(wanted) if not hasattr(loaded, w)]
+    assert not missing
+    assert len(wanted) > 20
+
+
+MODEL_EXCHANGE = (
+    "EventMode", "NewDiscreteStates", "ContinuousTimeMode", "CompletedIntegratorStep", "SetTime", "ContinuousStates",
+    "GetDerivatives", "EventIndicators", "NominalsOf",
+)
+
+
+def test_without_a_compiler_the_sources_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda _name: None)
+    done = pliant.export(chen2018.model(), "fmu", tmp_path / "arm.fmu")
+    assert "no C compiler was found" in done.notes[0]
+    with zipfile.ZipFile(done.files[0]) as archive:
+        names = archive.namelist()
+    assert "sources/all.c" in names
+    assert not [n for n in names if n.startswith("binaries")]
+
+
+def test_the_same_model_gives_the_same_bytes(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    files = [pliant.export(chen2018.model(), "fmu", tmp_path / n / "arm.fmu").files[0] for n in ("one", "two")]
+    first, second = ({n: z.read(n) for n in z.namelist() if "modelDescription" not in n and "json" not in n}
+                     for z in map(zipfile.ZipFile, files))  # fmt: skip
+    assert first.keys() == second.keys()
+
+
+def test_bad_input(tmp_path):
+    with pytest.raises(pliant.InputError, match=r"fmi must be 2\.0 or 3\.0, got '1\.0'"):
+        pliant.export(chen2018.model(), "fmu", tmp_path / "a.fmu", fmi="1.0")
+
+
+def test_sources_compile_alone(tmp_path):
+    file = made(chen2018.model(), tmp_path, "3.0")
+    with zipfile.ZipFile(file) as archive:
+        archive.extractall(tmp_path / "out")
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror", "-c"]
+    source = tmp_path / "out" / "sources" / "all.c"
+    done = subprocess.run(["cc", *flags, str(source), "-o", str(tmp_path / "all.o")], capture_output=True, text=True,
+                          check=False)  # fmt: skip
+    assert done.returncode == 0, done.stderr[:2000]
