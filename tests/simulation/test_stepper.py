@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.model import Valve
+from pliant.model import Memory, Valve
 from pliant.simulation import Stepper, Trace, simulate, state
 
 HELD = np.repeat([0.0, 4e4, 1.2e5, 3e4, 9e4, 0.0], 40)
@@ -107,3 +107,40 @@ def test_a_loose_budget(paper):
 def test_other_valves_are_refused(paper, valve):
     with pytest.raises(InputError, match="ideal or first-order valve"):
         Stepper(paper.with_(valve=valve))
+
+
+@pytest.mark.parametrize("memory", [Memory(), Memory((0.2,), (0.1,), (0.2,), (0.01,))])
+def test_a_snapshot_goes_on_as_if_nothing_had_been(awkward, memory):
+    model = awkward.with_(valve=Valve(rise_time=0.03, fall_time=0.05), memory=memory, swell_share=0.3)
+    stepper = Stepper(model, 1e-3)
+    for _ in range(40):
+        stepper.step(1e5)
+    saved = stepper.snapshot()
+    first = [stepper.step(p)[0].copy() for p in HELD]
+    moment = stepper.time
+    stepper.restore(saved)
+    assert stepper.time == pytest.approx(0.04)
+    again = [stepper.step(p)[0].copy() for p in HELD]
+    assert np.array_equal(first, again)
+    assert stepper.time == moment
+    other = Stepper(model, 1e-3)
+    other.restore(saved)
+    assert np.array_equal([other.step(p)[0].copy() for p in HELD], first)
+    with pytest.raises(InputError, match="this snapshot is of a model with 3 links"):
+        Stepper(model.with_(memory=Memory((0.1, 0.1, 0.1), (1.0, 2.0, 3.0))), 1e-3).restore(saved)
+
+
+def test_it_starts_from_any_angles_and_rates(awkward):
+    stepper, h = Stepper(awkward, 1e-3), 1e-3
+    q, dq = np.array([0.2, -0.1, 0.15]), np.array([1.0, 0.5, -2.0])
+    stepper.reset(5e4, joint_angle=q, joint_rate=dq)
+    rows = [state.joint_angles(awkward, stepper.step(5e4)[0]).copy() for _ in range(50)]
+    level = Trace(np.array([0.0]), np.array([5e4]))
+    run = simulate(awkward, level, times=np.arange(51) * h, step=h, initial_angle=q, initial_rate=dq)
+    assert np.abs(np.array(rows) - run.joint_angle.values[1:]).max() < 1e-12
+    assert stepper.tips() == pytest.approx(run.tip_position.values[-1], abs=1e-12)
+    places, angles = stepper.stations()
+    assert places == pytest.approx(run.station_position.values[-1], abs=1e-12)
+    assert angles == pytest.approx(run.station_angle.values[-1], abs=1e-12)
+    with pytest.raises(InputError, match="expected 3 finite numbers"):
+        stepper.reset(joint_angle=[0.1, np.nan, 0.0])

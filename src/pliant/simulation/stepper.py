@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,17 @@ from pliant.simulation.drive import lag_of
 from pliant.simulation.solve import check_step
 
 Array = np.ndarray
+
+
+class Snapshot(NamedTuple):
+    """What a `Stepper` needs to go on from a moment."""
+
+    angle: Array  # (n,) rad
+    rate: Array  # (n,) rad/s
+    memory: Array  # (n, branches) rad
+    pressure: Array  # (C,) Pa, behind the valves
+    chambers: Array  # (C, 2) slow states
+    time: float  # s
 
 
 class Stepper:
@@ -75,11 +86,22 @@ class Stepper:
         self.step(pressure)  # compiled here
         self.reset(pressure)
 
-    def reset(self, pressure: float | Array = 0.0) -> None:
-        """Back to rest under `pressure` [Pa], time 0."""
-        q = state.equilibrium(self.model, pressure)
-        self.angle = state.absolute(self.model, q)
-        self.rate = np.zeros(self.model.n)
+    def reset(
+        self, pressure: float | Array = 0.0, *, joint_angle: Array | None = None, joint_rate: Array | None = None
+    ) -> None:
+        """Back to rest under `pressure` [Pa], or to `joint_angle` and `joint_rate` (n,) [rad, rad/s]; time 0.
+
+        The memory is long at rest at these angles.
+
+        Raises
+        ------
+        InputError
+            When the angles or rates are not n finite numbers.
+        """
+        model = self.model
+        q = state.equilibrium(model, pressure) if joint_angle is None else state.vector(model, joint_angle)
+        self.angle = state.absolute(model, q)
+        self.rate = np.zeros(model.n) if joint_rate is None else np.cumsum(state.vector(model, joint_rate))
         self.memory = state.relaxed(self.model, q)
         self._drives.pressure[:] = self.model.actuation.pressures(pressure)
         self._drives.state[:] = self.model.actuation.rest_state(pressure)
@@ -131,3 +153,33 @@ class Stepper:
             )
         self._watch.look(self.angle, self.rate, tuple(self._drives.pressure.tolist()), self.length)
         return self.angle, self.rate
+
+    def tips(self) -> Array:
+        """Tips of the links now (n, 2), m."""
+        return state.tips(self.model, self.angle)
+
+    def stations(self) -> tuple[Array, Array]:
+        """Positions (S, 2) [m] and angles (S,) [rad] of the model's observed points now."""
+        return state.stations(self.model, self.angle)
+
+    def snapshot(self) -> Snapshot:
+        """All that moves, copied: `restore` goes on from here."""
+        return Snapshot(
+            self.angle.copy(), self.rate.copy(), self.memory.copy(), self._drives.pressure.copy(),
+            self._drives.state.copy(), self.time,
+        )
+
+    def restore(self, saved: Snapshot) -> None:
+        """Go back to a `snapshot` of this stepper, or of one of an equal model.
+
+        Raises
+        ------
+        InputError
+            When the snapshot is of another kind of model.
+        """
+        held = (self.angle, self.rate, self.memory, self._drives.pressure, self._drives.state)
+        if [a.shape for a in held] != [b.shape for b in saved[:5]]:
+            raise InputError(f"this snapshot is of a model with {saved.angle.size} links or other memory or chambers")
+        for own, value in zip(held, saved[:5], strict=True):
+            own[...] = value  # in place: the compiled step holds these arrays
+        self.time = saved.time
