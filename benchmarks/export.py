@@ -1,0 +1,247 @@
+"""What left the house, measured in one run: equality, times, sizes, environment steps.
+
+    python benchmarks/export.py -o benchmarks/results/export.json
+
+Peers of the same run: the C of `pliant export --to c99` against the compiled march of pliant, against C written by hand
+(`BY_HAND`: the same linearly implicit step, as loops over arrays), and against MuJoCo with the exported MJCF. What
+needs a peer that is not installed is null.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+import pliant
+from pliant.actuators import chen2018
+from pliant.exporters.c99 import code
+from pliant.exporters.mjcf import mjcf
+from pliant.exporters.provenance import Told
+from pliant.model import load_model
+from pliant.simulation import Stepper, simulate
+
+STEP, STEPS, PERIOD = 1e-3, 100_000, 20
+MODELS = Path(__file__).parent / "models"
+
+BY_HAND = r"""
+#include <math.h>
+#define N 5
+static const double l = LENGTH, m = MASS, K = STIFF, D = DAMP, h = 1e-3;
+void by_hand(double *phi, double *w, double torque, long steps)
+{
+    double B[N][N], A[N][N], S[N][N], c[N], s[N], r[N], a[N], t[N];
+    for (int i = 0; i < N; i++) for (int j = 0; j < N; j++) B[i][j] = m * l * l * (N - (i > j ? i : j));
+    for (long step = 0; step < steps; step++) {
+        for (int i = 0; i < N; i++) { c[i] = cos(phi[i] + 0.5 * h * w[i]); s[i] = sin(phi[i] + 0.5 * h * w[i]); }
+        for (int i = 0; i < N; i++) {
+            double q = phi[i] - (i ? phi[i - 1] : 0), dq = w[i] - (i ? w[i - 1] : 0);
+            t[i] = torque - K * (q + 0.5 * h * dq) - D * dq;
+        }
+        for (int i = 0; i < N; i++) {
+            r[i] = h * (t[i] - (i + 1 < N ? t[i + 1] : 0));
+            for (int j = 0; j <= i; j++) {
+                A[i][j] = B[i][j] * (c[i] * c[j] + s[i] * s[j]);
+                S[i][j] = B[i][j] * (s[i] * c[j] - c[i] * s[j]);
+            }
+        }
+        double g = 0.5 * h * D + 0.25 * h * h * K;
+        for (int i = 0; i < N; i++) { A[i][i] += g; if (i) { A[i - 1][i - 1] += g; A[i][i - 1] -= g; } }
+        for (int j = 0; j < N; j++) {
+            for (int k = 0; k < j; k++) A[j][j] -= A[j][k] * A[j][k] * A[k][k];
+            for (int i = j + 1; i < N; i++) {
+                for (int k = 0; k < j; k++) A[i][j] -= A[i][k] * A[j][k] * A[k][k];
+                A[i][j] /= A[j][j];
+            }
+        }
+        for (int pass = 0; pass < 2; pass++) {
+            for (int i = 0; i < N; i++) { double v = pass ? w[i] + 0.5 * a[i] : w[i]; t[i] = h * v * v; }
+            for (int i = 0; i < N; i++) a[i] = r[i];
+            for (int i = 0; i < N; i++) for (int j = 0; j < i; j++) { a[i] -= S[i][j] * t[j]; a[j] += S[i][j] * t[i]; }
+            for (int i = 0; i < N; i++) for (int k = 0; k < i; k++) a[i] -= A[i][k] * a[k];
+            for (int i = N - 1; i >= 0; i--) {
+                a[i] /= A[i][i];
+                for (int k = i + 1; k < N; k++) a[i] -= A[k][i] * a[k];
+            }
+        }
+        for (int i = 0; i < N; i++) { phi[i] += h * (w[i] + 0.5 * a[i]); w[i] += a[i]; }
+    }
+}
+"""
+MARCH = """
+void many(arm_state *s, const arm_parameters *p, double pressure, long steps)
+{
+    double u[ARM_CHAMBERS] = {pressure};
+    for (long k = 0; k < steps; k++) arm_step(s, p, u);
+}
+"""
+
+
+def kinds():
+    body = load_model(MODELS / "a.json")
+    return {"paper": chen2018.model(), "softening": body.with_(memory=pliant.Memory()), "memory": body}
+
+
+def compiled(text, folder, name):
+    source = folder / f"{name}.c"
+    source.write_text(text, encoding="utf-8")
+    command = ["cc", "-std=c99", "-O2", "-fPIC", "-shared", str(source), "-o", str(folder / f"{name}.so"), "-lm"]
+    subprocess.run(command, check=True)
+    return ctypes.CDLL(str(folder / f"{name}.so"))
+
+
+def best(run, repeats=5):
+    """Least of a few times, s."""
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def arm_of(model, folder, name):
+    made = code(model, Told(model, "c99", "benchmark"), step=STEP, precision="double", pressure=0.0, prefix="arm")
+    (folder / "arm.h").write_text(made.header, encoding="utf-8")
+    return compiled(made.source + MARCH, folder, name)
+
+
+def equality(model, library, rng):
+    """Largest difference of a link's angle to `Stepper` over all steps, rad."""
+    s, p = (ctypes.c_double * 65536)(), (ctypes.c_double * 65536)()
+    library.arm_defaults(p)
+    library.arm_init(s)
+    stepper, worst = Stepper(model, STEP), 0.0
+    for level in np.repeat(rng.uniform(0, 1e5, STEPS // 200), 200):
+        library.arm_step(s, p, (ctypes.c_double * 1)(level))
+        stepper.step(level)
+        worst = max(worst, float(np.abs(np.array(s[: model.n]) - stepper.angle).max()))
+    return worst
+
+
+def times(model, library):
+    """Nanoseconds a step: C, and pliant's march with its output at the end alone."""
+    s, p = (ctypes.c_double * 65536)(), (ctypes.c_double * 65536)()
+    library.arm_defaults(p)
+    library.arm_init(s)
+    library.many.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double, ctypes.c_long]
+    pulse, ends = pliant.Pulse(5e4), np.array([0.0, STEPS * STEP])
+    simulate(model, pulse, times=ends, step=STEP)
+    return {
+        "c99_ns": 1e9 / STEPS * best(lambda: library.many(s, p, 5e4, STEPS)),
+        "pliant_ns": 1e9 / STEPS * best(lambda: simulate(model, pulse, times=ends, step=STEP)),
+    }
+
+
+def by_hand(folder):
+    """Nanoseconds a step of the paper's model in C written by hand, and how far it ends from pliant's, rad."""
+    model = chen2018.model()
+    words = {"LENGTH": model.link_length[0], "MASS": model.link_mass[0], "STIFF": model.stiffness[0],
+             "DAMP": model.damping[0]}  # fmt: skip
+    text = BY_HAND
+    for word, value in words.items():
+        text = text.replace(f" {word}", f" {float(value)!r}")
+    library = compiled(text, folder, "hand")
+    phi, w = (ctypes.c_double * 5)(), (ctypes.c_double * 5)()
+    torque = ctypes.c_double(float(model.torque_at(5e4)))
+    library.by_hand(phi, w, torque, ctypes.c_long(200))
+    stepper = Stepper(model, STEP)
+    for _ in range(200):
+        stepper.step(5e4)
+    apart = float(np.abs(np.array(phi[:]) - stepper.angle).max())
+    return 1e9 / STEPS * best(lambda: library.by_hand(phi, w, torque, ctypes.c_long(STEPS))), apart
+
+
+def mujoco_run(model):
+    """MuJoCo with the exported MJCF: nanoseconds a step of 1 ms, and environment steps a second of 20 of them."""
+    if find_spec("mujoco") is None:
+        return None
+    import mujoco
+
+    m = mujoco.MjModel.from_xml_string(mjcf(model, Told(model, "mjcf", "benchmark"), timestep=STEP))
+    d = mujoco.MjData(m)
+    d.ctrl[:] = 5e4
+    step = best(lambda: mujoco.mj_step(m, d, 10000)) / 10000
+
+    def episode():
+        for k in range(2000):
+            d.ctrl[:] = 1e5 * (k % 2)
+            mujoco.mj_step(m, d, PERIOD)
+            np.concatenate([d.qpos, d.qvel, d.site_xpos[-1], d.ctrl]).astype(np.float32)
+
+    return {"mujoco_ns": 1e9 * step, "steps_per_s": 2000 / best(episode, 3)}
+
+
+def environment_steps(model):
+    """Environment steps a second of pliant/Reach-v0, one environment on one core."""
+    if find_spec("gymnasium") is None:
+        return None
+    import gymnasium
+
+    import pliant.exporters.gymnasium  # noqa: F401  registers
+
+    env = gymnasium.make("pliant/Reach-v0", model=model).unwrapped
+    env.reset(seed=1)
+    actions = [np.array([a], dtype=np.float32) for a in (-1.0, 0.0)]
+
+    def episode():
+        for k in range(2000):
+            env.step(actions[k % 2])
+
+    return 2000 / best(episode, 3)
+
+
+def flash(folder):
+    """Bytes of code of the paper's model in single precision for a Cortex-M4, and of its state and parameters."""
+    if shutil.which("arm-none-eabi-gcc") is None:
+        return None
+    model = chen2018.model()
+    made = code(model, Told(model, "c99", "benchmark"), step=STEP, precision="single", pressure=0.0, prefix="arm")
+    (folder / "arm.h").write_text(made.header, encoding="utf-8")
+    (folder / "chip.c").write_text(
+        made.source + "arm_state ram_state; arm_parameters ram_parameters;", encoding="utf-8"
+    )
+    core = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-Os", "-std=c99"]
+    subprocess.run(
+        ["arm-none-eabi-gcc", *core, "-c", str(folder / "chip.c"), "-o", str(folder / "chip.o")], check=True
+    )
+    told = subprocess.run(["arm-none-eabi-size", str(folder / "chip.o")], capture_output=True, text=True, check=True)
+    text, _, bss = (int(v) for v in told.stdout.splitlines()[1].split()[:3])
+    return {"flash_bytes": text, "ram_bytes": bss}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path)
+    asked = parser.parse_args()
+    if shutil.which("cc") is None:
+        sys.exit("no C compiler (cc) on the path: there is nothing to measure")
+    rng, told = np.random.default_rng(1), {"models": {}}
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for name, model in kinds().items():
+            library = arm_of(model, folder, name)
+            row = {"largest_difference_rad": equality(model, library, rng), **times(model, library)}
+            row["c99_over_pliant"] = row["c99_ns"] / row["pliant_ns"]
+            told["models"][name] = row
+        told["by_hand_ns"], told["by_hand_difference_rad"] = by_hand(folder)
+        told["controller"] = flash(folder)
+    told["mujoco"], told["environment_steps_per_s"] = mujoco_run(chen2018.model()), environment_steps(chen2018.model())
+    if told["mujoco"] and told["environment_steps_per_s"]:
+        told["environment_over_mujoco"] = told["environment_steps_per_s"] / told["mujoco"]["steps_per_s"]
+    print(json.dumps(told, indent=1))
+    if asked.output:
+        asked.output.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
