@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -151,57 +152,19 @@ def code(model: Model, told: Told, *, step: float, precision: str, pressure: flo
     public, queue = door(text, step)
     comment = "/*\n" + "\n".join(f" * {line}" for line in told.lines()).replace("*/", "* /") + "\n */\n"
     rows, held = fields(text, queue)
-    n, C, up = model.n, len(model.chambers), prefix.upper()
-    kind = text.kind
-    header = f"""{comment}#ifndef {up}_H
-#define {up}_H
-
-#define {up}_LINKS {n}
-#define {up}_CHAMBERS {C}
-#define {up}_STATIONS {len(model.points)}
-#define {up}_STEP {step!r} /* s */
-
-typedef {"float" if single else "double"} {kind};
-
-typedef struct {{
-{rows}
-}} {prefix}_state;
-
-typedef struct {{
-{held}
-}} {prefix}_parameters;
-
-/* The numbers of the model; after a change of masses, lengths or stiffness call {prefix}_update. */
-void {prefix}_defaults({prefix}_parameters *p);
-void {prefix}_update({prefix}_parameters *p);
-
-/* At rest under {pressure:g} Pa, with the numbers of {prefix}_defaults. */
-void {prefix}_init({prefix}_state *s);
-
-/* One step of {up}_STEP under commanded pressures [Pa gauge] held constant: 0, or -1 where a link turns by more than a
- * radian in the step, a spring gave way or a number is not finite; the state is of no use then. */
-int {prefix}_step({prefix}_state *s, const {prefix}_parameters *p, const {kind} command[{C}]);
-
-/* Tips of the links, x and y [m]; angles of the joints from the rest shape [rad]. */
-void {prefix}_tips(const {prefix}_state *s, const {prefix}_parameters *p, {kind} tip[{n}][2]);
-void {prefix}_joint_angles(const {prefix}_state *s, const {prefix}_parameters *p, {kind} q[{n}]);
-
-/* The observed points {", ".join(p.name for p in model.points)}: x, y [m] and angle [rad]. */
-void {prefix}_stations(const {prefix}_state *s, const {prefix}_parameters *p, {kind} pose[{len(model.points)}][3]);
-
-/* Kinetic, elastic and gravitational energy [J]. */
-void {prefix}_energy(const {prefix}_state *s, const {prefix}_parameters *p, {kind} joule[3]);
-
-/* d(angle, rate)/dt = A d(angle, rate) + B d(pressure) about the present state; memory sticks, creep has no time to
- * flow, rubber that takes time holds. */
-void {prefix}_linearise(const {prefix}_state *s, const {prefix}_parameters *p, {kind} A[{2 * n}][{2 * n}],
-                        {kind} B[{2 * n}][{C}]);
-
-#endif
-"""
+    words = {
+        "COMMENT": comment, "UP": prefix.upper(), "P": prefix, "N": model.n, "2N": 2 * model.n, "KIND": text.kind,
+        "C": len(model.chambers), "STATIONS": len(model.points), "STEP": repr(float(step)),
+        "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": held, "PRESSURE": f"{pressure:g}",
+        "POINTS": ", ".join(p.name for p in model.points),
+    }
+    header = (files("pliant.exporters") / "templates" / "c99.h").read_text(encoding="utf-8")
+    for word, value in words.items():
+        header = header.replace(f"@{word}@", str(value))
     parts = [
-        cosine_and_sine(kind, f"{prefix}_", single=single), text.update(), defaults(text), start(text, pressure, queue),
-        text.step(), public, text.tips(), text.joint_angles(), text.stations(), text.energy(), text.linearise(),
+        cosine_and_sine(text.kind, f"{prefix}_", single=single), text.update(), defaults(text),
+        start(text, pressure, queue), text.step(), public, text.tips(), text.joint_angles(), text.stations(),
+        text.energy(), text.linearise(),
     ]
     source = f'{comment}#include <math.h>\n\n#include "{prefix}.h"\n\n' + "\n".join(parts)
     return Code(header, source, prefix, queue)

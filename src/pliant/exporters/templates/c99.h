@@ -1,0 +1,45 @@
+@COMMENT@#ifndef @UP@_H
+#define @UP@_H
+
+#define @UP@_LINKS @N@
+#define @UP@_CHAMBERS @C@
+#define @UP@_STATIONS @STATIONS@
+#define @UP@_STEP @STEP@ /* s */
+
+typedef @REAL@ @KIND@;
+
+typedef struct {
+@STATE@
+} @P@_state;
+
+typedef struct {
+@PARAMETERS@
+} @P@_parameters;
+
+/* The numbers of the model; after a change of masses, lengths or stiffness call @P@_update. */
+void @P@_defaults(@P@_parameters *p);
+void @P@_update(@P@_parameters *p);
+
+/* At rest under @PRESSURE@ Pa, with the numbers of @P@_defaults. */
+void @P@_init(@P@_state *s);
+
+/* One step of @UP@_STEP under commanded pressures [Pa gauge] held constant: 0, or -1 where a link turns by more than a
+ * radian in the step, a spring gave way or a number is not finite; the state is of no use then. */
+int @P@_step(@P@_state *s, const @P@_parameters *p, const @KIND@ command[@C@]);
+
+/* Tips of the links, x and y [m]; angles of the joints from the rest shape [rad]. */
+void @P@_tips(const @P@_state *s, const @P@_parameters *p, @KIND@ tip[@N@][2]);
+void @P@_joint_angles(const @P@_state *s, const @P@_parameters *p, @KIND@ q[@N@]);
+
+/* The observed points @POINTS@: x, y [m] and angle [rad]. */
+void @P@_stations(const @P@_state *s, const @P@_parameters *p, @KIND@ pose[@STATIONS@][3]);
+
+/* Kinetic, elastic and gravitational energy [J]. */
+void @P@_energy(const @P@_state *s, const @P@_parameters *p, @KIND@ joule[3]);
+
+/* d(angle, rate)/dt = A d(angle, rate) + B d(pressure) about the present state; memory sticks, creep has no time to
+ * flow, rubber that takes time holds. */
+void @P@_linearise(const @P@_state *s, const @P@_parameters *p, @KIND@ A[@2N@][@2N@],
+                        @KIND@ B[@2N@][@C@]);
+
+#endif
