@@ -144,7 +144,7 @@ BAD: dict[str, Case] = {
     "trace without pressure": trace_without_pressure,
     "trace of two chambers": trace_of_two_chambers,
     "trace and level": simulate_with("not both", "--trace", "any.csv", "--level-kpa", "30"),
-    "trajectory in another format": simulate_with("ends in .nc", "--duration", "0.1", "-o", "no-such-file.csv"),
+    "trajectory in another format": simulate_with("ends in .nc or .csv", "--duration", "0.1", "-o", "no-such-file.txt"),
     "time that runs backwards": simulate_with("positive time in seconds", "--duration", "-1"),
     "step that is too long": simulate_with("too long: the first mode rings at", "--step-ms", "50"),
     "unknown method": simulate_with("use midpoint, extrapolated, LSODA, BDF, Radau", "--method", "ode45"),

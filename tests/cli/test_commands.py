@@ -10,14 +10,16 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from command_line import invoke, program
 from small_study import HEADER, body, changed, table, write_recording, write_study
 
 from pliant.cli import app
-from pliant.model import save_model
+from pliant.model import load_model, save_model
 from pliant.recording import make_recording, write
+from pliant.simulation import Pulse, equilibrium, simulate
 
 HEAVY = ("numba", "xarray", "matplotlib", "scipy", "pandas", "numpy", "pydantic")
 
@@ -119,7 +121,7 @@ def test_a_model_is_simulated_saved_and_drawn(model: Path, tmp_path: Path) -> No
     assert result.exit_code == 0, result.output
     numbers = json.loads(result.stdout)
     assert numbers["duration_s"] == pytest.approx(0.5)
-    assert numbers["highest_pressure_kpa"] == pytest.approx(80)
+    assert numbers["largest_pressure_kpa"] == pytest.approx(80)
     with xr.open_dataset(out, engine="h5netcdf") as saved:
         assert saved["tip_position"].shape == (501, 2, 2)
     assert figure.read_text().startswith("<?xml")
@@ -130,7 +132,7 @@ def test_a_model_follows_a_recorded_pressure(model: Path, study: Path) -> None:
     result = invoke("simulate", model, "--trace", study.parent / "high.csv", "--json")
     assert result.exit_code == 0, result.output
     numbers = json.loads(result.stdout)
-    assert numbers["highest_pressure_kpa"] == pytest.approx(120)
+    assert numbers["largest_pressure_kpa"] == pytest.approx(120)
     assert numbers["duration_s"] == pytest.approx(1.59)  # all of it
     short = invoke("simulate", model, "--trace", study.parent / "high.csv", "--duration", "0.3", "--json")
     assert json.loads(short.stdout)["duration_s"] == pytest.approx(0.3)
@@ -138,8 +140,38 @@ def test_a_model_follows_a_recorded_pressure(model: Path, study: Path) -> None:
 
 def test_a_pulse_needs_no_option(model: Path) -> None:
     numbers = json.loads(invoke("simulate", model, "--json").stdout)
-    assert numbers["highest_pressure_kpa"] == pytest.approx(119)
+    own = load_model(model)
+    bend = equilibrium(own, 1e3 * numbers["largest_pressure_kpa"]).sum() - equilibrium(own).sum()
+    assert abs(bend) == pytest.approx(0.5, rel=0.1)
     assert numbers["duration_s"] == pytest.approx(4.0)
+
+
+def test_a_vacuum_is_not_told_as_no_pressure(model: Path) -> None:
+    numbers = json.loads(invoke("simulate", model, "--level-kpa", "-20", "--duration", "0.5", "--json").stdout)
+    assert numbers["largest_pressure_kpa"] == pytest.approx(-20)
+    assert numbers["largest_tip_displacement_mm"] > 0.1
+
+
+def test_a_load_a_table_and_a_film(model: Path, tmp_path: Path) -> None:
+    plain = invoke("simulate", model, "--level-kpa", "80", "--duration", "0.6", "-o", tmp_path / "a.csv", "--json")
+    loaded = invoke("simulate", model, "--level-kpa", "80", "--duration", "0.6", "--load-g", "30", "--film",
+                    tmp_path / "motion.gif", "-o", tmp_path / "b.nc", "--json")
+    assert (plain.exit_code, loaded.exit_code) == (0, 0), plain.output + loaded.output
+    rows = pd.read_csv(tmp_path / "a.csv")
+    own = load_model(model)
+    run = simulate(own, Pulse(80e3, 0.12, 2.76), duration=0.6)
+    assert rows["time (s)"].to_numpy() == pytest.approx(run.time.to_numpy(), abs=1e-12)
+    for column in ("tip_position_link_2_y (m)", "joint_angle_joint_1 (rad)", "pressure (Pa)"):
+        assert column in rows.columns
+    assert rows["tip_position_link_2_y (m)"].to_numpy() == pytest.approx(run.tip_position.to_numpy()[:, -1, 1], abs=1e-12)
+    heavy = simulate(own.with_(tip_mass=own.tip_mass + 0.03), Pulse(80e3, 0.12, 2.76), duration=0.6)
+    told = json.loads(loaded.stdout)["final_tip_mm"]
+    assert told == pytest.approx(1e3 * heavy.tip_position.to_numpy()[-1, -1], abs=1e-6)
+    assert (tmp_path / "motion.gif").read_bytes()[:6] == b"GIF89a"
+    wrong = invoke("simulate", model, "--load-g", "-1e6")
+    assert "must be a mass in grams" in str(wrong.exception)
+    wrong = invoke("simulate", model, "--duration", "0.1", "--film", tmp_path / "a.avi")
+    assert "a film ends in .gif or .mp4" in str(wrong.exception)
 
 
 def test_a_recording_is_inspected_as_text_and_as_json(study: Path) -> None:

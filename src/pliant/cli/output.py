@@ -7,7 +7,9 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -16,8 +18,12 @@ from pliant.errors import InputError
 from pliant.files import whole
 
 if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
+
+    from pliant.model import Model
 
 
 @contextmanager
@@ -64,11 +70,48 @@ def telling(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
 
 
 def save_trajectory(trajectory: xr.Dataset, path: Path) -> None:
-    """Write a trajectory as netCDF, whole or not at all."""
-    if path.suffix != ".nc":
-        raise InputError(f"a trajectory is netCDF: its file ends in .nc, not {path.name!r}")
+    """Write a trajectory as netCDF or as a table of everything that has a time, whole or not at all."""
+    if path.suffix not in (".nc", ".csv"):
+        raise InputError(f"a trajectory is netCDF or a table: its file ends in .nc or .csv, not {path.name!r}")
     with whole(path) as draft:
-        trajectory.to_netcdf(draft, engine="h5netcdf")
+        if path.suffix == ".nc":
+            trajectory.to_netcdf(draft, engine="h5netcdf")
+        else:
+            table(trajectory).to_csv(draft, index=False)
+
+
+def table(trajectory: xr.Dataset) -> pd.DataFrame:
+    """One row a time, one column a number, its unit in the name: ``tip_position_link_5_x (m)``."""
+    import pandas as pd
+
+    columns = {"time (s)": trajectory["time"].to_numpy()}
+    for name, variable in trajectory.data_vars.items():
+        inner = [d for d in variable.dims if d != "time"]
+        labels = [[f"{d}_{v}" if d in ("joint", "link") else str(v) for v in trajectory[d].to_numpy()] for d in inner]
+        flat = variable.to_numpy().reshape(variable.shape[0], -1)
+        for k, ends in enumerate(product(*labels)):
+            columns[f"{'_'.join([str(name), *ends])} ({variable.attrs['units']})"] = flat[:, k]
+    return pd.DataFrame(columns)
+
+
+def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
+    """Write a film of the moving body, whole or not at all."""
+    if path.suffix not in (".gif", ".mp4"):
+        raise InputError(f"a film ends in .gif or .mp4, not {path.name!r}")
+    from pliant.validation.film import body_film
+
+    base, pressure = base_of(model), 1e-3 * trajectory["pressure"].to_numpy()
+    time, tips = trajectory["time"].to_numpy(), trajectory["tip_position"].to_numpy()
+    with whole(path) as draft, TemporaryDirectory() as folder, busy("drawing the film"):
+        made = Path(folder) / f"film{path.suffix}"  # its writers go by the ending
+        body_film(made, time, base, tips, pressure)
+        draft.write_bytes(made.read_bytes())
+
+
+def base_of(model: Model) -> list[list[float]]:
+    """Origin and first joint (2, 2), m."""
+    x, y = model.first_joint
+    return [[0.0, 0.0], [float(model.bend_sign * x), float(y)]]
 
 
 def write_figure(figure: Figure, path: Path) -> None:
@@ -77,6 +120,11 @@ def write_figure(figure: Figure, path: Path) -> None:
         raise InputError(f"a figure ends in .png, .svg or .pdf, not {path.name!r}")
     with whole(path) as draft:
         figure.savefig(draft, dpi=200, format=path.suffix[1:])
+
+
+def largest(values: np.ndarray) -> float:
+    """The value of the largest size, with its sign: a vacuum is no pressure of zero."""
+    return float(values.ravel()[abs(values).argmax()])
 
 
 def summary(trajectory: xr.Dataset) -> dict[str, Any]:
@@ -90,7 +138,7 @@ def summary(trajectory: xr.Dataset) -> dict[str, Any]:
         "frames": int(trajectory.sizes["time"]),
         "largest_tip_displacement_mm": 1e3 * float(moved.max()),
         "final_tip_mm": [1e3 * float(v) for v in tip[-1]],
-        "highest_pressure_kpa": 1e-3 * float(trajectory["pressure"].max()),
+        "largest_pressure_kpa": 1e-3 * largest(trajectory["pressure"].to_numpy()),
         "method": trajectory.attrs["method"],
     }
 

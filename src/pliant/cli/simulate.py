@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,13 +11,15 @@ import typer
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
+    from pliant.model import Model
     from pliant.simulation import Trace
 
 
 def simulate(
     model: Annotated[Path, typer.Argument(help="Model file, as `pliant run` writes it.")],
     level_kpa: Annotated[
-        float | None, typer.Option("--level-kpa", help="Pressure of a pulse, kPa gauge.", show_default="119")
+        float | None,
+        typer.Option("--level-kpa", help="Pressure of a pulse, kPa gauge.", show_default="bends the body by 0.5 rad"),
     ] = None,
     start: Annotated[float, typer.Option(help="Start of the pulse, s.")] = 0.12,
     width: Annotated[float, typer.Option(help="Width of the pulse, s.")] = 2.76,
@@ -26,22 +29,26 @@ def simulate(
     ] = None,
     step_ms: Annotated[float, typer.Option("--step-ms", help="Longest step, ms.")] = 1.0,
     method: Annotated[str, typer.Option(help="midpoint, extrapolated, LSODA, BDF or Radau.")] = "midpoint",
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Trajectory file (.nc).")] = None,
+    load_g: Annotated[
+        float, typer.Option("--load-g", help="Mass hung on the tip, g; it weighs where the model has gravity.")
+    ] = 0.0,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Trajectory file (.nc or .csv).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of all tips against time (.png or .svg).")] = None,
+    film: Annotated[Path | None, typer.Option(help="Film of the moving body (.gif; .mp4 where ffmpeg is).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> None:
     """Simulate a model under a pressure pulse or a measured pressure.
 
     Example: pliant simulate results/arm/model.json --level-kpa 25 --duration 5 -o path.nc --figure path.png
     """
-    from pliant.cli.output import busy, print_summary, save_trajectory, write_figure
+    from pliant.cli.output import busy, print_summary, save_trajectory, write_figure, write_film
     from pliant.model import load_model
     from pliant.simulation import Pulse
     from pliant.simulation import simulate as solve
 
-    loaded = load_model(model)
+    loaded = with_load(load_model(model), load_g)
     if trace is None:
-        pulse = Pulse(1e3 * (119.0 if level_kpa is None else level_kpa), start, width)
+        pulse = Pulse(1e3 * level_kpa if level_kpa is not None else own_level(loaded), start, width)
         seconds = 4.0 if duration is None else duration
         with busy("simulating"):
             result = solve(loaded, pulse, duration=seconds, step=step_ms * 1e-3, method=method)
@@ -57,7 +64,26 @@ def simulate(
         from pliant.validation.figures import demo_figure
 
         write_figure(demo_figure(result), figure)
+    if film is not None:
+        write_film(result, loaded, film)
     print_summary(result, as_json=json)
+
+
+def with_load(model: Model, grams: float) -> Model:
+    """The model with a mass more at its tip."""
+    if not (math.isfinite(grams) and model.tip_mass + 1e-3 * grams >= 0):
+        raise InputError(f"--load-g must be a mass in grams, and no lighter than nothing, got {grams}")
+    return model.with_(tip_mass=model.tip_mass + 1e-3 * grams) if grams else model
+
+
+def own_level(model: Model) -> float:
+    """A pressure [Pa] for a model that is given none."""
+    from pliant.simulation.levels import typical_pressure
+
+    level = typical_pressure(model)
+    if not level:
+        raise InputError(f"no pressure bends the model {model.name!r} by half a radian: give --level-kpa")
+    return level
 
 
 def measured_pressure(path: Path, duration: float | None, step: float) -> tuple[Trace, Any]:

@@ -1,0 +1,60 @@
+"""A film of a moving body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import animation
+from numpy.typing import ArrayLike
+
+from pliant.errors import InputError
+from pliant.plotting import REST_COLOUR, new_figure, style
+
+
+def body_film(
+    path: Path, time: ArrayLike, base: ArrayLike, tips: ArrayLike, pressure: ArrayLike, *,
+    rate: int = 25,
+) -> None:
+    """Film of a body: its links at `rate` pictures a second, the way of the tip behind it, the pressure beside it.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in .gif or .mp4.
+    time, pressure : (T,) arrays, s and kPa
+    base : (2, 2) array, m
+        Origin and first joint.
+    tips : (T, n, 2) array, m
+
+    Raises
+    ------
+    InputError
+        For an .mp4 where no ffmpeg is found.
+    """
+    if path.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
+        raise InputError("an .mp4 needs ffmpeg, which is not on the path: take .gif, or install ffmpeg")
+    t, p, moving = (np.asarray(a, dtype=float) for a in (time, pressure, tips))
+    body = 1e3 * np.concatenate([np.broadcast_to(base, (t.size, 2, 2)), moving], axis=1)
+    frames = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], 1.0 / rate)).clip(0, t.size - 1))
+    with style():
+        figure, (ax, side) = new_figure(1, 2, height=3.2, gridspec_kw={"width_ratios": [2, 1]})
+        room = 0.06 * np.ptp(body[..., 1])
+        ax.set(xlim=(body[..., 0].min() - 4 * room, body[..., 0].max() + 4 * room), aspect="equal",
+               ylim=(min(body[..., 1].min(), 0.0) - room, body[..., 1].max() + room))  # fmt: skip
+        ax.set(xlabel="x (mm)", ylabel="y (mm)")
+        (way,) = ax.plot([], [], color=REST_COLOUR, linewidth=0.8)
+        (line,) = ax.plot([], [], color="black", linewidth=3.0, marker="o", markersize=3, markerfacecolor="white")
+        side.plot(t, p, color="black", linewidth=0.9)
+        (now,) = side.plot([], [], marker="o", color="black")
+        side.set(xlabel="time (s)", ylabel="gauge pressure (kPa)")
+
+        def draw(k: int) -> list[Any]:
+            line.set_data(*body[k].T)
+            way.set_data(*body[: k + 1, -1].T)
+            now.set_data([t[k]], [p[k]])
+            return [line, way, now]
+
+        made = animation.FuncAnimation(figure, draw, frames=frames)
+        made.save(str(path), writer="pillow" if path.suffix == ".gif" else "ffmpeg", fps=rate, dpi=100)
