@@ -163,7 +163,8 @@ def test_a_load_a_table_and_a_film(model: Path, tmp_path: Path) -> None:
     assert rows["time (s)"].to_numpy() == pytest.approx(run.time.to_numpy(), abs=1e-12)
     for column in ("tip_position_link_2_y (m)", "joint_angle_joint_1 (rad)", "pressure (Pa)"):
         assert column in rows.columns
-    assert rows["tip_position_link_2_y (m)"].to_numpy() == pytest.approx(run.tip_position.to_numpy()[:, -1, 1], abs=1e-12)
+    height = run.tip_position.to_numpy()[:, -1, 1]
+    assert rows["tip_position_link_2_y (m)"].to_numpy() == pytest.approx(height, abs=1e-12)
     heavy = simulate(own.with_(tip_mass=own.tip_mass + 0.03), Pulse(80e3, 0.12, 2.76), duration=0.6)
     told = json.loads(loaded.stdout)["final_tip_mm"]
     assert told == pytest.approx(1e3 * heavy.tip_position.to_numpy()[-1, -1], abs=1e-6)

@@ -122,16 +122,16 @@ def write_figure(figure: Figure, path: Path) -> None:
         figure.savefig(draft, dpi=200, format=path.suffix[1:])
 
 
-def largest(values: np.ndarray) -> float:
+def largest(pressure: np.ndarray) -> float:
     """The value of the largest size, with its sign: a vacuum is no pressure of zero."""
-    return float(values.ravel()[abs(values).argmax()])
+    return float(pressure[abs(pressure).argmax()])
 
 
 def summary(trajectory: xr.Dataset) -> dict[str, Any]:
     """The tip of a trajectory in a few numbers."""
     import numpy as np
 
-    tip = trajectory["tip_position"].values[:, -1]
+    tip = trajectory["tip_position"].to_numpy()[:, -1]
     moved = np.linalg.norm(tip - tip[0], axis=1)
     return {
         "duration_s": float(trajectory.time[-1] - trajectory.time[0]),

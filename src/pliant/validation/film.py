@@ -44,9 +44,11 @@ def body_film(
         ax.set(xlim=(body[..., 0].min() - 4 * room, body[..., 0].max() + 4 * room), aspect="equal",
                ylim=(min(body[..., 1].min(), 0.0) - room, body[..., 1].max() + room))  # fmt: skip
         ax.set(xlabel="x (mm)", ylabel="y (mm)")
-        (way,) = ax.plot([], [], color=REST_COLOUR, linewidth=0.8)
-        (line,) = ax.plot([], [], color="black", linewidth=3.0, marker="o", markersize=3, markerfacecolor="white")
-        side.plot(t, p, color="black", linewidth=0.9)
+        (way,) = ax.plot([], [], color=REST_COLOUR, linestyle="-", linewidth=0.8)
+        (line,) = ax.plot(
+            [], [], color="black", linestyle="-", linewidth=3.0, marker="o", markersize=3, markerfacecolor="white"
+        )
+        side.plot(t, p, color="black", linestyle="-", linewidth=0.9)
         (now,) = side.plot([], [], marker="o", color="black")
         side.set(xlabel="time (s)", ylabel="gauge pressure (kPa)")
 
