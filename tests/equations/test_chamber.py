@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from pliant.equations.chamber import (
     advance,
@@ -19,7 +20,10 @@ from pliant.equations.chamber import (
     secant,
     share_out,
     slow_interval,
+    slow_rates,
+    slow_states,
     swollen_torque,
+    torque_now,
 )
 from pliant.equations.section import torque
 from pliant.equations.symbols import Actuation, Chamber, Interval
@@ -119,18 +123,32 @@ def test_mean_torque_of_an_inflating_chamber(rng):
 def test_a_step_advances_what_a_record_averages(rng, share, limit):
     """`advance` step by step, against the slow states laid out first and averaged after: the two ways of marching."""
     own, state = chamber(share, limit=limit), np.array([1e4, 1.1])
-    slow, y = 1e4, 1.1
-    for _ in range(20):
-        p = Interval(*rng.uniform(0.0, 4e4, 4))
+    slow, y, behind = 1e4, 1.1, rng.uniform(0.0, 4e4, (20, 4))
+    record = np.empty((2, 20, 3))
+    slow_states(np.full(20, 0.02), behind, own, state.copy(), *record)
+    for k, row in enumerate(behind):
+        p = Interval(*row)
         half, last = slow_interval(0.02, p, slow, own.swell_time)
         y1, y2 = inflated_interval(0.02, p, y, limit, own.inflation_time) if limit else (1.0, 1.0)
         expected = mean_torque(p, (slow, half, last), (y, y1, y2), own)
+        assert record[:, k] == pytest.approx(np.array([(slow, half, last), (y, y1, y2) if limit else [1.1] * 3]))
         assert advance(0.02, p, own, state) == pytest.approx(expected, rel=1e-14)
         slow, y = last, y2
     if share or limit:
         assert state[0] == pytest.approx(slow, rel=1e-14)
     if limit:
         assert state[1] == pytest.approx(y, rel=1e-14)
+
+
+def test_slow_states_follow_their_rates():
+    """The closed forms of an interval against their equations, by an adaptive solver; the torque at one moment."""
+    own, p = chamber(0.6, limit=5e4), 3e4
+    found = solve_ivp(lambda _, s: slow_rates(p, *s, own), (0.0, 0.2), [1e4, 1.1], rtol=1e-10, atol=1e-9).y[:, -1]
+    state = np.array([1e4, 1.1])
+    advance(0.2, Interval(p, p, p, p), own, state)
+    assert state == pytest.approx(found, rel=1e-8)
+    assert torque_now(p, *state, own) == pytest.approx(lever_growth(state[1]) * swollen_torque(p, state[0], 0.6, LAW))
+    assert slow_rates(p, 1e4, 1.1, chamber(0.0))[1] == 0.0
 
 
 def test_joints_share_the_torques_of_chambers():

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from pliant.equations import inertia, symbols
-from pliant.equations.chamber import lever_growth
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model, Valve
 from pliant.model import model as model_fields
-from pliant.model.actuation import rest_growth
+from pliant.model.actuation import grown, remembering
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -68,15 +67,12 @@ class Samples:
         """Torque law of each sample at its own `pressure` (N,) [Pa], N m."""
         powers = np.arange(1, len(self.values["torque"]) + 1)
         torque = np.sum(self.values["torque"] * pressure ** powers[:, None], axis=0)
-        limit = self.values["inflation_limit"]
-        soft = np.flatnonzero(limit)
-        torque[soft] *= lever_growth(rest_growth(pressure[soft], limit[soft]))
-        return torque
+        return grown(torque, pressure, self.values)
 
     @property
     def remembering(self) -> Array:
         """Whether more than the pressure at hand makes the torque of each sample, (N,)."""
-        return np.asarray((self.values["swell_share"] != 0) | (self.values["inflation_limit"] != 0))
+        return remembering(self.values)
 
     def rest(self, pressure: Array) -> Array:
         """Joint angles (n, N) at rest under `pressure` (N,) [Pa] and gravity."""

@@ -139,6 +139,42 @@ def mean_inflated(p, slow, y, chamber):
     return simpson + (p.mean - (p.start + 4.0 * p.middle + p.end) / 6.0) * slope
 
 
+def torque_now(p, slow, y, chamber):
+    """Torque [N m] of a chamber at the pressure p [Pa] and its slow states."""
+    made = swollen_torque(p, slow, chamber.swell_share, chamber.law)
+    if chamber.inflation_limit > 0.0:
+        return made * lever_growth(y)
+    return made
+
+
+def slow_rates(p, slow, y, chamber):
+    """Rates of the slow states at the pressure p [Pa]: of the slow pressure, Pa/s, and of y, 1/s."""
+    growing = 0.0 * y
+    if chamber.inflation_limit > 0.0:
+        growing = (1.0 - (1.0 - p / chamber.inflation_limit) * y) / chamber.inflation_time
+    return (p - slow) / chamber.swell_time, growing
+
+
+def slow_states(h, behind, chamber, state, slow, y):
+    """Slow states at the start, middle and end of each interval, slow and y (m, 3), from `behind` (m, 4) the valve.
+
+    `state` (2,) holds them at the start of the first.
+    """
+    before = state[0]
+    grown = state[1]
+    for k in range(len(h)):
+        p = Interval(behind[k, 0], behind[k, 1], behind[k, 2], behind[k, 3])
+        slow[k, 0] = before
+        slow[k, 1], slow[k, 2] = slow_interval(h[k], p, before, chamber.swell_time)
+        before = slow[k, 2]
+        y[k, 0] = grown
+        y[k, 1] = grown
+        y[k, 2] = grown
+        if chamber.inflation_limit > 0.0:
+            y[k, 1], y[k, 2] = inflated_interval(h[k], p, grown, chamber.inflation_limit, chamber.inflation_time)
+            grown = y[k, 2]
+
+
 def mean_torque(p, slow, y, chamber):
     """Mean torque [N m] of a chamber in an `Interval` p, with its slow states at the start, middle and end."""
     if chamber.inflation_limit > 0.0:

@@ -60,7 +60,7 @@ def ahead(state, pressure, model, count, h, workspace):
     own, work, failed = model.chamber, workspace.work, False
     for k in range(len(own.law)):
         workspace.law[k] = own.law[k] * state.factor[0]
-    chamber = Chamber(workspace.law, own.swell_share, own.swell_time, own.inflation_limit, own.inflation_time)
+    chamber = Chamber(workspace.law, own[1], own[2], own[3], own[4])  # its rubber as it is
     past = Past(model.memory, state.memory, workspace.held)
     p = Interval(pressure, pressure, pressure, pressure)
     for _ in range(count):

@@ -149,6 +149,7 @@ FEATURES: dict[str, Feature] = {
     ),
 }
 ALL = frozenset(FEATURES)
+RUBBER = frozenset({"swelling", "inflation"})
 MEMORY = frozenset({"creep", "slip", "boucwen"})
 
 

@@ -15,13 +15,13 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.exporters.features import ALL
+from pliant.exporters.features import ALL, RUBBER
 from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.model import Chamber, Model
 
-CAN = ALL - {"lagging_law", "two_lags", "second_order", "rates", "settling", "swelling", "inflation", "slip", "boucwen"}
+CAN = ALL - RUBBER - {"lagging_law", "two_lags", "second_order", "rates", "settling", "slip", "boucwen"}
 ARMATURE = 1e-6  # kg m^2, of a creep's hinge: MuJoCo moves nothing without inertia
 TINY = 1e-12  # kg m^2, of a mass that is a point in pliant
 

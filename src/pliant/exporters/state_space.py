@@ -13,7 +13,7 @@ import numpy as np
 
 from pliant.equations import inertia
 from pliant.errors import InputError
-from pliant.exporters.features import ALL
+from pliant.exporters.features import ALL, RUBBER
 from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import whole
@@ -24,7 +24,7 @@ from pliant.model import Model
 from pliant.simulation import state
 
 Array = np.ndarray
-CAN = ALL - {"chambers", "two_lags", "rates", "settling", "swelling", "inflation", "slip", "boucwen"}
+CAN = ALL - RUBBER - {"chambers", "two_lags", "rates", "settling", "slip", "boucwen"}
 STATE_UNITS = {"phi": "rad", "w_": "rad/s", "pressure_rate": "Pa/s", "pressure": "Pa", "creep": "rad", "command": "Pa"}
 
 

@@ -12,6 +12,7 @@ from pliant.errors import FitError, InputError, SimulationError
 from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.forces import loads_at
+from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of
 from pliant.model import Model, Station
 from pliant.numerics.ringdown import RingDown, ring_down
@@ -159,14 +160,14 @@ def estimate(
     found = DEFAULTS | {
         "gain": float(model.joint_gain.mean()), "mass": float(model.link_mass.sum()),
         "gravity_angle": float(np.arctan2(-model.gravity[0], model.gravity[1])),
-        "rest_angle": float(model.rest_angle.mean()), "inflation_limit": 2.0 * highest_level(experiments),
+        "rest_angle": float(model.rest_angle.mean()), **chamber_guess(highest_level(experiments)),
         **{f"rest_angle_{i + 1}": float(a) for i, a in enumerate(model.rest_angle)},
         **{f"joint_gain_{i + 1}": float(a) for i, a in enumerate(model.joint_gain)},
     }
     for exp in experiments:
         found |= {f"{exp.name}.{k}": v for k, v in edges(exp).items()}
     found |= ring_start(base, experiments, wanted)
-    base = apply(base, {k: found[k] for k in ("stiffness", "inflation_limit") if k in wanted})
+    base = apply(base, {k: found[k] for k in ("stiffness", *chamber_guess(1.0)) if k in wanted})
     base = registered(base, experiments, values)
     found |= torque_start(base, experiments, {n for n in wanted if n.startswith("torque_")}, values)
     for point in base.points:

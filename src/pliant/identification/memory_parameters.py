@@ -54,6 +54,11 @@ def usual_start(name: str) -> float | None:
     return None
 
 
+def chamber_guess(highest: float) -> dict[str, float]:
+    """Where a wall that gives way begins: twice the `highest` pressure [Pa] of the recordings."""
+    return {"inflation_limit": 2.0 * highest}
+
+
 def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     """The model's memory and swelling with those of `values` put in; new branches follow the model's own."""
     changes: dict[str, Any] = {k: values[k] for k in CHAMBER if k in values}

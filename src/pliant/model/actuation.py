@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -19,6 +19,18 @@ Array = np.ndarray
 ARRAYS = ("torque", "joint_gain")
 POSITIVE = ("swell_time", "inflation_time")
 NOT_NEGATIVE = ("swell_share", "inflation_limit")
+
+
+class ChamberValues(TypedDict, total=False):
+    """The keywords of a model of one chamber that describe it; see `Chamber`."""
+
+    torque: Any
+    joint_gain: Any
+    valve: Valve
+    swell_share: float
+    swell_time: float
+    inflation_limit: float
+    inflation_time: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +86,23 @@ class Chamber:
     __hash__ = None  # type: ignore[assignment]
 
     @property
+    def swells(self) -> bool:
+        """Whether part of the torque lags behind the pressure."""
+        return self.swell_share > 0
+
+    @property
+    def grows(self) -> bool:
+        """Whether the wall gives way."""
+        return self.inflation_limit > 0
+
+    @property
     def remembers(self) -> bool:
         """Whether more than the pressure at hand makes the torque."""
-        return self.swell_share > 0 or self.inflation_limit > 0
+        return self.swells or self.grows
+
+    def rest_state(self, pressure: float) -> Array:
+        """Slow states (2,) long at rest at `pressure` [Pa]: slow pressure [Pa], fourth power of the stretch."""
+        return np.array([pressure, float(self.growth_at(pressure))])
 
     def torque_at(self, pressure: Any) -> Any:
         """Torque of the law at rest at gauge `pressure` [Pa], N m; any shape. Infinite where the wall gives way."""
@@ -110,6 +136,23 @@ class Chamber:
         """What the torque of an input depends on, hashable: all but the joints that it turns."""
         return (self.torque.tobytes(), self.valve, *self.kernel()[1:])
 
+    def sentences(self, *, alone: bool) -> list[str]:
+        """Law, valve and rubber, for people; `alone`: the only chamber needs no name."""
+        powers = ("p", *(f"p^{k}" for k in range(2, self.torque.size + 1)))
+        law = " + ".join(f"{a:.4g} {p}" for a, p in zip(self.torque, powers, strict=True))
+        who = "" if alone else f"{self.name}: "
+        joints = "each joint" if alone else f"joints {', '.join(str(i + 1) for i in np.flatnonzero(self.joint_gain))}"
+        said = [f"{who}torque at {joints}: {law} N m, p in Pa gauge"]
+        valve = [f"{f.name} {getattr(self.valve, f.name):g}" for f in fields(self.valve)
+                 if getattr(self.valve, f.name) and f.name not in ("damping_ratio", "settle_time")]  # fmt: skip
+        if valve:
+            said.append(f"{who}valve: {', '.join(valve)}")
+        if self.swell_share:
+            said.append(f"{who}swelling: share {self.swell_share:.3g}, {self.swell_time:.3g} s")
+        if self.inflation_limit:
+            said.append(f"{who}inflation: limit {self.inflation_limit:.4g} Pa, {self.inflation_time:.3g} s")
+        return said
+
     def kernel(self) -> symbols.Chamber:
         """Constants for the kernels."""
         return symbols.Chamber(
@@ -121,6 +164,18 @@ def rest_growth(pressure: Array, limit: Any) -> Array:
     """Fourth power of the hoop stretch at rest at `pressure` [Pa] towards `limit` [Pa]; 1 where the limit is 0."""
     left = 1.0 - pressure / np.where(limit, limit, np.inf)
     return np.where(left > 0.0, 1.0 / np.where(left > 0.0, left, 1.0), np.inf)
+
+
+def grown(torque: Array, pressure: Array, values: Mapping[str, Array]) -> Array:
+    """Torques (N,) of laws at rest, with the growth of the walls of many chambers whose `values` (N,) are given."""
+    soft, limit = np.flatnonzero(values["inflation_limit"]), values["inflation_limit"]
+    torque[soft] *= chamber.lever_growth(rest_growth(pressure[soft], limit[soft]))
+    return torque
+
+
+def remembering(values: Mapping[str, Array]) -> Array:
+    """Which of many chambers have slow states, (N,)."""
+    return np.asarray((values["swell_share"] != 0) | (values["inflation_limit"] != 0))
 
 
 FIELDS = tuple(f.name for f in fields(Chamber) if f.name != "name")  # what a model of one chamber calls its own
@@ -218,8 +273,7 @@ class Actuation:
 
     def rest_state(self, pressure: Any) -> Array:
         """Slow states (C, 2) long at rest at `pressure` (C,) [Pa]: slow pressure [Pa], fourth power of the stretch."""
-        pairs = zip(self.chambers, self.pressures(pressure), strict=True)
-        return np.array([(p, float(c.growth_at(p))) for c, p in pairs])
+        return np.stack([c.rest_state(p) for c, p in zip(self.chambers, self.pressures(pressure), strict=True)])
 
 
 def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamber, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import inf, isfinite
-from typing import Any, TypedDict, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from pliant.display import Card, Shown
 from pliant.equations import inertia
 from pliant.equations.symbols import Body, Joints
 from pliant.errors import InputError
-from pliant.model.actuation import FIELDS, Actuation, Chamber, chambers_of
+from pliant.model.actuation import FIELDS, Actuation, Chamber, ChamberValues, chambers_of
 from pliant.model.checks import check_numbers, numbers, one_number
 from pliant.model.limits import LIMITS, MOST_LINKS, MOST_STATIONS, check_limit
 from pliant.model.memory import Memory
@@ -31,20 +31,13 @@ OF_ANY_SIGN = ("rest_angle", "stiffening", "gravity", "base_angle")
 SCALARS = ("tip_mass", "base_length", "base_angle")
 
 
-class Values(TypedDict, total=False):
+class Values(ChamberValues, total=False):
     """The keywords of `Model`: its parameters, and those of a `Chamber` where there is one."""
 
     link_length: Any
     link_mass: Any
     stiffness: Any
     damping: Any
-    torque: Any
-    joint_gain: Any
-    valve: Valve
-    swell_share: float
-    swell_time: float
-    inflation_limit: float
-    inflation_time: float
     chambers: tuple[Chamber, ...]
     rest_angle: Any
     stiffening: Any
@@ -75,8 +68,8 @@ class Model(Shown):
     link_length, rest_angle, link_mass, stiffness, damping : array (n,)
         Length [m] and mass [kg] of each link, rest angle [rad], stiffness [N m/rad] and damping [N m s/rad] of the
         joint before it. A number stands for n equal ones, n being the longest of these arrays.
-    torque, joint_gain, valve, swell_share, swell_time, inflation_limit, inflation_time
-        Of the one chamber; see `Chamber`. The paper's is torque = (A d,).
+    torque, joint_gain, valve, ...
+        Of the one chamber, whatever `Chamber` takes. The paper's is torque = (A d,).
     chambers : tuple of Chamber
         In their place, where there are several.
     stiffening : array (n,)

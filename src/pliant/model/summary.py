@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from pliant.display import Card
 
 if TYPE_CHECKING:
-    from pliant.model.actuation import Chamber
     from pliant.model.model import Model
 
 HEAD = ("link", "length mm", "mass g", "stiffness N m/rad", "damping N m s/rad", "rest angle deg")
@@ -30,7 +28,7 @@ def model_card(model: Model) -> Card:
 
 def sentences(model: Model) -> list[str]:
     """What is more than links, as far as the model has it."""
-    said = [line for c in model.chambers for line in of_chamber(c, alone=len(model.chambers) == 1)]
+    said = [line for c in model.chambers for line in c.sentences(alone=len(model.chambers) == 1)]
     said[0] += f", bending {'-x' if model.bend_sign > 0 else '+x'}"
     if model.stiffening.any():
         sizes = ", ".join(f"{s:.3g}" for s in np.unique(model.stiffening))
@@ -45,22 +43,4 @@ def sentences(model: Model) -> list[str]:
     said.append(f"gravity: ({gravity}) m/s^2" if model.gravity.any() else "no gravity")
     if model.stations:
         said.append(f"observed: {', '.join(s.name for s in model.stations)}")
-    return said
-
-
-def of_chamber(chamber: Chamber, *, alone: bool) -> list[str]:
-    """Law, valve and rubber of one chamber."""
-    powers = ("p", *(f"p^{k}" for k in range(2, chamber.torque.size + 1)))
-    law = " + ".join(f"{a:.4g} {p}" for a, p in zip(chamber.torque, powers, strict=True))
-    who = "" if alone else f"{chamber.name}: "
-    joints = "each joint" if alone else f"joints {', '.join(str(i + 1) for i in np.flatnonzero(chamber.joint_gain))}"
-    said = [f"{who}torque at {joints}: {law} N m, p in Pa gauge"]
-    valve = [f"{f.name} {getattr(chamber.valve, f.name):g}" for f in fields(chamber.valve)
-             if getattr(chamber.valve, f.name) and f.name not in ("damping_ratio", "settle_time")]  # fmt: skip
-    if valve:
-        said.append(f"{who}valve: {', '.join(valve)}")
-    if chamber.swell_share:
-        said.append(f"{who}swelling: share {chamber.swell_share:.3g}, {chamber.swell_time:.3g} s")
-    if chamber.inflation_limit:
-        said.append(f"{who}inflation: limit {chamber.inflation_limit:.4g} Pa, {chamber.inflation_time:.3g} s")
     return said

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations.chamber import mean_torque
+from pliant.equations.chamber import mean_torque, slow_states
 from pliant.equations.symbols import Interval, Lag
 from pliant.errors import InputError, SimulationError
 from pliant.model import Chamber, Model, Valve
@@ -109,14 +109,14 @@ def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: f
     for c, (chamber, source) in enumerate(zip(chambers, inputs, strict=True)):
         initial[c] = before(source, chamber.valve, times)
         behind = through_valve(chamber.valve, source, made.fine, float(initial[c]))
-        growth = inflations(chamber, lengths, behind, float(initial[c]))
-        impulse = lengths * mean_torques(chamber, lengths, behind, float(initial[c]), growth)
+        mean, growth = mean_torques(chamber, lengths, behind, float(initial[c]))
+        impulse = lengths * mean
         torque[:, c] = (np.add.reduceat(impulse, first) if bent else impulse) / h
         shown[:, c] = np.append(behind[at[:-1], 0], behind[-1, 2])
-        if growth is not None:
+        if chamber.grows:
             stretch[:, c] = np.append(growth[at[:-1], 0], growth[-1, 2]) ** 0.25
-    inflates = any(c.inflation_limit for c in chambers)
-    return Drive(h, torque, np.array(model.actuation.gain), made.keep, shown, initial, stretch if inflates else None)
+    grows = any(c.grows for c in chambers)
+    return Drive(h, torque, np.array(model.actuation.gain), made.keep, shown, initial, stretch if grows else None)
 
 
 def grid(inputs: Sequence[Input], valves: Sequence[Valve], times: Array, step: float) -> Grid:
@@ -136,24 +136,15 @@ def before(pressure: Input, valve: Valve, times: Array) -> float:
     return float(pressure(np.nextafter(times[0] - valve.dead_time, -np.inf)))
 
 
-def inflations(chamber: Chamber, h: Array, behind: Array, initial: float) -> Array | None:
-    """Fourth power of the hoop stretch (m, 3) at the start, middle and end of each interval; None for a rigid wall."""
-    if not chamber.inflation_limit:
-        return None
-    y = np.empty((h.size, 3))
-    twin(pressure_loops.inflation)(
-        h, behind, float(chamber.growth_at(initial)), chamber.inflation_limit, chamber.inflation_time, y
-    )
-    return y
+def mean_torques(chamber: Chamber, h: Array, behind: Array, initial: float) -> tuple[Array, Array]:
+    """Mean torque (m,) [N m] of each interval, and the fourth power of the hoop stretch (m, 3) at its three times.
 
-
-def mean_torques(chamber: Chamber, h: Array, behind: Array, initial: float, growth: Array | None = None) -> Array:
-    """Mean torque [N m] of each interval; `behind` (m, 4) is the pressure, which was `initial` [Pa] long before."""
-    slow = np.empty((h.size, 3)) if chamber.remembers else np.empty((0, 3))
+    `behind` (m, 4) is the pressure, which was `initial` [Pa] long before.
+    """
+    slow, y = np.empty((h.size, 3)), np.empty((h.size, 3))
     if chamber.remembers:
-        twin(pressure_loops.slow_pressure)(h, behind, initial, chamber.swell_time, slow)
-    y = slow.T if growth is None else growth.T
-    return np.asarray(mean_torque(Interval(*behind.T), slow.T, y, chamber.kernel()))
+        twin(slow_states)(h, behind, chamber.kernel(), chamber.rest_state(initial), slow, y)
+    return np.asarray(mean_torque(Interval(*behind.T), slow.T, y.T, chamber.kernel())), y
 
 
 def merge(times: Array, moments: Array, same: float) -> Array:

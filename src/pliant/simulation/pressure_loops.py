@@ -1,4 +1,4 @@
-"""The loops between a command and what a chamber makes of it: valves, slow pressure, inflation, interval by interval.
+"""The loops between a command and what a chamber makes of it: valves and slow pressure, interval by interval.
 
 Plain text here; `pliant.compiler.choose.twin` makes what runs.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.chamber import inflated_interval, slow_interval
+from pliant.equations.chamber import slow_interval
 from pliant.equations.symbols import Interval
 
 UNLIMITED = 1e30  # Pa/s; not infinite, whose product with no lag is not a number
@@ -133,15 +133,3 @@ def slow_pressure(h, behind, slow, time, out):
         out[k, 0] = slow
         out[k, 1], out[k, 2] = slow_interval(h[k], p, slow, time)
         slow = out[k, 2]
-
-
-def inflation(h, behind, y, limit, time, out):
-    """Fourth power of the hoop stretch at the start, middle and end of each interval, out (m, 3); see `slow_pressure`.
-
-    `y` is its value at the start, `limit` [Pa] and `time` [s] those of `equations.chamber.inflated_interval`.
-    """
-    for k in range(len(h)):
-        p = Interval(behind[k, 0], behind[k, 1], behind[k, 2], behind[k, 3])
-        out[k, 0] = y
-        out[k, 1], out[k, 2] = inflated_interval(h[k], p, y, limit, time)
-        y = out[k, 2]

@@ -14,7 +14,7 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import energy, motion
-from pliant.equations.chamber import lever_growth, secant, share_out, swollen_torque
+from pliant.equations.chamber import secant, share_out, slow_rates, torque_now
 from pliant.equations.symbols import Slopes
 from pliant.errors import InputError, SimulationError
 from pliant.model import Chamber, Model, Valve
@@ -76,7 +76,7 @@ def solve_reference(
     kept[:, :, :creep] = out[:, at.creep].reshape(times.size, model.n, creep)
     work = np.zeros((times.size, 3))
     work[:, : 2 + at.remembers] = out[:, at.work : at.size]
-    stretch = np.stack([out[:, c.inflation].sum(axis=1) ** 0.25 for c in at.chambers], axis=1)
+    stretch = np.stack([out[:, c.stretch].sum(axis=1) ** 0.25 for c in at.chambers], axis=1)
     return out[:, at.phi], out[:, at.w], work, kept, stretch
 
 
@@ -85,7 +85,7 @@ def first(model: Model, at: Layout, start: Start) -> Array:
     y = np.zeros(at.size)
     y[at.phi], y[at.w] = start.phi, start.w
     for c, chamber, p in zip(at.chambers, model.chambers, start.pressure, strict=True):
-        y[c.p], y[c.slow], y[c.inflation] = p, p, float(chamber.growth_at(p))
+        y[c.p], y[c.slow], y[c.stretch] = p, p, float(chamber.growth_at(p))
     y[at.creep] = start.memory[:, : len(model.memory.creep_share)].ravel()
     return y
 
@@ -116,7 +116,7 @@ class Place(NamedTuple):
     p: int
     dp: int
     slow: slice  # of a chamber that swells, one place or none
-    inflation: slice  # fourth power of the stretch of one that inflates, one place or none
+    stretch: slice  # its fourth power, of one whose wall gives way, one place or none
 
 
 class Layout(NamedTuple):
@@ -137,10 +137,9 @@ def layout(model: Model) -> Layout:
     places, end = [], 2 * n
     for c in model.chambers:
         slow = end + 2
-        inflation = slow + bool(c.swell_share)
-        behind = inflation + bool(c.inflation_limit)
-        places.append(Place(end, end + 1, slice(slow, inflation), slice(inflation, behind)))
-        end = behind
+        stretch = slow + c.swells
+        places.append(Place(end, end + 1, slice(slow, stretch), slice(stretch, stretch + c.grows)))
+        end = stretch + c.grows
     work = end + n * branches
     return Layout(
         slice(0, n), slice(n, 2 * n), tuple(places), slice(end, work), work, branches > 0, work + 2 + (branches > 0)
@@ -174,7 +173,7 @@ def right_hand_side(
         moved = []
         for c, (chamber, place) in enumerate(zip(model.chambers, at.chambers, strict=True)):
             p, rates, _ = valve(c, t, y)
-            made, slow_rates = torque_and_rates(chamber, p, y[place.slow], y[place.inflation])
+            made, slow_rates = torque_and_rates(chamber, p, y[place.slow], y[place.stretch])
             share_out(c, made, gain, torque)
             moved += [rates, *slow_rates]
         xi = y[at.creep].reshape(model.n, -1)
@@ -197,11 +196,10 @@ def right_hand_side(
 
 def torque_and_rates(chamber: Chamber, p: float, slow: Array, wall: Array) -> tuple[float, tuple[Array, Array]]:
     """Torque [N m] of a chamber at the pressure p [Pa], and the rates of its slow states (none or one of each)."""
-    late = slow[0] if slow.size else p
-    torque = float(swollen_torque(p, late, chamber.swell_share, chamber.torque))
-    grown = (1.0 - (1.0 - p / chamber.inflation_limit) * wall) / chamber.inflation_time if wall.size else wall
-    torque *= float(lever_growth(wall[0])) if wall.size else 1.0
-    return torque, ((p - slow) / chamber.swell_time, grown)
+    own = chamber.kernel()
+    late, y = (slow[0] if slow.size else p), (wall[0] if wall.size else 1.0)
+    slow_rate, growth = slow_rates(p, late, y, own)
+    return float(torque_now(p, late, y, own)), (0.0 * slow + slow_rate, 0.0 * wall + growth)
 
 
 def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
