@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import tomllib
 import zipfile
-from pathlib import Path
 
 import pytest
 from command_line import invoke
@@ -20,7 +18,6 @@ from pliant.model import Chamber, Memory, Valve, load_model, save_model
 from pliant.simulation import equilibrium
 from pliant.simulation.levels import typical_pressure
 
-PROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
 EVERYTHING = chen2018.model(
     gravity=[0.0, -9.8], stiffening=-0.1, torque=[6e-7, 1e-13], swell_share=0.2, inflation_limit=2e6,
     valve=Valve(rise_time=0.02, fall_time=0.03, dead_time=0.01, rise_rate=1e6, settle_share=0.1),
@@ -28,9 +25,7 @@ EVERYTHING = chen2018.model(
 )
 
 
-def test_built_in_targets_are_the_entry_points():
-    declared = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["entry-points"]["pliant.exporters"]
-    assert declared == BUILT_IN
+def test_every_built_in_target_loads():
     assert {name: e.name for name, e in exporters().items() if name in BUILT_IN} == {n: n for n in BUILT_IN}
     assert all(e.can | set(e.by_nature) <= set(FEATURES) for e in exporters().values())
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
-
 import pytest
 import xarray as xr
 
@@ -13,21 +10,12 @@ from pliant.recording import read, readers, write
 from pliant.recording.backend import RecordingBackend
 from pliant.recording.registry import BUILT_IN
 
-PROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
-
 
 def test_xarray_opens_recordings(recording, tmp_path):
     path = write(recording, tmp_path / "a.csv")
     ds = xr.open_dataset(path, engine=RecordingBackend)
     xr.testing.assert_equal(ds.load(), recording)
     assert "pressure" not in xr.open_dataset(path, engine=RecordingBackend, drop_variables="pressure")
-
-
-def test_the_package_announces_its_readers():
-    declared = tomllib.loads(PROJECT.read_text())["project"].get("entry-points", {}).get("pliant.readers")
-    if declared is None:
-        pytest.skip("pyproject.toml declares no entry points yet")
-    assert declared == BUILT_IN
 
 
 def test_every_built_in_reader_loads():

@@ -6,7 +6,7 @@ from pliant.control.contract import ControllerKind
 from pliant.plugins import chosen, offered
 
 GROUP = "pliant.controllers"
-BUILT_IN = {  # kept equal to the entry points of the package
+BUILT_IN = {
     "lqr": "pliant.control.tip_lqr:CONTROLLER",
     "mpc": "pliant.control.tip_mpc:CONTROLLER",
     "pid": "pliant.control.tip_pid:CONTROLLER",

@@ -6,7 +6,7 @@ from pliant.estimation.contract import EstimatorKind
 from pliant.plugins import chosen, offered
 
 GROUP = "pliant.estimators"
-BUILT_IN = {  # kept equal to the entry points of the package
+BUILT_IN = {
     "observer": "pliant.estimation.adaptive_observer:ESTIMATOR",
     "filter": "pliant.estimation.kalman:ESTIMATOR",
     "differences": "pliant.estimation.differences:ESTIMATOR",

@@ -21,7 +21,6 @@ from pliant.model import Model, load_model
 
 GROUP = "pliant.exporters"
 
-# kept equal to the entry points of the package, so that a source tree that is not installed can export
 BUILT_IN = {
     "mjcf": "pliant.exporters.mjcf:EXPORTER",
     "c99": "pliant.exporters.c99:EXPORTER",

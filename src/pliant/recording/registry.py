@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 GROUP = "pliant.readers"
 HEAD_BYTES = 65536
 
-# kept equal to the entry points of the package, so that a source tree that is not installed can read
 BUILT_IN = {
     "deeplabcut": "pliant.recording.deeplabcut:READER",
     "sleap": "pliant.recording.sleap:READER",
