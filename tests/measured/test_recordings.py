@@ -139,16 +139,22 @@ def test_a_wrong_unit_of_pressure_is_found(shared_data):
     assert any("read as Pa" in sentence for sentence in quality(ds).findings)
 
 
+TEXT = "jan10-3_steps_chamber2_1.txt"
+
+
 def test_cut_copies_of_real_files_are_refused(shared_data, tmp_path):
     whole = (shared_data / "pneumatic_arm_pulses" / "100mbar_V3.c3d").read_bytes()
     for size in (100, 700, 4000, 40_000, 69_000):
         (tmp_path / "cut.c3d").write_bytes(whole[:size])
         with pytest.raises(InputError):
             read(tmp_path / "cut.c3d")
-    text = (shared_data / "planar_two_segment_arm" / "jan10-3_steps_chamber2_1.txt").read_bytes()
+    text = (shared_data / "planar_two_segment_arm" / TEXT).read_bytes()
     (tmp_path / "cut.txt").write_bytes(text[:100_003])
-    with pytest.raises(InputError, match="may be cut"):
-        read(tmp_path / "cut.txt", mapping=ARM)
+    kept, full = (read(p, mapping=ARM) for p in (tmp_path / "cut.txt", shared_data / "planar_two_segment_arm" / TEXT))
+    assert "has no line end" in kept.attrs["history"], "the row that was cut is left out, and told"
+    rows = kept.sizes["time"]
+    assert rows == text[:100_003].count(b"\n")
+    np.testing.assert_array_equal(kept["position"].values, full["position"].values[:rows])
 
 
 def test_rest_is_found_before_the_pulse(shared_data):
