@@ -41,13 +41,6 @@ DOORS = {  # functions of more than eight parameters, and why
     "cli/shape.py::shape": "typer makes each option of a command from a parameter",
     "cli/simulate.py::simulate": "typer makes each option of a command from a parameter",
 }
-UNGATHERED = {  # kernels whose arguments wait for a record to carry them: this list may only become shorter
-    "simulation/result.py": ["trajectory"],
-    "testbed/plant/plant_loops.py": ["regulate_on"],
-    "testbed/rod/rod_loops.py": ["add_bending"],
-    "testbed/stepping/stepping_loops.py": ["gather", "march"],
-    "testbed/valve/valve_loops.py": ["chamber_rate", "fill_chamber"],
-}
 PLOTS = {"plotting.py", "validation/figures.py", "validation/film.py"}
 
 
@@ -193,11 +186,10 @@ def parameters(key, function):
 
 
 def test_functions_take_few_parameters():
-    waiting = {f"{name}::{function}" for name, names in UNGATHERED.items() for function in names}
     many = {key for key, f in every_function().items() if parameters(key, f) > PARAMETERS}
-    new = sorted(many - waiting - set(DOORS))
+    new = sorted(many - set(DOORS))
     assert not new, f"at most {PARAMETERS} parameters; a NamedTuple carries the rest: {listed(new)}"
-    gone = sorted((waiting | set(DOORS)) - many)
+    gone = sorted(set(DOORS) - many)
     assert not gone, f"these need no exception any more, take them off the list: {listed(gone)}"
 
 

@@ -6,7 +6,6 @@ import numpy as np
 from scipy.linalg import eigh
 
 from pliant.compiler.choose import twin
-from pliant.testbed.memory import prony_decay
 from pliant.testbed.rod import build_body
 from pliant.testbed.rod.body import material_fields
 from pliant.testbed.stepping.simulate import _clock, _work, rest_state
@@ -20,9 +19,8 @@ def gradient_and_hessian(p, x, load, state=None, obstacles=NO_OBSTACLE):
     body = build_body(p)
     state = state or rest_state(body)
     work = _work(x.shape[0], body.weight.size)
-    clock = _clock(1e6, static=True)
-    decay = prony_decay(body.prony_time, 1e6)
-    assert twin(gather)(x, np.array(load, float), body, obstacles, state, clock, decay, 1.0, work)
+    clock = _clock(body, 1e6, static=True)
+    assert twin(gather)(x, np.array(load, float), body, obstacles, state, clock, 1.0, work)
     n = work.gradient.size
     dense = np.zeros((n, n))
     for d in range(6):

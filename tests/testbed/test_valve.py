@@ -8,7 +8,7 @@ from scipy.signal import lti, step
 
 from pliant.errors import InputError
 from pliant.testbed.valve import Iso6358, PressureSensor, Regulator, read_pressure, supply_pressure
-from pliant.testbed.valve.valve_loops import GAS_CONSTANT, REFERENCE_DENSITY, chamber_rate, mass_flow
+from pliant.testbed.valve.valve_loops import GAS_CONSTANT, REFERENCE_DENSITY, Gas, chamber_rate, mass_flow
 
 TIME = np.arange(40_001) * 2.5e-5
 
@@ -41,16 +41,17 @@ def test_regulator_limits_slew_and_exhausts_more_slowly():
 def test_choked_blow_down_is_exponential():
     """Constant gas temperature: p' = -n R T C rho0 p / V while the outlet is choked."""
     c, volume, n, temperature = 2e-9, 3e-5, 1.4, 293.15
-    p, dt = 8e5, 1e-5
+    p, dt, gas = 8e5, 1e-5, Gas(9e5, 1e5, c, c, 0.3, volume, n, temperature)
     rate = n * GAS_CONSTANT * temperature * c * REFERENCE_DENSITY / volume
     for k in range(2000):
-        half = p + 0.5 * dt * chamber_rate(p, -1.0, 9e5, 1e5, c, c, 0.3, volume, n, temperature)
-        p += dt * chamber_rate(half, -1.0, 9e5, 1e5, c, c, 0.3, volume, n, temperature)
+        half = p + 0.5 * dt * chamber_rate(p, -1.0, gas)
+        p += dt * chamber_rate(half, -1.0, gas)
         assert p == pytest.approx(8e5 * np.exp(-rate * (k + 1) * dt), rel=1e-6)
 
 
 def test_choked_fill_has_a_constant_slope_and_flow_falls_to_zero():
-    slope = [chamber_rate(p, 1.0, 6e5, 1e5, 2e-9, 2e-9, 0.3, 3e-5, 1.2, 293.15) for p in (1e5, 1.7e5)]
+    gas = Gas(6e5, 1e5, 2e-9, 2e-9, 0.3, 3e-5, 1.2, 293.15)
+    slope = [chamber_rate(p, 1.0, gas) for p in (1e5, 1.7e5)]
     exact = 1.2 * GAS_CONSTANT * 293.15 * 2e-9 * 6e5 * REFERENCE_DENSITY / 3e-5
     assert slope == pytest.approx([exact, exact], rel=1e-12)
     flow = [mass_flow(6e5, r * 6e5, 2e-9, 0.3, 293.15) for r in (0.3, 0.65, 0.9, 1.0, 1.2)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -32,15 +33,25 @@ LABELS = {
 }
 
 
+class Motion(NamedTuple):
+    """The arrays of a simulation."""
+
+    times: Array  # (T,) s
+    pressure: Array  # (T, C) Pa
+    phi: Array  # (T, n) rad, absolute
+    w: Array  # (T, n) rad/s
+
+
 def trajectory(
-    model: Model, times: Array, pressure: Array, phi: Array, w: Array, energies: dict[str, Array],
-    memory: Mapping[str, tuple[tuple[str, ...], Array]], *, method: str, step: float,
+    model: Model, motion: Motion, energies: dict[str, Array], memory: Mapping[str, tuple[tuple[str, ...], Array]], *,
+    method: str, step: float,
 ) -> xr.Dataset:
-    """Label the arrays of a simulation: absolute angles phi and rates w (T, n) and pressures (T, C) at `times` (T,).
+    """Label the arrays of a simulation.
 
     `memory` holds what `memory.told` tells, and the stretch of a chamber that inflates; empty for a model that
     remembers nothing.
     """
+    times, pressure, phi, w = motion
     position, angle = state.stations(model, phi)
     values: dict[str, tuple[tuple[str, ...], Array]] = {
         "joint_angle": (("time", "joint"), state.joint_angles(model, phi)),

@@ -17,7 +17,7 @@ from pliant.simulation.drive import LONGEST, Drive, drive, inputs_of, too_fast
 from pliant.simulation.extrapolated import Marched, march_extrapolated
 from pliant.simulation.inputs import Input
 from pliant.simulation.reference import METHODS, Start, solve_reference
-from pliant.simulation.result import by_chamber, trajectory
+from pliant.simulation.result import Motion, by_chamber, trajectory
 
 Array = np.ndarray
 STEPS_PER_PERIOD = 8  # of the first mode: below, a step cannot draw the oscillation that it claims to follow
@@ -106,7 +106,7 @@ def simulate(
     if plan.stretch is not None:
         told["hoop_stretch"] = by_chamber(plan.stretch if stretch is None else stretch)
     motion = trajectory(
-        model, times, plan.pressure, phi, w, energies(model, phi, w, work), told, method=method, step=step
+        model, Motion(times, plan.pressure, phi, w), energies(model, phi, w, work), told, method=method, step=step
     )
     return motion if method in METHODS else tell_gain(motion, step)
 

@@ -11,9 +11,8 @@ import numpy as np
 from pliant.errors import InputError, SimulationError
 from pliant.testbed.contact import obstacle_rows
 from pliant.testbed.fibre import FibreSensor
-from pliant.testbed.memory import prony_decay
 from pliant.testbed.rod import RodParameters, actuator, build_body
-from pliant.testbed.stepping.simulate import _clock, _out, _work, settle
+from pliant.testbed.stepping.simulate import Span, _clock, _out, _work, settle
 from pliant.testbed.valve import PressureSensor, Regulator
 
 if TYPE_CHECKING:
@@ -92,8 +91,7 @@ class Plant:
             fibre = replace(fibre, noise=0.0, bias=0.0, gain_error=0.0, jitter=0.0, drop_out=0.0, latency=0.0)
             transducer = replace(transducer, noise=0.0, bias=0.0, resolution=0.0)
         self._sensing = Sensing(fibre, transducer)
-        self._clock, self._decay = _clock(step, static=False), None
-        self._decay = prony_decay(self._body.prony_time, float(self._clock[0]))
+        self._clock = _clock(self._body, step, static=False)
         self._work = _work(self._body.rest_length.size + 1, self._body.weight.size)
         self._out = _out(2, self._body.rest_length.size + 1, self._body.weight.size)
         self._rest = settle(self.parameters, obstacles=self._rows)
@@ -145,19 +143,18 @@ class Plant:
 
         if not (np.isfinite(command) and command >= 0.0):
             raise InputError(f"the commanded gauge pressure must be finite and >= 0 Pa, got {command}")
-        m, v = self._substeps, self._valve
+        m = self._substeps
         self._commands.extend([float(command)] * m)
         loads = np.zeros((m, 4))
         loads[:, 1:3] = self._load
         asked = np.array([self._commands.popleft() for _ in range(m)])
         behind = np.empty(m)
         twin(regulate_on)(
-            asked, self._step, max(1, round(self._step / SUPPLY_STEP)), 2 * np.pi * v.frequency, v.damping,
-            v.exhaust_slowdown, np.array([v.slew_up, v.slew_down]), v.dead_band, self._held, behind,
+            asked, self._step, max(1, round(self._step / SUPPLY_STEP)), self._valve.law, self._held, behind
         )
         loads[:, 0] = behind
         status, _, update, _ = twin(march)(
-            loads, 0, m, m, self._body, self._rows, self._state, self._clock, self._decay, self._work, self._out
+            loads, Span(0, m, m), self._body, self._rows, self._state, self._clock, self._work, self._out
         )
         if status != 0:
             raise SimulationError(f"the rod does not converge at {self.time:.4f} s (last update {update:.1e} m)")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def regulate_on(commands, dt, sub, natural, damping, exhaust, slew, dead_band, held, out):
+def regulate_on(commands, dt, sub, law, held, out):
     """Equations of `valve.valve_loops.regulate` for commands held over steps of `dt` [s]; pressures at their ends.
 
     `held` (2,) is the pressure [Pa] and its rate, carried on in place; `sub` parts in each step, by the midpoint rule.
@@ -16,12 +16,12 @@ def regulate_on(commands, dt, sub, natural, damping, exhaust, slew, dead_band, h
     for n in range(commands.size):
         for _ in range(sub):
             error = commands[n] - p
-            w = natural if error > 0.0 else natural / exhaust
-            pull = w * w * np.sign(error) * max(abs(error) - dead_band, 0.0) - 2.0 * damping * w * rate
-            half_rate = max(-slew[1], min(slew[0], rate + 0.5 * h * pull))
+            w = law.natural if error > 0.0 else law.natural / law.exhaust
+            pull = w * w * np.sign(error) * max(abs(error) - law.dead_band, 0.0) - 2.0 * law.damping * w * rate
+            half_rate = max(-law.slew_down, min(law.slew_up, rate + 0.5 * h * pull))
             error = commands[n] - (p + 0.5 * h * rate)
-            pull = w * w * np.sign(error) * max(abs(error) - dead_band, 0.0) - 2.0 * damping * w * half_rate
-            rate = max(-slew[1], min(slew[0], rate + h * pull))
+            pull = w * w * np.sign(error) * max(abs(error) - law.dead_band, 0.0) - 2.0 * law.damping * w * half_rate
+            rate = max(-law.slew_down, min(law.slew_up, rate + h * pull))
             p += h * half_rate
             if p < 0.0:
                 p, rate = 0.0, 0.0

@@ -4,9 +4,10 @@ Nodes ``x_0 .. x_{V-1}`` in the plane; ``x_0`` is clamped with the tangent +y. E
 ``x_{e+1}`` and has the direction ``theta_e``; vertex ``k`` bends by ``psi_k = theta_k - theta_{k-1}``, which
 is the curvature ``psi_k / weight_k`` (the clamp's vertex and the cap's carry half an element).
 
-``clock`` is (dt, h, 1/h^2): with the second-order backward difference ``h = 2/3 dt``, ``v = (x - x_s) / h`` and
-``a = (v - v_s) / h``, where ``y_s = (4 y_n - y_{n-1}) / 3``. All dissipation (Kelvin-Voigt, Prony, slip,
-friction) is the derivative of a convex term of one incremental potential, so its Hessian is symmetric.
+``clock`` is a `stepping.simulate.Clock`: with the second-order backward difference ``h = 2/3 dt``,
+``v = (x - x_s) / h`` and ``a = (v - v_s) / h``, where ``y_s = (4 y_n - y_{n-1}) / 3``. All dissipation
+(Kelvin-Voigt, Prony, slip, friction) is the derivative of a convex term of one incremental potential, so its
+Hessian is symmetric.
 """
 
 from __future__ import annotations
@@ -47,15 +48,15 @@ def section_law(bend, stiffness, height, share, locking):
     return stiffness * moment, stiffness * slope, stiffness * energy
 
 
-def memory_moment(k, bend, body, state, decay):
+def memory_moment(k, bend, body, state, clock):
     """Moment and slope of the Prony branches and the slip elements of vertex `k`, at the end of the step."""
     moment = slope = 0.0
     before = state.curvature[k] - body.rest_curvature[k]
     for j in range(body.prony_share.size):
         spring = body.prony_share[j] * body.stiffness[k]
-        inner = decay[j, 0] * state.prony[k, j] + decay[j, 1] * before + decay[j, 2] * bend
+        inner = clock.decay[j, 0] * state.prony[k, j] + clock.decay[j, 1] * before + clock.decay[j, 2] * bend
         moment += spring * (bend - inner)
-        slope += spring * (1.0 - decay[j, 2])
+        slope += spring * (1.0 - clock.decay[j, 2])
     change = bend - before
     for j in range(body.slip_limit.shape[1]):
         spring, limit = body.slip_stiffness[k, j], body.slip_limit[k, j]
@@ -94,7 +95,7 @@ def volume(kappa, body):
     return total
 
 
-def add_bending(x, load, body, state, clock, decay, band, torque, g):
+def add_bending(x, load, body, state, clock, band, torque, g):
     """Bending of all vertices: stiffness into `band`, net couple on each edge into `torque`."""
     torque[:] = 0.0
     for k in range(body.weight.size):
@@ -102,8 +103,8 @@ def add_bending(x, load, body, state, clock, decay, band, torque, g):
         kappa = psi / body.weight[k]
         bend = kappa - body.rest_curvature[k]
         moment, slope, _ = section_law(bend, body.stiffness[k], body.fibre_height, body.fibre_share, body.locking)
-        more, more_slope = memory_moment(k, bend, body, state, decay)
-        viscous = body.loss_time * body.stiffness[k] / clock[1]
+        more, more_slope = memory_moment(k, bend, body, state, clock)
+        viscous = body.loss_time * body.stiffness[k] / clock.h
         back = (4.0 * state.curvature[k] - state.curvature_before[k]) / 3.0
         moment += more + viscous * (kappa - back)
         moment -= load[0] * body.gain[k] * (1.0 + body.gain_slope * kappa)
@@ -148,7 +149,7 @@ def add_edges(x, body, state, clock, torque, geometric, gradient, band):
         tx, ty = dx / length, dy / length
         stiff = body.axial[e] / body.rest_length[e]
         back = (4.0 * state.length[e] - state.length_before[e]) / 3.0
-        viscous = body.loss_time * stiff / clock[1]
+        viscous = body.loss_time * stiff / clock.h
         tension = stiff * (length - body.rest_length[e]) + viscous * (length - back)
         c = torque[e]
         fx, fy = tension * tx - c * dy / l2, tension * ty + c * dx / l2
@@ -167,16 +168,16 @@ def add_inertia(x, load, body, guess, clock, gradient, band):
     for v in range(1, last + 1):
         i = 2 * (v - 1)
         for a in range(2):
-            pull = clock[2] * body.mass[v] * (x[v, a] - guess[v, a]) - body.mass[v] * body.gravity[a]
+            pull = clock.per_h2 * body.mass[v] * (x[v, a] - guess[v, a]) - body.mass[v] * body.gravity[a]
             gradient[i + a] += pull
-            band[i + a, 0] += clock[2] * body.mass[v]
+            band[i + a, 0] += clock.per_h2 * body.mass[v]
     first = 2 * (last - 2)
     for i in range(4):
         for j in range(4):
             drift = x[last - 1 + j // 2, j % 2] - guess[last - 1 + j // 2, j % 2]
-            gradient[first + i] += clock[2] * body.cap_mass[i, j] * drift
+            gradient[first + i] += clock.per_h2 * body.cap_mass[i, j] * drift
             if j <= i:
-                band[first + i, i - j] += clock[2] * body.cap_mass[i, j]
+                band[first + i, i - j] += clock.per_h2 * body.cap_mass[i, j]
         gradient[first + i] -= body.cap_weight[i]
     gradient[2 * last - 2] -= load[1]
     gradient[2 * last - 1] -= load[2]
@@ -204,9 +205,9 @@ def friction(row, grip, nx, ny, x, v, state, clock):
     """Regularised Coulomb friction along the tangent: force and slope, normal force of the last step."""
     tx, ty = -ny, nx
     vt = (x[v, 0] - (4.0 * state.x[v, 0] - state.x_before[v, 0]) / 3.0) * tx
-    vt = (vt + (x[v, 1] - (4.0 * state.x[v, 1] - state.x_before[v, 1]) / 3.0) * ty) / clock[1]
+    vt = (vt + (x[v, 1] - (4.0 * state.x[v, 1] - state.x_before[v, 1]) / 3.0) * ty) / clock.h
     speed = np.sqrt(vt * vt + row[6] * row[6])
-    return -grip * vt / speed, grip * row[6] * row[6] / (speed**3 * clock[1])
+    return -grip * vt / speed, grip * row[6] * row[6] / (speed**3 * clock.h)
 
 
 def add_contact(x, obstacles, body, state, clock, gradient, band, force):

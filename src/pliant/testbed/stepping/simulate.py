@@ -39,6 +39,23 @@ class State(NamedTuple):
     chamber: Array  # (2,) m3 and m3/s
 
 
+class Clock(NamedTuple):
+    """What the length of a step decides."""
+
+    dt: float  # s
+    h: float  # s, of the second-order backward difference
+    per_h2: float  # 1/s2, of the accelerations; 0: from equilibrium to equilibrium
+    decay: Array  # (P, 3) of the Prony branches, see `prony_decay`
+
+
+class Span(NamedTuple):
+    """Which steps the compiled loop takes, and which of them it records."""
+
+    first: int
+    stop: int
+    stride: int
+
+
 class Work(NamedTuple):
     """Scratch arrays of the compiled loop."""
 
@@ -124,9 +141,9 @@ def _out(records: int, nodes: int, vertices: int) -> Out:
     )  # fmt: skip
 
 
-def _clock(dt: float, *, static: bool) -> NDArray[np.float64]:
+def _clock(body: Body, dt: float, *, static: bool) -> Clock:
     h = 2.0 * dt / 3.0
-    return np.array([dt, h, 0.0 if static else 1.0 / h**2])
+    return Clock(float(dt), h, 0.0 if static else 1.0 / h**2, prony_decay(body.prony_time, dt))
 
 
 def settle(
@@ -160,14 +177,13 @@ def settle(
     ramp = np.linspace(0.0, 1.0, increments + 1)[1:]
     work = _work(state.x.shape[0], body.weight.size)
     out = _out(1, state.x.shape[0], body.weight.size)
-    clock = _clock(STATIC_STEP, static=True)
-    decay = prony_decay(body.prony_time, STATIC_STEP)
+    clock = _clock(body, STATIC_STEP, static=True)
     rows = _obstacles(obstacles)
     for share in ramp:
         part = body._replace(gravity=body.gravity * share, cap_weight=body.cap_weight * share)
         row = np.asarray(loads, dtype=float)[None, :] * share
         _halt(state)
-        status, _, update, _ = twin(march)(row, 0, 1, 2, part, rows, state, clock, decay, work, out)
+        status, _, update, _ = twin(march)(row, Span(0, 1, 2), part, rows, state, clock, work, out)
         if status != 0:
             raise SimulationError(
                 f"no static equilibrium at {share:.0%} of the loads {np.asarray(loads).tolist()} "
@@ -240,13 +256,12 @@ def simulate(
     out.volume[0] = state.chamber[0]
     out.pressure[0] = table[0, 0] if steps else 0.0
     work = _work(state.x.shape[0], body.weight.size)
-    clock = _clock(STATIC_STEP if static else dt, static=static)
-    decay = prony_decay(body.prony_time, float(clock[0]))
+    clock = _clock(body, STATIC_STEP if static else dt, static=static)
     _first_energy(body, rows, state, out)
     total = 0
     for first in range(0, steps, CHUNK):
-        stop = min(first + CHUNK, steps)
-        status, at, update, count = twin(march)(table, first, stop, stride, body, rows, state, clock, decay, work, out)
+        span = Span(first, min(first + CHUNK, steps), stride)
+        status, at, update, count = twin(march)(table, span, body, rows, state, clock, work, out)
         total += count
         if status != 0:
             why = "did not converge" if status == 1 else "left the range where the section law is defined"
@@ -255,7 +270,7 @@ def simulate(
                 f"use a step shorter than {dt:g} s or gentler loads"
             )
         if progress is not None:
-            progress(stop / steps)
+            progress(span.stop / steps)
     return Motion(
         time=np.asarray(np.arange(out.pressure.size) * (dt * stride), dtype=float),
         arc_length=node_position(p),

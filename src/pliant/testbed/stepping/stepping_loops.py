@@ -53,11 +53,11 @@ def substitute(band, b):
         b[i] /= band[i, 0]
 
 
-def gather(x, load, body, obstacles, state, clock, decay, geometric, work):
+def gather(x, load, body, obstacles, state, clock, geometric, work):
     """Gradient and Hessian of the incremental potential at `x`; False when a value is not finite."""
     work.gradient[:] = 0.0
     work.band[:] = 0.0
-    add_bending(x, load, body, state, clock, decay, work.band, work.torque, work.six)
+    add_bending(x, load, body, state, clock, work.band, work.torque, work.six)
     add_edges(x, body, state, clock, work.torque, geometric, work.gradient, work.band)
     add_inertia(x, load, body, work.drift, clock, work.gradient, work.band)
     add_contact(x, obstacles, body, state, clock, work.gradient, work.band, work.force)
@@ -74,7 +74,7 @@ def move(x, step, scale):
         x[v, 1] += scale * step[2 * v - 1]
 
 
-def newton(x, load, body, obstacles, state, clock, decay, work):
+def newton(x, load, body, obstacles, state, clock, work):
     """Move `x` to equilibrium at the end of the step; returns status, iterations and last update.
 
     A step that climbed too far is shortened by the secant rule until the potential's slope along it is below
@@ -83,7 +83,7 @@ def newton(x, load, body, obstacles, state, clock, decay, work):
     longest = np.inf
     scale = slope = 0.0
     for iteration in range(ITERATIONS):
-        if not gather(x, load, body, obstacles, state, clock, decay, 1.0, work):
+        if not gather(x, load, body, obstacles, state, clock, 1.0, work):
             return NOT_FINITE, iteration, longest
         now = np.dot(work.gradient, work.step)
         if iteration > 0 and now > 0.9 * abs(slope) and scale > 1e-4:
@@ -92,7 +92,7 @@ def newton(x, load, body, obstacles, state, clock, decay, work):
             scale = shorter
             continue
         if not factor(work.band):
-            gather(x, load, body, obstacles, state, clock, decay, 0.0, work)
+            gather(x, load, body, obstacles, state, clock, 0.0, work)
             if not factor(work.band):
                 return NOT_CONVERGED, iteration, longest
         work.step[:] = -work.gradient
@@ -106,14 +106,15 @@ def newton(x, load, body, obstacles, state, clock, decay, work):
     return NOT_CONVERGED, ITERATIONS, longest
 
 
-def remember(x, body, state, clock, decay, work):
+def remember(x, body, state, clock, work):
     """Accept the step: memory, velocities and both histories move on."""
     curvatures(x, body, work.curvature)
     for k in range(work.curvature.size):
         rest = body.rest_curvature[k]
         before, bend = state.curvature[k] - rest, work.curvature[k] - rest
         for j in range(body.prony_share.size):
-            state.prony[k, j] = decay[j, 0] * state.prony[k, j] + decay[j, 1] * before + decay[j, 2] * bend
+            inner = clock.decay[j, 0] * state.prony[k, j] + clock.decay[j, 1] * before
+            state.prony[k, j] = inner + clock.decay[j, 2] * bend
         for j in range(body.slip_limit.shape[1]):
             limit = body.slip_limit[k, j]
             trial = state.slip[k, j] + body.slip_stiffness[k, j] * (bend - before)
@@ -125,11 +126,11 @@ def remember(x, body, state, clock, decay, work):
         state.length[e] = np.sqrt((x[e + 1, 0] - x[e, 0]) ** 2 + (x[e + 1, 1] - x[e, 1]) ** 2)
     for v in range(x.shape[0]):
         for a in range(2):
-            speed = (x[v, a] - (4.0 * state.x[v, a] - state.x_before[v, a]) / 3.0) / clock[1]
+            speed = (x[v, a] - (4.0 * state.x[v, a] - state.x_before[v, a]) / 3.0) / clock.h
             state.v_before[v, a], state.v[v, a] = state.v[v, a], speed
             state.x_before[v, a], state.x[v, a] = state.x[v, a], x[v, a]
     now = volume(state.curvature, body)
-    state.chamber[1] = (now - state.chamber[0]) / clock[0]
+    state.chamber[1] = (now - state.chamber[0]) / clock.dt
     state.chamber[0] = now
 
 
@@ -161,30 +162,30 @@ def energies(body, obstacles, state, out):
             out[2] += 0.5 * body.weight[k] * state.slip[k, j] ** 2 / body.slip_stiffness[k, j]
 
 
-def march(loads, first, stop, stride, body, obstacles, state, clock, decay, work, out):
-    """Steps `first` to `stop` of `loads`; every `stride`-th state goes into `out`.
+def march(loads, span, body, obstacles, state, clock, work, out):
+    """The steps of a `simulate.Span` of `loads`; every `stride`-th state goes into `out`.
 
-    Returns the status, the step that failed (or `stop`), the last Newton update and all iterations.
+    Returns the status, the step that failed (or the end of the span), the last Newton update and all iterations.
     """
     total = 0
     x = work.x
     load = np.empty(4)
-    for n in range(first, stop):
+    for n in range(span.first, span.stop):
         load[:] = loads[n]
         load[0] -= body.tube_resistance * state.chamber[1]
         for v in range(x.shape[0]):
             for a in range(2):
                 slow = (4.0 * state.v[v, a] - state.v_before[v, a]) / 3.0
                 back = (4.0 * state.x[v, a] - state.x_before[v, a]) / 3.0
-                work.drift[v, a] = back + clock[1] * slow
-                x[v, a] = state.x[v, a] + clock[0] * (1.5 * state.v[v, a] - 0.5 * state.v_before[v, a])
-        status, iterations, longest = newton(x, load, body, obstacles, state, clock, decay, work)
+                work.drift[v, a] = back + clock.h * slow
+                x[v, a] = state.x[v, a] + clock.dt * (1.5 * state.v[v, a] - 0.5 * state.v_before[v, a])
+        status, iterations, longest = newton(x, load, body, obstacles, state, clock, work)
         total += iterations
         if status != CONVERGED:
             return status, n, longest, total
-        remember(x, body, state, clock, decay, work)
-        if (n + 1) % stride == 0:
-            r = (n + 1) // stride
+        remember(x, body, state, clock, work)
+        if (n + 1) % span.stride == 0:
+            r = (n + 1) // span.stride
             out.position[r] = state.x
             out.velocity[r] = state.v
             out.curvature[r] = state.curvature
@@ -192,4 +193,4 @@ def march(loads, first, stop, stride, body, obstacles, state, clock, decay, work
             out.pressure[r] = load[0]
             out.volume[r] = state.chamber[0]
             energies(body, obstacles, state, out.energy[r])
-    return CONVERGED, stop, 0.0, total
+    return CONVERGED, span.stop, 0.0, total

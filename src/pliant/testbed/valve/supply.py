@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.testbed.valve.valve_loops import Gas, Law, Spool, fill_chamber, regulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,6 +28,14 @@ class Regulator:
     slew_down: float = 3.0e6  # Pa/s
     dead_band: float = 400.0  # Pa
 
+    @property
+    def law(self) -> Law:
+        """What the kernels take of it."""
+        return Law(
+            2.0 * np.pi * self.frequency, self.damping, self.exhaust_slowdown, self.slew_up, self.slew_down,
+            self.dead_band,
+        )
+
 
 @dataclass(frozen=True)
 class Iso6358:
@@ -44,6 +53,19 @@ class Iso6358:
     volume: float = 3.2e-5  # m3, chamber and tube
     polytropic: float = 1.2
     temperature: float = 293.15  # K
+
+    @property
+    def spool(self) -> Spool:
+        """What the kernels take of the spool."""
+        return Spool(2.0 * np.pi * self.frequency, self.damping, self.band)
+
+    @property
+    def gas(self) -> Gas:
+        """What the kernels take of the chamber."""
+        return Gas(
+            self.source + self.ambient, self.ambient, self.fill, self.exhaust, self.critical_ratio, self.volume,
+            self.polytropic, self.temperature,
+        )
 
 
 @dataclass(frozen=True)
@@ -80,7 +102,6 @@ def supply_pressure(
         For a negative command or one above the source.
     """
     from pliant.compiler.choose import twin
-    from pliant.testbed.valve.valve_loops import fill_chamber, regulate
 
     asked = np.ascontiguousarray(command(time - valve.dead_time), dtype=float)
     if asked.size < 2 or not np.all(np.isfinite(asked)) or asked.min() < 0.0:
@@ -88,14 +109,11 @@ def supply_pressure(
     dt = float(time[1] - time[0])
     out = np.zeros(asked.size)
     if isinstance(valve, Regulator):
-        twin(regulate)(asked, dt, 2.0 * np.pi * valve.frequency, valve.damping, valve.exhaust_slowdown,
-                 np.array([valve.slew_up, valve.slew_down]), valve.dead_band, out)  # fmt: skip
+        twin(regulate)(asked, dt, valve.law, out)
         return out
     if asked.max() > valve.source:
         raise InputError(f"the command reaches {asked.max():.0f} Pa, above the source's {valve.source:.0f} Pa")
-    twin(fill_chamber)(asked, dt, 8, np.array([2.0 * np.pi * valve.frequency, valve.damping]), valve.band,
-                 valve.source + valve.ambient, valve.ambient, valve.fill, valve.exhaust, valve.critical_ratio,
-                 np.array([valve.volume, valve.polytropic, valve.temperature]), out)  # fmt: skip
+    twin(fill_chamber)(asked, dt, 8, valve.spool, valve.gas, out)
     return out
 
 

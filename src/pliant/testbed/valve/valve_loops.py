@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 GAS_CONSTANT = 287.05  # J/(kg K), dry air
@@ -9,10 +11,42 @@ REFERENCE_DENSITY = 1.185  # kg/m3, ISO 6358 reference atmosphere (100 kPa, 293.
 REFERENCE_TEMPERATURE = 293.15  # K
 
 
-def regulate(command, dt, natural, damping, exhaust, slew, dead_band, out):
+class Law(NamedTuple):
+    """A regulator of second order with slew limits."""
+
+    natural: float  # rad/s
+    damping: float
+    exhaust: float  # by how much it is slower downwards
+    slew_up: float  # Pa/s
+    slew_down: float  # Pa/s
+    dead_band: float  # Pa
+
+
+class Spool(NamedTuple):
+    """A proportional spool of second order."""
+
+    natural: float  # rad/s
+    damping: float
+    band: float  # Pa, error at which it is fully open
+
+
+class Gas(NamedTuple):
+    """A chamber of fixed volume between a source and the ambient air, ISO 6358 restrictions before and behind it."""
+
+    source: float  # Pa, absolute
+    ambient: float  # Pa, absolute
+    fill: float  # m3/(s Pa), sonic conductance
+    exhaust: float  # m3/(s Pa)
+    critical: float  # pressure ratio
+    volume: float  # m3
+    polytropic: float
+    temperature: float  # K
+
+
+def regulate(command, dt, law, out):
     """Second-order regulator with slew limits: ``p'' = w^2 (u - p) - 2 z w p'``, slower by `exhaust` downwards.
 
-    `slew` (2,): fastest rise and fall, Pa/s. The midpoint rule carries the two states.
+    `law` is a `Law`. The midpoint rule carries the two states.
     """
     p = command[0]
     rate = 0.0
@@ -20,13 +54,13 @@ def regulate(command, dt, natural, damping, exhaust, slew, dead_band, out):
     for n in range(1, command.size):
         middle = 0.5 * (command[n - 1] + command[n])
         error = command[n - 1] - p
-        w = natural if error > 0.0 else natural / exhaust
-        pull = w * w * np.sign(error) * max(abs(error) - dead_band, 0.0) - 2.0 * damping * w * rate
-        half_rate = max(-slew[1], min(slew[0], rate + 0.5 * dt * pull))
+        w = law.natural if error > 0.0 else law.natural / law.exhaust
+        pull = w * w * np.sign(error) * max(abs(error) - law.dead_band, 0.0) - 2.0 * law.damping * w * rate
+        half_rate = max(-law.slew_down, min(law.slew_up, rate + 0.5 * dt * pull))
         half_p = p + 0.5 * dt * rate
         error = middle - half_p
-        pull = w * w * np.sign(error) * max(abs(error) - dead_band, 0.0) - 2.0 * damping * w * half_rate
-        rate = max(-slew[1], min(slew[0], rate + dt * pull))
+        pull = w * w * np.sign(error) * max(abs(error) - law.dead_band, 0.0) - 2.0 * law.damping * w * half_rate
+        rate = max(-law.slew_down, min(law.slew_up, rate + dt * pull))
         p += dt * half_rate
         if p < 0.0:
             p, rate = 0.0, 0.0
@@ -45,34 +79,31 @@ def mass_flow(upstream, downstream, conductance, critical, temperature):
     return flow
 
 
-def chamber_rate(p, opening, source, ambient, fill, exhaust, critical, volume, polytropic, temperature):
+def chamber_rate(p, opening, gas):
     """Rate of an absolute chamber pressure, Pa/s, for a spool `opening` in -1 (exhaust) .. 1 (fill)."""
     flow = 0.0
     if opening > 0.0:
-        flow = mass_flow(source, p, fill * opening, critical, temperature)
+        flow = mass_flow(gas.source, p, gas.fill * opening, gas.critical, gas.temperature)
     elif opening < 0.0:
-        flow = -mass_flow(p, ambient, -exhaust * opening, critical, temperature)
-    return polytropic * GAS_CONSTANT * temperature * flow / volume
+        flow = -mass_flow(p, gas.ambient, -gas.exhaust * opening, gas.critical, gas.temperature)
+    return gas.polytropic * GAS_CONSTANT * gas.temperature * flow / gas.volume
 
 
-def fill_chamber(command, dt, sub, spool, band, source, ambient, fill, exhaust, critical, gas, out):
-    """Chamber of fixed volume behind a proportional spool of second order; gauge `command` and `out`, Pa.
-
-    `spool` = (natural frequency rad/s, damping ratio); `gas` = (volume m3, polytropic exponent, temperature K).
-    """
-    p = command[0] + ambient
+def fill_chamber(command, dt, sub, spool, gas, out):
+    """Chamber (a `Gas`) behind a `Spool`; gauge `command` and `out`, Pa."""
+    p = command[0] + gas.ambient
     place = speed = 0.0
     h = dt / sub
     out[0] = command[0]
     for n in range(1, command.size):
         for k in range(sub):
             u = command[n - 1] + (command[n] - command[n - 1]) * (k + 0.5) / sub
-            wish = max(-1.0, min(1.0, (u + ambient - p) / band))
-            speed += h * (spool[0] ** 2 * (wish - place) - 2.0 * spool[1] * spool[0] * speed)
+            wish = max(-1.0, min(1.0, (u + gas.ambient - p) / spool.band))
+            speed += h * (spool.natural ** 2 * (wish - place) - 2.0 * spool.damping * spool.natural * speed)
             place += h * speed
             opening = max(-1.0, min(1.0, place))
-            rate = chamber_rate(p, opening, source, ambient, fill, exhaust, critical, gas[0], gas[1], gas[2])
+            rate = chamber_rate(p, opening, gas)
             half = p + 0.5 * h * rate
-            p += h * chamber_rate(half, opening, source, ambient, fill, exhaust, critical, gas[0], gas[1], gas[2])
-        out[n] = p - ambient
+            p += h * chamber_rate(half, opening, gas)
+        out[n] = p - gas.ambient
     return p
