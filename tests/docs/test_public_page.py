@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import typing
 from pathlib import Path
 
 import pytest
@@ -31,7 +32,21 @@ def parameters(name):
     """Names that a caller may pass."""
     thing = getattr(pliant, name)
     taken = inspect.signature(thing).parameters.values()
-    return [p.name for p in taken if p.kind is not p.VAR_KEYWORD and not p.name.startswith("_")]
+    return [
+        name for p in taken if not p.name.startswith("_")
+        for name in (named_options(thing, p.name) if p.kind is p.VAR_KEYWORD else [p.name])
+    ]
+
+
+def named_options(thing, keywords):
+    """Names of the options of a function that a `TypedDict` holds; none where any keyword goes.
+
+    `Model` leaves those of a chamber to the page of `Chamber`.
+    """
+    if inspect.isclass(thing):
+        return []
+    (names,) = typing.get_args(typing.get_type_hints(thing)[keywords]) or ({},)
+    return list(names.__annotations__) if typing.is_typeddict(names) else []
 
 
 def public(*, errors=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import xarray as xr
@@ -15,6 +15,7 @@ from pliant.batch.schedule import Schedule
 from pliant.batch.simd import run_lanes
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
+from pliant.options import with_defaults
 from pliant.simulation.inputs import Input
 from pliant.simulation.result import LABELS
 from pliant.simulation.solve import STEPS_PER_PERIOD, output_times
@@ -27,6 +28,21 @@ VARIABLES = {
 }
 
 
+class BatchOptions(TypedDict, total=False):
+    """Where the samples of `simulate_batch` start, what works on them, and what becomes of failures."""
+
+    initial_angle: Array | None
+    initial_rate: Array | None
+    threads: int | None
+    device: str
+    failures: str
+
+
+BATCH_OPTIONS: BatchOptions = {
+    "initial_angle": None, "initial_rate": None, "threads": None, "device": "cpu", "failures": "raise",
+}
+
+
 def simulate_batch(
     models: Model | Sequence[Model],
     pressures: Input | Sequence[Input],
@@ -35,12 +51,8 @@ def simulate_batch(
     duration: float | None = None,
     times: Array | None = None,
     step: float = 1e-3,
-    initial_angle: Array | None = None,
-    initial_rate: Array | None = None,
     variables: Sequence[str] = ("joint_angle", "tip_position"),
-    threads: int | None = None,
-    device: str = "cpu",
-    failures: str = "raise",
+    **options: Unpack[BatchOptions],
 ) -> xr.Dataset:
     """Simulate many chains of the same number of links; the numbers are those of `simulate`.
 
@@ -56,14 +68,14 @@ def simulate_batch(
     duration, times, step
         s, as in `simulate`; the times (T,) are those of all samples.
     initial_angle, initial_rate : array (n,) or (N, n)
-        rad and rad/s, as in `simulate`.
+        rad and rad/s, as in `simulate`; default: at rest there.
     variables : sequence of {"joint_angle", "joint_rate", "tip_position"}
         What to keep: a thousand samples at every millisecond fill gigabytes.
     threads : int
         Default: one for each core that this process may use. The result does not depend on it.
-    device : {"cpu", "gpu"}
+    device : {"cpu", "gpu"}, default "cpu"
         "gpu": an NVIDIA GPU by the extra ``gpu``, the numbers equal to rounding; refused in words where none is found.
-    failures : {"raise", "mark"}
+    failures : {"raise", "mark"}, default "raise"
         Where a sample's step fails: refuse the batch, or set that sample to NaN and name the time in ``failed_at``.
 
     Returns
@@ -78,18 +90,22 @@ def simulate_batch(
         When samples do not fit together, or times, step, variables or device are not usable.
     SimulationError
         When a sample fails and `failures` is "raise".
+    TypeError
+        For an unknown keyword.
     """
+    how = with_defaults(simulate_batch, options, BATCH_OPTIONS)
+    device, failures = how["device"], how["failures"]
     many: tuple[Input, ...] = (pressures,) if callable(pressures) else tuple(pressures)
     samples = gather(models, parameters, len(many))
     check_request(samples, many, variables, device, failures)
     times = output_times(duration, times, step)
     check_steps(samples, step)
     schedule = Schedule(samples, many, times, step)
-    start = initial_state(samples, schedule, initial_angle, initial_rate)
+    start = initial_state(samples, schedule, how["initial_angle"], how["initial_rate"])
     if device == "gpu":
         made = run_gpu(samples, schedule, start, variables)
     else:
-        made = run_lanes(samples, schedule, start, variables, threads or len(os.sched_getaffinity(0)))
+        made = run_lanes(samples, schedule, start, variables, how["threads"] or len(os.sched_getaffinity(0)))
     return labelled(samples, times, made, failures, {"step_s": step, "device": device})
 
 

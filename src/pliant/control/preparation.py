@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypedDict, Unpack
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from pliant.estimation.contract import Estimator, Setting
 from pliant.estimation.link_angles import LinkAngles, calibrated
 from pliant.estimation.registry import estimator_kind
 from pliant.model import Model
+from pliant.options import with_defaults
 
 Array = np.ndarray
 
@@ -52,9 +54,20 @@ class Prepared:
         return Pipeline(self.link_angles.frame, self.estimator, self.control)
 
 
+class Rig(TypedDict, total=False):
+    """What is known of a rig, and how its state is estimated, for `prepare_control`."""
+
+    late: int
+    supply: SupplyValve | None
+    estimator: str
+
+
+RIG: Rig = {"late": 0, "supply": None, "estimator": "observer"}
+
+
 def prepare_control(
-    model: Model, arc_length: Array, frames: Array, task: Task, limits: Limits, period: float, *, late: int = 0,
-    supply: SupplyValve | None = None, estimator: str = "observer",
+    model: Model, arc_length: Array, frames: Array, task: Task, limits: Limits, period: float,
+    **rig: Unpack[Rig],
 ) -> Prepared:
     """Calibrate the rest, design the gains, plan the trajectory, make estimator and controller.
 
@@ -71,11 +84,11 @@ def prepare_control(
     period : float
         Of frames and control, s.
     late : int
-        Periods by which a frame is old when it arrives.
+        Periods by which a frame is old when it arrives; default: 0.
     supply : SupplyValve, optional
         The rig's valve; default: the model's.
     estimator : str
-        "observer", "filter", "differences", or one that an installed package offers.
+        "observer" (the default), "filter", "differences", or one that an installed package offers.
 
     Returns
     -------
@@ -85,13 +98,17 @@ def prepare_control(
     ------
     InputError
         When the task is out of reach, or the parts do not fit.
+    TypeError
+        For an unknown keyword.
 
     Examples
     --------
     >>> ready = prepare_control(model, plant.arc_length, frames, task, Limits(190e3), 4e-3, late=1)  # doctest: +SKIP
     >>> print(ready.design)  # doctest: +SKIP
     """
-    seeing, law = estimator_kind(estimator), controller_kind(task.feedback)
+    known = with_defaults(prepare_control, rig, RIG)
+    late, supply = known["late"], known["supply"]
+    seeing, law = estimator_kind(known["estimator"]), controller_kind(task.feedback)
     body = calibrated(model, arc_length, frames)
     body = body if supply is None else body.with_(valve=supply.mean)
     old = 0 if seeing.predicts else late  # a state that is predicted to the present is not late

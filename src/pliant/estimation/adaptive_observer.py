@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
@@ -25,9 +25,25 @@ from pliant.estimation.workspace import make_observer_workspace
 from pliant.linear.linearisation import linearise
 from pliant.linear.sampled import hold
 from pliant.model import Memory, Model, Valve
+from pliant.options import with_defaults
 from pliant.simulation import state
 
 Array = np.ndarray
+
+
+class ObserverNoise(TypedDict, total=False):
+    """How far an `AdaptiveObserver` trusts frames and model."""
+
+    noise: float
+    random_walk: float
+    jerk: float
+    scale_sd: float
+    scale_random_walk: float
+
+
+OBSERVER_NOISE: ObserverNoise = {
+    "noise": 2e-3, "random_walk": 0.05, "jerk": 0.5, "scale_sd": 0.2, "scale_random_walk": 0.02,
+}
 
 
 class AdaptiveObserver:
@@ -47,17 +63,19 @@ class AdaptiveObserver:
     period : float
         Of the frames, s.
     noise : float
-        Standard deviation of the joint angles of one frame, rad.
+        Standard deviation of the joint angles of one frame, rad; default: 2e-3.
     random_walk : float
-        Of the rest angles, rad per square root of a second.
+        Of the rest angles, rad per square root of a second; default: 0.05.
     jerk : float
-        Standard deviation of the joint rates that the model misses in a second, rad/s per square root of a second.
+        Standard deviation of the joint rates that the model misses in a second, rad/s per square root of a second;
+        default: 0.5.
     step : float
         Longest step of the model, s.
     late : int
         Frames by which the shape is late: pressures are held back as long.
     scale_sd, scale_random_walk : float
         Standard deviation of `scale` at the start, and its growth per square root of a second; 0 keeps it at 1.
+        Default: 0.2 and 0.02.
     share : float
         That of ``frozen(model, share)`` whose rest angles the state's `rest_shift` tells of.
 
@@ -74,17 +92,17 @@ class AdaptiveObserver:
     LARGEST = 0.5  # rad: a larger innovation means that model and body have parted
 
     def __init__(
-        self, model: Model, period: float, *, noise: float = 2e-3, random_walk: float = 0.05, jerk: float = 0.5,
-        step: float = 2e-3, late: int = 0, scale_sd: float = 0.2, scale_random_walk: float = 0.02,
-        share: float = 1.0,
+        self, model: Model, period: float, *, step: float = 2e-3, late: int = 0, share: float = 1.0,
+        **noise: Unpack[ObserverNoise],
     ) -> None:
+        sizes = with_defaults(AdaptiveObserver, noise, OBSERVER_NOISE)
         self.model, self.period, self._late = model.with_(valve=Valve()), period, late
         parts = max(1, math.ceil(period / step - 1e-9))
-        design = stationary(self.model, period, noise, random_walk, jerk)
+        design = stationary(self.model, period, sizes["noise"], sizes["random_walk"], sizes["jerk"])
         chain, drive = with_shifts(self.model)
-        growth = scale_random_walk**2 * period
+        growth = sizes["scale_random_walk"]**2 * period
         self.gains = ObserverGains(design.gain, design.precision, *hold(chain, drive, period), growth)
-        self.pace, self._scale = Pace(parts, period / parts, self.LARGEST), (1.0, scale_sd**2)
+        self.pace, self._scale = Pace(parts, period / parts, self.LARGEST), (1.0, sizes["scale_sd"]**2)
         self._covariance, self._rows = in_torques(self.model, design.covariance), np.empty(0)
         remembered = float(share * model.memory.instantaneous)
         self.body = ObserverModel(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -18,12 +18,13 @@ from pliant.identification.residuals import WEIGHTINGS
 from pliant.identification.result import FitResult, cautions, parameter_dict, status_sentence
 from pliant.identification.uncertainty import covariance
 from pliant.model import Model
+from pliant.options import with_defaults
 from pliant.simulation.solve import check_step
 
 if TYPE_CHECKING:  # an optimiser is imported when one runs
     from scipy.optimize import OptimizeResult
 
-__all__ = ["FitResult", "fit", "parameter_dict", "parameters_from", "predict_held_out"]
+__all__ = ["FIT_OPTIONS", "FitOptions", "FitResult", "fit", "parameter_dict", "parameters_from", "predict_held_out"]
 Array = np.ndarray
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 ROBUST_FROM = 0.01  # of the travel: beyond, a robust loss bounds the pull of a residual
@@ -31,20 +32,29 @@ ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
 NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 
 
+class FitOptions(TypedDict, total=False):
+    """How to fit, the same for `fit` and `ladder`, which tell what each is."""
+
+    step: float
+    loss: str
+    starts: int
+    weighting: str
+    rng: np.random.Generator | int | None
+
+
+FIT_OPTIONS: FitOptions = {"step": 2e-3, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0}
+
+
 def fit(
     experiments: Sequence[Experiment],
     model: Model,
     parameters: Sequence[Parameter | str],
     *,
-    step: float = 2e-3,
-    loss: str = "linear",
-    starts: int = 3,
-    weighting: str = "travel",
     regularise: bool = False,
     section_area: float | None = None,
-    rng: np.random.Generator | int | None = 0,
     max_evaluations: int = 200,
     progress: Callable[[str], None] | None = None,
+    **options: Unpack[FitOptions],
 ) -> FitResult:
     """Fit parameters of a model to several experiments at once.
 
@@ -57,12 +67,12 @@ def fit(
         A name alone is a free parameter whose start is estimated; ``stiffness_*`` means one for each joint. The edge
         times of a pulse or release are added.
     step : float
-        Integration step, s.
-    loss : {"linear", "soft_l1", "huber", "cauchy"}
+        Integration step, s; default: 2e-3.
+    loss : {"linear", "soft_l1", "huber", "cauchy"}, default "linear"
         Robust losses bound the pull of outliers beyond 1 % of travel, or three standard deviations of the noise.
     starts : int
-        Number of starts: the estimate, and others scattered about it.
-    weighting : {"travel", "metre", "noise"}
+        Number of starts: the estimate, and others scattered about it; default: 3.
+    weighting : {"travel", "metre", "noise"}, default "travel"
         Residuals relative to each experiment's own travel (every level counts alike), all in the same unit, or in
         standard deviations of each station's noise: as given with the experiment, else estimated from the residuals.
     regularise : bool
@@ -70,7 +80,7 @@ def fit(
     section_area : float, optional
         Solid cross-section of the body, m^2, against which a fitted mass is checked.
     rng : Generator, int or None
-        For the scattered starts.
+        For the scattered starts; default: 0.
     max_evaluations : int
         Limit of each start.
     progress : callable, optional
@@ -84,18 +94,22 @@ def fit(
     ------
     InputError
         When a parameter is unknown or out of bounds, or the step is too long for the model's first mode.
+    TypeError
+        For an unknown keyword.
     FitError
         When nothing is free, the recordings cannot tell the parameters apart, a start cannot be found, or no start can
         be simulated.
     """
     began = clock.perf_counter()
+    how = with_defaults(fit, options, FIT_OPTIONS)
+    step, loss, weighting = how["step"], how["loss"], how["weighting"]
     check_choices(loss, weighting)
     model, filled = prepare(experiments, model, parameters)
     if not any(p.free for p in filled):
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
     check_step(model, step, "midpoint")
     problem = Problem(list(experiments), model, filled, step, weighting)
-    simulable = starts_of(problem, starts, np.random.default_rng(rng))
+    simulable = starts_of(problem, how["starts"], np.random.default_rng(how["rng"]))
     if regularise:
         problem.hold_to_start()
     else:

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import FitError, InputError
 from pliant.identification.experiment import Experiment
+from pliant.identification.fit import FIT_OPTIONS, FitOptions
 from pliant.identification.ladder_fit import LadderFit, Step, entry_name
 from pliant.identification.model_selection import lead, shared_bic
 from pliant.identification.result import FitResult
 from pliant.identification.rungs import RUNGS, Entry, Rung
 from pliant.model import Model
+from pliant.options import with_defaults
 
 MATERIAL = 0.05  # of the held-out error: a gain below this buys nothing
+LADDER_OPTIONS: FitOptions = {**FIT_OPTIONS, "starts": 1}
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,8 +68,7 @@ class Ladder(Shown):
 
 def ladder(
     train: Sequence[Experiment], held_out: Sequence[Experiment], model: Model, *, common: Sequence[Entry] = (),
-    rungs: Sequence[Rung] = RUNGS, step: float = 2e-3, weighting: str = "travel", loss: str = "linear",
-    starts: int = 1, rng: np.random.Generator | int | None = 0, progress: Callable[[str], None] | None = None,
+    rungs: Sequence[Rung] = RUNGS, progress: Callable[[str], None] | None = None, **options: Unpack[FitOptions],
 ) -> Ladder:
     """Fit every rung, each from where a lower one ended, and judge it on records that it has not seen.
 
@@ -83,9 +85,9 @@ def ladder(
         What every rung frees, such as the place of a marker.
     rungs : sequence of Rung
     step : float, s
-        Longest step of the integration.
+        Longest step of the integration; default: 2e-3.
     weighting, loss, starts, rng
-        As in `fit`.
+        As in `fit`, of each rung; of `starts` the default is 1.
     progress : callable, optional
         Called with one line for each rung.
 
@@ -99,11 +101,12 @@ def ladder(
         When no rung can be fitted.
     InputError
         As `fit`.
+    TypeError
+        For an unknown keyword.
     """
     if not rungs or len({r.name for r in rungs}) < len(rungs):
         raise InputError("a ladder needs rungs whose names differ")
-    options = {"step": step, "weighting": weighting, "loss": loss, "starts": starts, "rng": rng}
-    climber = LadderFit(train, held_out, model, options)
+    climber = LadderFit(train, held_out, model, with_defaults(ladder, options, LADDER_OPTIONS))
     free = {entry_name(e): e for e in common}
     if not model.torque.any() and any(e.excitation != "release" for e in train):
         free.setdefault("torque_1", "torque_1")

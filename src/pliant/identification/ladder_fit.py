@@ -6,13 +6,12 @@ import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from pliant.errors import FitError, PliantError
 from pliant.identification.experiment import Experiment, predict
-from pliant.identification.fit import fit
+from pliant.identification.fit import FitOptions, fit
 from pliant.identification.forward_model import moved, set_up
 from pliant.identification.initial_guess import prepare
 from pliant.identification.model_selection import Follows, error, follows, missed, shared_bic
@@ -80,7 +79,7 @@ class LadderFit:
     train: Sequence[Experiment]
     held_out: Sequence[Experiment]
     model: Model
-    options: dict[str, Any]
+    options: FitOptions
 
     def climb(self, rung: Rung, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
         """The rung on top of `below`, where `free` is free, and what is free on it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import xarray as xr
@@ -14,6 +14,7 @@ from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Model
 from pliant.model.file import model_to_dict
+from pliant.options import with_defaults
 from pliant.sweep.scheduler import Account, Tell, executor_of, run_campaign
 from pliant.sweep.spec import PULSE, Sweep, sweep_from
 from pliant.sweep.store import Store, write_dataset
@@ -48,18 +49,27 @@ class SweepResult:
         }
 
 
+class Workers(TypedDict, total=False):
+    """Who works on the samples of `run_sweep`."""
+
+    scheduler: str
+    workers: int | None
+    make_executor: Callable[[], Any] | None
+
+
+WORKERS: Workers = {"scheduler": "local", "workers": None, "make_executor": None}
+
+
 def run_sweep(
     sweep: Sweep | Mapping[str, Any],
     model: Model,
     folder: str | Path,
     *,
-    scheduler: str = "local",
-    workers: int | None = None,
     experiments: Sequence[Experiment] = (),
     parameters: Sequence[Parameter] = (),
     fit_options: dict[str, Any] | None = None,
     progress: Tell | None = None,
-    make_executor: Callable[[], Any] | None = None,
+    **who: Unpack[Workers],
 ) -> SweepResult:
     """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit; go on where one stopped.
 
@@ -74,7 +84,8 @@ def run_sweep(
     folder : str or Path
         Takes campaign.json, chunks/ and, in the end, samples.nc; a sweep that stopped goes on from what is there.
     scheduler : str
-        ``local``, ``processes``, or ``tcp://host:port`` of a Dask scheduler. The result is the same, bit for bit.
+        ``local`` (the default), ``processes``, or ``tcp://host:port`` of a Dask scheduler. The result is the same,
+        bit for bit.
     workers : int
         Processes of ``processes``; default: one for each core.
     experiments, parameters, fit_options
@@ -97,10 +108,13 @@ def run_sweep(
         When the sweep does not fit the model, or the folder holds another campaign.
     PliantError
         When the disk is full or workers break again and again; what is written stays, and the sweep can go on.
+    TypeError
+        For an unknown keyword.
     """
+    hired = with_defaults(run_sweep, who, WORKERS)
     sweep = sweep if isinstance(sweep, Sweep) else sweep_from(dict(sweep))
     check_parameters(sweep, model, experiments)
-    maker = make_executor or executor_of(scheduler, workers)
+    maker = hired["make_executor"] or executor_of(hired["scheduler"], hired["workers"])
     options = dict(fit_options or {})
     identity = {
         "sweep": sweep.model_dump(mode="json"), "model": model_to_dict(model), "pliant": __version__,
@@ -111,7 +125,7 @@ def run_sweep(
     base = None
     if sweep.kind == "bootstrap":
         base = fit(experiments, model, parameters, **{**options, "rng": sweep.seed})
-    threads = None if scheduler == "local" and make_executor is None else 1
+    threads = None if hired["scheduler"] == "local" and hired["make_executor"] is None else 1
     campaign = Campaign(sweep, model, tuple(experiments), tuple(parameters), options, base, threads)
     account = run_campaign(campaign, store, maker, progress or (lambda _line: None))
     bounds = [campaign.bounds(c) for c in range(campaign.chunks)]

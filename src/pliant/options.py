@@ -1,0 +1,24 @@
+"""Keyword options that a `TypedDict` names (PEP 692): their defaults, and the refusal of any other."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, cast
+
+Options = TypeVar("Options", bound=Mapping[str, object])
+
+
+def with_defaults(door: Callable[..., Any], given: Options, defaults: Options) -> Options:
+    """What was given over what is taken when nothing is.
+
+    Raises
+    ------
+    TypeError
+        For a keyword that `door` does not know; it names those that it takes.
+    """
+    if unknown := [name for name in given if name not in defaults]:
+        named = [p.name for p in inspect.signature(door).parameters.values() if p.kind is not p.VAR_KEYWORD]
+        known = ", ".join((*named, *defaults))
+        raise TypeError(f"{door.__name__} has no parameter {unknown[0]!r}: it takes {known}")
+    return cast(Options, {**defaults, **given})
