@@ -24,6 +24,7 @@ from pliant.equations.chamber import (
     slow_states,
     swollen_torque,
     torque_now,
+    with_law,
 )
 from pliant.equations.section import torque
 from pliant.equations.symbols import Actuation, Chamber, Interval
@@ -165,3 +166,12 @@ def test_joints_share_the_torques_of_chambers():
     assert tau == pytest.approx(gain[0] * advance_one(0, 0.02, p, body, alone[None]), rel=1e-15)
     assert state[0] == pytest.approx(alone)
     assert state[1] == pytest.approx([1e4, 1.0])  # a chamber without rubber that takes time has no slow state
+
+
+def test_another_law_keeps_the_rubber():
+    """Twice the law is twice the torque, the slow states alike: both rubbers take part."""
+    own, double = chamber(0.4, limit=3e5), with_law(chamber(0.4, limit=3e5), 2.0 * LAW)
+    one, two = np.array([1e4, 1.2]), np.array([1e4, 1.2])
+    made = advance(0.02, STRAIGHT, own, one)
+    assert advance(0.02, STRAIGHT, double, two) == pytest.approx(2.0 * made, rel=1e-14)
+    np.testing.assert_array_equal(one, two)

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.chamber import advance, share_out
+from pliant.equations.chamber import advance, share_out, with_law
 from pliant.equations.elastic import tangent
 from pliant.equations.memory import memory_angle, step_with_memory
 from pliant.equations.section import torque
-from pliant.equations.symbols import Chamber, Interval, Past
+from pliant.equations.symbols import Interval, Past
 from pliant.estimation.symbols import FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED
 
 
@@ -60,7 +60,7 @@ def ahead(state, pressure, model, count, h, workspace):
     own, work, failed = model.chamber, workspace.work, False
     for k in range(len(own.law)):
         workspace.law[k] = own.law[k] * state.factor[0]
-    chamber = Chamber(workspace.law, own[1], own[2], own[3], own[4])  # its rubber as it is
+    chamber = with_law(own, workspace.law)
     past = Past(model.memory, state.memory, workspace.held)
     p = Interval(pressure, pressure, pressure, pressure)
     for _ in range(count):
