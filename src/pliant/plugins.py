@@ -1,4 +1,4 @@
-"""What installed packages add to pliant's own lists: readers, estimators, controllers.
+"""What installed packages add to pliant's own lists: readers, estimators, controllers, exporters.
 
 Another package adds one by an entry point of the list's group that leads to an object of the list's kind.
 """

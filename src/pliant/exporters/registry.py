@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +16,7 @@ from pliant.exporters.difference import Difference, difference
 from pliant.exporters.features import missing, named, without
 from pliant.exporters.provenance import Told, command_of
 from pliant.model import Model, load_model
+from pliant.plugins import offered
 
 GROUP = "pliant.exporters"
 
@@ -99,23 +98,7 @@ class Exported(Shown):
 
 def exporters() -> dict[str, Exporter]:
     """All known targets by name: the built-in ones first, then those of installed packages."""
-    found = {name: load(name, target) for name, target in BUILT_IN.items()}
-    for point in entry_points(group=GROUP):
-        if point.name not in found:
-            found[point.name] = load(point.name, point.value)
-    return found
-
-
-def load(name: str, target: str) -> Exporter:
-    """The exporter that an entry point leads to."""
-    module, _, attribute = target.partition(":")
-    try:
-        exporter = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise InputError(f"the target {name!r} of entry point {target!r} cannot be loaded: {error}") from None
-    if not isinstance(exporter, Exporter):
-        raise InputError(f"the entry point {target!r} must lead to a pliant Exporter")
-    return exporter
+    return offered(GROUP, BUILT_IN, Exporter)
 
 
 def export(
