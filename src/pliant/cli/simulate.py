@@ -88,7 +88,7 @@ def own_level(model: Model) -> float:
 
 def measured_pressure(path: Path, duration: float | None, step: float) -> tuple[Trace, Any]:
     """The pressure of a recording and the output times (T,) [s] from its first sample on."""
-    from pliant.identification.experiment import one_chamber
+    from pliant.identification.recorded import one_chamber
     from pliant.recording import read
     from pliant.simulation import Trace
     from pliant.simulation.solve import output_times

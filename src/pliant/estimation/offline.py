@@ -16,7 +16,7 @@ from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.smoother import smooth
 from pliant.estimation.symbols import FilterFrame, FilterModel, FilterNoise, FilterOutput, FilterState
 from pliant.estimation.workspace import make_output, make_workspace
-from pliant.identification.experiment import one_chamber
+from pliant.identification.recorded import one_chamber
 from pliant.model import Model, Valve
 from pliant.simulation import Trace, state
 from pliant.simulation.drive import Drive, drive

@@ -11,17 +11,24 @@ import xarray as xr
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
+from pliant.identification.drives import check_drives, drives_of, leading
 from pliant.identification.edges import edges
 from pliant.identification.forces import PointForce, checked
 from pliant.identification.forward_model import moved, set_up
 from pliant.identification.parameters import Parameter, for_record
+from pliant.identification.recorded import (
+    Excitation,
+    default_excitation,
+    dense_arc_length,
+    one_chamber,
+    recorded_angles,
+)
 from pliant.model import Model
 from pliant.recording.schema import check_recording
 from pliant.simulation import Trace
 
 Array = np.ndarray
 HELD_S = 0.05  # s before a release, over which the held pose is a median
-Excitation = Literal["trace", "pulse", "step", "release"]
 Held = Literal["unloaded", "measured"]
 Angles = bool | Literal["only"]
 AngleReference = Literal["rest", "base", "joint", ""]
@@ -67,6 +74,9 @@ class Experiment(Shown):
         Known forces at points of the body, such as a thread that pulls.
     angles_alone : bool
         Whether a fit compares the angles and leaves the positions to the eye.
+    drives : dict
+        Measured pressures by the chamber of the model that each drives, where it has several; those not named rest at
+        0 Pa. `pressure` is then the one that moves most.
     travel : float
         Largest displacement of the last station from its rest, m; found from the data.
     """
@@ -87,6 +97,7 @@ class Experiment(Shown):
     held: Array | None = None
     forces: tuple[PointForce, ...] = ()
     angles_alone: bool = False
+    drives: Mapping[str, Trace] = field(default_factory=dict)
     travel: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -99,6 +110,9 @@ class Experiment(Shown):
                 f"experiment {self.name}: positions must be (time, station, 2) = "
                 f"{(self.time.size, len(self.stations), 2)}, got {self.position.shape}"
             )
+        if self.drives:
+            check_drives(self)
+            object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
         if (self.excitation == "trace") != (self.pressure is not None):
             raise InputError(f"experiment {self.name}: excitation 'trace', and it alone, goes with a measured pressure")
         if self.excitation in ("pulse", "step") and not self.level > 0:
@@ -122,6 +136,8 @@ class Experiment(Shown):
         done = {"trace": "a measured pressure", "pulse": f"a pulse of {level}", "step": f"a step to {level}",
                 "release": "a release"}  # fmt: skip
         seen = f"{self.time.size} frames of {', '.join(self.stations)} over {np.ptp(self.time):.3g} s"
+        if self.drives:
+            done["trace"] = f"measured pressures of {', '.join(self.drives)}"
         return Card(f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, travel {1e3 * self.travel:.3g} mm")
 
     @property
@@ -134,7 +150,8 @@ class Experiment(Shown):
         start = {**for_record(values, self.name), **self.known}.get("start", 0.0)
         if self.pressure is None or start == 0.0:
             return self
-        return replace(self, pressure=Trace(self.pressure.time + start, self.pressure.pressure))
+        moved = {name: Trace(t.time + start, t.pressure) for name, t in self.drives.items()}
+        return replace(self, pressure=Trace(self.pressure.time + start, self.pressure.pressure), drives=moved)
 
     @property
     def own_parameters(self) -> tuple[str, ...]:
@@ -170,7 +187,7 @@ def experiment(
     name: str, recording: xr.Dataset, *, stations: tuple[str, ...] | None = None, excitation: Excitation | None = None,
     known: Mapping[str, float] | None = None, noise: Mapping[str, float] | None = None,
     angles: Angles = False,
-    held: Held = "unloaded", forces: Sequence[PointForce] = (),
+    held: Held = "unloaded", forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
 ) -> Experiment:
     """An experiment from an aligned (planar) recording.
 
@@ -193,6 +210,9 @@ def experiment(
         moments before the release.
     forces : sequence of PointForce
         Known forces at points of the body.
+    drive : dict, optional
+        Of a model of several chambers: chamber of the model to the chamber of the recording that drives it, by name or
+        index (from 0). Chambers that it leaves out rest at 0 Pa.
 
     Raises
     ------
@@ -207,8 +227,10 @@ def experiment(
     if missing := [s for s in used if s not in available]:
         raise InputError(f"recording {name} has no station {missing[0]!r}; it has {', '.join(available)}")
     excitation = excitation or default_excitation(name, recording)
-    trace = None
-    if excitation == "trace":
+    trace, drives = None, {}
+    if drive and excitation != "release":
+        drives = drives_of(name, recording, drive)
+    elif excitation == "trace":
         pressure = recording["pressure"]
         trace = Trace(recording["pressure_time"].values, one_chamber(name, pressure))
     made = Experiment(
@@ -216,7 +238,7 @@ def experiment(
         used, excitation, trace, float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
         **recorded_angles(name, recording, used, wanted=bool(angles)), noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
-        angles_alone=angles == "only",
+        angles_alone=angles == "only", drives=drives,
     )
     return replace(made, held=held_pose(made)) if held == "measured" else made
 
@@ -232,47 +254,9 @@ def held_pose(exp: Experiment) -> Array:
     return np.asarray(np.nanmedian(held, axis=0))
 
 
-def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...], *, wanted: bool) -> dict[str, Any]:
-    """Angles of a recording and their reference, where they are wanted."""
-    if not wanted:
-        return {}
-    if "angle" not in recording:
-        raise InputError(f"recording {name} has no angles to fit: leave angles out")
-    angle = recording["angle"]
-    reference = str(angle.attrs.get("reference", "base"))
-    return {"angle": angle.sel(station=list(stations)).values.astype(float), "angle_reference": reference}
-
-
-def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array | None:
-    """Arc lengths of the stations where they rise along the body; None where a recording does not have them."""
-    if "arc_length" not in recording.coords or len(stations) < 2:
-        return None
-    s = recording["arc_length"].sel(station=list(stations)).values.astype(float)
-    return s if np.all(np.diff(s) > 0) else None
-
-
-def one_chamber(name: str, pressure: xr.DataArray) -> Array:
-    """The samples of the one pressure that a record was driven with; InputError when it has several chambers."""
-    if pressure.ndim > 1 and pressure.sizes["chamber"] > 1:
-        chambers = ", ".join(str(c) for c in pressure["chamber"].values)
-        raise InputError(f"recording {name} has several pressures ({chambers}): select the one that bends the body")
-    return np.asarray(pressure.values, dtype=float).reshape(pressure.shape[0])
-
-
-def default_excitation(name: str, recording: xr.Dataset) -> Excitation:
-    """What the recording's own pressure says of its excitation."""
-    if "pressure" in recording:
-        return "trace"
-    if "nominal_pressure" in recording.attrs:
-        return "pulse"
-    raise InputError(
-        f"recording {name} has neither a measured pressure nor a nominal level: state nominal_pressure, "
-        "or excitation 'release' for a body that was let go"
-    )
-
-
 def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
-    """What the model says of an experiment: positions (T, S, 2) [m], angles (T, S) [rad], pressure (T,) [Pa].
+    """What the model says of an experiment: positions (T, S, 2) [m], angles (T, S) [rad], pressure (T,) [Pa], (T, C) of
+    several chambers.
 
     `values` holds parameter values by name; those of the experiment `exp` overrule shared ones. `step` is that of the
     integration, s.

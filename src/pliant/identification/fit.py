@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 import numpy as np
 
 from pliant.errors import FitError, InputError
+from pliant.identification.chamber_parameters import held_gains
+from pliant.identification.drives import at_rest
 from pliant.identification.experiment import Experiment, predict
 from pliant.identification.identifiability import combinations, examine
 from pliant.identification.initial_guess import prepare
-from pliant.identification.parameters import Parameter, apply, gains_share_scale
+from pliant.identification.parameters import Parameter, apply
 from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS
 from pliant.identification.result import FitResult, cautions, parameter_dict, status_sentence
@@ -236,7 +238,8 @@ def finished(
     notes = cautions(model, parameters, problem.experiments, section_area) + combinations(problem, best.x, found)
     if found.correlated:
         notes.append(f"Residuals are correlated over {found.correlated:.2g} s, which the standard errors count in.")
-    if gains_share_scale(parameters, problem.model):
+    notes += [told for e in problem.experiments if (told := at_rest(problem.model, e))]
+    if held_gains(parameters, problem.model):
         notes.append("The mean of the joints' gains is held where it began: the torque law has a scale of its own.")
     r = problem.data_residual(best.x)
     bic = found.effective * np.log(max(float(np.mean(r**2)), 1e-300)) + best.x.size * np.log(found.effective)

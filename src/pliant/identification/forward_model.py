@@ -11,6 +11,7 @@ from pliant.compiler.choose import twin
 from pliant.equations.symbols import Body, Held, Joints, Memory, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
+from pliant.identification.drives import inputs_to
 from pliant.identification.follow_loops import Before, Course, Places, Seen
 from pliant.identification.forces import loads_at, mean_loads
 from pliant.identification.parameters import apply, for_record
@@ -59,7 +60,7 @@ class SetUp(NamedTuple):
     still: int  # rows before the motion begins
     carrier: Array  # (S,)
     model: Model
-    pressure: Array  # (T,) Pa, behind the valve
+    pressure: Array  # (T,) Pa, behind the valve; (T, C) of several
     from_rest: bool  # whether the start is the equilibrium under `torque_before`
     pulled: bool = False  # whether a hand took the body to its pose from its unloaded shape
 
@@ -88,7 +89,7 @@ def set_up(
     start = state.absolute(m, equilibrium(m, plan.initial, link_load=before) if rest is None else rest)
     numbers = gathered(m, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
-    return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, plan.pressure[:, 0], True)
+    return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, shown(plan.pressure), True)
 
 
 def let_go(
@@ -102,11 +103,12 @@ def let_go(
     if free.size:
         key = ("release", exp.name, own["release"], times[0])
         if key not in plans:
-            plans[key] = drive(model, Pulse(0.0), np.concatenate([[own["release"]], free]), step)
+            still_air = [Pulse(0.0)] * len(model.chambers)
+            plans[key] = drive(model, still_air, np.concatenate([[own["release"]], free]), step)
         plan = plans[key]
     numbers = with_loads(gathered(model, exp, own, plan, (angles, angles), base), model, exp, own["release"])
-    still = exp.time.size - free.size
-    return SetUp(numbers, plan.keep, still, carriers(model, exp), model, np.zeros(exp.time.size), from_rest=False,
+    still, none = exp.time.size - free.size, np.zeros((exp.time.size, len(model.chambers)))
+    return SetUp(numbers, plan.keep, still, carriers(model, exp), model, shown(none), from_rest=False,
                  pulled=exp.held is not None)
 
 
@@ -146,6 +148,11 @@ def posed(model: Model, carrier: Array, chosen: list[Any], seen: Array) -> Array
     return state.joint_angles(model, phi)
 
 
+def shown(pressure: Array) -> Array:
+    """Pressures (T, C) as a result holds them: (T,) of one chamber."""
+    return pressure[:, 0] if pressure.shape[1] == 1 else pressure
+
+
 def no_drive(model: Model) -> Drive:
     """The drive of no step at all."""
     C = len(model.chambers)
@@ -160,8 +167,10 @@ def planned(
     start, stop = own.get("start", 0.0), own.get("stop", 0.0)
     key = (exp.name, times[0], start, stop, *(c.key for c in model.chambers))
     if key not in plans:
-        pressure: Input
-        if exp.pressure is not None:
+        pressure: Input | tuple[Input, ...]
+        if exp.drives or len(model.chambers) > 1:
+            pressure = inputs_to(model, exp, start)
+        elif exp.pressure is not None:
             pressure = Trace(exp.pressure.time + start, exp.pressure.pressure)
         else:
             width = np.inf if exp.excitation == "step" else max(stop - start, 1e-6)

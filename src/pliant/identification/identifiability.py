@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import PliantError
+from pliant.identification.drives import told_of_chambers
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import prepare, shared_name
 from pliant.identification.parameters import Parameter, kind_of
@@ -135,6 +136,15 @@ def examine(problem: Problem) -> Identifiability:
     return again if again.identifiable else min(info, again, key=lambda i: sum(d.kind == "null" for d in i.directions))
 
 
+def in_chambers(problem: Problem, found: Direction) -> Direction:
+    """The direction; where it does not show since chambers were not driven (apart), it says so, from the pressures."""
+    told = told_of_chambers(found.names, problem.model, problem.experiments)
+    if not told:
+        return found
+    cure = f"record one of them driven alone, or fix {found.names[0]}"
+    return replace(found, sentence=f"{told} ({found.sentence})", cure=cure)
+
+
 def information(problem: Problem, x: Array) -> Identifiability:
     """Null and weak directions of the information at the scaled parameters x."""
     J = np.concatenate([problem.data_jacobian(x), problem.size * problem.known[0]])
@@ -162,7 +172,8 @@ def information(problem: Problem, x: Array) -> Identifiability:
         weakest[bright] = vt[~blind][-1] / norm
         directions.append(weak_direction(names, weakest, expected, weak))
     std = tuple(None if h else float(e * z) for h, e, z in zip(hidden, expected, sizes, strict=True))
-    return Identifiability(names, std, np.append(s**2, np.zeros(np.count_nonzero(~bright))), tuple(directions))
+    said = tuple(in_chambers(problem, d) for d in directions)
+    return Identifiability(names, std, np.append(s**2, np.zeros(np.count_nonzero(~bright))), said)
 
 
 def problem_sizes(problem: Problem, x: Array) -> Array:

@@ -9,12 +9,14 @@ import numpy as np
 
 from pliant.equations.chamber import lever_growth
 from pliant.errors import FitError, InputError, SimulationError
+from pliant.identification.chamber_parameters import owners, prefixes
+from pliant.identification.drives import alone, check_driven
 from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.forces import loads_at
 from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of
-from pliant.model import Model, Station
+from pliant.model import Chamber, Model, Station
 from pliant.numerics.ringdown import RingDown, ring_down
 from pliant.simulation import equilibrium, modes, state
 
@@ -113,15 +115,15 @@ def stiffness_for_frequency(model: Model, exp: Experiment, frequency: float) -> 
         raise FitError(f"no stiffness makes the model ring at {frequency:.3g} Hz: check masses and lengths") from None
 
 
-def torque_for_plateau(model: Model, exp: Experiment, target: float) -> float:
-    """The joint torque [N m] that moves the last station by `target` [m] from rest, statically."""
+def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Chamber) -> float:
+    """The torque [N m] of a chamber that moves the last station by `target` [m] from rest, statically."""
     joints = model.joints()
     rest = state.stations(model, state.absolute(model, equilibrium(model)))[0]
     names = [p.name for p in model.points]
     k = names.index(exp.stations[-1])
 
     def gap(torque: float) -> float:
-        q = equilibrium(model) + model.joint_gain * torque / joints.K
+        q = equilibrium(model) + chamber.joint_gain * torque / joints.K
         moved = state.stations(model, state.absolute(model, q))[0]
         return float(np.linalg.norm(moved[k] - rest[k])) - target
 
@@ -158,18 +160,19 @@ def estimate(
     wanted = {shared_name(p.name) for p in parameters if p.value is None}
     base, experiments = apply(model, values), [e.synchronised(values) for e in experiments]
     found = DEFAULTS | {
-        "gain": float(model.joint_gain.mean()), "mass": float(model.link_mass.sum()),
+        "mass": float(model.link_mass.sum()),
         "gravity_angle": float(np.arctan2(-model.gravity[0], model.gravity[1])),
-        "rest_angle": float(model.rest_angle.mean()), **chamber_guess(highest_level(experiments)),
+        "rest_angle": float(model.rest_angle.mean()),
         **{f"rest_angle_{i + 1}": float(a) for i, a in enumerate(model.rest_angle)},
-        **{f"joint_gain_{i + 1}": float(a) for i, a in enumerate(model.joint_gain)},
+        **chambers_start(model, experiments),
     }
     for exp in experiments:
         found |= {f"{exp.name}.{k}": v for k, v in edges(exp).items()}
     found |= ring_start(base, experiments, wanted)
-    base = apply(base, {k: found[k] for k in ("stiffness", *chamber_guess(1.0)) if k in wanted})
+    limits = {p.name for p in parameters if p.value is None and shared_name(p.name) in chamber_guess(1.0)}
+    base = apply(base, {k: found[k] for k in ("stiffness", *limits) if k in found and (k in wanted or "." in k)})
     base = registered(base, experiments, values)
-    found |= torque_start(base, experiments, {n for n in wanted if n.startswith("torque_")}, values)
+    found |= torque_starts(base, experiments, {p.name for p in parameters if p.value is None}, values)
     for point in base.points:
         found |= {f"{point.name}.along": point.along, f"{point.name}.across": point.across}
     typical = typical_sizes(base, experiments)
@@ -200,7 +203,9 @@ def prepare(
             for n in exp.own_parameters if n not in names
         ]
     stations = {s for e in experiments for s in e.stations} | {s.name for s in model.points}
-    others = {p.name.partition(".")[0] for p in listed if "." in p.name and not p.free} - stations  # of an earlier fit
+    others = {p.name.partition(".")[0] for p in listed if "." in p.name and not p.free}  # of an earlier fit
+    others -= stations | set(owners(model))
+    check_driven(model, experiments)
     check_names(listed, model, {*records, *others}, stations)
     return estimate(model, experiments, listed)
 
@@ -239,19 +244,54 @@ def ring_start(model: Model, experiments: Sequence[Experiment], wanted: set[str]
     return found
 
 
-def torque_start(
+def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
+    """Gains as each chamber has them, and twice the highest pressure for the limit of a wall that gives way."""
+    found = chamber_guess(highest_level(experiments))
+    for start, chamber in zip(prefixes(model), model.chambers, strict=True):
+        driven = [t for e in experiments for name, t in e.drives.items() if name == chamber.name]
+        highest = max([float(t.pressure.max()) for t in driven], default=highest_level(experiments))
+        found |= {f"{start}{k}": v for k, v in chamber_guess(highest).items()}
+        found[f"{start}gain"] = float(chamber.joint_gain.mean())
+        found |= {f"{start}joint_gain_{i + 1}": float(a) for i, a in enumerate(chamber.joint_gain)}
+    return found
+
+
+def torque_starts(
     model: Model, experiments: Sequence[Experiment], wanted: set[str], values: Mapping[str, float],
 ) -> dict[str, float]:
-    """Coefficients of the torque law from the plateaus, by least squares weighted to equal relative error.
+    """Coefficients of each chamber's law from the records in which it alone is driven, by their names.
 
-    Coefficients in `values` stay as they are.
+    A chamber of several that is never driven alone begins with a torque that bends a joint by 0.1 rad.
     """
-    pushed = [exp for exp in experiments if exp.excitation != "release"]
+    found: dict[str, float] = {}
+    several, sizes, mine = len(model.chambers) > 1, typical_sizes(model, experiments), owners(model)
+    shared = {shared_name(n) for n in wanted if n.partition(".")[0] not in mine}
+    for start, chamber in zip(prefixes(model), model.chambers, strict=True):
+        pushed = [e for e in experiments if alone(e, chamber.name) or (not several and e.excitation != "release")]
+        own = {n.removeprefix(start) for n in wanted if n.startswith(start)}
+        law = {n for n in own | shared if n.startswith("torque_")}
+        given = {**values, **{k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}}
+        begun = torque_start(model, pushed, law, given, chamber)
+        if several and not pushed:
+            begun = {n: sizes.get(n, 0.0) if n == "torque_1" else 0.0 for n in law}
+        for n, v in begun.items():
+            if pushed or (start + n if n in own else n) not in found:
+                found[start + n if n in own else n] = v
+    return found
+
+
+def torque_start(
+    model: Model, pushed: Sequence[Experiment], wanted: set[str], values: Mapping[str, float], chamber: Chamber,
+) -> dict[str, float]:
+    """Coefficients of a chamber's law from the plateaus, by least squares weighted to equal relative error.
+
+    Those in `values` stay as they are.
+    """
     if not wanted or not pushed:
         return {}
     levels = np.array([plateau(exp) for exp in pushed])
-    torques = np.array([torque_for_plateau(model, e, u) for e, (_, u) in zip(pushed, levels, strict=True)])
-    torques /= lever_growth(np.minimum(model.chamber.growth_at(levels[:, 0]), MOST_INFLATED))
+    torques = np.array([torque_for_plateau(model, e, u, chamber) for e, (_, u) in zip(pushed, levels, strict=True)])
+    torques /= lever_growth(np.minimum(chamber.growth_at(levels[:, 0]), MOST_INFLATED))
     weight = 1.0 / np.maximum(torques, 1e-12)
     given = sum(v * levels[:, 0] ** int(n[-1]) for n, v in values.items() if re.fullmatch(r"torque_\d", n))
     powers = np.array(sorted(int(n[-1]) for n in wanted))

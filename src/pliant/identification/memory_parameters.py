@@ -32,7 +32,6 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     "inflation_limit": ("Pa", 1e3, 1e9, 0.0, "pressure towards which the chamber's wall gives way without end"),
     "inflation_time": ("s", 1e-4, 1e3, 0.0, "time that the wall takes at low pressure"),
 }
-CHAMBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time")
 PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle")}
 
 
@@ -60,8 +59,8 @@ def chamber_guess(highest: float) -> dict[str, float]:
 
 
 def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """The model's memory and swelling with those of `values` put in; new branches follow the model's own."""
-    changes: dict[str, Any] = {k: values[k] for k in CHAMBER if k in values}
+    """The model's memory and stiffening with those of `values` put in; new branches follow the model's own."""
+    changes: dict[str, Any] = {}
     if "stiffening" in values:
         changes["stiffening"] = np.full(model.n, values["stiffening"])
     entries: dict[str, Any] = {k: v for k, v in values.items() if re.fullmatch(r"boucwen_[a-z]+", k)}

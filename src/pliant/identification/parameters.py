@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, owners
 from pliant.identification.memory_parameters import ROWS, memory_changes, usual_start
 from pliant.model import Model
 
@@ -99,7 +100,7 @@ class Kind:
     meaning: str = ""
 
 
-PER_JOINT = ("stiffness", "damping", "rest_angle", "joint_gain")
+PER_JOINT = ("stiffness", "damping", "rest_angle")
 KNOWN: dict[str, Kind] = {
     "stiffness": Kind("N m/rad", lower=1e-9, meaning="stiffness of every joint"),
     "damping": Kind("N m s/rad", lower=0.0, meaning="damping of every joint"),
@@ -139,7 +140,7 @@ def kind_of(name: str) -> Kind:
             if candidate and re.fullmatch(pattern, candidate):
                 return kind
     readable = [p.replace(r"(\d+|\*)", "<i>").replace("[1-9]", "<k>").replace(r".+\.", "<station>.") for p in KNOWN]
-    raise InputError(f"unknown parameter {name!r}: use one of {', '.join(readable)}, or <record>.<one of these>")
+    raise InputError(f"unknown parameter {name!r}: use one of {', '.join(readable)}, or <record>.<one of these>, <chamber>.<one of a chamber>")
 
 
 def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
@@ -164,16 +165,14 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
             for i, value in joint.items():
                 array[i - 1] = value
             changes[field] = array
-    changes |= torque_changes(model, values) | memory_changes(model, values)
+    changes |= memory_changes(model, values)
+    chambers = changed_chambers(model, values)
+    if any(a is not b for a, b in zip(chambers, model.chambers, strict=True)):
+        changes["chambers"] = chambers
     if "gravity_angle" in values:
         changes["gravity"] = turned_gravity(model, values["gravity_angle"])
     if "mass" in values:
         changes["link_mass"] = model.link_mass * (values["mass"] / model.link_mass.sum())
-    valve = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time",
-             "valve_rise_rate": "rise_rate", "valve_fall_rate": "fall_rate",
-             "valve_settle_share": "settle_share", "valve_settle_time": "settle_time"}  # fmt: skip
-    if moved := {field: values[name] for name, field in valve.items() if name in values}:
-        changes["valve"] = replace(model.valve, **moved)
     if any(name.endswith((".along", ".across")) for name in values):
         changes["stations"] = tuple(
             s._replace(along=values.get(f"{s.name}.along", s.along), across=values.get(f"{s.name}.across", s.across))
@@ -214,49 +213,29 @@ def each_joint(parameters: Iterable[Parameter], joints: int) -> list[Parameter]:
     return written
 
 
-def torque_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """The torque law with the coefficients of `values`, the joints' gains with their mean at its gain."""
-    changes: dict[str, Any] = {}
-    if powers := {int(k[-1]): v for k, v in values.items() if re.fullmatch(r"torque_[1-9]", k)}:
-        law = np.zeros(max([model.torque.size, *powers]))
-        law[: model.torque.size] = model.torque
-        for k, value in powers.items():
-            law[k - 1] = value
-        changes["torque"] = law
-    if "gain" in values:
-        mean = float(model.joint_gain.mean())
-        if mean == 0:
-            raise InputError("the parameter gain scales the joints' gains, but their mean is 0: give the model others")
-        changes["joint_gain"] = model.joint_gain * (values["gain"] / mean)
-    return changes
-
-
 def check_names(parameters: Iterable[Parameter], model: Model, records: set[str], stations: set[str]) -> None:
-    """Refuse duplicates, joints that the model does not have, and records or stations that nobody knows."""
+    """Refuse duplicates, joints that the model does not have, and records, stations or chambers that nobody knows."""
+    parameters = list(parameters)
     if both := records & stations:
         raise InputError(f"{min(both)!r} names a recording and a station: rename one, their parameters would be mixed")
+    check_chamber_names([p.name for p in parameters], model, records | stations)
+    known = records | stations | set(owners(model))
     seen: set[str] = set()
     for p in parameters:
         if p.name in seen:
             raise InputError(f"parameter {p.name} is listed twice")
         seen.add(p.name)
         owner, dot, own = p.name.partition(".")
-        if dot and owner not in records | stations:
-            there = ", ".join(sorted(records | stations))
-            raise InputError(f"parameter {p.name}: no recording or station is called {owner!r}; there are {there}")
-        number = re.fullmatch(rf"(?:{'|'.join(PER_JOINT)})_(\d+)", own or owner)
+        if dot and owner not in known:
+            what = "recording, station or chamber" if owners(model) else "recording or station"
+            there = ", ".join(sorted(known))
+            raise InputError(f"parameter {p.name}: no {what} is called {owner!r}; there are {there}")
+        number = re.fullmatch(rf"(?:{'|'.join(PER_JOINT)}|joint_gain)_(\d+)", own or owner)
         if number and not 1 <= int(number[1]) <= model.n:
             raise InputError(f"parameter {p.name}: the model has joints 1 to {model.n}")
-    if "gain" in seen and any(name.startswith("joint_gain_") for name in seen):
-        raise InputError("the parameters gain and joint_gain_<i> both set the gains of joints: leave one of them out")
-
-
-def gains_share_scale(parameters: Iterable[Parameter], model: Model) -> bool:
-    """Whether the gains of all joints are free and so is the torque law's scale, which is theirs: ratios alone show."""
-    listed = {p.name: p for p in parameters}
-    if not all((p := listed.get(f"joint_gain_{i + 1}")) and p.free for i in range(model.n)):
-        return False
-    law = {f"torque_{k + 1}": None for k in np.flatnonzero(model.torque)} | {
-        name: p for name, p in listed.items() if re.fullmatch(r"torque_[1-9]", name)
-    }
-    return any(p and p.free for p in law.values()) and all(p and (p.free or not p.value) for p in law.values())
+    for start in ("", *(f"{name}." for name in owners(model))):
+        if f"{start}gain" in seen and any(name.startswith(f"{start}joint_gain_") for name in seen):
+            raise InputError(
+                f"the parameters {start}gain and {start}joint_gain_<i> both set the gains of joints: leave one of them "
+                "out"
+            )

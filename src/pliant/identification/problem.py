@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import PliantError
+from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.experiment import Experiment
 from pliant.identification.forward_model import Plans, moved, set_up
-from pliant.identification.parameters import Parameter, gains_share_scale
+from pliant.identification.parameters import Parameter
 from pliant.identification.residuals import Observations, correlated_frames
 from pliant.identification.sensitivity import slopes_of
 from pliant.model import Model
@@ -60,8 +61,8 @@ class Problem:
                 o.weight *= balance
         self.ends = np.cumsum(counts)
         self.known = known_rows(self.free, self.scale, self.start)
-        if gains_share_scale(parameters, model):
-            self.known = with_held_mean(self.known, self.free, self.scale, self.start)
+        for chamber in held_gains(parameters, model):
+            self.known = with_held_mean(self.known, self.free, self.scale, self.start, chamber)
         self.held = np.zeros((0, len(self.free))), np.zeros(0)
         self.size = 1.0 if weighting == "noise" else FIRST_GUESS * self.unit
         self.evaluations = 0
@@ -171,10 +172,10 @@ def scattered_start(parameters: Sequence[Parameter], rng: np.random.Generator) -
 
 
 def with_held_mean(
-    known: tuple[Array, Array], free: list[Parameter], scale: Array, start: Array,
+    known: tuple[Array, Array], free: list[Parameter], scale: Array, start: Array, chamber: str = "",
 ) -> tuple[Array, Array]:
-    """What is known before, and that the mean of the joints' gains stays where it starts: nothing else decides it."""
-    gains = np.array([p.name.startswith("joint_gain_") for p in free])
+    """What is known before, and that the mean of a chamber's gains stays where it starts: nothing else decides it."""
+    gains = np.array([p.name.startswith(f"{chamber}joint_gain_") for p in free])
     row = gains * scale / (gains.sum() * HELD_MEAN)
     return np.concatenate([known[0], row[None]]), np.append(known[1], row @ start)
 

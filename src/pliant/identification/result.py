@@ -132,13 +132,16 @@ def cautions(
                 "another effect, such as a lag of the pressure that is not in the model."
             )
     for exp in experiments:
-        lag, width = max(model.valve.rise_time, model.valve.fall_time), pulse_width(exp, values)
-        if lag > width and free & {"valve_rise", "valve_fall"}:
+        lag = max(max(c.valve.rise_time, c.valve.fall_time) for c in model.chambers)
+        width = pulse_width(exp, values)
+        if lag > width and {n.rpartition(".")[2] for n in free} & {"valve_rise", "valve_fall"}:
             found.append(
                 f"the valve's lag of {lag:.3g} s is longer than the pulse of {exp.name}, {width:.3g} s: it has taken "
                 "up another effect, such as creep."
             )
             break
+    if len(model.chambers) > 1:  # those on opposite sides bend opposite ways
+        return [sentence[0].upper() + sentence[1:] for sentence in found]
     gain = float((model.joint_gain * model.torque_at(highest(experiments))).min()) if experiments else 1.0
     if gain < 0 and any(n.startswith(("torque_", "gain")) for n in free):
         found.append("the torque is negative at the highest pressure: model and recordings bend opposite ways.")

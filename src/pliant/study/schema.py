@@ -11,9 +11,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from pliant.errors import InputError, explain_validation
 from pliant.files import read_entries
-from pliant.identification.experiment import Angles, Excitation
+from pliant.identification.experiment import Angles
 from pliant.identification.fit import parameters_from
 from pliant.identification.forces import PointForce
+from pliant.identification.recorded import Excitation
 from pliant.model import Station
 from pliant.study.questions import refuse_mapping, refuse_open
 from pliant.study.shorthand import written_out

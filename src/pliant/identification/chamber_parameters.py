@@ -1,0 +1,133 @@
+"""The parameters of chambers: law, gains, valve and rubber, of all chambers or, as ``chamber.name``, of one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.model import Chamber, Model
+
+VALVE = {
+    "valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time",
+    "valve_rise_rate": "rise_rate", "valve_fall_rate": "fall_rate",
+    "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
+}  # fmt: skip
+RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time")
+GAINS = r"gain|joint_gain_(\d+|\*)"
+OWN = re.compile(rf"torque_[1-9]|{GAINS}|{'|'.join((*VALVE, *RUBBER))}")
+
+
+class Named(Protocol):
+    """What is asked of a parameter here."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> float | None: ...
+    @property
+    def free(self) -> bool: ...
+
+
+def owners(model: Model) -> tuple[str, ...]:
+    """Names that open the parameters of one chamber; none where there is one and nobody named it."""
+    names = tuple(c.name for c in model.chambers)
+    return () if names == (Chamber.name,) else names
+
+
+def prefixes(model: Model) -> tuple[str, ...]:
+    """What stands before the parameters of each chamber: nothing where there is one and nobody named it."""
+    return tuple(f"{name}." for name in owners(model)) or ("",)
+
+
+def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber, ...]:
+    """The chambers with `values` put in: those for all of them, overruled by a chamber's own.
+
+    Gains are of one chamber alone where there are several.
+    """
+    named, made = owners(model), []
+    shared = values
+    if len(model.chambers) > 1:
+        shared = {k: v for k, v in values.items() if not re.fullmatch(GAINS, k)}
+    for chamber in model.chambers:
+        own = shared
+        if named:
+            start = f"{chamber.name}."
+            own = {**shared, **{k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}}
+        changes = chamber_changes(chamber, own)
+        made.append(replace(chamber, **changes) if changes else chamber)
+    return tuple(made)
+
+
+def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Any]:
+    """What `values` change of a chamber: its law, its joints' gains with their mean at its gain, valve and rubber."""
+    changes: dict[str, Any] = {k: values[k] for k in RUBBER if k in values}
+    if joint := {int(k.rpartition("_")[2]): v for k, v in values.items() if re.fullmatch(r"joint_gain_\d+", k)}:
+        gains = chamber.joint_gain.copy()
+        for i, value in joint.items():
+            gains[i - 1] = value
+        changes["joint_gain"] = gains
+    if powers := {int(k[-1]): v for k, v in values.items() if re.fullmatch(r"torque_[1-9]", k)}:
+        law = np.zeros(max([chamber.torque.size, *powers]))
+        law[: chamber.torque.size] = chamber.torque
+        for k, value in powers.items():
+            law[k - 1] = value
+        changes["torque"] = law
+    if "gain" in values:
+        mean = float(chamber.joint_gain.mean())
+        if mean == 0:
+            raise InputError("the parameter gain scales the joints' gains, but their mean is 0: give the model others")
+        changes["joint_gain"] = chamber.joint_gain * (values["gain"] / mean)
+    if moved := {field: values[name] for name, field in VALVE.items() if name in values}:
+        changes["valve"] = replace(chamber.valve, **moved)
+    return changes
+
+
+def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) -> None:
+    """Refuse what no chamber has, gains of nobody, and a name that a chamber shares with a recording or a station."""
+    mine = owners(model)
+    if both := set(mine) & others:
+        raise InputError(
+            f"{min(both)!r} names a chamber and a recording or station: rename one, their parameters would be mixed"
+        )
+    several = len(model.chambers) > 1
+    for name in names:
+        owner, dot, own = name.partition(".")
+        if dot and owner in mine and not OWN.fullmatch(own):
+            raise InputError(
+                f"parameter {name}: {owner!r} is a chamber, and {own} is not one of a chamber's: torque_<k>, gain, "
+                f"joint_gain_<i>, {', '.join((*VALVE, *RUBBER))}"
+            )
+        if several and re.fullmatch(GAINS, own if dot and owner not in mine else name):
+            raise InputError(
+                f"parameter {name}: say whose gain it is, as {mine[0]}.{own or name}; the chambers are "
+                f"{', '.join(mine)}"
+            )
+
+
+def held_gains(parameters: Iterable[Named], model: Model) -> tuple[str, ...]:
+    """Prefixes of the chambers whose gains are all free and so is their law's scale, which is theirs: ratios show."""
+    listed = {p.name: p for p in parameters}
+    several = len(model.chambers) > 1
+    pairs = zip(prefixes(model), model.chambers, strict=True)
+    return tuple(start for start, chamber in pairs if shares_scale(listed, chamber, start, several=several))
+
+
+def shares_scale(listed: Mapping[str, Named], chamber: Chamber, start: str, *, several: bool) -> bool:
+    """Whether the gains of all joints that a chamber turns are free, and its law's scale too."""
+
+    def own(name: str) -> Named | None:
+        return listed.get(start + name) or (None if name.startswith("joint_gain") and several else listed.get(name))
+
+    names = [f"joint_gain_{i + 1}" for i in range(chamber.joint_gain.size)]
+    gains = [own(n) for n, g in zip(names, chamber.joint_gain, strict=True) if g or start + n in listed]
+    if not gains or not all(p and (p.free or not p.value) for p in gains) or not any(p and p.free for p in gains):
+        return False
+    powers = {f"torque_{k + 1}" for k in np.flatnonzero(chamber.torque)}
+    powers |= {name for k in range(1, 10) if own(name := f"torque_{k}")}
+    law = [own(name) for name in powers]
+    return any(p and p.free for p in law) and all(p and (p.free or not p.value) for p in law)

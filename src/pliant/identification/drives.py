@@ -1,0 +1,130 @@
+"""Which measured pressure drives which chamber of a model, and what recordings say of chambers driven together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.model import Model
+from pliant.simulation import Pulse, Trace
+from pliant.simulation.inputs import Input
+
+if TYPE_CHECKING:
+    from pliant.identification.experiment import Experiment
+
+Array = np.ndarray
+TOGETHER = 1e-3  # sine of the angle between two pressures, seen as vectors, below which they were never driven apart
+STILL = 0.1  # of the range of the pressure that moves most: others that move less leave it alone
+
+
+def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
+    """The pressures of a recording that drive chambers of a model: model chamber to its name or index (from 0) there.
+
+    Raises
+    ------
+    InputError
+        When the recording has no such pressure.
+    """
+    if "pressure" not in recording:
+        raise InputError(f"recording {name} holds no measured pressure that could drive {', '.join(wanted)}")
+    pressure = recording["pressure"]
+    samples = np.asarray(pressure.values, dtype=float).reshape(pressure.shape[0], -1)
+    there = [str(c) for c in pressure["chamber"].values] if "chamber" in pressure.dims else ["the only one"]
+    found = {}
+    for chamber, asked in wanted.items():
+        k = there.index(asked) if asked in there else asked
+        if not isinstance(k, int) or not 0 <= k < len(there):
+            raise InputError(
+                f"recording {name} has no chamber {asked!r} to drive {chamber!r}: it has {', '.join(there)} "
+                f"(or 0 to {len(there) - 1})"
+            )
+        found[chamber] = Trace(recording["pressure_time"].values, samples[:, k])
+    return found
+
+
+def check_drives(exp: Experiment) -> None:
+    """Refuse pressures of chambers that do not share their times, or go beside another excitation."""
+    if exp.excitation != "trace":
+        raise InputError(
+            f"experiment {exp.name}: pressures of chambers go with excitation 'trace', not {exp.excitation!r}"
+        )
+    first = next(iter(exp.drives.values()))
+    if not all(np.array_equal(first.time, t.time) for t in exp.drives.values()):
+        raise InputError(f"experiment {exp.name}: the pressures of its chambers must share their times")
+
+
+def leading(drives: Mapping[str, Trace]) -> str:
+    """The chamber whose pressure moves most."""
+    return max(drives, key=lambda name: float(np.ptp(drives[name].pressure)))
+
+
+def alone(exp: Experiment, chamber: str) -> bool:
+    """Whether this chamber alone was driven: the pressures of the others hardly move beside its own."""
+    if not exp.drives or leading(exp.drives) != chamber:
+        return False
+    moves = float(np.ptp(exp.drives[chamber].pressure))
+    return all(np.ptp(t.pressure) <= STILL * moves for name, t in exp.drives.items() if name != chamber)
+
+
+def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
+    """Refuse experiments that drive chambers which the model does not have, or do not say which they drive."""
+    names = [c.name for c in model.chambers]
+    for exp in experiments:
+        if strange := [d for d in exp.drives if d not in names]:
+            raise InputError(
+                f"experiment {exp.name} drives the chamber {strange[0]!r}, but model {model.name!r} has "
+                f"{', '.join(names)}"
+            )
+        if len(names) > 1 and exp.excitation != "release" and not exp.drives:
+            raise InputError(
+                f"experiment {exp.name} does not say which of the chambers {', '.join(names)} its pressure drives: "
+                'give drives (in a study: drive = {chamber = "pressure of the recording"}), from measured pressures'
+            )
+
+
+def inputs_to(model: Model, exp: Experiment, start: float) -> tuple[Input, ...]:
+    """The measured pressure of each chamber, moved by `start` [s]; those that nothing drives rest at 0 Pa."""
+    check_driven(model, [exp])
+    return tuple(
+        Trace(exp.drives[c.name].time + start, exp.drives[c.name].pressure) if c.name in exp.drives else Pulse(0.0)
+        for c in model.chambers
+    )
+
+
+def at_rest(model: Model, exp: Experiment) -> str:
+    """A sentence on the chambers that an experiment does not drive; empty where it drives all."""
+    idle = [c.name for c in model.chambers if c.name not in exp.drives]
+    if not exp.drives or not idle:
+        return ""
+    return f"In {exp.name} no pressure drives {' and '.join(idle)}: taken to rest at 0 Pa."
+
+
+def pressures_at(model: Model, experiments: Sequence[Experiment]) -> Array:
+    """Pressures (N, C) of all experiments at their frames, Pa."""
+    rows = [
+        np.stack([e.drives[c.name](e.time) if c.name in e.drives else np.zeros(e.time.size) for c in model.chambers], 1)
+        for e in experiments
+    ]
+    return np.concatenate(rows)
+
+
+def told_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
+    """Why recordings do not tell the parameters `names` apart, where their chambers were never driven (apart)."""
+    mine = [c.name for c in model.chambers if any(n.startswith(f"{c.name}.") for n in names)]
+    if len(model.chambers) == 1 or not mine:
+        return ""
+    seen = pressures_at(model, experiments)
+    length = np.linalg.norm(seen, axis=0)
+    column = {c.name: k for k, c in enumerate(model.chambers)}
+    if idle := [c for c in mine if length[column[c]] == 0.0]:
+        return f"chamber {idle[0]} is driven in no recording"
+    for a, b in combinations(mine, 2):
+        p, q = (seen[:, column[c]] / length[column[c]] for c in (a, b))
+        if np.linalg.norm(p - q * (p @ q)) < TOGETHER:
+            return f"chambers {a} and {b} were never driven apart: their gains cannot be told apart"
+    return ""

@@ -1,0 +1,55 @@
+"""What a planar recording holds for an experiment: its angles, arc lengths, its one pressure, its excitation."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+
+Array = np.ndarray
+Excitation = Literal["trace", "pulse", "step", "release"]
+
+
+def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...], *, wanted: bool) -> dict[str, Any]:
+    """Angles of a recording and their reference, where they are wanted."""
+    if not wanted:
+        return {}
+    if "angle" not in recording:
+        raise InputError(f"recording {name} has no angles to fit: leave angles out")
+    angle = recording["angle"]
+    reference = str(angle.attrs.get("reference", "base"))
+    return {"angle": angle.sel(station=list(stations)).values.astype(float), "angle_reference": reference}
+
+
+def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array | None:
+    """Arc lengths of the stations where they rise along the body; None where a recording does not have them."""
+    if "arc_length" not in recording.coords or len(stations) < 2:
+        return None
+    s = recording["arc_length"].sel(station=list(stations)).values.astype(float)
+    return s if np.all(np.diff(s) > 0) else None
+
+
+def one_chamber(name: str, pressure: xr.DataArray) -> Array:
+    """The samples of the one pressure that a record was driven with; InputError when it has several chambers."""
+    if pressure.ndim > 1 and pressure.sizes["chamber"] > 1:
+        chambers = ", ".join(str(c) for c in pressure["chamber"].values)
+        raise InputError(
+            f"recording {name} has several pressures ({chambers}): select the one that bends the body, or say with "
+            "drive which of them drives which chamber of the model"
+        )
+    return np.asarray(pressure.values, dtype=float).reshape(pressure.shape[0])
+
+
+def default_excitation(name: str, recording: xr.Dataset) -> Excitation:
+    """What the recording's own pressure says of its excitation."""
+    if "pressure" in recording:
+        return "trace"
+    if "nominal_pressure" in recording.attrs:
+        return "pulse"
+    raise InputError(
+        f"recording {name} has neither a measured pressure nor a nominal level: state nominal_pressure, "
+        "or excitation 'release' for a body that was let go"
+    )

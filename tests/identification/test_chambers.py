@@ -1,0 +1,187 @@
+"""Several chambers through a fit: the truth found again, what was never driven apart, names, energy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.errors import FitError, InputError
+from pliant.identification import Experiment, Parameter, fit, identifiability
+from pliant.identification.experiment import experiment, predict
+from pliant.identification.parameters import apply
+from pliant.identification.sensitivity import sensitivities
+from pliant.model import Chamber, Model, Station, Valve
+from pliant.recording.schema import make_recording
+from pliant.simulation import Pulse, Trace, simulate
+
+TIMES = np.arange(0.0, 1.2, 0.01)
+NOISE = 1e-4  # m
+
+
+@pytest.fixture(scope="module")
+def body() -> Model:
+    """Two antagonistic chambers along three links, one stronger and faster than the other."""
+    return Model(
+        link_length=[0.05, 0.04, 0.03], link_mass=[0.02, 0.015, 0.012], stiffness=0.9, damping=6e-3,
+        chambers=(
+            Chamber(torque=[6e-7], valve=Valve(rise_time=0.03, fall_time=0.05), name="left"),
+            Chamber(torque=[4e-7], joint_gain=-1.0, valve=Valve(rise_time=0.05, fall_time=0.02), name="right"),
+        ),
+        stations=(Station("mid", 1, 0.03, 0.008), Station("tip", 2, 0.03, -0.005)),
+    )
+
+
+def made(model: Model, name: str, levels: dict[str, list[float]], seed: int = 0, noise: float = NOISE) -> Experiment:
+    """An experiment whose chambers follow `levels` at five times, by SciPy's Radau, with noise."""
+    knots = np.array([0.1, 0.2, 0.55, 0.65, 0.9])
+    drives = {c: Trace(knots, np.array(p, dtype=float)) for c, p in levels.items()}
+    inputs = [drives.get(c.name, Pulse(0.0)) for c in model.chambers]
+    run = simulate(model, inputs, times=TIMES, method="Radau", rtol=1e-8)
+    seen = np.asarray(run["station_position"].values)
+    seen = seen + noise * np.random.default_rng(seed).standard_normal(seen.shape)
+    return Experiment(name, TIMES, seen, ("mid", "tip"), "trace", drives=drives)
+
+
+FREE = ["stiffness", "damping", "left.torque_1", "right.torque_1", "left.valve_rise", "right.valve_rise",
+        "left.valve_fall", "right.valve_fall"]  # fmt: skip
+ALONE = {"l": {"left": [0, 9e4, 9e4, 0, 0], "right": [0, 0, 0, 0, 0]}, "r": {"right": [0, 1e5, 1e5, 0, 0]}}
+
+
+def test_two_antagonistic_chambers_are_found_again_within_their_intervals(body: Model) -> None:
+    both = {"left": [0, 8e4, 8e4, 2e4, 0], "right": [0, 0, 9e4, 9e4, 0]}
+    seen = [made(body, n, p, k) for k, (n, p) in enumerate({**ALONE, "both": both}.items())]
+    start = apply(body, {"stiffness": 0.7, "damping": 4e-3, "valve_rise": 0.02, "valve_fall": 0.02})
+    found = fit(seen, start, FREE, step=2e-3, starts=1)
+    truth = dict(zip(FREE, (0.9, 6e-3, 6e-7, 4e-7, 0.03, 0.05, 0.05, 0.02), strict=True))
+    assert found.converged
+    for p in found.parameters:
+        if p.free:
+            assert p.std is not None
+            assert p.value == pytest.approx(truth[p.name], abs=4.0 * p.std + 2e-3 * truth[p.name])
+            assert p.std < 0.2 * truth[p.name]  # an interval that says something
+    assert [c.torque[0] for c in found.model.chambers] == [found.values[f"{n}.torque_1"] for n in ("left", "right")]
+    assert found.model.chambers[1].valve.rise_time == found.values["right.valve_rise"]
+    assert any(n == "In r no pressure drives left: taken to rest at 0 Pa." for n in found.notes)
+    held_out = made(body, "new", {"left": [0, 4e4, 9e4, 9e4, 0], "right": [0, 7e4, 0, 5e4, 0]}, noise=0.0)
+    seen_there = predict(found.model, held_out, found.values, 2e-3)
+    assert seen_there["pressure"].shape == (TIMES.size, 2)
+    error = np.linalg.norm(seen_there["position"] - held_out.position, axis=-1)
+    assert np.sqrt(np.mean(error**2)) < 0.01 * held_out.travel
+
+
+def test_torques_begin_where_each_chamber_is_driven_alone(body: Model) -> None:
+    from pliant.identification.initial_guess import prepare
+
+    blank = body.with_(chambers=tuple(Chamber(torque=[0.0], joint_gain=c.joint_gain, name=c.name)
+                                      for c in body.chambers))  # fmt: skip
+    seen = [made(body, n, p, noise=0.0) for n, p in ALONE.items()]
+    _, filled = prepare(seen, blank, ["left.torque_1", "right.torque_1"])
+    assert [p.value for p in filled] == pytest.approx([6e-7, 4e-7], rel=0.15)
+
+
+def test_chambers_that_were_never_driven_apart_are_named(body: Model) -> None:
+    body = apply(body, {"valve_rise": 0.03, "valve_fall": 0.05})  # valves that differ would tell them apart
+    same = [0, 8e4, 8e4, 0, 0]
+    together = made(body, "t", {"left": same, "right": [0.5 * p for p in same]})
+    told = identifiability([together], body, ["left.torque_1", "right.torque_1"], step=2e-3)
+    assert not told.identifiable
+    assert "chambers left and right were never driven apart: their gains cannot be told apart" in str(told)
+    with pytest.raises(FitError, match="never driven apart"):
+        fit([together], body, ["left.torque_1", "right.torque_1"])
+    idle = made(body, "i", {"left": same})
+    assert "chamber right is driven in no recording" in str(identifiability([idle], body, ["right.torque_1"]))
+    apart = [together, made(body, "l", ALONE["l"])]
+    assert identifiability(apart, body, ["left.torque_1", "right.torque_1"], step=2e-3).identifiable
+
+
+@pytest.mark.parametrize(
+    "name", ["left.torque_1", "right.torque_2", "right.valve_rise", "left.joint_gain_2", "torque_1"]
+)
+def test_derivatives_by_parameters_of_chambers_agree_with_differences(body: Model, name: str) -> None:
+    exp = made(body, "e", {"left": [0, 8e4, 8e4, 2e4, 0], "right": [0, 0, 9e4, 9e4, 0]}, noise=0.0)
+    values = {"left.torque_1": 6e-7, "right.torque_2": 1e-12, "right.valve_rise": 0.05, "left.joint_gain_2": 0.8}
+    values = {name: values.get(name, 5e-7)}
+    size, step = abs(values[name]), 2e-3
+    _, slope = sensitivities(body, exp, values, {name: size}, step)
+    up, down = (predict(body, exp, {name: values[name] + s * 1e-4 * size}, step)["position"] for s in (1, -1))
+    differences = (up - down) / 2e-4
+    assert np.abs(differences).max() > 0
+    np.testing.assert_allclose(size * slope[0][..., :2], differences, atol=1e-5 * np.abs(differences).max())
+
+
+def test_names_of_chambers_are_checked(body: Model) -> None:
+    seen = [made(body, n, p) for n, p in ALONE.items()]
+    for name, sentence in {
+        "middle.torque_1": "no recording, station or chamber is called 'middle'",
+        "left.stiffness": "'left' is a chamber, and stiffness is not one of a chamber's",
+        "gain": "say whose gain it is, as left.gain",
+        "left.joint_gain_4": "the model has joints 1 to 3",
+    }.items():
+        with pytest.raises(InputError, match=sentence):
+            fit(seen, body, [name])
+    with pytest.raises(InputError, match="names a chamber and a recording or station"):
+        fit([made(body, "left", ALONE["l"])], body, ["stiffness"])
+    drives = {"up": Trace([0.0, 1.0], [0.0, 1e4])}
+    strange = Experiment("u", TIMES, seen[0].position, ("mid", "tip"), "trace", drives=drives)
+    with pytest.raises(InputError, match="drives the chamber 'up', but model 'model' has left, right"):
+        fit([strange], body, ["stiffness"])
+    unsaid = Experiment("u", TIMES, seen[0].position, ("mid", "tip"), "pulse", level=1e5)
+    with pytest.raises(InputError, match="does not say which of the chambers left, right"):
+        fit([unsaid], body, ["stiffness"])
+
+
+def test_a_shared_value_holds_for_all_chambers_and_a_chambers_own_overrules_it(body: Model) -> None:
+    moved = apply(body, {"valve_rise": 0.07, "right.valve_rise": 0.01, "torque_2": 1e-12})
+    assert [c.valve.rise_time for c in moved.chambers] == [0.07, 0.01]
+    assert [c.torque[1] for c in moved.chambers] == [1e-12, 1e-12]
+    assert apply(moved, {"stiffness": 0.5}).chambers == moved.chambers
+
+
+def test_a_free_law_and_all_gains_of_a_chamber_share_a_scale(body: Model) -> None:
+    seen = [made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())]
+    free = ["right.torque_1", *(Parameter(f"right.joint_gain_{i}", -0.9) for i in (1, 2, 3))]
+    found = fit(seen, body, free, step=2e-3, starts=1)
+    gains = found.model.chambers[1].joint_gain
+    assert gains.mean() == pytest.approx(-0.9, rel=1e-3)
+    assert found.values["right.torque_1"] * gains.mean() == pytest.approx(-4e-7, rel=0.01)
+    assert any("held where it began" in note for note in found.notes)
+
+
+def test_chambers_of_a_recording_drive_those_of_the_model_by_name_or_index() -> None:
+    pressure = np.stack([np.linspace(0, 1e4, 20), np.linspace(0, 5e4, 20)], axis=1)
+    time = np.linspace(0.0, 1.0, 20)
+    seen = np.zeros((20, 1, 2))
+    seen[:, 0, 0] = np.linspace(0, 0.01, 20)
+    ds = make_recording(
+        time, seen, station=["tip"], frame="planar", pressure=pressure, pressure_time=time, chamber=["a", "b"]
+    )
+    exp = experiment("e", ds, drive={"left": "b", "right": 0})
+    assert exp.drives["left"].pressure[-1] == 5e4
+    assert exp.drives["right"].pressure[-1] == 1e4
+    assert exp.pressure is exp.drives["left"]  # the one that moves most
+    assert exp.synchronised({"start": 0.1}).drives["right"].time[0] == 0.1
+    with pytest.raises(InputError, match="no chamber 'c' to drive 'left': it has a, b"):
+        experiment("e", ds, drive={"left": "c"})
+    with pytest.raises(InputError, match="say with drive which of them drives which"):
+        experiment("e", ds)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_no_closed_cycle_of_two_pressures_gains_energy(body: Model, seed: int) -> None:
+    """The work of both torques, by quadrature of the motion, is what the dampers took: nothing comes from nowhere."""
+    rng = np.random.default_rng(seed)
+    times = np.linspace(0.0, 4.0, 4001)
+    knots = np.linspace(0.0, 2.5, 12)
+    inputs = [Trace(knots, np.concatenate([[0.0], rng.uniform(0, 1e5, 10), [0.0]])) for _ in body.chambers]
+    run = simulate(body, inputs, times=times, method="midpoint", step=5e-4)
+    rate = run["joint_rate"].values
+    gains = np.stack([c.joint_gain for c in body.chambers])
+    laws = np.stack([c.torque_at(run["pressure"].values[:, k]) for k, c in enumerate(body.chambers)], axis=1)
+    power, loss = np.sum(laws @ gains * rate, axis=1), rate**2 @ body.damping
+    put_in, lost = (float(np.sum(0.5 * (p[1:] + p[:-1]) * np.diff(times))) for p in (power, loss))
+    held = run["kinetic_energy"] + run["elastic_energy"]
+    assert lost > 0
+    assert put_in == pytest.approx(lost + float(held[-1] - held[0]), rel=5e-3)
+    assert float(run["input_work"][-1]) == pytest.approx(put_in, rel=5e-3)
+    assert float(held[-1]) < 1e-3 * float(held.max())  # the cycle is closed: what came in went into the dampers
+    assert put_in > 0
