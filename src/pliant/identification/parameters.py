@@ -140,7 +140,10 @@ def kind_of(name: str) -> Kind:
             if candidate and re.fullmatch(pattern, candidate):
                 return kind
     readable = [p.replace(r"(\d+|\*)", "<i>").replace("[1-9]", "<k>").replace(r".+\.", "<station>.") for p in KNOWN]
-    raise InputError(f"unknown parameter {name!r}: use one of {', '.join(readable)}, or <record>.<one of these>, <chamber>.<one of a chamber>")
+    raise InputError(
+        f"unknown parameter {name!r}: use one of {', '.join(readable)}, or <record>.<one of these>, or <chamber>.<one "
+        "of a chamber's>"
+    )
 
 
 def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
