@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
+from pliant.equations import motion
 from pliant.equations.symbols import Body, Held, Joints, Memory, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.drives import inputs_to
 from pliant.identification.follow_loops import Before, Course, Places, Seen
-from pliant.identification.forces import loads_at, mean_loads
+from pliant.identification.forces import joint_loads, loads_at, mean_loads
 from pliant.identification.parameters import apply, for_record
+from pliant.identification.pose import posed
 from pliant.model import Model
 from pliant.simulation import Pulse, Trace, equilibrium, state
 from pliant.simulation.drive import Drive, drive
@@ -25,8 +27,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 Plans = dict[Any, Drive]
-LEAST_PULL = 1e-6  # of a held pose towards the unloaded shape, in pulls of a measured point
-POSE_STEPS = 60
 
 
 class Numbers(NamedTuple):
@@ -36,7 +36,7 @@ class Numbers(NamedTuple):
     held_base: Any  # rad
     phi: Any  # (n,) rad, at the start of the motion
     h: Any  # (steps,) s
-    torque: Any  # (steps, C) N m, of the chambers
+    torque: Any  # (steps, C) N m, of the chambers; one more column for a hand that lets go
     gain: Any  # (C, n) share of it that each joint feels
     torque_before: Any  # (n,) N m, under which the chain rests at the start
     load: Any  # (steps, n, 2) N m, of known forces; no rows where there are none
@@ -108,8 +108,37 @@ def let_go(
         plan = plans[key]
     numbers = with_loads(gathered(model, exp, own, plan, (angles, angles), base), model, exp, own["release"])
     still, none = exp.time.size - free.size, np.zeros((exp.time.size, len(model.chambers)))
-    return SetUp(numbers, plan.keep, still, carriers(model, exp), model, shown(none), from_rest=False,
+    made = SetUp(numbers, plan.keep, still, carriers(model, exp), model, shown(none), from_rest=False,
                  pulled=exp.held is not None)
+    return fading(made, exp, own) if "release_time" in own else made
+
+
+def fading(made: SetUp, exp: Experiment, own: Mapping[str, float]) -> SetUp:
+    """The set-up with the joint torques that held the body, which fall to zero along half a cosine in `release_time`.
+
+    They enter as one more drive: its gains are the torques at first, its course the share that is left of them.
+    """
+    numbers, length = made.numbers, own["release_time"]
+    nodes = np.minimum(np.append(0.0, np.cumsum(numbers.h)), length)
+    impulse = 0.5 * nodes
+    if length > 0:
+        impulse += length / (2.0 * np.pi) * np.sin(np.pi * nodes / length)
+    share = np.diff(impulse) / numbers.h
+    loads = loads_at(made.model, exp.forces, own["release"]) if exp.forces else np.zeros((made.model.n, 2))
+    gain = np.vstack([numbers.gain, holding_torques(made, loads)])
+    return made._replace(numbers=numbers._replace(torque=np.column_stack([numbers.torque, share]), gain=gain))
+
+
+def holding_torques(made: SetUp, loads: Array) -> Array:
+    """Torques (n,) that hold the body still where it is let go, beside loads (n, 2) of its links, N m."""
+    numbers, n = made.numbers, made.model.n
+    phi, push = numbers.phi, np.zeros(n)
+    stretched = slipped(made, numbers, float)[:, len(numbers.memory.creep_time) :]
+    own = numbers.joints.K * (stretched[:, : numbers.memory.slip_share.size] @ numbers.memory.slip_share)
+    twin(motion.acceleration)(phi, np.zeros(n), -own, numbers.body, numbers.joints, state.workspace(n), push)
+    M = numbers.body.B * np.cos(phi[:, None] - phi) + np.diag(numbers.body.I)
+    missing = -M @ push
+    return np.asarray(np.cumsum(missing[::-1])[::-1] - joint_loads(phi, loads))
 
 
 def held_angles(model: Model, exp: Experiment, own: Mapping[str, float]) -> Array:
@@ -120,32 +149,6 @@ def held_angles(model: Model, exp: Experiment, own: Mapping[str, float]) -> Arra
     if "hold_force" in own:
         return equilibrium(model, 0.0, np.array([own["hold_force"], 0.0]))
     return np.zeros(model.n)
-
-
-def posed(model: Model, carrier: Array, chosen: list[Any], seen: Array) -> Array:
-    """Joint angles (n,) that bring the points `chosen` closest to the places `seen` (S, 2), m.
-
-    Gauss-Newton in absolute angles. Where the points leave a joint open, it turns least: a pull towards the unloaded
-    shape, a millionth of a point's, decides.
-    """
-    there = model.with_(stations=tuple(chosen))
-    links = np.arange(model.n)
-    along = np.where(links < carrier[:, None], model.link_length, 0.0)
-    along = np.where(links == carrier[:, None], [[p.along] for p in chosen], along)
-    across = np.where(links == carrier[:, None], [[p.across] for p in chosen], 0.0)
-    pull = LEAST_PULL * model.length * (np.eye(model.n) - np.eye(model.n, k=-1))
-    unloaded = state.absolute(model, np.zeros(model.n))
-    phi = unloaded.copy()
-    for _ in range(POSE_STEPS):
-        c, s = np.cos(phi), np.sin(phi)
-        slope = np.stack([model.bend_sign * (across * s - along * c), -along * s - across * c], axis=1)
-        off = (seen - state.stations(there, phi)[0]).ravel()
-        rows, aim = np.concatenate([slope.reshape(-1, model.n), pull]), np.concatenate([off, pull @ (unloaded - phi)])
-        move = np.linalg.lstsq(rows, aim)[0]
-        phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
-        if np.abs(move).max() < 1e-13:
-            break
-    return state.joint_angles(model, phi)
 
 
 def shown(pressure: Array) -> Array:

@@ -14,7 +14,7 @@ from pliant.identification.drives import alone, check_driven
 from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.forces import loads_at
-from pliant.identification.memory_parameters import chamber_guess
+from pliant.identification.memory_parameters import chamber_guess, springpot_band
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of
 from pliant.model import Chamber, Model, Station
 from pliant.numerics.ringdown import RingDown, ring_down
@@ -24,7 +24,8 @@ Array = np.ndarray
 MOST_INFLATED = 10.0  # fourth power of the stretch that a start value reckons with: one near the limit says nothing
 DEFAULTS = {
     "tip_mass": 0.0, "valve_rise": 0.02, "valve_fall": 0.02, "valve_dead_time": 0.005, "base_angle": 0.0,
-    "base_x": 0.0, "base_y": 0.0, "base_turn": 0.0, "hold_force": 0.0, "start": 0.0, "latency": 0.0,
+    "base_x": 0.0, "base_y": 0.0, "base_turn": 0.0, "hold_force": 0.0, "release_time": 0.04,
+    "start": 0.0, "latency": 0.0,
 }
 
 
@@ -202,12 +203,25 @@ def prepare(
             Parameter(n, lower=float(exp.time[0]) - span, upper=float(exp.time[-1]) + span)
             for n in exp.own_parameters if n not in names
         ]
+    listed += band_of_springpot(listed, experiments)
     stations = {s for e in experiments for s in e.stations} | {s.name for s in model.points}
     others = {p.name.partition(".")[0] for p in listed if "." in p.name and not p.free}  # of an earlier fit
     others -= stations | set(owners(model))
     check_driven(model, experiments)
     check_names(listed, model, {*records, *others}, stations)
     return estimate(model, experiments, listed)
+
+
+def band_of_springpot(parameters: Sequence[Parameter], experiments: Sequence[Experiment]) -> list[Parameter]:
+    """The band in which a springpot holds, where one is among the parameters and nobody gave it; fixed."""
+    names = {p.name for p in parameters}
+    if not {shared_name(name) for name in names} & {"fractional_share", "fractional_order"}:
+        return []
+    band = springpot_band([e.time for e in experiments])
+    if moving := [p.name for p in parameters if p.free and shared_name(p.name) in band]:
+        raise InputError(f"parameter {moving[0]}: the band of a springpot is chosen, not fitted: give it free = false")
+    told = "the recordings' lengths and rates"
+    return [Parameter(name, value, free=False, source=told) for name, value in band.items() if name not in names]
 
 
 def shared_name(name: str) -> str:

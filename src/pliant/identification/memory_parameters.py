@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.model import Model
+from pliant.model.memory import springpot
 
 # name: (unit, lower, upper, scale, meaning)
 ROWS: dict[str, tuple[str, float, float, float, str]] = {
@@ -18,6 +19,10 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     r"creep_time_[1-9]": ("s", 1e-3, 1e4, 0.0, "relaxation time of a creep branch"),
     r"slip_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of a slip element in parts of each joint's"),
     r"slip_angle_[1-9]": ("rad", 1e-6, 10.0, 0.0, "joint turn at which a slip element slips"),
+    "fractional_share": ("1", 0.0, 10.0, 0.02, "size of the springpot at 1 rad/s in parts of each joint's stiffness"),
+    "fractional_order": ("1", 0.02, 0.9, 0.1, "order of the springpot: 0 a spring, 1 a dashpot"),
+    "fractional_low": ("Hz", 1e-6, 1e6, 0.0, "slow end of the band in which the springpot holds, never free"),
+    "fractional_high": ("Hz", 1e-6, 1e6, 0.0, "its fast end"),
     "boucwen_share": ("1", 1e-9, 50.0, 0.1, "stiffness of the Bouc-Wen branch in parts of each joint's"),
     "boucwen_beta": ("1/rad^n", 1e-6, 1e8, 0.0, "Bouc-Wen beta"),
     "boucwen_gamma": ("1/rad^n", -1e8, 1e8, 10.0, "Bouc-Wen gamma, at most beta in size"),
@@ -32,6 +37,8 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     "inflation_limit": ("Pa", 1e3, 1e9, 0.0, "pressure towards which the chamber's wall gives way without end"),
     "inflation_time": ("s", 1e-4, 1e3, 0.0, "time that the wall takes at low pressure"),
 }
+FRACTIONAL = ("share", "order", "low", "high")
+MOST_BAND = 1e6  # high over low
 PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle")}
 
 
@@ -41,7 +48,8 @@ def usual_start(name: str) -> float | None:
     Branches of one kind begin apart: from equal ones no fit would tell them from each other.
     """
     own = name.rpartition(".")[2]
-    single = {"boucwen_share": 0.1, "boucwen_beta": 20.0, "boucwen_gamma": 10.0, "boucwen_exponent": 1.5,
+    single = {"fractional_share": 0.05, "fractional_order": 0.25,
+              "boucwen_share": 0.1, "boucwen_beta": 20.0, "boucwen_gamma": 10.0, "boucwen_exponent": 1.5,
               "stiffening": 0.0, "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05,
               "valve_settle_share": 0.1, "valve_settle_time": 2.0,
               "valve_rise_rate": 3e5, "valve_fall_rate": 3e5}  # fmt: skip
@@ -58,15 +66,36 @@ def chamber_guess(highest: float) -> dict[str, float]:
     return {"inflation_limit": 2.0 * highest}
 
 
+def springpot_band(times: Sequence[np.ndarray]) -> dict[str, float]:
+    """The band of recordings with these times [s]: from one period in the longest to half the highest frame rate."""
+    low = 1.0 / max(float(np.ptp(t)) for t in times)
+    high = 0.5 / min(float(np.median(np.diff(t))) for t in times)
+    return {"fractional_low": low, "fractional_high": min(high, MOST_BAND * low)}
+
+
+def laid_springpot(values: Mapping[str, float]) -> dict[str, Any]:
+    """The creep branches that the springpot of `values` is laid out in; empty without one."""
+    given = {field: values[f"fractional_{field}"] for field in FRACTIONAL if f"fractional_{field}" in values}
+    if not {"share", "order"} & given.keys():
+        return {}
+    if missing := [f"fractional_{field}" for field in FRACTIONAL if field not in given]:
+        raise InputError(f"a springpot needs all of its four numbers: {', '.join(missing)} is missing")
+    if any(re.fullmatch(r"creep_(share|time)_[1-9]", name) for name in values):
+        raise InputError("a springpot lays out all creep branches itself: leave out either fractional_* or creep_*")
+    made = springpot(*(given[field] for field in FRACTIONAL))
+    return {"creep_share": made.creep_share, "creep_time": made.creep_time}
+
+
 def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     """The model's memory and stiffening with those of `values` put in; new branches follow the model's own."""
     changes: dict[str, Any] = {}
     if "stiffening" in values:
         changes["stiffening"] = np.full(model.n, values["stiffening"])
     entries: dict[str, Any] = {k: v for k, v in values.items() if re.fullmatch(r"boucwen_[a-z]+", k)}
+    entries |= laid_springpot(values)
     for kind, fields in PAIRS.items():
         for field in fields:
-            row = list(getattr(model.memory, f"{kind}_{field}"))
+            row = list(entries.get(f"{kind}_{field}", getattr(model.memory, f"{kind}_{field}")))
             given = {int(k[-1]): v for k, v in values.items() if re.fullmatch(rf"{kind}_{field}_[1-9]", k)}
             for j in sorted(given):
                 if j > len(row) + 1:

@@ -127,6 +127,7 @@ KNOWN: dict[str, Kind] = {
     "stop": Kind("s", scale=0.01, meaning="when the pulse ends"),
     "latency": Kind("s", lower=-5.0, upper=5.0, scale=5e-3, meaning="how late the shape is stamped, beside pressure"),
     "release": Kind("s", scale=0.01, meaning="when the held body is let go"),
+    "release_time": Kind("s", lower=0.0, upper=0.2, scale=0.01, meaning="how long the hand takes to let go"),
     "base_turn": Kind("rad", lower=-0.2, upper=0.2, scale=0.01, meaning="turn of a clamp that gives way at release"),
     "hold_force": Kind("N", scale=0.05, meaning="force at the tip, along x, that holds the body before its release"),
     **{name: Kind(*row) for name, row in ROWS.items()},

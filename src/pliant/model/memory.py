@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from pliant.equations import symbols
 from pliant.errors import InputError
 from pliant.model.limits import MOST_TERMS, check_limit
 
+PER_DECADE = 2  # branches of a springpot
 PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"))
 
 
@@ -95,6 +97,58 @@ class Memory:
             boucwen_share=self.boucwen_share, boucwen_beta=self.boucwen_beta, boucwen_gamma=self.boucwen_gamma,
             boucwen_exponent=self.boucwen_exponent,
         )
+
+
+class Springpot(NamedTuple):
+    """A springpot laid out in branches: shares and times for `Memory`, and the spring that closes its slow end."""
+
+    creep_share: tuple[float, ...]
+    creep_time: tuple[float, ...]  # s
+    spring: float  # in parts of the joint's own stiffness
+
+
+def springpot(share: float, order: float, low: float, high: float) -> Springpot:
+    """Prony branches whose sum is ``share (i w / 1 rad/s)^order`` over a band, in parts of the joint's stiffness.
+
+    Two branches a decade, from half a decade below the band to half a decade above it, rates w_j evenly spaced by r on
+    a logarithmic scale: ``share sin(pi a) / pi  ln(r) w_j^a``, a the order. What lies above them is one more branch
+    with the first two moments of all faster ones, a dashpot within the band. What lies below them is a spring: within
+    the band it cannot be told from the joint's own, so it is handed back and not laid out.
+
+    Parameters
+    ----------
+    share : float
+        Size of the response at 1 rad/s.
+    order : float
+        Between 0 (a spring) and 1 (a dashpot).
+    low, high : float
+        Ends of the band, Hz.
+
+    Raises
+    ------
+    InputError
+        When the band is none, or too wide for the branches that a memory has, or order or share make no sense.
+    """
+    if not (0 < low < high < np.inf and 0 < order < 1 and 0 <= share < np.inf):
+        raise InputError(
+            "a springpot needs a share that is not negative, an order between 0 and 1 and a band of rising positive "
+            f"frequencies in Hz, got share {share}, order {order} and {low} to {high} Hz"
+        )
+    root = 10.0 ** (1.0 / PER_DECADE)
+    ends = 2.0 * np.pi * np.array([low / root, high * root])
+    width = np.log(ends[1] / ends[0])
+    count = int(np.ceil(PER_DECADE * width / np.log(10.0) - 1e-9))
+    if count + 1 > MOST_TERMS:
+        raise InputError(
+            f"a springpot from {low:g} to {high:g} Hz takes {count + 1} branches, a memory has at most {MOST_TERMS}: "
+            "choose a narrower band"
+        )
+    rates = ends[0] * np.exp(width / count * (np.arange(count) + 0.5))
+    size = share * np.sin(np.pi * order) / np.pi
+    shares = [*(size * width / count * rates**order), size * ends[1] ** order * (2.0 - order) / (1.0 - order) ** 2]
+    times = [*(1.0 / rates), (1.0 - order) / ((2.0 - order) * ends[1])]
+    spring = float(size * ends[0] ** order / order)
+    return Springpot(tuple(map(float, shares)), tuple(map(float, times)), spring)
 
 
 def checked(name: str, value: float | Sequence[float], row: bool) -> float | tuple[float, ...]:

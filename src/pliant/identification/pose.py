@@ -1,0 +1,40 @@
+"""The pose in which a hand holds a body, from the places of its observed points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pliant.model import Model
+from pliant.simulation import state
+
+Array = np.ndarray
+LEAST_PULL = 1e-6  # of a held pose towards the unloaded shape, in pulls of a measured point
+POSE_STEPS = 60
+
+
+def posed(model: Model, carrier: Array, chosen: list[Any], seen: Array) -> Array:
+    """Joint angles (n,) that bring the points `chosen` closest to the places `seen` (S, 2), m.
+
+    Gauss-Newton in absolute angles. Where the points leave a joint open, it turns least: a pull towards the unloaded
+    shape, a millionth of a point's, decides.
+    """
+    there = model.with_(stations=tuple(chosen))
+    links = np.arange(model.n)
+    along = np.where(links < carrier[:, None], model.link_length, 0.0)
+    along = np.where(links == carrier[:, None], [[p.along] for p in chosen], along)
+    across = np.where(links == carrier[:, None], [[p.across] for p in chosen], 0.0)
+    pull = LEAST_PULL * model.length * (np.eye(model.n) - np.eye(model.n, k=-1))
+    unloaded = state.absolute(model, np.zeros(model.n))
+    phi = unloaded.copy()
+    for _ in range(POSE_STEPS):
+        c, s = np.cos(phi), np.sin(phi)
+        slope = np.stack([model.bend_sign * (across * s - along * c), -along * s - across * c], axis=1)
+        off = (seen - state.stations(there, phi)[0]).ravel()
+        rows, aim = np.concatenate([slope.reshape(-1, model.n), pull]), np.concatenate([off, pull @ (unloaded - phi)])
+        move = np.linalg.lstsq(rows, aim)[0]
+        phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
+        if np.abs(move).max() < 1e-13:
+            break
+    return state.joint_angles(model, phi)
