@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from pliant.model.actuation import Actuation, Chamber
 from pliant.model.build import chain_model
-from pliant.model.memory import Memory
+from pliant.model.memory import Memory, springpot
 from pliant.model.model import Model
 from pliant.model.station import Station
 from pliant.model.valve import Valve
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Actuation", "Chamber", "Memory", "Model", "Station", "Valve", "chain_model", "load_model", "save_model",
+    "springpot",
 ]
 
 
