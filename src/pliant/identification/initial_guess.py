@@ -14,7 +14,7 @@ from pliant.identification.drives import alone, check_driven
 from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.forces import loads_at
-from pliant.identification.memory_parameters import chamber_guess, springpot_band
+from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of
 from pliant.model import Chamber, Model, Station
 from pliant.numerics.ringdown import RingDown, ring_down
@@ -210,18 +210,6 @@ def prepare(
     check_driven(model, experiments)
     check_names(listed, model, {*records, *others}, stations)
     return estimate(model, experiments, listed)
-
-
-def band_of_springpot(parameters: Sequence[Parameter], experiments: Sequence[Experiment]) -> list[Parameter]:
-    """The band in which a springpot holds, where one is among the parameters and nobody gave it; fixed."""
-    names = {p.name for p in parameters}
-    if not {shared_name(name) for name in names} & {"fractional_share", "fractional_order"}:
-        return []
-    band = springpot_band([e.time for e in experiments])
-    if moving := [p.name for p in parameters if p.free and shared_name(p.name) in band]:
-        raise InputError(f"parameter {moving[0]}: the band of a springpot is chosen, not fitted: give it free = false")
-    told = "the recordings' lengths and rates"
-    return [Parameter(name, value, free=False, source=told) for name, value in band.items() if name not in names]
 
 
 def shared_name(name: str) -> str:

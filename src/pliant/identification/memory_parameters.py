@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -38,7 +38,6 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     "inflation_time": ("s", 1e-4, 1e3, 0.0, "time that the wall takes at low pressure"),
 }
 FRACTIONAL = ("share", "order", "low", "high")
-MOST_BAND = 1e6  # high over low
 PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle")}
 
 
@@ -64,13 +63,6 @@ def usual_start(name: str) -> float | None:
 def chamber_guess(highest: float) -> dict[str, float]:
     """Where a wall that gives way begins: twice the `highest` pressure [Pa] of the recordings."""
     return {"inflation_limit": 2.0 * highest}
-
-
-def springpot_band(times: Sequence[np.ndarray]) -> dict[str, float]:
-    """The band of recordings with these times [s]: from one period in the longest to half the highest frame rate."""
-    low = 1.0 / max(float(np.ptp(t)) for t in times)
-    high = 0.5 / min(float(np.median(np.diff(t))) for t in times)
-    return {"fractional_low": low, "fractional_high": min(high, MOST_BAND * low)}
 
 
 def laid_springpot(values: Mapping[str, float]) -> dict[str, Any]:
