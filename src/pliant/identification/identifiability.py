@@ -12,8 +12,8 @@ from pliant.display import Card, Shown
 from pliant.errors import PliantError
 from pliant.identification.drives import told_of_chambers
 from pliant.identification.experiment import Experiment
-from pliant.identification.initial_guess import prepare, shared_name
-from pliant.identification.parameters import Parameter, kind_of
+from pliant.identification.initial_guess import prepare
+from pliant.identification.parameters import Parameter, kind_of, shared_name
 from pliant.identification.problem import Problem
 from pliant.identification.uncertainty import HIDDEN, Covariance
 from pliant.model import Model

@@ -15,7 +15,8 @@ from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.forces import loads_at
 from pliant.identification.memory_parameters import chamber_guess
-from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of
+from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name
+from pliant.identification.springpot_band import band_of_springpot
 from pliant.model import Chamber, Model, Station
 from pliant.numerics.ringdown import RingDown, ring_down
 from pliant.simulation import equilibrium, modes, state
@@ -210,12 +211,6 @@ def prepare(
     check_driven(model, experiments)
     check_names(listed, model, {*records, *others}, stations)
     return estimate(model, experiments, listed)
-
-
-def shared_name(name: str) -> str:
-    """The name without the recording or the joint that it belongs to; that of a station's place stays whole."""
-    own = name if name.endswith((".along", ".across")) and name.count(".") == 1 else name.partition(".")[2] or name
-    return re.sub(r"^(stiffness|damping|rest_angle|joint_gain)_\d+$", r"\1", own)
 
 
 def typical_sizes(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:

@@ -147,6 +147,12 @@ def kind_of(name: str) -> Kind:
     )
 
 
+def shared_name(name: str) -> str:
+    """The name without the recording or the joint that it belongs to; that of a station's place stays whole."""
+    own = name if name.endswith((".along", ".across")) and name.count(".") == 1 else name.partition(".")[2] or name
+    return re.sub(r"^(stiffness|damping|rest_angle|joint_gain)_\d+$", r"\1", own)
+
+
 def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
     """The values that hold for one recording: shared ones, overruled by its own with the prefix taken off."""
     prefix = f"{record}."

@@ -8,7 +8,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.identification.experiment import Experiment
-from pliant.identification.parameters import Parameter
+from pliant.identification.parameters import Parameter, shared_name
 
 MOST_BAND = 1e6  # high over low
 
@@ -16,18 +16,13 @@ MOST_BAND = 1e6  # high over low
 def band_of_springpot(parameters: Sequence[Parameter], experiments: Sequence[Experiment]) -> list[Parameter]:
     """The band in which a springpot holds, where one is among the parameters and nobody gave it; fixed."""
     names = {p.name for p in parameters}
-    if not {own_name(name) for name in names} & {"fractional_share", "fractional_order"}:
+    if not {shared_name(name) for name in names} & {"fractional_share", "fractional_order"}:
         return []
     band = springpot_band([e.time for e in experiments])
-    if moving := [p.name for p in parameters if p.free and own_name(p.name) in band]:
+    if moving := [p.name for p in parameters if p.free and shared_name(p.name) in band]:
         raise InputError(f"parameter {moving[0]}: the band of a springpot is chosen, not fitted: give it free = false")
     told = "the recordings' lengths and rates"
     return [Parameter(name, value, free=False, source=told) for name, value in band.items() if name not in names]
-
-
-def own_name(name: str) -> str:
-    """The name of a parameter without the recording that it belongs to."""
-    return name.rpartition(".")[2]
 
 
 def springpot_band(times: Sequence[np.ndarray]) -> dict[str, float]:
