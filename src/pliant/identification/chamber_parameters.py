@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from pliant.equations import symbols
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
 
@@ -17,7 +18,7 @@ VALVE = {
     "valve_rise_rate": "rise_rate", "valve_fall_rate": "fall_rate",
     "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
 }  # fmt: skip
-RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time")
+RUBBER = symbols.Chamber._fields[1:]
 GAINS = r"gain|joint_gain_(\d+|\*)"
 OWN = re.compile(rf"torque_[1-9]|{GAINS}|{'|'.join((*VALVE, *RUBBER))}")
 
