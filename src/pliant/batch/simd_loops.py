@@ -86,7 +86,8 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
     both = as_lanes(state)
     phi, w = both[0], both[1]
     lengths, torques = as_lanes(h), as_lanes(torque)
-    keep_lanes(0, phi, w, where, out)
+    kept = Output(as_lanes(out.phi), as_lanes(out.w), as_lanes(out.tips), out.failed)
+    keep_lanes(0, phi, w, where, kept)
     good = (1 << WIDTH) - 1
     for k in range(len(lengths)):
         share_out(0, torques[k], gain, work.tau)
@@ -103,18 +104,17 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
             good &= now
         row = keep[k]
         if row >= 0:
-            keep_lanes(row, phi, w, where, out)
+            keep_lanes(row, phi, w, where, kept)
     return good
 
 
 def keep_lanes(row, phi, w, where, out):
-    """Write the chains at phi and w (n,), lanes, to a row of the `Output`; `where` is `Lane.place` as lanes."""
+    """Write the chains at phi and w (n,), lanes, to a row of `out`, an `Output` of lanes; `where` is `Lane.place`."""
     n = len(phi)
-    phi_rows, w_rows, tip_rows = as_lanes(out.phi), as_lanes(out.w), as_lanes(out.tips)
     for i in range(n):
-        phi_rows[row, i] = phi[i]
-        w_rows[row, i] = w[i]
-    tips(phi, where[:n], where[n], where[n + 1], tip_rows[row])
+        out.phi[row, i] = phi[i]
+        out.w[row, i] = w[i]
+    tips(phi, where[:n], where[n], where[n + 1], out.tips[row])
 
 
 def unpack_lanes(kept, rest, base_angle, sign, angle_out, rate_out, tip_out):

@@ -7,7 +7,7 @@ from types import FunctionType
 from typing import Any
 
 from pliant.compiler.choose import MOST_LINKS, straight
-from pliant.compiler.twin import rebuild
+from pliant.compiler.twin import options, rebuild
 from pliant.equations.motion import acceleration, acceleration_jacobian
 
 
@@ -17,7 +17,7 @@ def compiled(loop: FunctionType, kernel: FunctionType, links: int) -> Any:
     from numba import njit
 
     few = links <= MOST_LINKS
-    return rebuild(loop, njit, {kernel.__name__: straight(kernel, links)} if few else None)
+    return rebuild(loop, njit(**options(loop)), {kernel.__name__: straight(kernel, links)} if few else None)
 
 
 def many_accelerations(count, phi, w, torque, parts, a):

@@ -69,3 +69,8 @@ def fast_step(links: int) -> Any:
     if links <= STRAIGHT_LINKS:
         return straight(articulated.step_articulated, links)
     return twin(articulated.step_articulated)
+
+
+def tuples(record: tuple[Any, ...]) -> tuple[Any, ...]:
+    """A record, and those within it, as plain tuples: what a twin that Python calls often is given."""
+    return tuple(tuples(x) if isinstance(x, tuple) else x for x in record)

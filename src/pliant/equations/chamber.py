@@ -203,11 +203,6 @@ def advance(h, p, chamber, state):
     return mean_inflated(p, (before, half, last), (y, y_half, y_last), chamber)
 
 
-def with_law(chamber, law):
-    """The same rubber with another law (k,) of torque, N m/Pa^i."""
-    return Chamber(law, chamber.swell_share, chamber.swell_time, chamber.inflation_limit, chamber.inflation_time)
-
-
 def advance_one(c, h, p, actuation, state):
     """As `advance`, of chamber c of an `Actuation`; its slow states are row c of `state` (C, 2)."""
     rubber = actuation.rubber

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
-from pliant.compiler.choose import twin
+from pliant.compiler.choose import tuples, twin
 from pliant.estimation import adaptive_observer_loops
 from pliant.estimation.contract import EstimatorKind, Setting, State, one_chamber
 from pliant.estimation.link_angles import needs_joint_rows
@@ -110,7 +110,7 @@ class AdaptiveObserver:
             np.array(model.actuation.gain), model.memory.law(), remembered,
         )
         self.workspace = make_observer_workspace(self.model)
-        self._follow = twin(adaptive_observer_loops.follow, model.n)
+        self._follow = twin(adaptive_observer_loops.follow_of_tuples, model.n)
         self.reset()
 
     def reset(self) -> None:
@@ -125,6 +125,7 @@ class AdaptiveObserver:
             model.actuation.rest_state(0.0)[0],
         )
         self._records = self.own, self.body, self.gains, self.pace, self.workspace
+        self._tuples = tuples(self._records)
         self._pressure = self._reading = self._latest = 0.0
         self._waiting: deque[float] = deque([0.0] * self._late)
         self._time = -math.inf
@@ -162,7 +163,8 @@ class AdaptiveObserver:
         if math.isfinite(self._time):
             periods = min(max(round((time - self._time) / self.period), 0), 100)
         self._time = time
-        outcome = self._follow(*self.inputs(np.ascontiguousarray(values, dtype=float), periods))
+        seen = np.ascontiguousarray(values, dtype=float)
+        outcome = self._follow(periods, float(self._pressure), seen, self._tuples)
         if outcome == FRAME_LOST:
             self.missed += 1
         elif outcome == STEP_FAILED:

@@ -14,7 +14,7 @@ from pliant.equations.elastic import tangent
 from pliant.equations.energy import damping_power, input_power
 from pliant.equations.memory import step_with_memory
 from pliant.equations.motion import step
-from pliant.equations.symbols import Actuation, Lag
+from pliant.equations.symbols import Actuation, Body, Held, Joints, Lag, Memory, Past, Workspace
 from pliant.simulation.pressure_loops import held_interval
 
 
@@ -147,3 +147,21 @@ def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
         if not (abs(w[i]) * h <= 1.0 and taken >= 0.0 and tangent(i, phi, joints) > 0.0):
             return -1
     return 0
+
+
+def held_step_of_tuples(phi, w, h, command, drives, body, joints, work):
+    """`held_step` of plain tuples: Python hands their arrays over in a third of the time of named ones."""
+    actuation, valve, pressure, state = drives
+    chambers = Drives(Actuation(*actuation), valve, pressure, state)
+    return held_step(phi, w, h, command, chambers, Body(*body), Joints(*joints), Workspace(*work))
+
+
+def held_step_with_memory_of_tuples(phi, w, h, command, drives, chain, past, work):
+    """`held_step_with_memory` of plain tuples."""
+    actuation, valve, pressure, state = drives
+    chambers = Drives(Actuation(*actuation), valve, pressure, state)
+    body, joints = chain
+    memory, branches, held = past
+    scratch = Held(*held[:10], Joints(*held[10]))
+    before = Past(Memory(*memory), branches, scratch)
+    return held_step_with_memory(phi, w, h, command, chambers, (Body(*body), Joints(*joints)), before, Workspace(*work))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.compiler.choose import twin
+from pliant.compiler.choose import tuples, twin
 from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
@@ -16,6 +16,8 @@ from pliant.simulation.drive import lag_of
 from pliant.simulation.solve import check_step
 
 Array = np.ndarray
+
+LOOPS = march_loops.held_step_of_tuples, march_loops.held_step_with_memory_of_tuples  # without, with memory
 
 
 class Snapshot(NamedTuple):
@@ -80,7 +82,7 @@ class Stepper:
         self._command = np.zeros(len(model.chambers))
         self._body, self._joints, self._work = model.body(), model.joints(), state.workspace(model.n)
         self._law, self._held = model.memory.law(), state.held(model)
-        kernel = march_loops.held_step_with_memory if model.memory else march_loops.held_step
+        kernel = LOOPS[bool(model.memory)]
         self._advance = twin(kernel, model.n)
         self.reset(pressure)
         self.step(pressure)  # compiled here
@@ -108,7 +110,7 @@ class Stepper:
         chain: tuple[Any, ...] = (self._body, self._joints)
         if self.model.memory:
             chain = (chain, Past(self._law, self.memory, self._held))
-        self._parts = (self.length, self._command, self._drives, *chain, self._work)
+        self._parts = (self.length, self._command, *tuples((self._drives, *chain, self._work)))
         self.time = 0.0
         self._watch = EnergyWatch(self.model)
 
