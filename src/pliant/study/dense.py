@@ -95,9 +95,10 @@ def link_experiment(study: Study, name: str, body: xr.Dataset, chain: Links) -> 
         nominal_pressure=body.attrs.get("nominal_pressure"), source=str(body.attrs.get("source", "")),
         pressure=body["pressure"].values if measured else None,
         pressure_time=body["pressure_time"].values if measured else None,
+        chamber=[str(c) for c in body["chamber"].values] if "chamber" in body.coords else None,
     )
     forces = [f.point_force for f in entry.forces]
-    made = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces)
+    made = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces, drive=entry.drive)
     if not entry.angles:
         return made
     angle = links.joint_angle + links.rest_angle

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -14,7 +14,7 @@ import xarray as xr
 from pliant import actuators
 from pliant.errors import InputError
 from pliant.identification import Experiment, experiment
-from pliant.model import Model, chain_model
+from pliant.model import Chamber, Model, chain_model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.quality import LEAST_PRESSURE, quality, standing_stations
@@ -22,7 +22,7 @@ from pliant.recording import read
 from pliant.reduction import Links
 from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
-from pliant.study.schema import Actuator, Alignment, Recording, Study
+from pliant.study.schema import Actuator, Alignment, ChamberTable, Recording, Study
 from pliant.units import pascal_per
 from pliant.validation.outcome import Clocks
 
@@ -77,8 +77,24 @@ class Aligned(NamedTuple):
     clocks: Clocks | None = None  # how they were compared, where they were
 
 
-def planar(study: Study, name: str) -> Aligned:
-    """One recording of the study, read, brought onto one clock and aligned."""
+def all_planar(study: Study) -> dict[str, Aligned]:
+    """Every recording of the study, aligned; of a body with several chambers, all seen from the side of the first.
+
+    Alone, each recording would be turned so that its own pressure bends it to one side: opposite chambers would look
+    alike.
+    """
+    made: dict[str, Aligned] = {}
+    normal = None
+    for name in study.recordings:
+        made[name] = planar(study, name, normal)
+        attributes = made[name].body.attrs
+        if normal is None and len(study.actuator.chambers) > 1 and "alignment" in attributes:
+            normal = np.array(alignment_of(made[name].body).rotation)[2]
+    return made
+
+
+def planar(study: Study, name: str, normal: Array | None = None) -> Aligned:
+    """One recording of the study, read, brought onto one clock and aligned, seen along `normal` (3,) where given."""
     entry = study.recordings[name]
     raw, clocks, told = on_one_clock(load_recording(study, name), entry, name)
     found = [*told, *(str(line) for line in quality(raw).findings)]
@@ -90,7 +106,10 @@ def planar(study: Study, name: str) -> Aligned:
     alignment = combined(study.alignment, entry.alignment)
     ds = assemble(raw, alignment.stations) if alignment.stations else raw
     before = len(str(raw.attrs.get("history", "")).splitlines())
-    ds = align(ds, **checked_options(alignment))
+    options = checked_options(alignment)
+    if normal is not None and not {"plane", "bend"} & set(entry.alignment.options if entry.alignment else ()):
+        options |= {"plane": normal, "bend": None}
+    ds = align(ds, **options)
     found += str(ds.attrs.get("history", "")).splitlines()[before:]
     return Aligned(ds, tuple(found), clocks=clocks)
 
@@ -120,7 +139,7 @@ def study_experiment(study: Study, name: str, ds: xr.Dataset) -> Experiment:
     stations = entry.stations or moving_stations(name, ds, base)
     return experiment(
         name, ds, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
-        angles=entry.angles, held=entry.held, forces=[f.point_force for f in entry.forces],
+        angles=entry.angles, held=entry.held, forces=[f.point_force for f in entry.forces], drive=entry.drive,
     )
 
 
@@ -174,13 +193,36 @@ def study_model(actuator: Actuator, rotation: Array | None, links: Links | None 
     if actuator.preset:
         defaults = dict(preset(actuator.preset).BODY)
         values = {**defaults, **values, "source": {**defaults.get("source", {}), **values["source"]}}
+    chambers = [ChamberTable(**c) for c in values.pop("chambers")]
     missing = [k for k in ("length", "mass") if k not in values]
     if missing:
         raise InputError(f"[actuator] needs {' and '.join(missing)} (SI), or a preset: {', '.join(presets())}")
     values.setdefault("stiffness", 1.0)
     values.setdefault("damping", 1e-3)
-    values.setdefault("torque", [0.0])
+    if chambers:
+        for name in ("torque", "joint_gain", "valve"):
+            values.pop(name, None)  # a preset's, of its only chamber
+        values["chambers"] = named_chambers(chambers, values.setdefault("links", 5) if links is None else links.n)
+    else:
+        values.setdefault("torque", [0.0])
     return chain_model(**values) if links is None else measured_chain(values, links)
+
+
+def named_chambers(entries: Sequence[ChamberTable], joints: int) -> tuple[Chamber, ...]:
+    """The chambers of an actuator whose chain has so many joints."""
+    made = []
+    for entry in entries:
+        if strange := [j for j in entry.joints if not 1 <= j <= joints]:
+            raise InputError(f"chamber {entry.name} turns joint {strange[0]}, but the chain has joints 1 to {joints}")
+        if isinstance(entry.gain, list) and len(entry.gain) != len(entry.joints):
+            raise InputError(
+                f"chamber {entry.name}: gain is one number or one for each of its {len(entry.joints)} joints, got "
+                f"{len(entry.gain)}"
+            )
+        gain = np.zeros(joints)
+        gain[np.array(entry.joints) - 1] = entry.gain
+        made.append(Chamber(torque=np.array(entry.torque), joint_gain=gain, name=entry.name))
+    return tuple(made)
 
 
 def measured_chain(values: dict[str, Any], links: Links) -> Model:

@@ -24,6 +24,7 @@ from pliant.identification import (
     ladder,
     predict,
 )
+from pliant.identification.drives import at_rest
 from pliant.identification.edges import edges
 from pliant.identification.error_propagation import half_widths
 from pliant.identification.fit import parameters_from
@@ -31,7 +32,7 @@ from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.headline import headline
-from pliant.study.prepare import hardly_moved, planar, study_experiment, study_model, without
+from pliant.study.prepare import all_planar, hardly_moved, study_experiment, study_model, without
 from pliant.study.record_outcomes import records_of
 from pliant.study.schema import Fit, ForecastEntry, LadderEntry, Study
 from pliant.study.verdict import verdict
@@ -123,7 +124,7 @@ class Prepared(NamedTuple):
 
 def prepare_all(study: Study, tell: Tell) -> Prepared:
     """Read, align and, where the shape is dense, reduce every recording."""
-    aligned = {name: planar(study, name) for name in study.recordings}
+    aligned = all_planar(study)
     shape = None
     if study.reduction:
         name = study.reduction.recording or next(iter(aligned))
@@ -143,9 +144,10 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
         tell(f"prepared {name}: {reduced.time.size} frames, travel {1e3 * reduced.travel:.3g} mm")
     model = study_model(study.actuator, rotation, shape.links if shape else None)
     dropped = hardly_moved(experiments, model.length)
-    for line in dropped.values():
+    idle = {n: told for n, e in experiments.items() if (told := at_rest(model, e))}
+    for line in (*dropped.values(), *idle.values()):
         tell(line)
-    findings = {n: (*a.findings, *([dropped[n]] if n in dropped else [])) for n, a in aligned.items()}
+    findings = {n: (*a.findings, *(s[n] for s in (dropped, idle) if n in s)) for n, a in aligned.items()}
     found_clocks = {n: a.clocks for n, a in aligned.items() if a.clocks is not None}
     return Prepared(experiments, model, findings, provenance, shape, dropped, found_clocks)
 

@@ -31,6 +31,15 @@ class Entry(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
+class ChamberTable(Entry):
+    """One of several chambers: the joints that it turns, and its torque law."""
+
+    name: str = Field(min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
+    joints: list[int] = Field(min_length=1)  # from 1, the first
+    torque: list[float] = [0.0]  # N m/Pa^k
+    gain: float | list[float] = 1.0  # share of the law that those joints feel; below 0: bends to the other side
+
+
 class Actuator(Entry):
     """The body, SI. A preset gives all of it; other entries overrule the preset."""
 
@@ -43,7 +52,8 @@ class Actuator(Entry):
     tip_mass: float | None = None  # kg
     stiffness: float | list[float] | None = None  # N m/rad
     damping: float | list[float] | None = None  # N m s/rad
-    torque: list[float] | None = None  # N m/Pa^k
+    torque: list[float] | None = None  # N m/Pa^k, of the only chamber
+    chambers: list[ChamberTable] = []  # in its place, where there are several
     rest_angle: float | list[float] | None = None  # rad
     gravity: list[float] | None = None  # m/s^2, (x, y) of the base frame or (x, y, z) of the tracker
     bend_sign: Literal[1, -1] | None = None
@@ -122,6 +132,7 @@ class Recording(Entry):
     stations: list[str] | None = None  # which to compare with, in order, the tip last
     known: dict[str, float] = {}  # parameters of this recording alone, SI
     noise: dict[str, float] = {}  # m, standard deviation of a station's coordinates, where it is known
+    drive: dict[str, str | int] = {}  # chamber of the model -> chamber of the recording, by name or index from 0
     angles: Angles = False  # fit the recorded angles too (of a reduced shape: those of its joints), or "only" them
     forces: list[KnownForce] = []
     alignment: Alignment | None = None  # its entries overrule the study's
@@ -241,7 +252,20 @@ def check_names(study: Study, path: Path) -> None:
             raise InputError(f"study {path}: forecast {name} is like recording {entry.like!r}; listed are {listed}")
     if bad := [n for n in (*study.recordings, *study.forecasts) if "." in n or not n]:
         raise InputError(f"study {path}: the name of a recording or forecast has no dot, got {bad[0]!r}")
+    check_chambers(study, path)
     check_parameters(study, path)
+
+
+def check_chambers(study: Study, path: Path) -> None:
+    """Recordings drive chambers that the actuator has; it has a torque law or chambers, not both."""
+    names = [c.name for c in study.actuator.chambers] or ["chamber"]
+    if study.actuator.chambers and study.actuator.torque is not None:
+        raise InputError(f"study {path}: give [actuator] torque, of the only chamber, or [[actuator.chambers]]")
+    for name, entry in study.recordings.items():
+        if strange := [c for c in entry.drive if c not in names]:
+            raise InputError(
+                f"study {path}: recording {name} drives the chamber {strange[0]!r}; the actuator has {', '.join(names)}"
+            )
 
 
 def check_parameters(study: Study, path: Path) -> None:

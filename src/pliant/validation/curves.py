@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from pliant.validation.outcome import RecordOutcome
+from pliant.model import Chamber
+from pliant.validation.outcome import FitOutcome, RecordOutcome
 
 Array = np.ndarray
 
@@ -83,6 +84,19 @@ def level_of(record: RecordOutcome) -> float:
     """The pressure level that a record is known by: its nominal level, or the largest of its trace, Pa."""
     exp = record.experiment
     return float(exp.pressure.pressure.max()) if exp.pressure is not None else float(exp.level)
+
+
+def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
+    """Each chamber of a fit with a title, and the highest pressures [Pa] that its records drive it with, by role."""
+    chambers = fit.result.model.chambers
+    if len(chambers) == 1:
+        return [(fit.title, chambers[0], {level_of(r): r.role for r in fit.records})]
+    laws = []
+    for c in chambers:
+        driven = [r for r in fit.records if c.name in r.experiment.drives]
+        marks: dict[float, str] = {float(r.experiment.drives[c.name].pressure.max()): r.role for r in driven}
+        laws.append((f"{fit.title}, {c.name}", c, marks))
+    return laws
 
 
 def slenderness(record: RecordOutcome, body: bool) -> float:

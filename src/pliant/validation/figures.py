@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.plotting import DASHES, NARROW, WIDTH, side_by_side, style
-from pliant.validation.curves import autocorrelation, evenly_spaced, instants, level_of, slenderness, thin
+from pliant.validation.curves import autocorrelation, evenly_spaced, instants, laws_of, slenderness, thin
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome
 from pliant.validation.wording import ROLE, clip, digits, heading
 
@@ -129,18 +129,17 @@ def residual_figure(record: RecordOutcome) -> Figure:
 
 def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
     """Torque law of each fit against pressure; filled marks at training levels, open ones at held-out levels."""
-    levels = [level_of(r) for f in fits for r in f.records]
-    pressure = np.linspace(0.0, 1.05 * max([*levels, 1.0]), 200)
+    laws = [law for f in fits for law in laws_of(f)]
+    pressure = np.linspace(0.0, 1.05 * max([*(p for _, _, marks in laws for p in marks), 1.0]), 200)
     with drawing():
         figure, ax = side_by_side(1, (1,), 3.2)
-        for fit, mark in zip(fits, cycle("osD^v<>ph"), strict=False):
-            model = fit.result.model
-            label = f" {clip(fit.title)}"  # the space: matplotlib hides labels that begin with _
-            line, = ax.plot(1e-3 * pressure, 1e3 * model.torque_at(pressure), label=label)
-            for r in fit.records:
+        for (title, chamber, marks), mark in zip(laws, cycle("osD^v<>ph"), strict=False):
+            label = f" {clip(title)}"  # the space: matplotlib hides labels that begin with _
+            line, = ax.plot(1e-3 * pressure, 1e3 * chamber.torque_at(pressure), label=label)
+            for p, role in marks.items():
                 ax.plot(
-                    1e-3 * level_of(r), 1e3 * model.torque_at(level_of(r)), linestyle="", marker=mark, markersize=5.5,
-                    color=line.get_color(), markerfacecolor=line.get_color() if r.role == "train" else "white",
+                    1e-3 * p, 1e3 * chamber.torque_at(p), linestyle="", marker=mark, markersize=5.5,
+                    color=line.get_color(), markerfacecolor=line.get_color() if role == "train" else "white",
                 )
         ax.set(xlabel="gauge pressure (kPa)", ylabel="torque on each joint (mN m)", xlim=(0, None))
         ax.set_title("Torque law; filled marks: training levels, open marks: held out")
@@ -256,16 +255,17 @@ def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:
 
 
 def draw_pressure(ax: Axes, record: RecordOutcome) -> None:
-    """Pressure behind the valve as modelled, over the measured trace or the nominal level."""
+    """Pressures behind the valves as modelled, over the measured traces or the nominal level."""
     exp = record.experiment
-    if exp.pressure is not None:
-        trace = exp.pressure
+    for k, (name, trace) in enumerate((exp.drives or ({"": exp.pressure} if exp.pressure else {})).items()):
         near = (trace.time >= exp.time[0]) & (trace.time <= exp.time[-1])
-        ax.plot(*thin(trace.time[near], 1e-3 * trace.pressure[near]), **MEASURED | {"label": "measured pressure"})
-    else:
+        line = MEASURED | {"label": f"measured pressure{name and f', {name}'}", "color": f"{0.57 - 0.12 * (k % 4):.2f}"}
+        ax.plot(*thin(trace.time[near], 1e-3 * trace.pressure[near]), **line)
+    if exp.pressure is None:
         ax.axhline(1e-3 * exp.level, color="0.5", linestyle=":", linewidth=1.2, label="nominal pressure")
     pressure = MODELLED | {"color": "black", "linestyle": (0, (5, 1.5)), "label": "modelled, behind the valve"}
-    ax.plot(*thin(exp.time, 1e-3 * record.pressure), **pressure)
+    for modelled in np.reshape(record.pressure, (exp.time.size, -1)).T:
+        ax.plot(*thin(exp.time, 1e-3 * modelled), **pressure)
     ax.set_ylabel("pressure (kPa)")
 
 

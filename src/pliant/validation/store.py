@@ -53,8 +53,11 @@ def recorded(exp: Experiment) -> xr.Dataset:
     """What a recording showed, and what drove it."""
     variables: dict[str, Any] = {"position": in_metres(SPACE, exp.position, "measured position")}
     if exp.pressure is not None:
-        samples = np.asarray(exp.pressure.pressure, dtype=float)
-        dims = ("pressure_time", "chamber")[: samples.ndim]
+        samples = exp.pressure.pressure
+        if exp.drives:
+            samples = np.stack([t.pressure for t in exp.drives.values()], axis=1)
+            variables["driven"] = ("driven", list(exp.drives), {"long_name": "chamber of the model"})
+        dims = ("pressure_time", "driven")[: samples.ndim]
         variables["pressure"] = (dims, samples, {"units": "Pa", "long_name": "measured gauge pressure"})
         variables["pressure_time"] = ("pressure_time", exp.pressure.time, {"units": "s"})
     coordinates = {"time": ("time", exp.time, {"units": "s"}), "station": list(exp.stations), "axis": ["x", "y"]}

@@ -100,11 +100,15 @@ def restored(told: dict[str, Any], groups: Groups) -> StudyOutcome:
 def experiment_of(ds: xr.Dataset) -> Experiment:
     """A recording as it was fitted."""
     trace = None
-    if "pressure" in ds:
+    drives = {}
+    if "driven" in ds:
+        times = ds["pressure_time"].values
+        drives = {str(c): Trace(times, ds["pressure"].values[:, k]) for k, c in enumerate(ds["driven"].values)}
+    elif "pressure" in ds:
         trace = Trace(ds["pressure_time"].values, ds["pressure"].values)
     return Experiment(
         str(ds.attrs["name"]), ds["time"].values, ds["position"].values, tuple(str(s) for s in ds["station"].values),
-        ds.attrs["excitation"], trace, float(ds.attrs["level"]),
+        ds.attrs["excitation"], trace, float(ds.attrs["level"]), drives=drives,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pliant.identification.experiment import Experiment
-from pliant.validation.curves import autocorrelation, evenly_spaced, level_of
+from pliant.validation.curves import autocorrelation, evenly_spaced, laws_of
 from pliant.validation.draw import moves_torque
 from pliant.validation.outcome import Clocks, FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
 from pliant.view.packing import Pack
@@ -52,12 +52,9 @@ def thinning(outcome: StudyOutcome) -> int:
 def measured_of(exp: Experiment, every: int, pack: Pack) -> dict[str, Any]:
     """What a recording showed: s, mm and kPa."""
     pressures = []
-    if exp.pressure is not None:
-        samples = np.asarray(exp.pressure.pressure, dtype=float).reshape(exp.pressure.time.size, -1)
-        for k in range(samples.shape[1]):
-            name = "measured" if samples.shape[1] == 1 else f"measured, chamber {k + 1}"
-            seen = np.interp(exp.time[::every], exp.pressure.time, samples[:, k], left=np.nan, right=np.nan)
-            pressures.append({"name": name, "value": pack.add(1e-3 * seen)})
+    for name, trace in (exp.drives or ({"": exp.pressure} if exp.pressure is not None else {})).items():
+        seen = np.interp(exp.time[::every], trace.time, trace.pressure, left=np.nan, right=np.nan)
+        pressures.append({"name": f"measured, {name}" if name else "measured", "value": pack.add(1e-3 * seen)})
     return {
         "stations": list(exp.stations), "shown": evenly_spaced(len(exp.stations), 3), "kind": exp.excitation,
         "time": clock(exp.time[::every], pack), "position": pack.add(1e3 * exp.position[::every]),
@@ -111,15 +108,14 @@ def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:
 
 def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
     """Torque law of each fit, kPa and mN m, with the levels of its records."""
-    levels = sorted({level_of(r) for f in fits for r in f.records})
+    known = [law for f in fits for law in laws_of(f)]
+    levels = sorted({p for _, _, marks in known for p in marks})
     pressure = np.unique([*np.linspace(0.0, 1.05 * max([*levels, 1.0]), 100), *levels])
-    laws = []
-    for fit in fits:
-        role = {level_of(r): r.role for r in fit.records}
-        laws.append({
-            "title": fit.title, "value": pack.add(1e3 * np.asarray(fit.result.model.torque_at(pressure))),
-            "marks": [role.get(p) for p in pressure.tolist()],
-        })
+    laws = [
+        {"title": title, "value": pack.add(1e3 * np.asarray(chamber.torque_at(pressure))),
+         "marks": [marks.get(p) for p in pressure.tolist()]}
+        for title, chamber, marks in known
+    ]
     return {"pressure": clock(1e-3 * pressure, pack), "laws": laws}
 
 

@@ -186,7 +186,9 @@ class Live:
         if self.stepper.time > np.ptp(exp.time):
             self.restart(0.0)
         if exp.pressure is not None:
-            self.command[:] = exp.pressure(np.array([exp.time[0] + self.stepper.time - self.played.start]))[0]
+            now = np.array([exp.time[0] + self.stepper.time - self.played.start])
+            traces = [exp.drives.get(c.name) for c in self.model.chambers] if exp.drives else [exp.pressure]
+            self.command[:] = [float(t(now)[0]) if t else 0.0 for t in traces]
 
     def push(self) -> None:
         """The impulse of the hand's thread over a step: M dw = h J'F, in absolute angles."""
