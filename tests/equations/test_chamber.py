@@ -24,7 +24,6 @@ from pliant.equations.chamber import (
     slow_states,
     swollen_torque,
     torque_now,
-    with_law,
 )
 from pliant.equations.section import torque
 from pliant.equations.symbols import Actuation, Chamber, Interval
@@ -170,7 +169,7 @@ def test_joints_share_the_torques_of_chambers():
 
 def test_another_law_keeps_the_rubber():
     """Twice the law is twice the torque, the slow states alike: both rubbers take part."""
-    own, double = chamber(0.4, limit=3e5), with_law(chamber(0.4, limit=3e5), 2.0 * LAW)
+    own, double = chamber(0.4, limit=3e5), chamber(0.4, limit=3e5)._replace(law=2.0 * LAW)
     one, two = np.array([1e4, 1.2]), np.array([1e4, 1.2])
     made = advance(0.02, STRAIGHT, own, one)
     assert advance(0.02, STRAIGHT, double, two) == pytest.approx(2.0 * made, rel=1e-14)
