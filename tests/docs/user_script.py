@@ -28,6 +28,9 @@ def models() -> pliant.Model:
     """Build, save and load a model."""
     model = pliant.chain_model(length=0.17, mass=0.069, links=5, stiffness=1.6, damping=8e-3, torque=[6.67e-7])
     model = model.with_(memory=pliant.Memory(creep_share=(0.1,), creep_time=(1.0,)))
+    left = pliant.Chamber(np.array([1e-5]), np.full(model.n, 1.0), name="left")
+    right = pliant.Chamber(np.array([1e-5]), np.full(model.n, -1.0), name="right")
+    model.with_(chambers=(left, right))
     model = model.with_(valve=pliant.Valve(rise_time=0.02), stations=(pliant.Station("tip", 4, 0.034),))
     pliant.save_model(model, "model.json")
     return pliant.load_model("model.json")
