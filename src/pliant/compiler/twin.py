@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Collection
+from dis import get_instructions
 from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -74,8 +75,15 @@ def options(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> di
 
 @cache
 def makes_arrays(kernel: FunctionType) -> bool:
-    """Whether a kernel allocates an array. Taking a part of one does not count: no kernel hands an array back."""
-    return bool(ALLOCATORS & set(kernel.__code__.co_names))
+    """Whether a kernel allocates an array or writes a whole part of one, which Numba may do by a copy.
+
+    Taking a part does not count: no kernel hands an array back.
+    """
+    steps = list(get_instructions(kernel))
+    parts = [s.opname == "BUILD_SLICE" or isinstance(s.argval, slice) for s in steps]
+    written = any(part and after.opname == "STORE_SUBSCR" for part, after in zip(parts, steps[1:], strict=False))
+    written = written or any(s.opname == "STORE_SLICE" for s in steps)
+    return written or bool(ALLOCATORS & set(kernel.__code__.co_names))
 
 
 def fingerprint(kernel: FunctionType, *sources: str) -> str:
