@@ -1,4 +1,4 @@
-"""What installed packages add to pliant's own lists: readers, estimators, controllers, exporters.
+"""What installed packages add to pliant's own lists: readers, estimators, controllers, exporters, torque laws.
 
 Another package adds one by an entry point of the list's group that leads to an object of the list's kind.
 """
@@ -54,7 +54,7 @@ def chosen(group: str, built_in: Mapping[str, str], kind: type[T], name: str) ->
 
 
 def _noun(group: str) -> str:
-    return group.rpartition(".")[2].removesuffix("s")
+    return group.rpartition(".")[2].removesuffix("s").replace("_", " ")
 
 
 def _load(group: str, name: str, target: str, kind: type[T]) -> T:

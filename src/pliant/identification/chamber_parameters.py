@@ -12,6 +12,7 @@ import numpy as np
 from pliant.equations import symbols
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
+from pliant.model.torque_law import laid_torque, law_parameters, torque_laws
 
 VALVE = {
     "valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time",
@@ -78,6 +79,8 @@ def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, 
         for k, value in powers.items():
             law[k - 1] = value
         changes["torque"] = law
+    if (laid := laid_torque(values)) is not None:
+        changes["torque"] = laid
     if "gain" in values:
         mean = float(chamber.joint_gain.mean())
         if mean == 0:
@@ -98,10 +101,10 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
     several = len(model.chambers) > 1
     for name in names:
         owner, dot, own = name.partition(".")
-        if dot and owner in mine and not OWN.fullmatch(own):
+        if dot and owner in mine and not (OWN.fullmatch(own) or own in law_parameters()):
             raise InputError(
                 f"parameter {name}: {owner!r} is a chamber, and {own} is not one of a chamber's: torque_<k>, gain, "
-                f"joint_gain_<i>, {', '.join((*VALVE, *RUBBER))}"
+                f"joint_gain_<i>, {', '.join((*VALVE, *RUBBER, *law_parameters()))}"
             )
         if several and re.fullmatch(GAINS, own if dot and owner not in mine else name):
             raise InputError(
@@ -128,6 +131,8 @@ def shares_scale(listed: Mapping[str, Named], chamber: Chamber, start: str, *, s
     gains = [own(n) for n, g in zip(names, chamber.joint_gain, strict=True) if g or start + n in listed]
     if not gains or not all(p and (p.free or not p.value) for p in gains) or not any(p and p.free for p in gains):
         return False
+    if laws := [law for law in torque_laws() if own(law.scaling)]:
+        return any((p := own(law.scaling)) and p.free for law in laws)
     powers = {f"torque_{k + 1}" for k in np.flatnonzero(chamber.torque)}
     powers |= {name for k in range(1, 10) if own(name := f"torque_{k}")}
     law = [own(name) for name in powers]

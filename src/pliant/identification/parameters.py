@@ -13,6 +13,7 @@ from pliant.errors import InputError
 from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, owners
 from pliant.identification.memory_parameters import ROWS, memory_changes, usual_start
 from pliant.model import Model
+from pliant.model.torque_law import law_parameters
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,10 @@ def kind_of(name: str) -> Kind:
         for pattern, kind in KNOWN.items():
             if candidate and re.fullmatch(pattern, candidate):
                 return kind
+        if candidate in law_parameters():
+            return Kind(*law_parameters()[candidate])
     readable = [p.replace(r"(\d+|\*)", "<i>").replace("[1-9]", "<k>").replace(r".+\.", "<station>.") for p in KNOWN]
+    readable += law_parameters()
     raise InputError(
         f"unknown parameter {name!r}: use one of {', '.join(readable)}, or <record>.<one of these>, or <chamber>.<one "
         "of a chamber's>"

@@ -1,0 +1,124 @@
+"""Where a fit's torque laws begin: from the plateaus of the pressure, by statics."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pliant.equations.chamber import lever_growth
+from pliant.identification.chamber_parameters import owners, prefixes
+from pliant.identification.drives import alone
+from pliant.identification.edges import displacement, edges
+from pliant.identification.experiment import Experiment
+from pliant.identification.parameters import shared_name
+from pliant.model import Chamber, Model
+from pliant.model.torque_law import law_parameters, torque_laws
+from pliant.simulation import equilibrium, state
+
+Array = np.ndarray
+MOST_INFLATED = 10.0  # fourth power of the stretch that a start value reckons with: one near the limit says nothing
+
+
+def torque_starts(
+    model: Model, experiments: Sequence[Experiment], wanted: set[str], values: Mapping[str, float],
+) -> dict[str, float]:
+    """Coefficients of each chamber's law from the records in which it alone is driven, by their names.
+
+    A chamber of several that is never driven alone begins with a torque that bends a joint by 0.1 rad.
+    """
+    found: dict[str, float] = {}
+    several, sizes, mine = len(model.chambers) > 1, typical_sizes(model, experiments), owners(model)
+    shared = {shared_name(n) for n in wanted if n.partition(".")[0] not in mine}
+    for start, chamber in zip(prefixes(model), model.chambers, strict=True):
+        pushed = [e for e in experiments if alone(e, chamber.name) or (not several and e.excitation != "release")]
+        own = {n.removeprefix(start) for n in wanted if n.startswith(start)}
+        law = {n for n in own | shared if n.startswith("torque_") or n in law_parameters()}
+        given = {**values, **{k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}}
+        begun = torque_start(model, pushed, law, given, chamber)
+        if several and not pushed:
+            level = np.array([max(highest_level(experiments), 1.0)])
+            begun = {n: sizes.get(n, 0.0) if n == "torque_1" else 0.0 for n in law} | law_starts(
+                law, level, sizes.get("torque_1", 0.0) * level
+            )
+        for n, v in begun.items():
+            if pushed or (start + n if n in own else n) not in found:
+                found[start + n if n in own else n] = v
+    return found
+
+
+def torque_start(
+    model: Model, pushed: Sequence[Experiment], wanted: set[str], values: Mapping[str, float], chamber: Chamber,
+) -> dict[str, float]:
+    """Coefficients of a chamber's law from the plateaus, by least squares weighted to equal relative error.
+
+    Those in `values` stay as they are.
+    """
+    if not wanted or not pushed:
+        return {}
+    levels = np.array([plateau(exp) for exp in pushed])
+    torques = np.array([torque_for_plateau(model, e, u, chamber) for e, (_, u) in zip(pushed, levels, strict=True)])
+    torques /= lever_growth(np.minimum(chamber.growth_at(levels[:, 0]), MOST_INFLATED))
+    if named := law_starts(wanted, levels[:, 0], torques):
+        return named
+    weight = 1.0 / np.maximum(torques, 1e-12)
+    given = sum(v * levels[:, 0] ** int(n[-1]) for n, v in values.items() if re.fullmatch(r"torque_\d", n))
+    powers = np.array(sorted(int(n[-1]) for n in wanted))
+    basis = levels[:, :1] ** powers
+    solution = np.linalg.lstsq(basis * weight[:, None], (torques - given) * weight, rcond=None)[0]
+    return {f"torque_{k}": float(v) for k, v in zip(powers, solution, strict=True)}
+
+
+def law_starts(wanted: set[str], pressure: Array, torque: Array) -> dict[str, float]:
+    """Where the parameters of a law with a name begin, from its torques [N m] at rest at pressures [Pa]."""
+    laws = [law for law in torque_laws() if law.own(dict.fromkeys(wanted, 0.0))]
+    begun = {f"{law.name}_{p}": v for law in laws for p, v in law.start(pressure, torque).items()}
+    return {n: v for n, v in begun.items() if n in wanted}
+
+
+def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Chamber) -> float:
+    """The torque [N m] of a chamber that moves the last station by `target` [m] from rest, statically."""
+    joints = model.joints()
+    rest = state.stations(model, state.absolute(model, equilibrium(model)))[0]
+    names = [p.name for p in model.points]
+    k = names.index(exp.stations[-1])
+
+    def gap(torque: float) -> float:
+        q = equilibrium(model) + chamber.joint_gain * torque / joints.K
+        moved = state.stations(model, state.absolute(model, q))[0]
+        return float(np.linalg.norm(moved[k] - rest[k])) - target
+
+    from scipy.optimize import brentq
+
+    high = float(joints.K.mean() * 0.01)
+    while gap(high) < 0 and high < joints.K.mean() * 2:
+        high *= 2
+    return float(brentq(gap, 0.0, high)) if gap(high) > 0 else high
+
+
+def plateau(exp: Experiment) -> tuple[float, float]:
+    """Pressure [Pa] and displacement of the last station [m] where the pressure was highest for long."""
+    u = displacement(exp)
+    if exp.pressure is None:
+        stop = edges(exp).get("stop", float(exp.time[-1]))
+        level = exp.level
+        window = (exp.time > stop - 0.2) & (exp.time < stop)
+    else:
+        p = exp.pressure(exp.time)
+        level = float(p.max())
+        window = p > 0.95 * level
+    return level, float(np.median(u[window])) if window.any() else float(u.max())
+
+
+def highest_level(experiments: Sequence[Experiment]) -> float:
+    """Highest plateau of the pressure, Pa; 0 without one."""
+    return max([plateau(exp)[0] for exp in experiments if exp.excitation != "release"], default=0.0)
+
+
+def typical_sizes(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
+    """Sizes of parameters whose start is 0: of a torque that bends a joint by 0.1 rad, of damping that lasts 1 ms."""
+    K = float(model.stiffness.mean())
+    level = highest_level(experiments)
+    torque = {f"torque_{k}": 0.1 * K / level**k for k in range(1, 10)} if level > 0 else {}
+    return {"damping": 1e-3 * K, **torque}
