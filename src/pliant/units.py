@@ -6,6 +6,19 @@ from pliant.errors import InputError, shown
 
 PASCAL = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757293168361}
 METRE = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+ENDINGS = {  # of names that carry their unit, longer ones first
+    "rad_s": "rad/s", "mn_m": "mN m", "us_per_sample": "us", "ns_per_step_one_core": "ns", "percent": "%", "mm": "mm",
+    "kpa": "kPa", "pa": "Pa", "hz": "Hz", "deg": "°", "rad": "rad", "us": "us", "ms": "ms", "ns": "ns", "s": "s",
+    "n": "N", "m": "m", "g": "g",
+}
+
+
+def quantity(name: str) -> tuple[str, str]:
+    """Words and unit of a name that carries its unit: largest_rate_rad_s is ("largest rate", "rad/s")."""
+    for ending, unit in ENDINGS.items():
+        if name.endswith(f"_{ending}"):
+            return name.removesuffix(f"_{ending}").replace("_", " "), unit
+    return name.replace("_", " "), ""
 
 
 def _factor(table: dict[str, float], unit: str, what: str) -> float:

@@ -11,6 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from pliant.bench import realtime
+from pliant.bench.meaning import MEANING
 from pliant.bench.methods import Method, pliant_extrapolated, pliant_midpoint, scipy_methods
 from pliant.bench.problem import TARGET_MM, Problem
 from pliant.bench.race import error_of, to_target
@@ -78,6 +79,7 @@ def test_mujoco_solves_the_same_problem(problem):
 def test_real_time_keeps_count_and_leaves_the_collector_on():
     found = realtime.realtime(0.2)
     assert gc.isenabled()
+    assert set(found) <= set(MEANING)
     assert found["realtime_steps"] == 200
     assert abs(found["realtime_bytes_left"]) < 20_000  # of as many steps: not one byte each
     assert 0 < found["realtime_median_us"] <= found["realtime_p999_us"] <= found["realtime_worst_us"]
@@ -92,6 +94,7 @@ def test_kernels_and_the_file(tmp_path):
     path = write(found, tmp_path / "results" / "bench.json")
     assert json.loads(path.read_text(encoding="utf-8"))["step_ns"] == found["step_ns"]
     assert any(line.startswith("  step_ns") for line in lines(found))
+    assert {k for k in found if k not in ("machine", "pliant")} <= set(MEANING)
 
 
 def test_unknown_parts_are_refused():

@@ -58,8 +58,9 @@ def test_every_command_explains_itself(command: str) -> None:
     result = invoke(command, "--help")
     assert result.exit_code == 0
     assert "Usage" in result.output
-    assert f"Example: pliant {command}" in result.output
+    assert result.output.splitlines()[-1].startswith(f"Example: pliant {command}")
     assert "--json" in result.output
+    assert "--quiet" in result.output
 
 
 def test_the_shell_completes_commands() -> None:
@@ -220,7 +221,7 @@ def test_the_demo_hands_its_options_on_by_name(monkeypatch: pytest.MonkeyPatch, 
 
     monkeypatch.setattr(sys.modules["pliant.cli.run"], "run", run)
     assert invoke("demo", "-o", tmp_path, "--json", "--quiet").exit_code == 0
-    assert asked == {"quiet": True, "json": True, "output": tmp_path}
+    assert asked == {"json": True, "output": tmp_path}
 
 
 def test_a_quiet_run_tells_nothing_but_the_result(study: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 import typer
 import xarray as xr
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 
 from pliant.cli.sweep import sweep
 from pliant.errors import InputError
+from pliant.model import chain_model, save_model
 
 APP = typer.Typer()
 APP.command()(sweep)
@@ -57,6 +59,27 @@ def test_bootstrap_of_the_studys_fit(tmp_path):
     samples = xr.load_dataset(tmp_path / "out" / "samples.nc")
     assert samples["parameter_stiffness"].values == pytest.approx(0.5, rel=0.05)
     assert not samples["failed"].any()
+
+
+def test_a_table_alone_runs_on_a_model_and_is_drawn(tmp_path):
+    """No recordings: the spread of the deflection is that of the stiffness, to first order its inverse."""
+    save_model(chain_model(length=0.1, mass=0.05, links=2, stiffness=1.0, damping=0.02, torque=[1e-6]),
+               tmp_path / "model.json")
+    alone = {**MONTE_CARLO, "samples": 30, "duration": 2.0,
+             "parameters": {"stiffness": {"low": 0.95, "high": 1.05}, "level": 2e4}}
+    path = tmp_path / "sweep.json"
+    path.write_text(json.dumps({"sweep": alone}), encoding="utf-8")
+    done = run(path, "--model", tmp_path / "model.json", "-o", tmp_path / "out", "--figure", tmp_path / "a.png")
+    assert done.exit_code == 0, done.output
+    assert "parameter stiffness" in done.output
+    assert "N m/rad" in done.output
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+    samples = xr.load_dataset(tmp_path / "out" / "samples.nc")
+    k, tip = samples["parameter_stiffness"].values, samples["final_tip"].sel(axis="x").values
+    assert samples["final_tip"].attrs["units"] == "m"
+    assert k * tip == pytest.approx(float(np.mean(k * tip)), rel=2e-3)
+    bare = run(path, "-o", tmp_path / "out2")
+    assert "give a model by --model" in str(bare.exception)
 
 
 def test_a_study_without_a_sweep_is_refused(tmp_path):

@@ -8,6 +8,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from pliant.bench.meaning import MEANING
 from pliant.bench.timing import machine
 from pliant.errors import InputError
 from pliant.files import write_text
@@ -51,8 +52,8 @@ def measure(
 
 
 def lines(numbers: dict[str, Any]) -> list[str]:
-    """One line a number."""
-    return [f"  {name:<30} {shown(value)}" for name, value in numbers.items()]
+    """One line a number: its name in the JSON, its value, what it means."""
+    return [f"  {name:<30} {shown(value):<12} {MEANING.get(name, '')}".rstrip() for name, value in numbers.items()]
 
 
 def shown(value: Any) -> str:

@@ -20,6 +20,7 @@ from pliant.cli.figures import figures
 from pliant.cli.inspect import inspect
 from pliant.cli.new import new
 from pliant.cli.order import order
+from pliant.cli.progress import Command, can_be_quiet
 from pliant.cli.run import run as run_command
 from pliant.cli.shape import shape
 from pliant.cli.simulate import simulate
@@ -49,8 +50,9 @@ app = typer.Typer(
     name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False, cls=Panels,
     rich_markup_mode=None,
     help="From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.",
-    epilog="The journey: inspect a recording, draft a study, run it, use its model. Every command takes --json, and "
-    "`pliant COMMAND --help` ends in an example. Exit codes: 0 good, 1 the job failed, 2 bad usage or bad input.",
+    epilog="The journey: inspect a recording, draft a study, run it, use its model. Every command takes --json and "
+    "--quiet, and `pliant COMMAND --help` ends in an example. Exit codes: 0 good, 1 the job failed, 2 bad usage or bad "
+    "input.",
 )
 
 
@@ -79,7 +81,7 @@ JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # panels of the help, in
 }
 for commands in JOURNEY.values():
     for name, command in commands.items():
-        app.command(name)(command)
+        app.command(name, cls=Command)(can_be_quiet(command))
 
 
 def run() -> None:

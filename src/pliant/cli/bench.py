@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -24,8 +24,15 @@ def bench(
     import json as jsonlib
 
     from pliant.bench.run import NAMES, measure, write
+    from pliant.cli.progress import busy
 
-    found = measure((part,) if part else NAMES, seconds=seconds, tell=lambda text: typer.echo(text, err=json))
+    found: dict[str, Any] = {}
+    for name in (part,) if part else NAMES:
+        with busy(f"measuring {name}"):
+            told: list[str] = []
+            found |= measure((name,), seconds=seconds, tell=told.append)
+        if not json:
+            typer.echo("\n".join(told))
     if output is not None:
         write(found, output)
     if json:

@@ -10,6 +10,15 @@ import typer
 if TYPE_CHECKING:
     import xarray as xr
 
+MEANING = {
+    "highest_statistic": "likelihood ratio in units of its threshold: a contact is where it passes 1",
+    "first_onset_s": "when the force set in", "first_alarm_s": "when it was certain enough to tell",
+    "place_mm": "along the body from its base, median while in contact",
+    "place_95_width_mm": "width of its 95 % interval, median", "normal_force_n": "across the body, median",
+    "normal_force_sd_n": "its standard deviation, median", "tangential_force_n": "along the body, median",
+    "tangential_hidden_share": "of that force which no joint torque shows: 1 where nothing of it is seen",
+}
+
 
 def contact(
     recordings: Annotated[list[Path], typer.Argument(help="Aligned recordings to judge; several pokes make one map.")],
@@ -29,8 +38,8 @@ def contact(
 
     Example: pliant contact poke.nc --model model.json --free pulse_60.nc --free pulse_180.nc --figure poke.png
     """
-    from pliant.cli.estimate import tell
-    from pliant.cli.output import busy, save_trajectory, write_figure
+    from pliant.cli.output import print_numbers, save_trajectory, write_figure
+    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
     from pliant.contact import find_contact, free_motion, map_contacts
     from pliant.model import load_model
@@ -51,7 +60,8 @@ def contact(
 
         save_map(map_contacts(found, half_width=half_width_mm * 1e-3), chart)
     for path, one in zip(recordings, found, strict=True):
-        tell({"recording": str(path), **report(one)}, as_json=json)
+        told = report(one) if not json else {"recording": str(path), **report(one)}
+        print_numbers(told, as_json=json, title=str(path), meaning=MEANING)
 
 
 def report(found: xr.Dataset) -> dict[str, float | int | str]:
@@ -60,7 +70,7 @@ def report(found: xr.Dataset) -> dict[str, float | int | str]:
     said = "extrapolated beyond it" if a["threshold_extrapolated"] else "within it"
     made: dict[str, float | int | str] = {
         "contacts": len(a["alarm_s"]), "frames_in_contact": int(found["in_contact"].sum()),
-        "threshold_of_statistic": a["threshold"],
+        "highest_statistic": float(found["statistic"].max()) / a["threshold"],
         "threshold_from": f"{a['free_motion_s']:.3g} s of free motion, {a['false_alarms_per_hour']:g} alarm/h {said}",
     }
     if not a["alarm_s"]:

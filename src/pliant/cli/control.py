@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pliant.units import quantity
+
 if TYPE_CHECKING:
     from pliant.loop.task import Done
+
+NO_VALVE = "The model holds no valve: these margins leave its lag out. Identify one before relying on them."
+MEANING = {
+    "mean_error_mm": "of the tip as estimated, over the last fifth", "largest_error_mm": "the same, the largest",
+    "overruns": "periods whose work took longer than a period", "skipped": "periods left out after one that overran",
+    "worst_lateness_us": "of the beginning of a period; 0 off the clock",
+    "jitter_us": "of the same, standard deviation",
+    "frames_lost": "shapes with missing points", "frames_late": "older than one before",
+    "fault_time_s": "0 where there was none", "commands_at_a_limit": "of pressure or its rate",
+}
 
 
 def print_task(wanted: bool) -> None:
@@ -42,7 +54,8 @@ def control(
 
     Example: pliant control --plant testbed:b --model results/demo/model.json --task task.toml
     """
-    from pliant.cli.output import write_figure
+    from pliant.cli.output import print_numbers, write_figure
+    from pliant.cli.progress import telling
     from pliant.control.task import read_task
     from pliant.files import write_text
     from pliant.loop.task import make_plant, run_task
@@ -51,9 +64,11 @@ def control(
 
     wanted = read_task(task)
     output.mkdir(parents=True, exist_ok=True)
-    done = run_task(load_model(model), make_plant(plant), wanted, output, estimator=estimator, real_time=real_time)
-    text, table = report(plant, done), done.log
-    write_text(output / "report.md", text)
+    with telling() as tell:
+        done = run_task(load_model(model), make_plant(plant), wanted, output, estimator=estimator,
+                        real_time=real_time, progress=tell)
+    table = done.log
+    write_text(output / "report.md", report(plant, done))
     figure = control_figure(
         table["time_s"], table["target_m"], table["target_m"] + table["error_m"], table["command_pa"],
         table["pressure_pa"],
@@ -65,23 +80,37 @@ def control(
 
         typer.echo(dumps({"plant": plant, "folder": str(output), **done.summary}, default=float))
         return
-    typer.echo(text)
+    typer.echo("\n".join([f"stability margins of {plant} by pressure, full state known:", str(done.prepared.design),
+                          *unmodelled(done)]))
+    print_numbers(reached(done), as_json=False, title="what was reached", meaning=MEANING)
     typer.echo(f"log, report and figures: {output}")
+
+
+def reached(done: Done) -> dict[str, Any]:
+    """What was reached, and the counters of the loop."""
+    error = 1e3 * done.log["error_m"]
+    last = error.tail(max(len(done.log) // 5, 1))
+    return {
+        "mean_error_mm": float(last.mean()), "largest_error_mm": float(last.abs().max()),
+        "highest_command_kpa": 1e-3 * float(done.log["command_pa"].max()), "fault": done.summary["fault"] or "none",
+        **{name: value for name, value in done.summary.items() if not isinstance(value, str)},
+    }
+
+
+def unmodelled(done: Done) -> list[str]:
+    """A sentence where the model holds no valve."""
+    valve = done.prepared.design.model.valve
+    lags = valve.natural_frequency or valve.rise_time
+    return [] if lags else [NO_VALVE]
 
 
 def report(plant: str, done: Done) -> str:
     """What was reached, in Markdown."""
-    design, table = done.prepared.design, done.log
-    error = 1e3 * table["error_m"]
-    last = error.tail(max(len(table) // 5, 1))
     lines = [f"# Control of {plant}", "", "Stability margins by pressure, full state known:", ""]
-    lines += ["```", str(design), "```", ""]
-    if not design.model.valve.natural_frequency and not design.model.valve.rise_time:
-        lines += ["The model holds no valve: these margins leave its lag out. Identify one before relying on them.", ""]
-    lines += [
-        f"- estimated tip error over the last fifth: mean {last.mean():.3f} mm, largest {last.abs().max():.3f} mm",
-        f"- highest command {1e-3 * table['command_pa'].max():.1f} kPa",
-        f"- fault: {done.summary['fault'] or 'none'}",
-    ]
-    lines += [f"- {name}: {value:.6g}" for name, value in done.summary.items() if not isinstance(value, str)]
+    lines += ["```", str(done.prepared.design), "```", "", *unmodelled(done), ""]
+    lines += ["| | value | unit | |", "|---|---|---|---|"]
+    for name, value in reached(done).items():
+        words, unit = quantity(name)
+        lines.append(f"| {words} | {value if isinstance(value, str) else f'{value:.4g}'} | {unit} | "
+                     f"{MEANING.get(name, '')} |")
     return "\n".join(lines) + "\n"

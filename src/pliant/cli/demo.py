@@ -10,7 +10,6 @@ import typer
 
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")] = Path("results/demo"),
-    quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing but the result.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
     """Run the whole chain on bundled recordings: fibre points, tip, order, links, fit, prediction, report.
@@ -20,4 +19,4 @@ def demo(
     from pliant.cli.run import run
     from pliant.study import demo_study
 
-    run(demo_study(), output, quiet=quiet, json=json)
+    run(demo_study(), output, json=json)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pliant.cli.progress import telling
+
 if TYPE_CHECKING:
     from pliant.identification.design import Design
 
@@ -30,9 +32,8 @@ def design(
     from pliant.study.design import design_study
 
     highest = None if max_kpa is None else max_kpa * 1e3
-    found = design_study(
-        load_study(study), highest=highest, criterion=criterion, progress=lambda line: typer.echo(line, err=True)
-    )
+    with telling() as tell:
+        found = design_study(load_study(study), highest=highest, criterion=criterion, progress=tell)
     if json:
         typer.echo(json_format.dumps(found.to_dict(), indent=2))
         return
@@ -41,11 +42,13 @@ def design(
 
 def print_design(found: Design) -> None:
     """The proposals as a table: expected standard errors after one more recording."""
+    from pliant.cli.output import aligned
+
     typer.echo(
         f"Known worst: {', '.join(found.direction)}, to {100 * found.now.weakest:.3g} % along their weakest direction; "
         f"all directions together {100 * found.now.volume:.3g} %."
     )
-    for p in found.proposals[:8]:
-        typer.echo(f"  {p.words:<52} weakest {100 * p.weakest:8.3g} %   all {100 * p.volume:8.3g} %")
+    rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in found.proposals[:8]]
+    typer.echo("\n".join(aligned([["one more recording", "weakest", "all"], *rows])))
     for line in found.refused:
         typer.echo(f"  left out: {line}")

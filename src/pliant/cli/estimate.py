@@ -12,6 +12,17 @@ if TYPE_CHECKING:
 
     from pliant.simulation.inputs import Input
 
+MEANING = {
+    "frames_skipped": "no station of the model was seen in them", "frames_in_part": "some stations were missing",
+    "normalised_innovation": "squared innovations over what the filter claimed; 1 where its noise is right",
+    "normalised_innovation_95_low": "95 % of such ratios lie above this where the noise is right",
+    "normalised_innovation_95_high": "and below this",
+    "innovation_correlation": "from frame to frame; 0 where the model errs at random",
+    "largest_rate_rad_s": "of a joint, smoothed", "typical_rate_sd_rad_s": "standard deviation of a joint rate, median",
+    "largest_disturbance_mn_m": "torque of a joint that the model does not explain",
+    "typical_disturbance_sd_mn_m": "its standard deviation, median",
+}
+
 
 def estimate(
     recording: Annotated[Path, typer.Argument(help="Aligned (planar) recording.")],
@@ -32,7 +43,8 @@ def estimate(
 
     Example: pliant estimate arm.nc --model results/arm/model.json --latency-ms 4 -o states.nc --figure states.png
     """
-    from pliant.cli.output import busy, save_trajectory, write_figure
+    from pliant.cli.output import print_numbers, save_trajectory, write_figure
+    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
     from pliant.estimation import estimate as filter_recording
     from pliant.model import load_model
@@ -50,7 +62,7 @@ def estimate(
         from pliant.validation.use_figures import estimate_overview
 
         write_figure(estimate_overview(found), figure)
-    tell(report(found), as_json=json)
+    print_numbers(report(found), as_json=json, title=str(recording), meaning=MEANING)
 
 
 def report(found: xr.Dataset) -> dict[str, float | int | str]:
@@ -73,14 +85,3 @@ def report(found: xr.Dataset) -> dict[str, float | int | str]:
         made["largest_disturbance_mn_m"] = 1e3 * float(abs(found["disturbance"]).max())
         made["typical_disturbance_sd_mn_m"] = 1e3 * float(found["disturbance_sd"].median())
     return made
-
-
-def tell(numbers: dict[str, float | int | str], *, as_json: bool) -> None:
-    """Print a report as JSON or as lines."""
-    import json as jsonlib
-
-    if as_json:
-        typer.echo(jsonlib.dumps(numbers))
-        return
-    for name, value in numbers.items():
-        typer.echo(f"{name:<30} {value:.4g}" if isinstance(value, float) else f"{name:<30} {value}")

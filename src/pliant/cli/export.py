@@ -31,7 +31,7 @@ def export(
     """
     import json as jsonlib
 
-    from pliant.cli.output import busy
+    from pliant.cli.progress import busy
     from pliant.exporters import export as write
     from pliant.exporters.provenance import standard_errors
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.output import busy
+from pliant.cli.progress import busy
 
 
 def figures(

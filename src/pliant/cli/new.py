@@ -28,7 +28,7 @@ def new(
 
     Example: pliant new arm.toml --from 100mbar.c3d --from 200mbar.c3d --mass 0.15
     """
-    from pliant.cli.output import busy
+    from pliant.cli.progress import busy
     from pliant.cli.reading import load_mapping
     from pliant.errors import InputError
     from pliant.study.draft import draft_study

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.output import busy
+from pliant.cli.progress import busy
 from pliant.cli.reading import read_with_mapping
 from pliant.errors import InputError
 

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json as jsonlib
-import sys
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from pliant.cli.progress import busy
 from pliant.errors import InputError
 from pliant.files import whole
+from pliant.units import quantity
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,49 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pliant.model import Model
-
-
-@contextmanager
-def busy(what: str) -> Iterator[None]:
-    """A line on the terminal that says what is done and for how long, once that has taken a second; none in a pipe."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False)
-    bar.add_task(what, total=None)
-    begin = threading.Timer(1.0, bar.start)
-    begin.start()
-    try:
-        yield
-    finally:
-        begin.cancel()
-        begin.join()
-        bar.stop()
-
-
-@contextmanager
-def telling(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
-    """Takes one line for each thing done: above a running clock on a terminal, plain in a pipe, none if quiet."""
-    if quiet or not sys.stderr.isatty():
-        yield (lambda _line: None) if quiet else (lambda line: typer.echo(line, err=True))
-        return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bar:
-        task = bar.add_task("reading", total=None)
-
-        def tell(line: str) -> None:
-            console.print(line, markup=False, highlight=False)
-            bar.update(task, description=f"after: {line[:60]}")
-
-        yield tell
 
 
 def save_trajectory(trajectory: xr.Dataset, path: Path) -> None:
@@ -143,12 +99,36 @@ def summary(trajectory: xr.Dataset) -> dict[str, Any]:
     }
 
 
-def print_summary(trajectory: xr.Dataset, *, as_json: bool) -> None:
-    """Print the summary as JSON or as lines."""
-    numbers = summary(trajectory)
+def print_numbers(
+    numbers: Mapping[str, Any], *, as_json: bool, title: str = "", meaning: Mapping[str, str] | None = None,
+) -> None:
+    """Print named numbers as JSON, or as a table: what it is, its value, its unit, and what it means where told."""
     if as_json:
-        typer.echo(jsonlib.dumps(numbers))
+        typer.echo(jsonlib.dumps(numbers, default=float))
         return
+    rows, sentences = [], []
     for name, value in numbers.items():
-        shown = ", ".join(f"{v:.4g}" for v in value) if isinstance(value, list) else value
-        typer.echo(f"{name:<30} {shown:.5g}" if isinstance(shown, float) else f"{name:<30} {shown}")
+        words, unit = quantity(name)
+        if isinstance(value, str):
+            sentences.append(f"  {words}: {value}")
+        else:
+            rows.append([words, shown(value), unit, *([meaning.get(name, "")] if meaning else [])])
+    typer.echo("\n".join([*([title] if title else []), *aligned(rows), *sentences]))
+
+
+def shown(value: Any) -> str:
+    """A value in a table: four digits, a dash for what is not there."""
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: "-"}[value]
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return ", ".join(map(shown, value)) if isinstance(value, list | tuple) else str(value)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """The rows of a table as lines: columns of numbers to the right, of words to the left."""
+    width = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    right = [k > 0 and sum(c[:1].isdigit() or c[:1] in ("-", "+") for c in column) > len(rows) // 2
+             for k, column in enumerate(zip(*rows, strict=True))]
+    placed = [[c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, width, right, strict=True)] for row in rows]
+    return [f"  {'  '.join(row)}".rstrip() for row in placed]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from pliant.cli.output import busy
+from pliant.cli.progress import busy
 from pliant.files import read_entries
 
 if TYPE_CHECKING:

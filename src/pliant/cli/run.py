@@ -7,14 +7,13 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.output import telling
+from pliant.cli.progress import telling
 
 
 def run(
     study: Annotated[Path, typer.Argument(help="Study file (TOML), or the study.json of an earlier run.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for model, metrics, results and report.")],
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a target of the study is missed.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing but the result.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
     """Check, align, fit, predict and report: the whole chain from recordings to a validated model.
@@ -23,7 +22,7 @@ def run(
     """
     from pliant.study import load_study, run_study
 
-    with telling(quiet=quiet) as tell:
+    with telling() as tell:
         outcome = run_study(load_study(study), output, progress=tell)
     if json:
         typer.echo((output / "metrics.json").read_text(encoding="utf-8"))

@@ -41,7 +41,8 @@ def simulate(
 
     Example: pliant simulate results/arm/model.json --level-kpa 25 --duration 5 -o path.nc --figure path.png
     """
-    from pliant.cli.output import busy, print_summary, save_trajectory, write_figure, write_film
+    from pliant.cli.output import print_numbers, save_trajectory, summary, write_figure, write_film
+    from pliant.cli.progress import busy
     from pliant.model import load_model
     from pliant.simulation import Pulse
     from pliant.simulation import simulate as solve
@@ -66,7 +67,7 @@ def simulate(
         write_figure(demo_figure(result), figure)
     if film is not None:
         write_film(result, loaded, film)
-    print_summary(result, as_json=json)
+    print_numbers(summary(result), as_json=json)
 
 
 def with_load(model: Model, grams: float) -> Model:

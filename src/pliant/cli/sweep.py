@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.output import telling
-
 if TYPE_CHECKING:
     from pliant.model import Model
     from pliant.study import Study
@@ -16,36 +14,44 @@ if TYPE_CHECKING:
 
 
 def sweep(
-    study: Annotated[Path, typer.Argument(help="Study file (TOML) with a table called sweep.")],
+    study: Annotated[Path, typer.Argument(help="Study with a [sweep] table; with --model that alone.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the samples; a sweep goes on there.")],
     scheduler: Annotated[str, typer.Option(help="local, processes, or tcp://host:port of a Dask scheduler.")] = "local",
     *,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default one for each core.")] = None,
     model: Annotated[Path | None, typer.Option(help="Model file to start from, in place of the study's body.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed, in place of the file's.")] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing but the result.")] = False,
+    figure: Annotated[Path | None, typer.Option(help="Figure of the tips and of every number (.png or .svg).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit; go on where one stopped.
 
     The samples do not depend on the scheduler, nor on who worked on them.
 
-    Example: pliant sweep study.toml --scheduler processes -o results/sweep
+    Example: pliant sweep sweep.toml --model results/arm/model.json -o results/sweep --figure spread.png
     """
     import json as jsonlib
 
+    from pliant.cli.output import aligned, write_figure
+    from pliant.cli.progress import busy, counting, mention
     from pliant.sweep.sweep import run_sweep
 
-    wanted, body, extra = prepare(study, model, seed)
-    with telling(quiet=quiet) as tell:
-        result = run_sweep(wanted, body, output, scheduler=scheduler, workers=workers, progress=tell, **extra)
+    with busy("preparing the model"):
+        wanted, body, extra = prepare(study, model, seed)
+    with counting("samples") as count:
+        result = run_sweep(wanted, body, output, scheduler=scheduler, workers=workers, progress=mention, count=count,
+                           **extra)
+    if figure is not None:
+        from pliant.validation.use_figures import sweep_figure
+
+        write_figure(sweep_figure(result.samples), figure)
     summary = result.summary()
     if json:
         typer.echo(jsonlib.dumps(summary))
         return
-    for name, spread in summary["numbers"].items():
-        if spread:
-            typer.echo(f"{name:<28} {spread['median']:.5g} ({spread['low']:.5g} ... {spread['high']:.5g}, 95 %)")
+    rows = [[name.replace("_", " "), *(f"{told[key]:.5g}" for key in ("median", "low", "high")), told["unit"]]
+            for name, told in summary["numbers"].items() if told]
+    typer.echo("\n".join(aligned([["", "median", "2.5 %", "97.5 %", "unit"], *rows])))
     typer.echo(f"{summary['samples']} samples, {summary['failed_samples']} of them failed; {summary['told']}")
     typer.echo(f"samples: {output / 'samples.nc'}")
 
@@ -53,9 +59,18 @@ def sweep(
 def prepare(path: Path, model: Path | None, seed: int | None) -> tuple[Sweep, Model, dict[str, Any]]:
     """The sweep, the model it starts from, and for fits the recordings and parameters."""
     from pliant.errors import InputError
+    from pliant.files import read_entries
     from pliant.model import load_model
     from pliant.study import load_study
+    from pliant.sweep.spec import sweep_from
 
+    content = read_entries(path, "study")
+    if set(content) == {"sweep"}:
+        alone = sweep_from(content["sweep"])
+        if model is None or alone.kind in ("bootstrap", "multi_start"):
+            raise InputError(f"{path} holds a [sweep] table alone: give a model by --model, and simulations to make of "
+                             "it (kind design or monte_carlo); a fit needs a study with its recordings")
+        return alone if seed is None else alone.model_copy(update={"seed": seed}), load_model(model), {}
     study = load_study(path)
     if study.sweep is None:
         raise InputError(f"study {path} has no [sweep] table: it says what to vary, and how often")

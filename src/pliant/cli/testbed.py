@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json as jsonlib
-import sys
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+from pliant.cli.progress import counting
 
 
 def run_testbed(
@@ -46,7 +43,7 @@ def run_testbed(
     from pliant.testbed.laboratory import Laboratory, generate_file
 
     path = output or Path(f"{scenario}-{actuator}-{seed}.nc")
-    with _progress(scenario) as progress:
+    with counting(scenario) as progress:
         lab = Laboratory(output=record)  # type: ignore[arg-type]
         ran = generate_file(scenario, path, body=actuator, seed=seed, lab=lab, truth=truth, progress=progress)
     if json:
@@ -66,27 +63,3 @@ def _list_scenarios(*, as_json: bool) -> None:
     width = max(map(len, SCENARIOS))
     for case in SCENARIOS.values():
         typer.echo(f"{case.name:{width}}  {case.duration:5.1f} s  {case.rate:5.1f} Hz  {case.summary}")
-
-
-@contextmanager
-def _progress(name: str) -> Iterator[Callable[[float], None]]:
-    """A bar on the terminal once a run has taken a second; nothing in a pipe."""
-    import time
-
-    from rich.console import Console
-    from rich.progress import Progress
-
-    start = time.monotonic()
-    console = Console(stderr=True)
-    bar = Progress(console=console, transient=True, disable=not sys.stderr.isatty())
-    task = bar.add_task(name, total=1.0)
-
-    def update(done: float) -> None:
-        if not bar.live.is_started and time.monotonic() - start > 1.0:
-            bar.start()
-        bar.update(task, completed=done)
-
-    try:
-        yield update
-    finally:
-        bar.stop()

@@ -12,7 +12,7 @@ import typer
 def view(
     source: Annotated[Path, typer.Argument(help="Model file, or folder that `pliant run` has written.")],
     loop: Annotated[
-        Path | None, typer.Option("--loop", help="Log that `pliant control --log` is writing: watch that loop.")
+        Path | None, typer.Option("--loop", help="log.csv that `pliant control` is writing: watch that loop.")
     ] = None,
     port: Annotated[int, typer.Option("--port", help="Port on this machine; 0: any free one.")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,

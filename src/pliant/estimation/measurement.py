@@ -59,7 +59,8 @@ def measurement_of(
     """
     check_recording(recording)
     if recording.attrs.get("frame") != "planar":
-        raise InputError(f"a planar recording is needed, not the frame {recording.attrs.get('frame')!r}: align it")
+        raise InputError(f"a planar recording is needed, not the frame {recording.attrs.get('frame')!r}: align it by "
+                         "`pliant shape RECORDING -o aligned.nc`, or pliant.align")
     names = [str(s) for s in recording["station"].values]
     wanted = stations or tuple(p.name for p in model.points if p.link >= 0 and p.name in names)
     known = {p.name: p for p in model.points}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -69,7 +70,8 @@ def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "
 
 
 def run_task(
-    model: Model, plant: Any, wanted: TaskFile, folder: Path, *, estimator: str = "observer", real_time: bool = False
+    model: Model, plant: Any, wanted: TaskFile, folder: Path, *, estimator: str = "observer", real_time: bool = False,
+    progress: Callable[[str], None] = lambda _line: None,
 ) -> Done:
     """Do a task and write ``log.csv`` into a folder, whatever ends the run.
 
@@ -83,12 +85,15 @@ def run_task(
         See `pliant.estimation.estimators`.
     real_time : bool
         By the machine's clock, not as fast as it goes.
+    progress : callable
+        Called with one line for each phase that begins.
 
     Raises
     ------
     InputError
         When task, model and plant do not fit.
     """
+    progress(f"measuring the rest of the body over {AT_REST} frames, designing estimator and controller")
     ready = prepare_plant(model, plant, wanted, estimator)
     path = folder / "log.csv"
     path.unlink(missing_ok=True)
@@ -96,6 +101,7 @@ def run_task(
     clock = SystemClock() if real_time else VirtualClock()
     arm = VirtualActuator(plant, clock)
     watchdog = Watchdog(Bounds(ABOVE * wanted.limits.highest))
+    progress(f"running the loop for {wanted.duration_s:g} s" + (" by the clock" if real_time else ""))
     loop = ControlLoop([arm], arm, ready.pipeline, watchdog, wanted.period, clock, log)
     try:
         loop.run(wanted.duration_s)

@@ -29,6 +29,7 @@ from pliant.sweep.store import Store
 from pliant.sweep.tasks import Campaign, work
 
 Tell = Callable[[str], None]
+Count = Callable[[float], None]
 IN_FLIGHT = 64  # chunks handed out and not yet written: bounds what a crash can cost, and the memory
 PATIENCE = 3  # new executors in a row that deliver nothing, before the sweep gives up
 CONNECT_S = 30.0
@@ -133,8 +134,11 @@ class Watched:
 
 def run_campaign(
     campaign: Campaign, store: Store, make_executor: Callable[[], Any], tell: Tell = lambda _line: None,
+    count: Count | None = None,
 ) -> Account:
     """Work on every chunk that is not on disk; returns when all are, or raises with all that is done kept.
+
+    `tell` takes a line for each mishap and, unless `count` takes the share that is done, for each chunk.
 
     Raises
     ------
@@ -147,9 +151,16 @@ def run_campaign(
     if account.found:
         tell(f"{account.found} of {campaign.chunks} chunks are there from before")
     idle = 0
+
+    def written(chunk: int) -> None:
+        if count is None:
+            tell(f"chunk {chunk} written, {len(todo)} to go")
+        else:
+            count(1.0 - len(todo) / campaign.chunks)
+
     while todo:
         before = len(todo)
-        broke = one_round(campaign, store, make_executor, todo, account, tell)
+        broke = one_round(campaign, store, make_executor, todo, account, written)
         if not todo:
             break
         idle = 0 if len(todo) < before else idle + 1
@@ -165,7 +176,8 @@ def run_campaign(
 
 
 def one_round(
-    campaign: Campaign, store: Store, make_executor: Callable[[], Any], todo: set[int], account: Account, tell: Tell,
+    campaign: Campaign, store: Store, make_executor: Callable[[], Any], todo: set[int], account: Account,
+    written: Callable[[int], None],
 ) -> str:
     """Hand out `todo` to one executor and write what it delivers; returns what broke, if anything."""
     broke = ""
@@ -187,7 +199,7 @@ def one_round(
                 raise
             todo.discard(chunk)
             account.made += 1
-            tell(f"chunk {chunk} written, {len(todo)} to go")
+            written(chunk)
     return broke or flow.broke or "the scheduler went away"
 
 

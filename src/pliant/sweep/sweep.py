@@ -15,7 +15,7 @@ from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Model
 from pliant.model.file import model_to_dict
 from pliant.options import with_defaults
-from pliant.sweep.scheduler import Account, Tell, executor_of, run_campaign
+from pliant.sweep.scheduler import Account, Count, Tell, executor_of, run_campaign
 from pliant.sweep.spec import PULSE, Sweep, sweep_from
 from pliant.sweep.store import Store, write_dataset
 from pliant.sweep.tasks import Campaign
@@ -23,6 +23,8 @@ from pliant.version import __version__
 
 Array = np.ndarray
 QUANTILES = (0.025, 0.5, 0.975)
+UNITS = {"tip": "m", "final_tip": "m", "largest_deflection": "m", "rmse": "m", "failed": "1",
+         "parameter_level": "Pa", "parameter_start": "s", "parameter_width": "s"}
 
 
 @dataclass(frozen=True)
@@ -34,14 +36,15 @@ class SweepResult:
     folder: Path
 
     def summary(self) -> dict[str, Any]:
-        """Counts, and median and 95 % interval of every number that each sample has."""
+        """Counts, and median, 95 % interval and unit of every number that each sample has."""
         bad = self.samples["failed"].values.astype(bool)
         numbers = {}
         for name, a in self.samples.data_vars.items():
             if a.dims == ("sample",) and name != "failed":
                 good = a.values[~bad & np.isfinite(a.values)]
                 spread = np.quantile(good, QUANTILES).tolist() if good.size else None
-                numbers[str(name)] = dict(zip(("low", "median", "high"), spread, strict=True)) if spread else None
+                kept = dict(zip(("low", "median", "high"), spread, strict=True)) if spread else None
+                numbers[str(name)] = {**kept, "unit": a.attrs["units"]} if kept else None
         return {
             "samples": int(self.samples.sizes["sample"]), "failed_samples": int(bad.sum()), "numbers": numbers,
             "told": self.account.sentence(), "chunks": self.account.chunks, "computed": self.account.made,
@@ -50,14 +53,15 @@ class SweepResult:
 
 
 class Workers(TypedDict, total=False):
-    """Who works on the samples of `run_sweep`."""
+    """Who works on the samples of `run_sweep`, and who counts them."""
 
     scheduler: str
     workers: int | None
     make_executor: Callable[[], Any] | None
+    count: Count | None
 
 
-WORKERS: Workers = {"scheduler": "local", "workers": None, "make_executor": None}
+WORKERS: Workers = {"scheduler": "local", "workers": None, "make_executor": None, "count": None}
 
 
 def run_sweep(
@@ -91,7 +95,9 @@ def run_sweep(
     experiments, parameters, fit_options
         Of bootstrap and multi_start: as `pliant.fit` takes them.
     progress : callable
-        Called with one line for each chunk and each mishap.
+        Called with one line for each mishap and, without `count`, for each chunk.
+    count : callable
+        Called with the share of the chunks that is done, 0 to 1.
     make_executor : callable
         Any other maker of concurrent.futures executors, in place of `scheduler`.
 
@@ -127,7 +133,7 @@ def run_sweep(
         base = fit(experiments, model, parameters, **{**options, "rng": sweep.seed})
     threads = None if hired["scheduler"] == "local" and hired["make_executor"] is None else 1
     campaign = Campaign(sweep, model, tuple(experiments), tuple(parameters), options, base, threads)
-    account = run_campaign(campaign, store, maker, progress or (lambda _line: None))
+    account = run_campaign(campaign, store, maker, progress or (lambda _line: None), hired["count"])
     bounds = [campaign.bounds(c) for c in range(campaign.chunks)]
     samples = store.combine(bounds)
     for name, shown in (("tip", ("time", "axis")), ("final_tip", ("axis",))):
@@ -135,10 +141,22 @@ def run_sweep(
             samples[name] = (("sample", *shown), samples[name].values)
     if "tip" in samples:
         samples = samples.assign_coords(time=np.arange(samples.sizes["time"]) / sweep.rate, axis=["x", "y"])
+    for variable, a in samples.data_vars.items():
+        a.attrs["units"] = unit_of(str(variable))
     result = SweepResult(samples, account, Path(folder))
     write_dataset(samples, Path(folder) / "samples.nc")
     store.note({"identity": identity, **result.summary()})
     return result
+
+
+def unit_of(name: str) -> str:
+    """Unit of a variable of the samples."""
+    from pliant.identification.parameters import kind_of
+
+    try:
+        return UNITS[name] if name in UNITS else kind_of(name.removeprefix("parameter_")).unit
+    except InputError:
+        return "1"
 
 
 def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experiment]) -> None:

@@ -55,6 +55,33 @@ def contact_overview(found: Any) -> Figure:
     return figure
 
 
+def sweep_figure(samples: Any) -> Figure:
+    """What a sweep found: the tip against time, median and 95 %, and how each number is spread."""
+    good = samples.isel(sample=np.flatnonzero(~samples["failed"].values.astype(bool)))
+    names = [str(n) for n, a in good.data_vars.items() if a.dims == ("sample",) and n != "failed"]
+    moving = "tip" in good
+    with style():
+        rows = -(-len(names) // 3)
+        figure, grid = new_figure(rows + moving, 3, height=1.9 * (rows + moving), squeeze=False)
+        for ax, name in zip(grid[int(moving):].flat, names, strict=False):
+            ax.hist(good[name].values, bins="auto", color="0.6", edgecolor="0.3", linewidth=0.4)
+            ax.set(xlabel=f"{name.removeprefix('parameter_').replace('_', ' ')} ({good[name].attrs['units']})",
+                   ylabel="samples")
+        for ax in grid.flat[3 * moving + len(names):]:
+            ax.remove()
+        if moving:
+            for ax in grid[0]:
+                ax.remove()
+            wide = figure.add_subplot(grid[0, 0].get_gridspec()[0, :])
+            for axis, shade in (("x", "0.0"), ("y", "0.45")):
+                low, middle, high = 1e3 * np.quantile(good["tip"].sel(axis=axis).values, (0.025, 0.5, 0.975), axis=0)
+                wide.fill_between(good["time"].values, low, high, color=shade, alpha=0.25, linewidth=0)
+                wide.plot(good["time"].values, middle, color=shade, label=f"tip {axis}, median and 95 %")
+            wide.set(xlabel="time (s)", ylabel="position (mm)")
+            wide.legend()
+    return figure
+
+
 def control_figure(time: Any, wanted: Any, reached: Any, command: Any, pressure: Any) -> Figure:
     """A controlled tip: displacement wanted and reached above, command and measured pressure below.
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from pliant.units import quantity
 from pliant.validation.outcome import RecordOutcome
 
 ROLE = {"train": "training", "held_out": "held out", "forecast": "forecast"}
 DASH = "–"
-UNITS = {"mm": "mm", "hz": "Hz", "percent": "%", "s": "s", "deg": "°", "n": "N", "kpa": "kPa", "g": "g"}
 LABELS = {
     "rmse_mm": "RMSE", "max_mm": "largest distance", "rmse_percent_of_travel": "RMSE / travel",
     "rmse_percent_of_length": "RMSE / length", "fit_percent": "NRMSE fit",
@@ -47,7 +47,5 @@ def heading(record: RecordOutcome) -> str:
 
 def metric_label(key: str) -> tuple[str, str]:
     """Words and unit of a metric from its name: frequency_hz is ("frequency", "Hz")."""
-    unit = next((u for part in reversed(key.split("_")) if (u := UNITS.get(part))), "")
-    tail = key.rpartition("_")[2]
-    words = key.removesuffix(f"_{tail}") if tail in UNITS else key
-    return LABELS.get(key, words.replace("_", " ")), unit
+    words, unit = quantity(key)
+    return LABELS.get(key, words), unit or "%" * ("_percent_" in key)

@@ -24,7 +24,7 @@ class Watched:
     Parameters
     ----------
     path : Path
-        Of the log that `pliant control --log` is writing.
+        Of the ``log.csv`` that `pliant control` is writing.
     model : Model
         Of the body; its links are as many as the log's angles.
 
@@ -43,7 +43,7 @@ class Watched:
             raise InputError(f"cannot read the log {path}: {error.strerror or error}") from None
         self.path = path
         if mark != MARK:
-            raise InputError(f"{path} is no log of a control loop: name what `pliant control --log` writes")
+            raise InputError(f"{path} is no log of a control loop: name the log.csv that `pliant control` writes")
         self.columns = names.split(",")
         self.angles = [k for k, n in enumerate(self.columns) if n.startswith("phi_")]
         if len(self.angles) != model.n:

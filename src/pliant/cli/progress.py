@@ -1,0 +1,128 @@
+"""What commands tell while they work, on standard error: a clock or a bar on a terminal, nothing where quiet."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import wraps
+from inspect import Parameter, signature
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+
+
+def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with an option more, in front of its ``--json``."""
+
+    @wraps(command)
+    def run(*args: Any, quiet: bool = False, **options: Any) -> None:
+        QUIET.set(quiet)
+        command(*args, **options)
+
+    own = signature(command, eval_str=True)
+    taken = list(own.parameters.values())
+    at = next(k for k, p in enumerate(taken) if p.name in ("json", "as_json"))
+    wish = Annotated[bool, typer.Option("--quiet", help="Tell nothing but the result.")]
+    taken.insert(at, Parameter("quiet", taken[at].kind, default=False, annotation=wish))
+    run.__signature__ = own.replace(parameters=taken)  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in taken}
+    return run
+
+
+class Command(TyperCommand):
+    """A command whose help ends in its example, on one line to copy."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        text, _, example = (self.help or "").partition("Example: ")
+        self.help, self.example = text.rstrip(), " ".join(example.split())
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002  as typer calls it
+        """Write the example."""
+        formatter.write_paragraph()
+        formatter.write(f"Example: {self.example}\n")
+
+
+@contextmanager
+def busy(what: str) -> Iterator[None]:
+    """A line on the terminal that says what is done and for how long, once that has taken a second; none in a pipe."""
+    if QUIET.get() or not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+    bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False)
+    bar.add_task(what, total=None)
+    begin = threading.Timer(1.0, bar.start)
+    begin.start()
+    try:
+        yield
+    finally:
+        begin.cancel()
+        begin.join()
+        bar.stop()
+
+
+@contextmanager
+def telling() -> Iterator[Callable[[str], None]]:
+    """Takes one line for each thing done: above a running clock on a terminal, plain in a pipe, none if quiet."""
+    quiet = QUIET.get()
+    if quiet or not sys.stderr.isatty():
+        yield (lambda _line: None) if quiet else (lambda line: typer.echo(line, err=True))
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bar:
+        task = bar.add_task("reading", total=None)
+
+        def tell(line: str) -> None:
+            console.print(line, markup=False, highlight=False)
+            bar.update(task, description=f"after: {line[:60]}")
+
+        yield tell
+
+
+def mention(line: str) -> None:
+    """Tell one line, unless quiet."""
+    if not QUIET.get():
+        typer.echo(line, err=True)
+
+
+@contextmanager
+def counting(what: str) -> Iterator[Callable[[float], None]]:
+    """Takes the share that is done, 0 to 1: a bar once a second has passed, quarters in a pipe, none if quiet."""
+    import time
+
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    began = time.monotonic()
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    shown = sys.stderr.isatty() and not QUIET.get()
+    bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False)
+    task, told = bar.add_task(what, total=1.0), [0]
+
+    def update(done: float) -> None:
+        late = time.monotonic() - began > 1.0
+        if late and shown and not bar.live.is_started:
+            bar.start()
+        if late and not shown and int(4 * done) > told[0]:
+            told[0] = int(4 * done)
+            mention(f"{what}: {25 * told[0]} %")
+        bar.update(task, completed=done)
+
+    try:
+        yield update
+    finally:
+        bar.stop()
