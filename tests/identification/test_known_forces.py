@@ -12,9 +12,9 @@ from scipy.optimize import minimize
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, fit, predict, sensitivities
-from pliant.identification.forces import PointForce, integral
 from pliant.model import Memory, Model, Station
 from pliant.simulation import Trace
+from pliant.simulation.forces import PointForce, integral
 
 TIMES = np.arange(0.0, 0.8, 0.01)
 L, MASS, K, D = np.array([0.06, 0.05]), np.array([0.02, 0.015]), np.array([0.5, 0.4]), np.array([2e-3, 1e-3])

@@ -144,3 +144,45 @@ def test_it_starts_from_any_angles_and_rates(awkward):
     assert angles == pytest.approx(run.station_angle.values[-1], abs=1e-12)
     with pytest.raises(InputError, match="expected 3 finite numbers"):
         stepper.reset(joint_angle=[0.1, np.nan, 0.0])
+
+
+def test_several_steps_in_one_call(awkward):
+    one, many = Stepper(awkward, 1e-3), Stepper(awkward, 1e-3)
+    for p in HELD[::40]:
+        for _ in range(40):
+            one.step(p)
+        many.step(p, 40)
+    assert np.array_equal(one.angle, many.angle)
+    assert many.time == pytest.approx(one.time)
+
+
+def test_a_point_force_ends_at_the_rest_under_it(paper):
+    """Pulled at the tip for long, the chain rests where the static equations have it; let go, it comes back."""
+    stepper, force = Stepper(paper, 1e-3), np.array([0.3, -0.2])
+    stepper.push(force)
+    stepper.step(4e4, 20000)
+    assert state.joint_angles(paper, stepper.angle) == pytest.approx(state.equilibrium(paper, 4e4, force), abs=1e-9)
+    stepper.push(None)
+    stepper.step(4e4, 20000)
+    assert state.joint_angles(paper, stepper.angle) == pytest.approx(state.equilibrium(paper, 4e4), abs=1e-9)
+
+
+def test_a_point_force_does_the_work_that_it_gives(awkward):
+    """Without pressure and dampers the energy grows by force times way of the point that is pulled."""
+    model = awkward.with_(damping=[1e-9], torque=[0.0], valve=Valve())
+    stepper, force = Stepper(model, 2e-5), np.array([0.05, 0.1])
+    at = model.points[0]
+    stepper.push(force, at.name)
+    start = stepper.stations()[0][0].copy()
+    from pliant.simulation.balance import held_energy
+
+    before = held_energy(model, stepper.angle, stepper.rate, (0.0,)).energy
+    stepper.step(0.0, 3000)
+    gained = held_energy(model, stepper.angle, stepper.rate, (0.0,)).energy - before
+    way = stepper.stations()[0][0] - start
+    assert gained == pytest.approx(float(force @ way), rel=1e-4)
+    assert abs(gained) > 1e-6
+    with pytest.raises(InputError, match="pulls at 'nowhere'"):
+        stepper.push(force, "nowhere")
+    with pytest.raises(InputError, match="a known force is"):
+        stepper.push([1.0])

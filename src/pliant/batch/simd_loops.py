@@ -14,7 +14,8 @@ from pliant.equations.chain import tips
 from pliant.equations.chamber import mean_of_law, share_out
 from pliant.equations.elastic import tangent
 from pliant.equations.motion import step
-from pliant.equations.symbols import Body, Interval, Joints, Workspace
+from pliant.equations.symbols import Actuation, Body, Interval, Joints, Workspace
+from pliant.simulation.march_loops import Drives, take_torques
 
 FAR = 1e4  # in K: springs that stiffen more are none
 
@@ -26,6 +27,19 @@ class Output(NamedTuple):
     w: np.ndarray  # (rows, n, W) rad/s
     tips: np.ndarray  # (rows, n, 2, W) m
     failed: np.ndarray  # (W,) first step that fails, -1 where none does
+
+
+class Commanded(NamedTuple):
+    """The chambers of a batch under commands that are held: group, lane and chamber first."""
+
+    command: np.ndarray  # (G, W, C) Pa
+    law: np.ndarray  # (G, W, C, k), gain and rubber: `symbols.Actuation` of each lane
+    gain: np.ndarray  # (G, W, C, n)
+    rubber: np.ndarray  # (G, W, C, 4)
+    valve: np.ndarray  # (G, W, C, 4) a `Lag` for each
+    pressure: np.ndarray  # (G, W, C) Pa behind the valves, advanced in place
+    slow: np.ndarray  # (G, W, C, 2) slow states, advanced in place
+    torque: np.ndarray  # (W, n) N m, scratch
 
 
 class Lane(NamedTuple):
@@ -92,11 +106,7 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
     for k in range(len(lengths)):
         share_out(0, torques[k], gain, work.tau)
         step(phi, w, lengths[k], work.tau, body, joint, work)
-        now = good
-        for i in range(n):
-            now &= within(w[i] * lengths[k], 1.0)
-            far = FAR * joint.K[i]  # positive is what lies no further from a far point than zero does
-            now &= within(tangent(i, phi, joint) - far, far)
+        now = sound(phi, w, lengths[k], joint, good)
         if good & ~now:
             for lane in range(WIDTH):
                 if (good & ~now) >> lane & 1:
@@ -106,6 +116,66 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
         if row >= 0:
             keep_lanes(row, phi, w, where, kept)
     return good
+
+
+def sound(phi, w, h, joint, good):
+    """The bits of the `good` lanes whose links turn by less than a radian in h and whose springs have not given way."""
+    for i in range(len(phi)):
+        good &= within(w[i] * h, 1.0)
+        far = FAR * joint.K[i]  # positive is what lies no further from a far point than zero does
+        good &= within(tangent(i, phi, joint) - far, far)
+    return good
+
+
+def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
+    """Take as many `steps` of h [s] of every group of a batch under held commands, as `march_loops.hold` of one chain.
+
+    Groups come first, lanes last: state (G, 2, n, W) the angles and rates, advanced in place; `samples` (`Lane`) with
+    a body of (G, ...), joints (G, 5, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch as in
+    `march_lanes`; failed (G, W) is set to 1 for a chain that fails, which goes on as it may, and to 0 for the others.
+    """
+    n = state.shape[2]
+    B, I, first_moment, g = samples.body
+    A, S, vectors = scratch
+    rows = as_lanes(vectors)
+    work = Workspace(
+        as_lanes(A), as_lanes(S), rows[0, :n], rows[1, :n], rows[2], rows[3, :n], rows[4, :n], rows[5, :n]
+    )
+    length = as_lanes(h)[0]
+    for group in range(len(state)):
+        gravity = as_lanes(g[group])
+        body = Body(as_lanes(B[group]), as_lanes(I[group]), as_lanes(first_moment[group]), gravity[0], gravity[1])
+        chain, where = as_lanes(samples.joints[group]), as_lanes(samples.place[group])
+        joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4], chain[0])
+        both = as_lanes(state[group])
+        phi, w = both[0], both[1]
+        good = (1 << WIDTH) - 1
+        still = False
+        for _ in range(steps):
+            if not still:
+                still = torques_of_lanes(group, h[0, 0], chambers, vectors)
+            step(phi, w, length, work.tau, body, joint, work)
+            good = sound(phi, w, length, joint, good)
+        for lane in range(WIDTH):
+            failed[group, lane] = 1 - (good >> lane & 1)
+
+
+def torques_of_lanes(group, h, chambers, vectors):
+    """Joint torques over the next h [s] of each lane of a group, to vectors[5]; whether they stay so from now on."""
+    still = True
+    torque = chambers.torque
+    for lane in range(WIDTH):
+        command, pressure = chambers.command[group, lane], chambers.pressure[group, lane]
+        rubber = chambers.rubber[group, lane]
+        for c in range(len(command)):
+            slow = rubber[c, 0] > 0.0 or rubber[c, 2] > 0.0
+            still = still and pressure[c] == command[c] and not slow
+        laws = Actuation(chambers.law[group, lane], chambers.gain[group, lane], rubber)
+        drives = Drives(laws, chambers.valve[group, lane], pressure, chambers.slow[group, lane])
+        take_torques(h, command, drives, torque[lane])
+        for i in range(torque.shape[1]):
+            vectors[5, i, lane] = torque[lane, i]
+    return still
 
 
 def keep_lanes(row, phi, w, where, out):

@@ -1,169 +1,247 @@
-"""Environments of Gymnasium on the stepped model: ``pliant/Reach-v0`` and ``pliant/Track-v0``.
+"""Environments of Gymnasium: ``pliant/Reach-v0``, ``pliant/Track-v0`` and, on MuJoCo, ``pliant/Push-v0``.
 
-Importing this module registers them. A model is a `Model` or a model file; with the standard errors of its fit, every
-episode draws its parameters anew.
+Importing this module registers them. A model is a `Model` or a model file; with its fit, every episode draws another
+body from the fit's covariance. ``gymnasium.make_vec`` makes one batch of SIMD lanes out of as many bodies as it is
+asked for: their state stays in the lanes, and Python sees whole arrays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.batch.stepper import batch_stepper
 from pliant.errors import InputError, SimulationError
-from pliant.identification.parameters import KNOWN
+from pliant.exporters.fibre_view import FibreView
+from pliant.exporters.randomisation import Fit, draw_models
 from pliant.model import Model, load_model
-from pliant.simulation import Stepper, state
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation import state
+from pliant.simulation.levels import first_alone, typical_pressure
 
 try:
     import gymnasium
     from gymnasium import spaces
+    from gymnasium.vector import AutoresetMode, VectorEnv
 except ImportError:
     raise InputError("Gymnasium is not installed: pip install 'pliant[gym]'") from None
 
 Array = np.ndarray
+LOST = -10.0  # reward of a body that gives way
 
 
 class Task(NamedTuple):
-    """How an episode runs."""
+    """How an episode runs and what is seen of it."""
 
     step: float = 1e-3  # s, of the model
     period: float = 0.02  # s, between actions
     duration: float = 2.0  # s
-    noise: float = 0.0  # rad, standard deviation of the angles that are observed; 0: perfect
     frequency: float = 0.5  # Hz, of the path that is tracked
+    observe: str = "perfect"  # or "fibre": joint angles as a shape-sensing fibre gives them
+    bodies: int = 64  # that are drawn from the fit at a seed; each episode takes one
 
 
-class TipEnv(gymnasium.Env[Array, Array]):
-    """The tip of a bending body is to be where it is asked for, by pressure.
+class TipVectorEnv(VectorEnv[Array, Array, Array]):
+    """Tips of many bending bodies, each to be where it is asked for, by pressure: one batch, one call a period.
 
-    Action: pressures of the chambers (C,), -1 for none and 1 for `highest`. Observation: joint angles (n,) [rad], their
-    rates times the period (n,), tip and target (2,) in parts of the body's length, commanded pressures (C,) in parts of
-    `highest`. Reward: minus the distance of the tip from its target in parts of the body's length; an episode ends
-    early where the model gives way, with -10.
+    Actions: pressures of the chambers (N, C), -1 for none and 1 for `highest`. Observations (N, 2 n + 4 + C): joint
+    angles less the model's rest angles (n) [rad], their rates times the period (n), tip and target (2) in parts of the
+    body's length, commanded pressures (C) in parts of `highest`. Rewards: minus the distance of a tip from its target
+    in parts of the body's length; an episode ends early where the body gives way, with -10. An environment that is done
+    begins anew at the next step, whose action and reward count for nothing (Gymnasium's ``NEXT_STEP``).
 
     Parameters
     ----------
+    num_envs : int
     model : Model, str or Path
     highest : float
         Largest pressure, Pa; default twice the pressure that bends the body by half a radian.
-    standard_errors : mapping
-        By the names of model fields (``stiffness``, ``damping``, ...), SI: each episode draws a factor for the field
-        from a normal distribution of this standard error over the field's mean.
+    fit : FitResult, path of metrics.json, or mapping
+        What `pliant.exporters.draw_models` draws bodies from; default: all bodies are the model.
     moving : bool
-        Whether the target moves along the body's reachable curve, or stands.
+        Whether targets move along the body's reachable curve, or stand.
     task : Task
+        With ``observe="fibre"`` angles are those of the virtual laboratory's fibre, its latency included, and rates
+        differences of frames; tips come from these angles. Rewards are always of the true tip.
     render_mode : None
         No rendering; `pliant` draws trajectories.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  Gymnasium's own way
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
-        self, model: Model | str | Path, *, highest: float = 0.0, standard_errors: Mapping[str, float] | None = None,
+        self, num_envs: int = 1, model: Model | str | Path = "", *, highest: float = 0.0, fit: Fit | None = None,
         moving: bool = False, task: Task | None = None, render_mode: None = None,
     ) -> None:
         self.model = model if isinstance(model, Model) else load_model(model)
-        self.task, self.moving, self.render_mode = task or Task(), moving, render_mode
+        self.num_envs, self.fit, self.moving, self.render_mode = num_envs, fit, moving, render_mode
+        self.task = checked_task(task or Task())
         self.highest = highest or 2.0 * typical_pressure(self.model)
-        self.errors = checked_errors(self.model, standard_errors or {})
         if not self.highest > 0:
             raise InputError("no pressure bends this model: there is nothing to reach")
-        self._steps = max(1, round(self.task.period / self.task.step))
-        n, C = self.model.n, len(self.model.chambers)
-        self.action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
-        self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 4 + C,), np.float32)
-        self._stepper = Stepper(self.model, self.task.step, np.zeros(C))
-        self._levels, self._tips = self.reachable()
-        self._target, self._phase, self._command = self._tips[0], 0.0, np.zeros(C)
+        n, C, t = self.model.n, len(self.model.chambers), self.task
+        self.single_action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
+        self.single_observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 4 + C,), np.float32)
+        self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
+        self._steps = max(1, round(t.period / t.step))
+        self._fibre = FibreView(self.model, num_envs, self._steps * t.step) if t.observe == "fibre" else None
+        self._late = round(self._fibre.sensor.latency / t.step) if self._fibre else 0
+        if self._late >= self._steps:
+            raise InputError(f"a period of {t.period:.3g} s is shorter than the latency of the fibre")
+        self._curve = reachable(self.model, self.highest)
+        self._elapsed, self._done = np.zeros(num_envs, dtype=int), np.zeros(num_envs, dtype=bool)
+        self._phase, self._target = np.zeros(num_envs), np.zeros((num_envs, 2))
+        self._command, self._before = np.zeros((num_envs, C)), np.zeros((num_envs, n))
+        self._bodies: list[Model] = []
 
-    def reachable(self) -> tuple[Array, Array]:
-        """Pressures (K,) [Pa] of the first chamber and the tips (K, 2) [m] at rest under them."""
-        C = len(self.model.chambers)
-        levels, tips = [], []
-        for level in np.linspace(0.0, 0.8 * self.highest, 33):
-            try:
-                q = state.equilibrium(self.model, level * np.eye(1, C)[0])
-            except SimulationError:
-                break
-            levels.append(level)
-            tips.append(state.tips(self.model, state.absolute(self.model, q))[-1])
-        return np.array(levels), np.array(tips)
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002  Gymnasium's own
+    ) -> tuple[Array, dict[str, Any]]:
+        """All begin at rest without pressure, before other targets; a seed draws other bodies, too."""
+        if seed is not None:
+            whole = seed if isinstance(seed, int) else [0 if s is None else s for s in seed]
+            self._np_random = np.random.default_rng(whole)
+        if seed is not None or not self._bodies:
+            drawn = draw_models(self.model, self.fit, self.task.bodies, self.np_random) if self.fit else [self.model]
+            self._bodies = drawn
+            self._chains = batch_stepper(drawn, self.num_envs, self.task.step)
+            self._lengths = np.stack([m.link_length for m in drawn])
+            self._first = np.stack([m.first_joint for m in drawn])
+            self._body = np.zeros(self.num_envs, dtype=int)
+        self.begin(np.arange(self.num_envs))
+        return self.observations(self._chains.angle), self.info()
 
-    def target_at(self, phase: float) -> Array:
-        """The point (2,) [m] of the reachable curve, 0 its beginning and 1 its end."""
-        along = np.linspace(0.0, 1.0, len(self._tips))
-        return np.array([np.interp(phase, along, self._tips[:, k]) for k in range(2)])
+    def begin(self, which: Array) -> None:
+        """Another episode in the environments `which` (M,)."""
+        self._body[which] = self.np_random.integers(len(self._bodies), size=len(which))
+        self._chains.reset(which, self._body[which])
+        self._phase[which] = self.np_random.uniform(0.0, 1.0, len(which))
+        self._target[which] = self.target_at(self._phase[which])
+        self._command[which], self._elapsed[which], self._done[which] = 0.0, 0, False
+        angle = self._chains.angle
+        if self._fibre:
+            self._fibre.reset(which, self.np_random)
+            angle = self._fibre.see(angle, self.np_random)
+        self._before[which] = angle[which]
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin at rest without pressure, before another target and, with standard errors, with another body."""
-        super().reset(seed=seed, options=options)
-        if self.errors:
-            self._stepper = Stepper(self.drawn(), self.task.step, np.zeros(len(self.model.chambers)))
-        else:
-            self._stepper.reset(np.zeros(len(self.model.chambers)))
-        self._phase = float(self.np_random.uniform(0.0, 1.0))
-        self._target, self._command = self.target_at(self._phase), np.zeros(len(self.model.chambers))
-        return self.observation(), self.info()
+    def target_at(self, phase: Array) -> Array:
+        """Points (N, 2) [m] of the reachable curve, phase 0 its beginning and 1 its end."""
+        along = np.linspace(0.0, 1.0, len(self._curve))
+        return np.stack([np.interp(phase, along, self._curve[:, k]) for k in range(2)], axis=1)
 
-    def drawn(self) -> Model:
-        """The model with its uncertain parameters drawn anew, each never less than a tenth of what it was."""
-        changed = {}
-        for name, error in self.errors.items():
-            value = np.asarray(getattr(self.model, name), dtype=float)
-            changed[name] = value * max(1.0 + error * self.np_random.standard_normal(), 0.1)
-        return self.model.with_(**changed)
+    def tips(self, angle: Array, *, own: bool) -> Array:
+        """Last tips (N, 2) [m] of chains at absolute angles (N, n): of the bodies' own lengths, or of the model's."""
+        m = self.model
+        length = self._lengths[self._body] if own else m.link_length
+        first = self._first[self._body] if own else m.first_joint
+        x = first[..., 0] - (length * np.sin(angle)).sum(axis=1)
+        return np.stack([m.bend_sign * x, first[..., 1] + (length * np.cos(angle)).sum(axis=1)], axis=1)
 
-    def observation(self) -> Array:
-        """What the agent sees."""
-        angle, rate = self._stepper.angle, self._stepper.rate
-        if self.task.noise:
-            angle = angle + self.task.noise * self.np_random.standard_normal(angle.shape)
-        q, length = state.joint_angles(self.model, angle), self.model.length
-        tip = state.tips(self.model, angle)[-1]
-        rates = state.joint_rates(rate) * self.task.period
-        seen = (q, rates, tip / length, self._target / length, self._command / self.highest)
-        return np.concatenate(seen).astype(np.float32)
+    def observations(self, angle: Array) -> Array:
+        """What the agents see of chains at absolute angles (N, n), late by the fibre's latency where there is one."""
+        m, fibre = self.model, self._fibre
+        seen = fibre.see(angle, self.np_random) if fibre else angle
+        q = np.diff(seen, axis=1, prepend=m.base_angle) - m.rest_angle
+        turn = seen - self._before if fibre else self._chains.rate * self.task.period
+        self._before = seen
+        tip, rates = self.tips(seen, own=not fibre), np.diff(turn, axis=1, prepend=0.0)
+        rows = (q, rates, tip / m.length, self._target / m.length, self._command / self.highest)
+        return np.concatenate(rows, axis=1).astype(np.float32)
 
     def info(self) -> dict[str, Any]:
-        """Where the tip and its target are, m."""
-        return {"tip": self._stepper.tips()[-1], "target": self._target.copy(), "time": self._stepper.time}
+        """Where tips and targets are (N, 2), m, and the time of each episode (N,), s."""
+        every = np.ones(self.num_envs, dtype=bool)
+        told = {
+            "tip": self.tips(self._chains.angle, own=True), "target": self._target.copy(),
+            "time": self._elapsed * self._steps * self.task.step,
+        }
+        return told | {f"_{name}": every for name in told}
+
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Hold the pressures for one period."""
+        if not self._bodies:
+            raise gymnasium.error.ResetNeeded("reset the environments before the first step")
+        self._command = 0.5 * (np.clip(np.asarray(actions, dtype=float), -1.0, 1.0) + 1.0) * self.highest
+        over = self._done.copy()
+        lost = self._chains.hold(self._command, self._steps - self._late)
+        angle = self._chains.angle
+        if self._late:
+            lost |= self._chains.hold(self._command, self._late)
+        self._elapsed += 1
+        if over.any():
+            self.begin(np.flatnonzero(over))
+            lost &= ~over
+        if lost.any():
+            gone = np.flatnonzero(lost)
+            self._chains.reset(gone, self._body[gone])
+        now = self._chains.angle
+        angle = np.where((over | lost)[:, None], now, angle) if self._late else now
+        if self.moving:
+            turn = 2.0 * np.pi * self.task.frequency * self._elapsed * self._steps * self.task.step
+            self._target = self.target_at(0.5 - 0.5 * np.cos(turn + np.pi * self._phase))
+        apart = np.linalg.norm(self.tips(now, own=True) - self._target, axis=1) / self.model.length
+        reward = np.where(over, 0.0, np.where(lost, LOST, -apart))
+        late = ~over & (self._elapsed * self._steps * self.task.step >= self.task.duration - 0.5 * self.task.step)
+        self._done = lost | late
+        return self.observations(angle), reward, lost, late, self.info()
+
+
+class TipEnv(gymnasium.Env[Array, Array]):
+    """One body of `TipVectorEnv`, whose parameters it takes: ``pliant/Reach-v0``, ``pliant/Track-v0``."""
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  Gymnasium's own way
+
+    def __init__(self, model: Model | str | Path, *, render_mode: None = None, **options: Any) -> None:
+        self._one = TipVectorEnv(1, model, **options)
+        self.render_mode = render_mode
+        self.action_space = self._one.single_action_space
+        self.observation_space = self._one.single_observation_space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Begin at rest without pressure, before another target and, with a fit, with another body."""
+        super().reset(seed=seed)
+        seen, info = self._one.reset(seed=seed, options=options)
+        return seen[0], alone(info)
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Hold the pressures for one period."""
-        self._command = 0.5 * (np.clip(np.asarray(action, dtype=float), -1.0, 1.0) + 1.0) * self.highest
-        lost = False
+        seen, reward, lost, late, info = self._one.step(np.asarray(action)[None])
+        return seen[0], float(reward[0]), bool(lost[0]), bool(late[0]), alone(info)
+
+
+def alone(info: dict[str, Any]) -> dict[str, Any]:
+    """The information of the only environment of a batch."""
+    return {name: value[0] for name, value in info.items() if not name.startswith("_")}
+
+
+def checked_task(task: Task) -> Task:
+    """The task; InputError where it makes no sense."""
+    if task.observe not in ("perfect", "fibre"):
+        raise InputError(f"observe is 'perfect' or 'fibre', got {task.observe!r}")
+    if not (0 < task.step <= task.period <= task.duration and task.bodies >= 1):
+        raise InputError(f"a task needs 0 < step <= period <= duration and a body at least, got {task}")
+    return task
+
+
+def reachable(model: Model, highest: float) -> Array:
+    """Tips (K, 2) [m] at rest under the first chamber's pressure, from 0 to eight tenths of `highest` [Pa]."""
+    tips = []
+    for level in np.linspace(0.0, 0.8 * highest, 33):
         try:
-            for _ in range(self._steps):
-                self._stepper.step(self._command)
+            q = state.equilibrium(model, first_alone(model, level))
         except SimulationError:
-            lost = True
-            self._stepper.reset(np.zeros_like(self._command))
-        if self.moving:
-            turn = 2.0 * np.pi * self.task.frequency * self._stepper.time
-            self._target = self.target_at(0.5 - 0.5 * np.cos(turn + np.pi * self._phase))
-        apart = float(np.linalg.norm(self._stepper.tips()[-1] - self._target)) / self.model.length
-        late = self._stepper.time >= self.task.duration - 0.5 * self.task.step
-        return self.observation(), -10.0 if lost else -apart, lost, late, self.info()
-
-
-def checked_errors(model: Model, errors: Mapping[str, float]) -> dict[str, float]:
-    """Relative standard errors by field of the model; parameters of a fit that are no fields are refused."""
-    found = {}
-    for name, error in errors.items():
-        if name not in ("stiffness", "damping", "link_mass", "tip_mass", "rest_angle"):
-            known = "known to a fit, but no" if name in KNOWN else "no"
-            raise InputError(f"{name!r} is {known} field that an episode can draw: use stiffness, damping, link_mass, "
-                             "tip_mass or rest_angle")  # fmt: skip
-        size = float(np.mean(np.abs(getattr(model, name))))
-        if not (np.isfinite(error) and error >= 0 and size > 0):
-            raise InputError(f"a standard error must be a finite number >= 0 of a field that is not zero, got {name}")
-        found[name] = error / size
-    return found
+            break
+        tips.append(state.tips(model, state.absolute(model, q))[-1])
+    return np.array(tips)
 
 
 for _name, _moving in (("Reach", False), ("Track", True)):
-    gymnasium.register(f"pliant/{_name}-v0", "pliant.exporters.gymnasium:TipEnv", kwargs={"moving": _moving})
+    gymnasium.register(
+        f"pliant/{_name}-v0", "pliant.exporters.gymnasium:TipEnv", kwargs={"moving": _moving},
+        vector_entry_point="pliant.exporters.gymnasium:TipVectorEnv",
+    )
+gymnasium.register("pliant/Push-v0", "pliant.exporters.gymnasium_push:PushEnv")

@@ -153,21 +153,31 @@ def contacts(root: ET.Element, model: Model, prefix: str) -> None:
             ET.SubElement(group, "exclude", body1=names[b], body2=names[a])
 
 
+def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
+    """The controls of an exported model: name, number of the chamber, power of its pressure [Pa] that it takes."""
+    return [
+        (name + (f"_{k + 1}" if k else ""), c, k + 1)
+        for c, (chamber, _, name) in enumerate(chamber_names(model, prefix)) for k, gain in enumerate(chamber.torque)
+        if gain
+    ]
+
+
 def actuators(root: ET.Element, model: Model, prefix: str, timestep: float) -> None:
     """One control for each chamber and power of its pressure that the law holds, the first behind the valve."""
     group = ET.SubElement(root, "actuator")
-    for chamber, tendon, control in chamber_names(model, prefix):
+    several = chamber_names(model, prefix)
+    for name, c, power in controls(model, prefix):
+        chamber, tendon, _ = several[c]
         valve = chamber.valve
-        for k, gain in enumerate(chamber.torque):
-            words = {"gainprm": number(gain), "biastype": "none", "gaintype": "fixed", "dyntype": "none"}
-            if valve.rise_time:
-                words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
-            if valve.dead_time:
-                late = int(np.ceil(valve.dead_time / timestep)) + 1
-                words |= {"delay": number(valve.dead_time), "nsample": str(late)}
-            if gain:
-                name = control + (f"_{k + 1}" if k else "")
-                ET.SubElement(group, "general", attrib={"name": name, "tendon": tendon, **words})
+        words = {
+            "gainprm": number(chamber.torque[power - 1]), "biastype": "none", "gaintype": "fixed", "dyntype": "none",
+        }
+        if valve.rise_time:
+            words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
+        if valve.dead_time:
+            late = int(np.ceil(valve.dead_time / timestep)) + 1
+            words |= {"delay": number(valve.dead_time), "nsample": str(late)}
+        ET.SubElement(group, "general", attrib={"name": name, "tendon": tendon, **words})
 
 
 def sensors(root: ET.Element, model: Model, prefix: str) -> None:

@@ -13,7 +13,6 @@ from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.drives import check_drives, drives_of, leading
 from pliant.identification.edges import edges
-from pliant.identification.forces import PointForce, checked
 from pliant.identification.forward_model import moved, set_up
 from pliant.identification.parameters import Parameter, for_record
 from pliant.identification.recorded import (
@@ -26,6 +25,7 @@ from pliant.identification.recorded import (
 from pliant.model import Model
 from pliant.recording.schema import check_recording
 from pliant.simulation import Trace
+from pliant.simulation.forces import PointForce, checked
 
 Array = np.ndarray
 HELD_S = 0.05  # s before a release, over which the held pose is a median
@@ -123,7 +123,7 @@ class Experiment(Shown):
             if np.isfinite(self.position[:, k]).all(axis=1).sum() < 10:
                 raise InputError(f"experiment {self.name}: station {station!r} was seen in fewer than 10 frames")
         check_extras(self)
-        object.__setattr__(self, "forces", tuple(checked(self.name, f) for f in self.forces))
+        object.__setattr__(self, "forces", tuple(checked(f"experiment {self.name}", f) for f in self.forces))
         seen = self.last_station[np.isfinite(self.last_station).all(axis=1)]
         travel = float(np.linalg.norm(seen - np.median(seen[:5], axis=0), axis=1).max())
         if travel == 0:

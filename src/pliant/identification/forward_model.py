@@ -14,12 +14,12 @@ from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.drives import inputs_to
 from pliant.identification.follow_loops import Before, Course, Places, Seen
-from pliant.identification.forces import joint_loads, loads_at, mean_loads
 from pliant.identification.parameters import apply, for_record
 from pliant.identification.pose import posed
 from pliant.model import Model
 from pliant.simulation import Pulse, Trace, equilibrium, state
 from pliant.simulation.drive import Drive, drive
+from pliant.simulation.forces import joint_loads, loads_at, mean_loads
 from pliant.simulation.inputs import Input
 
 if TYPE_CHECKING:

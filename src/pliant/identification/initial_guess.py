@@ -11,7 +11,6 @@ from pliant.identification.chamber_parameters import owners, prefixes
 from pliant.identification.drives import check_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
-from pliant.identification.forces import loads_at
 from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name
 from pliant.identification.springpot_band import band_of_springpot
@@ -20,6 +19,7 @@ from pliant.model import Model, Station
 from pliant.model.torque_law import unfinished_law
 from pliant.numerics.ringdown import RingDown, ring_down
 from pliant.simulation import equilibrium, modes, state
+from pliant.simulation.forces import loads_at
 
 Array = np.ndarray
 DEFAULTS = {

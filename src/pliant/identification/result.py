@@ -71,6 +71,7 @@ class FitResult(Shown):
             "evaluations": self.evaluations, "seconds": self.seconds, "bic": self.bic,
             "rmse_mm": {k: 1e3 * v for k, v in self.rmse.items()},
             "parameters": {p.name: parameter_dict(p) for p in self.parameters},
+            "covariance": covariance_dict(self.covariance) if self.covariance else None,
         }
 
     def card(self) -> Card:
@@ -83,6 +84,12 @@ class FitResult(Shown):
         errors = ", ".join(f"{name} {1e3 * value:.3g} mm" for name, value in self.rmse.items())
         lines = [*self.notes, *([f"RMSE of the training records: {errors}"] if errors else [])]
         return Card(self.status, lines, ["parameter", "value", "std. error", "unit", ""], rows)
+
+
+def covariance_dict(c: Covariance) -> dict[str, Any]:
+    """A covariance as plain values, SI."""
+    hidden = [bool(h) for h in c.hidden]
+    return {"names": list(c.names), "matrix": c.matrix.tolist(), "hidden": hidden, "source": c.source}
 
 
 def parameter_dict(p: Parameter) -> dict[str, Any]:

@@ -16,10 +16,10 @@ from pliant.compiler.choose import twin
 from pliant.equations import motion
 from pliant.equations.symbols import Body, Joints, Slopes
 from pliant.errors import FitError, PliantError
-from pliant.identification.forces import joint_loads
 from pliant.identification.forward_model import Numbers, Plans, SetUp, moved, set_up
 from pliant.model import Model
 from pliant.simulation import state
+from pliant.simulation.forces import joint_loads
 
 if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment

@@ -92,16 +92,20 @@ class EnergyWatch:
         self._reliable = not (model.memory or model.actuation.remembers)
         self.gain = 0.0
 
-    def look(self, phi: Array, w: Array, pressure: tuple[float, ...], length: float) -> None:
-        """Take note of a step that was made; `pressure` holds those behind the valves, Pa."""
+    def forget(self) -> None:
+        """Begin anew: something else than a pressure has done work."""
+        self._before = None
+
+    def look(self, phi: Array, w: Array, pressure: tuple[float, ...], length: float, steps: int = 1) -> None:
+        """Take note of steps that were made; `pressure` holds those behind the valves, Pa."""
         before = self._before
         if not self._reliable:
             return
         if before is None or before.pressure != pressure:
             self._before, self._left = Held(pressure, np.nan, 0.0), EVERY
             return
-        self._left -= 1
-        if self._left:
+        self._left -= steps
+        if self._left > 0:
             return
         self._left = EVERY
         now = held_energy(self._model, phi, w, pressure)

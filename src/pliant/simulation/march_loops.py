@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.equations.chamber import advance_one, share_out
+from pliant.equations.contact import add_link_loads
 from pliant.equations.elastic import tangent
 from pliant.equations.energy import damping_power, input_power
 from pliant.equations.memory import step_with_memory
@@ -131,6 +132,11 @@ def take_torques(h, command, drives, tau):
 def held_step(phi, w, h, command, drives, body, joints, work):
     """One step of `march` behind valves, under commands (C,) [Pa] held constant; 0, or -1 where the step failed."""
     take_torques(h, command, drives, work.tau)
+    return free_step(phi, w, h, body, joints, work)
+
+
+def free_step(phi, w, h, body, joints, work):
+    """One step under the torques work.tau; 0, or -1 where the step failed."""
     step(phi, w, h, work.tau, body, joints, work)
     for i in range(len(w)):
         if not (abs(w[i]) * h <= 1.0 and tangent(i, phi, joints) > 0.0):
@@ -140,8 +146,13 @@ def held_step(phi, w, h, command, drives, body, joints, work):
 
 def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
     """As `held_step` with memory (`symbols.Past`); `chain` is (body, joints)."""
-    body, joints = chain
     take_torques(h, command, drives, work.tau)
+    return remembering_step(phi, w, h, chain, past, work)
+
+
+def remembering_step(phi, w, h, chain, past, work):
+    """As `free_step` with memory."""
+    body, joints = chain
     taken = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
     for i in range(len(w)):
         if not (abs(w[i]) * h <= 1.0 and taken >= 0.0 and tangent(i, phi, joints) > 0.0):
@@ -149,19 +160,38 @@ def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
     return 0
 
 
-def held_step_of_tuples(phi, w, h, command, drives, body, joints, work):
-    """`held_step` of plain tuples: Python hands their arrays over in a third of the time of named ones."""
+def hold(phi, w, held, drives, body, joints, work):
+    """As `held_step`, several times and under a force, of plain tuples; the index of the step that fails, or -1.
+
+    `held` is (h, steps, command, load): load (n, 2) is that of `equations.contact.add_link_loads`, (0, 2) for none.
+    Python hands the arrays of plain tuples over in a third of the time of named ones.
+    """
+    h, steps, command, load = held
     actuation, valve, pressure, state = drives
     chambers = Drives(Actuation(*actuation), valve, pressure, state)
-    return held_step(phi, w, h, command, chambers, Body(*body), Joints(*joints), Workspace(*work))
+    chain, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
+    for k in range(steps):
+        take_torques(h, command, chambers, scratch.tau)
+        if len(load) > 0:
+            add_link_loads(phi, w, 0.5 * h, load, scratch.tau)
+        if free_step(phi, w, h, chain, springs, scratch) < 0:
+            return k
+    return -1
 
 
-def held_step_with_memory_of_tuples(phi, w, h, command, drives, chain, past, work):
-    """`held_step_with_memory` of plain tuples."""
+def hold_with_memory(phi, w, held, drives, chain, past, work):
+    """As `hold` with memory; chain is (body, joints)."""
+    h, steps, command, load = held
     actuation, valve, pressure, state = drives
     chambers = Drives(Actuation(*actuation), valve, pressure, state)
     body, joints = chain
-    memory, branches, held = past
-    scratch = Held(*held[:10], Joints(*held[10]))
-    before = Past(Memory(*memory), branches, scratch)
-    return held_step_with_memory(phi, w, h, command, chambers, (Body(*body), Joints(*joints)), before, Workspace(*work))
+    links, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
+    memory, branches, before = past
+    own = Past(Memory(*memory), branches, Held(*before[:10], Joints(*before[10])))
+    for k in range(steps):
+        take_torques(h, command, chambers, scratch.tau)
+        if len(load) > 0:
+            add_link_loads(phi, w, 0.5 * h, load, scratch.tau)
+        if remembering_step(phi, w, h, (links, springs), own, scratch) < 0:
+            return k
+    return -1

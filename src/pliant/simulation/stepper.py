@@ -9,15 +9,16 @@ import numpy as np
 from pliant.compiler.choose import tuples, twin
 from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
-from pliant.model import Model
+from pliant.model import Model, Station
 from pliant.simulation import march_loops, state
 from pliant.simulation.balance import EnergyWatch
 from pliant.simulation.drive import lag_of
+from pliant.simulation.forces import PointForce, checked, link_loads
 from pliant.simulation.solve import check_step
 
 Array = np.ndarray
 
-LOOPS = march_loops.held_step_of_tuples, march_loops.held_step_with_memory_of_tuples  # without, with memory
+LOOPS = march_loops.hold, march_loops.hold_with_memory  # without, with memory
 
 
 class Snapshot(NamedTuple):
@@ -93,7 +94,7 @@ class Stepper:
     ) -> None:
         """Back to rest under `pressure` [Pa], or to `joint_angle` and `joint_rate` (n,) [rad, rad/s]; time 0.
 
-        The memory is long at rest at these angles.
+        The memory is long at rest at these angles; a force is let go.
 
         Raises
         ------
@@ -110,7 +111,8 @@ class Stepper:
         chain: tuple[Any, ...] = (self._body, self._joints)
         if self.model.memory:
             chain = (chain, Past(self._law, self.memory, self._held))
-        self._parts = (self.length, self._command, *tuples((self._drives, *chain, self._work)))
+        self._parts = tuples((self._drives, *chain, self._work))
+        self._load = np.zeros((0, 2))
         self.time = 0.0
         self._watch = EnergyWatch(self.model)
 
@@ -131,8 +133,31 @@ class Stepper:
         y = self._drives.state[:, 1] ** 0.25
         return float(y[0]) if y.size == 1 else y
 
-    def step(self, pressure: float | Array) -> tuple[Array, Array]:
-        """Advance one step under `pressure` [Pa], (C,) for several chambers, held constant.
+    def push(self, force: Array | None, at: str | Station | None = None) -> None:
+        """From now on a force (2,) [N] in the base frame pulls at a point of the body; None lets go.
+
+        The force keeps its direction and follows its point. Within a step it counts at the angles half a step ahead.
+
+        Parameters
+        ----------
+        force : array (2,) or None
+        at : str or Station
+            One of the model's observed points by its name, or a place on a link; default: the last observed point.
+
+        Raises
+        ------
+        InputError
+            When the force is not two finite numbers, or the model has no such point.
+        """
+        if force is None:
+            self._load = np.zeros((0, 2))
+            return
+        place = self.model.points[-1] if at is None else at
+        pull = checked("Stepper", PointForce(np.zeros(1), np.atleast_2d(force), place))
+        self._load = link_loads(self.model, [pull], pull.force[None])[0]
+
+    def step(self, pressure: float | Array, steps: int = 1) -> tuple[Array, Array]:
+        """Advance one step, or several at once, under `pressure` [Pa], (C,) for several chambers, held constant.
 
         Returns
         -------
@@ -144,16 +169,19 @@ class Stepper:
             When the pressure is not finite, or moves a link faster than the step can follow; `reset` before going on.
         """
         self._command[:] = pressure
-        failed = self._advance(self.angle, self.rate, *self._parts)
-        self.time += self.length
-        if failed < 0:
+        failed = self._advance(self.angle, self.rate, (self.length, steps, self._command, self._load), *self._parts)
+        self.time += self.length * (steps if failed < 0 else failed + 1)
+        if failed >= 0:
             if lost := state.given_way(self.model, self.angle):
                 raise SimulationError(f"at {self.time:.6g} s, under {pressure} Pa, {lost}")
             raise SimulationError(
                 f"at {self.time:.6g} s, under {pressure} Pa, a link turns by more than a radian within the step of "
                 f"{self.length * 1e3:.3g} ms, or the pressure is not finite; use a shorter step or a smaller pressure"
             )
-        self._watch.look(self.angle, self.rate, tuple(self._drives.pressure.tolist()), self.length)
+        if len(self._load):
+            self._watch.forget()
+        else:
+            self._watch.look(self.angle, self.rate, tuple(self._drives.pressure.tolist()), self.length, steps)
         return self.angle, self.rate
 
     def tips(self) -> Array:

@@ -13,9 +13,9 @@ from pliant.errors import InputError, explain_validation
 from pliant.files import read_entries
 from pliant.identification.experiment import Angles
 from pliant.identification.fit import parameters_from
-from pliant.identification.forces import PointForce
 from pliant.identification.recorded import Excitation
 from pliant.model import Station
+from pliant.simulation.forces import PointForce
 from pliant.study.questions import refuse_mapping, refuse_open
 from pliant.study.shorthand import written_out
 from pliant.sweep.spec import Sweep

@@ -24,15 +24,15 @@ class PointForce(NamedTuple):
     at: str | Station  # a point of the model by its name, or a place of its own
 
 
-def checked(name: str, force: PointForce) -> PointForce:
-    """The force with arrays of its own; InputError, with the `name` of the experiment, where it makes no sense."""
+def checked(whose: str, force: PointForce) -> PointForce:
+    """The force with arrays of its own; InputError, with whose force it is, where it makes no sense."""
     time, value = np.array(force.time, dtype=float), np.array(force.force, dtype=float)
     if time.ndim != 1 or time.size == 0 or value.shape != (time.size, 2):
         raise InputError(
-            f"experiment {name}: a known force is [fx, fy] for each of its times, got {value.shape} for {time.shape}"
+            f"{whose}: a known force is [fx, fy] for each of its times, got {value.shape} for {time.shape}"
         )
     if not (np.isfinite(time).all() and np.isfinite(value).all()) or np.any(np.diff(time) < 0):
-        raise InputError(f"experiment {name}: a known force is finite, at times that do not decrease, s and N")
+        raise InputError(f"{whose}: a known force is finite, at times that do not decrease, s and N")
     return force._replace(time=time, force=value)
 
 

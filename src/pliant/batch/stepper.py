@@ -1,0 +1,176 @@
+"""Many chains one stretch of time after the other: their state stays in the lanes between the calls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from pliant.batch import simd_loops
+from pliant.batch.simd_loops import Commanded, Lane
+from pliant.compiler.simd import WIDTH, aligned, lane_twin
+from pliant.errors import InputError, SimulationError
+from pliant.model import Model
+from pliant.simulation import Stepper, state
+from pliant.simulation.drive import lag_of
+from pliant.simulation.solve import check_step
+
+Array = np.ndarray
+
+
+class Stepped(Protocol):
+    """Chains that move together, each a body of a common list."""
+
+    @property
+    def angle(self) -> Array:
+        """Absolute link angles (N, n), rad."""
+
+    @property
+    def rate(self) -> Array:
+        """Their rates (N, n), rad/s."""
+
+    def reset(self, which: Array, bodies: Array) -> None:
+        """Put the chains `which` (M,) of int, as bodies (M,) of the list, at rest without pressure."""
+
+    def hold(self, pressure: Array, steps: int) -> Array:
+        """Take `steps` under held pressures (N, C) [Pa]; the chains that failed (N,) of bool, to be `reset`."""
+
+
+def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
+    """`size` chains, each one of `models`, all the first at the beginning: on lanes, or one by one where they remember.
+
+    Raises
+    ------
+    InputError
+        When the models differ in kind, a step of `step` [s] is too long for one, or a valve is one that `Stepper`
+        refuses.
+    """
+    first = models[0]
+    Stepper(first, step, np.zeros(len(first.chambers)))  # what it refuses is refused
+    for name in ("n", "mass_at", "bend_sign", "memory"):
+        if len({getattr(m, name) for m in models}) > 1 and (name != "memory" or any(not m.memory for m in models)):
+            raise InputError(f"the models of a batch must share {name}: step others in a batch of their own")
+    if len({len(m.chambers) for m in models}) > 1:
+        raise InputError("the models of a batch must have as many chambers: step others in a batch of their own")
+    for model in models[1:]:
+        check_step(model, step, "midpoint")
+    return OneByOne(models, size, step) if first.memory else OnLanes(models, size, step)
+
+
+class OnLanes:
+    """Chains without memory, `WIDTH` of them side by side: a `Stepped`."""
+
+    def __init__(self, models: Sequence[Model], size: int, step: float) -> None:
+        self.size, self.links = size, models[0].n
+        groups = -(-size // WIDTH)
+        self._pool = pool_of(models)
+        n, C = self.links, len(models[0].chambers)
+        lanes_last = {k: aligned((groups, *a.shape[1:], WIDTH)) for k, a in self._pool.items() if k in LANES_LAST}
+        others = {k: np.zeros((groups, WIDTH, *a.shape[1:])) for k, a in self._pool.items() if k not in LANES_LAST}
+        self._arrays = lanes_last | others
+        a = self._arrays
+        self._state = a["state"]
+        self._samples = Lane((a["B"], a["I"], a["h"], a["gravity"]), a["joints"], a["place"])
+        self._chambers = Commanded(
+            np.zeros((groups, WIDTH, C)), a["law"], a["gain"], a["rubber"], a["valve"],
+            a["pressure"], a["slow"], np.zeros((WIDTH, n)),
+        )
+        self._scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (6, n + 1, WIDTH)))
+        self._h = aligned((1, WIDTH))
+        self._h[:] = step
+        self._failed = np.zeros((groups, WIDTH), dtype=np.int64)
+        self._hold = lane_twin(simd_loops.hold_lanes, n)
+        every = np.arange(groups * WIDTH)
+        self.reset(every, np.zeros_like(every))
+
+    @property
+    def angle(self) -> Array:
+        """Absolute link angles (N, n), rad."""
+        return np.moveaxis(self._state[:, 0], -1, 1).reshape(-1, self.links)[: self.size]
+
+    @property
+    def rate(self) -> Array:
+        """Their rates (N, n), rad/s."""
+        return np.moveaxis(self._state[:, 1], -1, 1).reshape(-1, self.links)[: self.size]
+
+    def reset(self, which: Array, bodies: Array) -> None:
+        """As `Stepped.reset`."""
+        group, lane = np.divmod(which, WIDTH)
+        for name, own in self._pool.items():
+            if name in LANES_LAST:
+                self._arrays[name][group, ..., lane] = own[bodies]
+            else:
+                self._arrays[name][group, lane] = own[bodies]
+
+    def hold(self, pressure: Array, steps: int) -> Array:
+        """As `Stepped.hold`."""
+        command = self._chambers.command
+        command.reshape(-1, command.shape[-1])[: self.size] = pressure
+        self._hold(self._h, steps, self._chambers, self._samples, self._state, self._scratch, self._failed)
+        return np.asarray(self._failed.reshape(-1)[: self.size] > 0)
+
+
+LANES_LAST = frozenset({"state", "B", "I", "h", "gravity", "joints", "place"})
+
+
+def pool_of(models: Sequence[Model]) -> dict[str, Array]:
+    """What `hold_lanes` needs of each body, and its state at rest without pressure; the bodies first."""
+    rows: list[dict[str, Array]] = []
+    for m in models:
+        body, joints, drive = m.body(), m.joints(), m.actuation.kernel()
+        none = np.zeros(len(m.chambers))
+        phi = state.absolute(m, state.equilibrium(m, none))
+        rows.append({
+            "state": np.stack([phi, np.zeros(m.n)]), "B": body.B, "I": body.I, "h": body.h,
+            "gravity": np.array([body.gx, body.gy]),
+            "joints": np.stack([joints.theta0, joints.K, joints.D, np.zeros(m.n), joints.K2]),
+            "place": np.array([*m.link_length, *m.first_joint, joints.base_angle]),
+            "law": drive.law, "gain": drive.gain, "rubber": drive.rubber,
+            "valve": np.array([lag_of(c.valve) for c in m.chambers]), "pressure": none,
+            "slow": m.actuation.rest_state(none),
+        })  # fmt: skip
+    longest = max(row["law"].shape[1] for row in rows)
+    for row in rows:
+        row["law"] = np.pad(row["law"], ((0, 0), (0, longest - row["law"].shape[1])))
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+class OneByOne:
+    """Chains that remember, each a `Stepper` of its own: a `Stepped`. Which elements slip parts them, lanes cannot."""
+
+    def __init__(self, models: Sequence[Model], size: int, step: float) -> None:
+        self._models, self._step = models, step
+        self._steppers = [self._new(0) for _ in range(size)]
+
+    def _new(self, body: int) -> Stepper:
+        model = self._models[body]
+        return Stepper(model, self._step, np.zeros(len(model.chambers)))
+
+    @property
+    def angle(self) -> Array:
+        """Absolute link angles (N, n), rad."""
+        return np.stack([s.angle for s in self._steppers])
+
+    @property
+    def rate(self) -> Array:
+        """Their rates (N, n), rad/s."""
+        return np.stack([s.rate for s in self._steppers])
+
+    def reset(self, which: Array, bodies: Array) -> None:
+        """As `Stepped.reset`."""
+        for i, body in zip(which.tolist(), bodies.tolist(), strict=True):
+            if self._steppers[i].model is self._models[body]:
+                self._steppers[i].reset(np.zeros(len(self._models[body].chambers)))
+            else:
+                self._steppers[i] = self._new(body)
+
+    def hold(self, pressure: Array, steps: int) -> Array:
+        """As `Stepped.hold`."""
+        failed = np.zeros(len(self._steppers), dtype=bool)
+        for i, (stepper, p) in enumerate(zip(self._steppers, pressure, strict=True)):
+            try:
+                stepper.step(p, steps)
+            except SimulationError:
+                failed[i] = True
+        return failed

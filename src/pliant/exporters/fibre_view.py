@@ -1,0 +1,57 @@
+"""What an agent sees of a chain through a shape-sensing fibre: late, noisy joint angles with a bias that wanders."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.model import Model
+from pliant.testbed.fibre import FibreSensor
+
+Array = np.ndarray
+POINTS = 24  # of a link, on which the bias is integrated
+
+
+class FibreView:
+    """Joint angles of N chains as the virtual laboratory's fibre (`pliant.testbed.fibre.FibreSensor`) gives them.
+
+    An angle is the curvature summed over the stretch that turns with the joint: white noise of the gauges adds up along
+    it, a bias that is smooth along the fibre and wanders in time stays, the gain of the specimen scales the whole. What
+    the emulator does beyond the plane, and frames that are lost, are left out.
+
+    Parameters
+    ----------
+    model : Model
+    size : int
+        Chains.
+    period : float
+        s between two frames.
+    sensor : FibreSensor
+    """
+
+    def __init__(self, model: Model, size: int, period: float, sensor: FibreSensor | None = None) -> None:
+        self.sensor = sensor or FibreSensor()
+        self.model, self.size = model, size
+        s, lengths = self.sensor, np.asarray(model.link_length, dtype=float)
+        self.white = s.noise * np.sqrt(s.spacing * lengths)  # (n,) rad
+        starts = model.base_length + np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+        at = (starts[:, None] + lengths[:, None] * (np.arange(POINTS) + 0.5) / POINTS).ravel()
+        alike = s.bias**2 * np.exp(-0.5 * ((at[:, None] - at) / s.bias_length) ** 2)
+        sums = np.kron(np.eye(model.n), np.ones(POINTS)) * np.repeat(lengths / POINTS, POINTS)
+        values, vectors = np.linalg.eigh(sums @ alike @ sums.T)
+        self.root = vectors * np.sqrt(np.maximum(values, 0.0))  # (n, n) rad
+        self.keep = float(np.exp(-period / s.bias_time))
+        self.gain = np.ones((size, 1))
+        self.bias = np.zeros((size, model.n))
+
+    def reset(self, which: Array, rng: np.random.Generator) -> None:
+        """Another fibre in the chains `which` (M,)."""
+        self.gain[which] = 1.0 + self.sensor.gain_error * rng.standard_normal((len(which), 1))
+        self.bias[which] = rng.standard_normal((len(which), self.model.n)) @ self.root.T
+
+    def see(self, angle: Array, rng: np.random.Generator) -> Array:
+        """Absolute link angles (N, n) [rad] as the fibre gives those `angle` (N, n); its bias moves on by a period."""
+        turn = np.diff(angle, axis=1, prepend=self.model.base_angle)
+        kick = np.sqrt(1.0 - self.keep**2) * rng.standard_normal(turn.shape) @ self.root.T
+        self.bias = self.keep * self.bias + kick
+        seen = self.gain * turn + self.bias + self.white * rng.standard_normal(turn.shape)
+        return np.asarray(self.model.base_angle + np.cumsum(seen, axis=1))

@@ -1,0 +1,182 @@
+"""``pliant/Push-v0``: a bending body pushes a puck to a place, on MuJoCo with the exported MJCF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from pliant.errors import InputError
+from pliant.exporters.features import missing, named
+from pliant.exporters.fibre_view import FibreView
+from pliant.exporters.gymnasium import LOST, Array, Task, checked_task, reachable
+from pliant.exporters.mjcf import CAN, controls, mjcf, number
+from pliant.exporters.provenance import Told
+from pliant.exporters.randomisation import Fit, draw_models
+from pliant.model import Model, load_model
+from pliant.simulation import state
+from pliant.simulation.levels import typical_pressure
+
+PUCK = 0.10  # radius of the puck, in parts of the body's length
+SKIN = 0.05  # radius of the body, likewise
+FRICTION = 0.4  # of the table under the puck
+NEAR = 0.1  # weight of the way from the tip to the puck in the reward
+
+
+class PushEnv(gymnasium.Env[Array, Array]):
+    """A puck on a table is to be pushed to its target by a body that bends in the plane.
+
+    Action: pressures of the chambers (C,), -1 for none and 1 for `highest`. Observation: joint angles (n,) [rad], their
+    rates times the period (n,), then in parts of the body's length the tip, the puck, its rate times the period and the
+    target (2 each), and the commanded pressures (C,) in parts of `highest`. Reward: minus the distance of the puck from
+    its target and a tenth of the tip's distance from the puck, in parts of the body's length; -10 where the simulation
+    is lost, which ends the episode.
+
+    Parameters
+    ----------
+    model : Model, str or Path
+    highest, fit, task, render_mode
+        As in `pliant.exporters.gymnasium.TipVectorEnv`. The task's `step` is MuJoCo's.
+
+    Raises
+    ------
+    InputError
+        When MuJoCo is not installed, or the model has what MJCF cannot express.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  Gymnasium's own way
+
+    def __init__(
+        self, model: Model | str | Path, *, highest: float = 0.0, fit: Fit | None = None, task: Task | None = None,
+        render_mode: None = None,
+    ) -> None:
+        self.mujoco = imported()
+        self.model = model if isinstance(model, Model) else load_model(model)
+        self.fit, self.task, self.render_mode = fit, checked_task(task or Task()), render_mode
+        if lost := missing(self.model, CAN):
+            raise InputError(f"{', '.join(named(self.model, lost))}: not expressible in MuJoCo, on which the puck is "
+                             "pushed; take a model without")  # fmt: skip
+        self.highest = highest or 2.0 * typical_pressure(self.model)
+        if not self.highest > 0:
+            raise InputError("no pressure bends this model: there is nothing to push with")
+        n, C, t = self.model.n, len(self.model.chambers), self.task
+        self.action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
+        self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 8 + C,), np.float32)
+        self._steps = max(1, round(t.period / t.step))
+        self._fibre = FibreView(self.model, 1, self._steps * t.step) if t.observe == "fibre" else None
+        self._late = min(round(self._fibre.sensor.latency / t.step), self._steps) if self._fibre else 0
+        self._curve = reachable(self.model, self.highest)
+        self._controls = controls(self.model)
+        self._worlds: list[tuple[Any, Model]] = []
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None,  # noqa: ARG002  Gymnasium's own
+    ) -> tuple[Array, dict[str, Any]]:
+        """The body at rest, the puck beside its tip, the target further along its way; with a fit, another body."""
+        super().reset(seed=seed)
+        rng = self.np_random
+        if seed is not None or not self._worlds:
+            bodies = draw_models(self.model, self.fit, self.task.bodies, rng) if self.fit else [self.model]
+            self._worlds = [(self.mujoco.MjModel.from_xml_string(world(m, self.task.step)), m) for m in bodies]
+        self._m, self._own = self._worlds[int(rng.integers(len(self._worlds)))]
+        self._d = self.mujoco.MjData(self._m)
+        self._joints = [self._m.joint(f"q_{i + 1}").id for i in range(self.model.n)]
+        rest = state.equilibrium(self._own, np.zeros(len(self.model.chambers)))
+        self._d.qpos[self._m.jnt_qposadr[self._joints]] = rest
+        for j in range(len(self._own.memory.creep_share)):
+            names = [f"creep_{j + 1}_{i + 1}" for i in range(self.model.n)]
+            self._d.qpos[[self._m.joint(name).qposadr[0] for name in names]] = rest
+        self._puck = np.array([self._m.joint(axis).qposadr[0] for axis in ("puck_x", "puck_y")])
+        self._speed = np.array([self._m.joint(axis).dofadr[0] for axis in ("puck_x", "puck_y")])
+        start, self._target = self.places(float(rng.uniform(0.15, 0.4)), float(rng.uniform(0.3, 0.7)))
+        self._d.qpos[self._puck] = start
+        self._command, self._elapsed = np.zeros(len(self.model.chambers)), 0
+        if self._fibre:
+            self._fibre.reset(np.arange(1), rng)
+        self._before = self.angle()
+        self.mujoco.mj_forward(self._m, self._d)
+        return self.observation(self.angle()), self.info()
+
+    def places(self, where: float, further: float) -> tuple[Array, Array]:
+        """Start and target (2,) [m] of the puck, which lies before the tip at a share `where` of its way."""
+        at = where * (len(self._curve) - 1)
+        k = min(int(at), len(self._curve) - 2)
+        ahead = self._curve[k + 1] - self._curve[k]
+        ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-12)
+        start = self._curve[k] + (PUCK + SKIN) * self.model.length * ahead
+        end = where + further * (1.0 - where)
+        target = self.along(end) + (PUCK + SKIN) * self.model.length * ahead
+        return start, target
+
+    def along(self, phase: float) -> Array:
+        """A point (2,) [m] of the tip's way, phase 0 its beginning and 1 its end."""
+        share = np.linspace(0.0, 1.0, len(self._curve))
+        return np.array([np.interp(phase, share, self._curve[:, k]) for k in range(2)])
+
+    def angle(self) -> Array:
+        """Absolute link angles (n,) of the body now, rad."""
+        return state.absolute(self._own, self._d.qpos[self._m.jnt_qposadr[self._joints]])
+
+    def observation(self, angle: Array) -> Array:
+        """What the agent sees, the body being at absolute angles (n,)."""
+        m, fibre, L = self.model, self._fibre, self.model.length
+        seen = fibre.see(angle[None], self.np_random)[0] if fibre else angle
+        q = state.joint_angles(m, seen)
+        rate = self._d.qvel[self._m.jnt_dofadr[self._joints]] * self.task.period
+        turn = q - state.joint_angles(m, self._before) if fibre else rate
+        self._before = seen
+        tip, puck = state.tips(m if fibre else self._own, seen)[-1], self._d.qpos[self._puck]
+        speed = self._d.qvel[self._speed] * self.task.period
+        rows = (q, turn, tip / L, puck / L, speed / L, self._target / L, self._command / self.highest)
+        return np.concatenate(rows).astype(np.float32)
+
+    def info(self) -> dict[str, Any]:
+        """Where tip, puck and target are (2,), m, and the time, s."""
+        tip = state.tips(self._own, self.angle())[-1]
+        return {
+            "tip": tip, "puck": self._d.qpos[self._puck].copy(), "target": self._target.copy(),
+            "time": self._elapsed * self._steps * self.task.step,
+        }
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Hold the pressures for one period."""
+        self._command = 0.5 * (np.clip(np.asarray(action, dtype=float), -1.0, 1.0) + 1.0) * self.highest
+        for name, chamber, power in self._controls:
+            self._d.actuator(name).ctrl[0] = self._command[chamber] ** power
+        self.mujoco.mj_step(self._m, self._d, self._steps - self._late)
+        angle = self.angle()
+        self.mujoco.mj_step(self._m, self._d, self._late)
+        self._elapsed += 1
+        lost = bool(self._d.warning[self.mujoco.mjtWarning.mjWARN_BADQACC].number > 0)
+        seen, told = self.observation(angle if self._late else self.angle()), self.info()
+        apart = np.linalg.norm(told["puck"] - told["target"]) + NEAR * np.linalg.norm(told["tip"] - told["puck"])
+        late = told["time"] >= self.task.duration - 0.5 * self.task.step
+        return seen, LOST if lost else -float(apart) / self.model.length, lost, bool(late), told
+
+
+def world(model: Model, timestep: float) -> str:
+    """The exported body with a puck on a table."""
+    told = Told(model, "mjcf", "pliant/Push-v0")
+    root = ET.fromstring(mjcf(model, told, timestep=timestep, radius=SKIN * model.length))  # noqa: S314  our own text
+    radius, mass = PUCK * model.length, float(np.sum(model.link_mass))
+    place = root.find("worldbody")
+    assert place is not None
+    puck = ET.SubElement(place, "body", name="puck", gravcomp="1")
+    rub = number(FRICTION * 9.81 * mass)
+    for axis, along in (("x", "1 0 0"), ("y", "0 1 0")):
+        ET.SubElement(puck, "joint", name=f"puck_{axis}", type="slide", axis=along, frictionloss=rub)
+    ET.SubElement(puck, "geom", name="puck", type="cylinder", size=number(radius, radius), mass=number(mass))
+    return ET.tostring(root, encoding="unicode")
+
+
+def imported() -> Any:
+    """MuJoCo; InputError where it is not installed."""
+    try:
+        import mujoco
+    except ImportError:
+        raise InputError("pliant/Push-v0 needs MuJoCo: pip install mujoco") from None
+    return mujoco

@@ -1,0 +1,54 @@
+"""Chains held in lanes move as `Stepper` moves each, whatever their valves, chambers and springs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.actuators import chen2018
+from pliant.batch.stepper import batch_stepper
+from pliant.errors import InputError
+from pliant.model import Chamber, Memory, Valve
+from pliant.simulation import Stepper
+
+
+def test_every_lane_is_a_stepper():
+    plain = chen2018.model(valve=Valve(rise_time=0.02, fall_time=0.03))
+    soft = chen2018.model(
+        stiffness=2.0, gravity=[1.0, -9.0], swell_share=0.3, swell_time=0.4, inflation_limit=9e5, stiffening=-0.1,
+        torque=[1e-6, 1e-12], valve=Valve(rise_time=0.05, rise_rate=4e5, fall_rate=8e5),
+    )
+    which = np.array([3, 9])
+    batch = batch_stepper([plain, soft], 11, 1e-3)
+    batch.reset(which, np.ones(2, dtype=int))
+    alone = [Stepper(soft if k in which else plain, 1e-3) for k in range(11)]
+    for pressure in np.random.default_rng(1).uniform(0.0, 1e5, (4, 11, 1)):
+        assert not batch.hold(pressure, 20).any()
+        for stepper, p in zip(alone, pressure, strict=True):
+            stepper.step(float(p[0]), 20)
+    assert batch.angle == pytest.approx(np.array([s.angle for s in alone]), abs=1e-13)
+    assert batch.rate == pytest.approx(np.array([s.rate for s in alone]), abs=1e-11)
+    assert np.abs(batch.angle).max() > 0.1
+
+
+def test_two_chambers():
+    two = (
+        Chamber(torque=[6e-7], joint_gain=[1.0, 1.0, 0.0, 0.0, 0.0], valve=Valve(rise_time=0.02), name="near"),
+        Chamber(torque=[-5e-7], joint_gain=[0.0, 0.0, 1.0, 1.0, 1.0], name="far"),
+    )
+    model = chen2018.model().with_(chambers=two)
+    batch, alone = batch_stepper([model], 3, 1e-3), Stepper(model, 1e-3, np.zeros(2))
+    batch.hold(np.array([[0.0, 0.0], [8e4, 3e4], [1e4, 0.0]]), 50)
+    alone.step(np.array([8e4, 3e4]), 50)
+    assert batch.angle[1] == pytest.approx(alone.angle, abs=1e-13)
+    assert not np.any(batch.angle[0])
+
+
+def test_what_no_batch_is_refused():
+    model = chen2018.model()
+    with pytest.raises(InputError, match="must share n"):
+        batch_stepper([model, chen2018.model(links=3)], 2, 1e-3)
+    with pytest.raises(InputError, match="must share memory"):
+        batch_stepper([model, chen2018.model(memory=Memory((0.1,), (0.5,)))], 2, 1e-3)
+    with pytest.raises(InputError, match="too long"):
+        batch_stepper([model, chen2018.model(stiffness=1e4)], 2, 1e-3)
