@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pliant.compiler.choose import twin
+from pliant.compiler.choose import tuples, twin
 from pliant.control import feedback_loops
 from pliant.control.equilibria import Equilibria, equilibria
 from pliant.control.limits import Limits
@@ -220,7 +220,7 @@ class Lqr:
             float(limits.highest), float(limits.slew), float(design.period), float(design.tuning.integral_band)
         )
         self.regulator = Law(schedule, geometry, rules)
-        self._fields = tuple(map(tuple, self.regulator))  # Python hands plain tuples over in a third of the time
+        self._fields = tuples(self.regulator)
         self._steer = twin(feedback_loops.steer)
         self.reset()
 
@@ -229,7 +229,7 @@ class Lqr:
         held = np.zeros(4)
         held[COMMAND] = command
         self.memory = Memory(np.full(self.design.waiting, float(command)), held, np.zeros(8))
-        self._memory = tuple(self.memory)
+        self._memory = tuples(self.memory)
 
     @property
     def command(self) -> float:

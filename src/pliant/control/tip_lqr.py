@@ -6,53 +6,26 @@ import numpy as np
 
 from pliant.control.contract import ControllerKind, Plan
 from pliant.control.lqr import Lqr
-from pliant.control.valve_states import ValveObserver
-from pliant.estimation.contract import State, one_chamber
+from pliant.control.state_feedback import StateFeedback
+from pliant.estimation.contract import State
 
 Array = np.ndarray
 
 
-class LqrControl:
+class LqrControl(StateFeedback[Lqr]):
     """Feedback of the whole state, the valve's included.
 
     Parameters
     ----------
     plan : Plan
-
-    Attributes
-    ----------
-    law : Lqr
-    target : float
-        m, where the tip is wanted now.
     """
 
-    chambers = 1
-
     def __init__(self, plan: Plan) -> None:
-        self.law, self.target = Lqr(plan.design, plan.limits), 0.0
-        self._course, self._equilibria = plan.course, plan.design.equilibria
-        self._valve = ValveObserver(plan.design.model.valve, plan.period, late=plan.late, supply=plan.supply)
-        self.reset()
-
-    @property
-    def error(self) -> float:
-        """Of the tip along its path at the last step, m."""
-        return self.law.error
-
-    @property
-    def saturated(self) -> int:
-        """Steps whose command met a limit."""
-        return self.law.saturated
-
-    def reset(self) -> None:
-        """Start anew from no pressure."""
-        self.law.reset()
-        self._valve.reset()
-        self._course.reset()
+        super().__init__(plan, Lqr(plan.design, plan.limits))
 
     def step(self, time: float, state: State, pressure: float | Array) -> float:
         """Command [Pa] for the coming period, from the state's estimate and the pressure's reading [Pa]."""
-        valve = self._valve.update(self.law.command, one_chamber(pressure))[: self._valve.order]
+        valve = self.valve(pressure)
         since, made = self._course.since(time), self._course.trajectory
         if made is None:
             self.target = self._course.setpoint(time)
