@@ -90,7 +90,7 @@ def kill_once(campaign, chunk):
     if chunk == 3 and not mark.exists():
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return tasks.work(campaign, chunk)
+    return campaign.work(chunk)
 
 
 @pytest.mark.slow
@@ -184,7 +184,7 @@ def test_fits_are_repeated(kind, recorded, paper, tmp_path):
         assert spread < 1e-3
     else:
         assert 1e-6 < spread < 1e-2
-    part = tasks.work(tasks.Campaign(sweep, paper, (record,), tuple(parameters), options, None), 1) \
+    part = tasks.Campaign(sweep, paper, (record,), tuple(parameters), options, None).work(1) \
         if kind == "multi_start" else None
     if part is not None:
         assert np.array_equal(part["parameter_damping"], found["parameter_damping"].values[2:4])

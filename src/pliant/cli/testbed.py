@@ -16,7 +16,7 @@ def run_testbed(
         str | None, typer.Argument(help="name of a scenario, see --list; or pulse_<kPa>_<ms>ms")
     ] = None,
     *,
-    actuator: Annotated[str, typer.Option(help="virtual actuator: a, b or c")] = "a",
+    actuator: Annotated[str, typer.Option(help="virtual actuator: a, b, c, or a seed of the family, e.g. 7")] = "a",
     seed: Annotated[int, typer.Option(min=0, help="seed of the sensors")] = 1,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="recording to write (.nc)")] = None,
     truth: Annotated[Path | None, typer.Option(help="file for the true states (.nc), kept apart")] = None,
@@ -27,7 +27,8 @@ def run_testbed(
     """Record a scenario of the virtual actuator, whose truth is known.
 
     The recording looks like any laboratory's: raw sensor frame, its own pressure clock, noise and
-    drop-outs. A file that already holds this content is left as it is.
+    drop-outs. A file that already holds this content is left as it is. A number in place of a, b or c is another
+    laboratory, drawn by that seed: body, valve and sensors; its working pressure is what the scenarios call 180 kPa.
 
     Example: pliant testbed pulse_119 --actuator b --seed 7 -o pulse.nc --truth truth.nc
     """
@@ -40,11 +41,11 @@ def run_testbed(
         raise InputError("name a scenario; --list shows them")
     if record not in ("position", "strain", "markers"):
         raise InputError(f"--record takes position, strain or markers, not {record!r}")
-    from pliant.testbed.laboratory import Laboratory, generate_file
+    from pliant.testbed.laboratory import generate_file, resolved
 
     path = output or Path(f"{scenario}-{actuator}-{seed}.nc")
     with counting(scenario) as progress:
-        lab = Laboratory(output=record)  # type: ignore[arg-type]
+        lab = resolved(scenario, actuator, None, record)[2]  # type: ignore[arg-type]
         ran = generate_file(scenario, path, body=actuator, seed=seed, lab=lab, truth=truth, progress=progress)
     if json:
         typer.echo(jsonlib.dumps({"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran}))

@@ -22,17 +22,35 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from os import cpu_count
-from typing import Any
+from typing import Any, Protocol
 
 from pliant.errors import InputError, PliantError
-from pliant.sweep.store import Store
-from pliant.sweep.tasks import Campaign, work
+from pliant.sweep.store import Arrays, Store
 
 Tell = Callable[[str], None]
 Count = Callable[[float], None]
 IN_FLIGHT = 64  # chunks handed out and not yet written: bounds what a crash can cost, and the memory
 PATIENCE = 3  # new executors in a row that deliver nothing, before the sweep gives up
 CONNECT_S = 30.0
+
+
+class Chunked(Protocol):
+    """Work in chunks that know nothing of each other: `Campaign`, or any class that a worker can unpickle."""
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+
+    def bounds(self, chunk: int) -> tuple[int, int]:
+        """First sample of a chunk, and the one after its last."""
+
+    def work(self, chunk: int) -> Arrays:
+        """The arrays of one chunk, samples first."""
+
+
+def work(campaign: Chunked, chunk: int) -> Arrays:
+    """What a worker is sent."""
+    return campaign.work(chunk)
 
 
 @dataclass
@@ -133,7 +151,7 @@ class Watched:
 
 
 def run_campaign(
-    campaign: Campaign, store: Store, make_executor: Callable[[], Any], tell: Tell = lambda _line: None,
+    campaign: Chunked, store: Store, make_executor: Callable[[], Any], tell: Tell = lambda _line: None,
     count: Count | None = None,
 ) -> Account:
     """Work on every chunk that is not on disk; returns when all are, or raises with all that is done kept.
@@ -176,7 +194,7 @@ def run_campaign(
 
 
 def one_round(
-    campaign: Campaign, store: Store, make_executor: Callable[[], Any], todo: set[int], account: Account,
+    campaign: Chunked, store: Store, make_executor: Callable[[], Any], todo: set[int], account: Account,
     written: Callable[[int], None],
 ) -> str:
     """Hand out `todo` to one executor and write what it delivers; returns what broke, if anything."""
@@ -214,7 +232,7 @@ def is_breakage(error: BaseException) -> bool:
 class Flow:
     """Chunks handed out a few at a time, and their futures as they are done."""
 
-    def __init__(self, campaign: Campaign, pool: Any, chunks: list[int]) -> None:
+    def __init__(self, campaign: Chunked, pool: Any, chunks: list[int]) -> None:
         self.campaign = campaign
         self.pool = pool
         self.waiting = chunks[::-1]

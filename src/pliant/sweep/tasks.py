@@ -41,11 +41,10 @@ class Campaign:
         """Number of chunks."""
         return -(-self.sweep.size // self.sweep.together)
 
-
-def work(campaign: Campaign, chunk: int) -> Arrays:
-    """The arrays of one chunk, samples first."""
-    kinds = {"bootstrap": bootstrap, "multi_start": multi_start}
-    return kinds.get(campaign.sweep.kind, simulated)(campaign, *campaign.bounds(chunk))
+    def work(self, chunk: int) -> Arrays:
+        """The arrays of one chunk, samples first."""
+        kinds = {"bootstrap": bootstrap, "multi_start": multi_start}
+        return kinds.get(self.sweep.kind, simulated)(self, *self.bounds(chunk))
 
 
 def simulated(campaign: Campaign, first: int, last: int) -> Arrays:

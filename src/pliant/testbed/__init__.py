@@ -12,15 +12,21 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pliant.testbed.bundle import BUNDLED, bundled_recording
+    from pliant.testbed.family import Member, family_member
     from pliant.testbed.laboratory import Laboratory, generate, generate_file, generate_set
     from pliant.testbed.scenarios import SCENARIOS
 
-__all__ = ["BUNDLED", "SCENARIOS", "Laboratory", "bundled_recording", "generate", "generate_file", "generate_set"]
+__all__ = [
+    "BUNDLED", "SCENARIOS", "Laboratory", "Member", "bundled_recording", "family_member", "generate", "generate_file",
+    "generate_set",
+]
 
 _HOME = {
     "BUNDLED": "bundle",
     "bundled_recording": "bundle",
     "SCENARIOS": "scenarios",
+    "Member": "family",
+    "family_member": "family",
     "Laboratory": "laboratory",
     "generate": "laboratory",
     "generate_file": "laboratory",

@@ -17,9 +17,10 @@ from pliant.recording import make_recording, read
 from pliant.recording.netcdf import write_netcdf
 from pliant.testbed import fibre as fibre_sensor
 from pliant.testbed.contact import obstacle_rows
+from pliant.testbed.family import Member, member
 from pliant.testbed.fibre import FibreSensor
 from pliant.testbed.mocap import MotionCapture, marker_names, observe_markers
-from pliant.testbed.rod import RodParameters, actuator
+from pliant.testbed.rod import RodParameters
 from pliant.testbed.scenarios import Scenario, scenario
 from pliant.testbed.stepping import Motion, simulate
 from pliant.testbed.truth import make_truth, write_truth
@@ -45,6 +46,11 @@ class Laboratory:
     fibre: FibreSensor = field(default_factory=FibreSensor)
     mocap: MotionCapture = field(default_factory=MotionCapture)
     output: Output = "position"
+
+    @classmethod
+    def of(cls, who: Member, output: Output = "position") -> Laboratory:
+        """The instruments of a member of the family."""
+        return cls(who.valve, who.transducer, who.fibre, output=output)
 
 
 @dataclass(frozen=True)
@@ -88,9 +94,20 @@ def run_rod(
     )
 
 
+def resolved(
+    case: str | Scenario, body: str | int | RodParameters | Member, lab: Laboratory | None, output: Output = "position"
+) -> tuple[Scenario, Member, Laboratory]:
+    """The scenario at the body's scale, the member of the family that it names, and the laboratory around it."""
+    case = scenario(case) if isinstance(case, str) else case
+    if isinstance(body, RodParameters):
+        return case, Member("custom", body), lab or Laboratory(output=output)
+    who = body if isinstance(body, Member) else member(body)
+    return who.adapted(case), who, lab or Laboratory.of(who, output)
+
+
 def generate(
     case: str | Scenario,
-    body: str | RodParameters = "a",
+    body: str | int | RodParameters | Member = "a",
     seed: int = 1,
     *,
     lab: Laboratory | None = None,
@@ -102,11 +119,13 @@ def generate(
     ----------
     case : str or Scenario
         Name from `pliant.testbed.scenarios.SCENARIOS`, or ``pulse_<kPa>_<ms>ms``.
-    body : str or RodParameters
-        Actuator "a", "b", "c", or parameters of your own.
+    body : str, int, Member or RodParameters
+        Actuator "a", "b" or "c"; a seed of the family (7 or "7"), whose own valve and sensors record and whose working
+        pressure is what the scenario calls 180 kPa; or parameters of your own.
     seed : int
         Of the sensors: their systematic errors belong to the seed, their noise to seed and scenario.
     lab : Laboratory, optional
+        In place of the body's own.
     progress : callable, optional
         Called with the fraction of the simulation that is done.
 
@@ -121,16 +140,17 @@ def generate(
     SimulationError
         When the rod cannot follow.
     """
-    case = scenario(case) if isinstance(case, str) else case
-    name, rod = (body, actuator(body)) if isinstance(body, str) else ("custom", body)
-    lab = lab or Laboratory()
+    case, who, lab = resolved(case, body, lab)
+    rod = who.body
     if seed < 0:
         raise InputError(f"a seed must be >= 0, got {seed}")
     motion = run_rod(case, rod, lab, progress)
     rate = lab.mocap.rate if lab.output == "markers" else case.rate
     at = np.arange(0.0, case.duration - 0.5 * RECORD, 1.0 / rate)
-    attrs = {"scenario": case.name, "actuator": name, "seed": int(seed),
+    attrs = {"scenario": case.name, "actuator": who.name, "seed": int(seed),
              "content_key": content_key(case, rod, seed, lab)}  # fmt: skip
+    if who.name.isdecimal():
+        attrs |= who.known()
     rod = replace(rod, gravity=case.gravity)
     recording = record(motion, rod, lab, at, seed=seed, attrs=attrs)
     settings = {"laboratory": json.dumps(asdict(lab)), "scenario_settings": json.dumps(asdict(case))}
@@ -190,7 +210,7 @@ def generate_file(
     case: str | Scenario,
     path: str | Path,
     *,
-    body: str | RodParameters = "a",
+    body: str | int | RodParameters | Member = "a",
     seed: int = 1,
     lab: Laboratory | None = None,
     truth: str | Path | None = None,
@@ -208,9 +228,8 @@ def generate_file(
         raise InputError(f"recordings of the test bed are written as .nc, not {path.name!r}")
     if truth is not None and Path(truth).resolve() == path.resolve():
         raise InputError("recording and truth need two different files")
-    case = scenario(case) if isinstance(case, str) else case
-    rod = actuator(body) if isinstance(body, str) else body
-    key = content_key(case, rod, seed, lab or Laboratory())
+    adapted, who, own = resolved(case, body, lab)
+    key = content_key(adapted, who.body, seed, own)
     if is_current(path, key) and (truth is None or _truth_is_current(Path(truth), key)):
         return False
     made = generate(case, body, seed, lab=lab, progress=progress)

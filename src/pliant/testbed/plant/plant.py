@@ -10,15 +10,16 @@ import numpy as np
 
 from pliant.errors import InputError, SimulationError
 from pliant.testbed.contact import obstacle_rows
-from pliant.testbed.fibre import FibreSensor
-from pliant.testbed.rod import RodParameters, actuator, build_body
+from pliant.testbed.family import Member, member
+from pliant.testbed.rod import RodParameters, build_body
 from pliant.testbed.stepping.simulate import Span, _clock, _out, _work, settle
-from pliant.testbed.valve import PressureSensor, Regulator
+from pliant.testbed.valve import Iso6358, PressureSensor, Regulator
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pliant.testbed.contact import Circle, Wall
+    from pliant.testbed.fibre import FibreSensor
 
 Array = np.ndarray
 SUPPLY_STEP = 2.5e-5  # s, of the regulator's equations
@@ -48,8 +49,8 @@ class Plant:
 
     Parameters
     ----------
-    body : str or RodParameters
-        Actuator "a", "b", "c", or parameters of your own.
+    body : str, int, Member or RodParameters
+        Actuator "a", "b" or "c", a seed of the family with its own valve and sensors, or parameters of your own.
     rate : float
         Frames of the shape a second, Hz.
     step : float
@@ -64,7 +65,8 @@ class Plant:
     Raises
     ------
     InputError
-        For an unknown actuator, or a frame that is no whole number of steps.
+        For an unknown actuator, a frame that is no whole number of steps, or a member of the family whose valve is a
+        spool where no `valve` is given: the plant knows regulators alone.
 
     Examples
     --------
@@ -74,19 +76,25 @@ class Plant:
     """
 
     def __init__(
-        self, body: str | RodParameters = "a", *, rate: float = 250.0, step: float = 5e-4, seed: int = 1,
+        self, body: str | int | RodParameters | Member = "a", *, rate: float = 250.0, step: float = 5e-4, seed: int = 1,
         perfect: bool = False, valve: Regulator | None = None, obstacles: Sequence[Circle | Wall] = (),
     ) -> None:
-        self.parameters = actuator(body) if isinstance(body, str) else body
+        if isinstance(body, RodParameters):
+            body = Member("custom", body)
+        who = body if isinstance(body, Member) else member(body)
+        self.parameters = who.body
         self.period = 1.0 / rate
         self._substeps = round(self.period / step)
         if self._substeps < 1 or abs(self._substeps * step - self.period) > 1e-9:
             raise InputError(f"a frame of {self.period:g} s is no whole number of steps of {step:g} s")
         self._step = step
-        self._valve = valve or Regulator()
+        chosen = valve or who.valve
+        if isinstance(chosen, Iso6358):
+            raise InputError(f"actuator {who.name} has a spool for a valve, the plant knows regulators: give `valve`")
+        self._valve = chosen
         self._body = build_body(self.parameters)
         self._rows = obstacle_rows(obstacles)
-        fibre, transducer = FibreSensor(), PressureSensor()
+        fibre, transducer = who.fibre, who.transducer
         if perfect:
             fibre = replace(fibre, noise=0.0, bias=0.0, gain_error=0.0, jitter=0.0, drop_out=0.0, latency=0.0)
             transducer = replace(transducer, noise=0.0, bias=0.0, resolution=0.0)

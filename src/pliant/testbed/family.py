@@ -1,0 +1,245 @@
+"""A family of virtual laboratories: one for each seed, drawn from ranges that span what is built and measured.
+
+`family_ranges.FAMILY` holds every range with its source. A seed draws each number by itself, so that a range added
+later moves no other one, and draws anew until body and pressure are ones that somebody would build. Actuators "a", "b"
+and "c" are named members with the laboratory's usual instruments.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.testbed.contact import Circle, Wall
+from pliant.testbed.family_ranges import FAMILY
+from pliant.testbed.fibre import FibreSensor
+from pliant.testbed.rod.parameters import ACTUATORS, RodParameters, actuator
+from pliant.testbed.scenarios import Scenario
+from pliant.testbed.valve import Iso6358, PressureSensor, Regulator
+
+NOMINAL = 180e3  # Pa: what the scenarios call 180 kPa is a member's working pressure
+USUAL_RATE = 75.0  # Hz, of the scenarios; replaced by a member's own
+MODE = 0.5596  # f1 L^2 sqrt(m / EI) of a clamped-free beam with mass m a metre: 1.875^2 / (2 pi)
+SPRINGPOT_BRANCHES = 8  # log-spaced relaxation times
+SPRINGPOT_TIMES = (1.0e-3, 30.0)  # s
+RELAXING = 0.3  # of EI, most that a springpot may relax later than SLOW: silicone creeps by 5 to 15 %, filled ones more
+SLOW = 0.1  # s
+FREQUENCY = (2.0, 12.0)  # Hz, of the first mode: 5 Hz in Chen et al., 8 Hz of a measured arm of Dragon Skin 10
+PRESSURE = (8e3, 250e3)  # Pa, working: bare soft silicone at the low end, fibre-reinforced at the high one
+
+
+@dataclass(frozen=True)
+class Member:
+    """A laboratory of the family: its actuator and its instruments (SI).
+
+    Attributes
+    ----------
+    name : str
+    body : RodParameters
+    valve, transducer, fibre
+        Instruments of the laboratory.
+    pressure : float
+        Working pressure [Pa]: what scenarios call 180 kPa.
+    rate : float
+        Frames of the shape a second, Hz.
+    modulus, loss_factor, order, viscous_part : float
+        What the body was drawn with: shear modulus [Pa], loss factor at its first mode, order of its springpot and the
+        viscous part of the loss; for tables.
+    """
+
+    name: str
+    body: RodParameters
+    valve: Regulator | Iso6358 = field(default_factory=Regulator)
+    transducer: PressureSensor = field(default_factory=PressureSensor)
+    fibre: FibreSensor = field(default_factory=FibreSensor)
+    pressure: float = NOMINAL
+    rate: float = USUAL_RATE
+    modulus: float = float("nan")
+    loss_factor: float = float("nan")
+    order: float = float("nan")
+    viscous_part: float = 1.0
+
+    @property
+    def frequency(self) -> float:
+        """First frequency of the straight undamped body with its cap as a point at the tip, Hz (Rayleigh)."""
+        return first_frequency(self.body.bending_stiffness, self.body.mass, self.body.cap_mass, self.body.length)
+
+    def adapted(self, case: Scenario) -> Scenario:
+        """The scenario at this member's scale: pressures, pushes, obstacles and frame rate.
+
+        Obstacles keep their place relative to the length; whether a body of another bend meets them is not promised.
+        """
+        if self.name in ACTUATORS:
+            return case
+        size, share = self.body.length / RodParameters().length, self.pressure / NOMINAL
+        force = self.body.bending_stiffness / RodParameters().bending_stiffness / size**2
+        c = case.command
+        command = replace(c, points=tuple((t, p * share) for t, p in c.points), mean=c.mean * share,
+                          amplitude=c.amplitude * share)  # fmt: skip
+        return replace(
+            case, command=command, obstacles=tuple(scaled(o, size) for o in case.obstacles),
+            pushes=tuple((t, x * force, y * force) for t, x, y in case.pushes),
+            rate=self.rate if case.rate == USUAL_RATE else case.rate,
+        )  # fmt: skip
+
+    def known(self) -> dict[str, float]:
+        """What a laboratory knows of its specimen: lengths, masses, and the fibre's gauge (SI)."""
+        b = self.body
+        return {"body_length": b.length, "body_mass": b.mass, "tip_mass": b.cap_mass,
+                "gauge_length": self.fibre.gauge, "working_pressure": self.pressure}  # fmt: skip
+
+
+def scaled(obstacle: Circle | Wall, size: float) -> Circle | Wall:
+    """The obstacle as far away and as large as the body is long."""
+    if isinstance(obstacle, Wall):
+        return replace(obstacle, offset=obstacle.offset * size)
+    x, y = obstacle.centre
+    return replace(obstacle, centre=(x * size, y * size), radius=obstacle.radius * size)
+
+
+def first_frequency(stiffness: float, mass: float, cap: float, length: float) -> float:
+    """First frequency of a clamped-free beam with a point mass at its tip, Hz, by Rayleigh's quotient."""
+    alone = MODE / length**2 * np.sqrt(stiffness * length / mass)
+    return float(alone / np.sqrt(1.0 + 4.0 * cap / mass))
+
+
+def springpot(order: float, loss: float, omega: float) -> tuple[np.ndarray, np.ndarray]:
+    """Shares and times of positive Prony branches whose loss at `omega` [rad/s] is `loss` of the stiffness, at most.
+
+    The springpot ``c s^order`` is the sum over relaxations ``s / (s + w)`` with density ``c sin(pi order)/pi w^order``
+    in ln w; even steps in ln w give the branches, which are then scaled to the loss asked for, so that the ends of the
+    band cost nothing there. Where more than `RELAXING` would relax slowly, less of the loss is the springpot's.
+    """
+    times = np.geomspace(*SPRINGPOT_TIMES, SPRINGPOT_BRANCHES)
+    shape = times ** (-order)
+    x = omega * times
+    share = shape * loss / float(np.sum(shape * x / (1.0 + x**2)))
+    return share * min(1.0, RELAXING / max(float(share[times > SLOW].sum()), 1e-12)), times
+
+
+def drawn(seed: int, attempt: int) -> dict[str, float]:
+    """Every number of `FAMILY`, each from a stream of its own."""
+    out = {}
+    for name, d in FAMILY.items():
+        u = float(np.random.default_rng([seed, attempt, zlib.crc32(name.encode())]).random())
+        out[name] = float(d.low * (d.high / d.low) ** u) if d.log else d.low + (d.high - d.low) * u
+    return out
+
+
+def body_of(d: dict[str, float], seed: int) -> RodParameters:
+    """The rod of some drawn numbers, without memory yet."""
+    r, length = d["chamber_radius"], d["length"]
+    height, width = r + d["wall"], 2.0 * (r + d["wall"])
+    area = 0.5 * np.pi * height**2 - 0.5 * np.pi * r**2 + d["wall"] * width  # half-round shell on a base
+    second = np.pi / 8.0 * (height**4 - r**4) + width * d["wall"] ** 3 / 3.0  # about the inextensible layer, m4
+    stiffness = 4.0 * d["shear_modulus"] * second * d["layers"]
+    mass = d["density"] * area * length * d["fittings"]
+    return RodParameters(
+        seed=seed + 10, length=length, mass=mass, bending_stiffness=stiffness, cap_mass=mass * d["cap_share"],
+        stiffness_variation=d["stiffness_variation"], rest_curvature=d["rest_bend"] / length,
+        rest_variation=d["rest_variation"] / length, correlation_length=d["correlation"] * length,
+        end_stiffening=d["end_stiffening"], end_length=d["end_length"] * length, chamber_area=0.5 * np.pi * r**2,
+        chamber_height=4.0 * r / (3.0 * np.pi), gain=d["gain"], gain_variation=d["gain_variation"],
+        gain_slope=d["swell"] * height, section_height=height, locking=d["locking"], loss_time=0.0, prony_share=(),
+        prony_time=(), slip_share=d["slip"], slip_scale=d["slip_angle"] / length, slip_shape=d["slip_shape"],
+        half_width=0.5 * height, tube_resistance=d["tube"],
+    )  # fmt: skip
+
+
+def with_memory(body: RodParameters, d: dict[str, float], seed: int, omega: float) -> RodParameters:
+    """The rod with its losses: viscous, fractional, creeping; the loss factor at `omega` [rad/s] is that drawn.
+
+    The viscous part makes up what springpot and creep leave of it; where creep alone loses more, it is more.
+    """
+    rng = np.random.default_rng([seed, 4711])
+    count = int(d["creep_branches"])
+    creep = rng.dirichlet(np.ones(count)) * d["creep"]
+    slow = np.exp(rng.uniform(np.log(0.1), np.log(30.0), count))
+    pot, fast = springpot(d["order"], (1.0 - d["viscous_part"]) * d["loss"], omega)
+    share, time = np.append(pot, creep), np.append(fast, slow)
+    x = omega * time
+    stores, loses = float(np.sum(share * x**2 / (1.0 + x**2))), float(np.sum(share * x / (1.0 + x**2)))
+    viscous = max(d["loss"] * (1.0 + stores) - loses, 0.0)
+    return replace(body, loss_time=viscous / omega, prony_share=tuple(share.tolist()), prony_time=tuple(time.tolist()))
+
+
+def family_member(seed: int) -> Member:
+    """The laboratory of a seed: its body, its memory, its valve and its sensors, each drawn from `FAMILY`.
+
+    Parameters
+    ----------
+    seed : int
+        >= 0; each seed is a different laboratory.
+
+    Returns
+    -------
+    Member
+
+    Raises
+    ------
+    InputError
+        For a negative seed.
+    """
+    if seed < 0:
+        raise InputError(f"a seed of the family must be >= 0, got {seed}")
+    for attempt in range(1000):
+        d = drawn(seed, attempt)
+        body = body_of(d, seed)
+        frequency = first_frequency(body.bending_stiffness, body.mass, body.cap_mass, body.length)
+        lever = body.chamber_area * body.chamber_height * body.gain
+        pressure = d["working_bend"] * body.bending_stiffness / (body.length * lever)
+        if FREQUENCY[0] < frequency < FREQUENCY[1] and PRESSURE[0] < pressure < PRESSURE[1]:
+            break
+    else:  # pragma: no cover
+        raise InputError(f"seed {seed} draws no body that rings between {FREQUENCY} Hz and works between {PRESSURE} Pa")
+    highest = 2.0 * d["working_bend"] / body.length + max(body.rest_curvature, 0.0)
+    hook = max(50.0, 2.4 * highest)  # the fibre finds the tip where nothing of the body bends as much
+    body = replace(with_memory(body, d, seed, 2.0 * np.pi * frequency), cap_curvature=hook,
+                   cap_length=min(0.03, 2.0 / hook))  # fmt: skip
+    return Member(
+        str(seed), body, *instruments(d, pressure, body), pressure=pressure, rate=float(round(d["frame_rate"])),
+        modulus=d["shear_modulus"], loss_factor=d["loss"], order=d["order"], viscous_part=d["viscous_part"],
+    )  # fmt: skip
+
+
+def instruments(
+    d: dict[str, float], pressure: float, body: RodParameters
+) -> tuple[Regulator | Iso6358, PressureSensor, FibreSensor]:
+    """Valve, transducer and fibre of some drawn numbers; full scale is two and a half times the working pressure."""
+    full = 2.5 * pressure
+    valve: Regulator | Iso6358
+    if d["spool"] < 0.25:
+        volume = 1.0e-5 + body.chamber_area * body.length  # m3: tube and chamber
+        flow = 2.0e-9 * d["conductance"]
+        valve = Iso6358(source=d["source"] * full, fill=flow, exhaust=1.25 * flow / d["exhaust"], band=0.08 * full,
+                        dead_time=d["dead_time"], volume=volume)  # fmt: skip
+    else:
+        valve = Regulator(
+            frequency=d["valve_frequency"], damping=d["valve_damping"], dead_time=d["dead_time"],
+            exhaust_slowdown=d["exhaust"], slew_up=d["slew"] * full, slew_down=0.75 * d["slew"] * full,
+            dead_band=d["dead_band"] * full,
+        )
+    gauge = PressureSensor(d["gauge_rate"], d["gauge_noise"] * full, d["gauge_bias"] * full, full / 4096)
+    fibre = FibreSensor(
+        gauge=d["gauge_length"], offset=d["lumen"], noise=d["fibre_noise"], bias=d["fibre_bias"],
+        gain_error=d["fibre_gain"], twist=d["twist"], jitter=d["jitter"], drop_out=d["drop_out"], latency=d["latency"],
+    )
+    return valve, gauge, fibre
+
+
+def member(name: str | int) -> Member:
+    """Actuator "a", "b" or "c" in the usual laboratory, or the member of a seed (7 or "7").
+
+    Raises
+    ------
+    InputError
+        For a name that is neither.
+    """
+    if isinstance(name, int) or (name.isdecimal() and name.isascii()):
+        return family_member(int(name))
+    if name not in ACTUATORS:
+        raise InputError(f"unknown actuator {name!r}: use {', '.join(ACTUATORS)}, or a seed of the family such as 7")
+    return Member(name, actuator(name))
