@@ -14,9 +14,9 @@ from pliant.equations.motion import step
 
 @pytest.mark.parametrize("n", SIZES)
 @pytest.mark.parametrize("h", [1e-3, 8e-3])
-@pytest.mark.parametrize("stiffening", [0.0, -0.7])
-def test_step_jacobian_against_complex_step(rng, n, h, stiffening):
-    chain = random_chain(rng, n)._replace(stiffening=stiffening)
+@pytest.mark.parametrize(("stiffening", "cubic"), [(0.0, 0.0), (-0.7, 0.0), (-0.7, 0.5)])
+def test_step_jacobian_against_complex_step(rng, n, h, stiffening, cubic):
+    chain = random_chain(rng, n)._replace(stiffening=stiffening, cubic_stiffening=cubic)
     q, dq = random_state(rng, n)
     phi, w = chain.phi(q), np.cumsum(dq)
     body, joints = chain.body(), chain.joints()
@@ -38,7 +38,7 @@ def test_step_jacobian_against_complex_step(rng, n, h, stiffening):
 
 @pytest.mark.parametrize("n", [2, 7])  # a straight line, and the loops
 def test_step_jacobian_twin_is_the_same_text(rng, n):
-    chain = random_chain(rng, n)._replace(stiffening=-0.7)
+    chain = random_chain(rng, n)._replace(stiffening=-0.7, cubic_stiffening=0.5)
     q, dq = random_state(rng, n)
     made = []
     for kernel in (step_jacobian, twin(step_jacobian, n)):

@@ -1,4 +1,4 @@
-"""Springs that stiffen or soften with their angle: K q (1 + s q)."""
+"""Springs that soften, then stiffen with their angle: K q (1 + s q + a q^2)."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from pliant.equations.symbols import Slopes
 TORQUE = 0.05
 
 
-@pytest.fixture
-def bent(rng):
-    """A softening chain of five links, and where it is."""
-    chain = random_chain(rng, 5)._replace(stiffening=-0.6)
+@pytest.fixture(params=[0.0, 0.4], ids=["soft", "stiff-again"])
+def bent(rng, request):
+    """A softening chain of five links, which may stiffen again, and where it is."""
+    chain = random_chain(rng, 5)._replace(stiffening=-0.6, cubic_stiffening=request.param)
     q, dq = random_state(rng, 5)
     return chain, q, dq
 
@@ -33,8 +33,8 @@ def springs(phi, joints, n):
 
 def test_torque_is_the_slope_of_the_energy_and_the_tangent_that_of_the_torque(bent):
     chain, q, dq = bent
-    joints, phi, n = chain.joints(), chain.phi(q), chain.n
-    assert springs(phi, joints, n) == pytest.approx(-chain.K * q * (1 - 0.6 * q), rel=1e-12)
+    joints, phi, n, a = chain.joints(), chain.phi(q), chain.n, chain.cubic_stiffening
+    assert springs(phi, joints, n) == pytest.approx(-chain.K * q * (1 - 0.6 * q + a * q * q), rel=1e-12)
     by_phi = complex_step(lambda at: np.array([elastic_energy(at, joints)]), phi)[0]
     t = springs(phi, joints, n)
     assert by_phi == pytest.approx(np.append(t[1:], 0.0) - t, abs=1e-13)
@@ -44,11 +44,12 @@ def test_torque_is_the_slope_of_the_energy_and_the_tangent_that_of_the_torque(be
     assert np.diag(found) == pytest.approx(slopes, abs=1e-12)
     assert [tangent(i, phi, joints) for i in range(n)] == pytest.approx(found, rel=1e-13)
     joint_tangents(phi, np.cumsum(dq), joints, 0.01, found)
-    assert found == pytest.approx(chain.K * (1 - 1.2 * (q + 0.01 * dq)), rel=1e-12)
+    ahead = q + 0.01 * dq
+    assert found == pytest.approx(chain.K * (1 - 1.2 * ahead + 3 * a * ahead**2), rel=1e-12)
 
 
 def test_without_stiffening_the_torque_is_the_linear_one_bit_for_bit(bent):
-    chain, q, dq = bent[0]._replace(stiffening=0.0), *bent[1:]
+    chain, q, dq = bent[0]._replace(stiffening=0.0, cubic_stiffening=0.0), *bent[1:]
     joints, phi, w = chain.joints(), chain.phi(q), np.cumsum(dq)
     t = np.zeros(6)
     joint_torques(phi, w, joints, chain.drive(TORQUE), 5e-4, t)

@@ -19,8 +19,8 @@ def paper() -> Model:
 
 
 def demo() -> Model:
-    """As the demo's: springs that soften, each its own, a quadratic law, a curved rest shape, a cap."""
-    return load_model(KINDS / "model_a.json").with_(memory=Memory(), name="demo")
+    """As the demo's: springs that soften and stiffen again, a quadratic law, a curved rest shape, a cap."""
+    return load_model(KINDS / "model_a.json").with_(memory=Memory(), cubic_stiffening=0.3, name="demo")
 
 
 def creeping() -> Model:

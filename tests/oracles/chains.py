@@ -30,6 +30,7 @@ class Chain(NamedTuple):
     gy: float = 0.0
     base_angle: float = 0.0
     stiffening: float = 0.0
+    cubic_stiffening: float = 0.0
 
     @property
     def n(self):
@@ -42,7 +43,8 @@ class Chain(NamedTuple):
 
     def joints(self):
         own = {name: np.array(getattr(self, name)) for name in ("theta0", "K", "D")}
-        return Joints(self.base_angle, **own, K2=self.K * self.stiffening, unbent=np.array(self.theta0))
+        bent = {"K2": self.K * self.stiffening, "K3": self.K * self.cubic_stiffening}
+        return Joints(self.base_angle, **own, **bent, unbent=np.array(self.theta0))
 
     def actuator(self):
         """The same chain for `pliant.basic`, which has no base angle: it goes into the first rest angle."""
@@ -65,8 +67,9 @@ class Chain(NamedTuple):
         )
 
     def torques(self, q, dq, torque):
-        """tau - K q (1 + s q) - D dq, (n,)."""
-        return self.gain * torque - self.K * q * (1.0 + self.stiffening * q) - self.D * dq
+        """tau - K q (1 + s q + a q^2) - D dq, (n,)."""
+        bent = 1.0 + self.stiffening * q + self.cubic_stiffening * q * q
+        return self.gain * torque - self.K * q * bent - self.D * dq
 
 
 def workspace(n, kind=float):

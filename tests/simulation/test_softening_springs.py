@@ -11,6 +11,7 @@ from pliant.batch.batch import simulate_batch
 from pliant.errors import SimulationError
 from pliant.model import Memory, Model
 from pliant.simulation import Pulse, Stepper, equilibrium, modes, simulate
+from pliant.simulation.state import tangents
 
 PULSE = Pulse(9e4, 0.05, 0.2)
 TIMES = np.linspace(0.0, 0.3, 24)
@@ -27,8 +28,10 @@ def balance(run):
     return np.abs((stored - run.input_work - stored[0]).values).max() / float(stored.max())
 
 
-def test_an_undamped_chain_keeps_its_energy_to_second_order(soft):
-    """Let go from a bent pose: LSODA keeps the energy of the cubic potential, the step keeps it to its own order."""
+@pytest.mark.parametrize("cubic", [0.0, 30.0])
+def test_an_undamped_chain_keeps_its_energy_to_second_order(soft, cubic):
+    """Let go from a bent pose: LSODA keeps the energy of the curved potential, the step keeps it to its own order."""
+    soft = soft.with_(cubic_stiffening=cubic)
     bent = {"times": np.linspace(0.0, 0.1, 9), "initial_angle": np.full(5, 0.05)}
     assert balance(simulate(soft, Pulse(0.0), method="LSODA", rtol=1e-8, **bent)) < 1e-6
     gaps = [balance(simulate(soft, Pulse(0.0), step=h, **bent)) for h in (2.5e-4, 1.25e-4)]
@@ -45,10 +48,11 @@ def order(model):
     return [float(np.abs(run.tip_position - tight).max()) for run in runs]
 
 
+@pytest.mark.parametrize("cubic", [0.0, 5.0])
 @pytest.mark.parametrize("memory", [Memory(), Memory(creep_share=(0.2,), creep_time=(0.3,))])
-def test_second_order_against_lsoda(soft, memory):
+def test_second_order_against_lsoda(soft, memory, cubic):
     """Branches of memory stay straight beside springs that bend."""
-    coarse, fine, straight = order(soft.with_(damping=8e-3, memory=memory))
+    coarse, fine, straight = order(soft.with_(damping=8e-3, memory=memory, cubic_stiffening=cubic))
     assert 3.4 < coarse / fine < 4.6
     assert fine < 1e-3 * straight
 
@@ -69,6 +73,23 @@ def test_rest_under_pressure_and_gravity(soft):
     assert np.abs(held.joint_rate.values).max() < 1e-9
     near = soft.with_(gravity=[0.0, -1e-12])  # the search of gravity ends where the closed form does
     assert equilibrium(near, 1e5) == pytest.approx(q, rel=1e-9)
+
+
+def test_rest_where_springs_stiffen_again(soft):
+    """The torque of the springs is the pressure's, on the branch from 0; a side that never gives way holds anything."""
+    again = soft.with_(cubic_stiffening=[4.0, 1.0, 2.0, 0.1, 1.0])
+    for level in (1e5, -1e5, 6e5):
+        q = equilibrium(again, level)
+        held = again.stiffness * q * (1 + again.stiffening * q + again.cubic_stiffening * q**2)
+        assert held == pytest.approx(again.joint_gain * again.torque_at(level), rel=1e-13)
+        assert (tangents(again, q) > 0).all()
+    with pytest.raises(SimulationError, match=r"joint 1, which softens with its angle, holds at most"):
+        equilibrium(again.with_(cubic_stiffening=[0.01, 1.0, 2.0, 0.1, 1.0]), 6e5)
+    batch = simulate_batch(
+        again.with_(damping=8e-3), Pulse(9e4, -1.0, 9.0), parameters={"cubic_stiffening": np.array([0.0, 3.0])},
+        times=TIMES[:3],
+    )
+    assert batch["joint_angle"].values[1, 0] == pytest.approx(equilibrium(soft.with_(cubic_stiffening=3.0), 9e4))
 
 
 def test_without_stiffening_rest_is_the_linear_one_bit_for_bit(paper):

@@ -78,13 +78,13 @@ class Samples:
         """Joint angles (n, N) at rest under `pressure` (N,) [Pa] and gravity."""
         if not self.values["gravity"].any():
             q = self.values["joint_gain"] * self.torque_at(pressure) / self.values["stiffness"]
-            root = 1.0 + 4.0 * self.values["stiffening"] * q
-            if not (root > 0).all():
+            q = state.bend(q, self.values["stiffening"], self.values["cubic_stiffening"])
+            if not np.isfinite(q).all():
                 raise SimulationError(
-                    f"in {int((~(root > 0).all(axis=0)).sum())} of {self.size} samples the springs, which soften with "
-                    "their angles, cannot hold the pressure: lower the pressure or the size of the stiffening"
+                    f"in {int((~np.isfinite(q).all(axis=0)).sum())} of {self.size} samples the springs, which soften "
+                    "with their angles, cannot hold the pressure: lower the pressure or the size of the stiffening"
                 )
-            return np.asarray(q * (2.0 / (1.0 + np.sqrt(root))))
+            return q
         known: dict[bytes, Array] = {}
         q = np.empty((self.template.n, self.size))
         for i in range(self.size):  # where samples differ in the pressure alone, one search serves all
@@ -109,7 +109,7 @@ class Samples:
         inertia.inertia_absolute(c, s, B, rotary, X)
         inertia.to_joint_angles(X, M)
         tail = np.cumsum((h * (g[1] * c - g[0] * s))[::-1], axis=0)[::-1]
-        tangents = v["stiffness"] * (1.0 + 2.0 * v["stiffening"] * q)
+        tangents = v["stiffness"] * (1.0 + (2.0 * v["stiffening"] + 3.0 * v["cubic_stiffening"] * q) * q)
         K = tangents * np.eye(n)[..., None] + tail[np.maximum.outer(np.arange(n), np.arange(n))]
         return np.moveaxis(M, -1, 0), np.moveaxis(K, -1, 0)
 

@@ -28,10 +28,10 @@ def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, 
 
 
 def constant_arrays(samples: Samples) -> list[Array]:
-    """B, I, h, gravity, the joints (5, n, N) and the place (n + 3, N): what the march needs of the samples."""
+    """B, I, h, gravity, the joints (6, n, N) and the place (n + 3, N): what the march needs of the samples."""
     v = samples.values
-    more = v["stiffness"] * v["stiffening"]
-    joints = np.stack([v["rest_angle"], v["stiffness"], v["damping"], v["joint_gain"], more])
+    bent = [v["stiffness"] * v[name] for name in ("stiffening", "cubic_stiffening")]
+    joints = np.stack([v["rest_angle"], v["stiffness"], v["damping"], v["joint_gain"], *bent])
     base = v["base_length"] * np.stack([-np.sin(v["base_angle"]), np.cos(v["base_angle"])])
     place = np.concatenate([v["link_length"], base, v["base_angle"][None]])
     return [*samples.inertia(), samples.gravity(), joints, place]

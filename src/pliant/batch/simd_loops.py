@@ -46,7 +46,7 @@ class Lane(NamedTuple):
     """What the samples of a group are, the lanes last."""
 
     body: tuple[np.ndarray, ...]  # B (n, n, W), I (n, W), h (n, W), gravity (2, W)
-    joints: np.ndarray  # (5, n, W) theta0, K, D, gain and K2
+    joints: np.ndarray  # (6, n, W) theta0, K, D, gain, K2 and K3
     place: np.ndarray  # (n + 3, W) lengths of the links, first joint, base angle
 
 
@@ -90,7 +90,7 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
     gravity = as_lanes(g)
     body = Body(as_lanes(B), as_lanes(I), as_lanes(first_moment), gravity[0], gravity[1])
     where = as_lanes(samples.place)
-    joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4], chain[0])
+    joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4], chain[0], chain[5])
     gain = chain[3:4]
     A, S, vectors = scratch
     rows = as_lanes(vectors)

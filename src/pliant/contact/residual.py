@@ -64,4 +64,4 @@ def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
     tau = np.asarray(model.torque_at(pressure), dtype=float)
     gravity = body.h * (body.gx * np.cos(angle) + body.gy * np.sin(angle))
     weight = np.cumsum(gravity[:, ::-1], axis=1)[:, ::-1]
-    return np.asarray((joints.K + joints.K2 * q) * q - model.joint_gain * tau[:, None] + weight)
+    return np.asarray((joints.K + (joints.K2 + joints.K3 * q) * q) * q - model.joint_gain * tau[:, None] + weight)

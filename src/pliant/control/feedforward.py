@@ -64,7 +64,7 @@ class Feedforward:
             self._q = q
             more = [kernels.memory_angle(i, q[i], self._states, self._law) for i in range(self.model.n)]
             gain = self.model.joint_gain
-            held = K * (q + self.model.stiffening * q * q + more)
+            held = K * (q + (self.model.stiffening + self.model.cubic_stiffening * q) * q * q + more)
             mean = float(gain @ held / (gain @ gain))  # one pressure for all joints: least squares
             wanted = float(np.interp(mean, *self._inverse))
         command = min(max(wanted, 0.0), self.highest)

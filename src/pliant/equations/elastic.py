@@ -6,9 +6,10 @@ from __future__ import annotations
 def joint_torques(phi, w, joints, torque, ahead, t):
     """Net torque t (n,) of drive, spring and damper at each joint, with t[n] = 0 behind the last one; N m.
 
-    t_i = torque_i - K_i q_m - K2_i q_m^2 - D_i dq_i,  q_m = q_i + ahead dq_i
+    t_i = torque_i - K_i q_m - K2_i q_m^2 - K3_i q_m^3 - D_i dq_i,  q_m = q_i + ahead dq_i
 
-    K2 = K s makes springs K q (1 + s q), which stiffen (s > 0) or soften (s < 0) with the angle; s = 0 is the paper's.
+    K2 = K s, K3 = K a make springs K q (1 + s q + a q^2), which soften (s < 0) and then stiffen (a > 0) with the angle;
+    s = a = 0 is the paper's.
 
     `ahead` [s] looks ahead along the present velocity: half a step in the implicit midpoint rule, 0 elsewhere.
 
@@ -21,7 +22,7 @@ def joint_torques(phi, w, joints, torque, ahead, t):
         q = phi[i] - angle - joints.theta0[i]
         dq = w[i] - rate
         more = phi[i] - angle - joints.unbent[i] + ahead * dq
-        spring = joints.K[i] * (q + ahead * dq) + joints.K2[i] * more * more
+        spring = joints.K[i] * (q + ahead * dq) + (joints.K2[i] + joints.K3[i] * more) * more * more
         t[i] = torque[i] - spring - joints.D[i] * dq
         angle = phi[i]
         rate = w[i]
@@ -29,24 +30,24 @@ def joint_torques(phi, w, joints, torque, ahead, t):
 
 
 def joint_tangents(phi, w, joints, ahead, slope):
-    """Slopes K_i + 2 K2_i q_m (n,) of the springs of `joint_torques`; N m/rad."""
+    """Slopes K_i + 2 K2_i q_m + 3 K3_i q_m^2 (n,) of the springs of `joint_torques`; N m/rad."""
     angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(len(phi)):
         more = phi[i] - angle - joints.unbent[i] + ahead * (w[i] - rate)
-        slope[i] = joints.K[i] + 2.0 * joints.K2[i] * more
+        slope[i] = joints.K[i] + (2.0 * joints.K2[i] + 3.0 * joints.K3[i] * more) * more
         angle = phi[i]
         rate = w[i]
 
 
 def tangent(i, phi, joints):
-    """Slope K_i + 2 K2_i q_i of the spring of joint i, N m/rad: what is not positive holds nothing."""
+    """Slope K_i + 2 K2_i q_i + 3 K3_i q_i^2 of the spring of joint i, N m/rad: what is not positive holds nothing."""
     angle = phi[i] - joints.unbent[i]
     if i > 0:
         angle = angle - phi[i - 1]
     else:
         angle = angle - joints.base_angle
-    return joints.K[i] + 2.0 * joints.K2[i] * angle
+    return joints.K[i] + (2.0 * joints.K2[i] + 3.0 * joints.K3[i] * angle) * angle
 
 
 def gravity_absolute(c, s, body, g):

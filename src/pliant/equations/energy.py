@@ -15,13 +15,14 @@ def kinetic_energy(c, s, w, body):
 
 
 def elastic_energy(phi, joints):
-    """sum_i 1/2 K_i q_i^2 + 1/3 K2_i q_i^3, J, zero in the rest shape."""
+    """sum_i 1/2 K_i q_i^2 + 1/3 K2_i q_i^3 + 1/4 K3_i q_i^4, J, zero in the rest shape."""
     value = 0.0 * phi[0]
     before = joints.base_angle
     for i in range(len(phi)):
         q = phi[i] - before - joints.theta0[i]
         more = phi[i] - before - joints.unbent[i]
-        value = value + 0.5 * joints.K[i] * q * q + joints.K2[i] * more * more * more / 3.0
+        bent = joints.K2[i] * more * more * more / 3.0 + 0.25 * joints.K3[i] * more * more * more * more
+        value = value + 0.5 * joints.K[i] * q * q + bent
         before = phi[i]
     return value
 

@@ -103,7 +103,9 @@ def tridiagonal_terms(phi, w, h, joints, work, J):
             change = a[i]
             if i > 0:
                 change = change - a[i - 1]
-            spring = h * (joints.K[i] + 2.0 * joints.K2[i] * (more + 0.25 * h * change))
+            moved = more + 0.25 * h * change
+            cubic = 3.0 * joints.K3[i] * more * (moved + 0.25 * h * change)
+            spring = h * (joints.K[i] + 2.0 * joints.K2[i] * moved + cubic)
             damper = h * (0.5 * spring + joints.D[i])
             J[2 * n + i, o + i] = J[2 * n + i, o + i] + h
             J[i, o + i] = J[i, o + i] - spring

@@ -99,8 +99,8 @@ def acceleration_jacobian(phi, w, torque, body, joints, work, out):
 def step(phi, w, h, torque, body, joints, work):
     """Advance phi and w (n,) in place by h [s] under the mean torques (n,) of the step: the implicit midpoint rule.
 
-    (M + h/2 D + h^2/4 (K + 2 K2 q_m + G)) dw = h [tau - (K + K2 q_m) q_m - D dq - g(q_m) - S(q_m) w_m^2],
-    q_m = q + h/2 dq,  phi += h (w + dw/2),  w += dw
+    (M + h/2 D + h^2/4 (K' + G)) dw = h [tau - K q_m - K2 q_m^2 - K3 q_m^3 - D dq - g(q_m) - S(q_m) w_m^2],
+    K' = K + 2 K2 q_m + 3 K3 q_m^2,  q_m = q + h/2 dq,  phi += h (w + dw/2),  w += dw
 
     Springs, dampers and the slope G of gravity are implicit, so that the linear part is stable at any step; S w^2
     is taken at w_m = w + dw/2 by a second solve with the same factors, which makes the rule second order.

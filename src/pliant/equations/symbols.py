@@ -48,7 +48,8 @@ class Joints(NamedTuple):
     K: np.ndarray  # (n,) N m/rad
     D: np.ndarray  # (n,) N m s/rad
     K2: np.ndarray  # (n,) N m/rad^2, of a spring that stiffens with its angle: K times the stiffening
-    unbent: np.ndarray  # (n,) rad, theta0, from which K2 counts also where memory moves a step's theta0
+    unbent: np.ndarray  # (n,) rad, theta0, from which K2, K3 count also where memory moves a step's theta0
+    K3: np.ndarray  # (n,) N m/rad^3, of one that stiffens further out: K times the cubic stiffening
 
 
 class Memory(NamedTuple):

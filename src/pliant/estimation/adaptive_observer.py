@@ -193,7 +193,8 @@ def frozen(model: Model, share: float = 1.0) -> Model:
     """The model without its memory, stiffer by a share of what the memory holds before anything creeps or slips."""
     stiffer = 1.0 + share * model.memory.instantaneous  # branches are straight: the springs bend as before
     return model.with_(
-        stiffness=model.stiffness * stiffer, stiffening=model.stiffening / stiffer, memory=Memory()
+        stiffness=model.stiffness * stiffer, stiffening=model.stiffening / stiffer,
+        cubic_stiffening=model.cubic_stiffening / stiffer, memory=Memory(),
     )
 
 

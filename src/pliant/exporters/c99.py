@@ -52,7 +52,7 @@ def defaults(text: Text) -> str:
     """The numbers of the model."""
     w = text.writer()
     for field, value in parameters(text.model).items():
-        if field not in ("B", "I", "h", "K2", "dead_time"):
+        if field not in ("B", "I", "h", "K2", "K3", "dead_time"):
             for index in np.ndindex(*value.shape):
                 w.say(f"p->{field}{''.join(f'[{i}]' for i in index)} = {w.number(float(value[index]))};")
     w.say(f"{text.prefix}_update(p);")
@@ -130,7 +130,8 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
     if queue:
         rows += [f"{kind} queue[{queue}][{C}]; /* Pa, commands on their way */", "int next; /* place of the next */"]
     units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s", "B": "derived", "I": "derived", "h": "derived",
-             "K2": "derived", "torque": "N m/Pa^k", "joint_gain": "1", "boucwen": "1, 1/rad^n, 1/rad^n, 1"}  # fmt: skip
+             "K2": "derived", "K3": "derived", "torque": "N m/Pa^k", "joint_gain": "1",
+             "boucwen": "1, 1/rad^n, 1/rad^n, 1"}  # fmt: skip
     known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}
     held = [
         f"{kind} {f}{''.join(f'[{size}]' for size in v.shape)}; /* {known.get(f, '')} */"

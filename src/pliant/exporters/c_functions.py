@@ -36,6 +36,7 @@ def parameters(model: Model) -> dict[str, Array]:
     held: dict[str, Any] = {
         "link_length": model.link_length, "link_mass": model.link_mass, "tip_mass": model.tip_mass,
         "stiffness": model.stiffness, "damping": model.damping, "stiffening": model.stiffening,
+        "cubic_stiffening": model.cubic_stiffening,
         "rest_angle": model.rest_angle, "base_length": model.base_length, "base_angle": model.base_angle,
         "gravity": model.gravity, "torque": actuation.law, "joint_gain": actuation.gain, "valve": lags,
         "rubber": actuation.rubber, "creep_share": memory.creep_share, "creep_time": memory.creep_time,
@@ -44,7 +45,7 @@ def parameters(model: Model) -> dict[str, Array]:
         "dead_time": np.array([c.valve.dead_time for c in model.chambers]),
     }
     body = model.body()
-    derived = {"B": body.B, "I": body.I, "h": body.h, "K2": np.zeros(n)}
+    derived = {"B": body.B, "I": body.I, "h": body.h, "K2": np.zeros(n), "K3": np.zeros(n)}
     return {k: np.asarray(v, dtype=float) for k, v in (held | derived).items() if np.size(v)}
 
 
@@ -66,7 +67,8 @@ def names(model: Model) -> Names:
     gravity = of("gravity")
     gx: Any = Real(f"({'-' if model.bend_sign < 0 else ''}{gravity[0]})")
     joints = symbols.Joints(
-        of("base_angle"), of("rest_angle"), of("stiffness"), of("damping"), of("K2"), of("rest_angle")
+        of("base_angle"), of("rest_angle"), of("stiffness"), of("damping"), of("K2"), of("rest_angle"),
+        of("K3"),
     )
     law = model.memory.law()
     boucwen = [of("boucwen")[i] if law.boucwen_share else v for i, v in enumerate(law[4:])]
@@ -160,6 +162,7 @@ class Text:
             inertia_of = f"{m[k]} * {l[k]} * {l[k]} / {w.number(12.0)}" if rod else w.number(0.0)
             w.say(f"p->I[{k}] = {inertia_of};")
             w.say(f"p->K2[{k}] = p->stiffness[{k}] * p->stiffening[{k}];")
+            w.say(f"p->K3[{k}] = p->stiffness[{k}] * p->cubic_stiffening[{k}];")
         w.call(inertia.body_constants, l, m, centre, Real("p->tip_mass"), self.given.body.B, self.given.body.h)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 

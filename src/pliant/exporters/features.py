@@ -101,8 +101,9 @@ FEATURES: dict[str, Feature] = {
     ),
     "gravity": Feature("gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=[0.0, 0.0])),
     "softening": Feature(
-        "springs that soften or stiffen", when("softening springs", lambda m: m.stiffening.any()),
-        lambda m: m.with_(stiffening=[0.0]),
+        "springs that soften or stiffen",
+        when("softening springs", lambda m: m.stiffening.any() or m.cubic_stiffening.any()),
+        lambda m: m.with_(stiffening=[0.0], cubic_stiffening=[0.0]),
     ),
     "law": Feature("torque law beyond a multiple", some("torque law of higher degree", curved), straight_law),
     "lagging_law": Feature(

@@ -31,7 +31,7 @@ from pliant.model import Model
 from pliant.model.file import UNITS
 from pliant.version import __version__
 
-DERIVED = ("B", "I", "h", "K2", "dead_time")
+DERIVED = ("B", "I", "h", "K2", "K3", "dead_time")
 STAMP = (1980, 1, 1, 0, 0, 0)  # of the files in the archive: the same model gives the same bytes
 
 

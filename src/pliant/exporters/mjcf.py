@@ -1,8 +1,9 @@
 """MuJoCo's MJCF: the chain as hinges, creep as hidden hinges, the drive as actuators on one tendon.
 
-In MuJoCo's words a joint's stiffness "K K2" is K q + K2 q^2, a fixed tendon with the joint gains as coefficients turns
-one force into the torques of all joints, and a branch of creep is a hinge of its own, damped by K share time and tied
-to the joint by a tendon of stiffness K share. The rest shape is in the frames of the bodies, so that q = 0 is at rest.
+In MuJoCo's words a joint's stiffness "K K2 K3" is K q + K2 q^2 + K3 q^3, a fixed tendon with the joint gains as
+coefficients turns one force into the torques of all joints, and a branch of creep is a hinge of its own, damped by
+K share time and tied to the joint by a tendon of stiffness K share. The rest shape is in the frames of the bodies, so
+that q = 0 is at rest.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def link(parent: ET.Element, model: Model, i: int, prefix: str, size: float) -> 
     body = ET.SubElement(parent, "body", attrib={"name": f"{prefix}link_{i + 1}", **place})
     ET.SubElement(
         body, "joint", name=f"{prefix}q_{i + 1}", type="hinge", axis=axis, damping=number(model.damping[i]),
-        stiffness=number(K, K * model.stiffening[i]) if model.stiffening[i] else number(K),
+        stiffness=number(*spring(K, model.stiffening[i], model.cubic_stiffening[i])),
     )
     mass, centre, inertia = link_inertia(model, i)
     across = max(min(0.5 * mass * size**2, 2.0 * inertia), TINY)
@@ -86,6 +87,13 @@ def link(parent: ET.Element, model: Model, i: int, prefix: str, size: float) -> 
     capsule(body, f"{prefix}skin_{i + 1}", float(model.link_length[i]), size)
     sites(body, model, i, prefix)
     return body
+
+
+def spring(K: float, s: float, a: float) -> tuple[float, ...]:
+    """Coefficients of q, q^2, q^3 of a joint's torque, as many as are not zero."""
+    if a:
+        return K, K * s, K * a
+    return (K, K * s) if s else (K,)
 
 
 def link_inertia(model: Model, i: int) -> tuple[float, float, float]:

@@ -27,7 +27,8 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     "boucwen_beta": ("1/rad^n", 1e-6, 1e8, 0.0, "Bouc-Wen beta"),
     "boucwen_gamma": ("1/rad^n", -1e8, 1e8, 10.0, "Bouc-Wen gamma, at most beta in size"),
     "boucwen_exponent": ("1", 1.0, 10.0, 1.0, "Bouc-Wen exponent n"),
-    "stiffening": ("1/rad", -10.0, 10.0, 0.2, "s of springs K q (1 + s q), the same for all joints"),
+    "stiffening": ("1/rad", -10.0, 10.0, 0.2, "s of springs K q (1 + s q + a q^2), the same for all joints"),
+    "cubic_stiffening": ("1/rad^2", -100.0, 100.0, 0.5, "a of the same springs"),
     "swell_share": ("1", 0.0, 1.0, 0.1, "share of the torque law's growth with pressure that comes late"),
     "valve_rise_rate": ("Pa/s", 1e3, 1e9, 0.0, "fastest rise of the pressure"),
     "valve_fall_rate": ("Pa/s", 1e3, 1e9, 0.0, "fastest fall of the pressure"),
@@ -49,7 +50,7 @@ def usual_start(name: str) -> float | None:
     own = name.rpartition(".")[2]
     single = {"fractional_share": 0.05, "fractional_order": 0.25,
               "boucwen_share": 0.1, "boucwen_beta": 20.0, "boucwen_gamma": 10.0, "boucwen_exponent": 1.5,
-              "stiffening": 0.0, "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05,
+              "stiffening": 0.0, "cubic_stiffening": 0.0, "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05,
               "valve_settle_share": 0.1, "valve_settle_time": 2.0,
               "valve_rise_rate": 3e5, "valve_fall_rate": 3e5}  # fmt: skip
     if own in single:
@@ -81,8 +82,9 @@ def laid_springpot(values: Mapping[str, float]) -> dict[str, Any]:
 def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     """The model's memory and stiffening with those of `values` put in; new branches follow the model's own."""
     changes: dict[str, Any] = {}
-    if "stiffening" in values:
-        changes["stiffening"] = np.full(model.n, values["stiffening"])
+    for field in ("stiffening", "cubic_stiffening"):
+        if field in values:
+            changes[field] = np.full(model.n, values[field])
     entries: dict[str, Any] = {k: v for k, v in values.items() if re.fullmatch(r"boucwen_[a-z]+", k)}
     entries |= laid_springpot(values)
     for kind, fields in PAIRS.items():

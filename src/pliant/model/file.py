@@ -26,6 +26,7 @@ UNITS = {
     "torque": "N m/Pa^k", "tip_mass": "kg", "base_length": "m", "base_angle": "rad", "gravity": "m/s^2",
     "valve": "s, Hz", "valve rates": "Pa/s", "stations": "m", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
     "inflation_limit": "Pa", "inflation_time": "s", "stiffening": "1/rad",
+    "cubic_stiffening": "1/rad^2",
 }
 
 
@@ -96,6 +97,7 @@ class ModelFile(BaseModel):
     stiffness: list[float]
     damping: list[float]
     stiffening: list[float] = [0.0]
+    cubic_stiffening: list[float] = [0.0]
     mass_at: Literal["rod", "tip"] = "rod"
     tip_mass: float = 0.0
     base_length: float = 0.0

@@ -32,6 +32,7 @@ LIMITS = {
     "stiffness": Limit(1e-12, 1e9, "N m/rad"),
     "damping": Limit(0.0, 1e9, "N m s/rad"),
     "stiffening": Limit(0.0, 1e6, "1/rad"),
+    "cubic_stiffening": Limit(0.0, 1e9, "1/rad^2"),
     "rest_angle": Limit(0.0, 1e3, "rad"),
     "base_angle": Limit(0.0, 1e3, "rad"),
     "joint_gain": Limit(0.0, 1e6, ""),

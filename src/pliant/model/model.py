@@ -22,12 +22,12 @@ from pliant.model.summary import model_card
 from pliant.model.valve import Valve
 
 Array = np.ndarray
-PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", "stiffening")
+PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", "stiffening", "cubic_stiffening")
 ARRAYS = (*PER_LINK, "gravity")
 LIGHTEST = LIMITS["link_mass"].least
 POSITIVE = ("link_length", "stiffness")
 NOT_NEGATIVE = ("link_mass", "damping", "tip_mass", "base_length")
-OF_ANY_SIGN = ("rest_angle", "stiffening", "gravity", "base_angle")
+OF_ANY_SIGN = ("rest_angle", "stiffening", "cubic_stiffening", "gravity", "base_angle")
 SCALARS = ("tip_mass", "base_length", "base_angle")
 
 
@@ -41,6 +41,7 @@ class Values(ChamberValues, total=False):
     chambers: tuple[Chamber, ...]
     rest_angle: Any
     stiffening: Any
+    cubic_stiffening: Any
     mass_at: str
     tip_mass: float
     base_length: float
@@ -54,8 +55,9 @@ class Values(ChamberValues, total=False):
 
 
 DEFAULTS: dict[str, Any] = {
-    "rest_angle": 0.0, "stiffening": 0.0, "mass_at": "rod", "tip_mass": 0.0, "base_length": 0.0, "base_angle": 0.0,
-    "gravity": (0.0, 0.0), "bend_sign": 1, "memory": Memory(), "stations": (), "name": "model", "source": {},
+    "rest_angle": 0.0, "stiffening": 0.0, "cubic_stiffening": 0.0, "mass_at": "rod", "tip_mass": 0.0,
+    "base_length": 0.0, "base_angle": 0.0, "gravity": (0.0, 0.0), "bend_sign": 1, "memory": Memory(), "stations": (),
+    "name": "model", "source": {},
 }
 
 
@@ -72,8 +74,9 @@ class Model(Shown):
         Of the one chamber, whatever `Chamber` takes. The paper's is torque = (A d,).
     chambers : tuple of Chamber
         In their place, where there are several.
-    stiffening : array (n,)
-        s of springs K q (1 + s q), 1/rad: negative where a joint softens with its angle. The paper's is 0.  # D15
+    stiffening, cubic_stiffening : array (n,)
+        s [1/rad] and a [1/rad^2] of springs K q (1 + s q + a q^2): s < 0 where a joint softens with its angle, a > 0
+        where it stiffens again. The paper's are 0.  # D15
     mass_at : {"rod", "tip"}
         A link is a uniform rod, or all its mass sits at its tip (the paper's frames taken literally).
     tip_mass : float
@@ -104,6 +107,7 @@ class Model(Shown):
     chambers: tuple[Chamber, ...]
     rest_angle: Array
     stiffening: Array
+    cubic_stiffening: Array
     mass_at: str
     tip_mass: float
     base_length: float
@@ -242,7 +246,7 @@ class Model(Shown):
         """Springs and dampers for the kernels."""
         return Joints(
             self.base_angle, self.rest_angle, self.stiffness, self.damping, self.stiffness * self.stiffening,
-            self.rest_angle,
+            self.rest_angle, self.stiffness * self.cubic_stiffening,
         )
 
 

@@ -30,9 +30,13 @@ def sentences(model: Model) -> list[str]:
     """What is more than links, as far as the model has it."""
     said = [line for c in model.chambers for line in c.sentences(alone=len(model.chambers) == 1)]
     said[0] += f", bending {'-x' if model.bend_sign > 0 else '+x'}"
-    if model.stiffening.any():
+    if model.stiffening.any() or model.cubic_stiffening.any():
         sizes = ", ".join(f"{s:.3g}" for s in np.unique(model.stiffening))
-        said.insert(1, f"springs K q (1 + s q), s in 1/rad: {sizes}")
+        law, more = "1 + s q", ""
+        if model.cubic_stiffening.any():
+            law = "1 + s q + a q^2"
+            more = "; a in 1/rad^2: " + ", ".join(f"{a:.3g}" for a in np.unique(model.cubic_stiffening))
+        said.insert(1, f"springs K q ({law}), s in 1/rad: {sizes}{more}")
     if model.memory:
         said.append(f"memory: {', '.join(model.memory.labels)}")
     if model.tip_mass:

@@ -47,6 +47,9 @@ class ArrayMapping(FileMapping):
         Names of the stations, from base to tip.
     order : str
         Meaning of the dimensions of `position`: any order of the letters t (time), s (station), a (axis).
+    trial : int, optional
+        Which of several trials, counted from 0, of a `position` that has them as one more dimension before the others.
+        A pressure with one value for each trial is then its nominal level.
     """
 
     time: str | None = None
@@ -62,6 +65,7 @@ class ArrayMapping(FileMapping):
     pressure_unit: str | None = None
     station: list[str] | None = None
     order: str = Field(default="tsa", pattern="^(tsa|tas|sta|sat|ats|ast)$")
+    trial: int | None = Field(default=None, ge=0)
 
 
 def recording_from_arrays(
@@ -77,6 +81,9 @@ def recording_from_arrays(
     scale = metre_per(options.length_unit)
     position = found["position"]
     history = _unused(arrays, options, pressure_name, others, file)
+    level = None
+    if options.trial is not None:
+        position, pressure, level = _one_trial(position, pressure, options.trial, file)
     if position is not None:
         position = _ordered(position, options.order, file) * scale
         if position.shape[-1] == 2:
@@ -91,11 +98,28 @@ def recording_from_arrays(
             None if shapeless else time, position, quaternion=found["quaternion"],
             station=options.station if position is not None else None,
             pressure=pressure, pressure_time=_vector(found["pressure_time"], time) if pressure is not None else None,
-            strain=found["strain"], gauge_position=_scaled(found["gauge_position"], scale),
+            strain=found["strain"], gauge_position=_scaled(found["gauge_position"], scale), nominal_pressure=level,
             arc_length=_scaled(found["arc_length"], scale), history=history,
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
+
+
+def _one_trial(
+    position: NDArray | None, pressure: NDArray | None, trial: int, file: str
+) -> tuple[NDArray, NDArray | None, float | None]:
+    """Position and pressure of one of several trials, and the nominal level [Pa] where each trial has one number."""
+    if position is None or position.ndim != 4:
+        shape = "none" if position is None else f"one of shape {position.shape}"
+        raise InputError(f"a trial is one of a position with four dimensions, the first of trials; {file} has {shape}")
+    if trial >= len(position):
+        raise InputError(f"{file} has the trials 0 to {len(position) - 1}, not {trial}")
+    if pressure is None:
+        return position[trial], None, None
+    if len(pressure) != len(position):
+        raise InputError(f"{file} has {len(position)} trials, but its pressure has {len(pressure)} rows")
+    own = pressure[trial]
+    return (position[trial], None, float(own)) if own.ndim == 0 else (position[trial], own, None)
 
 
 def _unused(

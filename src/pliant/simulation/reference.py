@@ -100,7 +100,7 @@ def tolerances(at: Layout, rtol: float) -> Array:
 
 def softest(model: Model) -> Callable[[float, Array], float] | None:
     """What stops a solver where a spring has softened to nothing: beyond, the motion may run away in finite time."""
-    if not model.stiffening.any():
+    if not (model.stiffening.any() or model.cubic_stiffening.any()):
         return None
 
     def least(_t: float, y: Array) -> float:

@@ -113,7 +113,7 @@ def equilibrium(
         slope = share * (load[:, 1] * c - load[:, 0] * s)
         tail = np.cumsum(slope[::-1])[::-1]
         K = np.diag(tangents(model, q)) + tail[np.maximum.outer(np.arange(model.n), np.arange(model.n))]
-        return torque - (joints.K + joints.K2 * q) * q - np.cumsum(g[::-1])[::-1], K
+        return torque - (joints.K + (joints.K2 + joints.K3 * q) * q) * q - np.cumsum(g[::-1])[::-1], K
 
     for share in (0.25, 0.5, 0.75, 1.0):  # the load grows in parts, so that a long fall stays on its branch
         for _ in range(50):
@@ -131,8 +131,8 @@ def equilibrium(
 
 
 def tangents(model: Model, q: Array) -> Array:
-    """Slopes (..., n) of the springs K q (1 + s q) at joint angles (..., n), N m/rad."""
-    return np.asarray(model.stiffness * (1.0 + 2.0 * model.stiffening * q))
+    """Slopes (..., n) of the springs K q (1 + s q + a q^2) at joint angles (..., n), N m/rad."""
+    return np.asarray(model.stiffness * (1.0 + (2.0 * model.stiffening + 3.0 * model.cubic_stiffening * q) * q))
 
 
 def spring_angle(model: Model, torque: Array) -> Array:
@@ -143,16 +143,45 @@ def spring_angle(model: Model, torque: Array) -> Array:
     SimulationError
         When softening springs cannot hold it.
     """
-    q = np.asarray(torque / model.stiffness)
-    root = 1.0 + 4.0 * model.stiffening * q
-    if not (root > 0).all():
-        i = int(np.argmin(root))
+    x = np.asarray(torque / model.stiffness)
+    q = bend(x, model.stiffening, model.cubic_stiffening)
+    if not np.isfinite(q).all():
+        i = int(np.argmin(np.isfinite(q)))
+        most = model.stiffness[i] * softest_bend(x, model.stiffening, model.cubic_stiffening)[1][i]
         raise SimulationError(
             f"the spring of joint {i + 1}, which softens with its angle, holds at most "
-            f"{-0.25 * model.stiffness[i] / model.stiffening[i]:.4g} N m, but {torque[i]:.4g} N m bend it: lower the "
+            f"{np.copysign(most, torque[i]):.4g} N m, but {torque[i]:.4g} N m bend it: lower the "
             "pressure or the size of the stiffening"
         )
-    return np.asarray(q * (2.0 / (1.0 + np.sqrt(root))))
+    return q
+
+
+def bend(x: Array, s: Array, a: Array) -> Array:
+    """Solution q, from 0 on without a turn, of q (1 + s q + a q^2) = x; not a number where there is none."""
+    root = 1.0 + 4.0 * s * x
+    with np.errstate(invalid="ignore"):
+        q = np.where(root > 0, x * (2.0 / (1.0 + np.sqrt(root))), np.nan)
+    if not np.any(a):
+        return q
+    turn, most = softest_bend(x, s, a)
+    size, s = np.abs(x), np.sign(x) * s
+    low, high = np.zeros_like(q), np.minimum(turn, 4.0 * size)  # a spring that never softens to nothing: x > q/4
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        below = middle * (1.0 + (s + a * middle) * middle) < size
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return np.where(size < most, np.sign(x) * 0.5 * (low + high), np.nan)
+
+
+def softest_bend(x: Array, s: Array, a: Array) -> tuple[Array, Array]:
+    """Size of q at which the slope 1 + 2 s q + 3 a q^2 falls to 0 on the side of x, and the size of x there."""
+    s = np.sign(x) * s
+    inside = s * s - 3.0 * a
+    inverse = np.where(inside > 0, np.sqrt(np.maximum(inside, 0.0)) - s, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        q = np.where(inverse > 0, 1.0 / inverse, np.inf)
+        most = np.where(inverse > 0, q * (1.0 + (s + a * q) * q), np.inf)
+    return q, most
 
 
 def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
@@ -162,9 +191,10 @@ def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
     if not lost.size:
         return ""
     i = int(lost[0])
+    cubic = f"and {model.cubic_stiffening[i]:.4g} 1/rad^2 " if model.cubic_stiffening[i] else ""
     return (
         f"the spring of joint {i + 1} has softened to nothing at {q[i]:.4g} rad, beyond what the stiffening of "
-        f"{model.stiffening[i]:.4g} 1/rad describes: lower the pressure or the size of the stiffening"
+        f"{model.stiffening[i]:.4g} 1/rad {cubic}describes: lower the pressure or the size of the stiffening"
     )
 
 
