@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pliant.actuators import chen2018
 from pliant.errors import InputError
-from pliant.identification.model_selection import Follows, error, lead, shared_bic
+from pliant.identification import FitResult, Parameter
+from pliant.identification.ladder import chosen
+from pliant.identification.ladder_fit import Step
+from pliant.identification.model_selection import Follows, error, lead, shared_bic, undetermined
+from pliant.identification.rungs import Rung
 
 
 def test_every_criterion_counts_the_numbers_of_the_closest_model() -> None:
@@ -49,3 +54,52 @@ def test_slow_differences_count_for_little() -> None:
 def test_models_are_compared_on_the_same_records() -> None:
     with pytest.raises(InputError, match="same records, got a and b"):
         lead({"a": np.ones(9)}, {"b": np.ones(9)})
+
+
+def fitted(*parameters: Parameter) -> FitResult:
+    return FitResult(chen2018.model(), parameters, "", {"p": 1e-3}, 1, 0.0, converged=True)
+
+
+def step(name: str, missed: float, *parameters: Parameter, added: set[str] | None = None) -> Step:
+    """A rung whose held-out record is missed by so much, % of travel, on every frame."""
+    result = fitted(*parameters)
+    square = missed**2 * np.random.default_rng(3).uniform(0.9, 1.1, 400)
+    return Step(
+        Rung(name, name), result, held_out={"h": missed}, missed={"h": square}, follows=Follows(missed, 100.0, 2),
+        open=undetermined(result, added or set()),
+    )
+
+
+def test_a_parameter_is_determined_to_half_of_its_value() -> None:
+    sure, vague = Parameter("stiffness", 1.0, std=0.4), Parameter("creep_time_2", 359.0, std=19813.0)
+    assert undetermined(fitted(sure), set()) == ""
+    assert undetermined(fitted(sure, vague), set()) == "creep_time_2 is known as 359 +- 2e+04 s"
+    assert undetermined(fitted(Parameter("torque_2", 1e-13)), set()) == "", "of any sign, and not what the rung adds"
+    assert undetermined(fitted(Parameter("torque_2", 1e-13)), {"torque_2"}) == "torque_2 is not shown by the recordings"
+    assert "ends at its bound of 0" in undetermined(fitted(Parameter("slip_share_1", 0.0, std=0.1)), {"slip_share_1"})
+    assert undetermined(fitted(Parameter("damping", 0.0, std=0.1)), set()) == "", "a lower rung's, at its bound"
+    for other in (Parameter("mass", 0.3, std=0.2, prior_std=0.2), Parameter("p.release_time", 0.02, std=0.1)):
+        assert undetermined(fitted(other), {other.name}) == ""
+
+
+def test_the_best_rung_stands_back_where_it_is_not_determined_and_every_rung_says_why() -> None:
+    vague = Parameter("creep_time_2", 359.0, std=19813.0)
+    steps = [step("low", 3.0), step("good", 1.0), step("more", 0.99), step("two", 0.5, vague, added={"creep_time_2"})]
+    found = chosen(steps)
+    assert found.chosen == "good"
+    low, good, more, two = (s.told for s in found.steps)
+    assert low.startswith("it errs by 2 % of travel more")
+    assert not good
+    assert more.startswith("it gains 0.01 % of travel on held-out records, less than 5 %")
+    assert two == "not determined by the recordings (standard error over 50 %): creep_time_2 is known as 359 +- 2e+04 s"
+    assert two in str(found)
+    assert found.to_dict()["rungs"]["two"]["not_determined"]
+    assert chosen([step("two", 0.5, vague, added={"creep_time_2"})]).chosen == "two", "no other is there"
+
+
+def test_records_that_scatter_widen_the_doubt() -> None:
+    noise = np.random.default_rng(4).uniform(0.99, 1.01, 400)
+    better, worse = {"a": 1.0 * noise, "b": 9.0 * noise}, {"a": 4.0 * noise, "b": 4.0 * noise}
+    gap, doubt = lead(better, worse)
+    assert abs(gap) < 0.05
+    assert doubt == pytest.approx(1.0, rel=0.02)

@@ -98,3 +98,23 @@ def test_cut_files_are_refused(tmp_path, share):
         (tmp_path / name).write_bytes(data[: max(1, int(share * len(data)))])
         with pytest.raises(InputError):
             read(tmp_path / name)
+
+
+def test_one_of_several_trials_with_its_level(tmp_path):
+    trials = np.stack([POSITION, POSITION + 1.0])
+    np.savez(tmp_path / "a.npz", t=TIME, xyz=trials, pressure_mbar=[50, 100])
+    ds = read(tmp_path / "a.npz", mapping={"trial": 1})
+    np.testing.assert_array_equal(ds["position"], POSITION + 1.0)
+    assert ds.attrs["nominal_pressure"] == 1e4
+    with pytest.raises(InputError, match="has the trials 0 to 1, not 2"):
+        read(tmp_path / "a.npz", mapping={"trial": 2})
+    with pytest.raises(InputError, match="must have 2 or 3 dimensions"):
+        read(tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", t=TIME, xyz=POSITION)
+    with pytest.raises(InputError, match="four dimensions, the first of trials; b.npz has one of shape"):
+        read(tmp_path / "b.npz", mapping={"trial": 0})
+    np.savez(tmp_path / "c.npz", t=TIME, xyz=trials, pressure_mbar=[[0, 50, 50]] * 2, t_p=[0.0, 0.2, 0.4])
+    assert read(tmp_path / "c.npz", mapping={"trial": 0})["pressure"].values.tolist() == [0, 5000, 5000]
+    np.savez(tmp_path / "d.npz", t=TIME, xyz=trials, pressure_mbar=[50.0])
+    with pytest.raises(InputError, match="2 trials, but its pressure has 1 rows"):
+        read(tmp_path / "d.npz", mapping={"trial": 0})

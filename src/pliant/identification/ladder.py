@@ -13,7 +13,7 @@ from pliant.errors import FitError, InputError
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FIT_OPTIONS, FitOptions
 from pliant.identification.ladder_fit import LadderFit, Step, entry_name
-from pliant.identification.model_selection import lead, shared_bic
+from pliant.identification.model_selection import DETERMINED, lead, shared_bic
 from pliant.identification.result import FitResult
 from pliant.identification.rungs import RUNGS, Entry, Rung
 from pliant.model import Model
@@ -50,7 +50,8 @@ class Ladder(Shown):
             f"{s.bic:.0f}" if s.bic is not None else "-", f"{s.step_ns:.0f}", f"{s.seconds:.2g}",
         ] for s in self.steps]
         head = ("rung", "free", "training %", "held out %", "BIC", "ns/step", "fit s")
-        return Card("Ladder of models; * chosen", (self.reason,), head, rows)
+        refused = [f"{s.rung.title}: {s.told}." for s in self.steps if s.told]
+        return Card("Ladder of models; * chosen", (self.reason, *refused), head, rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, for JSON."""
@@ -60,7 +61,7 @@ class Ladder(Shown):
                 s.rung.name: {
                     "title": s.rung.title, "stands_on": s.stands_on, "free": list(s.freed), "train_percent": s.train,
                     "held_out_percent": s.held_out, "bic": s.bic, "fit_s": s.seconds,
-                    "step_ns": s.step_ns if s.result else None, "told": s.told,
+                    "step_ns": s.step_ns if s.result else None, "told": s.told, "not_determined": s.open,
                 } for s in self.steps
             },
         }
@@ -73,7 +74,8 @@ def ladder(
     """Fit every rung, each from where a lower one ended, and judge it on records that it has not seen.
 
     A rung stands on the one below it, unless that one does not pay: has a higher BIC than the rung that it stands on
-    itself. The held-out records have no say in that; they choose among the fitted rungs at the end.
+    itself, or parameters that the recordings do not determine, whose standard error is more than half of their value.
+    The held-out records have no say in that; they choose at the end, among the rungs that are determined.
 
     Parameters
     ----------
@@ -106,14 +108,14 @@ def ladder(
     """
     if not rungs or len({r.name for r in rungs}) < len(rungs):
         raise InputError("a ladder needs rungs whose names differ")
-    climber = LadderFit(train, held_out, model, with_defaults(ladder, options, LADDER_OPTIONS))
     free = {entry_name(e): e for e in common}
     if not model.torque.any() and any(e.excitation != "release" for e in train):
         free.setdefault("torque_1", "torque_1")
+    climber = LadderFit(train, held_out, model, with_defaults(ladder, options, LADDER_OPTIONS), tuple(free))
     below, steps = Step(Rung("", "")), []
     for rung in rungs:
         made, taken = climber.climb(rung, below, free)
-        if made.result and pays(made, below):
+        if made.result and not made.open and pays(made, below):
             below, free = made, taken
         steps.append(made)
         if progress:
@@ -133,7 +135,7 @@ def chosen(steps: Sequence[Step]) -> Ladder:
     """The lowest rung that is as good as the best on held-out records, or of the lowest BIC where there are none.
 
     As good: its error is above the best by less than `MATERIAL` of it, or by less than one standard error of the
-    difference.
+    difference. Rungs with parameters that the recordings do not determine stand back, where there are others.
     """
     fitted = [s for s in steps if s.result and s.follows]
     if not fitted:
@@ -141,15 +143,35 @@ def chosen(steps: Sequence[Step]) -> Ladder:
     bic = shared_bic([s.follows for s in fitted if s.follows])
     criteria = {s.rung.name: value for s, value in zip(fitted, bic, strict=True)}
     steps = tuple(replace(s, bic=criteria.get(s.rung.name)) for s in steps)
-    if not fitted[0].held_out:
-        lowest = fitted[int(np.argmin(bic))].rung
-        return Ladder(steps, lowest.name, f"{lowest.title}: lowest BIC; no record is held out, so nothing is proved.")
-    best = min(fitted, key=lambda s: s.error)
-    enough, why = next((s, why) for s in fitted if (why := as_good(s, best)))
-    below = fitted[: fitted.index(enough)]
-    said = f"{enough.rung.title}: {enough.error:.3g} % of travel on held-out records"
-    said += f", against {below[-1].error:.3g} % one rung lower" if below else ""
-    return Ladder(steps, enough.rung.name, f"{said}; {why}.")
+    able = [s for s in fitted if not s.open] or fitted
+    if not able[0].held_out:
+        enough = min(able, key=lambda s: criteria[s.rung.name])
+        reason = f"{enough.rung.title}: lowest BIC; no record is held out, so nothing is proved."
+    else:
+        best = min(able, key=lambda s: s.error)
+        enough, why = next((s, why) for s in able if (why := as_good(s, best)))
+        below = able[: able.index(enough)]
+        said = f"{enough.rung.title}: {enough.error:.3g} % of travel on held-out records"
+        said += f", against {below[-1].error:.3g} % one rung lower" if below else ""
+        reason = f"{said}; {why}."
+    told = tuple(replace(s, told=s.told or refusal(s, enough)) for s in steps)
+    return Ladder(told, enough.rung.name, reason)
+
+
+def refusal(step: Step, chosen: Step) -> str:
+    """Why a fitted rung is not the chosen one; empty for that one."""
+    if step.rung.name == chosen.rung.name or not step.result:
+        return ""
+    if step.open:
+        return f"not determined by the recordings (standard error over {100 * DETERMINED:.0f} %): {step.open}"
+    if not (step.missed and chosen.missed):
+        return "its BIC is higher"
+    gain, spread = lead(chosen.missed, step.missed)
+    if gain <= 0:
+        return f"it errs by {-gain:.2g} % of travel more on held-out records"
+    if gain <= spread:
+        return f"it gains {gain:.2g} % of travel on held-out records, within the spread of that gain, {spread:.2g} %"
+    return f"it gains {gain:.2g} % of travel on held-out records, less than {100 * MATERIAL:.0f} % of their error"
 
 
 def as_good(step: Step, best: Step) -> str:
@@ -157,7 +179,7 @@ def as_good(step: Step, best: Step) -> str:
     if step is best:
         return "no other rung has less"
     gap, doubt = lead(step.missed or {}, best.missed or {})
-    which = f"the least of any rung, {best.error:.3g} % ({best.rung.title}), is lower by less than"
+    which = f"the least of any determined rung, {best.error:.3g} % ({best.rung.title}), is lower by less than"
     if gap <= MATERIAL * best.error:
         return f"{which} {100 * MATERIAL:.0f} % of it"
     return f"{which} the standard error of the difference, {doubt:.2g} %" if gap <= doubt else ""

@@ -14,7 +14,7 @@ from pliant.identification.experiment import Experiment, predict
 from pliant.identification.fit import FitOptions, fit
 from pliant.identification.forward_model import moved, set_up
 from pliant.identification.initial_guess import prepare
-from pliant.identification.model_selection import Follows, error, follows, missed, shared_bic
+from pliant.identification.model_selection import Follows, error, follows, missed, shared_bic, undetermined
 from pliant.identification.parameters import Parameter
 from pliant.identification.problem import root_mean_square
 from pliant.identification.result import FitResult, touches_bound
@@ -50,7 +50,11 @@ class Step:
     follows : Follows or None
         How the training records are followed, for `bic`.
     bic : float or None
-        Bayesian information criterion, to be compared within one ladder; see `choice.shared_bic`.
+        Bayesian information criterion, to be compared within one ladder; see `model_selection.shared_bic`.
+    told : str
+        Why it could not be fitted, or is not the chosen one.
+    open : str
+        Which parameters the recordings do not determine; empty where they determine all.
     """
 
     rung: Rung
@@ -65,6 +69,7 @@ class Step:
     follows: Follows | None = None
     bic: float | None = None
     told: str = ""
+    open: str = ""
 
     @property
     def error(self) -> float:
@@ -80,6 +85,7 @@ class LadderFit:
     held_out: Sequence[Experiment]
     model: Model
     options: FitOptions
+    common: Sequence[str] = ()  # names of what every rung frees
 
     def climb(self, rung: Rung, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
         """The rung on top of `below`, where `free` is free, and what is free on it."""
@@ -92,11 +98,13 @@ class LadderFit:
             }
             try:
                 result = self.scanned(list(taken.values()), rung, ended)
-                found.append((self.judged(rung, result), taken))
+                added = {p.name for p in result.parameters} - set(below.freed) - set(self.common)
+                found.append((replace(self.judged(rung, result), open=undetermined(result, added)), taken))
             except PliantError as problem:
                 told = told or str(problem)
         if not found:
             return Step(rung, seconds=clock.perf_counter() - began, told=told), free
+        found = [pair for pair in found if not pair[0].open] or found
         best = int(np.argmin(shared_bic([s.follows for s, _ in found if s.follows])))
         step, taken = found[best]
         return replace(step, stands_on=below.rung.name, seconds=clock.perf_counter() - began), taken

@@ -1,8 +1,8 @@
-"""Which of several fitted models the recordings support: BIC on training records, paired errors on held-out ones."""
+"""Which of several fitted models the recordings support: what they determine, BIC, paired errors on held-out ones."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +10,13 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import predict_held_out
+from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames, falling_correlations
-from pliant.identification.result import FitResult
+from pliant.identification.result import FitResult, touches_bound
 
 Array = np.ndarray
+DETERMINED = 0.5  # standard error over value, above which a parameter is not determined: its 95 % interval holds zero
 
 
 class Follows(NamedTuple):
@@ -69,7 +71,7 @@ def lead(one: dict[str, Array], other: dict[str, Array]) -> tuple[float, float]:
     """By how much the error of one model is above that of another on the same records, and its standard error.
 
     Both in % of travel, from the frame-by-frame differences of `missed`, frames counted as far as they are
-    independent. The scatter from record to record is not in it: few are ever held out.
+    independent; of several records what they scatter by, where that is more.
 
     Raises
     ------
@@ -87,4 +89,33 @@ def lead(one: dict[str, Array], other: dict[str, Array]) -> tuple[float, float]:
         frames = 1.0 + 2.0 * sum(falling_correlations(r, 2.0 / np.sqrt(r.size)))
         gaps.append(apart.mean())
         variances.append(apart.var() * frames / r.size)
-    return float(np.mean(gaps)), float(np.sqrt(np.sum(variances)) / len(gaps))
+    within = np.sqrt(np.sum(variances)) / len(gaps)
+    across = np.std(gaps, ddof=1) / np.sqrt(len(gaps)) if len(gaps) > 1 else 0.0
+    return float(np.mean(gaps)), float(max(within, across))
+
+
+def undetermined(result: FitResult, added: Collection[str]) -> str:
+    """Which parameters of a fit the recordings do not determine, in words; empty where they determine all.
+
+    Looked at are those `added` by a model and every other one that is positive by its kind, but for what belongs to a
+    recording or a station, rests on a prior, or lies at a bound.
+    """
+    found = []
+    for p in result.parameters:
+        if not p.free or p.value is None or p.prior_std is not None or p.name.partition(".")[0] in result.rmse:
+            continue
+        own = p.name in added
+        if not own and (kind_of(p.name).lower < 0 or touches_bound(p)):
+            continue
+        if own and touches_bound(p):
+            found.append(f"{p.name} ends at its bound of {p.value:.4g} {p.unit}")
+        elif p.std is None:
+            found.append(f"{p.name} is not shown by the recordings")
+        elif p.std > DETERMINED * abs(p.value):
+            found.append(f"{p.name} is known as {of_size(p)}")
+    return ", ".join(found)
+
+
+def of_size(p: Parameter) -> str:
+    """Value and standard error in words."""
+    return f"{p.value:.3g} +- {p.std:.2g} {p.unit}".removesuffix(" 1")

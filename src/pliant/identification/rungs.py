@@ -43,6 +43,7 @@ RUNGS: tuple[Rung, ...] = (
 MORE_RUNGS: tuple[Rung, ...] = (  # taken where a study names them
     Rung("odd", "odd cubic torque law", (("torque_1", "torque_3"),), drops=("torque_2",)),
     Rung("soften", "+ springs that soften", (("stiffening",),)),
+    Rung("stiffen", "+ springs that stiffen again", (("cubic_stiffening",),)),
     Rung("vent", "+ limited fall", (("valve_fall_rate",),), scan=(("valve_fall_rate", (1e4, 1e5, 1e6)),)),
     Rung("swell", "+ late swelling", (("swell_share", "swell_time"),), scan=(("swell_time", (0.1, 0.5, 2.0)),)),
     Rung("creep_2", "+ second creep branch", ((*CREEP, "creep_share_2", "creep_time_2"),),

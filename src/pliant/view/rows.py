@@ -163,6 +163,7 @@ def ladder_rows(ladder: Ladder) -> list[dict[str, Any]]:
         added = [n for n in s.freed if n not in freed.get(s.stands_on, ())]
         rows.append({
             "title": s.rung.title, "chosen": s.rung.name == ladder.chosen, "told": s.told,
+            "fitted": s.result is not None,
             "stands_on": titles[s.stands_on] if s.result and s.stands_on not in ("", before) else "",
             "adds": ", ".join(added) or "nothing", "free": str(len(s.freed)), "train": errors[0],
             "train_share": shares[0], "held_share": shares[1],
