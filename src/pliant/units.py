@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 from pliant.errors import InputError, shown
 
 PASCAL = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757293168361}
+RADIAN = {"rad": 1.0, "deg": math.pi / 180.0}
 METRE = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 ENDINGS = {  # of names that carry their unit, longer ones first
     "rad_s": "rad/s", "mn_m": "mN m", "us_per_sample": "us", "ns_per_step_one_core": "ns", "percent": "%", "mm": "mm",
@@ -31,6 +34,11 @@ def _factor(table: dict[str, float], unit: str, what: str) -> float:
 def pascal_per(unit: str) -> float:
     """Pascals in one `unit` of gauge pressure; InputError when the unit is unknown."""
     return _factor(PASCAL, unit, "pressure")
+
+
+def radian_per(unit: str) -> float:
+    """Radians in one `unit` of angle; InputError when the unit is unknown."""
+    return _factor(RADIAN, unit, "angle")
 
 
 def metre_per(unit: str) -> float:

@@ -51,7 +51,7 @@ def test_stamps_that_repeat_are_left_out_and_told(tmp_path: Path) -> None:
 
 def test_a_mapping_says_what_it_lacks(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", [10, 20], [0, 1])
-    with pytest.raises(InputError, match="stations or points, or pressure"):
+    with pytest.raises(InputError, match="stations, points or angles, or pressure"):
         read(path, mapping={"header": True, "time": "t_ms"}, format="columns")
     with pytest.raises(InputError, match="positions need length_unit"):
         read(path, mapping={"header": True, "time": "t_ms", "stations": {"a": {"position": [0, 1]}}})

@@ -57,7 +57,7 @@ def test_time_pressure_and_quaternions_by_index(tmp_path):
         ({"select": {"column": "trial", "value": 3}}, "no column 'trial'; available: ID"),
         ({"stations": {"tip": {"position": [1, 2, 99]}}}, "no column 99"),
         ({"stations": {"tip": {"position": [1]}}}, "stations.tip.position"),
-        ({"stations": None, "pressure": None}, "stations or points, or pressure"),
+        ({"stations": None, "pressure": None}, "stations, points or angles, or pressure"),
         ({"points": {"count": 2}}, "either stations or points"),
         ({"rate_hz": None}, "either time, a column, or rate_hz"),
         ({"rate_hz": -1}, "rate_hz"),

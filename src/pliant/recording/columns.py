@@ -13,19 +13,19 @@ the first row holds names, by name. Example::
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import Field, model_validator
 
 from pliant.errors import InputError
-from pliant.recording.camera import Camera, in_plane
+from pliant.recording.camera import in_plane
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.mapping import FileMapping, shorten
+from pliant.recording.column_mapping import Column, ColumnMapping, StationColumns
+from pliant.recording.mapping import shorten
 from pliant.recording.registry import Reader
 from pliant.recording.schema import make_recording
 from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
-from pliant.units import metre_per, pascal_per
+from pliant.units import metre_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -33,99 +33,6 @@ if TYPE_CHECKING:
 
     import xarray as xr
     from numpy.typing import NDArray
-
-Column = int | str
-
-
-class StationColumns(FileMapping):
-    """Columns of one station: position x, y, z (or x, y) and, optionally, quaternion x, y, z, w."""
-
-    position: list[Column] = Field(min_length=2, max_length=3)
-    quaternion: list[Column] | None = Field(default=None, min_length=4, max_length=4)
-
-
-class Points(FileMapping):
-    """Regular layout: `count` points side by side, each with its coordinates in `order`."""
-
-    count: int = Field(gt=0)
-    order: Literal["xyz", "xy", "yx", "xzy", "yxz", "yzx", "zxy", "zyx"] = "xyz"
-    first: int = Field(default=0, ge=0)
-
-
-class PressureColumns(FileMapping):
-    """Columns of gauge pressure, their unit and the names of the chambers."""
-
-    columns: list[Column] = Field(min_length=1)
-    unit: str
-    chamber: list[str] | None = None
-
-
-class Select(FileMapping):
-    """Keep the rows where `column` has `value`, such as one trial of several."""
-
-    column: Column
-    value: float
-
-
-class ColumnMapping(FileMapping):
-    """Description of a table without a header of our own.
-
-    Attributes
-    ----------
-    delimiter : str
-        One character, or ``"space"`` for any white space.
-    header : bool
-        Whether the first row holds the names of the columns.
-    skip_lines : int
-        Lines before the table.
-    time : column, optional
-        Column of time in `time_unit`; without it `rate_hz` is needed.
-    rate_hz : float, optional
-        Frame rate of a table without a time column.
-    length_unit : str
-        Of positions.
-    camera : Camera, optional
-        Instead of `length_unit`, where positions are pixels, x right and y down.
-    stations : dict of StationColumns, optional
-    points : Points, optional
-        Instead of `stations`. A table without either is a log of pressure.
-    arc_length : list of float, m, optional
-        From base to tip, one per station.
-    pressure : PressureColumns, optional
-    select : Select, optional
-    rows : (first, last), optional
-        Rows to keep after `select`, counted from 0, the last excluded.
-    """
-
-    delimiter: str = ","
-    header: bool = False
-    skip_lines: int = Field(default=0, ge=0)
-    time: Column | None = None
-    time_unit: Literal["s", "ms", "us"] = "s"
-    rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    length_unit: str = ""
-    camera: Camera | None = None
-    stations: dict[str, StationColumns] | None = None
-    points: Points | None = None
-    arc_length: list[float] | None = None
-    pressure: PressureColumns | None = None
-    select: Select | None = None
-    rows: tuple[int, int] | None = None
-
-    @model_validator(mode="after")
-    def _is_complete(self) -> Self:
-        rate = self.rate_hz or (self.camera.rate_hz if self.camera and self.time is None else None)
-        if (self.time is None) == (rate is None):
-            raise ValueError("give either time, a column, or rate_hz")
-        if self.stations and self.points is not None:
-            raise ValueError("give either stations or points")
-        if not self.stations and self.points is None and self.pressure is None:
-            raise ValueError("give stations or points, or pressure for a log of pressure alone")
-        if (self.stations or self.points is not None) and bool(self.length_unit) == (self.camera is not None):
-            raise ValueError("positions need length_unit, such as 'mm', or camera where they are pixels")
-        if self.delimiter != "space" and len(self.delimiter) != 1:
-            raise ValueError('delimiter is one character, or "space" for any white space')
-        return self
 
 
 def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -141,6 +48,8 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     table, kept = _rows(table, names, options, path.name)
     time, wrapped = _time(table, names, options, path.name)
     history += [*kept, *wrapped]
+    if options.angles:
+        return _turning(time, table, names, options, history, path.name)
     if not options.stations and options.points is None:
         return _log(time, _pressure(table, names, options, path.name), history, path.name)
     arrays, more = _stations(table, names, options, path.name)
@@ -175,6 +84,7 @@ def _unused(names: list[str], width: int, options: ColumnMapping, file: str) -> 
     """Which columns the mapping does not speak of."""
     wanted: list[Column | None] = [options.time, options.select.column if options.select else None]
     wanted += options.pressure.columns if options.pressure else []
+    wanted += list((options.angles or {}).values())
     for station in _layout(options).values():
         wanted += [*station.position, *(station.quaternion or [])]
     used = {_index(column, names, width, file) for column in wanted if column is not None}
@@ -235,6 +145,35 @@ def _log(time: NDArray, pressure: dict[str, Any], history: list[str], file: str)
         return make_recording(pressure=values, pressure_time=time[keep], history=[*history, *repeats], **pressure)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
+
+
+def _turning(
+    time: NDArray, table: NDArray, names: list[str], options: ColumnMapping, history: list[str], file: str
+) -> xr.Dataset:
+    """A recording of stations that were seen by their angles alone."""
+    angles = options.angles or {}
+    keep, repeats = without_repeats(time, file)
+    columns = [_index(column, names, table.shape[1], file) for column in angles.values()]
+    angle, turns = whole_turns(table[keep][:, columns] * radian_per(options.angle_unit or "rad"))
+    pressure = _pressure(table[keep], names, options, file)
+    try:
+        return make_recording(
+            time[keep], angle=angle, station=list(angles), frame="planar", arc_length=options.arc_length,
+            history=[*history, *repeats, *turns], **pressure,
+        )  # fmt: skip
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+
+
+def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
+    """Angles (T, S) without the jumps by a whole turn of a sensor that counts to 360 degrees, and their count."""
+    seen = np.isfinite(angle)
+    result, jumps = angle.copy(), 0
+    for s in range(angle.shape[1]):
+        steady = np.unwrap(angle[seen[:, s], s])
+        jumps += int((np.abs(np.diff(steady) - np.diff(angle[seen[:, s], s])) > 1.0).sum())
+        result[seen[:, s], s] = steady
+    return result, [f"{jumps} jump(s) of an angle by a whole turn are undone"] if jumps else []
 
 
 def _layout(options: ColumnMapping) -> dict[str, StationColumns]:

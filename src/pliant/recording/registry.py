@@ -34,6 +34,7 @@ BUILT_IN = {
     "motive": "pliant.recording.motive:READER",
     "tracker": "pliant.recording.point_files:TRACKER",
     "kinovea": "pliant.recording.point_files:KINOVEA",
+    "angles": "pliant.recording.angle_log:READER",
     "csv": "pliant.recording.wide_csv:READER",  # last: it takes any table that no other reader knows
 }
 
@@ -132,7 +133,8 @@ def _provenance(ds: xr.Dataset, path: Path, name: str, digest: str) -> dict[str,
 def describes_columns(mapping: Mapping[str, Any]) -> bool:
     """Whether a mapping says what the columns of a table mean."""
     pressure = mapping.get("pressure")
-    named = "points" in mapping or not isinstance(mapping.get("stations", []), list)  # a list chooses among names
+    named = bool({"points", "angles"} & set(mapping))
+    named = named or not isinstance(mapping.get("stations", []), list)  # a list chooses among names
     return named or (isinstance(pressure, dict) and "columns" in pressure)
 
 

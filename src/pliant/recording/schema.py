@@ -1,6 +1,6 @@
 """The one shape of a recording: an `xarray.Dataset` whose dimensions, units and attributes are checked.
 
-See `make_recording` for the variables and `check_recording` for what is refused.
+See `make_recording` for the variables and `check_recording`, in `pliant.recording.rules`, for what is refused.
 """
 
 from __future__ import annotations
@@ -11,38 +11,14 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
+from pliant.recording.rules import COMPONENTS, COORDINATES, SCHEMA, SCHEMA_VERSION, VARIABLES, check_recording
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
-SCHEMA = "pliant-recording"
-SCHEMA_VERSION = 1
-FRAMES = ("tracker", "planar")
-COMPONENTS = ("x", "y", "z", "w")
-QUATERNION_NORM_TOLERANCE = 1e-3
-SHORTEST_STEP = 1e-9  # s between two samples
-# generous bounds of what anybody measures: beyond them stands a marker of missing data, a wrong unit or damage
-MOST = {
-    "position": 1e6, "arc_length": 1e6, "gauge_position": 1e6, "angle": 1e6, "pressure": 1e12, "strain": 1e3,
-    "time": 1e13, "pressure_time": 1e13,
-}  # fmt: skip
-
-# name -> (dimensions that may carry it, units, long name)
-COORDINATES: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "time": (("time",), "s", "time on the clock of the shape"),
-    "pressure_time": (("pressure_time",), "s", "time on the clock of the pressure"),
-    "arc_length": (("station",), "m", "arc length of the station from the base"),
-    "gauge_position": (("gauge",), "m", "position of the strain gauge along the fibre"),
-}
-VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
-    "position": ((("time", "station", "axis"),), "m", "position of the stations"),
-    "quaternion": ((("time", "station", "component"),), "1", "orientation of the stations, x y z w"),
-    "angle": ((("time", "station"),), "rad", "rotation of the stations about the normal of the plane"),
-    "pressure": ((("pressure_time",), ("pressure_time", "chamber")), "Pa", "gauge pressure"),
-    "strain": ((("time", "core", "gauge"),), "1", "strain of the fibre cores"),
-}
+__all__ = ["COMPONENTS", "COORDINATES", "VARIABLES", "append_history", "check_recording", "make_recording"]
 
 
 def make_recording(
@@ -75,7 +51,7 @@ def make_recording(
     time : (T,) array, s
         Clock of the shape, strictly increasing. May be left out when only pressure was recorded.
     position : (T, S, 3) or, once planar, (T, S, 2) array, m
-        NaN marks a drop-out.
+        NaN marks a drop-out. May be left out where stations were seen by their angles alone.
     station : S names, optional
         Default ``s000, s001, ...`` from base to tip.
     quaternion : (T, S, 4) array, optional
@@ -125,7 +101,9 @@ def make_recording(
         variables["position"] = (("time", "station", "axis"), array)
     for name, value, ndim in (("quaternion", quaternion, 3), ("angle", angle, 2)):
         if value is not None:
-            variables[name] = (VARIABLES[name][0][0], _floats(name, value, ndim))
+            array = _floats(name, value, ndim)
+            variables[name] = (VARIABLES[name][0][0], array)
+            coords.setdefault("station", _names(station, array.shape[1], "station", "s"))
     if quaternion is not None:
         coords["component"] = list(COMPONENTS)
     if arc_length is not None:
@@ -150,41 +128,6 @@ def append_history(ds: xr.Dataset, *lines: str) -> xr.Dataset:
     """Return the recording with more lines of history; the data are shared, `ds` stays as it was."""
     kept = [line for line in str(ds.attrs.get("history", "")).split("\n") if line]
     return ds.assign_attrs(history="\n".join([*kept, *(line.replace("\n", " ") for line in lines)]))
-
-
-def check_recording(ds: xr.Dataset) -> xr.Dataset:
-    """Return `ds` unchanged when it keeps the rules of the schema.
-
-    Refused are: another schema or a newer version; a variable with unknown dimensions or without its
-    units; a clock that is not finite and strictly increasing, by 1 ns at least; infinite values and those
-    beyond `MOST`, such as 1e6 m (NaN is a drop-out and allowed); quaternions that are not of unit length;
-    repeated station names; a planar recording with a z axis; a recording that holds neither position,
-    strain nor pressure.
-
-    Raises
-    ------
-    InputError
-        Says which rule is broken, and where.
-    """
-    _check_attributes(ds)
-    if not {"position", "strain", "pressure"} & set(ds.data_vars):
-        raise InputError(
-            "a recording holds position, strain or pressure, but this one holds "
-            f"{', '.join(map(str, ds.data_vars)) or 'no variable'}"
-        )
-    for name, (allowed, units, _) in VARIABLES.items():
-        if name in ds:
-            _check_array(ds[name], name, allowed, units)
-    for name, (dims, units, _) in COORDINATES.items():
-        if name in ds.coords:
-            _check_array(ds[name], name, (dims,), units)
-    if "position" in ds or "strain" in ds:
-        _check_clock(ds, "time")
-    if "pressure" in ds:
-        _check_clock(ds, "pressure_time")
-    _check_stations(ds)
-    _check_rotations(ds)
-    return ds
 
 
 def _floats(name: str, value: ArrayLike, ndim: int) -> NDArray[np.float64]:
@@ -248,81 +191,3 @@ def _assemble(variables: dict, coords: dict) -> xr.Dataset:
         if name in ds.variables:
             ds[name].attrs.update(units=units, long_name=long_name)
     return ds
-
-
-def _check_attributes(ds: xr.Dataset) -> None:
-    if ds.attrs.get("schema") != SCHEMA:
-        raise InputError(
-            f"expected a recording with attribute schema={SCHEMA!r}, but found {ds.attrs.get('schema')!r}; "
-            "build one with make_recording or read one with read"
-        )
-    version = ds.attrs.get("schema_version")
-    if not isinstance(version, (int, np.integer)) or not 1 <= int(version) <= SCHEMA_VERSION:
-        raise InputError(f"recordings of schema_version 1 to {SCHEMA_VERSION} are known, not {version!r}")
-    if ds.attrs.get("frame") not in FRAMES:
-        raise InputError(f"frame of a recording is one of {', '.join(FRAMES)}, not {ds.attrs.get('frame')!r}")
-    pressure = ds.attrs.get("nominal_pressure", 0.0)
-    if not isinstance(pressure, (int, float, np.number)) or not np.isfinite(pressure):
-        raise InputError(f"nominal_pressure must be a finite number of pascals, not {pressure!r}")
-
-
-def _check_array(array: xr.DataArray, name: str, allowed: Sequence[tuple[str, ...]], units: str) -> None:
-    if array.dims not in allowed:
-        raise InputError(f"{name} must have dimensions {' or '.join(map(str, allowed))}, not {array.dims}")
-    if array.dtype != np.float64:
-        raise InputError(f"{name} must be float64, not {array.dtype}")
-    if array.attrs.get("units") != units or not array.attrs.get("long_name"):
-        raise InputError(f"{name} must carry units {units!r} and a long_name, but has {array.attrs}")
-    if np.isinf(array.values).any():
-        raise InputError(f"{name} holds {int(np.isinf(array.values).sum())} infinite value(s)")
-    beyond = np.abs(array.values) > MOST.get(name, np.inf)  # NaN compares false
-    if beyond.any():
-        raise InputError(
-            f"{name} holds {int(beyond.sum())} value(s) beyond {MOST[name]:g} {units}, such as "
-            f"{array.values[beyond][0]:.3g}: check the unit, and leave a missing value empty or NaN"
-        )
-
-
-def _check_clock(ds: xr.Dataset, name: str) -> None:
-    if name not in ds.coords:
-        raise InputError(f"the recording has no coordinate {name}")
-    clock = ds[name].values
-    if clock.size == 0:
-        raise InputError(f"the recording is empty: {name} has no sample")
-    if not np.isfinite(clock).all():
-        raise InputError(f"{name} holds {int((~np.isfinite(clock)).sum())} sample(s) that are not finite")
-    back = np.diff(clock) < SHORTEST_STEP
-    if back.any():
-        row = int(np.argmax(back))
-        raise InputError(
-            f"{name} must increase strictly, but {int(back.sum())} step(s) do not; the first is at "
-            f"sample {row + 1}: {clock[row]:.6g} s is followed by {clock[row + 1]:.6g} s"
-        )
-
-
-def _check_stations(ds: xr.Dataset) -> None:
-    if "position" not in ds:
-        return
-    names = [str(n) for n in ds["station"].values] if "station" in ds.coords else []
-    if not names or len(names) != ds.sizes["station"]:
-        raise InputError("position needs at least one station and a name for each")
-    repeated = sorted({n for n in names if names.count(n) > 1})
-    if repeated:
-        raise InputError(f"station names must differ, but these repeat: {', '.join(repeated)}")
-    axes = [str(a) for a in ds["axis"].values] if "axis" in ds.coords else []
-    expected = ["x", "y"] if ds.attrs["frame"] == "planar" else ["x", "y", "z"]
-    if axes != expected:
-        raise InputError(f"the axes of a recording in frame {ds.attrs['frame']!r} are {expected}, not {axes}")
-
-
-def _check_rotations(ds: xr.Dataset) -> None:
-    if "angle" in ds:
-        if ds.attrs["frame"] != "planar":
-            raise InputError("angle belongs to planar recordings only: align the recording first")
-        if ds["angle"].attrs.get("reference") not in ("rest", "base"):
-            raise InputError("angle must carry the attribute reference, 'rest' or 'base'")
-    if "quaternion" in ds:
-        norm = np.linalg.norm(ds["quaternion"].values, axis=-1)
-        wrong = np.abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE  # NaN compares false: no orientation
-        if wrong.any():
-            raise InputError(f"{int(wrong.sum())} quaternion(s) are not of unit length; normalise them")

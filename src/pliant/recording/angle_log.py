@@ -1,0 +1,144 @@
+"""Logs of angle and pressure: ``time;angle;pressure;set_point`` and the like, of a flex sensor, an IMU or an encoder.
+
+The first row names the columns. Time is ``time`` or ``t``, an angle has ``angle`` in its name, the pressure is
+``pressure`` or ``p``; a unit may follow each: ``angle_deg``, ``pressure (kPa)``, ``t_ms``. Other columns, such as a set
+point, are left out and told. Semicolons, tabs and commas part cells, decimal commas and lone carriage returns are read.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, Literal
+
+from pliant.errors import InputError
+from pliant.recording.clock import SECONDS
+from pliant.recording.columns import read_columns
+from pliant.recording.mapping import FileMapping
+from pliant.recording.registry import Reader
+from pliant.recording.tables import find_delimiter, read_text, split_cells
+from pliant.units import PASCAL, RADIAN
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    import xarray as xr
+
+Role = Literal["time", "angle", "pressure"]
+NAMES: dict[Role, re.Pattern[str]] = {
+    "time": re.compile(r"t|time|timestamp|millis"),
+    "angle": re.compile(r"(?:(.+)_)?(?:angle|angles|theta|flex|imu)(?:_(.+))?"),
+    "pressure": re.compile(r"p|pressure|pressures"),
+}
+UNITS: dict[Role, Iterable[str]] = {"time": SECONDS, "angle": RADIAN, "pressure": PASCAL}
+ALIASES = {"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s", "hpa": "mbar"}
+
+
+class AngleLogMapping(FileMapping):
+    """What the header of such a log does not say.
+
+    Attributes
+    ----------
+    angle_unit : {"deg", "rad"}, optional
+    pressure_unit : str, optional
+        Of gauge pressure.
+    time_unit : {"s", "ms", "us"}, optional
+        Default: seconds, unless the name says it.
+    arc_length : list of float, m, optional
+        Where along the body each angle was measured, base first; the tip's is the body's length.
+    rows : (first, last), optional
+        Rows to keep, counted from 0, the last excluded.
+    """
+
+    angle_unit: Literal["deg", "rad"] | None = None
+    pressure_unit: str | None = None
+    time_unit: Literal["s", "ms", "us"] | None = None
+    arc_length: list[float] | None = None
+    rows: tuple[int, int] | None = None
+
+
+def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Read a log of angles and pressure; options are those of `AngleLogMapping`."""
+    options = AngleLogMapping.load(mapping, path.name)
+    lines = read_text(path).split("\n")
+    first = next(i for i, line in enumerate(lines) if line.strip() and not line.startswith("#"))
+    delimiter = find_delimiter(lines[first], path.name)
+    names = split_cells(lines[first], delimiter)
+    found = roles(names)
+    angles = {n: c for n, c in found.items() if c[0] == "angle"}
+    clocks, pressures = ([n for n, c in found.items() if c[0] == role] for role in ("time", "pressure"))
+    if len(clocks) != 1 or not angles or len(pressures) > 1:
+        raise InputError(
+            f"{path.name} is no log of angle and pressure: its first row must name one time, angles and at most one "
+            f"pressure, but it is {', '.join(names[:8])[:200]}"
+        )
+    units = {role: unit_of(role, found, getattr(options, f"{role}_unit"), path.name) for role in UNITS
+             if role != "pressure" or pressures}  # fmt: skip
+    stations = station_names(list(angles))
+    table: dict[str, Any] = {
+        "delimiter": delimiter, "header": True, "skip_lines": first, "time": clocks[0], "time_unit": units["time"],
+        "angles": dict(zip(stations, angles, strict=True)), "angle_unit": units["angle"], "rows": options.rows,
+        "arc_length": options.arc_length,
+    }  # fmt: skip
+    if pressures:
+        table["pressure"] = {"columns": pressures, "unit": units["pressure"]}
+    return read_columns(path, table)
+
+
+def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:
+    """Columns that have a role, with it and with the unit that the name states; '' where it states none."""
+    found: dict[str, tuple[Role, str]] = {}
+    for name in names:
+        bare, unit = parted(name)
+        for role, pattern in NAMES.items():
+            if pattern.fullmatch(bare) and (not unit or unit in UNITS[role]):
+                found[name] = (role, unit or ("ms" if bare == "millis" else ""))
+                break
+    return found
+
+
+def parted(name: str) -> tuple[str, str]:
+    """A column's name in lower case without its unit, and that unit; '' where it has none."""
+    words = [w for w in re.split(r"[\s_\[\]()]+", name.lower()) if w]
+    last = ALIASES.get(words[-1], words[-1]) if words else ""
+    if len(words) > 1 and any(last in units for units in UNITS.values()):
+        return "_".join(words[:-1]), last
+    return "_".join(words), ""
+
+
+def unit_of(role: Role, found: Mapping[str, tuple[Role, str]], told: str | None, file: str) -> str:
+    """The one unit of all columns of a role, from their names or from the mapping."""
+    named = {unit for kind, unit in found.values() if kind == role and unit}
+    if told is not None:
+        named.add(told.lower())
+    if len(named) > 1:
+        raise InputError(f"{file} has several units of {role}, {' and '.join(sorted(named))}: state one")
+    if not named and role != "time":
+        known = ", ".join(UNITS[role])
+        raise InputError(f"{file} does not say the unit of {role}: state {role}_unit in its mapping, one of {known}")
+    return named.pop() if named else "s"
+
+
+def station_names(columns: list[str]) -> list[str]:
+    """Names of the stations: ``tip`` of the only one, what stands beside ``angle`` of several."""
+    if len(columns) == 1:
+        return ["tip"]
+    made = []
+    for k, column in enumerate(columns):
+        match = NAMES["angle"].fullmatch(parted(column)[0])
+        made.append((match and (match[1] or match[2])) or f"angle_{k + 1}")
+    return made if len(set(made)) == len(made) else columns
+
+
+def recognises(head: bytes) -> bool:
+    """A header that names a time and an angle, and no place of anything."""
+    text = head.removeprefix(b"\xef\xbb\xbf")[:4000].decode("utf-8", "replace")
+    line = next((line for line in re.split("[\r\n]+", text) if line.strip() and not line.startswith("#")), "")
+    names = [split_cells(line, delimiter) for delimiter in (";", "\t", ",") if delimiter in line]
+    if not names or any(re.match(r"[xyz](_|$)", n) for n in names[0]):
+        return False
+    kinds = [role for role, _ in roles(names[0]).values()]
+    return kinds.count("time") == 1 and "angle" in kinds
+
+
+READER = Reader("angles", (".csv", ".txt", ".tsv", ".log", ".dat"), read_angle_log, recognises)

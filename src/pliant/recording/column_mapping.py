@@ -1,0 +1,112 @@
+"""What a mapping says of a table: its columns, their units, its rows."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from pliant.recording.camera import Camera
+from pliant.recording.mapping import FileMapping
+
+Column = int | str
+
+
+class StationColumns(FileMapping):
+    """Columns of one station: position x, y, z (or x, y) and, optionally, quaternion x, y, z, w."""
+
+    position: list[Column] = Field(min_length=2, max_length=3)
+    quaternion: list[Column] | None = Field(default=None, min_length=4, max_length=4)
+
+
+class Points(FileMapping):
+    """Regular layout: `count` points side by side, each with its coordinates in `order`."""
+
+    count: int = Field(gt=0)
+    order: Literal["xyz", "xy", "yx", "xzy", "yxz", "yzx", "zxy", "zyx"] = "xyz"
+    first: int = Field(default=0, ge=0)
+
+
+class PressureColumns(FileMapping):
+    """Columns of gauge pressure, their unit and the names of the chambers."""
+
+    columns: list[Column] = Field(min_length=1)
+    unit: str
+    chamber: list[str] | None = None
+
+
+class Select(FileMapping):
+    """Keep the rows where `column` has `value`, such as one trial of several."""
+
+    column: Column
+    value: float
+
+
+class ColumnMapping(FileMapping):
+    """Description of a table without a header of our own.
+
+    Attributes
+    ----------
+    delimiter : str
+        One character, or ``"space"`` for any white space.
+    header : bool
+        Whether the first row holds the names of the columns.
+    skip_lines : int
+        Lines before the table.
+    time : column, optional
+        Column of time in `time_unit`; without it `rate_hz` is needed.
+    rate_hz : float, optional
+        Frame rate of a table without a time column.
+    length_unit : str
+        Of positions.
+    camera : Camera, optional
+        Instead of `length_unit`, where positions are pixels, x right and y down.
+    stations : dict of StationColumns, optional
+    points : Points, optional
+        Instead of `stations`. A table without either, and without `angles`, is a log of pressure.
+    arc_length : list of float, m, optional
+        From base to tip, one per station.
+    angles : dict of columns, optional
+        Instead of positions: one column for each station that was seen by its angle alone, base first.
+    angle_unit : {"deg", "rad"}
+        Of `angles`; needed with them.
+    pressure : PressureColumns, optional
+    select : Select, optional
+    rows : (first, last), optional
+        Rows to keep after `select`, counted from 0, the last excluded.
+    """
+
+    delimiter: str = ","
+    header: bool = False
+    skip_lines: int = Field(default=0, ge=0)
+    time: Column | None = None
+    time_unit: Literal["s", "ms", "us"] = "s"
+    rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    length_unit: str = ""
+    camera: Camera | None = None
+    stations: dict[str, StationColumns] | None = None
+    points: Points | None = None
+    angles: dict[str, Column] | None = None
+    angle_unit: Literal["deg", "rad"] | None = None
+    arc_length: list[float] | None = None
+    pressure: PressureColumns | None = None
+    select: Select | None = None
+    rows: tuple[int, int] | None = None
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> Self:
+        rate = self.rate_hz or (self.camera.rate_hz if self.camera and self.time is None else None)
+        if (self.time is None) == (rate is None):
+            raise ValueError("give either time, a column, or rate_hz")
+        if self.stations and self.points is not None:
+            raise ValueError("give either stations or points")
+        placed = bool(self.stations) or self.points is not None
+        if not placed and not self.angles and self.pressure is None:
+            raise ValueError("give stations, points or angles, or pressure for a log of pressure alone")
+        if self.angles and (placed or self.angle_unit is None):
+            raise ValueError("angles stand alone, without stations or points, and need angle_unit, 'deg' or 'rad'")
+        if placed and bool(self.length_unit) == (self.camera is not None):
+            raise ValueError("positions need length_unit, such as 'mm', or camera where they are pixels")
+        if self.delimiter != "space" and len(self.delimiter) != 1:
+            raise ValueError('delimiter is one character, or "space" for any white space')
+        return self

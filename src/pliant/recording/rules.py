@@ -1,0 +1,157 @@
+"""What every recording keeps: variables with their dimensions and units, clocks, names; and the checks of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import xarray as xr
+
+SCHEMA = "pliant-recording"
+SCHEMA_VERSION = 1
+FRAMES = ("tracker", "planar")
+COMPONENTS = ("x", "y", "z", "w")
+QUATERNION_NORM_TOLERANCE = 1e-3
+SHORTEST_STEP = 1e-9  # s between two samples
+# generous bounds of what anybody measures: beyond them stands a marker of missing data, a wrong unit or damage
+MOST = {
+    "position": 1e6, "arc_length": 1e6, "gauge_position": 1e6, "angle": 1e6, "pressure": 1e12, "strain": 1e3,
+    "time": 1e13, "pressure_time": 1e13,
+}  # fmt: skip
+
+# name -> (dimensions that may carry it, units, long name)
+COORDINATES: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "time": (("time",), "s", "time on the clock of the shape"),
+    "pressure_time": (("pressure_time",), "s", "time on the clock of the pressure"),
+    "arc_length": (("station",), "m", "arc length of the station from the base"),
+    "gauge_position": (("gauge",), "m", "position of the strain gauge along the fibre"),
+}
+VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
+    "position": ((("time", "station", "axis"),), "m", "position of the stations"),
+    "quaternion": ((("time", "station", "component"),), "1", "orientation of the stations, x y z w"),
+    "angle": ((("time", "station"),), "rad", "rotation of the stations about the normal of the plane"),
+    "pressure": ((("pressure_time",), ("pressure_time", "chamber")), "Pa", "gauge pressure"),
+    "strain": ((("time", "core", "gauge"),), "1", "strain of the fibre cores"),
+}
+
+
+def check_recording(ds: xr.Dataset) -> xr.Dataset:
+    """Return `ds` unchanged when it keeps the rules of the schema.
+
+    Refused are: another schema or a newer version; a variable with unknown dimensions or without its
+    units; a clock that is not finite and strictly increasing, by 1 ns at least; infinite values and those
+    beyond `MOST`, such as 1e6 m (NaN is a drop-out and allowed); quaternions that are not of unit length;
+    repeated station names; a planar recording with a z axis; a recording that holds neither position,
+    angle, strain nor pressure.
+
+    Raises
+    ------
+    InputError
+        Says which rule is broken, and where.
+    """
+    _check_attributes(ds)
+    if not {"position", "angle", "strain", "pressure"} & set(ds.data_vars):
+        raise InputError(
+            "a recording holds position, angle, strain or pressure, but this one holds "
+            f"{', '.join(map(str, ds.data_vars)) or 'no variable'}"
+        )
+    for name, (allowed, units, _) in VARIABLES.items():
+        if name in ds:
+            _check_array(ds[name], name, allowed, units)
+    for name, (dims, units, _) in COORDINATES.items():
+        if name in ds.coords:
+            _check_array(ds[name], name, (dims,), units)
+    if {"position", "angle", "strain"} & set(ds.data_vars):
+        _check_clock(ds, "time")
+    if "pressure" in ds:
+        _check_clock(ds, "pressure_time")
+    _check_stations(ds)
+    _check_rotations(ds)
+    return ds
+
+
+def _check_attributes(ds: xr.Dataset) -> None:
+    if ds.attrs.get("schema") != SCHEMA:
+        raise InputError(
+            f"expected a recording with attribute schema={SCHEMA!r}, but found {ds.attrs.get('schema')!r}; "
+            "build one with make_recording or read one with read"
+        )
+    version = ds.attrs.get("schema_version")
+    if not isinstance(version, (int, np.integer)) or not 1 <= int(version) <= SCHEMA_VERSION:
+        raise InputError(f"recordings of schema_version 1 to {SCHEMA_VERSION} are known, not {version!r}")
+    if ds.attrs.get("frame") not in FRAMES:
+        raise InputError(f"frame of a recording is one of {', '.join(FRAMES)}, not {ds.attrs.get('frame')!r}")
+    pressure = ds.attrs.get("nominal_pressure", 0.0)
+    if not isinstance(pressure, (int, float, np.number)) or not np.isfinite(pressure):
+        raise InputError(f"nominal_pressure must be a finite number of pascals, not {pressure!r}")
+
+
+def _check_array(array: xr.DataArray, name: str, allowed: Sequence[tuple[str, ...]], units: str) -> None:
+    if array.dims not in allowed:
+        raise InputError(f"{name} must have dimensions {' or '.join(map(str, allowed))}, not {array.dims}")
+    if array.dtype != np.float64:
+        raise InputError(f"{name} must be float64, not {array.dtype}")
+    if array.attrs.get("units") != units or not array.attrs.get("long_name"):
+        raise InputError(f"{name} must carry units {units!r} and a long_name, but has {array.attrs}")
+    if np.isinf(array.values).any():
+        raise InputError(f"{name} holds {int(np.isinf(array.values).sum())} infinite value(s)")
+    beyond = np.abs(array.values) > MOST.get(name, np.inf)  # NaN compares false
+    if beyond.any():
+        raise InputError(
+            f"{name} holds {int(beyond.sum())} value(s) beyond {MOST[name]:g} {units}, such as "
+            f"{array.values[beyond][0]:.3g}: check the unit, and leave a missing value empty or NaN"
+        )
+
+
+def _check_clock(ds: xr.Dataset, name: str) -> None:
+    if name not in ds.coords:
+        raise InputError(f"the recording has no coordinate {name}")
+    clock = ds[name].values
+    if clock.size == 0:
+        raise InputError(f"the recording is empty: {name} has no sample")
+    if not np.isfinite(clock).all():
+        raise InputError(f"{name} holds {int((~np.isfinite(clock)).sum())} sample(s) that are not finite")
+    back = np.diff(clock) < SHORTEST_STEP
+    if back.any():
+        row = int(np.argmax(back))
+        raise InputError(
+            f"{name} must increase strictly, but {int(back.sum())} step(s) do not; the first is at "
+            f"sample {row + 1}: {clock[row]:.6g} s is followed by {clock[row + 1]:.6g} s"
+        )
+
+
+def _check_stations(ds: xr.Dataset) -> None:
+    shown = next((name for name in ("position", "angle") if name in ds), None)
+    if shown is None:
+        return
+    names = [str(n) for n in ds["station"].values] if "station" in ds.coords else []
+    if not names or len(names) != ds.sizes["station"]:
+        raise InputError(f"{shown} needs at least one station and a name for each")
+    repeated = sorted({n for n in names if names.count(n) > 1})
+    if repeated:
+        raise InputError(f"station names must differ, but these repeat: {', '.join(repeated)}")
+    if shown == "angle":
+        return
+    axes = [str(a) for a in ds["axis"].values] if "axis" in ds.coords else []
+    expected = ["x", "y"] if ds.attrs["frame"] == "planar" else ["x", "y", "z"]
+    if axes != expected:
+        raise InputError(f"the axes of a recording in frame {ds.attrs['frame']!r} are {expected}, not {axes}")
+
+
+def _check_rotations(ds: xr.Dataset) -> None:
+    if "angle" in ds:
+        if ds.attrs["frame"] != "planar":
+            raise InputError("angle belongs to planar recordings only: align the recording first")
+        if ds["angle"].attrs.get("reference") not in ("rest", "base"):
+            raise InputError("angle must carry the attribute reference, 'rest' or 'base'")
+    if "quaternion" in ds:
+        norm = np.linalg.norm(ds["quaternion"].values, axis=-1)
+        wrong = np.abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE  # NaN compares false: no orientation
+        if wrong.any():
+            raise InputError(f"{int(wrong.sum())} quaternion(s) are not of unit length; normalise them")
