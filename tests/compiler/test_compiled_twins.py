@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numba.core.errors import NumbaError
 from oracles.chains import SIZES, random_chain, random_state, workspace
 
 from pliant.compiler.choose import straight, twin
-from pliant.compiler.twin import callees, rebuild
+from pliant.compiler.twin import callees, compiled_twin, rebuild
 from pliant.equations import chain as chain_kernels
 from pliant.equations import coriolis, elastic, energy, inertia, section, velocity
 from pliant.equations.motion import acceleration, acceleration_jacobian, acceleration_recursive, step
@@ -129,3 +130,18 @@ def test_straight_lines_of_different_length_have_different_names():
     """Numba links cached code by its qualified name: under one name, a chain of three ran the step of five."""
     names = {straight(step, n).py_func.__qualname__ for n in (3, 5)}
     assert len(names) == 2
+
+
+def whole(a):
+    return a
+
+
+def part(a):
+    return a[1:]
+
+
+@pytest.mark.parametrize("kernel", [whole, part])
+def test_a_kernel_that_hands_an_array_back_is_refused(kernel):
+    """Such a kernel counts no references, so the array could be freed under the caller's hands."""
+    with pytest.raises((TypeError, NumbaError), match=r"hands an array back|Only accept returning of array passed"):
+        compiled_twin(kernel, "plain", twin, ())(np.zeros(3))

@@ -108,6 +108,12 @@ def fields(kind: Any) -> Any:
     return (*getattr(kind, "fields", ()), *inside)
 
 
+def has_array(kind: Any) -> bool:
+    """Whether a type of Numba is that of an array, or of a record with one."""
+    parts: Any = kind if isinstance(kind, types.BaseTuple) else ()
+    return isinstance(kind, types.Array) or any(map(has_array, parts))
+
+
 def kept(function: Any, **options: Any) -> Any:
     """`function` compiled by Numba (nopython, fastmath off) when it is first called, or taken from the shared cache.
 
@@ -120,7 +126,16 @@ def kept(function: Any, **options: Any) -> Any:
     except RuntimeError:  # no folder takes a file: neither the shared one, nor those that Numba tries
         tell_uncached()
         return made
-    compile_now, lock = made.compile, made._cache.index.with_suffix(".lock")  # noqa: SLF001
+    lock = made._cache.index.with_suffix(".lock")  # noqa: SLF001
+    compile_unchecked = made.compile
+
+    def compile_now(signature: Any) -> Any:
+        entry = compile_unchecked(signature)
+        handed = [done.signature.return_type for done in made.overloads.values()]
+        if not options.get("_nrt", True) and any(map(has_array, handed)):
+            raise TypeError(f"{function.__qualname__} hands an array back whose references nobody counts: write into "
+                            "one of the caller's")  # fmt: skip
+        return entry
 
     def compile_alone(signature: Any) -> Any:
         with global_compiler_lock:  # first: two threads of which each holds one of both locks would wait for ever
