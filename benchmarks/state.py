@@ -1,6 +1,6 @@
 """Rates and filter time on virtual actuators: the numbers of docs/real_time.md.
 
-    python benchmarks/state.py rates      # filter and smoother against differences behind the best low-pass
+    python benchmarks/state.py rates      # filter and smoother against the best of what needs no model
     python benchmarks/state.py speed      # compiled time of a frame, and of one call of the running filter
 
 The models in examples/state come from free pulses of each actuator and known pushes, by the study there (identify.py);
@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import butter, lfilter
+from rate_baselines import CAUSAL, CENTRED, errors, span, tuned
 
 from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
 from pliant.estimation.measurement import measurement_of
@@ -32,6 +32,7 @@ NOISE = Noise(angle=9.5e-4, torque=5e-7, random_walk=1e-3, motion_growth=8.0, in
 LATENCY = {"a": 4.351e-3, "b": 4.317e-3, "c": 4.673e-3}  # s, fitted with each model
 FIBRE = Fibre(body_length=0.17, cap_curvature=50.0, cap_length=0.03, gauge_length=2.4e-3)
 RATE = 75.0  # Hz
+TUNED_ON = "pulse_150_1200ms"  # sets the windows of what needs no model, with its true rates; in no other table
 REST = (0.0, 0.2)  # s, before anything happens
 LINKS = np.array([0.034] * 4 + [0.017])  # m, after a base of 17 mm: joints at mid-segment
 CASES = (
@@ -48,26 +49,42 @@ def true_rates(motion, chain, at):
     return joint_rates(motion, chain.base_length + np.append(0.0, np.cumsum(chain.link_length)), at)
 
 
+def recorded(case, chain, rod, lab):
+    """What is seen of a scenario, its link angles without gaps, and the true rates."""
+    motion = run_rod(case, rod, lab)
+    at = np.arange(0.0, case.duration - 5e-4, 1 / RATE)
+    seen = body_of_fibre(record(motion, rod, lab, at, seed=1, attrs={"scenario": case.name}), FIBRE)[0]
+    angle = measurement_of(seen, chain, NOISE).value
+    for column in angle.T:
+        gap = np.isnan(column)
+        column[gap] = np.interp(np.flatnonzero(gap), np.flatnonzero(~gap), column[~gap])
+    return seen, angle, true_rates(motion, chain, at)
+
+
+def missed(found, truth):
+    return float(np.sqrt(np.mean((found - truth)[20:] ** 2)))
+
+
 def rates():
     for name in "abc":
         chain, rod, lab = model(name), actuator(name), Laboratory()
+        _, angle, truth = recorded(scenario(TUNED_ON), chain, rod, lab)
+        causal, centred = (tuned(kinds, angle, truth, RATE, missed) for kinds in (CAUSAL, CENTRED))
+        print(f"{name} tuned on {TUNED_ON}: {({k: s for k, (_, s) in (causal | centred).items()})}")
+        over = {"filter": [], "smoother": []}
         for case in map(scenario, CASES):
-            motion = run_rod(case, rod, lab)
-            at = np.arange(0.0, case.duration - 5e-4, 1 / RATE)
-            seen = body_of_fibre(record(motion, rod, lab, at, seed=1, attrs={"scenario": case.name}), FIBRE)[0]
-            truth = true_rates(motion, chain, at)
+            seen, angle, truth = recorded(case, chain, rod, lab)
             found = estimate(seen, chain, noise=NOISE, latency=LATENCY[name])
-            angle = measurement_of(seen, chain, NOISE).value
-            for column in angle.T:
-                gap = np.isnan(column)
-                column[gap] = np.interp(np.flatnonzero(gap), np.flatnonzero(~gap), column[~gap])
-            differences = np.diff(angle, axis=0, prepend=angle[:1]) * RATE
-            error = lambda x, t=truth: np.sqrt(np.mean((x - t)[20:] ** 2))  # noqa: E731
-            usual = min(error(lfilter(*butter(2, f / (0.5 * RATE)), differences, axis=0)) for f in (8, 12, 16, 20, 30))
-            print(f"{name} {case.name:<16} differences {usual:.3f} rad/s, over filter "
-                  f"{usual / error(found.joint_rate.values):.2f}, over smoother "
-                  f"{usual / error(found.smooth_joint_rate.values):.2f}, NIS {found.attrs['nis_ratio']:.2f}, "
-                  f"correlation {found.attrs['innovation_correlation']:+.2f}")
+            usual, ahead = errors(causal, angle, truth, RATE, missed), errors(centred, angle, truth, RATE, missed)
+            mine = missed(found.joint_rate.values, truth), missed(found.smooth_joint_rate.values, truth)
+            over["filter"].append(min(usual.values()) / mine[0])
+            over["smoother"].append(min(ahead.values()) / mine[1])
+            print(f"{name} {case.name:<16} " + ", ".join(f"{k} {v:.3f}" for k, v in (usual | ahead).items())
+                  + f" rad/s; filter {mine[0]:.3f}, smoother {mine[1]:.3f}; best causal over filter "
+                  f"{over['filter'][-1]:.2f}, centred over smoother {over['smoother'][-1]:.2f}, "
+                  f"NIS {found.attrs['nis_ratio']:.2f}, correlation {found.attrs['innovation_correlation']:+.2f}",
+                  flush=True)
+        print(f"{name}: " + ", ".join(f"{k} {span(v)} times better" for k, v in over.items()), flush=True)
 
 
 def speed():

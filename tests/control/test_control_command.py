@@ -24,6 +24,8 @@ def test_a_task_is_done(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "phase margin" in said
     assert "fault: none" in said
+    assert "settling: " in said
+    assert "command change motion" in said
     names = {p.name for p in (tmp_path / "out").iterdir()}
     assert names == {"log.csv", "report.md", "control.png", "control.svg"}
     table = read_log(tmp_path / "out" / "log.csv")

@@ -49,6 +49,14 @@ def test_end_moment_bends_the_rod_into_a_circle():
     assert state.x[-1] == pytest.approx([-(1 - np.cos(turned)) / kappa, np.sin(turned) / kappa], abs=1e-5)
 
 
+@pytest.mark.parametrize("node", [0, 60])
+def test_a_small_force_at_a_node_bends_the_rod_as_the_beam_does(node):
+    """Deflection of a cantilever of length L under F at a: F a^2 (3 x - a) / (6 EI) beyond a."""
+    push, a = 1e-3, 0.17 * (node or 100) / 100
+    state = settle(replace(CANTILEVER, pushed_node=node), (0.0, -push, 0.0, 0.0))
+    assert -state.x[-1, 0] == pytest.approx(push * a**2 * (3 * 0.17 - a) / (6 * EI), rel=2e-3)
+
+
 def test_pressure_alone_is_an_end_moment():
     p = replace(CANTILEVER, gain=1.5)
     gain = p.chamber_area * p.chamber_height * p.gain
@@ -206,7 +214,7 @@ def test_actuators_differ_and_fields_do_not_depend_on_the_mesh():
     ("change", "message"),
     [({"length": 0.0}, "length must be > 0"), ({"mass": np.nan}, "mass must be finite"),
      ({"elements": 2}, "4 elements"), ({"prony_time": (1.0,)}, "Prony"),
-     ({"slip_share": -0.1}, "slip_share must be >= 0")],
+     ({"slip_share": -0.1}, "slip_share must be >= 0"), ({"pushed_node": 102}, "cannot be pushed")],
 )  # fmt: skip
 def test_bad_parameters_are_refused(change, message):
     with pytest.raises(InputError, match=message):

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 NO_VALVE = "The model holds no valve: these margins leave its lag out. Identify one before relying on them."
 MEANING = {
+    "settling_s": "of the tip as estimated, of each set-point: stays within 2 % of the step until the next one",
+    "command_change_rest_kpa": "root mean square from period to period, half a second after the last change",
+    "command_change_motion_kpa": "the same before", "command_sd_rest_kpa": "standard deviation at rest",
     "mean_error_mm": "of the tip as estimated, over the last fifth", "largest_error_mm": "the same, the largest",
     "overruns": "periods whose work took longer than a period", "skipped": "periods left out after one that overran",
     "worst_lateness_us": "of the beginning of a period; 0 off the clock",
@@ -78,7 +81,8 @@ def control(
     if json:
         from json import dumps
 
-        typer.echo(dumps({"plant": plant, "folder": str(output), **done.summary}, default=float))
+        typer.echo(dumps({"plant": plant, "folder": str(output), **reached(done), **done.summary,
+                          "settling_s": settling(done)}, default=float))
         return
     typer.echo("\n".join([f"stability margins of {plant} by pressure, full state known:", str(done.prepared.design),
                           *unmodelled(done)]))
@@ -87,14 +91,31 @@ def control(
 
 
 def reached(done: Done) -> dict[str, Any]:
-    """What was reached, and the counters of the loop."""
-    error = 1e3 * done.log["error_m"]
-    last = error.tail(max(len(done.log) // 5, 1))
+    """What was reached, what it asked of the valve, and the counters of the loop."""
+    import numpy as np
+
+    from pliant.control.activity import command_activity
+
+    log, settled = done.log, settling(done)
+    told = ", ".join("did not settle" if t is None else f"{t:.3g}" for t in settled)
+    active = command_activity(*(log[c].to_numpy() for c in ("time_s", "target_m", "command_pa")))
+    error = 1e3 * log["error_m"]
+    last = error.tail(max(len(log) // 5, 1))
     return {
-        "mean_error_mm": float(last.mean()), "largest_error_mm": float(last.abs().max()),
-        "highest_command_kpa": 1e-3 * float(done.log["command_pa"].max()), "fault": done.summary["fault"] or "none",
+        **({"settling_s": told} if settled else {}), "mean_error_mm": float(last.mean()),
+        "largest_error_mm": float(last.abs().max()), "highest_command_kpa": 1e-3 * float(log["command_pa"].max()),
+        **{f"{name}_kpa": 1e-3 * value for name, value in active.items() if np.isfinite(value)},
+        "fault": done.summary["fault"] or "none",
         **{name: value for name, value in done.summary.items() if not isinstance(value, str)},
     }
+
+
+def settling(done: Done) -> list[float | None]:
+    """Settling time of every set-point [s], of the tip as estimated; None where it does not settle."""
+    from pliant.control.activity import settling_times
+
+    time, wanted, error = (done.log[c].to_numpy() for c in ("time_s", "target_m", "error_m"))
+    return settling_times(time, wanted + error, done.setpoints)
 
 
 def unmodelled(done: Done) -> list[str]:

@@ -32,6 +32,7 @@ class Done(NamedTuple):
     prepared: Prepared
     summary: dict[str, float | str]  # counters of the loop, and its fault
     log: pd.DataFrame
+    setpoints: tuple[tuple[float, float], ...] = ()  # s, m; none of a path
 
 
 def make_plant(name: str) -> Any:
@@ -107,4 +108,5 @@ def run_task(
         loop.run(wanted.duration_s)
     finally:
         log.close()
-    return Done(ready, {**loop.summary(), "commands_at_a_limit": ready.control.saturated}, read_log(path))
+    return Done(ready, {**loop.summary(), "commands_at_a_limit": ready.control.saturated}, read_log(path),
+                tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint) if wanted.path is None else ())

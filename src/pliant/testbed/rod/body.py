@@ -43,6 +43,7 @@ class Body(NamedTuple):
     contact_share: NDArray[np.float64]  # (V,)
     half_width: float  # m
     tube_resistance: float  # Pa s/m3
+    pushed: int  # node that a load's force acts on
 
 
 def random_field(s: NDArray[np.float64], length: float, scale: float, seed: list[int]) -> NDArray[np.float64]:
@@ -135,5 +136,5 @@ def build_body(p: RodParameters) -> Body:
         prony_time=np.array(p.prony_time, dtype=float), slip_stiffness=slip_stiffness,
         slip_limit=slip_stiffness * thresholds, mass=mass, cap_mass=cap_mass, cap_weight=cap_weight,
         gravity=np.array(p.gravity, dtype=float), contact_share=touch, half_width=p.half_width,
-        tube_resistance=p.tube_resistance,
+        tube_resistance=p.tube_resistance, pushed=p.pushed_node or s.size - 1,
     )  # fmt: skip

@@ -58,6 +58,7 @@ class RodParameters:
     half_width: float = 0.005  # m, from the centreline to the surface that touches
     gravity: tuple[float, float] = (0.0, 0.0)  # m/s2 in the plane of bending
     tube_resistance: float = 2.0e7  # Pa s/m3, between the regulated supply and the chamber
+    pushed_node: int = 0  # that the force of a load acts on; 0: the last
 
     def __post_init__(self) -> None:
         """Refuse what no rod can be."""
@@ -72,6 +73,8 @@ class RodParameters:
                 raise InputError(f"rod parameter {field.name} must be > 0, got {value}")
             if field.name not in free and np.any(value < 0):
                 raise InputError(f"rod parameter {field.name} must be >= 0, got {getattr(self, field.name)}")
+        if self.pushed_node > self.elements + 1:
+            raise InputError(f"node {self.pushed_node} cannot be pushed: a rod has {self.elements + 1} and its cap's")
         if self.elements < 4:
             raise InputError(f"a rod needs at least 4 elements, got {self.elements}")
         if len(self.prony_share) != len(self.prony_time) or min(self.prony_time, default=1.0) <= 0:

@@ -163,7 +163,7 @@ def add_edges(x, body, state, clock, torque, geometric, gradient, band):
 
 
 def add_inertia(x, load, body, guess, clock, gradient, band):
-    """Inertia against the drifting state `guess`, weight, and the dead force on the last node."""
+    """Inertia against the drifting state `guess`, weight, and the dead force on the node that is pushed."""
     last = x.shape[0] - 1
     for v in range(1, last + 1):
         i = 2 * (v - 1)
@@ -179,8 +179,8 @@ def add_inertia(x, load, body, guess, clock, gradient, band):
             if j <= i:
                 band[first + i, i - j] += clock.per_h2 * body.cap_mass[i, j]
         gradient[first + i] -= body.cap_weight[i]
-    gradient[2 * last - 2] -= load[1]
-    gradient[2 * last - 1] -= load[2]
+    gradient[2 * body.pushed - 2] -= load[1]
+    gradient[2 * body.pushed - 1] -= load[2]
 
 
 def gap_to(row, px, py):

@@ -158,7 +158,7 @@ def settle(
     Parameters
     ----------
     p : RodParameters
-    loads : pressure (Pa), force on the last node (N, N), couple on the last edge (N m)
+    loads : pressure (Pa), force on the pushed node (N, N; the last by default), couple on the last edge (N m)
     obstacles : (O, 7) array, optional
         See `pliant.testbed.contact`.
     increments : int
@@ -223,7 +223,8 @@ def simulate(
     ----------
     p : RodParameters
     loads : (S, 4) array
-        Per step: regulated pressure (Pa gauge), force on the last node (N, N), couple on the last edge (N m).
+        Per step: regulated pressure (Pa gauge), force on the pushed node (N, N; the last by default), couple on the
+        last edge (N m).
     dt : float, s
     stride : int
         Steps per record.
