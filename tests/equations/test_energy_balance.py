@@ -39,7 +39,7 @@ def test_power_balance(case):
     phi, w, a = chain.phi(q), np.cumsum(dq), np.zeros(chain.n)
     acceleration(phi, w, chain.drive(TORQUE), chain.body(), chain.joints(), workspace(chain.n), a)
     rate = complex_step(lambda t: energy(phi + t[0] * w, w + t[0] * a, chain), np.zeros(1))[0]
-    supplied = input_power(w, chain.drive(TORQUE))
+    supplied = input_power(w, chain.drive(TORQUE), chain.joints())
     lost = damping_power(w, chain.joints())
     assert lost > 0.0
     assert rate == pytest.approx(supplied - lost, rel=1e-9, abs=1e-9 * (abs(supplied) + lost))
@@ -90,5 +90,5 @@ def test_powers_in_joint_angles(case):
     chain, _, dq = case
     w = np.cumsum(dq)
     assert damping_power(w, chain.joints()) == pytest.approx(chain.D @ dq**2, rel=1e-12)
-    supplied = input_power(w, chain.drive(TORQUE))
+    supplied = input_power(w, chain.drive(TORQUE), chain.joints())
     assert supplied == pytest.approx(TORQUE * chain.gain @ dq, rel=1e-11, abs=1e-12)

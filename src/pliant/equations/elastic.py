@@ -15,7 +15,7 @@ def joint_torques(phi, w, joints, torque, ahead, t):
 
     Paper: Eq. (5) [eq:eom]
     """
-    n = len(phi)
+    n = len(joints.theta0)
     angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(n):
@@ -33,7 +33,7 @@ def joint_tangents(phi, w, joints, ahead, slope):
     """Slopes K_i + 2 K2_i q_m + 3 K3_i q_m^2 (n,) of the springs of `joint_torques`; N m/rad."""
     angle = joints.base_angle
     rate = 0.0 * w[0]
-    for i in range(len(phi)):
+    for i in range(len(joints.theta0)):
         more = phi[i] - angle - joints.unbent[i] + ahead * (w[i] - rate)
         slope[i] = joints.K[i] + (2.0 * joints.K2[i] + 3.0 * joints.K3[i] * more) * more
         angle = phi[i]

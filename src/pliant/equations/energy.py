@@ -15,15 +15,17 @@ def kinetic_energy(c, s, w, body):
 
 
 def elastic_energy(phi, joints):
-    """sum_i 1/2 K_i q_i^2 + 1/3 K2_i q_i^3 + 1/4 K3_i q_i^4, J, zero in the rest shape."""
+    """sum_i 1/2 K_i q_i^2 + 1/3 K2_i q_i^3 + 1/4 K3_i q_i^4, J, 0 in the rest shape; axial springs follow."""
     value = 0.0 * phi[0]
     before = joints.base_angle
-    for i in range(len(phi)):
+    for i in range(len(joints.theta0)):
         q = phi[i] - before - joints.theta0[i]
         more = phi[i] - before - joints.unbent[i]
         bent = joints.K2[i] * more * more * more / 3.0 + 0.25 * joints.K3[i] * more * more * more * more
         value = value + 0.5 * joints.K[i] * q * q + bent
         before = phi[i]
+    for i in range(len(joints.theta0), len(phi)):
+        value = value + 0.5 * joints.K[i] * phi[i] * phi[i]
     return value
 
 
@@ -36,21 +38,25 @@ def gravity_energy(c, s, body):
 
 
 def damping_power(w, joints):
-    """sum_i D_i dq_i^2, W, what the dampers take."""
+    """sum_i D_i dq_i^2, W, what the dampers take; those of the extensions stand behind those of the joints."""
     value = 0.0 * w[0]
     before = 0.0 * w[0]
-    for i in range(len(w)):
+    for i in range(len(joints.theta0)):
         dq = w[i] - before
         value = value + joints.D[i] * dq * dq
         before = w[i]
+    for i in range(len(joints.theta0), len(w)):
+        value = value + joints.D[i] * w[i] * w[i]
     return value
 
 
-def input_power(w, torque):
-    """sum_i torque_i dq_i, W, what the pressure gives: p dV/dt by virtual work."""
+def input_power(w, torque, joints):
+    """sum_i torque_i dq_i + sum_s torque_s de_s, W, what the pressure gives: p dV/dt by virtual work."""
     value = 0.0 * w[0]
     before = 0.0 * w[0]
-    for i in range(len(w)):
+    for i in range(len(joints.theta0)):
         value = value + torque[i] * (w[i] - before)
         before = w[i]
+    for i in range(len(joints.theta0), len(w)):
+        value = value + torque[i] * w[i]
     return value

@@ -26,6 +26,17 @@ class Body(NamedTuple):
     gy: float  # m/s^2, gravity along y of the base frame
 
 
+class ExtensibleBody(NamedTuple):
+    """Constants of the inertia of a body that lengthens: `extension`. Link 0 lies before the first joint."""
+
+    B: np.ndarray  # (n + 1, n + 1) kg m^2, rotary inertia on its diagonal
+    l: np.ndarray  # (n + 1,) m, lengths of the links unstretched
+    h: np.ndarray  # (n + 1,) kg m, first moment of what link k carries
+    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment
+    gx: float  # m/s^2
+    gy: float  # m/s^2
+
+
 class Links(NamedTuple):
     """The links one by one, as the paper's recursion takes them."""
 
@@ -41,7 +52,11 @@ class Links(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """Springs and dampers of the joints, and the direction that the first one counts from."""
+    """Springs and dampers of the joints, and the direction that the first one counts from.
+
+    Of a body that lengthens, K and D (n + S,) hold behind those of the joints EA L [N m] and the damping times L
+    [N m s] of its segments.
+    """
 
     base_angle: float  # rad, the base tangent from +y
     theta0: np.ndarray  # (n,) rad, rest angle of each joint; theta0[0] is measured from the base tangent
@@ -147,3 +162,22 @@ class Workspace(NamedTuple):
     r: np.ndarray  # (n,)
     a: np.ndarray  # (n,)
     tau: np.ndarray  # (n,) N m, what the chambers give each joint
+
+
+class ExtensibleWorkspace(NamedTuple):
+    """Scratch arrays of one step of a body that lengthens, with N = n + S coordinates."""
+
+    A: np.ndarray  # (N, N)
+    c: np.ndarray  # (N,) of which n + 1 hold cosines
+    s: np.ndarray  # (N,)
+    t: np.ndarray  # (N + 1,)
+    r: np.ndarray  # (N,)
+    a: np.ndarray  # (N,)
+    tau: np.ndarray  # (N,) N m, what the chambers give each joint and strain
+    f: np.ndarray  # (N,)
+    v: np.ndarray  # (N,)
+    stretch: np.ndarray  # (n + 1,)
+    ax: np.ndarray  # (n + 1,)
+    ay: np.ndarray  # (n + 1,)
+    bx: np.ndarray  # (n + 1,)
+    by: np.ndarray  # (n + 1,)

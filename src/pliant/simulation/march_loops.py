@@ -66,7 +66,7 @@ def march(phi, w, steps, body, joints, work, out):
         step(phi, w, h, work.tau, body, joints, work)
         for i in range(n):
             work.c[i] = w[i] - 0.5 * work.a[i]
-        supplied = supplied + h * input_power(work.c, work.tau)
+        supplied = supplied + h * input_power(work.c, work.tau, joints)
         lost = lost + h * damping_power(work.c, joints)
         for i in range(n):
             if not (abs(w[i]) * h <= 1.0 and tangent(i, phi, joints) > 0.0):  # no number: false
@@ -102,7 +102,7 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
                 return k
         if not taken >= 0.0:
             return -2 - k
-        supplied = supplied + h * input_power(work.c, work.tau)
+        supplied = supplied + h * input_power(work.c, work.tau, joints)
         lost = lost + h * damping_power(work.c, joints)
         forgone = forgone + taken
         row = steps.keep[k]

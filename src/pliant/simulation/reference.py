@@ -182,7 +182,7 @@ def right_hand_side(
         if at.remembers:
             seen = joints._replace(K=joints.K * stiff, theta0=joints.theta0 + xi @ share / stiff)
         accelerate(phi, w, torque, body, seen, scratch, a)
-        power = energy.input_power(w, torque)
+        power = energy.input_power(w, torque, joints)
         gap = joint_angles(model, phi)[:, None] - xi
         lost = [joints.K @ (gap**2 @ (share / tau))] if at.remembers else []
         return np.concatenate([

@@ -1,0 +1,227 @@
+"""A body that lengthens: the chain of Eq. (5) with one uniform axial strain e_s for each of its segments.
+
+Coordinates are x = (phi_1 ... phi_n, e_1 ... e_S), rates v = dx/dt. Link k is st_k l_k long, st_k = 1 + sum_s a_ks e_s
+with a_ks the share of link k that lies in segment s. Index 0 of the links is the part between the origin and the first
+joint: it lengthens too, but does not turn. With u_k = st_k e(phi_k), e = (-sin, cos), n = (-cos, -sin), the kinetic
+energy is 1/2 sum_kl B_kl u'_k . u'_l and B is the constant of the chain that does not lengthen, rotary inertia on its
+diagonal: a rod that stretches takes its own with it. So
+
+M_(phi k, phi l) = B_kl st_k st_l cos(phi_k - phi_l),  M_(phi k, e s) = st_k sum_l B_kl a_ls sin(phi_l - phi_k),
+M_(e s, e t) = sum_kl a_ks a_lt B_kl cos(phi_k - phi_l)
+
+and all else is what an acceleration of each u_k meets (`carried`), seen along n_k by phi_k and along e_k by the strains.
+Without segments it is `motion`; where nothing lengthens that runs. Derived for Eq. (5) [eq:eom]: docs/equations.md.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.equations.elastic import joint_tangents, joint_torques
+from pliant.numerics.ldl import ldl_factor, ldl_solve
+
+
+def place(x, v, ahead, body, joints, work):
+    """Cosine, sine and stretch (n + 1,) of all links, `ahead` [s] along the rates v, into `work`."""
+    n = len(joints.theta0)
+    for k in range(n + 1):
+        angle = joints.base_angle
+        if k > 0:
+            angle = x[k - 1] + ahead * v[k - 1]
+        stretch = 1.0
+        for s in range(len(x) - n):
+            stretch = stretch + body.share[k, s] * (x[n + s] + ahead * v[n + s])
+        work.c[k] = np.cos(angle)
+        work.s[k] = np.sin(angle)
+        work.stretch[k] = stretch
+
+
+def carried(body, work):
+    """b_k = sum_l B_kl a_l for vectors a (n + 1,) of `work`, in one sweep each way: B_kl = l_k h_l for k < l."""
+    last = len(body.l) - 1
+    x = 0.0 * work.ax[0]
+    y = 0.0 * work.ay[0]
+    for k in range(last + 1):
+        work.bx[k] = body.B[k, k] * work.ax[k] + body.h[k] * x
+        work.by[k] = body.B[k, k] * work.ay[k] + body.h[k] * y
+        x = x + body.l[k] * work.ax[k]
+        y = y + body.l[k] * work.ay[k]
+    x = 0.0 * x
+    y = 0.0 * y
+    for k in range(last, -1, -1):
+        work.bx[k] = work.bx[k] + body.l[k] * x
+        work.by[k] = work.by[k] + body.l[k] * y
+        x = x + body.h[k] * work.ax[k]
+        y = y + body.h[k] * work.ay[k]
+
+
+def along_strain(s, body, work):
+    """sum_k a_ks e_k . b_k: what a vector b_k on every link does along the strain s."""
+    value = 0.0 * work.bx[0]
+    for k in range(len(body.l)):
+        value = value + body.share[k, s] * (work.c[k] * work.by[k] - work.s[k] * work.bx[k])
+    return value
+
+
+def inertia(body, work, M):
+    """The lower triangle of M (n + S, n + S), kg m^2, of links as `place` left them."""
+    n = len(body.l) - 1
+    c = work.c
+    s = work.s
+    for k in range(n):
+        for j in range(k):
+            stretched = body.B[k + 1, j + 1] * work.stretch[k + 1] * work.stretch[j + 1]
+            M[k, j] = stretched * (c[k + 1] * c[j + 1] + s[k + 1] * s[j + 1])
+        M[k, k] = body.B[k + 1, k + 1] * work.stretch[k + 1] * work.stretch[k + 1]
+    for i in range(M.shape[0] - n):
+        for k in range(n + 1):
+            work.ax[k] = -body.share[k, i] * s[k]
+            work.ay[k] = body.share[k, i] * c[k]
+        carried(body, work)
+        for k in range(n):
+            M[n + i, k] = -work.stretch[k + 1] * (c[k + 1] * work.bx[k + 1] + s[k + 1] * work.by[k + 1])
+        for j in range(i + 1):
+            M[n + i, n + j] = along_strain(j, body, work)
+
+
+def inertial_forces(v, body, work, f):
+    """Centrifugal, Coriolis and gravity forces f (n + S,) on the left-hand side of Eq. (5), at rates v; N m.
+
+    What the accelerations 2 st'_l w_l n_l - st_l w_l^2 e_l of the u_l meet, less the weight:
+    f_k = st_k n_k . (b_k - h_k g),  f_s = sum_k a_ks e_k . (b_k - h_k g)
+    """
+    n = len(body.l) - 1
+    c = work.c
+    s = work.s
+    for k in range(n + 1):
+        turn = 0.0 * v[0]
+        if k > 0:
+            turn = v[k - 1]
+        growth = 0.0 * v[0]
+        for i in range(len(f) - n):
+            growth = growth + body.share[k, i] * v[n + i]
+        inward = work.stretch[k] * turn * turn
+        across = 2.0 * growth * turn
+        work.ax[k] = inward * s[k] - across * c[k]
+        work.ay[k] = -inward * c[k] - across * s[k]
+    carried(body, work)
+    for k in range(n + 1):
+        work.bx[k] = work.bx[k] - body.h[k] * body.gx
+        work.by[k] = work.by[k] - body.h[k] * body.gy
+    for k in range(n):
+        f[k] = -work.stretch[k + 1] * (c[k + 1] * work.bx[k + 1] + s[k + 1] * work.by[k + 1])
+    for i in range(len(f) - n):
+        f[n + i] = along_strain(i, body, work)
+
+
+def acceleration(x, v, torque, body, joints, work, a):
+    """Accelerations a (n + S,) of angles [rad/s^2] and strains [1/s^2]; as `motion.acceleration`.
+
+    `torque` (n + S,) is what drives each joint and each strain [N m]. `work.A` keeps the factors of M.
+
+    Paper: Eq. (5) [eq:eom], of a body that lengthens
+    """
+    n = len(joints.theta0)
+    t = work.t
+    place(x, v, 0.0, body, joints, work)
+    joint_torques(x, v, joints, torque, 0.0, t)
+    inertial_forces(v, body, work, work.f)
+    for k in range(n):
+        a[k] = t[k] - t[k + 1] - work.f[k]
+    for i in range(n, len(x)):
+        a[i] = torque[i] - joints.K[i] * x[i] - joints.D[i] * v[i] - work.f[i]
+    inertia(body, work, work.A)
+    ldl_factor(work.A)
+    ldl_solve(work.A, a)
+
+
+def step(x, v, h, torque, body, joints, work):
+    """Advance x and v (n + S,) in place by h [s] under the mean torques (n + S,): the step of `motion.step`.
+
+    Springs, dampers and the slope of gravity are implicit, of the axial springs as of the joints; what goes with the
+    square of the rates is taken at their middle by a second solve with the same factors.
+
+    Source: as `motion.step`, written for Eq. (5) [eq:eom] of a body that lengthens
+    """
+    n = len(joints.theta0)
+    half = 0.5 * h
+    A = work.A
+    r = work.r
+    a = work.a
+    t = work.t
+    place(x, v, half, body, joints, work)
+    joint_torques(x, v, joints, torque, half, t)
+    for k in range(n):
+        r[k] = h * (t[k] - t[k + 1])
+    for i in range(n, len(x)):
+        r[i] = h * (torque[i] - joints.K[i] * (x[i] + half * v[i]) - joints.D[i] * v[i])
+    inertia(body, work, A)
+    joint_tangents(x, v, joints, half, a)
+    implicit_terms(half, body, joints, work, A)
+    ldl_factor(A)
+    inertial_forces(v, body, work, work.f)
+    for i in range(len(x)):
+        a[i] = r[i] - h * work.f[i]
+    ldl_solve(A, a)
+    for i in range(len(x)):
+        work.v[i] = v[i] + 0.5 * a[i]
+    inertial_forces(work.v, body, work, work.f)
+    for i in range(len(x)):
+        a[i] = r[i] - h * work.f[i]
+    ldl_solve(A, a)
+    for i in range(len(x)):
+        x[i] = x[i] + h * (v[i] + 0.5 * a[i])
+        v[i] = v[i] + a[i]
+
+
+def implicit_terms(half, body, joints, work, A):
+    """Add to the lower triangle of A what a step of 2 `half` [s] takes as implicit; `work.a` has the springs' slopes.
+
+    h/2 D + h^2/4 (K + G), G the slope of gravity: h_k st_k (g_y cos - g_x sin) among angles, a_ks h_k (g_x cos +
+    g_y sin) between an angle and a strain.
+    """
+    n = len(joints.theta0)
+    quarter = half * half
+    for k in range(n):
+        c = work.c[k + 1]
+        s = work.s[k + 1]
+        spring = half * joints.D[k] + quarter * work.a[k]
+        slope = body.h[k + 1] * work.stretch[k + 1] * (body.gy * c - body.gx * s)
+        A[k, k] = A[k, k] + quarter * slope + spring
+        if k > 0:
+            A[k - 1, k - 1] = A[k - 1, k - 1] + spring
+            A[k, k - 1] = A[k, k - 1] - spring
+        weight = quarter * body.h[k + 1] * (body.gx * c + body.gy * s)
+        for i in range(n, A.shape[0]):
+            A[i, k] = A[i, k] + body.share[k + 1, i - n] * weight
+    for i in range(n, A.shape[0]):
+        A[i, i] = A[i, i] + half * joints.D[i] + quarter * joints.K[i]
+
+
+def kinetic_energy(x, v, body, joints, work):
+    """1/2 v^T M v, J: 1/2 sum_k u'_k . b_k with u'_k = st_k w_k n_k + st'_k e_k."""
+    n = len(joints.theta0)
+    place(x, v, 0.0, body, joints, work)
+    for k in range(n + 1):
+        turn = 0.0 * v[0]
+        if k > 0:
+            turn = work.stretch[k] * v[k - 1]
+        growth = 0.0 * v[0]
+        for s in range(len(x) - n):
+            growth = growth + body.share[k, s] * v[n + s]
+        work.ax[k] = -turn * work.c[k] - growth * work.s[k]
+        work.ay[k] = growth * work.c[k] - turn * work.s[k]
+    carried(body, work)
+    value = 0.0 * v[0]
+    for k in range(n + 1):
+        value = value + 0.5 * (work.ax[k] * work.bx[k] + work.ay[k] * work.by[k])
+    return value
+
+
+def gravity_energy(x, v, body, joints, work):
+    """-sum m (gx x + gy y), J, zero where all mass lies at the origin."""
+    place(x, v, 0.0, body, joints, work)
+    value = 0.0 * x[0]
+    for k in range(len(body.l)):
+        value = value + body.h[k] * work.stretch[k] * (body.gx * work.s[k] - body.gy * work.c[k])
+    return value
