@@ -22,7 +22,7 @@ from pliant.loop import Bounds, SystemClock, UdpSource, ValveReceiver, Watchdog,
 from pliant.loop.intake import streams
 from pliant.loop.packet import pack, unpack
 from pliant.model import Model, load_model, save_model
-from pliant.model.model import check_physical
+from pliant.model.physical import check_physical
 from pliant.simulation.balance import EnergyWarning, held_energy
 from pliant.study import load_study
 

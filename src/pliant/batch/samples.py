@@ -13,7 +13,7 @@ from pliant.equations import inertia, symbols
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model, Valve
 from pliant.model import model as model_fields
-from pliant.model.actuation import grown, remembering
+from pliant.model.chamber import grown, remembering
 from pliant.simulation import state
 
 Array = np.ndarray

@@ -13,7 +13,7 @@ from typing import Any
 
 from pliant.compiler import trace
 from pliant.compiler.twin import compiled_twin, fingerprint, reached
-from pliant.equations import articulated, linearised, motion
+from pliant.equations import articulated, extension, linearised, motion
 from pliant.numerics import trig
 
 MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies take less time, and compiling it takes seconds
@@ -22,40 +22,43 @@ JACOBIAN_LINKS = 8  # so does the Jacobian of a step
 STRAIGHT_SOURCES = (
     trace.__file__, str(Path(__file__).with_name("llvm.py")), str(Path(__file__).with_name("trig.py")), trig.__file__,
 )
-SOURCES = (__file__, articulated.__file__, *STRAIGHT_SOURCES)  # of a twin whose steps are made here
+SOURCES = (__file__, articulated.__file__, extension.__file__, *STRAIGHT_SOURCES)  # of a twin whose steps are made here
 
 
 @cache
-def twin(kernel: FunctionType, links: int | None = None) -> Any:
+def twin(kernel: FunctionType, links: int | None = None, segments: int = 0) -> Any:
     """The compiled twin of a plain kernel; see `pliant.compiler.twin.compiled_twin`.
 
-    Made for a number of `links`, it takes its steps by what is fastest for so many; see `substitutes`.
+    Made for a number of `links`, it takes its steps by what is fastest for so many; see `substitutes`. Where so many
+    `segments` lengthen, its steps are those of `equations.extension`.
     """
-    fast = substitutes(kernel, links) if links else {}
+    fast = substitutes(kernel, links, segments) if links else {}
     if kernel in fast:
         return fast[kernel]
     if fast:
-        return compiled_twin(kernel, f"{links}", lambda callee: twin(callee, links), SOURCES, replaced=fast)
+        tag = f"{links}_{segments}" if segments else f"{links}"
+        return compiled_twin(kernel, tag, lambda callee: twin(callee, links, segments), SOURCES, replaced=fast)
     return twin(kernel) if links else compiled_twin(kernel, "n", twin, ())
 
 
 @cache
-def straight(kernel: FunctionType, n: int) -> Any:
+def straight(kernel: FunctionType, n: int, segments: int = 0) -> Any:
     """The compiled straight-line twin of a kernel for n links; same signature, see `trace.example_arguments`.
 
     Recorded only where the disk cache has none.
     """
     from pliant.compiler.llvm import compiled
 
-    name = f"{kernel.__name__}_{n}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
-    return compiled(name, lambda: trace.recording(kernel, n))
+    size = f"{n}_{segments}" if segments else f"{n}"
+    name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
+    return compiled(name, lambda: trace.recording(kernel, n, segments))
 
 
-def substitutes(kernel: FunctionType, links: int) -> dict[Any, Any]:
+def substitutes(kernel: FunctionType, links: int, segments: int = 0) -> dict[Any, Any]:
     """Compiled twins for so many links that stand in for kernels that `kernel` reaches, itself included."""
     found, made = reached(kernel), {}
     if motion.step in found:
-        made[motion.step] = fast_step(links)
+        made[motion.step] = extensible_step(links, segments) if segments else fast_step(links)
     if linearised.step_jacobian in found:
         jacobian = linearised.step_jacobian  # as loops it needs the scratch arrays of a looped step, whatever `step` is
         made[jacobian] = straight(jacobian, links) if links <= JACOBIAN_LINKS else twin(jacobian)
@@ -69,6 +72,13 @@ def fast_step(links: int) -> Any:
     if links <= STRAIGHT_LINKS:
         return straight(articulated.step_articulated, links)
     return twin(articulated.step_articulated)
+
+
+def extensible_step(links: int, segments: int) -> Any:
+    """The compiled step of a body of so many links, so many segments of which lengthen."""
+    if links + segments <= MOST_LINKS:
+        return straight(extension.step, links, segments)
+    return twin(extension.step)
 
 
 def tuples(record: tuple[Any, ...]) -> tuple[Any, ...]:

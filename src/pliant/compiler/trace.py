@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.symbols import Body, Joints, Slopes, Workspace
+from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleWorkspace, Joints, Slopes, Workspace
 
 
 class Tape:
@@ -142,8 +142,24 @@ def example_arguments(n: int) -> dict[str, Any]:
     }
 
 
-def recording(kernel: FunctionType, n: int) -> Recording:
-    """The recording of a kernel for n links."""
-    examples = example_arguments(n)
+def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
+    """As `example_arguments`, of a body that lengthens: `equations.extension`."""
+    size = n + segments
+
+    def zeros(*shape: int) -> np.ndarray:
+        return np.zeros(shape)
+
+    shapes = {"A": (size, size), "t": (size + 1,), **dict.fromkeys(("stretch", "ax", "ay", "bx", "by"), (n + 1,))}
+    return {
+        "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size), "a": zeros(size),
+        "body": ExtensibleBody(zeros(n + 1, n + 1), zeros(n + 1), zeros(n + 1), zeros(n + 1, segments), 0.0, 0.0),
+        "joints": Joints(0.0, zeros(n), zeros(size), zeros(size), *(zeros(n) for _ in range(3))),
+        "work": ExtensibleWorkspace(*(zeros(*shapes.get(f, (size,))) for f in ExtensibleWorkspace._fields)),
+    }
+
+
+def recording(kernel: FunctionType, n: int, segments: int = 0) -> Recording:
+    """The recording of a kernel for n links, and so many segments that lengthen."""
+    examples = extensible_arguments(n, segments) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
     return record(kernel, {name: examples[name] for name in names}, kept=("work.a",))

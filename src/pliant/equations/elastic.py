@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+LEAST_STRETCH = 0.05  # of a segment: pressed further, it is none
+
 
 def joint_torques(phi, w, joints, torque, ahead, t):
     """Net torque t (n,) of drive, spring and damper at each joint, with t[n] = 0 behind the last one; N m.
@@ -48,6 +50,21 @@ def tangent(i, phi, joints):
     else:
         angle = angle - joints.base_angle
     return joints.K[i] + (2.0 * joints.K2[i] + 3.0 * joints.K3[i] * angle) * angle
+
+
+def follows(phi, w, h, joints):
+    """Whether a step of h [s] could follow the chain to where it is, on real parts; not for what is not a number.
+
+    No link turns by more than a radian, no spring has softened to nothing; and where segments lengthen, no strain
+    changes by more than 1, none is pressed to nothing.
+    """
+    for i in range(len(joints.theta0)):
+        if not (abs((w[i] * h).real) <= 1.0 and tangent(i, phi, joints).real > 0.0):
+            return False
+    for i in range(len(joints.theta0), len(phi)):
+        if not (abs((w[i] * h).real) <= 1.0 and phi[i].real > LEAST_STRETCH - 1.0):
+            return False
+    return True
 
 
 def gravity_absolute(c, s, body, g):

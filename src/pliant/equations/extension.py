@@ -9,8 +9,8 @@ diagonal: a rod that stretches takes its own with it. So
 M_(phi k, phi l) = B_kl st_k st_l cos(phi_k - phi_l),  M_(phi k, e s) = st_k sum_l B_kl a_ls sin(phi_l - phi_k),
 M_(e s, e t) = sum_kl a_ks a_lt B_kl cos(phi_k - phi_l)
 
-and all else is what an acceleration of each u_k meets (`carried`), seen along n_k by phi_k and along e_k by the strains.
-Without segments it is `motion`; where nothing lengthens that runs. Derived for Eq. (5) [eq:eom]: docs/equations.md.
+and all else is what an acceleration of each u_k meets (`carried`), seen along n_k by phi_k and along e_k by the
+strains. Without segments it is `motion`, which runs where nothing lengthens. Derived for Eq. (5) [eq:eom].
 """
 
 from __future__ import annotations

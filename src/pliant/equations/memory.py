@@ -197,7 +197,7 @@ def step_with_memory(phi, w, h, torque, body, joints, past, work):
 
     Paper: Eq. (5) [eq:eom], with the hysteresis that the paper leaves to later work
     """
-    n = len(phi)
+    n = len(joints.theta0)
     memory = past.memory
     state = past.state
     held = past.held
@@ -214,7 +214,7 @@ def step_with_memory(phi, w, h, torque, body, joints, past, work):
         step(phi, w, h, torque, body, held.springs, work)
         if agreement(w, h, past, work, trial >= CALM) <= AGREE:
             return remember(held.q, held.dq, h, joints.K, state, memory)
-        for i in range(n):
+        for i in range(len(phi)):
             phi[i] = held.phi[i]
             w[i] = held.w[i]
     return -1.0 + 0.0 * w[0]
@@ -227,6 +227,7 @@ def hold_start(phi, w, h, joints, held):
     for i in range(len(phi)):
         held.phi[i] = phi[i]
         held.w[i] = w[i]
+    for i in range(len(joints.theta0)):
         held.q[i] = phi[i] - angle - joints.theta0[i]
         held.dq[i] = h * (w[i] - rate)
         angle = phi[i]
@@ -246,7 +247,7 @@ def agreement(w, h, past, work, calm):
     rate = 0.0 * w[0]
     P = len(memory.creep_share)
     S = len(memory.slip_share)
-    for i in range(len(w)):
+    for i in range(len(held.q)):
         mean = w[i] - 0.5 * work.a[i]
         turn = h * (mean - rate)
         rate = mean

@@ -1,211 +1,42 @@
-"""What turns pressures into joint torques: chambers, each with law, rubber, valve and the joints that it turns."""
+"""What turns pressures into joint torques and axial forces: all chambers of a body."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 
-from pliant.equations import chamber, section, symbols
+from pliant.equations import chamber, symbols
 from pliant.errors import InputError
-from pliant.model.checks import check_numbers, numbers, one_number
-from pliant.model.limits import MOST_TERMS
-from pliant.model.valve import Valve
+from pliant.model.chamber import Chamber
 
 Array = np.ndarray
-ARRAYS = ("torque", "joint_gain")
-POSITIVE = ("swell_time", "inflation_time")
-NOT_NEGATIVE = ("swell_share", "inflation_limit")
-
-
-class ChamberValues(TypedDict, total=False):
-    """The keywords of a model of one chamber that describe it; see `Chamber`."""
-
-    torque: Any
-    joint_gain: Any
-    valve: Valve
-    swell_share: float
-    swell_time: float
-    inflation_limit: float
-    inflation_time: float
-
-
-@dataclass(frozen=True, eq=False)
-class Chamber:
-    """One pressure and the torque that it makes, all SI.
-
-    Parameters
-    ----------
-    torque : array (k,)
-        Torque law tau = torque[0] p + torque[1] p^2 + ..., N m/Pa^i, p gauge. The paper's is (A d,).
-    joint_gain : array (n,)
-        Share of the torque law that each joint feels; 1 by virtual work. A number stands for all joints.
-    valve : Valve
-    swell_share, swell_time : float
-        A chamber that swells: this share of what the law adds beyond torque[0] p grows with a pressure that lags by
-        swell_time, s. See `pliant.equations.chamber.swollen_torque`; share 0: at once.
-    inflation_limit, inflation_time : float
-        A chamber whose wall gives way: the pressure [Pa] towards which it grows without end, shear modulus times wall
-        over radius of a thin neo-Hookean tube, and the time [s] that its rubber takes at low pressure. The torque
-        grows with the cube of the stretch; see `pliant.equations.chamber.inflated_interval`. Limit 0: a rigid wall.
-    name : str
-
-    Raises
-    ------
-    InputError
-        When a parameter is not finite or not physical.
-    """
-
-    torque: Array
-    joint_gain: Array = field(default_factory=lambda: np.ones(1))
-    valve: Valve = field(default_factory=Valve)
-    swell_share: float = 0.0
-    swell_time: float = 1.0
-    inflation_limit: float = 0.0
-    inflation_time: float = 0.1
-    name: str = "chamber"
-
-    def __post_init__(self) -> None:
-        for name in ARRAYS:
-            a = numbers(name, getattr(self, name))
-            a.setflags(write=False)
-            object.__setattr__(self, name, a)
-        for name in (*POSITIVE, *NOT_NEGATIVE):
-            object.__setattr__(self, name, one_number(name, getattr(self, name)))
-        check_chamber(self)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Chamber):
-            return NotImplemented
-        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) if f.name in ARRAYS
-                   else getattr(self, f.name) == getattr(other, f.name) for f in fields(self))  # fmt: skip
-
-    __hash__ = None  # type: ignore[assignment]
-
-    @property
-    def swells(self) -> bool:
-        """Whether part of the torque lags behind the pressure."""
-        return self.swell_share > 0
-
-    @property
-    def grows(self) -> bool:
-        """Whether the wall gives way."""
-        return self.inflation_limit > 0
-
-    @property
-    def remembers(self) -> bool:
-        """Whether more than the pressure at hand makes the torque."""
-        return self.swells or self.grows
-
-    def rest_state(self, pressure: float) -> Array:
-        """Slow states (2,) long at rest at `pressure` [Pa]: slow pressure [Pa], fourth power of the stretch."""
-        return np.array([pressure, float(self.growth_at(pressure))])
-
-    def torque_at(self, pressure: Any) -> Any:
-        """Torque of the law at rest at gauge `pressure` [Pa], N m; any shape. Infinite where the wall gives way."""
-        torque = section.torque(np.asarray(pressure, dtype=float), self.torque)
-        return torque * chamber.lever_growth(self.growth_at(pressure)) if self.inflation_limit else torque
-
-    def growth_at(self, pressure: Any) -> Any:
-        """Fourth power of the hoop stretch at rest at gauge `pressure` [Pa]: 1 for a rigid wall."""
-        return rest_growth(np.asarray(pressure, dtype=float), self.inflation_limit)
-
-    def torque_slope(self, pressure: float) -> float:
-        """Slope of the torque law at a pressure [Pa], the swelling held: N m/Pa.
-
-        Raises
-        ------
-        InputError
-            Where the wall gives way: its growth is a state that a linear model does not have.
-        """
-        if self.inflation_limit:
-            raise InputError(
-                "the linear model and the controllers take a chamber with a rigid wall: fit a torque law without "
-                "inflation_limit for them"
-            )
-        p = float(pressure)
-        lever = section.torque(p, self.torque) / p if p else float(self.torque[0])
-        rest = float(chamber.secant(p, p, self.torque, 1)) if self.torque.size > 1 else 0.0
-        return float(lever + p * (1.0 - self.swell_share) * rest)
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """What the torque of an input depends on, hashable: all but the joints that it turns."""
-        return (self.torque.tobytes(), self.valve, *self.kernel()[1:])
-
-    def sentences(self, *, alone: bool) -> list[str]:
-        """Law, valve and rubber, for people; `alone`: the only chamber needs no name."""
-        powers = ("p", *(f"p^{k}" for k in range(2, self.torque.size + 1)))
-        law = " + ".join(f"{a:.4g} {p}" for a, p in zip(self.torque, powers, strict=True))
-        who = "" if alone else f"{self.name}: "
-        joints = "each joint" if alone else f"joints {', '.join(str(i + 1) for i in np.flatnonzero(self.joint_gain))}"
-        said = [f"{who}torque at {joints}: {law} N m, p in Pa gauge"]
-        valve = [f"{f.name} {getattr(self.valve, f.name):g}" for f in fields(self.valve)
-                 if getattr(self.valve, f.name) and f.name not in ("damping_ratio", "settle_time")]  # fmt: skip
-        if valve:
-            said.append(f"{who}valve: {', '.join(valve)}")
-        if self.swell_share:
-            said.append(f"{who}swelling: share {self.swell_share:.3g}, {self.swell_time:.3g} s")
-        if self.inflation_limit:
-            said.append(f"{who}inflation: limit {self.inflation_limit:.4g} Pa, {self.inflation_time:.3g} s")
-        return said
-
-    def kernel(self) -> symbols.Chamber:
-        """Constants for the kernels."""
-        return symbols.Chamber(
-            self.torque, self.swell_share, self.swell_time, self.inflation_limit, self.inflation_time
-        )
-
-
-def rest_growth(pressure: Array, limit: Any) -> Array:
-    """Fourth power of the hoop stretch at rest at `pressure` [Pa] towards `limit` [Pa]; 1 where the limit is 0."""
-    left = 1.0 - pressure / np.where(limit, limit, np.inf)
-    return np.where(left > 0.0, 1.0 / np.where(left > 0.0, left, 1.0), np.inf)
-
-
-def grown(torque: Array, pressure: Array, values: Mapping[str, Array]) -> Array:
-    """Torques (N,) of laws at rest, with the growth of the walls of many chambers whose `values` (N,) are given."""
-    soft, limit = np.flatnonzero(values["inflation_limit"]), values["inflation_limit"]
-    torque[soft] *= chamber.lever_growth(rest_growth(pressure[soft], limit[soft]))
-    return torque
-
-
-def remembering(values: Mapping[str, Array]) -> Array:
-    """Which of many chambers have slow states, (N,)."""
-    return np.asarray((values["swell_share"] != 0) | (values["inflation_limit"] != 0))
-
-
-FIELDS = tuple(f.name for f in fields(Chamber) if f.name != "name")  # what a model of one chamber calls its own
-
-
-def check_chamber(made: Chamber) -> None:
-    """Raise InputError when a parameter of a chamber is not finite or not physical."""
-    of = "model" if made.name == "chamber" else f"chamber {made.name!r}:"
-    if made.swell_share > 1:
-        raise InputError(f"{of} swell_share must be at most 1, the whole of it, got {made.swell_share}")
-    check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS)
-    if not made.torque.size:
-        raise InputError(f"{of} torque must have at least one coefficient (N m/Pa); the paper's is A d")
-    if made.torque.size > MOST_TERMS:
-        raise InputError(f"{of} torque must have at most {MOST_TERMS} numbers, got {made.torque.size}")
-    if not isinstance(made.valve, Valve):
-        raise InputError(f"{of} valve must be a Valve, got {made.valve!r:.60}")
 
 
 @dataclass(frozen=True)
 class Actuation:
     """All chambers of a body of `joints` joints: pressures (C,) and their slow states in, joint torques (n,) out.
 
+    Where segments lengthen, what drives their strains stands behind the torques of the joints, (n + S,): axial force
+    times the segment's length, N m.
+
     Attributes
     ----------
     chambers : tuple of Chamber
+    joints : int
+    segment_length : tuple of float
+        Of the segments that lengthen, m.
+    segment_joints : tuple of tuple of int
+        Joints that lie in each of them, from 0.
     """
 
     chambers: tuple[Chamber, ...]
     joints: int
+    segment_length: tuple[float, ...] = ()
+    segment_joints: tuple[tuple[int, ...], ...] = ()
 
     @property
     def count(self) -> int:
@@ -214,8 +45,19 @@ class Actuation:
 
     @cached_property
     def gain(self) -> Array:
-        """Share (C, n) of each chamber's torque that each joint feels."""
-        return np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.chambers])
+        """Share (C, n) of each chamber's torque that each joint feels; (C, n + S) with that of the strains behind."""
+        joints = np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.chambers])
+        if not self.segment_length:
+            return joints
+        axial = np.stack([self.axial_gains(c) for c in self.chambers])
+        return np.hstack([joints, axial * self.segment_length])
+
+    def axial_gains(self, chamber: Chamber) -> Array:
+        """Axial force (S,) of a chamber on each segment in parts of its torque, 1/m."""
+        gain, turned = chamber.axial_gain, np.broadcast_to(chamber.joint_gain, (self.joints,)) != 0
+        if gain.size == 1 and turned.any():
+            return np.array([gain[0] * turned[list(inside)].any() for inside in self.segment_joints])
+        return np.broadcast_to(gain, (len(self.segment_length),))
 
     @property
     def remembers(self) -> bool:
@@ -255,8 +97,8 @@ class Actuation:
         return np.array([float(c.torque_at(p)) for c, p in zip(self.chambers, self.pressures(pressure), strict=True)])
 
     def joint_torques(self, pressure: Any) -> Array:
-        """Torques (n,) [N m] of the joints at rest at `pressure` (C,) [Pa]; infinite where a wall gives way."""
-        tau = np.empty(self.joints)
+        """Torques (n + S,) [N m] of joints and strains at rest at `pressure` (C,) [Pa]; infinite if walls give way."""
+        tau = np.empty(self.gain.shape[1])
         for c, torque in enumerate(self.torques(pressure)):
             chamber.share_out(c, torque, self.gain, tau)
         return tau

@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from pliant.errors import InputError, explain_validation, shown
 from pliant.files import write_text
-from pliant.model.actuation import Chamber
+from pliant.model.chamber import Chamber
+from pliant.model.extension import Extension
 from pliant.model.memory import Memory
 from pliant.model.model import Model
 from pliant.model.station import Station
@@ -25,8 +26,8 @@ UNITS = {
     "link_length": "m", "rest_angle": "rad", "link_mass": "kg", "stiffness": "N m/rad", "damping": "N m s/rad",
     "torque": "N m/Pa^k", "tip_mass": "kg", "base_length": "m", "base_angle": "rad", "gravity": "m/s^2",
     "valve": "s, Hz", "valve rates": "Pa/s", "stations": "m", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
-    "inflation_limit": "Pa", "inflation_time": "s", "stiffening": "1/rad",
-    "cubic_stiffening": "1/rad^2",
+    "inflation_limit": "Pa", "inflation_time": "s", "stiffening": "1/rad", "axial_gain": "1/m",
+    "extensions": "N, N s, m", "cubic_stiffening": "1/rad^2",
 }
 
 
@@ -67,6 +68,18 @@ class ChamberEntry(BaseModel):
     swell_time: float = 1.0
     inflation_limit: float = 0.0
     inflation_time: float = 0.1
+    axial_gain: list[float] = [0.0]
+
+
+class ExtensionEntry(BaseModel):
+    """A segment that lengthens in a model file."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    stiffness: float
+    damping: float = 0.0
+    start: float = 0.0
+    stop: float | None = None
 
 
 class MemoryEntry(BaseModel):
@@ -105,13 +118,15 @@ class ModelFile(BaseModel):
     gravity: list[float] = [0.0, 0.0]
     bend_sign: Literal[1, -1] = 1
     memory: MemoryEntry = MemoryEntry()
-    torque: list[float] | None = None  # these seven of the only chamber, or `chambers`
+    extensions: list[ExtensionEntry] = []
+    torque: list[float] | None = None  # these eight of the only chamber, or `chambers`
     joint_gain: list[float] | None = None
     valve: ValveEntry | None = None
     swell_share: float | None = None
     swell_time: float | None = None
     inflation_limit: float | None = None
     inflation_time: float | None = None
+    axial_gain: list[float] | None = None
     chambers: list[ChamberEntry] | None = None
     stations: list[StationEntry] = []
     source: dict[str, str] = {}
@@ -138,6 +153,7 @@ def model_to_dict(model: Model) -> dict[str, Any]:
     else:
         content["chambers"] = chambers
     content["memory"] = dataclasses.asdict(model.memory)
+    content["extensions"] = [dataclasses.asdict(e) for e in model.extensions]
     content["stations"] = [s._asdict() for s in model.stations]
     return content
 
@@ -197,6 +213,7 @@ def read_model(text: bytes | str, where: str) -> Model:
     values = entries.model_dump(exclude={"schema_name", "schema_version", "units", "checksum"}, exclude_none=True)
     values["stations"] = tuple(Station(**s) for s in values["stations"])
     try:
+        values["extensions"] = tuple(Extension(**e) for e in values["extensions"])
         if "chambers" in values:
             values["chambers"] = tuple(Chamber(**{**c, "valve": Valve(**c["valve"])}) for c in values["chambers"])
         if "valve" in values:

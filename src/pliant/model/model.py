@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from math import inf, isfinite
 from typing import Any, Unpack
 
 import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.equations import inertia
-from pliant.equations.symbols import Body, Joints
+from pliant.equations.symbols import Body, ExtensibleBody, Joints
 from pliant.errors import InputError
-from pliant.model.actuation import FIELDS, Actuation, Chamber, ChamberValues, chambers_of
-from pliant.model.checks import check_numbers, numbers, one_number
-from pliant.model.limits import LIMITS, MOST_LINKS, MOST_STATIONS, check_limit
+from pliant.model.actuation import Actuation, chambers_of
+from pliant.model.chamber import FIELDS, Chamber, ChamberValues
+from pliant.model.checks import numbers, one_number
+from pliant.model.extension import Extension, extensible_body, extensions_of, joints_inside, shares
+from pliant.model.limits import MOST_LINKS
 from pliant.model.memory import Memory
+from pliant.model.physical import check_physical
 from pliant.model.station import Station, station_of
 from pliant.model.summary import model_card
 from pliant.model.valve import Valve
@@ -24,10 +26,6 @@ from pliant.model.valve import Valve
 Array = np.ndarray
 PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", "stiffening", "cubic_stiffening")
 ARRAYS = (*PER_LINK, "gravity")
-LIGHTEST = LIMITS["link_mass"].least
-POSITIVE = ("link_length", "stiffness")
-NOT_NEGATIVE = ("link_mass", "damping", "tip_mass", "base_length")
-OF_ANY_SIGN = ("rest_angle", "stiffening", "cubic_stiffening", "gravity", "base_angle")
 SCALARS = ("tip_mass", "base_length", "base_angle")
 
 
@@ -49,6 +47,7 @@ class Values(ChamberValues, total=False):
     gravity: Any
     bend_sign: int
     memory: Memory
+    extensions: tuple[Extension, ...]
     stations: Any
     name: str
     source: dict[str, str]
@@ -56,8 +55,8 @@ class Values(ChamberValues, total=False):
 
 DEFAULTS: dict[str, Any] = {
     "rest_angle": 0.0, "stiffening": 0.0, "cubic_stiffening": 0.0, "mass_at": "rod", "tip_mass": 0.0,
-    "base_length": 0.0, "base_angle": 0.0, "gravity": (0.0, 0.0), "bend_sign": 1, "memory": Memory(), "stations": (),
-    "name": "model", "source": {},
+    "base_length": 0.0, "base_angle": 0.0, "gravity": (0.0, 0.0), "bend_sign": 1, "memory": Memory(), "extensions": (),
+    "stations": (), "name": "model", "source": {},
 }
 
 
@@ -89,6 +88,8 @@ class Model(Shown):
         Positive angles turn about +z (tip towards -x) for 1; the x axis is mirrored for -1.  # D4
     memory : Memory
         Creep, friction and Bouc-Wen at the joints; none by default.
+    extensions : tuple of Extension
+        Segments that lengthen, base first; none by default.
     stations : tuple of Station
         Observed points; the link tips when empty.
     source : dict
@@ -115,6 +116,7 @@ class Model(Shown):
     gravity: Array
     bend_sign: int
     memory: Memory
+    extensions: tuple[Extension, ...]
     stations: tuple[Station, ...]
     name: str
     source: dict[str, str]
@@ -139,6 +141,7 @@ class Model(Shown):
             a.setflags(write=False)  # a model never changes under its user
         values |= {name: one_number(name, values[name]) for name in SCALARS}
         values["chambers"] = tuple(with_gains(c, n) for c in chambers)
+        values["extensions"] = extensions_of(values["extensions"])
         values["stations"] = tuple(station_of(s) for s in values["stations"])
         values["source"] = dict(values["source"])
         for name, value in values.items():
@@ -175,8 +178,10 @@ class Model(Shown):
 
     @cached_property
     def actuation(self) -> Actuation:
-        """What turns pressures into joint torques."""
-        return Actuation(self.chambers, self.n)
+        """What turns pressures into joint torques, and axial forces."""
+        if not self.extensions:
+            return Actuation(self.chambers, self.n)
+        return Actuation(self.chambers, self.n, tuple(self.segment_length.tolist()), joints_inside(self))
 
     @property
     def torque(self) -> Array:
@@ -197,6 +202,21 @@ class Model(Shown):
     def n(self) -> int:
         """Number of links."""
         return self.link_length.size
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates, n + S: the links' angles and the strains of the segments that lengthen."""
+        return self.link_length.size + len(self.extensions)
+
+    @cached_property
+    def stretch_share(self) -> Array:
+        """Part (n + 1, S) of each link that lies in each segment; row 0 is the part before the first joint."""
+        return shares(self.link_length, self.base_length, self.extensions)
+
+    @property
+    def segment_length(self) -> Array:
+        """Length (S,) of each segment that lengthens, unstretched, m."""
+        return np.asarray(np.append(self.base_length, self.link_length) @ self.stretch_share)
 
     @property
     def length(self) -> float:
@@ -232,8 +252,24 @@ class Model(Shown):
             values["chambers"] = (replace(self.chamber, **own),)
         return Model(**values)
 
+    def mechanics(self) -> Body | ExtensibleBody:
+        """Constants of the inertia for the kernels of this body, whether it lengthens or not."""
+        return extensible_body(self) if self.extensions else self.body()
+
     def body(self) -> Body:
-        """Constants of the inertia for the kernels."""
+        """Constants of the inertia for the kernels of a body of fixed length.
+
+        Raises
+        ------
+        InputError
+            When segments lengthen: what asks for this cannot follow them.
+        """
+        if self.extensions:
+            names = ", ".join(e.name for e in self.extensions)
+            raise InputError(
+                f"this takes a body of fixed length, and {self.name!r} lengthens ({names}): use simulate, Stepper or "
+                "fit, or leave its extensions out"
+            )
         rod = self.mass_at == "rod"
         centre = self.link_length * (0.5 if rod else 1.0)
         rotary = self.link_mass * self.link_length**2 / 12.0 * rod
@@ -243,10 +279,14 @@ class Model(Shown):
         return Body(B, rotary, h, float(self.gravity[0] * self.bend_sign), float(self.gravity[1]))
 
     def joints(self) -> Joints:
-        """Springs and dampers for the kernels."""
+        """Springs and dampers for the kernels, of the joints and behind them of the segments that lengthen."""
+        K, D = self.stiffness, self.damping
+        if self.extensions:
+            axial = np.array([(e.stiffness, e.damping) for e in self.extensions]) * self.segment_length[:, None]
+            K, D = np.append(K, axial[:, 0]), np.append(D, axial[:, 1])
         return Joints(
-            self.base_angle, self.rest_angle, self.stiffness, self.damping, self.stiffness * self.stiffening,
-            self.rest_angle, self.stiffness * self.cubic_stiffening,
+            self.base_angle, self.rest_angle, K, D, self.stiffness * self.stiffening, self.rest_angle,
+            self.stiffness * self.cubic_stiffening,
         )
 
 
@@ -262,36 +302,3 @@ def with_gains(chamber: Chamber, n: int) -> Chamber:
     if chamber.joint_gain.size == n:
         return chamber
     return replace(chamber, joint_gain=each_link("joint_gain", chamber.joint_gain, n))
-
-
-def check_physical(model: Model) -> None:
-    """Raise InputError when a parameter of `model` is not finite or not physical; a fit asks thousands of times."""
-    check_numbers(model, "model", POSITIVE, NOT_NEGATIVE, OF_ANY_SIGN)
-    check_limit("model", "link_mass", model.link_mass.min(initial=1.0, where=model.link_mass > 0))
-    check_stations(model)
-    choices = (  # sentences are filled in for what is wrong alone
-        (model.mass_at in ("rod", "tip"), "mass_at must be 'rod' or 'tip', got {0.mass_at!r}"),
-        (model.bend_sign in (1, -1), "bend_sign must be 1 or -1, got {0.bend_sign!r}"),
-        (model.gravity.size == 2, "gravity must be two numbers (x, y in the base frame), got {0.gravity.size}"),
-        (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass >= LIGHTEST,
-         "link_mass must be positive for every link, got {0.link_mass}"),
-    )
-    for good, sentence in choices:
-        if not good:
-            raise InputError(f"model {sentence.format(model)}")
-
-
-def check_stations(model: Model) -> None:
-    """Raise InputError when an observed point does not sit on the body, or is called like another."""
-    names = [s.name for s in model.stations]
-    if len(names) > MOST_STATIONS:
-        raise InputError(f"model must have at most {MOST_STATIONS} stations, got {len(names)}")
-    if len(set(names)) < len(names):
-        raise InputError(f"model station names must differ from each other, got {', '.join(names):.200}")
-    for station in model.stations:
-        if not (-1 <= station.link < model.n and isfinite(station.along) and isfinite(station.across)):
-            raise InputError(
-                f"model station {station.name!r} must sit on a link 0..{model.n - 1} or the base (-1), got {station}"
-            )
-        check_limit("model", "station along", station.along)
-        check_limit("model", "station across", station.across)

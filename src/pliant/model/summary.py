@@ -37,6 +37,9 @@ def sentences(model: Model) -> list[str]:
             law = "1 + s q + a q^2"
             more = "; a in 1/rad^2: " + ", ".join(f"{a:.3g}" for a in np.unique(model.cubic_stiffening))
         said.insert(1, f"springs K q ({law}), s in 1/rad: {sizes}{more}")
+    for e, length in zip(model.extensions, model.segment_length, strict=True):
+        damper = f", {e.damping:.4g} N s" if e.damping else ""
+        said.append(f"segment {e.name!r} of {1e3 * length:.4g} mm lengthens: EA {e.stiffness:.4g} N{damper}")
     if model.memory:
         said.append(f"memory: {', '.join(model.memory.labels)}")
     if model.tip_mass:

@@ -12,8 +12,9 @@ from warnings import warn
 import numpy as np
 import xarray as xr
 
-from pliant.equations import energy
+from pliant.equations import energy, extension
 from pliant.model import Model
+from pliant.model.extension import extensible_body
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -69,12 +70,16 @@ class Held(NamedTuple):
 
 def held_energy(model: Model, phi: Array, w: Array, pressure: tuple[float, ...]) -> Held:
     """Energy of a chain under constant pressures, J: the work that they can still do counts as stored."""
-    body, joints = model.body(), model.joints()
-    c, s = np.cos(phi), np.sin(phi)
-    kinetic = float(energy.kinetic_energy(c, s, w, body))
+    joints = model.joints()
+    if model.extensions:
+        given = (phi, w, extensible_body(model), joints, state.work_of(model))
+        kinetic, weight = float(extension.kinetic_energy(*given)), float(extension.gravity_energy(*given))
+    else:
+        body, c, s = model.body(), np.cos(phi), np.sin(phi)
+        kinetic, weight = float(energy.kinetic_energy(c, s, w, body)), float(energy.gravity_energy(c, s, body))
     elastic = float(energy.elastic_energy(phi, joints))
-    push = float(model.actuation.joint_torques(pressure) @ state.joint_angles(model, phi))
-    return Held(pressure, kinetic + elastic + float(energy.gravity_energy(c, s, body)) - push, kinetic + elastic)
+    push = float(model.actuation.joint_torques(pressure) @ state.relative(model, phi))
+    return Held(pressure, kinetic + elastic + weight - push, kinetic + elastic)
 
 
 class EnergyWatch:

@@ -56,6 +56,10 @@ def link_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Arr
     In absolute angles a force acts as weight does: its generalised force is Q_k = -(L_k0 cos phi_k + L_k1 sin phi_k),
     by virtual work, as `equations.contact.point_force` has it.
     """
+    if model.extensions:
+        raise InputError(
+            f"known forces at points take a body of fixed length, and {model.name!r} lengthens: leave its extensions out"
+        )
     total = np.zeros((len(values), model.n, 2))
     links = np.arange(model.n)
     for f, force in enumerate(forces):

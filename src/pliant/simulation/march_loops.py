@@ -11,11 +11,22 @@ import numpy as np
 
 from pliant.equations.chamber import advance_one, share_out
 from pliant.equations.contact import add_link_loads
-from pliant.equations.elastic import tangent
+from pliant.equations.elastic import follows
 from pliant.equations.energy import damping_power, input_power
 from pliant.equations.memory import step_with_memory
 from pliant.equations.motion import step
-from pliant.equations.symbols import Actuation, Body, Held, Joints, Lag, Memory, Past, Workspace
+from pliant.equations.symbols import (
+    Actuation,
+    Body,
+    ExtensibleBody,
+    ExtensibleWorkspace,
+    Held,
+    Joints,
+    Lag,
+    Memory,
+    Past,
+    Workspace,
+)
 from pliant.simulation.pressure_loops import held_interval
 
 
@@ -49,6 +60,9 @@ class Drives(NamedTuple):
 def march(phi, w, steps, body, joints, work, out):
     """Take all `steps` (`Steps`) under the mean torques of each; phi and w (n,) are advanced in place.
 
+    Of a body that lengthens, (n + S,) hold the strains of its segments behind the angles: its twin takes the step of
+    `equations.extension`, and all other arrays are as long.
+
     The whole march is refused where a spring has softened to nothing, or a link turns by more than a radian in one
     step: the rule takes the turn of half a step as straight, and what it returned beyond would be finite and wrong.
 
@@ -68,9 +82,8 @@ def march(phi, w, steps, body, joints, work, out):
             work.c[i] = w[i] - 0.5 * work.a[i]
         supplied = supplied + h * input_power(work.c, work.tau, joints)
         lost = lost + h * damping_power(work.c, joints)
-        for i in range(n):
-            if not (abs(w[i]) * h <= 1.0 and tangent(i, phi, joints) > 0.0):  # no number: false
-                return k
+        if not follows(phi, w, h, joints):
+            return k
         row = steps.keep[k]
         if row >= 0:
             for i in range(n):
@@ -98,8 +111,8 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
         taken = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
         for i in range(n):
             work.c[i] = w[i] - 0.5 * work.a[i]
-            if not (abs(w[i]) * h <= 1.0 and tangent(i, phi, joints) > 0.0):
-                return k
+        if not follows(phi, w, h, joints):
+            return k
         if not taken >= 0.0:
             return -2 - k
         supplied = supplied + h * input_power(work.c, work.tau, joints)
@@ -110,6 +123,7 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
             for i in range(n):
                 out.phi[row, i] = phi[i]
                 out.w[row, i] = w[i]
+            for i in range(past.state.shape[0]):
                 for j in range(past.state.shape[1]):
                     out.state[row, i, j] = past.state[i, j]
             out.energy[row, 0] = supplied
@@ -138,10 +152,9 @@ def held_step(phi, w, h, command, drives, body, joints, work):
 def free_step(phi, w, h, body, joints, work):
     """One step under the torques work.tau; 0, or -1 where the step failed."""
     step(phi, w, h, work.tau, body, joints, work)
-    for i in range(len(w)):
-        if not (abs(w[i]) * h <= 1.0 and tangent(i, phi, joints) > 0.0):
-            return -1
-    return 0
+    if follows(phi, w, h, joints):
+        return 0
+    return -1
 
 
 def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
@@ -154,10 +167,9 @@ def remembering_step(phi, w, h, chain, past, work):
     """As `free_step` with memory."""
     body, joints = chain
     taken = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
-    for i in range(len(w)):
-        if not (abs(w[i]) * h <= 1.0 and taken >= 0.0 and tangent(i, phi, joints) > 0.0):
-            return -1
-    return 0
+    if taken >= 0.0 and follows(phi, w, h, joints):
+        return 0
+    return -1
 
 
 def hold(phi, w, held, drives, body, joints, work):
@@ -166,32 +178,52 @@ def hold(phi, w, held, drives, body, joints, work):
     `held` is (h, steps, command, load): load (n, 2) is that of `equations.contact.add_link_loads`, (0, 2) for none.
     Python hands the arrays of plain tuples over in a third of the time of named ones.
     """
+    return hold_on(phi, w, held, drives, Body(*body), Joints(*joints), Workspace(*work))
+
+
+def hold_lengthening(phi, w, held, drives, body, joints, work):
+    """As `hold`, of a body that lengthens."""
+    return hold_on(phi, w, held, drives, ExtensibleBody(*body), Joints(*joints), ExtensibleWorkspace(*work))
+
+
+def hold_on(phi, w, held, drives, body, joints, work):
+    """The steps of `hold`."""
     h, steps, command, load = held
     actuation, valve, pressure, state = drives
     chambers = Drives(Actuation(*actuation), valve, pressure, state)
-    chain, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
     for k in range(steps):
-        take_torques(h, command, chambers, scratch.tau)
+        take_torques(h, command, chambers, work.tau)
         if len(load) > 0:
-            add_link_loads(phi, w, 0.5 * h, load, scratch.tau)
-        if free_step(phi, w, h, chain, springs, scratch) < 0:
+            add_link_loads(phi, w, 0.5 * h, load, work.tau)
+        if free_step(phi, w, h, body, joints, work) < 0:
             return k
     return -1
 
 
 def hold_with_memory(phi, w, held, drives, chain, past, work):
     """As `hold` with memory; chain is (body, joints)."""
+    body, joints = chain
+    return hold_on_with_memory(phi, w, held, drives, (Body(*body), Joints(*joints)), past, Workspace(*work))
+
+
+def hold_lengthening_with_memory(phi, w, held, drives, chain, past, work):
+    """As `hold_with_memory`, of a body that lengthens."""
+    body, joints = chain
+    long = (ExtensibleBody(*body), Joints(*joints))
+    return hold_on_with_memory(phi, w, held, drives, long, past, ExtensibleWorkspace(*work))
+
+
+def hold_on_with_memory(phi, w, held, drives, chain, past, work):
+    """The steps of `hold_with_memory`."""
     h, steps, command, load = held
     actuation, valve, pressure, state = drives
     chambers = Drives(Actuation(*actuation), valve, pressure, state)
-    body, joints = chain
-    links, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
     memory, branches, before = past
     own = Past(Memory(*memory), branches, Held(*before[:10], Joints(*before[10])))
     for k in range(steps):
-        take_torques(h, command, chambers, scratch.tau)
+        take_torques(h, command, chambers, work.tau)
         if len(load) > 0:
-            add_link_loads(phi, w, 0.5 * h, load, scratch.tau)
-        if remembering_step(phi, w, h, (links, springs), own, scratch) < 0:
+            add_link_loads(phi, w, 0.5 * h, load, work.tau)
+        if remembering_step(phi, w, h, chain, own, work) < 0:
             return k
     return -1

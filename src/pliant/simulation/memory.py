@@ -25,12 +25,12 @@ def march_with_memory(
     march without memory gives.
     """
     out = march_loops.Rows(
-        np.empty((rows, model.n)), np.empty((rows, model.n)), np.zeros((rows, 3)), np.empty((rows, *states.shape))
+        np.empty((rows, model.size)), np.empty((rows, model.size)), np.zeros((rows, 3)), np.empty((rows, *states.shape))
     )
     out.phi[0], out.w[0], out.state[0] = *start, states
     now, past = start[0].copy(), Past(model.memory.law(), states.copy(), state.held(model))
-    failed = twin(march_loops.march_with_memory, model.n)(
-        now, start[1].copy(), plan.steps, model.body(), model.joints(), past, state.workspace(model.n), out
+    failed = twin(march_loops.march_with_memory, model.n, len(model.extensions))(
+        now, start[1].copy(), plan.steps, model.mechanics(), model.joints(), past, state.work_of(model), out
     )
     if failed >= 0:
         raise too_fast(plan, failed, state.given_way(model, now))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations import energy, motion
+from pliant.equations import energy, extension, motion
 from pliant.equations.chamber import secant, share_out, slow_rates, torque_now
 from pliant.equations.symbols import Slopes
 from pliant.errors import InputError, SimulationError
@@ -21,7 +21,7 @@ from pliant.model import Chamber, Model, Valve
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation.drive import inputs_of, merge
 from pliant.simulation.inputs import Input
-from pliant.simulation.state import given_way, joint_angles, tangents, workspace
+from pliant.simulation.state import given_way, joint_angles, tangents, work_of, workspace
 
 Array = np.ndarray
 METHODS = ("LSODA", "BDF", "Radau")
@@ -132,15 +132,15 @@ class Layout(NamedTuple):
 
 
 def layout(model: Model) -> Layout:
-    """The places of the states of `model`."""
-    n, branches = model.n, len(model.memory.creep_share)
+    """The places of the states of `model`; strains stand behind the angles, their rates behind the rates."""
+    n, branches = model.size, len(model.memory.creep_share)
     places, end = [], 2 * n
     for c in model.chambers:
         slow = end + 2
         stretch = slow + c.swells
         places.append(Place(end, end + 1, slice(slow, stretch), slice(stretch, stretch + c.grows)))
         end = stretch + c.grows
-    work = end + n * branches
+    work = end + model.n * branches
     return Layout(
         slice(0, n), slice(n, 2 * n), tuple(places), slice(end, work), work, branches > 0, work + 2 + (branches > 0)
     )
@@ -154,13 +154,14 @@ def right_hand_side(
 ) -> tuple[Callable[[float, Array], Array], Callable[[float, Array], Array] | None]:
     """The derivative of the states and its Jacobian between two corners of the input.
 
-    The Jacobian of a model that creeps, swells or inflates is left to the solver.
+    The Jacobian of a model that creeps, swells, inflates or lengthens is left to the solver.
     """
     at = layout(model)
-    body, joints, scratch = model.body(), model.joints(), workspace(model.n)
-    accelerate, gain = twin(motion.acceleration), model.actuation.gain
+    body, joints, scratch = model.mechanics(), model.joints(), work_of(model)
+    accelerate = twin(extension.acceleration if model.extensions else motion.acceleration)
+    gain = model.actuation.gain
     share, tau = (np.array(row) for row in (model.memory.creep_share, model.memory.creep_time))
-    a, torque = np.empty(model.n), np.empty(model.n)
+    a, torque = np.empty(model.size), np.empty(model.size)
     slack = 1e-9 * (right - left)
 
     def valve(c: int, t: float, y: Array) -> tuple[float, Array, Array]:
@@ -180,18 +181,23 @@ def right_hand_side(
         stiff = 1.0 + share.sum()  # creep seen as a stiffer spring with another rest angle
         seen = joints
         if at.remembers:
-            seen = joints._replace(K=joints.K * stiff, theta0=joints.theta0 + xi @ share / stiff)
+            seen = joints._replace(K=stiffened(joints.K, model.n, stiff), theta0=joints.theta0 + xi @ share / stiff)
         accelerate(phi, w, torque, body, seen, scratch, a)
         power = energy.input_power(w, torque, joints)
         gap = joint_angles(model, phi)[:, None] - xi
-        lost = [joints.K @ (gap**2 @ (share / tau))] if at.remembers else []
+        lost = [joints.K[: model.n] @ (gap**2 @ (share / tau))] if at.remembers else []
         return np.concatenate([
             w, a, *moved, (gap / tau).ravel(), [power, energy.damping_power(w, joints), *lost],
         ])
 
-    if at.remembers or model.actuation.remembers:
+    if at.remembers or model.actuation.remembers or model.extensions:
         return rhs, None
     return rhs, jacobian_of(model, valve)
+
+
+def stiffened(K: Array, joints: int, factor: float) -> Array:
+    """Stiffnesses with those of the joints times a factor; axial ones stand behind them."""
+    return np.append(K[:joints] * factor, K[joints:])
 
 
 def torque_and_rates(chamber: Chamber, p: float, slow: Array, wall: Array) -> tuple[float, tuple[Array, Array]]:

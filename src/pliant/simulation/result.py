@@ -21,8 +21,11 @@ LABELS = {
     "station_angle": ("rad", "angle of the carrier of each observed point from +y"),
     "pressure": ("Pa", "gauge pressure behind the valve"),
     "hoop_stretch": ("1", "circumference of the chamber's wall over that without pressure"),
+    "axial_strain": ("1", "axial strain of each segment that lengthens"),
+    "axial_strain_rate": ("1/s", "rate of that strain"),
+    "extension": ("m", "length that each segment has gained"),
     "kinetic_energy": ("J", "kinetic energy"),
-    "elastic_energy": ("J", "energy of the joint springs"),
+    "elastic_energy": ("J", "energy of the joint springs, and of axial ones"),
     "gravitational_energy": ("J", "potential energy of gravity"),
     "input_work": ("J", "work done by the pressure since the start"),
     "dissipated_energy": ("J", "energy taken by the dampers since the start"),
@@ -55,7 +58,8 @@ def trajectory(
     position, angle = state.stations(model, phi)
     values: dict[str, tuple[tuple[str, ...], Array]] = {
         "joint_angle": (("time", "joint"), state.joint_angles(model, phi)),
-        "joint_rate": (("time", "joint"), state.joint_rates(w)),
+        "joint_rate": (("time", "joint"), state.joint_rates(w[:, : model.n])),
+        **lengthening(model, phi, w),
         "tip_position": (("time", "link", "axis"), state.tips(model, phi)),
         "station_position": (("time", "station", "axis"), position),
         "station_angle": (("time", "station"), angle),
@@ -64,6 +68,8 @@ def trajectory(
         **memory,
     }
     labels = {"memory": list(model.memory.labels)} if model.memory else {}
+    if model.extensions:
+        labels["segment"] = [e.name for e in model.extensions]
     if len(model.chambers) > 1:
         labels["chamber"] = [c.name for c in model.chambers]
     return xr.Dataset(
@@ -78,6 +84,17 @@ def trajectory(
         attrs={"schema": "pliant-trajectory", "model": model.name, "method": method, "step_s": step,
                "source": f"pliant {__version__}"},
     )
+
+
+def lengthening(model: Model, x: Array, v: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
+    """Strains, their rates and the lengths gained of the segments that lengthen; nothing where none does."""
+    if not model.extensions:
+        return {}
+    strain, rate, dims = x[:, model.n :], v[:, model.n :], ("time", "segment")
+    return {
+        "axial_strain": (dims, strain), "axial_strain_rate": (dims, rate),
+        "extension": (dims, strain * model.segment_length),
+    }
 
 
 def by_chamber(values: Array) -> tuple[tuple[str, ...], Array]:

@@ -8,10 +8,11 @@ import numpy as np
 import xarray as xr
 
 from pliant.compiler.choose import twin
-from pliant.equations import energy
+from pliant.equations import energy, extension
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
-from pliant.simulation import march_loops, memory, state
+from pliant.model.extension import extensible_body
+from pliant.simulation import lengthened, march_loops, memory, state
 from pliant.simulation.balance import tell_gain
 from pliant.simulation.drive import LONGEST, Drive, drive, inputs_of, too_fast
 from pliant.simulation.extrapolated import Marched, march_extrapolated
@@ -55,7 +56,8 @@ def simulate(
         right-hand side and Jacobian as reference (relative tolerance `rtol`).
     initial_angle, initial_rate : array (n,)
         Joint angles and rates at the start, rad and rad/s; default: at rest under gravity and the
-        pressure just before the first time, so that a step at the first time moves the chain.
+        pressure just before the first time, so that a step at the first time moves the chain. Of a body that lengthens
+        (n + S,): the strains of its segments and their rates behind them.
     initial_memory : array (n, memory)
         States of the model's memory at the start, rad, as ``memory_state`` holds them; default: long at rest there,
         creep relaxed, slip elements and Bouc-Wen unstretched.
@@ -66,7 +68,8 @@ def simulate(
         joint_angle, joint_rate (time, joint); tip_position (time, link, axis); station_position (time, station,
         axis), station_angle; pressure; kinetic, elastic and gravitational energy, input work, dissipated energy (time).
         With memory also memory_state (time, joint, memory), memory_torque (time, joint), memory_energy,
-        memory_dissipation (time); kinetic + elastic + gravitational + memory energy then balance input work less both
+        memory_dissipation (time). Where segments lengthen also axial_strain, axial_strain_rate and extension [m]
+        (time, segment). Kinetic + elastic + gravitational + memory energy then balance input work less both
         losses. Of a fixed step the attribute energy_gain: the share of energy that came from nothing; beyond 1 % an
         `EnergyWarning` tells it.
 
@@ -82,8 +85,8 @@ def simulate(
     times = output_times(duration, times, step)
     plan = drive(model, pressure, times, step)
     q0 = state.equilibrium(model, plan.initial) if initial_angle is None else state.vector(model, initial_angle)
-    dq0 = np.zeros(model.n) if initial_rate is None else state.vector(model, initial_rate)
-    start = (state.absolute(model, q0), np.cumsum(dq0))
+    dq0 = np.zeros(model.size) if initial_rate is None else state.vector(model, initial_rate)
+    start = (state.absolute(model, q0), state.absolute_rates(model, dq0))
     states = memory.first_states(model, q0, initial_memory)
     stretch = None
 
@@ -150,12 +153,12 @@ def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> t
         states = state.relaxed(model, state.joint_angles(model, start[0]))
         return memory.march_with_memory(model, plan, start, states, rows)[:3]
     out = march_loops.Rows(
-        np.empty((rows, model.n)), np.empty((rows, model.n)), np.zeros((rows, 2)), np.empty((0, model.n, 0))
+        np.empty((rows, model.size)), np.empty((rows, model.size)), np.zeros((rows, 2)), np.empty((0, model.n, 0))
     )
     out.phi[0], out.w[0] = start
     now = start[0].copy()
-    failed = twin(march_loops.march, model.n)(
-        now, start[1].copy(), plan.steps, model.body(), model.joints(), state.workspace(model.n), out
+    failed = twin(march_loops.march, model.n, len(model.extensions))(
+        now, start[1].copy(), plan.steps, model.mechanics(), model.joints(), state.work_of(model), out
     )
     if failed >= 0:
         raise too_fast(plan, failed, state.given_way(model, now))
@@ -164,12 +167,17 @@ def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> t
 
 def energies(model: Model, phi: Array, w: Array, work: Array) -> dict[str, Array]:
     """Energies (T,) [J] along a trajectory: kinetic, elastic, gravitational, input work, dissipated."""
-    body, joints = model.body(), model.joints()
-    c, s = np.cos(phi), np.sin(phi)
+    joints = model.joints()
+    if model.extensions:
+        given = (phi.T, w.T, extensible_body(model), joints, lengthened.of_rows(model, len(phi)))
+        kinetic, weight = extension.kinetic_energy(*given), extension.gravity_energy(*given)
+    else:
+        body, c, s = model.body(), np.cos(phi), np.sin(phi)
+        kinetic, weight = energy.kinetic_energy(c.T, s.T, w.T, body), energy.gravity_energy(c.T, s.T, body)
     return {
-        "kinetic_energy": np.asarray(energy.kinetic_energy(c.T, s.T, w.T, body)),
+        "kinetic_energy": np.asarray(kinetic),
         "elastic_energy": np.asarray(energy.elastic_energy(phi.T, joints)),
-        "gravitational_energy": np.asarray(energy.gravity_energy(c.T, s.T, body)),
+        "gravitational_energy": np.asarray(weight),
         "input_work": work[:, 0],
         "dissipated_energy": work[:, 1],
     }

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from pliant.equations import chain, inertia
-from pliant.equations.symbols import Held, Workspace
+from pliant.equations.symbols import ExtensibleWorkspace, Held, Workspace
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
+from pliant.simulation import lengthened
 
 Array = np.ndarray
 
@@ -22,10 +23,16 @@ def workspace(n: int) -> Workspace:
     )
 
 
+def work_of(model: Model) -> Workspace | ExtensibleWorkspace:
+    """Scratch arrays for the kernels of a model, whether it lengthens or not."""
+    return lengthened.workspace(model.n, len(model.extensions)) if model.extensions else workspace(model.n)
+
+
 def held(model: Model) -> Held:
     """Scratch arrays for the steps of a model with memory."""
     joints = model.joints()
-    rows = {name: np.zeros(model.n) for name in Held._fields if name != "springs"}
+    size = {name: model.size if name in ("phi", "w") else model.n for name in Held._fields if name != "springs"}
+    rows = {name: np.zeros(length) for name, length in size.items()}
     rows |= {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
     springs = joints._replace(theta0=rows["theta0"], K=rows["K"])
     return Held(springs=springs, **rows)
@@ -36,20 +43,25 @@ def relaxed(model: Model, q: Array) -> Array:
     memory = model.memory
     creep = len(memory.creep_share)
     states = np.zeros((model.n, creep + len(memory.slip_share) + 1))
-    states[:, :creep] = q[:, None]
+    states[:, :creep] = q[: model.n, None]
     return states
 
 
 def absolute(model: Model, q: Array) -> Array:
-    """Absolute link angles (n,) of the joint angles q (n,)."""
-    phi = np.empty(model.n)
-    chain.absolute_angles(np.asarray(q, dtype=float), model.rest_angle, model.base_angle, phi)
+    """Absolute link angles (n,) of the joint angles q (n,); strains behind them, (n + S,), stay as they are."""
+    phi = np.array(q, dtype=float)
+    chain.absolute_angles(phi[: model.n].copy(), model.rest_angle, model.base_angle, phi[: model.n])
     return phi
 
 
+def relative(model: Model, x: Array) -> Array:
+    """Joint angles with strains behind them (n + S,), of absolute link angles and strains; undoes `absolute`."""
+    return np.append(joint_angles(model, x), x[model.n :]) if model.extensions else joint_angles(model, x)
+
+
 def joint_angles(model: Model, phi: Array) -> Array:
-    """Joint angles (..., n) of absolute link angles (..., n)."""
-    return np.diff(phi, axis=-1, prepend=model.base_angle) - model.rest_angle
+    """Joint angles (..., n) of absolute link angles (..., n), with or without strains behind them."""
+    return np.diff(phi[..., : model.n], axis=-1, prepend=model.base_angle) - model.rest_angle
 
 
 def joint_rates(w: Array) -> Array:
@@ -57,11 +69,17 @@ def joint_rates(w: Array) -> Array:
     return np.diff(w, axis=-1, prepend=0.0)
 
 
+def absolute_rates(model: Model, dq: Array) -> Array:
+    """Absolute link rates (n,) of joint rates (n,); rates of strains behind them stay as they are."""
+    return np.append(np.cumsum(dq[: model.n]), dq[model.n :])
+
+
 def vector(model: Model, value: Any) -> Array:
-    """`value` as n finite numbers."""
+    """`value` as n finite numbers, or n + S where segments lengthen."""
     a = np.asarray(value, dtype=float)
-    if a.shape != (model.n,) or not np.isfinite(a).all():
-        raise InputError(f"expected {model.n} finite numbers, one for each joint, got {value!r:.80}")
+    if a.shape != (model.size,) or not np.isfinite(a).all():
+        strains = f", then {len(model.extensions)} strain(s)" if model.extensions else ""
+        raise InputError(f"expected {model.size} finite numbers, one for each joint{strains}, got {value!r:.80}")
     return a
 
 
@@ -84,7 +102,8 @@ def equilibrium(
     Returns
     -------
     array (n,)
-        Stable equilibrium, by Newton's method with the exact tangent, reached from the unloaded shape.
+        Stable equilibrium, by Newton's method with the exact tangent, reached from the unloaded shape. Of a body that
+        lengthens (n + S,), the strains of its segments behind the joint angles.
 
     Raises
     ------
@@ -93,16 +112,19 @@ def equilibrium(
     InputError
         When the pressure or the force is not finite.
     """
-    body, joints = model.body(), model.joints()
+    joints = model.joints()
     force = np.zeros(2) if tip_force is None else np.asarray(tip_force, dtype=float) * [model.bend_sign, 1]
     if not (np.isfinite(pressure).all() and np.isfinite(force).all()):
         raise InputError(f"rest needs a finite pressure (Pa) and tip force (N), got {pressure} and {tip_force}")
-    load = np.outer(body.h, [body.gx, body.gy]) + np.outer(model.link_length, force)
-    load = load if link_load is None else load + link_load
     torque = model.actuation.joint_torques(pressure)
     if not np.isfinite(torque).all():
         raise SimulationError(model.actuation.no_rest(pressure))
-    q = spring_angle(model, torque)
+    q = spring_angle(model, torque[: model.n])
+    if model.extensions:
+        return lengthened.rest(model, np.append(q, torque[model.n :] / joints.K[model.n :]), torque, force, link_load)
+    body = model.body()
+    load = np.outer(body.h, [body.gx, body.gy]) + np.outer(model.link_length, force)
+    load = load if link_load is None else load + link_load
     if not load.any():
         return q
 
@@ -115,19 +137,7 @@ def equilibrium(
         K = np.diag(tangents(model, q)) + tail[np.maximum.outer(np.arange(model.n), np.arange(model.n))]
         return torque - (joints.K + (joints.K2 + joints.K3 * q) * q) * q - np.cumsum(g[::-1])[::-1], K
 
-    for share in (0.25, 0.5, 0.75, 1.0):  # the load grows in parts, so that a long fall stays on its branch
-        for _ in range(50):
-            r, K = residual(q, share)
-            move = np.linalg.lstsq(K, r)[0]  # at the very load that buckles, K is singular
-            q = q + move * min(1.0, 0.5 / max(np.abs(move).max(), 1e-300))
-            if np.abs(move).max() < 1e-13:
-                break
-    r, K = residual(q, 1.0)
-    if not np.isfinite(q).all() or np.abs(r).max() > 1e-9 * np.abs(joints.K).max() or np.linalg.eigvalsh(K).min() <= 0:
-        raise SimulationError(
-            "the chain finds no stable rest under its load: it buckles; raise the stiffness or lower the load"
-        )
-    return q
+    return lengthened.loaded_rest(residual, q, float(np.abs(joints.K).max()))
 
 
 def tangents(model: Model, q: Array) -> Array:
@@ -207,6 +217,8 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
 def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
     """Undamped natural frequencies [Hz] and damping ratios (n,), ascending, of small motions about `q` (default: rest).
 
+    Of a body that lengthens there are n + S, those of its strains among them.
+
     The damping ratio is that of the modal diagonal of D: exact where D is proportional to K. Memory adds its stiffness
     as before it gives way: creep has no time to flow, slip elements stick. Paper: Eq. (5) [eq:eom], linearised.
 
@@ -214,7 +226,7 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
     ----------
     model : Model
     q : (n,) array, rad, optional
-        Joint angles of the shape.
+        Joint angles of the shape, with strains behind them where segments lengthen.
 
     Raises
     ------
@@ -222,15 +234,7 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
         When the chain is not stable at this shape, or no equilibrium is found.
     """
     q = equilibrium(model) if q is None else vector(model, q)
-    phi = absolute(model, q)
-    body, joints = model.body(), model.joints()
-    c, s = np.cos(phi), np.sin(phi)
-    X, M = np.empty((model.n, model.n)), np.empty((model.n, model.n))
-    inertia.inertia_absolute(c, s, body.B, body.I, X)
-    inertia.to_joint_angles(X, M)
-    tail = np.cumsum((body.h * (body.gy * c - body.gx * s))[::-1])[::-1]
-    stiffness = tangents(model, q) + joints.K * model.memory.instantaneous
-    K = np.diag(stiffness) + tail[np.maximum.outer(np.arange(model.n), np.arange(model.n))]
+    M, K = linear_parts(model, q)
     L = np.linalg.cholesky(M)
     inverse = np.linalg.inv(L)
     squared, V = np.linalg.eigh(inverse @ K @ inverse.T)
@@ -238,27 +242,61 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
         raise SimulationError("the chain is not stable at this shape: it has no frequency of oscillation there")
     omega = np.sqrt(squared)
     modal = inverse.T @ V
-    damping = np.einsum("ik,i,ik->k", modal, joints.D, modal)
+    damping = np.einsum("ik,i,ik->k", modal, model.joints().D, modal)
     return omega / (2 * np.pi), damping / (2 * omega)
 
 
+def linear_parts(model: Model, q: Array) -> tuple[Array, Array]:
+    """Inertia and stiffness (n, n) in joint angles at q (n,); (n + S, n + S) of a body that lengthens."""
+    x, joints, n = absolute(model, q), model.joints(), model.n
+    stiffness = tangents(model, q[:n]) + joints.K[:n] * model.memory.instantaneous
+    if model.extensions:
+        T = lengthened.to_joints(n, model.size)
+        _, slope = lengthened.dead_loads(model, x, lengthened.link_loads(model, np.zeros(2), None))
+        return T.T @ lengthened.inertia(model, x) @ T, np.diag(np.append(stiffness, joints.K[n:])) - T.T @ slope @ T
+    body, c, s = model.body(), np.cos(x), np.sin(x)
+    X, M = np.empty((n, n)), np.empty((n, n))
+    inertia.inertia_absolute(c, s, body.B, body.I, X)
+    inertia.to_joint_angles(X, M)
+    tail = np.cumsum((body.h * (body.gy * c - body.gx * s))[::-1])[::-1]
+    return M, np.diag(stiffness) + tail[np.maximum.outer(np.arange(n), np.arange(n))]
+
+
 def tips(model: Model, phi: Array) -> Array:
-    """Link tips (..., n, 2) of absolute link angles (..., n), in the model's frame, m."""
-    x = -np.cumsum(model.link_length * np.sin(phi), axis=-1) + model.first_joint[0]
-    y = np.cumsum(model.link_length * np.cos(phi), axis=-1) + model.first_joint[1]
+    """Link tips (..., n, 2) of absolute link angles (..., n), with strains behind them, in the model's frame, m."""
+    first, length = model.first_joint, model.link_length
+    if model.extensions:
+        stretch = stretches(model, phi)
+        first, length, phi = first * stretch[..., :1], length * stretch[..., 1:], phi[..., : model.n]
+    x = -np.cumsum(length * np.sin(phi), axis=-1) + first[..., :1]
+    y = np.cumsum(length * np.cos(phi), axis=-1) + first[..., 1:]
     return np.stack([model.bend_sign * x, y], axis=-1)
+
+
+def stretches(model: Model, x: Array) -> Array:
+    """Stretch (..., n + 1) of every link of a body that lengthens, the part before the first joint first.
+
+    Raises
+    ------
+    InputError
+        When `x` (..., n) brings no strains.
+    """
+    if x.shape[-1] != model.size:
+        model.body()  # who follows angles alone cannot follow this body: it says so
+    return np.asarray(1.0 + x[..., model.n :] @ model.stretch_share.T)
 
 
 def stations(model: Model, phi: Array) -> tuple[Array, Array]:
     """Positions (..., S, 2) [m] and angles (..., S) [rad] of the model's observed points."""
+    stretch = stretches(model, phi) if model.extensions else np.ones((*phi.shape[:-1], model.n + 1))
     joints = np.concatenate(
         [np.broadcast_to([0.0, 0.0], (*phi.shape[:-1], 1, 2)),
-         np.broadcast_to(model.first_joint, (*phi.shape[:-1], 1, 2)),
+         stretch[..., :1, None] * model.first_joint,
          tips(model, phi)[..., :-1, :] * [model.bend_sign, 1]], axis=-2,
     )
-    angles = np.concatenate([np.full((*phi.shape[:-1], 1), model.base_angle), phi], axis=-1)
+    angles = np.concatenate([np.full((*phi.shape[:-1], 1), model.base_angle), phi[..., : model.n]], axis=-1)
     carrier = np.array([p.link + 1 for p in model.points])
-    along = np.array([p.along for p in model.points])
+    along = np.array([p.along for p in model.points]) * stretch[..., carrier]
     across = np.array([p.across for p in model.points])
     a = angles[..., carrier]
     x = joints[..., carrier, 0] - along * np.sin(a) - across * np.cos(a)

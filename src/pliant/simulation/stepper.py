@@ -18,14 +18,19 @@ from pliant.simulation.solve import check_step
 
 Array = np.ndarray
 
-LOOPS = march_loops.hold, march_loops.hold_with_memory  # without, with memory
+LOOPS = {  # by what the body does: lengthen, remember
+    (False, False): march_loops.hold,
+    (False, True): march_loops.hold_with_memory,
+    (True, False): march_loops.hold_lengthening,
+    (True, True): march_loops.hold_lengthening_with_memory,
+}
 
 
 class Snapshot(NamedTuple):
     """What a `Stepper` needs to go on from a moment."""
 
-    angle: Array  # (n,) rad
-    rate: Array  # (n,) rad/s
+    angle: Array  # (n,) rad; with the strains of a body that lengthens behind them, (n + S,)
+    rate: Array  # (n,) rad/s, as long
     memory: Array  # (n, branches) rad
     pressure: Array  # (C,) Pa, behind the valves
     chambers: Array  # (C, 2) slow states
@@ -49,6 +54,8 @@ class Stepper:
     ----------
     angle, rate : array (n,)
         Absolute link angles [rad] and rates [rad/s], updated in place by `step`.
+    strain, strain_rate : array (S,)
+        Of the segments that lengthen, and per second, updated in place by `step`.
     memory : array (n, branches)
         States of the model's memory, rad, updated in place; the last column is Bouc-Wen's.
     pressure, stretch : float, or array (C,)
@@ -81,10 +88,10 @@ class Stepper:
             np.zeros(len(model.chambers)), np.zeros((len(model.chambers), 2)),
         )
         self._command = np.zeros(len(model.chambers))
-        self._body, self._joints, self._work = model.body(), model.joints(), state.workspace(model.n)
+        self._body, self._joints, self._work = model.mechanics(), model.joints(), state.work_of(model)
         self._law, self._held = model.memory.law(), state.held(model)
-        kernel = LOOPS[bool(model.memory)]
-        self._advance = twin(kernel, model.n)
+        kernel = LOOPS[bool(model.extensions), bool(model.memory)]
+        self._advance = twin(kernel, model.n, len(model.extensions))
         self.reset(pressure)
         self.step(pressure)  # compiled here
         self.reset(pressure)
@@ -94,7 +101,8 @@ class Stepper:
     ) -> None:
         """Back to rest under `pressure` [Pa], or to `joint_angle` and `joint_rate` (n,) [rad, rad/s]; time 0.
 
-        The memory is long at rest at these angles; a force is let go.
+        The memory is long at rest at these angles; a force is let go. Of a body that lengthens both are (n + S,),
+        strains behind angles.
 
         Raises
         ------
@@ -103,8 +111,10 @@ class Stepper:
         """
         model = self.model
         q = state.equilibrium(model, pressure) if joint_angle is None else state.vector(model, joint_angle)
-        self.angle = state.absolute(model, q)
-        self.rate = np.zeros(model.n) if joint_rate is None else np.cumsum(state.vector(model, joint_rate))
+        dq = np.zeros(model.size) if joint_rate is None else state.vector(model, joint_rate)
+        self._x, self._v = state.absolute(model, q), state.absolute_rates(model, dq)
+        self.angle, self.strain = self._x[: model.n], self._x[model.n :]
+        self.rate, self.strain_rate = self._v[: model.n], self._v[model.n :]
         self.memory = state.relaxed(self.model, q)
         self._drives.pressure[:] = self.model.actuation.pressures(pressure)
         self._drives.state[:] = self.model.actuation.rest_state(pressure)
@@ -169,10 +179,10 @@ class Stepper:
             When the pressure is not finite, or moves a link faster than the step can follow; `reset` before going on.
         """
         self._command[:] = pressure
-        failed = self._advance(self.angle, self.rate, (self.length, steps, self._command, self._load), *self._parts)
+        failed = self._advance(self._x, self._v, (self.length, steps, self._command, self._load), *self._parts)
         self.time += self.length * (steps if failed < 0 else failed + 1)
         if failed >= 0:
-            if lost := state.given_way(self.model, self.angle):
+            if lost := state.given_way(self.model, self._x):
                 raise SimulationError(f"at {self.time:.6g} s, under {pressure} Pa, {lost}")
             raise SimulationError(
                 f"at {self.time:.6g} s, under {pressure} Pa, a link turns by more than a radian within the step of "
@@ -181,21 +191,21 @@ class Stepper:
         if len(self._load):
             self._watch.forget()
         else:
-            self._watch.look(self.angle, self.rate, tuple(self._drives.pressure.tolist()), self.length, steps)
+            self._watch.look(self._x, self._v, tuple(self._drives.pressure.tolist()), self.length, steps)
         return self.angle, self.rate
 
     def tips(self) -> Array:
         """Tips of the links now (n, 2), m."""
-        return state.tips(self.model, self.angle)
+        return state.tips(self.model, self._x)
 
     def stations(self) -> tuple[Array, Array]:
         """Positions (S, 2) [m] and angles (S,) [rad] of the model's observed points now."""
-        return state.stations(self.model, self.angle)
+        return state.stations(self.model, self._x)
 
     def snapshot(self) -> Snapshot:
         """All that moves, copied: `restore` goes on from here."""
         return Snapshot(
-            self.angle.copy(), self.rate.copy(), self.memory.copy(), self._drives.pressure.copy(),
+            self._x.copy(), self._v.copy(), self.memory.copy(), self._drives.pressure.copy(),
             self._drives.state.copy(), self.time,
         )
 
@@ -207,7 +217,7 @@ class Stepper:
         InputError
             When the snapshot is of another kind of model.
         """
-        held = (self.angle, self.rate, self.memory, self._drives.pressure, self._drives.state)
+        held = (self._x, self._v, self.memory, self._drives.pressure, self._drives.state)
         if [a.shape for a in held] != [b.shape for b in saved[:5]]:
             raise InputError(f"this snapshot is of a model with {saved.angle.size} links or other memory or chambers")
         for own, value in zip(held, saved[:5], strict=True):

@@ -1,0 +1,225 @@
+"""One pressure and what it does: its law, rubber and valve, the joints that it turns, the axial force that it makes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, TypedDict
+
+import numpy as np
+
+from pliant.equations import chamber, section, symbols
+from pliant.errors import InputError
+from pliant.model.checks import check_numbers, numbers, one_number
+from pliant.model.limits import MOST_TERMS
+from pliant.model.valve import Valve
+
+Array = np.ndarray
+ARRAYS = ("torque", "joint_gain", "axial_gain")
+POSITIVE = ("swell_time", "inflation_time")
+NOT_NEGATIVE = ("swell_share", "inflation_limit")
+
+
+class ChamberValues(TypedDict, total=False):
+    """The keywords of a model of one chamber that describe it; see `Chamber`."""
+
+    torque: Any
+    joint_gain: Any
+    valve: Valve
+    swell_share: float
+    swell_time: float
+    inflation_limit: float
+    inflation_time: float
+    axial_gain: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Chamber:
+    """One pressure and the torque that it makes, all SI.
+
+    Parameters
+    ----------
+    torque : array (k,)
+        Torque law tau = torque[0] p + torque[1] p^2 + ..., N m/Pa^i, p gauge. The paper's is (A d,).
+    joint_gain : array (n,)
+        Share of the torque law that each joint feels; 1 by virtual work. A number stands for all joints.
+    valve : Valve
+    swell_share, swell_time : float
+        A chamber that swells: this share of what the law adds beyond torque[0] p grows with a pressure that lags by
+        swell_time, s. See `pliant.equations.chamber.swollen_torque`; share 0: at once.
+    inflation_limit, inflation_time : float
+        A chamber whose wall gives way: the pressure [Pa] towards which it grows without end, shear modulus times wall
+        over radius of a thin neo-Hookean tube, and the time [s] that its rubber takes at low pressure. The torque
+        grows with the cube of the stretch; see `pliant.equations.chamber.inflated_interval`. Limit 0: a rigid wall.
+    axial_gain : array (S,)
+        Axial force on each segment that lengthens (`pliant.model.Extension`), in parts of the torque, 1/m. By virtual
+        work it is 1 / offset where a chamber lies at an offset [m] from the neutral axis: its volume A (L (1 + e) +
+        offset sum q) gives torque p A offset and force p A. A number stands for the segments whose joints it turns.
+    name : str
+
+    Raises
+    ------
+    InputError
+        When a parameter is not finite or not physical.
+    """
+
+    torque: Array
+    joint_gain: Array = field(default_factory=lambda: np.ones(1))
+    valve: Valve = field(default_factory=Valve)
+    swell_share: float = 0.0
+    swell_time: float = 1.0
+    inflation_limit: float = 0.0
+    inflation_time: float = 0.1
+    axial_gain: Array = field(default_factory=lambda: np.zeros(1))
+    name: str = "chamber"
+
+    def __post_init__(self) -> None:
+        for name in ARRAYS:
+            a = numbers(name, getattr(self, name))
+            a.setflags(write=False)
+            object.__setattr__(self, name, a)
+        for name in (*POSITIVE, *NOT_NEGATIVE):
+            object.__setattr__(self, name, one_number(name, getattr(self, name)))
+        check_chamber(self)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Chamber):
+            return NotImplemented
+        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) if f.name in ARRAYS
+                   else getattr(self, f.name) == getattr(other, f.name) for f in fields(self))  # fmt: skip
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @classmethod
+    def at_offset(cls, area: float, offset: float, joints: Any, **more: Any) -> Chamber:
+        """A chamber of known geometry: `area` [m^2], its axis at a signed `offset` [m] from the neutral axis.
+
+        Parameters
+        ----------
+        joints : array (n,)
+            1 for each joint that it turns, 0 for the others. A negative offset turns them the other way.
+        **more
+            Everything else that a `Chamber` takes.
+
+        Raises
+        ------
+        InputError
+            When the area is not positive or the offset is 0: a chamber on the axis turns nothing; give it joint_gain 0.
+        """
+        area, offset = one_number("area", area), one_number("offset", offset)
+        if not area > 0 or offset == 0 or not np.isfinite([area, offset]).all():
+            raise InputError(f"a chamber has a positive area [m^2] and an offset [m] but 0, got {area}, {offset}")
+        turned = np.copysign(1.0, offset) * numbers("joints", joints)
+        law, axial = np.array([area * abs(offset)]), np.array([1.0 / abs(offset)])
+        return cls(torque=law, joint_gain=turned, axial_gain=axial, **more)
+
+    @property
+    def swells(self) -> bool:
+        """Whether part of the torque lags behind the pressure."""
+        return self.swell_share > 0
+
+    @property
+    def grows(self) -> bool:
+        """Whether the wall gives way."""
+        return self.inflation_limit > 0
+
+    @property
+    def remembers(self) -> bool:
+        """Whether more than the pressure at hand makes the torque."""
+        return self.swells or self.grows
+
+    def rest_state(self, pressure: float) -> Array:
+        """Slow states (2,) long at rest at `pressure` [Pa]: slow pressure [Pa], fourth power of the stretch."""
+        return np.array([pressure, float(self.growth_at(pressure))])
+
+    def torque_at(self, pressure: Any) -> Any:
+        """Torque of the law at rest at gauge `pressure` [Pa], N m; any shape. Infinite where the wall gives way."""
+        torque = section.torque(np.asarray(pressure, dtype=float), self.torque)
+        return torque * chamber.lever_growth(self.growth_at(pressure)) if self.inflation_limit else torque
+
+    def growth_at(self, pressure: Any) -> Any:
+        """Fourth power of the hoop stretch at rest at gauge `pressure` [Pa]: 1 for a rigid wall."""
+        return rest_growth(np.asarray(pressure, dtype=float), self.inflation_limit)
+
+    def torque_slope(self, pressure: float) -> float:
+        """Slope of the torque law at a pressure [Pa], the swelling held: N m/Pa.
+
+        Raises
+        ------
+        InputError
+            Where the wall gives way: its growth is a state that a linear model does not have.
+        """
+        if self.inflation_limit:
+            raise InputError(
+                "the linear model and the controllers take a chamber with a rigid wall: fit a torque law without "
+                "inflation_limit for them"
+            )
+        p = float(pressure)
+        lever = section.torque(p, self.torque) / p if p else float(self.torque[0])
+        rest = float(chamber.secant(p, p, self.torque, 1)) if self.torque.size > 1 else 0.0
+        return float(lever + p * (1.0 - self.swell_share) * rest)
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What the torque of an input depends on, hashable: all but the joints that it turns."""
+        return (self.torque.tobytes(), self.valve, *self.kernel()[1:])
+
+    def sentences(self, *, alone: bool) -> list[str]:
+        """Law, valve and rubber, for people; `alone`: the only chamber needs no name."""
+        powers = ("p", *(f"p^{k}" for k in range(2, self.torque.size + 1)))
+        law = " + ".join(f"{a:.4g} {p}" for a, p in zip(self.torque, powers, strict=True))
+        who = "" if alone else f"{self.name}: "
+        joints = "each joint" if alone else f"joints {', '.join(str(i + 1) for i in np.flatnonzero(self.joint_gain))}"
+        said = [f"{who}torque at {joints}: {law} N m, p in Pa gauge"]
+        valve = [f"{f.name} {getattr(self.valve, f.name):g}" for f in fields(self.valve)
+                 if getattr(self.valve, f.name) and f.name not in ("damping_ratio", "settle_time")]  # fmt: skip
+        if valve:
+            said.append(f"{who}valve: {', '.join(valve)}")
+        if self.swell_share:
+            said.append(f"{who}swelling: share {self.swell_share:.3g}, {self.swell_time:.3g} s")
+        if self.inflation_limit:
+            said.append(f"{who}inflation: limit {self.inflation_limit:.4g} Pa, {self.inflation_time:.3g} s")
+        if self.axial_gain.any():
+            said.append(f"{who}axial force: {', '.join(f'{g:.4g}' for g in self.axial_gain)} 1/m of the torque")
+        return said
+
+    def kernel(self) -> symbols.Chamber:
+        """Constants for the kernels."""
+        return symbols.Chamber(
+            self.torque, self.swell_share, self.swell_time, self.inflation_limit, self.inflation_time
+        )
+
+
+def rest_growth(pressure: Array, limit: Any) -> Array:
+    """Fourth power of the hoop stretch at rest at `pressure` [Pa] towards `limit` [Pa]; 1 where the limit is 0."""
+    left = 1.0 - pressure / np.where(limit, limit, np.inf)
+    return np.where(left > 0.0, 1.0 / np.where(left > 0.0, left, 1.0), np.inf)
+
+
+def grown(torque: Array, pressure: Array, values: Mapping[str, Array]) -> Array:
+    """Torques (N,) of laws at rest, with the growth of the walls of many chambers whose `values` (N,) are given."""
+    soft, limit = np.flatnonzero(values["inflation_limit"]), values["inflation_limit"]
+    torque[soft] *= chamber.lever_growth(rest_growth(pressure[soft], limit[soft]))
+    return torque
+
+
+def remembering(values: Mapping[str, Array]) -> Array:
+    """Which of many chambers have slow states, (N,)."""
+    return np.asarray((values["swell_share"] != 0) | (values["inflation_limit"] != 0))
+
+
+FIELDS = tuple(f.name for f in fields(Chamber) if f.name != "name")  # what a model of one chamber calls its own
+
+
+def check_chamber(made: Chamber) -> None:
+    """Raise InputError when a parameter of a chamber is not finite or not physical."""
+    of = "model" if made.name == "chamber" else f"chamber {made.name!r}:"
+    if made.swell_share > 1:
+        raise InputError(f"{of} swell_share must be at most 1, the whole of it, got {made.swell_share}")
+    check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS)
+    if not made.torque.size:
+        raise InputError(f"{of} torque must have at least one coefficient (N m/Pa); the paper's is A d")
+    if made.torque.size > MOST_TERMS:
+        raise InputError(f"{of} torque must have at most {MOST_TERMS} numbers, got {made.torque.size}")
+    if not isinstance(made.valve, Valve):
+        raise InputError(f"{of} valve must be a Valve, got {made.valve!r:.60}")

@@ -1,0 +1,54 @@
+"""Whether the numbers of a model can be those of a body."""
+
+from __future__ import annotations
+
+from math import inf, isfinite
+from typing import TYPE_CHECKING
+
+from pliant.errors import InputError
+from pliant.model.checks import check_numbers
+from pliant.model.extension import check_extensions
+from pliant.model.limits import LIMITS, MOST_STATIONS, check_limit
+
+if TYPE_CHECKING:
+    from pliant.model.model import Model
+
+LIGHTEST = LIMITS["link_mass"].least
+POSITIVE = ("link_length", "stiffness")
+NOT_NEGATIVE = ("link_mass", "damping", "tip_mass", "base_length")
+OF_ANY_SIGN = ("rest_angle", "stiffening", "cubic_stiffening", "gravity", "base_angle")
+
+
+def check_physical(model: Model) -> None:
+    """Raise InputError when a parameter of `model` is not finite or not physical; a fit asks thousands of times."""
+    check_numbers(model, "model", POSITIVE, NOT_NEGATIVE, OF_ANY_SIGN)
+    check_limit("model", "link_mass", model.link_mass.min(initial=1.0, where=model.link_mass > 0))
+    check_stations(model)
+    choices = (  # sentences are filled in for what is wrong alone
+        (model.mass_at in ("rod", "tip"), "mass_at must be 'rod' or 'tip', got {0.mass_at!r}"),
+        (model.bend_sign in (1, -1), "bend_sign must be 1 or -1, got {0.bend_sign!r}"),
+        (model.gravity.size == 2, "gravity must be two numbers (x, y in the base frame), got {0.gravity.size}"),
+        (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass >= LIGHTEST,
+         "link_mass must be positive for every link, got {0.link_mass}"),
+    )
+    for good, sentence in choices:
+        if not good:
+            raise InputError(f"model {sentence.format(model)}")
+    if model.extensions:
+        check_extensions(model)
+
+
+def check_stations(model: Model) -> None:
+    """Raise InputError when an observed point does not sit on the body, or is called like another."""
+    names = [s.name for s in model.stations]
+    if len(names) > MOST_STATIONS:
+        raise InputError(f"model must have at most {MOST_STATIONS} stations, got {len(names)}")
+    if len(set(names)) < len(names):
+        raise InputError(f"model station names must differ from each other, got {', '.join(names):.200}")
+    for station in model.stations:
+        if not (-1 <= station.link < model.n and isfinite(station.along) and isfinite(station.across)):
+            raise InputError(
+                f"model station {station.name!r} must sit on a link 0..{model.n - 1} or the base (-1), got {station}"
+            )
+        check_limit("model", "station along", station.along)
+        check_limit("model", "station across", station.across)

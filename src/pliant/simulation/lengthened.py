@@ -1,0 +1,106 @@
+"""Bodies that lengthen: their rest, stiffness and inertia, and the arrays that their kernels work in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from pliant.equations import extension
+from pliant.equations.elastic import LEAST_STRETCH
+from pliant.equations.symbols import ExtensibleWorkspace
+from pliant.errors import SimulationError
+from pliant.model import Model
+from pliant.model.extension import extensible_body
+
+Array = np.ndarray
+
+
+def workspace(n: int, segments: int) -> ExtensibleWorkspace:
+    """Scratch arrays for the kernels of n links, so many segments of which lengthen."""
+    N = n + segments
+    shapes = {"A": (N, N), "t": (N + 1,), **dict.fromkeys(("stretch", "ax", "ay", "bx", "by"), (n + 1,))}
+    return ExtensibleWorkspace(*(np.zeros(shapes.get(f, (N,))) for f in ExtensibleWorkspace._fields))
+
+
+def of_rows(model: Model, rows: int) -> ExtensibleWorkspace:
+    """Scratch arrays for kernels that take many moments (n + S, T) at once."""
+    return ExtensibleWorkspace(*(np.zeros((*a.shape, rows)) for a in workspace(model.n, len(model.extensions))))
+
+
+def inertia(model: Model, x: Array) -> Array:
+    """M (n + S, n + S) in absolute angles and strains."""
+    body, work = extensible_body(model), workspace(model.n, len(model.extensions))
+    M = np.zeros((model.size, model.size))
+    extension.place(x, 0.0 * x, 0.0, body, model.joints(), work)
+    extension.inertia(body, work, M)
+    return np.asarray(M + np.tril(M, -1).T)
+
+
+def link_loads(model: Model, tip_force: Array, link_load: Array | None) -> Array:
+    """Weight and forces (n + 1, 2) that pull at each link per unit of its stretch, N m."""
+    body = extensible_body(model)
+    load = np.outer(body.h, [body.gx, body.gy]) + np.outer(body.l, tip_force)
+    if link_load is not None:
+        load[1:] += link_load
+    return load
+
+
+def dead_loads(model: Model, x: Array, load: Array) -> tuple[Array, Array]:
+    """Generalised forces (n + S,) of loads (n + 1, 2) of the links at x, and their slope (n + S, n + S).
+
+    In absolute angles; a load does not turn with the body: its potential is -sum_k st_k load_k . e(phi_k).
+    """
+    n, share = model.n, model.stretch_share
+    angle = np.append(model.base_angle, x[:n])
+    c, s = np.cos(angle), np.sin(angle)
+    stretch = 1.0 + share @ x[n:]
+    across, along = -(load[:, 0] * c + load[:, 1] * s), load[:, 1] * c - load[:, 0] * s
+    force = np.concatenate([(stretch * across)[1:], share.T @ along])
+    slope = np.zeros((x.size, x.size))
+    slope[np.arange(n), np.arange(n)] = -(stretch * along)[1:]
+    slope[:n, n:] = (share * across[:, None])[1:]
+    slope[n:, :n] = slope[:n, n:].T
+    return force, slope
+
+
+def to_joints(n: int, size: int) -> Array:
+    """T (n + S, n + S) of x = T (q, e) + constant: sums of joint angles, strains as they are."""
+    T = np.eye(size)
+    T[:n, :n] = np.tri(n)
+    return T
+
+
+def rest(model: Model, q: Array, torque: Array, force: Array, link_load: Array | None) -> Array:
+    """As `state.equilibrium`, of a body that lengthens, from the joint angles and strains q (n + S,) without load."""
+    joints, n = model.joints(), model.n
+    load, T = link_loads(model, force, link_load), to_joints(n, model.size)
+    K2, K3, unloaded = np.zeros((3, model.size))
+    K2[:n], K3[:n], unloaded[:n] = joints.K2, joints.K3, model.base_angle + np.cumsum(model.rest_angle)
+
+    def residual(q: Array, share: float) -> tuple[Array, Array]:
+        pull, slope = dead_loads(model, T @ q + unloaded, share * load)
+        tangent = joints.K + (2.0 * K2 + 3.0 * K3 * q) * q
+        return torque - (joints.K + (K2 + K3 * q) * q) * q + T.T @ pull, np.diag(tangent) - T.T @ slope @ T
+
+    found = loaded_rest(residual, q, float(joints.K.max())) if load.any() else q
+    if (1.0 + model.stretch_share @ found[n:] <= LEAST_STRETCH).any():
+        raise SimulationError("a segment is pressed to nothing: raise its axial stiffness, or lower the load")
+    return found
+
+
+def loaded_rest(residual: Callable[[Array, float], tuple[Array, Array]], q: Array, stiffest: float) -> Array:
+    """The rest under a load that grows from nothing, from the rest q without it; see `state.equilibrium`."""
+    for share in (0.25, 0.5, 0.75, 1.0):  # the load grows in parts, so that a long fall stays on its branch
+        for _ in range(50):
+            r, K = residual(q, share)
+            move = np.linalg.lstsq(K, r)[0]  # at the very load that buckles, K is singular
+            q = q + move * min(1.0, 0.5 / max(np.abs(move).max(), 1e-300))
+            if np.abs(move).max() < 1e-13:
+                break
+    r, K = residual(q, 1.0)
+    if not np.isfinite(q).all() or np.abs(r).max() > 1e-9 * stiffest or np.linalg.eigvalsh(K).min() <= 0:
+        raise SimulationError(
+            "the chain finds no stable rest under its load: it buckles; raise the stiffness or lower the load"
+        )
+    return q
