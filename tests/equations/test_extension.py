@@ -1,4 +1,4 @@
-"""A body that lengthens: its kernels against Lagrange's equations, complex steps, power balance, and the plain chain."""
+"""A body that lengthens: its kernels against Lagrange's equations, complex steps, power balance, the plain chain."""
 
 from __future__ import annotations
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from pliant.equations import extension
 from pliant.equations.elastic import LEAST_STRETCH
-from pliant.equations.symbols import ExtensibleWorkspace
+from pliant.equations.symbols import ExtensibleWorkspace, Joints, Slopes
 from pliant.errors import SimulationError
 from pliant.model import Model
 from pliant.model.extension import extensible_body
 
 Array = np.ndarray
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
 def workspace(n: int, segments: int) -> ExtensibleWorkspace:
@@ -62,6 +64,21 @@ def dead_loads(model: Model, x: Array, load: Array) -> tuple[Array, Array]:
     slope[:n, n:] = (share * across[:, None])[1:]
     slope[n:, :n] = slope[:n, n:].T
     return force, slope
+
+
+def slopes(x: Array, v: Array, torque: Array, body: Any, joints: Joints, work: Any, out: Slopes) -> None:
+    """Acceleration and its derivatives by x and v, row by variable, by complex steps through the kernel's own text.
+
+    As `motion.acceleration_jacobian`; `work.A` keeps the factors of M.
+    """
+    scratch = ExtensibleWorkspace(*(a.astype(complex) for a in work))
+    for rates, rows in enumerate((out.a_phi, out.a_w)):
+        for k in range(x.size):
+            here, rate, moved = x.astype(complex), v.astype(complex), np.empty(x.size, dtype=complex)
+            (rate if rates else here)[k] += 1j * TINY
+            extension.acceleration(here, rate, torque, body, joints, scratch, moved)
+            rows[k], out.a[:] = moved.imag / TINY, moved.real
+    work.A[:] = scratch.A.real
 
 
 def to_joints(n: int, size: int) -> Array:

@@ -19,9 +19,10 @@ from pliant.equations.symbols import Slopes
 from pliant.errors import InputError, SimulationError
 from pliant.model import Chamber, Model, Valve
 from pliant.numerics.ldl import ldl_solve
+from pliant.simulation import lengthened
 from pliant.simulation.drive import inputs_of, merge
 from pliant.simulation.inputs import Input
-from pliant.simulation.state import given_way, joint_angles, tangents, work_of, workspace
+from pliant.simulation.state import given_way, joint_angles, tangents, work_of
 
 Array = np.ndarray
 METHODS = ("LSODA", "BDF", "Radau")
@@ -154,7 +155,7 @@ def right_hand_side(
 ) -> tuple[Callable[[float, Array], Array], Callable[[float, Array], Array] | None]:
     """The derivative of the states and its Jacobian between two corners of the input.
 
-    The Jacobian of a model that creeps, swells, inflates or lengthens is left to the solver.
+    The Jacobian of a model that creeps, swells or inflates is left to the solver.
     """
     at = layout(model)
     body, joints, scratch = model.mechanics(), model.joints(), work_of(model)
@@ -190,7 +191,7 @@ def right_hand_side(
             w, a, *moved, (gap / tau).ravel(), [power, energy.damping_power(w, joints), *lost],
         ])
 
-    if at.remembers or model.actuation.remembers or model.extensions:
+    if at.remembers or model.actuation.remembers :
         return rhs, None
     return rhs, jacobian_of(model, valve)
 
@@ -210,11 +211,13 @@ def torque_and_rates(chamber: Chamber, p: float, slow: Array, wall: Array) -> tu
 
 def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
     """The exact Jacobian of the right-hand side of a model that neither creeps nor swells, behind its valves."""
-    n, at, gain = model.n, layout(model), model.actuation.gain
-    body, joints, scratch = model.body(), model.joints(), workspace(n)
-    differentiate, solve = twin(motion.acceleration_jacobian), twin(ldl_solve)
+    n, at, gain = model.size, layout(model), model.actuation.gain
+    body, joints, scratch = model.mechanics(), model.joints(), work_of(model)
+    solve = twin(ldl_solve)
+    differentiate = lengthened.slopes if model.extensions else twin(motion.acceleration_jacobian)
     out = Slopes(np.empty(n), np.empty((n, n)), np.empty((n, n)))
-    share = gain - np.append(gain[:, 1:], np.zeros((len(gain), 1)), axis=1)  # of a torque, on each absolute angle
+    T = np.linalg.inv(lengthened.to_joints(model.n, n))  # to the angles and rates of joints
+    share = gain @ T  # of a torque, on each absolute angle
 
     def jacobian(t: float, y: Array) -> Array:
         behind = [valve(c, t, y) for c in range(len(gain))]
@@ -228,8 +231,7 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
         J[:n, n : 2 * n] = np.eye(n)
         J[n : 2 * n, :n] = out.a_phi.T
         J[n : 2 * n, n : 2 * n] = out.a_w.T
-        loss = 2.0 * joints.D * np.diff(w, prepend=0.0)
-        J[-2:, n : 2 * n] = torques @ share, loss - np.append(loss[1:], 0.0)
+        J[-2:, n : 2 * n] = torques @ share, 2.0 * (joints.D * (T @ w)) @ T
         for c, (p, _, by_valve) in enumerate(behind):
             if by_valve.any():
                 here = at.chambers[c].p
