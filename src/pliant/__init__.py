@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         prediction_band,
     )
     from pliant.linear import linearise
-    from pliant.model import Chamber, Memory, Model, Station, Valve, chain_model, load_model, save_model
+    from pliant.model import Chamber, Extension, Memory, Model, Station, Valve, chain_model, load_model, save_model
     from pliant.preprocessing.align import align
     from pliant.preprocessing.clusters import assemble
     from pliant.preprocessing.quality import quality
@@ -58,7 +58,9 @@ _PAGE = {
     "pliant.preprocessing.clusters": ("assemble",),
     "pliant.preprocessing.align": ("align",),
     "pliant.reduction": ("select_order",),
-    "pliant.model": ("Model", "Chamber", "Station", "Valve", "Memory", "chain_model", "load_model", "save_model"),
+    "pliant.model": (
+        "Model", "Chamber", "Extension", "Station", "Valve", "Memory", "chain_model", "load_model", "save_model",
+    ),
     "pliant.simulation": (
         "Pulse", "step", "ramp", "triangle", "Chirp", "Multisine", "Trace",
         "simulate", "equilibrium", "modes", "Stepper",
@@ -81,7 +83,7 @@ _HOME = {name: module for module, names in _PAGE.items() for name in names}
 
 __all__ = [  # noqa: RUF022  in the order of the journey
     "read", "write", "make_recording", "quality", "assemble", "align", "select_order",
-    "Model", "Chamber", "Station", "Valve", "Memory", "chain_model", "load_model", "save_model",
+    "Model", "Chamber", "Extension", "Station", "Valve", "Memory", "chain_model", "load_model", "save_model",
     "Pulse", "step", "ramp", "triangle", "Chirp", "Multisine", "Trace", "simulate", "equilibrium", "modes", "Stepper",
     "simulate_batch",
     "Experiment", "experiment", "Parameter", "identifiability", "fit", "ladder", "predict", "predict_held_out",

@@ -14,7 +14,7 @@ from pliant.exporters.difference import difference
 from pliant.exporters.features import FEATURES, missing, named, without
 from pliant.exporters.provenance import standard_errors
 from pliant.exporters.registry import BUILT_IN, exporters
-from pliant.model import Chamber, Memory, Valve, load_model, save_model
+from pliant.model import Chamber, Extension, Memory, Valve, load_model, save_model
 from pliant.simulation import equilibrium
 from pliant.simulation.levels import typical_pressure
 
@@ -35,6 +35,8 @@ def test_a_model_without_a_feature_has_none_of_it(key):
     model = EVERYTHING
     if key == "second_order":
         model = model.with_(valve=Valve(natural_frequency=9.0))
+    if key == "lengthening":
+        model = model.with_(extensions=(Extension(500.0),))
     if key == "chambers":
         model = model.with_(chambers=(model.chamber, Chamber(torque=[-1e-7], name="other")))
         assert FEATURES[key].names(model) == ("chamber other",)

@@ -99,6 +99,10 @@ FEATURES: dict[str, Feature] = {
         "several chambers",
         lambda m: tuple(f"chamber {c.name}" for c in m.chambers[1:]), lambda m: m.with_(chambers=m.chambers[:1]),
     ),
+    "lengthening": Feature(
+        "a body that lengthens", lambda m: tuple(f"segment {e.name} that lengthens" for e in m.extensions),
+        lambda m: m.with_(extensions=()),
+    ),
     "gravity": Feature("gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=[0.0, 0.0])),
     "softening": Feature(
         "springs that soften or stiffen",

@@ -22,7 +22,7 @@ from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.model import Chamber, Model
 
-CAN = ALL - RUBBER - {"lagging_law", "two_lags", "second_order", "rates", "settling", "slip", "boucwen"}
+CAN = ALL - RUBBER - {"lengthening", "lagging_law", "two_lags", "second_order", "rates", "settling", "slip", "boucwen"}
 ARMATURE = 1e-6  # kg m^2, of a creep's hinge: MuJoCo moves nothing without inertia
 TINY = 1e-12  # kg m^2, of a mass that is a point in pliant
 

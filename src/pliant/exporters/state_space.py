@@ -24,7 +24,7 @@ from pliant.model import Model
 from pliant.simulation import state
 
 Array = np.ndarray
-CAN = ALL - RUBBER - {"chambers", "two_lags", "rates", "settling", "slip", "boucwen"}
+CAN = ALL - RUBBER - {"chambers", "lengthening", "two_lags", "rates", "settling", "slip", "boucwen"}
 STATE_UNITS = {"phi": "rad", "w_": "rad/s", "pressure_rate": "Pa/s", "pressure": "Pa", "creep": "rad", "command": "Pa"}
 
 

@@ -58,7 +58,7 @@ def link_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Arr
     """
     if model.extensions:
         raise InputError(
-            f"known forces at points take a body of fixed length, and {model.name!r} lengthens: leave its extensions out"
+            f"known forces at points take a body of fixed length, and {model.name!r} lengthens: leave extensions out"
         )
     total = np.zeros((len(values), model.n, 2))
     links = np.arange(model.n)
