@@ -7,9 +7,13 @@ import pytest
 from scipy.optimize import brentq
 
 import pliant
+from pliant.contact.moment_arms import moment_arms
+from pliant.control.equilibria import equilibria
 from pliant.errors import InputError, SimulationError
+from pliant.estimation import LinkAngles
 from pliant.model import Chamber, Extension, Memory, Model, Valve, chain_model
 from pliant.simulation import Pulse, equilibrium, modes, state
+from pliant.simulation.forces import PointForce, link_loads
 
 NEAR, FAR = Extension(150.0, 0.5, 0.0, 0.1, "near"), Extension(120.0, 0.3, 0.1, None, "far")
 
@@ -70,7 +74,7 @@ def test_chambers_of_known_geometry_bend_and_lengthen_from_two_numbers():
 
 
 @pytest.mark.parametrize("memory", [Memory(), Memory(creep_share=(0.2,), creep_time=(0.3,))], ids=["none", "creep"])
-def test_march_stepper_and_reference_agree_and_balance(arm, memory):
+def test_march_and_reference_agree_and_balance(arm, memory):
     model = arm.with_(memory=memory)
     inputs = (Pulse(3e4, 0.02, 0.1), Pulse(1e4, 0.05, 0.1), Pulse(2e4, 0.0, 0.15))
     fine = pliant.simulate(model, inputs, duration=0.2, step=2.5e-4)
@@ -85,8 +89,11 @@ def test_march_stepper_and_reference_agree_and_balance(arm, memory):
     total = total + (exact.memory_energy + exact.memory_dissipation if memory else 0.0)
     assert np.abs(total - total[0]).max() < 1e-6 * float(exact.input_work.max())
     assert fine.attrs["energy_gain"] < 1e-3
-    stepper = pliant.Stepper(model, 2.5e-4)
-    held = pliant.simulate(model, [Pulse(p, 0.0) for p in (3e4, 1e4, 0.0)], duration=0.05, step=2.5e-4)
+
+
+def test_a_stepper_takes_the_steps_of_a_march(arm):
+    stepper = pliant.Stepper(arm, 2.5e-4)
+    held = pliant.simulate(arm, [Pulse(p, 0.0) for p in (3e4, 1e4, 0.0)], duration=0.05, step=2.5e-4)
     for _ in range(200):
         stepper.step([3e4, 1e4, 0.0])
     np.testing.assert_allclose(stepper.tips(), held.tip_position[-1], atol=1e-9)
@@ -126,6 +133,22 @@ def test_what_cannot_follow_a_lengthening_body_says_so(arm):
         pliant.simulate(arm, [Pulse(0.0)] * 3, duration=0.1, initial_angle=np.zeros(4))
     with pytest.raises(SimulationError, match="pressed to nothing"):
         equilibrium(rod(gravity=[0.0, -900.0], stiffness=100.0))
+
+
+@pytest.mark.parametrize(
+    "door",
+    [
+        lambda m: pliant.linearise(m, 0.0), lambda m: pliant.simulate_batch(m, Pulse(1e4), duration=0.1),
+        lambda m: equilibria(m, 1e4), lambda m: LinkAngles(m, [0.0, 0.2]), lambda m: pliant.export(m, "c99", "a.c"),
+        lambda m: moment_arms(m, np.zeros((1, 2)), np.array([0]), np.array([0.1])),
+        lambda m: link_loads(m, [PointForce([0.0], [[1.0, 0.0]], "link_1")], np.ones((1, 1, 2))),
+    ],
+)  # fmt: skip
+def test_doors_that_cannot_follow_refuse(door):
+    one = chain_model(length=0.2, mass=0.1, links=2, stiffness=1.0, damping=0.01, torque=(1e-6,), axial_gain=50.0,
+                      extensions=(Extension(150.0),))  # fmt: skip
+    with pytest.raises(InputError, match="lengthens"):
+        door(one)
 
 
 @pytest.mark.parametrize(

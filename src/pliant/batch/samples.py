@@ -11,7 +11,7 @@ import numpy as np
 
 from pliant.equations import inertia, symbols
 from pliant.errors import InputError, SimulationError
-from pliant.model import Model, Valve
+from pliant.model import Model, Valve, fixed_length
 from pliant.model import model as model_fields
 from pliant.model.chamber import grown, remembering
 from pliant.simulation import state
@@ -129,6 +129,8 @@ class Samples:
 
 def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None, size: int) -> Samples:
     """Samples from a list of models, or from one model with arrays of parameters; `size` > 1 repeats one model."""
+    for model in (models,) if isinstance(models, Model) else models:
+        fixed_length(model)
     if isinstance(models, Model):
         return repeated(models, parameters or {}, size)
     if parameters:

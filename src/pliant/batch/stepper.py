@@ -11,7 +11,7 @@ from pliant.batch import simd_loops
 from pliant.batch.simd_loops import Commanded, Lane
 from pliant.compiler.simd import WIDTH, aligned, lane_twin
 from pliant.errors import InputError, SimulationError
-from pliant.model import Model
+from pliant.model import Model, fixed_length
 from pliant.simulation import Stepper, state
 from pliant.simulation.drive import lag_of
 from pliant.simulation.solve import check_step
@@ -46,7 +46,7 @@ def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
         When the models differ in kind, a step of `step` [s] is too long for one, or a valve is one that `Stepper`
         refuses.
     """
-    first = models[0]
+    first = fixed_length(models[0])
     Stepper(first, step, np.zeros(len(first.chambers)))  # what it refuses is refused
     for name in ("n", "mass_at", "bend_sign", "memory"):
         if len({getattr(m, name) for m in models}) > 1 and (name != "memory" or any(not m.memory for m in models)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.model import Model
+from pliant.model import Model, fixed_length
 from pliant.numerics.spline import CLAMPED, spline_matrix
 
 Array = np.ndarray
@@ -17,7 +17,7 @@ def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
     once, and down along the link behind. The mean of max(u, 0) under that hat is the arm, scaled to be the chain's
     own at the tip, as the joint's stiffness was found with the chain.
     """
-    l = model.link_length
+    l = fixed_length(model).link_length
     tip = np.cumsum(l[::-1])[::-1][joint]
     up, down = np.append(max(model.base_length, 1e-9), l[:-1])[joint], l[joint]
 
@@ -43,7 +43,7 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
     rigid : bool
         Whether the body bends at its joints alone. Otherwise `mean_moment_arm` holds at the joints beside the force.
     """
-    l, n = model.link_length, model.n
+    l, n = fixed_length(model).link_length, model.n
     ahead = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)  # (T, n, 2)
     joint = np.concatenate([np.zeros((len(angle), 1, 2)), np.cumsum(l[:, None] * ahead, axis=1)], axis=1)[:, :n]
     own = ahead[:, link]
@@ -59,7 +59,7 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
 
 def curve_at(model: Model, angle: Array, arc_length: float) -> tuple[Array, Array]:
     """Point and unit tangent (2,) at an arc length [m] of the cubic spline through the joints, before `bend_sign`."""
-    l = model.link_length
+    l = fixed_length(model).link_length
     steps = np.concatenate([[[0.0, 0.0]], l[:, None] * np.stack([-np.sin(angle), np.cos(angle)], axis=1)])
     nodes, arc = model.first_joint + np.cumsum(steps, axis=0), model.base_length + np.append(0.0, np.cumsum(l))
     if model.base_length:

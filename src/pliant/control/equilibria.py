@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model import Model
+from pliant.model import Model, fixed_length
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -86,6 +86,7 @@ def equilibria(model: Model, highest: float, points: int = POINTS) -> Equilibria
     """
     if not (np.isfinite(highest) and highest > 0):
         raise InputError(f"the highest pressure must be positive, in Pa, got {highest}")
+    fixed_length(model)
     pressure = np.linspace(0.0, highest, points)
     angle = np.array([state.absolute(model, state.equilibrium(model, p)) for p in pressure])
     tip = state.tips(model, angle)[:, -1]

@@ -9,7 +9,7 @@ from pliant.errors import InputError
 from pliant.estimation import link_angle_loops
 from pliant.estimation.contract import Frame
 from pliant.estimation.kalman_loops import JOINT
-from pliant.model import Model
+from pliant.model import Model, fixed_length
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -33,6 +33,7 @@ class LinkAngles:
     """
 
     def __init__(self, model: Model, arc_length: Array, noise: float = 2e-3) -> None:
+        fixed_length(model)
         s = np.asarray(arc_length, dtype=float)
         ends = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])
         if s.ndim != 1 or s.size < 2 or np.any(np.diff(s) <= 0) or s[0] > ends[0] + 1e-3 or s[-1] < ends[-1] - 2e-3:

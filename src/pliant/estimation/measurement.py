@@ -10,7 +10,7 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.estimation.kalman_loops import ALONG_X, ALONG_Y, ANGLE, JOINT
 from pliant.estimation.noise import Noise
-from pliant.model import Model, Station
+from pliant.model import Model, Station, fixed_length
 from pliant.recording.schema import check_recording
 from pliant.reduction import links_of
 from pliant.reduction.body import body_of
@@ -32,6 +32,7 @@ class Measurement(NamedTuple):
 
 def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
     """Rows (m, 4) that see x and y, and the angle, of stations on links; in the model's frame before `bend_sign`."""
+    fixed_length(model)
     rows = []
     for s in stations:
         if not 0 <= s.link < model.n:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.model import Model
+from pliant.model import Model, fixed_length
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -20,7 +20,7 @@ def posed(model: Model, carrier: Array, chosen: list[Any], seen: Array) -> Array
     Gauss-Newton in absolute angles. Where the points leave a joint open, it turns least: a pull towards the unloaded
     shape, a millionth of a point's, decides.
     """
-    there = model.with_(stations=tuple(chosen))
+    there = fixed_length(model).with_(stations=tuple(chosen))
     links = np.arange(model.n)
     along = np.where(links < carrier[:, None], model.link_length, 0.0)
     along = np.where(links == carrier[:, None], [[p.along] for p in chosen], along)

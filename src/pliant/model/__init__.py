@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 from pliant.model.actuation import Actuation
 from pliant.model.build import chain_model
 from pliant.model.chamber import Chamber
-from pliant.model.extension import Extension
+from pliant.model.extension import Extension, fixed_length
 from pliant.model.memory import Memory, springpot
 from pliant.model.model import Model
 from pliant.model.station import Station
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from pliant.model.file import load_model, save_model
 
 __all__ = [
-    "Actuation", "Chamber", "Extension", "Memory", "Model", "Station", "Valve", "chain_model", "load_model",
-    "save_model", "springpot",
+    "Actuation", "Chamber", "Extension", "Memory", "Model", "Station", "Valve", "chain_model", "fixed_length",
+    "load_model", "save_model", "springpot",
 ]
 
 

@@ -107,6 +107,23 @@ def extensible_body(model: Model) -> ExtensibleBody:
     return ExtensibleBody(B, length, h, np.array(model.stretch_share), gx, gy)
 
 
+def fixed_length(model: Model) -> Model:
+    """The model, when nothing lengthens: who cannot follow a length that changes asks here.
+
+    Raises
+    ------
+    InputError
+        When segments lengthen.
+    """
+    if model.extensions:
+        names = ", ".join(e.name for e in model.extensions)
+        raise InputError(
+            f"this takes a body of fixed length, and {model.name!r} lengthens ({names}): use simulate, Stepper or fit, "
+            "or leave its extensions out"
+        )
+    return model
+
+
 def check_extensions(model: Model) -> None:
     """Raise InputError when segments share a name or a place, hold no link, or a chamber pushes others."""
     names = [e.name for e in model.extensions]

@@ -15,7 +15,7 @@ from pliant.errors import InputError
 from pliant.model.actuation import Actuation, chambers_of
 from pliant.model.chamber import FIELDS, Chamber, ChamberValues
 from pliant.model.checks import numbers, one_number
-from pliant.model.extension import Extension, extensible_body, extensions_of, joints_inside, shares
+from pliant.model.extension import Extension, extensible_body, extensions_of, fixed_length, joints_inside, shares
 from pliant.model.limits import MOST_LINKS
 from pliant.model.memory import Memory
 from pliant.model.physical import check_physical
@@ -257,19 +257,8 @@ class Model(Shown):
         return extensible_body(self) if self.extensions else self.body()
 
     def body(self) -> Body:
-        """Constants of the inertia for the kernels of a body of fixed length.
-
-        Raises
-        ------
-        InputError
-            When segments lengthen: what asks for this cannot follow them.
-        """
-        if self.extensions:
-            names = ", ".join(e.name for e in self.extensions)
-            raise InputError(
-                f"this takes a body of fixed length, and {self.name!r} lengthens ({names}): use simulate, Stepper or "
-                "fit, or leave its extensions out"
-            )
+        """Constants of the inertia for the kernels of a body of fixed length; InputError for one that lengthens."""
+        fixed_length(self)
         rod = self.mass_at == "rod"
         centre = self.link_length * (0.5 if rod else 1.0)
         rotary = self.link_mass * self.link_length**2 / 12.0 * rod
