@@ -11,7 +11,7 @@ from pliant.equations import extension
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.symbols import ExtensibleWorkspace, Joints, Slopes
 from pliant.errors import SimulationError
-from pliant.model import Model
+from pliant.model import Model, fixed_length
 from pliant.model.extension import extensible_body
 
 Array = np.ndarray
@@ -37,6 +37,19 @@ def inertia(model: Model, x: Array) -> Array:
     extension.place(x, 0.0 * x, 0.0, body, model.joints(), work)
     extension.inertia(body, work, M)
     return np.asarray(M + np.tril(M, -1).T)
+
+
+def stretches(model: Model, x: Array) -> Array:
+    """Stretch (..., n + 1) of every link of a body that lengthens, the part before the first joint first.
+
+    Raises
+    ------
+    InputError
+        When `x` (..., n) brings no strains.
+    """
+    if x.shape[-1] != model.size:
+        fixed_length(model)  # who follows angles alone cannot follow this body
+    return np.asarray(1.0 + x[..., model.n :] @ model.stretch_share.T)
 
 
 def link_loads(model: Model, tip_force: Array, link_load: Array | None) -> Array:

@@ -266,29 +266,16 @@ def tips(model: Model, phi: Array) -> Array:
     """Link tips (..., n, 2) of absolute link angles (..., n), with strains behind them, in the model's frame, m."""
     first, length = model.first_joint, model.link_length
     if model.extensions:
-        stretch = stretches(model, phi)
+        stretch = lengthened.stretches(model, phi)
         first, length, phi = first * stretch[..., :1], length * stretch[..., 1:], phi[..., : model.n]
     x = -np.cumsum(length * np.sin(phi), axis=-1) + first[..., :1]
     y = np.cumsum(length * np.cos(phi), axis=-1) + first[..., 1:]
     return np.stack([model.bend_sign * x, y], axis=-1)
 
 
-def stretches(model: Model, x: Array) -> Array:
-    """Stretch (..., n + 1) of every link of a body that lengthens, the part before the first joint first.
-
-    Raises
-    ------
-    InputError
-        When `x` (..., n) brings no strains.
-    """
-    if x.shape[-1] != model.size:
-        model.body()  # who follows angles alone cannot follow this body: it says so
-    return np.asarray(1.0 + x[..., model.n :] @ model.stretch_share.T)
-
-
 def stations(model: Model, phi: Array) -> tuple[Array, Array]:
     """Positions (..., S, 2) [m] and angles (..., S) [rad] of the model's observed points."""
-    stretch = stretches(model, phi) if model.extensions else np.ones((*phi.shape[:-1], model.n + 1))
+    stretch = lengthened.stretches(model, phi) if model.extensions else np.ones((*phi.shape[:-1], model.n + 1))
     joints = np.concatenate(
         [np.broadcast_to([0.0, 0.0], (*phi.shape[:-1], 1, 2)),
          stretch[..., :1, None] * model.first_joint,
