@@ -10,7 +10,7 @@ import pytest
 import pliant
 from pliant.actuators import chen2018
 from pliant.exporters.state_space import control_system, linear_model
-from pliant.model import Memory, Valve
+from pliant.model import Chamber, Memory, Valve
 from pliant.simulation import Stepper, state
 
 
@@ -93,3 +93,19 @@ def test_python_control_takes_it():
     assert sampled.dcgain()[0, 0] == pytest.approx(system.dcgain()[0, 0])
     assert sampled.state_labels[-1] == "command_3_periods_ago"
     assert control.isdtime(sampled, strict=True)
+
+
+def test_every_chamber_is_an_input(tmp_path):
+    valve = Valve(rise_time=0.02, fall_time=0.02, dead_time=5e-3)
+    low = Chamber([6e-7], joint_gain=[1, 1, 1, 0, 0], name="low", valve=valve)
+    body = chen2018.model().with_(chambers=(low, Chamber([5e-7], joint_gain=[0, 0, 0, 1, 1], name="high")))
+    path = tmp_path / "arm.npz"
+    pliant.export(body, "state-space", path, pressure=[2e4, 5e4])
+    found = np.load(path)
+    assert found["B"].shape == (11, 2)
+    assert found["input"].tolist() == ["pressure_low", "pressure_high"]
+    assert found["dead_time"].tolist() == [5e-3, 0.0]
+    assert found["operating_input"].tolist() == [2e4, 5e4]
+    assert found["operating_state"][list(found["state"]).index("pressure_low")] == 2e4
+    with pytest.raises(pliant.InputError, match="a number in Pa for each chamber, got 'fast'"):
+        pliant.export(body, "state-space", path, pressure="fast")

@@ -8,8 +8,8 @@ import pytest
 from pliant.errors import InputError
 from pliant.linear import linearise
 from pliant.linear.linearisation import frequency_and_damping
-from pliant.linear.sampled import sample
-from pliant.model import Memory, Valve, chain_model
+from pliant.linear.sampled import hold, sample
+from pliant.model import Chamber, Memory, Valve, chain_model
 from pliant.simulation import Stepper, equilibrium, modes
 
 
@@ -53,6 +53,36 @@ def test_a_second_order_valve_has_two_states(arm):
     lags = [frequency_and_damping(p) for p in linear.poles()]
     assert any(np.allclose(lag, (9.0, 0.75)) for lag in lags)
     assert linear.dead_time == 0.008
+
+
+def segments(arm):
+    """The arm with a chamber for each half, one behind a slow valve."""
+    valve = Valve(rise_time=0.03, fall_time=0.03)
+    first = Chamber([6.67e-7, 1e-12], joint_gain=[1, 1, 1, 0, 0], valve=valve, name="low")
+    return arm.with_(chambers=(first, Chamber([-5e-7], joint_gain=[0, 0, 0, 1, 0.8], name="high")), gravity=[0.5, 2.0])
+
+
+def test_every_chamber_has_its_column(arm):
+    """Static gains against differences of rests; a step of one pressure alone against the stepped model."""
+    body, at = segments(arm), np.array([8e4, 3e4])
+    linear = linearise(body, at)
+    assert linear.B.shape == (11, 2)
+    assert linear.D.shape == (8, 2)
+    assert linear.states[-1] == "pressure_low"
+    for c, up in enumerate(50.0 * np.eye(2)):
+        slope = (equilibrium(body, at + up) - equilibrium(body, at - up)) / 100.0
+        found = [linear.static_gain(f"q_{i + 1}", c) for i in range(5)]
+        np.testing.assert_allclose(found, slope, rtol=1e-5, atol=1e-5 * np.abs(slope).max())
+    h, stepper = 1e-4, Stepper(body, 1e-4, at)
+    start = stepper.angle.copy()
+    move, fresh = hold(linear.A, linear.B[:, 1], h)
+    x = np.zeros(11)
+    for _ in range(1500):
+        x = move @ x + fresh * 100.0
+        stepper.step(at + np.array([0.0, 100.0]))
+    np.testing.assert_allclose(stepper.angle - start, x[:5], atol=2e-4 * np.abs(x[:5]).max())
+    with pytest.raises(InputError, match="linear model of one pressure, and it has 2"):
+        sample(linear, 4e-3)
 
 
 @pytest.mark.parametrize("dead", [0.0, 0.004, 0.006, 0.0091])

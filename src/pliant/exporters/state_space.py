@@ -24,17 +24,17 @@ from pliant.model import Model
 from pliant.simulation import state
 
 Array = np.ndarray
-CAN = ALL - RUBBER - {"chambers", "lengthening", "two_lags", "rates", "settling", "slip", "boucwen"}
+CAN = ALL - RUBBER - {"lengthening", "two_lags", "rates", "settling", "slip", "boucwen"}
 STATE_UNITS = {"phi": "rad", "w_": "rad/s", "pressure_rate": "Pa/s", "pressure": "Pa", "creep": "rad", "command": "Pa"}
 
 
-def linear_model(model: Model, pressure: float = 0.0) -> LinearModel:
+def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     """`pliant.linearise` with the states of creep: relaxed angles xi of every joint and branch, behind the others.
 
     Parameters
     ----------
     model : Model
-    pressure : float
+    pressure : float, array (C,) of several chambers
         Gauge pressure of the rest, Pa.
 
     Raises
@@ -61,11 +61,11 @@ def linear_model(model: Model, pressure: float = 0.0) -> LinearModel:
     B = np.concatenate([linear.B, np.zeros((more, linear.B.shape[1]))])
     C = np.concatenate([linear.C, np.zeros((linear.C.shape[0], more))], axis=1)
     return LinearModel(
-        A, B, C, linear.outputs, (*linear.states, *names), linear.angle, linear.pressure, linear.dead_time
+        A, B, C, linear.outputs, (*linear.states, *names), linear.angle, linear.pressures, linear.dead_times
     )
 
 
-def control_system(model: Model, pressure: float = 0.0, period: float = 0.0) -> Any:
+def control_system(model: Model, pressure: float | Array = 0.0, period: float = 0.0) -> Any:
     """The model about its rest as a `control.StateSpace`: sampled behind a hold with its dead time where period > 0.
 
     Pressure in Pa, period in s. A continuous one knows no dead time: add ``model.valve.dead_time`` yourself.
@@ -84,21 +84,23 @@ def control_system(model: Model, pressure: float = 0.0, period: float = 0.0) -> 
     return control.ss(told["A"], told["B"], told["C"], told["D"], *([period] if period else []), **names)
 
 
-def matrices(model: Model, pressure: float, period: float) -> dict[str, Any]:
+def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, Any]:
     """A, B, C, D, operating point, names and units, as a file holds them."""
     linear = linear_model(model, pressure)
-    A, B, C, states, dead = linear.A, linear.B, linear.C, list(linear.states), linear.dead_time
+    A, B, C, states, dead = linear.A, linear.B, linear.C, list(linear.states), linear.dead_times
     if period:
         plant = sample(linear, period)
         waiting = [f"command_{k + 1}_periods_ago" for k in range(plant.waiting)]
-        A, B, states, dead = plant.A, plant.B[:, None], [*states, *waiting], 0.0
+        A, B, states, dead = plant.A, plant.B[:, None], [*states, *waiting], np.zeros(1)
         C = np.concatenate([C, np.zeros((C.shape[0], plant.waiting))], axis=1)
     units = [unit_of(name) for name in states]
+    inputs = [f"pressure_{c.name}" for c in model.chambers] if dead.size > 1 else ["pressure"]
     return {
-        "A": A, "B": B, "C": C, "D": linear.D, "period": period, "dead_time": dead, "state": states,
-        "input": ["pressure"], "output": list(linear.outputs), "state_unit": units, "input_unit": ["Pa"],
+        "A": A, "B": B, "C": C, "D": linear.D, "period": period, "state": states, "input": inputs,
+        "dead_time": dead if dead.size > 1 else float(dead[0]), "output": list(linear.outputs), "state_unit": units,
+        "input_unit": ["Pa"] * len(inputs),
         "output_unit": ["m" if o.startswith("tip") else "rad" for o in linear.outputs],
-        "operating_state": operating_point(model, linear, states), "operating_input": np.array([linear.pressure]),
+        "operating_state": operating_point(model, linear, states), "operating_input": linear.pressures,
     }
 
 
@@ -117,16 +119,32 @@ def operating_point(model: Model, linear: LinearModel, states: list[str]) -> Arr
             point[k] = linear.angle[last]
         elif name.startswith("creep"):
             point[k] = joint[last]
-        elif name == "pressure" or name.startswith("command"):
-            point[k] = linear.pressure
+        elif name.startswith(("pressure_rate", "w_")):
+            point[k] = 0.0
+        else:  # a valve's pressure, or a command on its way to it
+            point[k] = linear.pressures[chamber_of(model, name)]
     return point
+
+
+def chamber_of(model: Model, name: str) -> int:
+    """Which chamber's pressure a state is: the first where there is one alone."""
+    names = [f"pressure_{c.name}" for c in model.chambers]
+    return names.index(name) if name in names else 0
+
+
+def pressures_of(text: str) -> Array:
+    """Pressures (C,) [Pa] as written: a number, or one for each chamber with commas between."""
+    try:
+        return np.array([float(part) for part in text.strip("[]() ").split(",")])
+    except ValueError:
+        raise InputError(f"state-space pressure must be a number in Pa for each chamber, got {text!r:.60}") from None
 
 
 def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write .mat or .npz."""
     if options["period"] < 0:
         raise InputError(f"state-space period must be 0 (continuous) or positive, s, got {options['period']}")
-    content = matrices(model, options["pressure"], options["period"]) | {"pliant": told.json()}
+    content = matrices(model, pressures_of(options["pressure"]), options["period"]) | {"pliant": told.json()}
     with whole(path) as draft, draft.open("wb") as file:
         if path.suffix == ".npz":
             arrays: dict[str, Any] = {k: np.asarray(v) for k, v in content.items()}
@@ -141,5 +159,5 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
 
 EXPORTER = Exporter(
     "state-space", "A, B, C, D about a rest (.mat or .npz)", (".mat", ".npz"), CAN, write,
-    {"pressure": 0.0, "period": 0.0},
+    {"pressure": "0", "period": 0.0},
 )

@@ -1,6 +1,6 @@
-"""The model linearised about a rest under pressure: state space from the commanded pressure to angles and tip.
+"""The model linearised about a rest under pressure: state space from the commanded pressures to angles and tip.
 
-State: absolute link angles phi (n,), their rates w (n,), then the valve: the pressure, and its rate where the valve is
+State: absolute link angles phi (n,), their rates w (n,), then each valve: the pressure, and its rate where the valve is
 of second order. All are deviations from the rest. Memory enters as `pliant.modes` takes it: creep has no time to flow,
 slip elements stick; what flows later is left to integral action.
 """
@@ -8,6 +8,7 @@ slip elements stick; what flows later is left to integral action.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class LinearModel:
-    """dx/dt = A x + B u(t - dead_time), y = C x + D u, about the rest under `pressure`.
+    """dx/dt = A x + B u(t - dead_time), y = C x + D u, about the rest under `pressures`.
 
     Attributes
     ----------
@@ -34,10 +35,10 @@ class LinearModel:
     states : tuple of str
     angle : array (n,)
         Absolute link angles at the rest, rad.
-    pressure : float
+    pressures : array (chambers,)
         Pa, about which the model is linear.
-    dead_time : float
-        s.
+    dead_times : array (chambers,)
+        s, of each chamber's valve.
     """
 
     A: Array
@@ -46,8 +47,23 @@ class LinearModel:
     outputs: tuple[str, ...]
     states: tuple[str, ...]
     angle: Array
-    pressure: float
-    dead_time: float
+    pressures: Array
+    dead_times: Array
+
+    @property
+    def pressure(self) -> float:
+        """Of the only chamber, Pa."""
+        return float(self._only(self.pressures))
+
+    @property
+    def dead_time(self) -> float:
+        """Of the only chamber's valve, s."""
+        return float(self._only(self.dead_times))
+
+    def _only(self, values: Array) -> Any:
+        if values.size > 1:
+            raise InputError(f"this takes a linear model of one pressure, and it has {values.size}")
+        return values[0]
 
     @property
     def D(self) -> Array:
@@ -82,7 +98,7 @@ class LinearModel:
 
     def response(self, output: str, omega: Array, chamber: int = 0) -> Array:
         """Frequency response y/u at the angular frequencies `omega` (W,) [rad/s], dead time included."""
-        late = np.exp(-1j * omega * self.dead_time)
+        late = np.exp(-1j * omega * self.dead_times[chamber])
         return frequency_response(self.A, self.B[:, chamber], self.row(output), omega) * late
 
     def static_gain(self, output: str, chamber: int = 0) -> float:
@@ -90,19 +106,20 @@ class LinearModel:
         return float(-self.row(output) @ np.linalg.solve(self.A, self.B[:, chamber]))
 
 
-def linearise(model: Model, pressure: float = 0.0) -> LinearModel:
-    """Linear model about the rest of `model` under a constant pressure, its valve included.
+def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
+    """Linear model about the rest of `model` under constant pressures, its valves included.
 
     Parameters
     ----------
     model : Model
         A valve with different time constants for rise and fall is taken at their mean.
-    pressure : float
+    pressure : float, array (C,) of several chambers
         Gauge pressure of the rest, Pa.
 
     Returns
     -------
     LinearModel
+        States of several valves are called ``pressure_chamber``.
 
     Raises
     ------
@@ -122,15 +139,22 @@ def linearise(model: Model, pressure: float = 0.0) -> LinearModel:
     chain = np.zeros((2 * n, 2 * n))
     chain[:n, n:] = np.eye(n)
     chain[n:, :n], chain[n:, n:] = a_phi, a_w
-    drive = np.concatenate([np.zeros(n), a_tau * model.chamber.torque_slope(pressure)])
-    A, B, names = behind_valve(chain, drive, model.valve)
+    A, B = chain, np.zeros((2 * n, 0))
+    states = [*(f"phi_{i + 1}" for i in range(n)), *(f"w_{i + 1}" for i in range(n))]
+    pressures, several = model.actuation.pressures(pressure), len(model.chambers) > 1
+    for chamber, by_torque, p in zip(model.chambers, a_tau, pressures, strict=True):
+        drive = np.zeros(A.shape[0])
+        drive[n : 2 * n] = by_torque * chamber.torque_slope(float(p))
+        A, column, names = behind_valve(A, drive, chamber.valve)
+        B = np.column_stack([np.pad(B, ((0, len(names)), (0, 0))), column])
+        states += [f"{name}_{chamber.name}" if several else name for name in names]
     C, outputs = output_rows(model, phi, A.shape[0])
-    states = (*(f"phi_{i + 1}" for i in range(n)), *(f"w_{i + 1}" for i in range(n)), *names)
-    return LinearModel(A, B[:, None], C, outputs, states, phi, float(pressure), model.valve.dead_time)
+    late = np.array([c.valve.dead_time for c in model.chambers])
+    return LinearModel(A, B, C, outputs, tuple(states), phi, pressures, late)
 
 
-def derivatives(model: Model, phi: Array, pressure: float) -> tuple[Array, Array, Array]:
-    """Derivatives of the angular accelerations at rest: by phi, by w (n, n), by the torque (n,)."""
+def derivatives(model: Model, phi: Array, pressure: float | Array) -> tuple[Array, Array, Array]:
+    """Derivatives of the angular accelerations at rest: by phi, by w (n, n), by each chamber's torque (C, n)."""
     n = model.n
     joints, body = model.joints(), model.body()
     stiff = joints._replace(K=joints.K * (1.0 + model.memory.instantaneous))
@@ -147,8 +171,9 @@ def derivatives(model: Model, phi: Array, pressure: float) -> tuple[Array, Array
         for row in more:
             ldl_solve(work.A, row)
         a_phi = a_phi - more
-    by_torque = model.joint_gain - np.append(model.joint_gain[1:], 0.0)
-    ldl_solve(work.A, by_torque)
+    by_torque = model.actuation.gain - np.pad(model.actuation.gain[:, 1:], ((0, 0), (0, 1)))
+    for row in by_torque:
+        ldl_solve(work.A, row)
     return a_phi.T, out.a_w.T, by_torque
 
 

@@ -49,12 +49,10 @@ class LoopCurve:
 def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
     """The linear model at a sampling `period` [s] behind a zero-order hold, its dead time and `latency` [s] exact.
 
-    Of one pressure: the first chamber's.
-
     Raises
     ------
     InputError
-        When the period is not positive or the latency negative.
+        When the period is not positive or the latency negative, or for several pressures.
     """
     if not (np.isfinite(period) and period > 0 and np.isfinite(latency) and latency >= 0):
         raise InputError(f"a period must be positive and a latency not negative, got {period} and {latency} s")
