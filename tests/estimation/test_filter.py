@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from pliant.compiler.choose import twin
+from pliant.contact.residual import static_residual
 from pliant.equations.motion import step
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
 from pliant.estimation.consistency import mean_bounds, nees, whiteness
-from pliant.model import Station, chain_model
+from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording
-from pliant.simulation import Trace, simulate, state
+from pliant.simulation import Trace, equilibrium, simulate, state
 
 NOISE = Noise(position=3e-4, torque=3e-4, initial_angle=0.02, initial_rate=0.2)
 H, SUB = 1 / 75, 7
@@ -188,3 +189,41 @@ def test_bad_input_is_told():
         KalmanFilter(model()).push_pressure(0.0, np.nan)
     with pytest.raises(InputError, match="at least one degree"):
         mean_bounds(np.zeros(3))
+
+
+def test_several_pressures_reach_the_filter_by_their_names():
+    """Radau's motion of two chambers driven apart, their columns the other way round in the recording."""
+    low = Chamber([1.2e-6], joint_gain=[1, 1, 0], name="low")
+    m = model().with_(chambers=(low, Chamber([-9e-7], joint_gain=[0, 0, 1], name="high")))
+    time = H * np.arange(40)
+    traces = [Trace([0.0, 0.1, 0.14, 1.0], [0.0, 0.0, p, p]) for p in (8e4, 5e4)]
+    run = simulate(m, traces, times=time, method="Radau", rtol=1e-8)
+    clock = np.linspace(0.0, 1.0, 501)
+    rng = np.random.default_rng(8)
+    tips = run.tip_position.values + NOISE.position * rng.standard_normal((40, 3, 2))
+    seen = make_recording(
+        time, tips, station=["link_1", "link_2", "link_3"], frame="planar", pressure_time=clock,
+        pressure=np.stack([traces[1](clock), traces[0](clock)], axis=1), chamber=["high", "low"],
+    )
+    found = estimate(seen, m, noise=NOISE, pressure_window=0.0)
+    assert found.pressure.dims == ("time", "chamber")
+    assert np.abs(found.joint_angle.values - run.joint_angle.values)[-10:].max() < 4e-3  # as the tips' noise lets it
+    online = KalmanFilter(m, NOISE, step=2e-3)
+    rows = rows_of(m, m.points)
+    pushed = 0
+    for k, at in enumerate(time):
+        while pushed < clock.size and clock[pushed] <= at:
+            online.push_pressure(clock[pushed], [traces[0](clock[pushed]), traces[1](clock[pushed])])
+            pushed += 1
+        online.push_frame(at, rows, tips[k].ravel(), np.full(6, NOISE.position**2))
+    np.testing.assert_allclose(online.angle, np.cumsum(found.joint_angle.values[-1]), atol=2e-3)
+    tau = np.array([1.2e-6 * 8e4, 1.2e-6 * 8e4, -9e-7 * 5e4])
+    q = equilibrium(m, [8e4, 5e4])
+    np.testing.assert_allclose(
+        static_residual(m, state.absolute(m, q)[None], np.array([[8e4, 5e4]])), np.zeros((1, 3)), atol=1e-9
+    )
+    np.testing.assert_allclose(static_residual(m, state.absolute(m, q)[None], np.zeros((1, 2)))[0], tau, atol=1e-9)
+    with pytest.raises(InputError, match="one for each chamber"):
+        online.push_pressure(2.0, 5e4)
+    with pytest.raises(InputError, match="no chamber 'left'"):
+        estimate(seen, m, drive={"low": "left"})

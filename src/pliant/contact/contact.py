@@ -161,7 +161,8 @@ def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict
     if not noise.random_walk > 0:
         raise InputError("contact is seen in the disturbance torques: noise.random_walk must be positive")
     found = estimate(recording, model, noise=noise, **options)
-    source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3))
+    source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
+                            options.get("drive"))
     times = found["time"].values - options.get("latency", 0.0)
     run = simulate(held, source, times=times, step=options.get("step", 5e-3))
     features = features_of(

@@ -9,6 +9,7 @@ import numpy as np
 from pliant.contact.likelihood_ratio import Answer, frames_of
 from pliant.errors import InputError
 from pliant.model import Model
+from pliant.model.statics import torques_over
 
 Array = np.ndarray
 CAP = 1.5  # thresholds: where the cumulative sum stops
@@ -105,19 +106,18 @@ class FreeMotion:
 def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: Array) -> Array:
     """Columns (T, F) that the model's errors in free motion are linear in.
 
-    The torque of the law, its square, its lags, and the joint angles and rates that the model itself predicts under the
+    The torque of each chamber, its square, its lags, and the joint angles and rates that the model predicts under the
     pressure: none of them knows what touched the body.
     """
     from scipy.signal import lfilter
 
-    tau = np.asarray(model.torque_at(pressure), dtype=float)
-    h = float(np.median(np.diff(time)))
-    lagged = []
-    for lag in LAGS:
-        keep = float(np.exp(-h / lag))
-        lagged.append(lfilter([1.0 - keep], [1.0, -keep], tau, zi=[keep * tau[0]])[0])
-    scale = max(float(np.abs(tau).max()), 1e-12)
-    return np.column_stack([np.ones_like(tau), tau, tau**2 / scale, *lagged, angle, rate])
+    h, columns = float(np.median(np.diff(time))), [np.ones(len(angle))]
+    for tau in torques_over(model.actuation, pressure).T:
+        columns += [tau, tau**2 / max(float(np.abs(tau).max()), 1e-12)]
+        for lag in LAGS:
+            keep = float(np.exp(-h / lag))
+            columns.append(lfilter([1.0 - keep], [1.0, -keep], tau, zi=[keep * tau[0]])[0])
+    return np.column_stack([*columns, angle, rate])
 
 
 def activity(features: Array, n: int, period: float) -> Array:

@@ -8,6 +8,7 @@ from pliant.compiler.choose import twin
 from pliant.equations import contact, elastic
 from pliant.errors import InputError
 from pliant.model import Model
+from pliant.model.statics import joint_torques_over
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -24,7 +25,7 @@ def momentum_residual(
     ----------
     angle, rate : array (T, n)
         Absolute link angles [rad] and rates [rad/s]; no acceleration is needed.
-    pressure : array (T,)
+    pressure : array (T,), (T, C) of several chambers
         Pa at these times.
     bandwidth : float
         K_O, 1/s: fast observers see early and are noisy.
@@ -37,13 +38,13 @@ def momentum_residual(
     Source: De Luca and Mattone (2003); memory of the joints counts as external here
     """
     T, n = np.shape(angle)
-    if np.shape(rate) != (T, n) or np.shape(pressure) != (T,) or np.shape(time) != (T,) or not bandwidth > 0:
+    if np.shape(rate) != (T, n) or np.shape(pressure)[:1] != (T,) or np.shape(time) != (T,) or not bandwidth > 0:
         raise InputError(f"the observer needs rates (T, n), pressures and times (T,) beside angles {np.shape(angle)}")
     body, joints = model.body(), model.joints()
     momentum, momentum_rate = twin(contact.momentum), twin(contact.momentum_rate)
     torques = twin(elastic.joint_torques)
     p, rates, t = np.empty((T, n)), np.empty((T, n)), np.empty(n + 1)
-    tau = np.outer(np.asarray(model.torque_at(pressure), dtype=float), model.joint_gain)
+    tau = joint_torques_over(model.actuation, pressure)
     for k in range(T):
         momentum(angle[k], rate[k], body, p[k])
         torques(angle[k], rate[k], joints, tau[k], 0.0, t)
@@ -61,7 +62,7 @@ def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
     """External joint torques (T, n) of a body at rest: K q - tau and gravity, from its shape alone, N m."""
     q = state.joint_angles(model, angle)
     body, joints = model.body(), model.joints()
-    tau = np.asarray(model.torque_at(pressure), dtype=float)
+    tau = joint_torques_over(model.actuation, pressure)
     gravity = body.h * (body.gx * np.cos(angle) + body.gy * np.sin(angle))
     weight = np.cumsum(gravity[:, ::-1], axis=1)[:, ::-1]
-    return np.asarray((joints.K + (joints.K2 + joints.K3 * q) * q) * q - model.joint_gain * tau[:, None] + weight)
+    return np.asarray((joints.K + (joints.K2 + joints.K3 * q) * q) * q - tau + weight)

@@ -14,7 +14,7 @@ from pliant.equations import chamber
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import rest_shift
-from pliant.estimation.contract import EstimatorKind, Setting, State, one_chamber
+from pliant.estimation.contract import EstimatorKind, Setting, State
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of
 from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, FilterWorkspace, Prediction
@@ -30,7 +30,7 @@ class Event(NamedTuple):
     """Something that reached the filter, in the order of its own time."""
 
     time: float  # s
-    pressure: float  # Pa, held from here on; not a number for a frame
+    pressure: Array | None  # (C,) Pa, held from here on; None for a frame
     rows: Array | None
     value: Array | None
     variance: Array | None
@@ -40,7 +40,7 @@ class Snapshot(NamedTuple):
     """The filter before an event; `state` holds angles, rates, disturbance, covariance and memory in one row."""
 
     time: float
-    pressure: float
+    pressure: Array  # (C,) Pa
     slow: Array  # (C, 2) states of the chambers
     state: Array
 
@@ -70,13 +70,15 @@ class KalmanFilter:
         s between a shape and the stamp of its frame.
     buffer : float
         s for which events are kept, so that late frames can be put where they belong.
-    pressure : float
+    pressure : float, array (C,) of several chambers
         Pa at the start, under which the chain rests.
     time : float
         s at the start; minus infinity: when the first event comes.
 
     Attributes
     ----------
+    pressure : array (C,)
+        Held now, Pa.
     angle, rate, disturbance : array (n,)
         Absolute link angles [rad] and rates [rad/s], disturbance torques of the joints [N m].
     covariance : array (N, N)
@@ -99,7 +101,7 @@ class KalmanFilter:
 
     def __init__(
         self, model: Model, noise: Noise | None = None, *, step: float = 5e-3, latency: float = 0.0,
-        buffer: float = 0.2, pressure: float = 0.0, time: float = 0.0,
+        buffer: float = 0.2, pressure: float | Array = 0.0, time: float = 0.0,
     ) -> None:
         if not (step > 0 and latency >= 0 and buffer >= 0):
             raise InputError(f"step must be > 0, latency and buffer >= 0 s: got {step}, {latency}, {buffer}")
@@ -111,7 +113,7 @@ class KalmanFilter:
         self._predict, self._update = twin(kalman_loops.predict_span, model.n), twin(kalman_loops.update)
         self._rest_shift = twin(rest_shift)
         q, n = state.equilibrium(model, pressure), model.n
-        self.time, self.pressure = float(time), float(pressure)
+        self.time, self.pressure = float(time), model.actuation.pressures(pressure)
         self._actuation, self._torques, self._tau = model.actuation.kernel(), twin(chamber.held_torques), np.zeros(n)
         self._slow = model.actuation.rest_state(pressure)
         start, memory = self.noise.initial(model), state.relaxed(model, q)
@@ -126,17 +128,17 @@ class KalmanFilter:
         self._events: deque[tuple[Snapshot, Event]] = deque()
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Take a pressure sample [Pa] of a `time` [s]; it is held until the next one.
+        """Take a pressure sample [Pa] of a `time` [s], (C,) of several chambers; it is held until the next one.
 
         Raises
         ------
         InputError
-            When it is not finite (a filter has no opinion of its own on the pressure), or that of several chambers.
+            When it is not finite (a filter has no opinion of its own on the pressure), or not one for each chamber.
         """
-        pressure = one_chamber(pressure)
-        if not (math.isfinite(pressure) and math.isfinite(time)):
+        held = self.model.actuation.pressures(pressure)
+        if not (np.isfinite(held).all() and math.isfinite(time)):
             raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s")
-        self._take(Event(float(time), float(pressure), None, None, None))
+        self._take(Event(float(time), held, None, None, None))
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
         """Take a frame of the shape: `rows` (m, 4) as `rows_of` makes them, their values (m,) and variances (m,).
@@ -154,7 +156,7 @@ class KalmanFilter:
         if not np.isfinite(values).any():
             self.counts.skipped += 1
             return
-        self._take(Event(float(time) - self.latency, math.nan, rows, values, variance))
+        self._take(Event(float(time) - self.latency, None, rows, values, variance))
 
     def state(self, time: float) -> State:
         """What is known of `time` [s], or of the newest event where that is later."""
@@ -181,8 +183,8 @@ class KalmanFilter:
         self.time = float(time)
 
     def _torque(self, span: float) -> Array:
-        """Mean torques (n,) [N m] of the joints under the pressure that is held; its chamber moves on by `span`."""
-        self._torques(span, np.array([self.pressure]), self._actuation, self._slow, self._tau)
+        """Mean torques (n,) [N m] of the joints under the pressures that are held; their chambers move on by `span`."""
+        self._torques(span, self.pressure, self._actuation, self._slow, self._tau)
         return self._tau
 
     def _arrays(self, rows: int) -> FilterWorkspace:
@@ -224,8 +226,9 @@ class KalmanFilter:
     def _apply(self, event: Event) -> None:
         self._events.append((Snapshot(self.time, self.pressure, self._slow.copy(), self._state.copy()), event))
         self.advance(event.time)
-        if event.rows is None or event.value is None or event.variance is None:
+        if event.pressure is not None:
             self.pressure = event.pressure
+        if event.rows is None or event.value is None or event.variance is None:
             return
         self.innovation = np.empty(event.value.size)
         workspace, model = self._arrays(event.value.size), self.model

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,10 +18,12 @@ from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.smoother import smooth
 from pliant.estimation.symbols import FilterFrame, FilterModel, FilterNoise, FilterOutput, FilterState
 from pliant.estimation.workspace import make_output, make_workspace
+from pliant.identification.drives import drives_of
 from pliant.identification.recorded import one_chamber
 from pliant.model import Model, Valve
 from pliant.simulation import Trace, state
-from pliant.simulation.drive import Drive, drive
+from pliant.simulation.drive import Drive
+from pliant.simulation.drive import drive as drive_plan
 from pliant.simulation.inputs import Input
 from pliant.version import __version__
 
@@ -31,7 +35,8 @@ def estimate(
     model: Model,
     *,
     noise: Noise | None = None,
-    pressure: Input | None = None,
+    pressure: Input | Sequence[Input] | None = None,
+    drive: Mapping[str, str | int] | None = None,
     disturbance: bool = True,
     stations: tuple[str, ...] | None = None,
     latency: float = 0.0,
@@ -48,8 +53,11 @@ def estimate(
         numbers are skipped and counted.
     noise : Noise, optional
         Default: in proportion to the model's stiffness, see `pliant.estimation.noise.default_noise`.
-    pressure : Input, optional
+    pressure : Input, or one for each chamber, optional
         Commanded pressure, through the model's valve. Default: the measured one, taken as behind the valve.
+    drive : dict, optional
+        Of a model of several chambers: chamber of the model to the chamber of the recording that drives it, by name or
+        index (from 0); one that it leaves out rests at 0 Pa. Default: those of the same names.
     disturbance : bool
         Whether to estimate an unknown torque of each joint too, which takes up what the model lacks; when `noise`
         is given, its `random_walk` decides.
@@ -93,31 +101,43 @@ def estimate(
     """
     settings = noise or default_noise(model, disturbance=disturbance)
     measurement = measurement_of(recording, model, settings, stations)
-    source, held = input_of(recording, model, pressure, pressure_window)
+    source, held = input_of(recording, model, pressure, pressure_window, drive)
     times = measurement.time - latency
     if times.size < 2:
         raise InputError(f"estimation needs at least two frames, got {times.size}")
-    plan = drive(held, source, times, step)
+    plan = drive_plan(held, source, times, step)
     out = run(held, measurement, plan, settings)
     return described(held, measurement, out, settings, plan, lag)
 
 
 def input_of(
-    recording: xr.Dataset, model: Model, pressure: Input | None, window: float = 0.0
-) -> tuple[Input, Model]:
-    """The pressure of a recording and the model that takes it: without its valve where the pressure was measured."""
+    recording: xr.Dataset, model: Model, pressure: Input | Sequence[Input] | None, window: float = 0.0,
+    drive: Mapping[str, str | int] | None = None,
+) -> tuple[Input | Sequence[Input], Model]:
+    """The pressures of a recording and the model that takes them: without its valves where they were measured."""
     if pressure is not None:
         return pressure, model
     if "pressure" not in recording:
         raise InputError("the recording has no measured pressure: give the commanded one (pressure=Pulse(...))")
-    values = one_chamber("to estimate", recording["pressure"])
-    clock = recording["pressure_time"].values.astype(float)
-    good = np.isfinite(values)
-    if not good.all():
-        raise InputError(f"{int((~good).sum())} samples of the pressure are missing: repair it first")
     if not (np.isfinite(window) and window >= 0):
         raise InputError(f"the window of the pressure is a time in seconds, at least 0, got {window}")
-    return Trace(*averaged(clock, values, window)), model.with_(valve=Valve())
+    clock = recording["pressure_time"].values.astype(float)
+    sources = tuple(Trace(*averaged(clock, values, window)) for values in measured(recording, model, drive))
+    return sources, model.with_(chambers=tuple(replace(c, valve=Valve()) for c in model.chambers))
+
+
+def measured(recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None) -> list[Array]:
+    """The recorded samples (P,) [Pa] that drive each chamber of the model; zeros where nothing does."""
+    pressure = recording["pressure"]
+    if lost := int((~np.isfinite(pressure.values)).sum()):
+        raise InputError(f"{lost} samples of the pressure are missing: repair it first")
+    if drive is None and len(model.chambers) == 1:
+        return [one_chamber("to estimate", pressure)]
+    named = {c.name: c.name for c in model.chambers} if drive is None else drive
+    if strange := [name for name in named if name not in {c.name for c in model.chambers}]:
+        raise InputError(f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.names}")
+    driven = drives_of("to estimate", recording, named)
+    return [driven[c.name].pressure if c.name in driven else np.zeros(pressure.shape[0]) for c in model.chambers]
 
 
 def averaged(clock: Array, values: Array, window: float) -> tuple[Array, Array]:
@@ -222,14 +242,20 @@ def described(
     data["normalised_innovation_squared"] = ("time", out.score[:, 1], {"units": "1", "long_name": "NIS"})
     data["motion"] = ("time", out.score[:, 3], {"units": "rad2/s2", "long_name": "mean square joint rate of late"})
     data["rows_used"] = ("time", out.score[:, 0].astype(int), {"units": "1", "long_name": "rows of the frame in use"})
-    data["pressure"] = ("time", plan.pressure[:, 0], {"units": "Pa", "long_name": "gauge pressure behind the valve"})
+    one = len(model.chambers) == 1
+    data["pressure"] = (
+        ("time",) if one else ("time", "chamber"), plan.pressure[:, 0] if one else plan.pressure,
+        {"units": "Pa", "long_name": "gauge pressure behind the valve"},
+    )
     tips = state.tips(model, out.estimate[:, :n])
     data["tip_position"] = (("time", "link", "axis"), tips, {"units": "m", "long_name": "estimated link tips"})
     labels = np.arange(1, n + 1)
-    coords = {
+    coords: dict[str, Any] = {
         "time": ("time", measurement.time, {"units": "s", "long_name": "stamp of the frame"}), "joint": labels,
         "link": labels, "axis": ["x", "y"], "row": list(measurement.label),
     }
+    if not one:
+        coords["chamber"] = [c.name for c in model.chambers]
     return xr.Dataset(data, coords, attrs=judged(measurement, out, noise, model, lag))
 
 
