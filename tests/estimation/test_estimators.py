@@ -112,7 +112,8 @@ def test_rows_that_are_no_link_angles_are_refused(name, body):
 
 
 @pytest.mark.parametrize(("name", "said"), [
-    ("observer", "knows one chamber, and 2 pressures came"), ("filter", r"expected 1 pressure\(s\) .* got shape \(2,\)"),
+    ("observer", "knows one chamber, and 2 pressures came"),
+    ("filter", r"expected 1 pressure\(s\) .* got shape \(2,\)"),
 ])
 def test_more_pressures_than_chambers_are_refused(name, said, body):
     made = estimators()[name].make(Setting(body, PERIOD, 0))
