@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.identification import Experiment, Parameter, fit, predict, sensitivities
+from pliant.identification import Experiment, Parameter, fit, plans, predict, sensitivities
+from pliant.identification.parameters import apply
+from pliant.identification.problem import Problem
 from pliant.model import Model, Valve
 from pliant.simulation import Pulse, simulate
 
@@ -122,3 +124,16 @@ def test_observed_angles_help_and_are_followed(truth: Model, traced: Any) -> Non
         angle_reference="base")
     found = fit([from_base], truth, ["stiffness", "rest_angle_3"], step=1e-3, starts=1)
     assert found.values["rest_angle_3"] < truth.rest_angle[2] - 0.01
+
+
+def test_all_records_share_the_models_that_derivatives_ask_for(
+    truth: Model, pulse: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Model] = []
+    monkeypatch.setattr(plans, "apply", lambda model, values: made.append(model) or apply(model, values))
+    edges = {"a.start": 0.1234, "a.stop": 0.6012, "b.start": 0.1234, "b.stop": 0.6012}
+    free = [Parameter(n, v) for n, v in {**edges, "stiffness": 0.9, "damping": 6e-3}.items()]
+    problem = Problem([pulse(truth, "a"), pulse(truth, "b")], truth, free, STEP, "travel")
+    problem.residual(problem.start)
+    problem.jacobian(problem.start)
+    assert len(made) == 1 + 2 * 2  # here, and to both sides in stiffness and in damping

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,6 +23,12 @@ VALVE = {
 RUBBER = symbols.Chamber._fields[1:]
 GAINS = r"gain|joint_gain_(\d+|\*)"
 OWN = re.compile(rf"torque_[1-9]|{GAINS}|{'|'.join((*VALVE, *RUBBER))}")
+
+
+@lru_cache(4096)
+def fits(pattern: str, name: str) -> bool:
+    """Whether a whole parameter name fits a pattern; a fit asks the same thousands of times."""
+    return re.fullmatch(pattern, name) is not None
 
 
 class Named(Protocol):
@@ -54,7 +61,7 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
     named, made = owners(model), []
     shared = values
     if len(model.chambers) > 1:
-        shared = {k: v for k, v in values.items() if not re.fullmatch(GAINS, k)}
+        shared = {k: v for k, v in values.items() if not fits(GAINS, k)}
     for chamber in model.chambers:
         own = shared
         if named:
@@ -68,12 +75,12 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
 def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Any]:
     """What `values` change of a chamber: its law, its joints' gains with their mean at its gain, valve and rubber."""
     changes: dict[str, Any] = {k: values[k] for k in RUBBER if k in values}
-    if joint := {int(k.rpartition("_")[2]): v for k, v in values.items() if re.fullmatch(r"joint_gain_\d+", k)}:
+    if joint := {int(k.rpartition("_")[2]): v for k, v in values.items() if fits(r"joint_gain_\d+", k)}:
         gains = chamber.joint_gain.copy()
         for i, value in joint.items():
             gains[i - 1] = value
         changes["joint_gain"] = gains
-    if powers := {int(k[-1]): v for k, v in values.items() if re.fullmatch(r"torque_[1-9]", k)}:
+    if powers := {int(k[-1]): v for k, v in values.items() if fits("torque_[1-9]", k)}:
         law = np.zeros(max([chamber.torque.size, *powers]))
         law[: chamber.torque.size] = chamber.torque
         for k, value in powers.items():

@@ -14,7 +14,8 @@ from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.drives import inputs_to
 from pliant.identification.follow_loops import Before, Course, Places, Seen
-from pliant.identification.parameters import apply, for_record
+from pliant.identification.parameters import for_record
+from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.pose import posed
 from pliant.model import Model
 from pliant.simulation import Pulse, Trace, equilibrium, state
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-Plans = dict[Any, Drive]
 
 
 class Numbers(NamedTuple):
@@ -73,40 +73,42 @@ def set_up(
 
     Parameters
     ----------
-    plans : dict, optional
-        Keeps the steps and torques of earlier calls, for values that do not concern the pressure.
+    plans : Plans, optional
+        What earlier calls for the same model have found.
     rest : array (n,), optional
         Joint angles at the start, where a search for the equilibrium can be spared.
     """
     own = {**for_record(values, exp.name), **exp.known}
-    m = apply(model, own)
-    plans = {} if plans is None else plans
+    plans = Plans() if plans is None else plans
+    here = plans.at(model, own)
+    m = here.model
     times = exp.time - own.get("latency", 0.0)
     if exp.excitation == "release":
-        return let_go(m, exp, own, times, step, plans)
+        return let_go(here, exp, own, times, step, plans)
     plan = planned(m, exp, own, times, step, plans)
     before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
     start = state.absolute(m, equilibrium(m, plan.initial, link_load=before) if rest is None else rest)
-    numbers = gathered(m, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
+    numbers = gathered(here, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
     return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, shown(plan.pressure), True)
 
 
 def let_go(
-    model: Model, exp: Experiment, own: Mapping[str, float], times: Array, step: float, plans: Plans,
+    here: ModelAt, exp: Experiment, own: Mapping[str, float], times: Array, step: float, plans: Plans,
 ) -> SetUp:
     """The set-up of a body that is held, then let go; the clamp may give way by ``base_turn`` at that moment."""
+    model = here.model
     base = (model.base_angle, model.base_angle + own.get("base_turn", 0.0))
     angles = state.absolute(model, held_angles(model, exp, own))
     free = times[times > own["release"]]
     plan = no_drive(model)
     if free.size:
         key = ("release", exp.name, own["release"], times[0])
-        if key not in plans:
+        if key not in plans.drives:
             still_air = [Pulse(0.0)] * len(model.chambers)
-            plans[key] = drive(model, still_air, np.concatenate([[own["release"]], free]), step)
-        plan = plans[key]
-    numbers = with_loads(gathered(model, exp, own, plan, (angles, angles), base), model, exp, own["release"])
+            plans.drives[key] = drive(model, still_air, np.concatenate([[own["release"]], free]), step)
+        plan = plans.drives[key]
+    numbers = with_loads(gathered(here, exp, own, plan, (angles, angles), base), model, exp, own["release"])
     still, none = exp.time.size - free.size, np.zeros((exp.time.size, len(model.chambers)))
     made = SetUp(numbers, plan.keep, still, carriers(model, exp), model, shown(none), from_rest=False,
                  pulled=exp.held is not None)
@@ -169,7 +171,7 @@ def planned(
     """Steps and torques under a measured or nominal pressure, at the frames' `times` on its clock, s."""
     start, stop = own.get("start", 0.0), own.get("stop", 0.0)
     key = (exp.name, times[0], start, stop, *(c.key for c in model.chambers))
-    if key not in plans:
+    if key not in plans.drives:
         pressure: Input | tuple[Input, ...]
         if exp.drives or len(model.chambers) > 1:
             pressure = inputs_to(model, exp, start)
@@ -178,22 +180,21 @@ def planned(
         else:
             width = np.inf if exp.excitation == "step" else max(stop - start, 1e-6)
             pressure = Pulse(exp.level, start, width)
-        plans[key] = drive(model, pressure, times, step)
-    return plans[key]
+        plans.drives[key] = drive(model, pressure, times, step)
+    return plans.drives[key]
 
 
 def gathered(
-    model: Model, exp: Experiment, own: Mapping[str, float], plan: Drive, angles: tuple[Array, Array],
+    here: ModelAt, exp: Experiment, own: Mapping[str, float], plan: Drive, angles: tuple[Array, Array],
     base: tuple[float, float],
 ) -> Numbers:
     """The numbers of a set-up: angles and base angle while held, and at the start of the motion."""
-    chosen = observed(model, exp)
+    model, chosen = here.model, observed(here.model, exp)
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
         gain=model.actuation.gain, torque_before=model.actuation.joint_torques(plan.initial),
-        load=np.zeros((0, model.n, 2)), load_before=np.zeros((model.n, 2)), body=model.body(),
-        joints=model.joints()._replace(base_angle=base[1]),
-        memory=model.memory.law(),
+        load=np.zeros((0, model.n, 2)), load_before=np.zeros((model.n, 2)), body=here.body,
+        joints=here.joints._replace(base_angle=base[1]), memory=here.memory,
         along=np.array([p.along for p in chosen]), across=np.array([p.across for p in chosen]),
         shift=np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)]),
         reference=model.base_angle if exp.angle_reference in ("base", "joint") else 0.0,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.identification.chamber_parameters import fits
 from pliant.model import Model
 from pliant.model.memory import springpot
 
@@ -73,7 +74,7 @@ def laid_springpot(values: Mapping[str, float]) -> dict[str, Any]:
         return {}
     if missing := [f"fractional_{field}" for field in FRACTIONAL if field not in given]:
         raise InputError(f"a springpot needs all of its four numbers: {', '.join(missing)} is missing")
-    if any(re.fullmatch(r"creep_(share|time)_[1-9]", name) for name in values):
+    if any(fits("creep_(share|time)_[1-9]", name) for name in values):
         raise InputError("a springpot lays out all creep branches itself: leave out either fractional_* or creep_*")
     made = springpot(*(given[field] for field in FRACTIONAL))
     return {"creep_share": made.creep_share, "creep_time": made.creep_time}
@@ -85,12 +86,12 @@ def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     for field in ("stiffening", "cubic_stiffening"):
         if field in values:
             changes[field] = np.full(model.n, values[field])
-    entries: dict[str, Any] = {k: v for k, v in values.items() if re.fullmatch(r"boucwen_[a-z]+", k)}
+    entries: dict[str, Any] = {k: v for k, v in values.items() if fits("boucwen_[a-z]+", k)}
     entries |= laid_springpot(values)
     for kind, fields in PAIRS.items():
         for field in fields:
             row = list(entries.get(f"{kind}_{field}", getattr(model.memory, f"{kind}_{field}")))
-            given = {int(k[-1]): v for k, v in values.items() if re.fullmatch(rf"{kind}_{field}_[1-9]", k)}
+            given = {int(k[-1]): v for k, v in values.items() if fits(f"{kind}_{field}_[1-9]", k)}
             for j in sorted(given):
                 if j > len(row) + 1:
                     raise InputError(f"parameter {kind}_{field}_{j}: number branches 1, 2, ... without a gap")

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, owners
+from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, fits, owners
 from pliant.identification.memory_parameters import ROWS, memory_changes, usual_start
 from pliant.model import Model
 from pliant.model.torque_law import law_parameters
@@ -135,6 +136,12 @@ KNOWN: dict[str, Kind] = {
 }
 
 
+OF_A_RECORD = frozenset({  # what no model has
+    "base_x", "base_y", "start", "stop", "latency", "release", "release_time", "base_turn", "hold_force",
+})  # fmt: skip
+
+
+@cache
 def kind_of(name: str) -> Kind:
     """The kind of parameter that `name` (with or without its recording) means; InputError lists the known ones."""
     for candidate in (name, name.partition(".")[2]):
@@ -164,6 +171,11 @@ def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
     return {**values, **own}
 
 
+def of_the_model(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+    """Those of the values of one recording that `apply` puts into a model."""
+    return tuple(pair for pair in values.items() if pair[0].rpartition(".")[2] not in OF_A_RECORD)
+
+
 def apply(model: Model, values: Mapping[str, float]) -> Model:
     """The model with `values` put in; names that do not concern the model are left to others.
 
@@ -173,7 +185,7 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
         model = moved_joints(model, values["joint_share"])
     changes: dict[str, Any] = {k: values[k] for k in ("tip_mass", "base_angle") if k in values}
     for field in PER_JOINT:
-        joint = {int(k.rpartition("_")[2]): v for k, v in values.items() if re.fullmatch(rf"{field}_\d+", k)}
+        joint = {int(k.rpartition("_")[2]): v for k, v in values.items() if fits(rf"{field}_\d+", k)}
         if field in values or joint:
             array = np.full(model.n, values[field]) if field in values else getattr(model, field).copy()
             for i, value in joint.items():

@@ -10,8 +10,9 @@ import numpy as np
 from pliant.errors import PliantError
 from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.experiment import Experiment
-from pliant.identification.forward_model import Plans, moved, set_up
+from pliant.identification.forward_model import moved, set_up
 from pliant.identification.parameters import Parameter
+from pliant.identification.plans import Plans
 from pliant.identification.residuals import Observations, correlated_frames
 from pliant.identification.sensitivity import slopes_of
 from pliant.model import Model
@@ -19,7 +20,7 @@ from pliant.model import Model
 Array = np.ndarray
 FAR = 1e3  # residual, in scales, of a parameter set that cannot be simulated
 BLIND = 1e-11  # of the longest column: a shorter one is rounding
-MOST_PLANS = 100  # steps and torques kept from one evaluation for the next
+MOST_PLANS = 100  # models, and steps and torques, kept from one evaluation for the next
 HELD_MEAN = 1e-3  # standard deviation of the mean of joint gains that is held; no recording pulls at it
 FIRST_GUESS = 0.01  # of a travel: the size of residuals before there are any
 
@@ -67,7 +68,7 @@ class Problem:
         self.size = 1.0 if weighting == "noise" else FIRST_GUESS * self.unit
         self.evaluations = 0
         self.broken = ""
-        self.plans: Plans = {}
+        self.plans = Plans()
         self.latest: tuple[bytes, Array] = (b"", np.zeros(0))  # scaled parameters and the Jacobian there
 
     def values(self, x: Array) -> dict[str, Any]:
@@ -104,8 +105,7 @@ class Problem:
             return self.latest[1]
         values = self.values(x)
         sizes = {p.name: float(s) for p, s in zip(self.free, self.scale, strict=True)}
-        if len(self.plans) > MOST_PLANS:
-            self.plans.clear()
+        self.plans.forget(MOST_PLANS)
         parts = [
             o.slopes(slopes_of(self.model, o.exp, values, sizes, self.step, self.plans)) for o in self.observed
         ]

@@ -16,7 +16,8 @@ from pliant.compiler.choose import twin
 from pliant.equations import motion
 from pliant.equations.symbols import Body, Joints, Slopes
 from pliant.errors import FitError, PliantError
-from pliant.identification.forward_model import Numbers, Plans, SetUp, moved, set_up
+from pliant.identification.forward_model import Numbers, SetUp, moved, set_up
+from pliant.identification.plans import Plans
 from pliant.model import Model
 from pliant.simulation import state
 from pliant.simulation.forces import joint_loads
@@ -63,7 +64,7 @@ def slopes_of(
     plans: Plans | None = None,
 ) -> Array:
     """The derivatives of `sensitivities` alone."""
-    plans = {} if plans is None else plans
+    plans = Plans() if plans is None else plans
     rows = exp.time.size
     here = set_up(model, exp, values, step, plans)
     slopes = np.zeros((len(sizes), rows, len(exp.stations), 3))

@@ -19,7 +19,7 @@ from pliant.model.extension import Extension, extensible_body, extensions_of, fi
 from pliant.model.limits import MOST_LINKS
 from pliant.model.memory import Memory
 from pliant.model.physical import check_physical
-from pliant.model.station import Station, station_of
+from pliant.model.station import Station, stations_of
 from pliant.model.summary import model_card
 from pliant.model.valve import Valve
 
@@ -129,25 +129,27 @@ class Model(Shown):
         values = {**DEFAULTS, **{k: v for k, v in given.items() if k not in FIELDS}}
         if missing := sorted(names - set(values) - {"chambers"}):
             raise TypeError(f"Model needs {' and '.join(missing)}")
-        chambers = chambers_of(own, values.pop("chambers", ()))
-        arrays = {name: numbers(name, values[name]) for name in ARRAYS}
-        n = max(*(arrays[name].size for name in PER_LINK), *(c.joint_gain.size for c in chambers))
+        values["chambers"] = chambers_of(own, values.get("chambers", ()))
+        values |= {name: numbers(name, values[name]) for name in ARRAYS}
+        n = max(*(values[name].size for name in PER_LINK), *(c.joint_gain.size for c in values["chambers"]))
         if n > MOST_LINKS:
             raise InputError(f"model must have at most {MOST_LINKS} links, got {n}")
-        for name in PER_LINK:
-            arrays[name] = each_link(name, arrays[name], n)
-        values |= arrays
-        for a in arrays.values():
-            a.setflags(write=False)  # a model never changes under its user
-        values |= {name: one_number(name, values[name]) for name in SCALARS}
-        values["chambers"] = tuple(with_gains(c, n) for c in chambers)
-        values["extensions"] = extensions_of(values["extensions"])
-        values["stations"] = tuple(station_of(s) for s in values["stations"])
-        values["source"] = dict(values["source"])
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-        check_physical(self)
-        object.__setattr__(self, "bend_sign", int(self.bend_sign))
+        self._take(values, n)
+
+    def _take(self, values: dict[str, Any], n: int) -> None:
+        """Take `values` of some or all parameters of n links, and check those."""
+        for name in values.keys() & ARRAYS:
+            values[name] = each_link(name, values[name], n) if name in PER_LINK else values[name]
+            values[name].setflags(write=False)  # a model never changes under its user
+        values |= {name: one_number(name, values[name]) for name in values.keys() & SCALARS}
+        if "chambers" in values:
+            values["chambers"] = tuple(with_gains(c, n) for c in chambers_of({}, values["chambers"]))
+        for name, made in (("extensions", extensions_of), ("stations", stations_of), ("source", dict)):
+            if name in values:
+                values[name] = made(values[name])
+        self.__dict__.update(values)
+        check_physical(self, values)
+        self.__dict__["bend_sign"] = int(self.bend_sign)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Model):
@@ -244,13 +246,18 @@ class Model(Shown):
         return self.chamber.torque_at(pressure)
 
     def with_(self, **changes: Any) -> Model:
-        """A copy with some parameters changed, checked again; those of a chamber change the only one."""
-        own = {k: v for k, v in changes.items() if k in FIELDS}
-        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        values |= {k: v for k, v in changes.items() if k not in FIELDS}
-        if own:
-            values["chambers"] = (replace(self.chamber, **own),)
-        return Model(**values)
+        """A copy with some parameters changed, which are checked; those of a chamber change the only one."""
+        if own := {k: v for k, v in changes.items() if k in FIELDS}:
+            changes = {k: v for k, v in changes.items() if k not in FIELDS}
+            changes["chambers"] = (replace(self.chamber, **own),)
+        values: dict[str, Any] = {f.name: self.__dict__[f.name] for f in fields(self)}
+        arrays = {name: numbers(name, changes[name]) for name in changes.keys() & ARRAYS}
+        if not (changes.keys() <= values.keys() and {arrays[k].size for k in arrays.keys() & PER_LINK} <= {1, self.n}):
+            return Model(**values | changes)  # another number of links, or no parameter of a model
+        made = object.__new__(Model)
+        made.__dict__.update(values)
+        made._take(changes | arrays, self.n)
+        return made
 
     def mechanics(self) -> Body | ExtensibleBody:
         """Constants of the inertia for the kernels of this body, whether it lengthens or not."""

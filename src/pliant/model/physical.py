@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from math import inf, isfinite
 from typing import TYPE_CHECKING
 
@@ -19,11 +20,14 @@ NOT_NEGATIVE = ("link_mass", "damping", "tip_mass", "base_length")
 OF_ANY_SIGN = ("rest_angle", "stiffening", "cubic_stiffening", "gravity", "base_angle")
 
 
-def check_physical(model: Model) -> None:
-    """Raise InputError when a parameter of `model` is not finite or not physical; a fit asks thousands of times."""
-    check_numbers(model, "model", POSITIVE, NOT_NEGATIVE, OF_ANY_SIGN)
-    check_limit("model", "link_mass", model.link_mass.min(initial=1.0, where=model.link_mass > 0))
-    check_stations(model)
+def check_physical(model: Model, given: Collection[str]) -> None:
+    """Raise InputError when a parameter `given` to `model` is not finite or not physical."""
+    kinds = ([name for name in kind if name in given] for kind in (POSITIVE, NOT_NEGATIVE, OF_ANY_SIGN))
+    check_numbers(model, "model", *kinds)
+    if "link_mass" in given:
+        check_limit("model", "link_mass", model.link_mass.min(initial=1.0, where=model.link_mass > 0))
+    if "stations" in given:
+        check_stations(model)
     choices = (  # sentences are filled in for what is wrong alone
         (model.mass_at in ("rod", "tip"), "mass_at must be 'rod' or 'tip', got {0.mass_at!r}"),
         (model.bend_sign in (1, -1), "bend_sign must be 1 or -1, got {0.bend_sign!r}"),

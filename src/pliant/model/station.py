@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from pliant.errors import InputError
@@ -33,3 +34,8 @@ def station_of(entry: Any) -> Station:
         return Station(str(name), operator.index(link), float(along), float(across))
     except (TypeError, ValueError):
         raise InputError(f"a station is (name, link, along, across), m, link an integer; got {entry!r:.70}") from None
+
+
+def stations_of(entries: Iterable[Any]) -> tuple[Station, ...]:
+    """`entries` as stations."""
+    return tuple(station_of(entry) for entry in entries)
