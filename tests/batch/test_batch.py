@@ -9,7 +9,7 @@ from pliant.batch.batch import simulate_batch
 from pliant.batch.samples import gather
 from pliant.errors import InputError, SimulationError
 from pliant.identification.parameters import apply
-from pliant.model import Memory, Valve
+from pliant.model import Chamber, Memory, Valve
 from pliant.simulation import Chirp, Multisine, Pulse, Trace, modes, simulate
 
 TIMES = np.arange(61) / 75.0
@@ -191,3 +191,25 @@ def test_a_batch_beats_the_loop(paper):
         return min(took[1:])
 
     assert fastest(batch, 6) / 64 < fastest(one, 20) / 2
+
+
+def test_bodies_of_several_chambers(paper):
+    """Their parameters are those of a fit, each chamber by its name."""
+    gains = np.repeat([1.0, 0.0], [2, paper.n - 2])
+    low, high = Chamber([6e-7], joint_gain=gains, name="low"), Chamber([-5e-7], joint_gain=1 - gains, name="high")
+    body = paper.with_(chambers=(low, high))
+    inputs = (Pulse(9e4, 0.1, 0.3), Trace([0.0, 0.2, 0.4], [0.0, 6e4, 1e4]))
+    values = {"stiffness": np.array([1.4, 1.6, 1.9]), "high.torque_1": np.array([-5e-7, 3e-7, 1e-7])}
+    batch = simulate_batch(body, inputs, parameters=values, times=TIMES, variables=EVERYTHING)
+    models = [apply(body, {name: v[i] for name, v in values.items()}) for i in range(3)]
+    check_same(batch, models, [inputs] * 3)
+    own = [inputs, inputs[::-1]]
+    check_same(simulate_batch(models[:2], own, times=TIMES, variables=EVERYTHING), models[:2], own)
+    with pytest.raises(InputError, match="2 chamber"):
+        simulate_batch(body, inputs[:1], times=TIMES)
+    with pytest.raises(InputError, match="take one set of pressures or one each, got 2 sets"):
+        simulate_batch(models, own, times=TIMES)
+    strong = (Pulse(9e6, 0.1, 0.3), inputs[1])
+    marked = simulate_batch([body, body.with_(damping=0.0)], strong, times=TIMES, failures="mark")
+    assert np.isfinite(marked["failed_at"].values).tolist() == [False, True]
+    assert np.isnan(marked["tip_position"].values).all(axis=(1, 2, 3)).tolist() == [False, True]

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.batch.gpu import check_gpu, run_gpu
+from pliant.batch.one_by_one import of_several_chambers, run_alone
 from pliant.batch.samples import Samples, gather
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd import run_lanes
@@ -45,7 +46,7 @@ BATCH_OPTIONS: BatchOptions = {
 
 def simulate_batch(
     models: Model | Sequence[Model],
-    pressures: Input | Sequence[Input],
+    pressures: Input | Sequence[Input] | Sequence[Sequence[Input]],
     *,
     parameters: Mapping[str, Any] | None = None,
     duration: float | None = None,
@@ -61,7 +62,8 @@ def simulate_batch(
     models : Model or sequence of Model
         One for all samples, or one for each.
     pressures : input or sequence of inputs
-        Pa, gauge: one for all samples, or one for each.
+        Pa, gauge: one for all samples, or one for each. Of bodies of several chambers: an input for each chamber, or
+        such a set for each sample; they are marched one by one, and their parameters are those of a fit.
     parameters : mapping of arrays (N,) or (N, n)
         Of one model: names as in a fit (``stiffness``, ``damping_2``, ``torque_1``, ``mass``, ``valve_rise``, ...) or
         fields of `Model`; an array (N, n) gives every link its own.
@@ -95,7 +97,14 @@ def simulate_batch(
     """
     how = with_defaults(simulate_batch, options, BATCH_OPTIONS)
     device, failures = how["device"], how["failures"]
-    many: tuple[Input, ...] = (pressures,) if callable(pressures) else tuple(pressures)
+    if several_chambers(models):
+        check_choices(variables, device, failures)
+        many_models, sets = of_several_chambers(models, pressures, parameters)
+        times = output_times(duration, times, step)
+        found = run_alone(many_models, sets, times, step, {**how, "threads": how["threads"] or cores()})
+        found = {k: found[k] for k in (*variables, "failed_at")}
+        return labelled(many_models[0], times, found, failures, {"step_s": step, "device": device})
+    many: tuple[Any, ...] = (pressures,) if callable(pressures) else tuple(pressures)
     samples = gather(models, parameters, len(many))
     check_request(samples, many, variables, device, failures)
     times = output_times(duration, times, step)
@@ -105,8 +114,30 @@ def simulate_batch(
     if device == "gpu":
         made = run_gpu(samples, schedule, start, variables)
     else:
-        made = run_lanes(samples, schedule, start, variables, how["threads"] or len(os.sched_getaffinity(0)))
-    return labelled(samples, times, made, failures, {"step_s": step, "device": device})
+        made = run_lanes(samples, schedule, start, variables, how["threads"] or cores())
+    return labelled(samples.template, times, made, failures, {"step_s": step, "device": device})
+
+
+def cores() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def several_chambers(models: Model | Sequence[Model]) -> bool:
+    """Whether bodies of a batch have several chambers; not for bodies that are no models, which others refuse."""
+    return any(len(m.chambers) > 1 for m in ((models,) if isinstance(models, Model) else models))
+
+
+def check_choices(variables: Sequence[str], device: str, failures: str) -> None:
+    """Refuse what a batch does not know; a GPU takes one chamber."""
+    if unknown := [v for v in variables if v not in VARIABLES]:
+        raise InputError(f"unknown variable {unknown[0]!r}: a batch keeps {', '.join(VARIABLES)}")
+    if failures not in ("raise", "mark"):
+        raise InputError(f"failures is 'raise' or 'mark', got {failures!r}")
+    if device == "gpu":
+        raise InputError("a batch on a GPU takes bodies of one chamber: use device = 'cpu'")
+    if device != "cpu":
+        raise InputError(f"device is 'cpu' or 'gpu', got {device!r}")
 
 
 def check_request(
@@ -118,14 +149,9 @@ def check_request(
             raise InputError(f"pressures must be inputs, as Pulse(level) or Trace(time, pressure), got {p!r:.60}")
     if len(pressures) not in (1, samples.size):
         raise InputError(f"{samples.size} samples take one pressure or one each, got {len(pressures)} pressures")
-    if unknown := [v for v in variables if v not in VARIABLES]:
-        raise InputError(f"unknown variable {unknown[0]!r}: a batch keeps {', '.join(VARIABLES)}")
     if device == "gpu":
         check_gpu(samples)
-    elif device != "cpu":
-        raise InputError(f"device is 'cpu' or 'gpu', got {device!r}")
-    if failures not in ("raise", "mark"):
-        raise InputError(f"failures is 'raise' or 'mark', got {failures!r}")
+    check_choices(variables, "cpu" if device == "gpu" else device, failures)
 
 
 def check_steps(samples: Samples, step: float) -> None:
@@ -165,26 +191,26 @@ def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rat
 
 
 def labelled(
-    samples: Samples, times: Array, made: dict[str, Array], failures: str, attributes: dict[str, Any],
+    model: Model, times: Array, made: dict[str, Array], failures: str, attributes: dict[str, Any],
 ) -> xr.Dataset:
     """The dataset of a batch; a failed sample raises, or is NaN and named."""
     failed_at = made.pop("failed_at")
     bad = np.flatnonzero(np.isfinite(failed_at))
     if bad.size and failures == "raise":
         raise SimulationError(
-            f"{bad.size} of {samples.size} samples fail, sample {bad[0]} at {failed_at[bad[0]]:.6g} s: a link turns by "
-            "more than a radian within a step, or a softening spring gives way; use a shorter step, a smaller "
+            f"{bad.size} of {failed_at.size} samples fail, sample {bad[0]} at {failed_at[bad[0]]:.6g} s: a link turns "
+            "by more than a radian within a step, or a softening spring gives way; use a shorter step, a smaller "
             "pressure, or failures='mark'"
         )
     for a in made.values():
         a[bad] = np.nan
     entries = {k: (VARIABLES[k], a, {"units": LABELS[k][0], "long_name": LABELS[k][1]}) for k, a in made.items()}
     failed = {"units": "s", "long_name": "time at which the sample's step failed, NaN where none did"}
-    n = samples.template.n
+    n = model.n
     return xr.Dataset(
         {**entries, "failed_at": (("sample",), failed_at, failed)},
-        coords={"sample": np.arange(samples.size), "time": ("time", times, {"units": "s", "long_name": "time"}),
+        coords={"sample": np.arange(failed_at.size), "time": ("time", times, {"units": "s", "long_name": "time"}),
                 "joint": np.arange(1, n + 1), "link": np.arange(1, n + 1), "axis": ["x", "y"]},
-        attrs={"schema": "pliant-batch", "model": samples.template.name, "failed_samples": int(bad.size),
+        attrs={"schema": "pliant-batch", "model": model.name, "failed_samples": int(bad.size),
                "source": f"pliant {__version__}", **attributes},
     )

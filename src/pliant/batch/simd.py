@@ -9,12 +9,12 @@ from threading import Lock
 import numpy as np
 
 from pliant.batch import simd_loops
+from pliant.batch.one_by_one import march_alone
 from pliant.batch.samples import Samples
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd_loops import Lane, Output
 from pliant.compiler.simd import WIDTH, aligned, lane_twin
-from pliant.equations.symbols import Past
-from pliant.simulation import march_loops, state
+from pliant.simulation import march_loops
 
 Array = np.ndarray
 
@@ -119,8 +119,7 @@ class Alone(Groups):
     """
 
     def prepare(self) -> None:
-        """What all chains need."""
-        self.march = lane_twin(march_loops.march_with_memory, self.samples.template.n)
+        """Nothing that all chains need."""
 
     def work(self) -> None:
         """As `Groups.work`."""
@@ -134,26 +133,13 @@ class Alone(Groups):
     def alone(self, i: int, h: Array, torque: Array, keep: Array) -> None:
         """March sample `i` and put it where it belongs."""
         model, times = self.samples.model(i), self.schedule.times
-        n, rows = model.n, times.size
-        first, rate = self.start[:, :, i].copy()
-        states = state.relaxed(model, state.joint_angles(model, first))
-        phi, w = np.empty((rows, n)), np.empty((rows, n))
-        phi[0], w[0] = first, rate
-        failed = self.march(
-            first, rate, march_loops.Steps(h, torque[:, None], np.array(model.actuation.gain), keep), model.body(),
-            model.joints(), Past(model.memory.law(), states, state.held(model)), state.workspace(n),
-            march_loops.Rows(phi, w, np.empty((rows, 3)), np.empty((rows, *states.shape))),
-        )
-        if failed != -1:
-            last = failed if failed >= 0 else -2 - failed  # a link that turns too far, or no agreement
-            self.made["failed_at"][i] = times[0] + h[: last + 1].sum()
-            return
-        make = {
-            "joint_angle": lambda: state.joint_angles(model, phi), "joint_rate": lambda: state.joint_rates(w),
-            "tip_position": lambda: state.tips(model, phi),
-        }
-        for name in self.made.keys() & make.keys():
-            self.made[name][i] = make[name]()
+        steps = march_loops.Steps(h, torque[:, None], np.array(model.actuation.gain), keep)
+        angle, rate = self.start[:, :, i]
+        made, failed = march_alone(model, steps, angle.copy(), rate.copy(), times.size)
+        if failed >= 0:
+            self.made["failed_at"][i] = times[0] + h[: failed + 1].sum()
+        for name in self.made.keys() & made.keys():
+            self.made[name][i] = made[name]
 
 
 def run_lanes(
