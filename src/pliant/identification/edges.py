@@ -6,14 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pliant.errors import InputError
+
 if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
+HELD_S = 0.05  # s before a release, over which the held pose is a median
 
 
 def displacement(exp: Experiment) -> Array:
-    """Distance (T,) of the last station from where the recording shows it first, m; gaps bridged by straight lines."""
+    """Distance (T,) of the last station from where the recording shows it first, m (rad of angles); gaps bridged."""
     p = exp.last_station
     seen = np.isfinite(p).all(axis=1)
     u = np.linalg.norm(p[seen] - np.median(p[seen][:5], axis=0), axis=1)
@@ -39,3 +42,15 @@ def edges(exp: Experiment) -> dict[str, float]:
     before = np.flatnonzero(u[:last] > u[last - max(3, u.size // 100) : last].max() * 0.97)
     plateau = float(t[before[-1]]) if before.size else float(t[last])
     return {"start": onset, "stop": max(plateau, onset + 1e-3)}
+
+
+def held_pose(exp: Experiment) -> Array:
+    """Places (S, 2) of the stations in the last moments before the body is let go, m."""
+    if exp.excitation != "release" or exp.placeless:
+        raise InputError(f"experiment {exp.name}: a pose was held before a release, and places show it, but this is a "
+                         f"{exp.excitation}{' seen by angles alone' if exp.placeless else ''}")  # fmt: skip
+    onset = edges(exp)["release"]
+    held = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
+    if np.isnan(held).all(axis=0).any():  # always one frame: the onset is one
+        raise InputError(f"experiment {exp.name}: not every station is seen in the {HELD_S} s before the release")
+    return np.asarray(np.nanmedian(held, axis=0))

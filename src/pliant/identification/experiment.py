@@ -12,7 +12,7 @@ import xarray as xr
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.drives import check_drives, drives_of, leading
-from pliant.identification.edges import edges
+from pliant.identification.edges import held_pose
 from pliant.identification.forward_model import moved, set_up
 from pliant.identification.parameters import Parameter, for_record
 from pliant.identification.recorded import (
@@ -21,6 +21,7 @@ from pliant.identification.recorded import (
     dense_arc_length,
     one_chamber,
     recorded_angles,
+    recorded_places,
 )
 from pliant.model import Model
 from pliant.recording.schema import check_recording
@@ -28,7 +29,6 @@ from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce, checked
 
 Array = np.ndarray
-HELD_S = 0.05  # s before a release, over which the held pose is a median
 Held = Literal["unloaded", "measured"]
 Angles = bool | Literal["only"]
 AngleReference = Literal["rest", "base", "joint", ""]
@@ -44,7 +44,7 @@ class Experiment(Shown):
     time : array (T,)
         s.
     position : array (T, S, 2)
-        Observed points in the base frame, m; NaN where a point was not seen.
+        Observed points in the base frame, m; NaN where a point was not seen, and throughout where angles alone were.
     stations : tuple of str
         Names of the S points; the model carries points of the same names.
     excitation : {"trace", "pulse", "step", "release"}
@@ -77,8 +77,11 @@ class Experiment(Shown):
     drives : dict
         Measured pressures by the chamber of the model that each drives, where it has several; those not named rest at
         0 Pa. `pressure` is then the one that moves most.
+    placeless : bool
+        Whether no place was observed, so that everything rests on the angles; found from the data.
     travel : float
-        Largest displacement of the last station from its rest, m; found from the data.
+        Largest displacement of the last station from its rest, m, or its largest turn, rad, where `placeless`; found
+        from the data.
     """
 
     name: str
@@ -98,6 +101,7 @@ class Experiment(Shown):
     forces: tuple[PointForce, ...] = ()
     angles_alone: bool = False
     drives: Mapping[str, Trace] = field(default_factory=dict)
+    placeless: bool = field(init=False)
     travel: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -110,6 +114,8 @@ class Experiment(Shown):
                 f"experiment {self.name}: positions must be (time, station, 2) = "
                 f"{(self.time.size, len(self.stations), 2)}, got {self.position.shape}"
             )
+        object.__setattr__(self, "placeless", self.angle is not None and not np.isfinite(self.position).any())
+        check_extras(self)
         if self.drives:
             check_drives(self)
             object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
@@ -120,9 +126,8 @@ class Experiment(Shown):
                 f"experiment {self.name}: a {self.excitation} needs its nominal level in Pa, got {self.level}"
             )
         for k, station in enumerate(self.stations):
-            if np.isfinite(self.position[:, k]).all(axis=1).sum() < 10:
+            if np.isfinite(self.compared[:, k]).all(axis=1).sum() < 10:
                 raise InputError(f"experiment {self.name}: station {station!r} was seen in fewer than 10 frames")
-        check_extras(self)
         object.__setattr__(self, "forces", tuple(checked(f"experiment {self.name}", f) for f in self.forces))
         seen = self.last_station[np.isfinite(self.last_station).all(axis=1)]
         travel = float(np.linalg.norm(seen - np.median(seen[:5], axis=0), axis=1).max())
@@ -138,12 +143,23 @@ class Experiment(Shown):
         seen = f"{self.time.size} frames of {', '.join(self.stations)} over {np.ptp(self.time):.3g} s"
         if self.drives:
             done["trace"] = f"measured pressures of {', '.join(self.drives)}"
-        return Card(f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, travel {1e3 * self.travel:.3g} mm")
+        unit, factor = self.shown_in
+        return Card(f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, travel {factor * self.travel:.3g} {unit}")
+
+    @property
+    def compared(self) -> Array:
+        """What a model is compared by: places (T, S, 2), m; angles (T, S, 1), rad, where no place was observed."""
+        return self.angle[..., None] if self.placeless and self.angle is not None else self.position
 
     @property
     def last_station(self) -> Array:
-        """Positions (T, 2) of the last station, m."""
-        return self.position[:, -1]
+        """What was observed of the last station: places (T, 2), m, or angles (T, 1), rad."""
+        return self.compared[:, -1]
+
+    @property
+    def shown_in(self) -> tuple[str, float]:
+        """The unit in which a reader reads what is compared, and how many of it make one SI unit."""
+        return ("deg", float(np.degrees(1.0))) if self.placeless else ("mm", 1e3)
 
     def synchronised(self, values: Mapping[str, float]) -> Experiment:
         """The experiment with its measured pressure on the clock of the shape, as the parameter ``start`` has it."""
@@ -234,36 +250,26 @@ def experiment(
         pressure = recording["pressure"]
         trace = Trace(recording["pressure_time"].values, one_chamber(name, pressure))
     made = Experiment(
-        name, recording.time.values.astype(float), recording["position"].sel(station=list(used)).values.astype(float),
-        used, excitation, trace, float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
-        **recorded_angles(name, recording, used, wanted=bool(angles)), noise=dict(noise or {}),
+        name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
+        float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
+        **recorded_angles(name, recording, used, wanted=bool(angles) or "position" not in recording), noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
-        angles_alone=angles == "only", drives=drives,
+        angles_alone=angles == "only" or "position" not in recording, drives=drives,
     )
     return replace(made, held=held_pose(made)) if held == "measured" else made
 
 
-def held_pose(exp: Experiment) -> Array:
-    """Places (S, 2) of the stations in the last moments before the body is let go, m."""
-    if exp.excitation != "release":
-        raise InputError(f"experiment {exp.name}: a pose was held before a release, but this is a {exp.excitation}")
-    onset = edges(exp)["release"]
-    held = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
-    if np.isnan(held).all(axis=0).any():  # always one frame: the onset is one
-        raise InputError(f"experiment {exp.name}: not every station is seen in the {HELD_S} s before the release")
-    return np.asarray(np.nanmedian(held, axis=0))
-
-
 def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
-    """What the model says of an experiment: positions (T, S, 2) [m], angles (T, S) [rad], pressure (T,) [Pa], (T, C) of
-    several chambers.
+    """What the model says of an experiment: positions (T, S, 2) [m], angles (T, S) [rad], which of them are `compared`,
+    pressure (T,) [Pa], (T, C) of several chambers.
 
     `values` holds parameter values by name; those of the experiment `exp` overrule shared ones. `step` is that of the
     integration, s.
     """
     made = set_up(model, exp, values, step)
     rows = moved(made, made.numbers, np.float64, exp.time.size)
-    return {"position": rows[..., :2], "angle": turned(exp, rows), "pressure": made.pressure, "model": made.model}
+    return {"position": rows[..., :2], "angle": turned(exp, rows), "compared": compared_of(exp, rows),
+            "pressure": made.pressure, "model": made.model}  # fmt: skip
 
 
 def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
@@ -272,7 +278,13 @@ def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], ste
     along = np.concatenate([[0.0, made.model.base_length], made.model.link_length])
     carrier = np.concatenate([[-1, -1], np.arange(made.model.n)])
     chain = made._replace(carrier=carrier)
-    return moved(chain, made.numbers._replace(along=along, across=0 * along), np.float64, exp.time.size)[..., :2]
+    own = made.numbers._replace(along=along, across=0 * along, sensor_lag=np.zeros(0))  # no sensor sees the chain
+    return moved(chain, own, np.float64, exp.time.size)[..., :2]
+
+
+def compared_of(exp: Experiment, rows: Array) -> Array:
+    """What is compared (..., T, S, 2 or 1) of observed rows (..., T, S, 3); see `Experiment.compared`."""
+    return turned(exp, rows)[..., None] if exp.placeless else rows[..., :2]
 
 
 def turned(exp: Experiment, rows: Array) -> Array:

@@ -207,7 +207,7 @@ def predict_held_out(
     if not experiment.own_parameters:
         values = fitted.values
         prediction = predict(fitted.model, experiment, values, step)
-        rmse = {experiment.name: root_mean_square(prediction["position"], experiment.position)}
+        rmse = {experiment.name: root_mean_square(prediction["compared"], experiment.compared)}
         told = "nothing was fitted to this record"
         return prediction, FitResult(fitted.model, tuple(fixed), told, rmse, 1, 0.0, True)
     own = fit([experiment], fitted.model, fixed, step=step, starts=1)
@@ -232,7 +232,7 @@ def finished(
     own = tuple(f"{e.name}." for e in problem.experiments)
     model = apply(problem.model, {k: v for k, v in values.items() if not k.startswith(own)})
     rmse = {
-        e.name: root_mean_square(predict(problem.model, e, values, problem.step)["position"], e.position)
+        e.name: root_mean_square(predict(problem.model, e, values, problem.step)["compared"], e.compared)
         for e in problem.experiments
     }
     notes = cautions(model, parameters, problem.experiments, section_area) + combinations(problem, best.x, found)

@@ -17,6 +17,7 @@ from pliant.identification.follow_loops import Before, Course, Places, Seen
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.pose import posed
+from pliant.identification.sensor import behind_sensors, between_frames, lags_of
 from pliant.model import Model
 from pliant.simulation import Pulse, Trace, equilibrium, state
 from pliant.simulation.drive import Drive, drive
@@ -48,6 +49,7 @@ class Numbers(NamedTuple):
     across: Any  # (S,) m
     shift: Any  # (2,) m
     reference: Any  # rad
+    sensor_lag: Any  # (S,) s, of the stations' sensors; no entries where none lags
     length: Any  # (n,) m, of the links
     base_length: Any  # m
 
@@ -63,6 +65,7 @@ class SetUp(NamedTuple):
     pressure: Array  # (T,) Pa, behind the valve; (T, C) of several
     from_rest: bool  # whether the start is the equilibrium under `torque_before`
     pulled: bool = False  # whether a hand took the body to its pose from its unloaded shape
+    between: tuple[Array, Array] | None = None  # times of the rows and where the frames stand, where a sensor lags
 
 
 def set_up(
@@ -82,15 +85,19 @@ def set_up(
     plans = Plans() if plans is None else plans
     here = plans.at(model, own)
     m = here.model
-    times = exp.time - own.get("latency", 0.0)
+    times, between = exp.time - own.get("latency", 0.0), None
+    if lags_of(own, exp.stations).size:
+        between = between_frames(times)
+        times = between[0]
     if exp.excitation == "release":
-        return let_go(here, exp, own, times, step, plans)
+        return let_go(here, exp, own, times, step, plans)._replace(between=between)
     plan = planned(m, exp, own, times, step, plans)
     before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
     start = state.absolute(m, equilibrium(m, plan.initial, link_load=before) if rest is None else rest)
     numbers = gathered(here, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
-    return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, shown(plan.pressure), True)
+    acting = plan.pressure if between is None else plan.pressure[between[1]]
+    return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, shown(acting), True, between=between)
 
 
 def let_go(
@@ -109,7 +116,7 @@ def let_go(
             plans.drives[key] = drive(model, still_air, np.concatenate([[own["release"]], free]), step)
         plan = plans.drives[key]
     numbers = with_loads(gathered(here, exp, own, plan, (angles, angles), base), model, exp, own["release"])
-    still, none = exp.time.size - free.size, np.zeros((exp.time.size, len(model.chambers)))
+    still, none = times.size - free.size, np.zeros((exp.time.size, len(model.chambers)))
     made = SetUp(numbers, plan.keep, still, carriers(model, exp), model, shown(none), from_rest=False,
                  pulled=exp.held is not None)
     return fading(made, exp, own) if "release_time" in own else made
@@ -197,6 +204,7 @@ def gathered(
         joints=here.joints._replace(base_angle=base[1]), memory=here.memory,
         along=np.array([p.along for p in chosen]), across=np.array([p.across for p in chosen]),
         shift=np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)]),
+        sensor_lag=lags_of(own, exp.stations),
         reference=model.base_angle if exp.angle_reference in ("base", "joint") else 0.0,
         length=model.link_length, base_length=model.base_length,
     )
@@ -233,7 +241,7 @@ def moved(made: SetUp, numbers: Numbers, kind: type[Any], rows: int) -> Array:
     def cast(a: Any) -> Any:
         return np.array(a, dtype=kind) if np.ndim(a) else kind(a)
 
-    n = made.model.n
+    n, rows = made.model.n, rows if made.between is None else made.between[0].size
     body, joints = Body(*map(cast, numbers.body)), Joints(*map(cast, numbers.joints))
     scratch = state.workspace(n)
     work = type(scratch)(*map(cast, scratch))
@@ -262,7 +270,7 @@ def moved(made: SetUp, numbers: Numbers, kind: type[Any], rows: int) -> Array:
             f"{after:.6g} s after the start a link turns by more than a radian within the step of {length * 1e3:.3g} "
             "ms, faster than the step can follow; use a shorter step or a smaller pressure"
         )
-    return out
+    return out if made.between is None else behind_sensors(out, made.between, cast(numbers.sensor_lag))
 
 
 def slipped(made: SetUp, numbers: Numbers, kind: type[Any]) -> Array:

@@ -147,7 +147,7 @@ class LadderFit:
         model, filled = prepare(self.train, self.model, listed)
         values = {p.name: float(p.value) for p in filled if p.value is not None}
         rmse = {
-            e.name: root_mean_square(predict(model, e, values, self.options["step"])["position"], e.position)
+            e.name: root_mean_square(predict(model, e, values, self.options["step"])["compared"], e.compared)
             for e in self.train
         }
         return FitResult(model, tuple(filled), "Nothing is free: the model as given.", rmse, len(rmse), 0.0, True)

@@ -56,7 +56,7 @@ def missed(exp: Experiment, result: FitResult, step: float) -> Array:
     The mean is the square of the record's error; a station that was not seen adds nothing.
     """
     prediction, _ = predict_held_out(exp, result, step=step)
-    square = np.sum((prediction["position"] - exp.position) ** 2, axis=-1)
+    square = np.sum((prediction["compared"] - exp.compared) ** 2, axis=-1)
     seen = np.isfinite(square)
     per_frame = np.where(seen, square, 0.0).sum(axis=1) * exp.time.size / seen.sum()
     return np.asarray(per_frame * (100 / exp.travel) ** 2)

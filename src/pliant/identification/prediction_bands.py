@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
-from pliant.identification.experiment import Experiment, predict
+from pliant.identification.experiment import Experiment, compared_of, predict
 from pliant.identification.fit import predict_held_out
 from pliant.identification.result import FitResult
 from pliant.identification.sensitivity import sensitivities
@@ -26,7 +26,9 @@ class Band(Shown):
     Attributes
     ----------
     position, std, lower, upper : array (T, S, 2)
-        Predicted coordinates, their standard error, and the limits of the band, m.
+        Predicted coordinates, their standard error, and the limits of the band, m; (T, S, 1), rad, of angles alone.
+    unit, factor : str, float
+        In which a reader reads them, and how many of it make one SI unit.
     level : float
         Share of cases in which the band holds each coordinate.
     """
@@ -36,17 +38,19 @@ class Band(Shown):
     lower: Array
     upper: Array
     level: float
+    unit: str = "mm"
+    factor: float = 1e3
 
     def holds(self, position: Array) -> float:
-        """Share of the coordinates of `position` (T, S, 2) [m] that lie within; what was not seen does not count."""
+        """Share of the coordinates of `position`, shaped as the band, that lie within; what was not seen does not count."""
         seen = np.isfinite(position)
         return float(((self.lower <= position) & (position <= self.upper))[seen].mean())
 
     def card(self) -> Card:
         """How wide the band is."""
-        half = 5e2 * (self.upper - self.lower)
+        half = 0.5 * self.factor * (self.upper - self.lower)
         frames, stations = self.position.shape[:2]
-        wide = f"half its width is {np.nanmedian(half):.3g} mm (median), {np.nanmax(half):.3g} mm at most"
+        wide = f"half its width is {np.nanmedian(half):.3g} {self.unit} (median), {np.nanmax(half):.3g} {self.unit} at most"
         return Card(f"Band of {100 * self.level:g} % about {frames} frames of {stations} station(s): {wide}")
 
 
@@ -68,7 +72,7 @@ def prediction_band(
         Longest step of the integration, s.
     level : float
         Share of cases in which the band shall hold each coordinate.
-    noise : float or array (S, 2)
+    noise : float or array (S, 2 or 1)
         Standard deviation of the measurement, m, for a band that holds the measured points; 0: the motion itself.
         `residual_noise` takes it from the training records.
     own : FitResult, optional
@@ -77,7 +81,7 @@ def prediction_band(
     Returns
     -------
     Band
-        Arrays of shape (T, S, 2), m.
+        Arrays of shape (T, S, 2), m; (T, S, 1), rad, of angles alone.
 
     Raises
     ------
@@ -95,10 +99,11 @@ def prediction_band(
     scale = {p.name: p.scale for p in own.parameters}
     sizes = {n: scale[n] or max(abs(own.values[n]), 1e-6) for n in names}
     rows, slopes = sensitivities(own.model, experiment, own.values, sizes, step)
-    scaled = slopes[..., :2] * np.array(list(sizes.values()))[:, None, None, None]
+    rows = compared_of(experiment, rows)
+    scaled = compared_of(experiment, slopes) * np.array(list(sizes.values()))[:, None, None, None]
     theirs, mine = scaled[: len(shared)], scaled[len(shared) :]
     if len(mine):
-        seen = np.isfinite(experiment.position)
+        seen = np.isfinite(experiment.compared)
         taken = np.linalg.lstsq(mine[:, seen].T, theirs[:, seen].T, rcond=HIDDEN)[0]
         theirs = theirs - np.tensordot(taken.T, mine, axes=1)
     unit = np.array([sizes[n] for n in names[: len(shared)]])
@@ -106,21 +111,21 @@ def prediction_band(
     variance = np.einsum("itsc,ij,jtsc->tsc", theirs, relative, theirs)
     std = np.sqrt(np.maximum(variance, 0.0) + noise**2)
     half = float(ndtri(0.5 + 0.5 * level)) * std
-    return Band(rows[..., :2], std, rows[..., :2] - half, rows[..., :2] + half, level)
+    return Band(rows, std, rows - half, rows + half, level, *experiment.shown_in)
 
 
 def residual_noise(
     train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *, step: float = 2e-3,
     weighting: str = "travel",
 ) -> Array:
-    """Standard deviation (S, 2) of what the model leaves of a record, m, as the training records have it.
+    """Standard deviation (S, 2 or 1) of what the model leaves of a record, m, as the training records have it.
 
     With the weighting by travel, residuals are taken in shares of each record's travel, and come back as shares of the
-    `modelled` (T, S, 2) travel of the experiment. A station that no training record shows gets the mean of all.
+    `modelled` (T, S, ...) travel of the experiment. A station that no training record shows gets the mean of all.
     """
     left: dict[str, list[Array]] = {}
     for exp in train:
-        away = predict(fitted.model, exp, fitted.values, step)["position"] - exp.position
+        away = predict(fitted.model, exp, fitted.values, step)["compared"] - exp.compared
         square = np.nanmean(away**2, axis=0) / (exp.travel if weighting == "travel" else 1.0) ** 2
         for name, row in zip(exp.stations, square, strict=True):
             left.setdefault(name, []).append(row)

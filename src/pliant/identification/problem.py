@@ -26,7 +26,7 @@ FIRST_GUESS = 0.01  # of a travel: the size of residuals before there are any
 
 
 def root_mean_square(modelled: Array, measured: Array) -> float:
-    """Euclidean root-mean-square distance over stations and time, m; points that were not seen do not count."""
+    """Root-mean-square distance over stations and time, m (rad of angles); points that were not seen do not count."""
     return float(np.sqrt(np.nanmean(np.sum((modelled - measured) ** 2, axis=-1))))
 
 

@@ -13,6 +13,13 @@ Array = np.ndarray
 Excitation = Literal["trace", "pulse", "step", "release"]
 
 
+def recorded_places(recording: xr.Dataset, stations: tuple[str, ...]) -> Array:
+    """Places (T, S, 2) of the stations, m; NaN throughout where a recording holds angles alone."""
+    if "position" not in recording:
+        return np.full((recording.sizes["time"], len(stations), 2), np.nan)
+    return np.asarray(recording["position"].sel(station=list(stations)).values, dtype=float)
+
+
 def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...], *, wanted: bool) -> dict[str, Any]:
     """Angles of a recording and their reference, where they are wanted."""
     if not wanted:

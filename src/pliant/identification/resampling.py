@@ -67,12 +67,13 @@ def bootstrap(
     base = Problem(list(experiments), fitted.model, list(fitted.parameters), step, weighting)
     parts = np.split(base.data_residual(base.start), base.ends[:-1])
     frames = [block or int(np.ceil(2 * correlated_frames(o, r))) for o, r in zip(base.observed, parts, strict=True)]
-    motions = [predict(fitted.model, e, fitted.values, step)["position"] for e in experiments]
+    motions = [predict(fitted.model, e, fitted.values, step)["compared"] for e in experiments]
     drawn = []
     for _ in range(replicates):
         again = [
-            replace(e, position=redrawn(e, p, width, generator))
+            replace(e, **{"angle": r[..., 0]} if e.placeless else {"position": r})
             for e, p, width in zip(experiments, motions, frames, strict=True)
+            for r in [redrawn(e, p, width, generator)]
         ]
         problem = Problem(again, fitted.model, list(fitted.parameters), step, weighting)
         drawn.append(solve(problem, problem.start, loss, 20).x * problem.scale)
@@ -80,16 +81,16 @@ def bootstrap(
 
 
 def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator) -> Array:
-    """Positions (T, S, 2): the modelled motion plus the residuals' blocks of `width` frames in another order.
+    """What is compared, (T, S, 2 or 1): the modelled motion plus the residuals' blocks of `width` frames in another order.
 
     Blocks wrap around the end, so that every frame is drawn alike; residuals are not centred: what the model leaves on
     average stays. What was not seen stays so, and a residual that is missing where it is drawn to is replaced by none.
 
     Source: Politis and Romano (1992), the circular block bootstrap
     """
-    residual = exp.position - motion
+    residual = exp.compared - motion
     count = exp.time.size
     first = rng.integers(count, size=-(-count // width))
     index = ((first[:, None] + np.arange(width)) % count).ravel()[:count]
     drawn = np.nan_to_num(residual[index], nan=0.0)
-    return np.where(np.isfinite(exp.position), motion + drawn, np.nan)
+    return np.where(np.isfinite(exp.compared), motion + drawn, np.nan)

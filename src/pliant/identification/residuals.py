@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.identification.experiment import Experiment, turned
+from pliant.preprocessing.detectors import quantum
 
 Array = np.ndarray
 WEIGHTINGS = ("travel", "metre", "noise")
@@ -82,7 +83,10 @@ def length_weights(exp: Experiment) -> Array:
 
 
 def noise_levels(exp: Experiment, data: Array) -> Array:
-    """Standard deviation (S, 3) of the noise: as given, or from second differences in time, which motion hardly has."""
+    """Standard deviation (S, 3) of the noise: as given, or from second differences in time, which motion hardly has.
+
+    The steps of a sensor that counts in coarse ones are noise too, spread evenly over a step.
+    """
     bend = np.diff(data, 2, axis=0)
     noise: Array = np.full(data.shape[1:], 1.0)
     for s in range(len(exp.stations)):
@@ -90,6 +94,7 @@ def noise_levels(exp: Experiment, data: Array) -> Array:
             found = bend[np.isfinite(bend[:, s, c]), s, c]
             if found.size:
                 noise[s, c] = max(float(np.median(np.abs(found))) / 0.6745 / np.sqrt(6.0), LEAST_NOISE)
+            noise[s, c] = max(noise[s, c], quantum(data[:, s, c]) / np.sqrt(12.0)) if found.size else 1.0
     for k, name in enumerate(exp.stations):
         if name in exp.noise:
             noise[k, :2] = exp.noise[name]

@@ -34,7 +34,9 @@ class FitResult(Shown):
     status : str
         One sentence: how the optimisation ended and what to think of it.
     rmse : dict
-        Euclidean error over stations and time of each training record, m.
+        Euclidean error over stations and time of each training record, m; rad where `turns`.
+    turns : bool
+        Whether the records were compared by angles alone.
     evaluations : int
         Simulated parameter sets.
     seconds : float
@@ -58,18 +60,25 @@ class FitResult(Shown):
     covariance: Covariance | None = None
     notes: tuple[str, ...] = ()
     bic: float | None = None
+    turns: bool = False
 
     @property
     def values(self) -> dict[str, float]:
         """Value of every parameter by name."""
         return {p.name: float(p.value) for p in self.parameters if p.value is not None}
 
+    @property
+    def shown_in(self) -> tuple[str, float]:
+        """The unit in which a reader reads the errors, and how many of it make one SI unit."""
+        return ("deg", float(np.degrees(1.0))) if self.turns else ("mm", 1e3)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, for JSON."""
+        unit, factor = self.shown_in
         return {
             "status": self.status, "converged": self.converged, "notes": list(self.notes),
             "evaluations": self.evaluations, "seconds": self.seconds, "bic": self.bic,
-            "rmse_mm": {k: 1e3 * v for k, v in self.rmse.items()},
+            f"rmse_{unit}": {k: factor * v for k, v in self.rmse.items()},
             "parameters": {p.name: parameter_dict(p) for p in self.parameters},
             "covariance": covariance_dict(self.covariance) if self.covariance else None,
         }
@@ -81,7 +90,8 @@ class FitResult(Shown):
              p.unit.replace("^k", f"^{p.name[-1]}").replace("^1", ""), "free" if p.free else "fixed"]
             for p in self.parameters
         ]
-        errors = ", ".join(f"{name} {1e3 * value:.3g} mm" for name, value in self.rmse.items())
+        unit, factor = self.shown_in
+        errors = ", ".join(f"{name} {factor * value:.3g} {unit}" for name, value in self.rmse.items())
         lines = [*self.notes, *([f"RMSE of the training records: {errors}"] if errors else [])]
         return Card(self.status, lines, ["parameter", "value", "std. error", "unit", ""], rows)
 

@@ -21,6 +21,7 @@ MAD = 0.6745  # median absolute deviation of a unit normal
 SPIKE_RATIO = 10.0  # how far a fault stands out of its surroundings
 WINDOW = 6
 ORIENTATION_JUMP = np.deg2rad(30.0)
+GRID_SHARE, OFF_GRID = 0.5, 0.2  # distinct values in parts of all; how far off a whole number a distance may be
 FLOOR_SHARE = 3e-3  # faults below this share of the station's travel are no faults
 
 
@@ -76,6 +77,21 @@ def noise_level(position: NDArray) -> NDArray:
         return np.full(position.shape[1], np.nan)
     third = np.diff(position, n=3, axis=0)
     return np.sqrt(np.mean((_nanmedian(np.abs(third)) / MAD) ** 2 / 20.0, axis=-1))
+
+
+def quantum(values: NDArray) -> float:
+    """The step in which a sensor counts, in the unit of the values (T,); 0 where they lie on no grid.
+
+    They do where few of them differ and every distance of neighbours is a whole number of the smallest.
+    """
+    seen = values[np.isfinite(values)]
+    levels = np.unique(np.round(seen, 12))
+    if not 3 <= len(levels) <= GRID_SHARE * len(seen):
+        return 0.0
+    apart = np.diff(levels)
+    apart = apart[apart > 1e-6 * np.ptp(levels)]
+    ratio = apart / apart.min()
+    return float(np.sum(apart) / np.sum(np.rint(ratio))) if np.abs(ratio - np.rint(ratio)).max() < OFF_GRID else 0.0
 
 
 def travel(position: NDArray) -> NDArray:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from pliant.study.schema import Targets
 from pliant.study.verdict import LONGER, judged
 from pliant.validation.outcome import FitOutcome, Headline, RecordOutcome, StudyOutcome
+from pliant.validation.wording import sized
 
 FAR = 10.0  # % of travel: a point that is ever so far off is told
 OVERSHOOT = 5.0  # points of the overshoot
@@ -34,14 +35,14 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
 def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
     """How well the records are met, as a range where there are several."""
     share = sorted(r.metrics["rmse_percent_of_travel"] for r in shown)
-    error = sorted(r.metrics["rmse_mm"] for r in shown)
+    error, (_, unit) = sorted(sized(r.metrics, "rmse")[0] for r in shown), sized(shown[0].metrics, "rmse")
     many = len(shown) > 1
     which = f"{len(shown)} records" if many else f"Record {shown[0].name}"
     seen = "not seen by the fit" if held else "seen by the fit"
     verb = ("are" if many else "is") + (" predicted" if held else " followed")
     to = f"{share[0]:.1f} to {share[-1]:.1f}" if many else f"{share[0]:.1f}"
-    mm = f"{error[0]:.2g} to {error[-1]:.2g}" if many else f"{error[0]:.2g}"
-    return f"{which}, {seen}, {verb} to {to} % of {'their' if many else 'its'} travel ({mm} mm RMSE)."
+    size = f"{error[0]:.2g} to {error[-1]:.2g}" if many else f"{error[0]:.2g}"
+    return f"{which}, {seen}, {verb} to {to} % of {'their' if many else 'its'} travel ({size} {unit} RMSE)."
 
 
 def target_sentence(verdicts: Sequence[str]) -> str:
@@ -66,9 +67,9 @@ def fit_warnings(fit: FitOutcome, held: Sequence[RecordOutcome]) -> Iterator[str
 def record_warnings(record: RecordOutcome) -> Iterator[str]:
     """Where a record and its model part in a way that a small mean error hides."""
     m, name = record.metrics, record.name
-    travel = m["travel_mm"]
-    if m["max_mm"] > FAR / 100 * travel:
-        yield f"{name}: the largest error is {m['max_mm']:.2g} mm, {100 * m['max_mm'] / travel:.0f} % of travel."
+    (travel, unit), (most, _), (steady, _) = (sized(m, k) for k in ("travel", "max", "steady_state_error"))
+    if most > FAR / 100 * travel:
+        yield f"{name}: the largest error is {most:.2g} {unit}, {100 * most / travel:.0f} % of travel."
     measured, modelled = m["overshoot_percent"]["measured"], m["overshoot_percent"]["modelled"]
     if measured is not None and abs((modelled or 0.0) - measured) > OVERSHOOT:
         yield f"{name}: overshoot {(modelled or 0.0) - measured:+.0f} points off the measured {measured:.0f} %."
@@ -78,9 +79,8 @@ def record_warnings(record: RecordOutcome) -> Iterator[str]:
                else f"{name}: the model rings at {modelled:.3g} Hz, the body does not ring.")
     elif measured and abs(modelled / measured - 1) > OFF / 100:
         yield f"{name}: frequency {100 * (modelled / measured - 1):+.0f} % off the measured {measured:.3g} Hz."
-    steady = m["steady_state_error_mm"]
     if steady is not None and abs(steady) > STEADY / 100 * travel:
-        yield f"{name}: steady state {steady:+.2g} mm off, {100 * abs(steady) / travel:.0f} % of travel."
+        yield f"{name}: steady state {steady:+.2g} {unit} off, {100 * abs(steady) / travel:.0f} % of travel."
     if m.get("within_band_percent", 100.0) < COVERED:
         yield f"{name}: the 95 % band holds only {m['within_band_percent']:.0f} % of what was measured."
     if (m.get("extension_percent") or 0.0) > LONGER:

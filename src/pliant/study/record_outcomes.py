@@ -16,9 +16,9 @@ def outcome_of(
 ) -> RecordOutcome:
     """One record beside the model of a fit."""
     prediction = predict(result.model, exp, values, step)
-    metrics = compare(exp.synchronised(values), prediction["position"], result.model.length)
-    body = predict_body(result.model, exp, values, step)
-    return RecordOutcome(exp.name, role, exp, prediction["position"], prediction["pressure"], metrics, body=body)
+    metrics = compare(exp.synchronised(values), prediction["compared"], result.model.length)
+    body = None if exp.placeless else predict_body(result.model, exp, values, step)
+    return RecordOutcome(exp.name, role, exp, prediction["compared"], prediction["pressure"], metrics, body=body)
 
 
 def records_of(
@@ -32,7 +32,7 @@ def records_of(
         if result.covariance is not None:
             noise = residual_noise(train, result, exp, made.modelled, step=step, weighting=weighting)
             band = prediction_band(exp, result, step=step, noise=noise, own=own)
-            held = 100 * band.holds(exp.position)
+            held = 100 * band.holds(exp.compared)
             made = replace(made, metrics={**made.metrics, "within_band_percent": held}, band=band)
         records.append(made)
     return tuple(records)

@@ -6,7 +6,7 @@ from typing import Any
 
 from pliant.study.schema import Targets
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome, StudyOutcome
-from pliant.validation.wording import metric_label
+from pliant.validation.wording import metric_label, sized
 
 LONGER = 2.0  # % of its length: a body that grows by more is said to
 
@@ -44,8 +44,9 @@ def record_sentence(fit: FitOutcome, record: RecordOutcome, targets: Targets) ->
     """How well one record is followed, and which targets it meets."""
     m = record.metrics
     how = "has not been seen by the fit and is predicted" if record.role == "held_out" else "is followed"
+    rmse, unit = sized(m, "rmse")
     sentence = (
-        f"{fit.title}: record {record.name} {how} to {m['rmse_mm']:.3g} mm RMSE, "
+        f"{fit.title}: record {record.name} {how} to {rmse:.3g} {unit} RMSE, "
         f"{m['rmse_percent_of_travel']:.1f} % of its travel"
     )
     return f"{sentence}{judged(m, targets)}.{unlike(m)}"
@@ -55,7 +56,7 @@ def unlike(m: dict[str, Any]) -> str:
     """What the recorded body does that a model of links does not, or cannot be compared by, as sentences."""
     said = ""
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
-    if measured is None and m["steady_state_mm"]["measured"] is not None:
+    if measured is None and sized(m, "steady_state")[0]["measured"] is not None:
         rings = "and so does the model" if modelled is None else f"while the model rings at {modelled:.3g} Hz"
         said = f" It comes to rest without ringing, over-damped, {rings}."
     longer = m.get("extension_percent") or 0.0
@@ -70,11 +71,11 @@ def judged(m: dict[str, Any], targets: Targets) -> str:
     if targets.rmse_percent_of_travel is not None:
         good = m["rmse_percent_of_travel"] <= targets.rmse_percent_of_travel
         parts.append(f"target {targets.rmse_percent_of_travel:g} %: {'met' if good else 'missed'}")
-    for key, what, limit in (
-        ("frequency_hz", "frequency", targets.frequency_percent),
-        ("steady_state_mm", "steady state", targets.steady_state_percent),
+    for pair, what, limit in (
+        (m["frequency_hz"], "frequency", targets.frequency_percent),
+        (sized(m, "steady_state")[0], "steady state", targets.steady_state_percent),
     ):
-        measured, modelled = m[key]["measured"], m[key]["modelled"]
+        measured, modelled = pair["measured"], pair["modelled"]
         if limit is not None and measured:
             if modelled is None:
                 parts.append(f"{what}: the model shows none, missed")

@@ -10,6 +10,7 @@ from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import last_edge
 from pliant.numerics.ringdown import ring_down
+from pliant.preprocessing.detectors import quantum
 from pliant.validation.extension import extension
 
 Array = np.ndarray
@@ -30,40 +31,59 @@ DEFINITIONS = {
     "extension_percent": "the same in % of the length at rest",
     "steady_state_error_mm": "difference of steady_state_mm, modelled less measured, mm",
 }
+ANGLES = {
+    "rmse_deg": "difference of modelled and measured angles, root mean square over stations and time, degrees",
+    "max_deg": "largest difference of modelled and measured angles, degrees",
+    "rmse_percent_of_travel": "rmse_deg in % of the largest turn of the last station from its rest",
+    "sensor_step_deg": "the step in which the sensor of the last station counts: its noise is that over the root of 12",
+    "steady_state_deg": "turn of the last station from its rest at the pulse's end or after the release, degrees",
+    "steady_state_error_deg": "difference of steady_state_deg, modelled less measured, degrees",
+}
+
+
+def definitions(*, turns: bool) -> dict[str, str]:
+    """What each metric means, of places or, where a body `turns` before angle sensors, of angles."""
+    if not turns:
+        return DEFINITIONS
+    return {**ANGLES, **{k: v for k, v in DEFINITIONS.items() if not k.endswith(("_mm", "of_length", "extension_percent"))
+                         and k not in ANGLES}}  # fmt: skip
 
 
 def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     """Metrics of a modelled motion (T, S, 2) [m] against an experiment; `length` [m] of the body.
 
-    A measured pressure must be on the clock of the shape: see `Experiment.synchronised`.
+    Of angles alone the motion is (T, S, 1) [rad], and the names that end in ``_mm`` end in ``_deg``. A measured pressure must be on the clock of the shape: see `Experiment.synchronised`.
 
     Returns plain numbers; ``frequency_hz`` and its like are pairs {"measured": ..., "modelled": ...} with None where
     the motion has no such thing (no ring-down, no overshoot).
     """
-    distance = np.linalg.norm(modelled - exp.position, axis=-1)
+    unit, factor = exp.shown_in
+    distance = np.linalg.norm(modelled - exp.compared, axis=-1)
     seen = np.isfinite(distance)
     rmse = float(np.sqrt(np.mean(distance[seen] ** 2)))
-    spread = exp.position - np.nanmean(exp.position, axis=0)
+    spread = exp.compared - np.nanmean(exp.compared, axis=0)
     fit = 1.0 - np.sqrt(np.sum(distance[seen] ** 2) / np.nansum(spread**2))
     traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
-    modelled_mm, measured_mm = (traits[who]["steady_state_mm"] for who in ("modelled", "measured"))
+    ends, begins = (traits[who][f"steady_state_{unit}"] for who in ("modelled", "measured"))
+    own = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.placeless else {
+        "rmse_percent_of_length": 100 * rmse / length, **extension(exp)}
     return {
-        "rmse_mm": 1e3 * rmse,
-        "max_mm": 1e3 * float(distance[seen].max()),
+        f"rmse_{unit}": factor * rmse,
+        f"max_{unit}": factor * float(distance[seen].max()),
         "rmse_percent_of_travel": 100 * rmse / exp.travel,
-        "rmse_percent_of_length": 100 * rmse / length,
         "fit_percent": 100 * float(fit),
         **{name: {who: traits[who][name] for who in traits} for name in next(iter(traits.values()))},
-        "steady_state_error_mm": None if modelled_mm is None or measured_mm is None else modelled_mm - measured_mm,
+        f"steady_state_error_{unit}": None if ends is None or begins is None else ends - begins,
         "frames": int(exp.time.size),
         "points_not_seen": int((~seen).sum()),
-        "travel_mm": 1e3 * exp.travel,
-        **extension(exp),
+        f"travel_{unit}": factor * exp.travel,
+        **own,
     }
 
 
 def response(exp: Experiment, path: Array) -> dict[str, float | None]:
-    """Traits of the motion of one point, path (T, 2) [m], under the experiment's excitation."""
+    """Traits of the motion of one point, path (T, 2) [m] or angle (T, 1) [rad], under the experiment's excitation."""
+    unit, factor = exp.shown_in
     seen = np.isfinite(path).all(axis=1)
     t, p = exp.time[seen], path[seen]
     u = np.linalg.norm(p - np.median(p[:5], axis=0), axis=1)
@@ -86,7 +106,7 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
         "frequency_hz": ring.frequency if ring else None,
         "damping_ratio": ring.damping_ratio if ring else None,
         "overshoot_percent": overshoot if overshoot is not None and overshoot > 0 else None,
-        "steady_state_mm": 1e3 * steady if steady is not None else None,
+        f"steady_state_{unit}": factor * steady if steady is not None else None,
     }
 
 

@@ -28,7 +28,7 @@ class RecordOutcome:
     name: str
     role: Role
     experiment: Experiment
-    modelled: Array  # (T, S, 2) m
+    modelled: Array  # (T, S, 2) m; (T, S, 1) rad of angles alone
     pressure: Array  # (T,) Pa, behind the valve, as modelled
     metrics: dict[str, Any]
     band: Band | None = None  # of the prediction of a held-out record
@@ -105,10 +105,10 @@ class Forecast:
     title: str
     stated: dict[str, float]  # what was changed, by parameter name
     time: Array  # (T,) s
-    tip: Array  # (T, 2) m
+    tip: Array  # (T, 2) m; (T, 1) rad of angles alone
     numbers: dict[str, float]  # frequency_hz, static_drop_mm, ... with the unit in the name
     interval: dict[str, float] = field(default_factory=dict)  # half-widths at 95 % of the numbers
-    half_width: Array | None = None  # (T, 2) m, of the 95 % band about the tip
+    half_width: Array | None = None  # (T, 2) m or (T, 1) rad, of the 95 % band about the tip
 
 
 class Headline(NamedTuple):
@@ -138,15 +138,20 @@ class StudyOutcome(Shown):
     headline: Headline | None = None
     clocks: dict[str, Clocks] = field(default_factory=dict)  # by recording, where the pressure's clock was moved
 
+    @property
+    def turns(self) -> bool:
+        """Whether its recordings hold angles and no places."""
+        return any(r.experiment.placeless for f in self.fits for r in f.records)
+
     def card(self) -> Card:
         """The headline, and every record under the first fit that holds it."""
-        rows = []
+        rows, unit = [], "deg" if self.turns else "mm"
         for f in self.fits:
             for r in f.records:
-                found = (r.metrics.get(k) for k in ("rmse_mm", "rmse_percent_of_travel", "max_mm"))
+                found = (r.metrics.get(k) for k in (f"rmse_{unit}", "rmse_percent_of_travel", f"max_{unit}"))
                 numbers = ["" if v is None else f"{v:.3g}" for v in found]
                 rows.append([r.name, f.title, r.role.replace("_", " "), *numbers])
-        head = ["record", "fit", "role", "RMSE mm", "% of travel", "largest mm"]
+        head = ["record", "fit", "role", f"RMSE {unit}", "% of travel", f"largest {unit}"]
         said = (self.headline.sentence, *self.headline.warnings) if self.headline else self.verdict
         return Card(self.title, said, head, rows)
 

@@ -11,11 +11,12 @@ from pliant.validation.outcome import RecordOutcome
 ROLE = {"train": "training", "held_out": "held out", "forecast": "forecast"}
 DASH = "–"
 LABELS = {
-    "rmse_mm": "RMSE", "max_mm": "largest distance", "rmse_percent_of_travel": "RMSE / travel",
+    "rmse_mm": "RMSE", "rmse_deg": "RMSE", "max_mm": "largest distance", "max_deg": "largest difference", "rmse_percent_of_travel": "RMSE / travel",
     "rmse_percent_of_length": "RMSE / length", "fit_percent": "NRMSE fit",
     "within_band_percent": "within the 95 % band", "frequency_hz": "frequency",
     "damping_ratio": "damping ratio", "overshoot_percent": "overshoot", "steady_state_mm": "steady state",
-    "steady_state_error_mm": "steady-state error",
+    "steady_state_error_mm": "steady-state error", "steady_state_deg": "steady state",
+    "steady_state_error_deg": "steady-state error", "sensor_step_deg": "step of the sensor",
 }
 
 
@@ -39,10 +40,16 @@ def clip(text: str, width: int = 60) -> str:
     return line if len(line) <= width else f"{line[: width - 1]}…"
 
 
+def sized(metrics: dict[str, Any], name: str) -> tuple[Any, str]:
+    """A metric of a length or of an angle, whichever was compared, and its unit: ``rmse_mm`` or ``rmse_deg``."""
+    return (metrics[f"{name}_deg"], "°") if f"{name}_deg" in metrics else (metrics.get(f"{name}_mm"), "mm")
+
+
 def heading(record: RecordOutcome) -> str:
     """Name, role and error of a record, for a title."""
-    rmse, travel = (digits(record.metrics.get(k)) for k in ("rmse_mm", "rmse_percent_of_travel"))
-    return f"{clip(record.name)}, {ROLE[record.role]}: RMSE {rmse} mm, {travel} % of travel"
+    rmse, unit = sized(record.metrics, "rmse")
+    travel = digits(record.metrics.get("rmse_percent_of_travel"))
+    return f"{clip(record.name)}, {ROLE[record.role]}: RMSE {digits(rmse)} {unit}, {travel} % of travel"
 
 
 def metric_label(key: str) -> tuple[str, str]:

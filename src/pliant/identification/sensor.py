@@ -1,0 +1,53 @@
+"""What a sensor makes of a motion: a first-order lag, taken between the frames as well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+LAG_STEP = 5e-3  # s, longest between two rows that a lag is taken over; straight lines between them
+LEAST_LAG = 1e-9  # s: a shorter one is none
+
+
+def lags_of(own: Mapping[str, float], stations: Sequence[str]) -> Array:
+    """Time constant (S,) of each station's sensor, s, from parameters by name; empty where none has one."""
+    if not any(name == "sensor_lag" or name.endswith(".sensor_lag") for name in own):
+        return np.zeros(0)
+    return np.array([own.get(f"{s}.sensor_lag", own.get("sensor_lag", 0.0)) for s in stations])
+
+
+def between_frames(times: Array) -> tuple[Array, Array]:
+    """Frames' times (T,) with equal steps put between them, none longer than `LAG_STEP`, and where the frames stand."""
+    parts = np.maximum(np.ceil(np.diff(times) / LAG_STEP - 1e-9), 1).astype(int)
+    frames = np.append(0, np.cumsum(parts))
+    return np.interp(np.arange(frames[-1] + 1), frames, times), frames
+
+
+def behind_sensors(rows: Array, between: tuple[Array, Array], lags: Array) -> Array:
+    """The frames (T, S, 3) of rows (R, S, 3) that `between_frames` laid, behind sensors with `lags` (S,), s."""
+    times, frames = between
+    return np.asarray((lagged(rows, times, lags) if lags.size else rows)[frames])
+
+
+def lagged(rows: Array, times: Array, lags: Array) -> Array:
+    """Rows (R, S, 3) behind sensors of first order with time constants `lags` (S,), settled at the first row.
+
+    tau y' = u - y, solved exactly for motions that are straight between two rows; numbers may be complex.
+    """
+    from scipy.linalg import solve_banded
+
+    out = rows.copy()
+    step = np.diff(times)
+    for s, lag in enumerate(lags):
+        tau: Any = lag if np.real(lag) > LEAST_LAG else LEAST_LAG + lag - np.real(lag)
+        kept = np.exp(-step / tau)
+        rise = (1.0 - kept) * tau / step
+        banded = np.ones((2, times.size), dtype=rows.dtype)
+        banded[1, :-1] = -kept
+        aim = rows[:, s].copy()
+        aim[1:] = (rise - kept)[:, None] * rows[:-1, s] + (1.0 - rise)[:, None] * rows[1:, s]
+        out[:, s] = solve_banded((1, 0), banded, aim)
+    return out
