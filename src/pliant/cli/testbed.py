@@ -20,7 +20,7 @@ def run_testbed(
     seed: Annotated[int, typer.Option(min=0, help="seed of the sensors")] = 1,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="recording to write (.nc)")] = None,
     truth: Annotated[Path | None, typer.Option(help="file for the true states (.nc), kept apart")] = None,
-    record: Annotated[str, typer.Option(help="what is recorded: position, strain or markers")] = "position",
+    record: Annotated[str, typer.Option(help="what is recorded: position, strain, markers, flex or imu")] = "position",
     show: Annotated[bool, typer.Option("--list", help="list the scenarios and leave")] = False,
     json: Annotated[bool, typer.Option("--json", help="print what was recorded, or the list, as JSON")] = False,
 ) -> None:
@@ -39,13 +39,18 @@ def run_testbed(
         return
     if scenario is None:
         raise InputError("name a scenario; --list shows them")
-    if record not in ("position", "strain", "markers"):
-        raise InputError(f"--record takes position, strain or markers, not {record!r}")
+    if record not in ("position", "strain", "markers", "flex", "imu"):
+        raise InputError(f"--record takes position, strain, markers, flex or imu, not {record!r}")
+    from dataclasses import replace
+
+    from pliant.testbed.angle_sensor import FLEX, IMU
     from pliant.testbed.laboratory import generate_file, resolved
 
     path = output or Path(f"{scenario}-{actuator}-{seed}.nc")
+    sensor = {"flex": FLEX, "imu": IMU}.get(record)
     with counting(scenario) as progress:
-        lab = resolved(scenario, actuator, None, record)[2]  # type: ignore[arg-type]
+        lab = resolved(scenario, actuator, None, "angle" if sensor else record)[2]  # type: ignore[arg-type]
+        lab = replace(lab, angle=sensor) if sensor else lab
         ran = generate_file(scenario, path, body=actuator, seed=seed, lab=lab, truth=truth, progress=progress)
     if json:
         typer.echo(jsonlib.dumps({"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran}))

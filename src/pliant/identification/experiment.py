@@ -144,7 +144,8 @@ class Experiment(Shown):
         if self.drives:
             done["trace"] = f"measured pressures of {', '.join(self.drives)}"
         unit, factor = self.shown_in
-        return Card(f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, travel {factor * self.travel:.3g} {unit}")
+        travel = f"travel {factor * self.travel:.3g} {unit}"
+        return Card(f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, {travel}")
 
     @property
     def compared(self) -> Array:
@@ -252,7 +253,8 @@ def experiment(
     made = Experiment(
         name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
         float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
-        **recorded_angles(name, recording, used, wanted=bool(angles) or "position" not in recording), noise=dict(noise or {}),
+        **recorded_angles(name, recording, used, wanted=bool(angles) or "position" not in recording),
+        noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
     )

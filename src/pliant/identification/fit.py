@@ -106,6 +106,8 @@ def fit(
     how = with_defaults(fit, options, FIT_OPTIONS)
     step, loss, weighting = how["step"], how["loss"], how["weighting"]
     check_choices(loss, weighting)
+    if len({e.placeless for e in experiments}) > 1:
+        raise InputError("one fit compares places or angles alone: its experiments hold the one and the other")
     model, filled = prepare(experiments, model, parameters)
     if not any(p.free for p in filled):
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
@@ -209,7 +211,7 @@ def predict_held_out(
         prediction = predict(fitted.model, experiment, values, step)
         rmse = {experiment.name: root_mean_square(prediction["compared"], experiment.compared)}
         told = "nothing was fitted to this record"
-        return prediction, FitResult(fitted.model, tuple(fixed), told, rmse, 1, 0.0, True)
+        return prediction, FitResult(fitted.model, tuple(fixed), told, rmse, 1, 0.0, True, turns=experiment.placeless)
     own = fit([experiment], fitted.model, fixed, step=step, starts=1)
     return predict(own.model, experiment, own.values, step), own
 
@@ -245,7 +247,7 @@ def finished(
     bic = found.effective * np.log(max(float(np.mean(r**2)), 1e-300)) + best.x.size * np.log(found.effective)
     return FitResult(
         model, parameters, status_sentence(best, parameters), rmse, problem.evaluations, seconds, best.status > 0,
-        found, tuple(notes), float(bic),
+        found, tuple(notes), float(bic), turns=problem.experiments[0].placeless,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -25,7 +25,7 @@ Array = np.ndarray
 DEFAULTS = {
     "tip_mass": 0.0, "valve_rise": 0.02, "valve_fall": 0.02, "valve_dead_time": 0.005, "base_angle": 0.0,
     "base_x": 0.0, "base_y": 0.0, "base_turn": 0.0, "hold_force": 0.0, "release_time": 0.04,
-    "start": 0.0, "latency": 0.0,
+    "start": 0.0, "latency": 0.0, "sensor_lag": 0.05,
 }
 
 
@@ -66,6 +66,9 @@ def registered(model: Model, experiments: Sequence[Experiment], values: dict[str
     known = {p.name: p for p in model.points}
     points = {p.name: p for p in model.stations}
     for exp in experiments:
+        if exp.placeless:
+            points = turning_points(model, exp, known) | points
+            continue
         m = apply(model, {**values, **exp.known})
         straight = exp.excitation == "release" and exp.held is None
         pulled = [f for f in exp.forces if not isinstance(f.at, str) or f.at in {p.name for p in m.points}]
@@ -80,6 +83,19 @@ def registered(model: Model, experiments: Sequence[Experiment], values: dict[str
                 still = seen[:5] if exp.held is None else seen[-5:]
                 points[name] = placed(m, phi, name, np.median(still, axis=0), link)
     return model.with_(stations=tuple(points.values()))
+
+
+def turning_points(model: Model, exp: Experiment, known: Mapping[str, Station]) -> dict[str, Station]:
+    """A point for each station that was seen by its angle alone, at the tip of its link.
+
+    That is the link at its arc length, where the recording has them; else they share the links evenly, the last at the
+    tip.
+    """
+    count = len(exp.stations)
+    arc = np.arange(1, count + 1) / count * model.length if exp.arc_length is None else exp.arc_length
+    links = np.clip(np.ceil(arc / model.length * model.n - 1e-6).astype(int) - 1, 0, model.n - 1)
+    return {name: known.get(name, Station(name, int(i), float(model.link_length[i]), 0.0))
+            for name, i in zip(exp.stations, links, strict=True)}  # fmt: skip
 
 
 def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) -> Station:

@@ -150,7 +150,8 @@ class LadderFit:
             e.name: root_mean_square(predict(model, e, values, self.options["step"])["compared"], e.compared)
             for e in self.train
         }
-        return FitResult(model, tuple(filled), "Nothing is free: the model as given.", rmse, len(rmse), 0.0, True)
+        return FitResult(model, tuple(filled), "Nothing is free: the model as given.", rmse, len(rmse), 0.0, True,
+                         turns=self.train[0].placeless)  # fmt: skip
 
     def judged(self, rung: Rung, result: FitResult) -> Step:
         """Errors and cost of a fitted rung."""

@@ -128,7 +128,7 @@ KNOWN: dict[str, Kind] = {
     "start": Kind("s", scale=0.01, meaning="when the pulse begins, or the pressure clock's offset"),
     "stop": Kind("s", scale=0.01, meaning="when the pulse ends"),
     "latency": Kind("s", lower=-5.0, upper=5.0, scale=5e-3, meaning="how late the shape is stamped, beside pressure"),
-    "sensor_lag": Kind("s", lower=0.0, upper=10.0, scale=0.02, meaning="time constant of the shape's sensor, first order"),
+    "sensor_lag": Kind("s", lower=0.0, upper=10.0, scale=0.02, meaning="time constant of the shape's sensor"),
     "release": Kind("s", scale=0.01, meaning="when the held body is let go"),
     "release_time": Kind("s", lower=0.0, upper=0.2, scale=0.01, meaning="how long the hand takes to let go"),
     "base_turn": Kind("rad", lower=-0.2, upper=0.2, scale=0.01, meaning="turn of a clamp that gives way at release"),

@@ -42,7 +42,7 @@ class Band(Shown):
     factor: float = 1e3
 
     def holds(self, position: Array) -> float:
-        """Share of the coordinates of `position`, shaped as the band, that lie within; what was not seen does not count."""
+        """Share of the numbers of `position`, shaped as the band, that lie within; what was not seen does not count."""
         seen = np.isfinite(position)
         return float(((self.lower <= position) & (position <= self.upper))[seen].mean())
 
@@ -50,7 +50,8 @@ class Band(Shown):
         """How wide the band is."""
         half = 0.5 * self.factor * (self.upper - self.lower)
         frames, stations = self.position.shape[:2]
-        wide = f"half its width is {np.nanmedian(half):.3g} {self.unit} (median), {np.nanmax(half):.3g} {self.unit} at most"
+        median, most = (f"{v:.3g} {self.unit}" for v in (np.nanmedian(half), np.nanmax(half)))
+        wide = f"half its width is {median} (median), {most} at most"
         return Card(f"Band of {100 * self.level:g} % about {frames} frames of {stations} station(s): {wide}")
 
 

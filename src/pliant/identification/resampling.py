@@ -71,17 +71,21 @@ def bootstrap(
     drawn = []
     for _ in range(replicates):
         again = [
-            replace(e, **{"angle": r[..., 0]} if e.placeless else {"position": r})
+            with_drawn(e, redrawn(e, p, width, generator))
             for e, p, width in zip(experiments, motions, frames, strict=True)
-            for r in [redrawn(e, p, width, generator)]
         ]
         problem = Problem(again, fitted.model, list(fitted.parameters), step, weighting)
         drawn.append(solve(problem, problem.start, loss, 20).x * problem.scale)
     return tuple(p.name for p in free), np.array(drawn)
 
 
+def with_drawn(exp: Experiment, drawn: Array) -> Experiment:
+    """The experiment with other places (T, S, 2), or angles (T, S, 1) where it holds those alone."""
+    return replace(exp, angle=drawn[..., 0]) if exp.placeless else replace(exp, position=drawn)
+
+
 def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator) -> Array:
-    """What is compared, (T, S, 2 or 1): the modelled motion plus the residuals' blocks of `width` frames in another order.
+    """What is compared, (T, S, 2 or 1): the modelled motion plus the residuals' blocks of `width` frames, reordered.
 
     Blocks wrap around the end, so that every frame is drawn alike; residuals are not centred: what the model leaves on
     average stays. What was not seen stays so, and a residual that is missing where it is drawn to is replaced by none.

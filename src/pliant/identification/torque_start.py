@@ -78,16 +78,19 @@ def law_starts(wanted: set[str], pressure: Array, torque: Array) -> dict[str, fl
 
 
 def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Chamber) -> float:
-    """The torque [N m] of a chamber that moves the last station by `target` [m] from rest, statically."""
+    """The torque [N m] of a chamber that moves the last station by `target` [m or rad] from rest, statically."""
     joints = model.joints()
-    rest = state.stations(model, state.absolute(model, equilibrium(model)))[0]
-    names = [p.name for p in model.points]
-    k = names.index(exp.stations[-1])
+    k, last = next((k, p) for k, p in enumerate(model.points) if p.name == exp.stations[-1])
+
+    def shown(q: Array) -> Array:
+        phi = state.absolute(model, q)
+        return phi[last.link] if exp.placeless else state.stations(model, phi)[0][k]
+
+    rest = shown(equilibrium(model))
 
     def gap(torque: float) -> float:
         q = equilibrium(model) + chamber.joint_gain * torque / joints.K
-        moved = state.stations(model, state.absolute(model, q))[0]
-        return float(np.linalg.norm(moved[k] - rest[k])) - target
+        return float(np.linalg.norm(shown(q) - rest)) - target
 
     from scipy.optimize import brentq
 
@@ -98,7 +101,7 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Ch
 
 
 def plateau(exp: Experiment) -> tuple[float, float]:
-    """Pressure [Pa] and displacement of the last station [m] where the pressure was highest for long."""
+    """Pressure [Pa] and displacement of the last station [m, rad of angles] where the pressure was highest for long."""
     u = displacement(exp)
     if exp.pressure is None:
         stop = edges(exp).get("stop", float(exp.time[-1]))

@@ -10,6 +10,7 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.preprocessing import detectors
+from pliant.preprocessing.angles import angle_facts, angle_sentences
 from pliant.preprocessing.detectors import by_blocks
 from pliant.recording.schema import check_recording
 
@@ -50,6 +51,8 @@ class Quality(Shown):
         Stations that stand still while others move, such as a base.
     noise_m, travel_m : dict
         Per station: noise of one coordinate, and largest distance from the median place.
+    noise_deg, travel_deg, step_deg : dict
+        The same of stations with an angle and no place, degrees; and the steps in which a coarse sensor counts.
     out_of_plane_share : float
         Share of the motion (root mean square) outside the plane of bending: the one through the chord from
         the first to the last station that holds most of the motion.
@@ -76,6 +79,9 @@ class Quality(Shown):
     standing: tuple[str, ...] = ()
     noise_m: dict[str, float] = field(default_factory=dict)
     travel_m: dict[str, float] = field(default_factory=dict)
+    noise_deg: dict[str, float] = field(default_factory=dict)
+    travel_deg: dict[str, float] = field(default_factory=dict)
+    step_deg: dict[str, float] = field(default_factory=dict)
     out_of_plane_share: float = float("nan")
     pressure_kpa: dict[str, tuple[float, float]] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
@@ -84,11 +90,13 @@ class Quality(Shown):
         """Text that one can read at a glance."""
         size = f"{self.frames} frames of {f'{self.stations} station(s)' if self.stations else 'strain or pressure'}"
         lines = [f"{size}, {self.duration_s:.2f} s at {self.rate_hz:.4g} Hz"]
-        seen = [v for v in self.travel_m.values() if np.isfinite(v)]
-        noise = [v for v in self.noise_m.values() if np.isfinite(v)]
-        if seen:
-            told = f", noise {1e3 * float(np.median(noise)):.2g} mm (median station)" if noise else ""
-            lines.append(f"largest travel {1e3 * max(seen):.3g} mm{told}")
+        for travel, noises, unit, factor, what in ((self.travel_m, self.noise_m, "mm", 1e3, "travel"),
+                                                   (self.travel_deg, self.noise_deg, "degrees", 1.0, "turn")):
+            seen = [v for v in travel.values() if np.isfinite(v)]
+            noise = [v for v in noises.values() if np.isfinite(v)]
+            if seen:
+                told = f", noise {factor * float(np.median(noise)):.2g} {unit} (median station)" if noise else ""
+                lines.append(f"largest {what} {factor * max(seen):.3g} {unit}{told}")
         if np.isfinite(self.out_of_plane_share):
             lines.append(f"out of the plane of bending: {100 * self.out_of_plane_share:.2g} % of the motion")
         for name, (low, high) in self.pressure_kpa.items():
@@ -125,6 +133,8 @@ def quality(ds: xr.Dataset) -> Quality:
         found |= _clock(ds["time"].values)
     if "position" in ds:
         found |= _positions(ds)
+    elif "angle" in ds:
+        found |= angle_facts(ds)
     if "strain" in ds:
         lost = np.isnan(ds["strain"].values).sum((0, 2))
         found["missing"] = {str(c): int(n) for c, n in zip(ds["core"].values, lost, strict=True) if n}
@@ -248,7 +258,8 @@ def _sentences(q: Quality) -> list[str]:
     if q.frame_jumps_s:
         times = ", ".join(f"{t:.3g}" for t in q.frame_jumps_s[:6])
         said.append(f"{len(q.frame_jumps_s)} jump(s) of whole frames, at {times} s")
-    if q.stations and len(q.standing) == q.stations:
+    said += angle_sentences(q.step_deg)
+    if q.travel_m and len(q.standing) == q.stations:
         said.append("no station moves beyond its noise")
     elif q.standing:
         few = len(q.standing) <= 6

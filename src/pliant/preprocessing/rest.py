@@ -42,9 +42,7 @@ def rest_window(ds: xr.Dataset) -> tuple[float, float]:
         When no still stretch lasts 0.1 s.
     """
     check_recording(ds)
-    if "position" not in ds:
-        raise InputError("a rest window is found from positions, but the recording holds none")
-    time, position = ds["time"].values, ds["position"].values
+    time, position = ds["time"].values, shown(ds)
     quiet = before_pressure(ds)
     if quiet is not None and still_within(position, time, quiet):
         return quiet
@@ -55,6 +53,15 @@ def rest_window(ds: xr.Dataset) -> tuple[float, float]:
     early = _precedes_motion(position, first)
     chosen = first if early else max(runs, key=lambda run: time[run[1]] - time[run[0]])
     return float(time[chosen[0]]), float(time[chosen[1]])
+
+
+def shown(ds: xr.Dataset) -> NDArray:
+    """Places (T, S, axes) of a recording, m, or its angles (T, S, 1), rad, where it has no places."""
+    if "position" in ds:
+        return np.asarray(ds["position"].values)
+    if "angle" not in ds:
+        raise InputError("a rest window is found from positions or angles, but the recording holds neither")
+    return np.asarray(ds["angle"].values)[..., None]
 
 
 def before_pressure(ds: xr.Dataset) -> tuple[float, float] | None:
@@ -72,7 +79,7 @@ def before_pressure(ds: xr.Dataset) -> tuple[float, float] | None:
 def clock_finding(ds: xr.Dataset) -> list[str]:
     """The sentence that a body which moves before its pressure deserves; none where it waits."""
     window = before_pressure(ds)
-    if window is None or still_within(ds["position"].values, ds["time"].values, window):
+    if window is None or still_within(shown(ds), ds["time"].values, window):
         return []
     line = f"the body moves before the pressure does ({window[1]:.3g} s): their clocks differ, or a hand moved it"
     return [f"{line}; rest is taken from the shape"]

@@ -16,6 +16,7 @@ from pliant.errors import InputError
 from pliant.identification import Experiment, experiment
 from pliant.model import Chamber, Model, chain_model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
+from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.quality import LEAST_PRESSURE, quality, standing_stations
 from pliant.recording import read
@@ -27,6 +28,7 @@ from pliant.units import pascal_per
 from pliant.validation.outcome import Clocks
 
 Array = np.ndarray
+LEAST_TURN = 0.02  # rad: the same of a recording of angles alone
 LEAST_TRAVEL = 0.003  # of the body's length: the tip of a recording that tells anything moves further
 
 
@@ -101,9 +103,13 @@ def planar(study: Study, name: str, normal: Array | None = None) -> Aligned:
     if study.fibre is not None:
         body, tip = body_of_fibre(raw, study.fibre)
         return Aligned(body, (*found, tip), tip, clocks)
+    alignment = combined(study.alignment, entry.alignment)
+    if "position" not in raw and "angle" in raw:
+        before = len(str(raw.attrs.get("history", "")).splitlines())
+        body = from_rest(raw, checked_rest(alignment))
+        return Aligned(body, (*found, *str(body.attrs["history"]).splitlines()[before:]), clocks=clocks)
     if raw.attrs.get("frame") == "planar":
         return Aligned(raw, tuple(found), clocks=clocks)
-    alignment = combined(study.alignment, entry.alignment)
     ds = assemble(raw, alignment.stations) if alignment.stations else raw
     before = len(str(raw.attrs.get("history", "")).splitlines())
     options = checked_options(alignment)
@@ -119,6 +125,16 @@ def combined(shared: Alignment, own: Alignment | None) -> Alignment:
     if own is None:
         return shared
     return Alignment(stations=own.stations or shared.stations, options={**shared.options, **own.options})
+
+
+def checked_rest(alignment: Alignment) -> tuple[float, float] | None:
+    """The rest window of a recording of angles alone; no other option of an alignment concerns it."""
+    rest = alignment.options.get("rest")
+    if rest is None:
+        return None
+    if not (isinstance(rest, list) and len(rest) == 2 and all(isinstance(t, int | float) for t in rest)):
+        raise InputError(f"alignment option rest is [start, end], s, got {rest!r:.60}")
+    return float(rest[0]), float(rest[1])
 
 
 def checked_options(alignment: Alignment) -> dict[str, Any]:
@@ -144,8 +160,13 @@ def study_experiment(study: Study, name: str, ds: xr.Dataset) -> Experiment:
 
 
 def moving_stations(name: str, ds: xr.Dataset, base: str) -> list[str]:
-    """Every station but the base; refused when another one of a few stands still too, for it may be the base."""
+    """Every station but the base; refused when another one of a few stands still too, for it may be the base.
+
+    All stations where angles alone were recorded.
+    """
     stations = [str(s) for s in ds.station.values if str(s) != base]
+    if "position" not in ds:
+        return stations
     still = [s for s in standing_stations(ds) if s in stations]
     if still and len(still) < len(stations) < DENSE_STATIONS:
         raise InputError(
@@ -157,11 +178,18 @@ def moving_stations(name: str, ds: xr.Dataset, base: str) -> list[str]:
 
 def hardly_moved(experiments: Mapping[str, Experiment], length: float) -> dict[str, str]:
     """Recordings in which the body hardly moved, with the sentence that says so: they would only fit the noise."""
-    return {
-        name: f"recording {name} is dropped: its tip moves by {1e3 * exp.travel:.2g} mm, less than "
-        f"{100 * LEAST_TRAVEL:g} % of the body's {1e3 * length:.3g} mm"
-        for name, exp in experiments.items() if exp.travel < LEAST_TRAVEL * length
-    }
+    told = {}
+    for name, exp in experiments.items():
+        unit, factor = exp.shown_in
+        least = LEAST_TURN if exp.placeless else LEAST_TRAVEL * length
+        if exp.travel < least:
+            least_told = f"less than {factor * least:.2g} {unit}"
+            if not exp.placeless:
+                least_told = f"less than {100 * LEAST_TRAVEL:g} % of the body's {1e3 * length:.3g} mm"
+            what = "angle" if exp.placeless else "tip"
+            moved = f"its {what} moves by {factor * exp.travel:.2g} {unit}"
+            told[name] = f"recording {name} is dropped: {moved}, {least_told}"
+    return told
 
 
 def without(study: Study, dropped: Collection[str]) -> Study:
@@ -180,11 +208,13 @@ def without(study: Study, dropped: Collection[str]) -> Study:
     return study.model_copy(update={"fits": fits, "ladder": climb})
 
 
-def study_model(actuator: Actuator, rotation: Array | None, links: Links | None = None) -> Model:
+def study_model(
+    actuator: Actuator, rotation: Array | None, links: Links | None = None, usual: int | None = None,
+) -> Model:
     """The model of the study's actuator; `rotation` (3, 3) takes tracker vectors to the base frame.
 
     With `links`, the chain is the one laid through the recorded shape: lengths and rest angles as measured, the mass
-    shared out by length.
+    shared out by length. Without, and where the actuator states none, it has the `usual` number.
     """
     values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area"})
     values["source"] = dict(actuator.source)
@@ -197,6 +227,8 @@ def study_model(actuator: Actuator, rotation: Array | None, links: Links | None 
     missing = [k for k in ("length", "mass") if k not in values]
     if missing:
         raise InputError(f"[actuator] needs {' and '.join(missing)} (SI), or a preset: {', '.join(presets())}")
+    if usual is not None:
+        values.setdefault("links", usual)
     values.setdefault("stiffness", 1.0)
     values.setdefault("damping", 1e-3)
     if chambers:

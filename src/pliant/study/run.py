@@ -30,6 +30,7 @@ from pliant.identification.error_propagation import half_widths
 from pliant.identification.fit import parameters_from
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
+from pliant.study.angles import supported_links
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.headline import headline
 from pliant.study.prepare import all_planar, hardly_moved, study_experiment, study_model, without
@@ -141,8 +142,9 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
             rotation = np.array(alignment_of(ds).rotation)
         if clocks is not None:
             tell(f"{name}: {clocks.told}")
-        tell(f"prepared {name}: {reduced.time.size} frames, travel {1e3 * reduced.travel:.3g} mm")
-    model = study_model(study.actuator, rotation, shape.links if shape else None)
+        unit, factor = reduced.shown_in
+        tell(f"prepared {name}: {reduced.time.size} frames, travel {factor * reduced.travel:.3g} {unit}")
+    model = study_model(study.actuator, rotation, shape.links if shape else None, supported_links(experiments))
     dropped = hardly_moved(experiments, model.length)
     idle = {n: told for n, e in experiments.items() if (told := at_rest(model, e))}
     for line in (*dropped.values(), *idle.values()):
@@ -228,7 +230,7 @@ def run_forecast(
     seen: list[str] = []
 
     def measure(values: Mapping[str, float]) -> np.ndarray:
-        tip = predict(result.model, case, {**values, **own}, study.step)["position"][:, -1]
+        tip = predict(result.model, case, {**values, **own}, study.step)["compared"][:, -1]
         traits = response(template.synchronised(values), tip)
         seen[:] = seen or [k for k, v in traits.items() if v is not None]
         numbers = [np.nan if (v := traits[k]) is None else v for k in seen]
@@ -239,8 +241,8 @@ def run_forecast(
     interval = {k: float(h) for k, h in zip(seen, half, strict=False) if h > 0}
     stated = {**entry.known, **({"level": level} if entry.level is not None else {})}
     return Forecast(
-        name, entry.title or name, stated, case.time, found[count:].reshape(-1, 2),
-        dict(zip(seen, found[:count].tolist(), strict=True)), interval, half[count:].reshape(-1, 2),
+        name, entry.title or name, stated, case.time, found[count:].reshape(case.time.size, -1),
+        dict(zip(seen, found[:count].tolist(), strict=True)), interval, half[count:].reshape(case.time.size, -1),
     )
 
 

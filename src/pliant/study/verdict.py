@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pliant.study.angles import told_of_angles
 from pliant.study.schema import Targets
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome, StudyOutcome
 from pliant.validation.wording import metric_label, sized
@@ -25,7 +26,7 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
         lines += [f"{fit.title}: {note}" for note in fit.result.notes if "correlated" not in note]
     for forecast in outcome.forecasts:
         lines.append(forecast_sentence(forecast))
-    return tuple(lines)
+    return (*lines, *told_of_angles(outcome))
 
 
 def forecast_sentence(forecast: Forecast) -> str:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parent / "bundled"
 BUNDLED = ("pulse_60", "pulse_119", "pulse_180", "step_240", "triangle")
+LOGGED = ("pulse_60", "pulse_119", "pulse_180")  # seen by a flex sensor too, as a small logger writes it
 QUANTUM = 2.0**-17  # m: 7.6 um, far below the sensor's noise; zeros in the mantissa deflate well
 
 
@@ -42,6 +43,43 @@ def bundle_recording(name: str) -> xr.Dataset:
     return append_history(ds.assign(position=rounded), f"positions rounded to {QUANTUM * 1e6:.1f} um")
 
 
+def bundled_log(name: str = "pulse_119") -> Path:
+    """The file of one of the logs of angle and pressure that come with the package.
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
+    """
+    if name not in LOGGED:
+        raise InputError(f"no bundled log {name!r}: use one of {', '.join(LOGGED)}")
+    return FOLDER / f"angle_{name}.txt"
+
+
+def angle_log(name: str, seed: int = 1) -> str:
+    """The text that a logger makes of a flex sensor's angle [deg], the pressure and its set point [kPa].
+
+    Semicolons, decimal commas, and lines that end in a lone carriage return, as such loggers write them.
+    """
+    from pliant.testbed.laboratory import Laboratory, generate
+    from pliant.testbed.scenarios import scenario
+
+    ds = generate(name, "a", seed, lab=Laboratory(output="angle")).recording
+    time = ds["time"].to_numpy()
+    columns = (np.degrees(ds["angle"].to_numpy()[:, 0]), 1e-3 * ds["pressure"].to_numpy(),
+               1e-3 * scenario(name).command(time))  # fmt: skip
+    rows = [f"{t:.2f};{angle:.1f};{pressure:.2f};{wanted:.0f}" for t, angle, pressure, wanted in
+            zip(time, *columns, strict=True)]  # fmt: skip
+    return "".join(f"{line}\r" for line in ("time;angle;pressure;set_point", *rows)).replace(".", ",")
+
+
+def write_logs(folder: Path = FOLDER) -> None:
+    """Write all bundled logs of angle and pressure."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in LOGGED:
+        (folder / f"angle_{name}.txt").write_bytes(angle_log(name).encode())
+
+
 def main(folder: Path = FOLDER) -> None:
     """Write all bundled recordings."""
     from pliant.recording.netcdf import write_netcdf
@@ -49,6 +87,7 @@ def main(folder: Path = FOLDER) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name in BUNDLED:
         write_netcdf(bundle_recording(name), folder / f"{name}.nc", float32=True, compress=True)
+    write_logs(folder)
 
 
 if __name__ == "__main__":

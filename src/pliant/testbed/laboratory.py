@@ -16,6 +16,7 @@ from pliant.errors import InputError, PliantError
 from pliant.recording import make_recording, read
 from pliant.recording.netcdf import write_netcdf
 from pliant.testbed import fibre as fibre_sensor
+from pliant.testbed.angle_sensor import FLEX, AngleSensor, observe_angle
 from pliant.testbed.contact import obstacle_rows
 from pliant.testbed.family import Member, member
 from pliant.testbed.fibre import FibreSensor
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-Output = Literal["position", "strain", "markers"]
+Output = Literal["position", "strain", "markers", "angle"]
 SUPPLY_STEP = 1.25e-5  # s, of the valve's equations
 RECORD = 1e-3  # s between two kept states
 
@@ -45,6 +46,7 @@ class Laboratory:
     transducer: PressureSensor = field(default_factory=PressureSensor)
     fibre: FibreSensor = field(default_factory=FibreSensor)
     mocap: MotionCapture = field(default_factory=MotionCapture)
+    angle: AngleSensor = FLEX
     output: Output = "position"
 
     @classmethod
@@ -145,7 +147,7 @@ def generate(
     if seed < 0:
         raise InputError(f"a seed must be >= 0, got {seed}")
     motion = run_rod(case, rod, lab, progress)
-    rate = lab.mocap.rate if lab.output == "markers" else case.rate
+    rate = {"markers": lab.mocap.rate, "angle": lab.angle.rate}.get(lab.output, case.rate)
     at = np.arange(0.0, case.duration - 0.5 * RECORD, 1.0 / rate)
     attrs = {"scenario": case.name, "actuator": who.name, "seed": int(seed),
              "content_key": content_key(case, rod, seed, lab)}  # fmt: skip
@@ -176,6 +178,10 @@ def record(
         "pressure": pressure, "pressure_time": clock, "source": f"testbed {attrs['scenario']}",
         "source_format": "testbed", "history": f"recorded by the virtual laboratory as {lab.output}",
     }  # fmt: skip
+    if lab.output == "angle":  # one log: both are sampled together
+        shown = observe_angle(motion, rod, lab.angle, at, specimen, rng)
+        common |= {"pressure": np.interp(at, clock, pressure), "pressure_time": at}
+        return make_recording(at, angle=shown[:, None], station=["tip"], frame="planar", attrs=dict(attrs), **common)
     if lab.output == "markers":
         position = observe_markers(motion, rod, lab.mocap, at, rng)
         return make_recording(at, position, station=marker_names(lab.mocap), attrs=dict(attrs), **common)

@@ -45,14 +45,15 @@ def definitions(*, turns: bool) -> dict[str, str]:
     """What each metric means, of places or, where a body `turns` before angle sensors, of angles."""
     if not turns:
         return DEFINITIONS
-    return {**ANGLES, **{k: v for k, v in DEFINITIONS.items() if not k.endswith(("_mm", "of_length", "extension_percent"))
-                         and k not in ANGLES}}  # fmt: skip
+    of_places = ("_mm", "of_length", "extension_percent")
+    return {**ANGLES, **{k: v for k, v in DEFINITIONS.items() if not k.endswith(of_places) and k not in ANGLES}}
 
 
 def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     """Metrics of a modelled motion (T, S, 2) [m] against an experiment; `length` [m] of the body.
 
-    Of angles alone the motion is (T, S, 1) [rad], and the names that end in ``_mm`` end in ``_deg``. A measured pressure must be on the clock of the shape: see `Experiment.synchronised`.
+    Of angles alone the motion is (T, S, 1) [rad], and names that end in ``_mm`` end in ``_deg``. A measured pressure
+    must be on the clock of the shape: see `Experiment.synchronised`.
 
     Returns plain numbers; ``frequency_hz`` and its like are pairs {"measured": ..., "modelled": ...} with None where
     the motion has no such thing (no ring-down, no overshoot).

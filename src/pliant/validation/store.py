@@ -23,7 +23,7 @@ SPACE = ("time", "station", "axis")
 def save_results(outcome: StudyOutcome, folder: Path) -> Path:
     """Write ``results.nc``: a group for each recording with every fit of it, the dense shape and each forecast.
 
-    Positions are in m, times in s, pressures in Pa. The numbers that metrics.json has are not repeated.
+    Positions are in m, angles in rad, times in s, pressures in Pa. The numbers that metrics.json has are not repeated.
     """
     groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs={"schema": "pliant-results", "schema_version": 1})}
     named = {r.name: r.experiment for f in outcome.fits for r in f.records}
@@ -51,7 +51,12 @@ def in_metres(dims: Sequence[str], values: Array, name: str = "") -> tuple[Seque
 
 def recorded(exp: Experiment) -> xr.Dataset:
     """What a recording showed, and what drove it."""
-    variables: dict[str, Any] = {"position": in_metres(SPACE, exp.position, "measured position")}
+    variables: dict[str, Any] = {}
+    if exp.placeless:
+        told = {"units": "rad", "long_name": "measured angle", "reference": exp.angle_reference}
+        variables["angle"] = (("time", "station"), exp.compared[..., 0], told)
+    else:
+        variables["position"] = in_metres(SPACE, exp.position, "measured position")
     if exp.pressure is not None:
         samples = exp.pressure.pressure
         if exp.drives:
@@ -60,7 +65,8 @@ def recorded(exp: Experiment) -> xr.Dataset:
         dims = ("pressure_time", "driven")[: samples.ndim]
         variables["pressure"] = (dims, samples, {"units": "Pa", "long_name": "measured gauge pressure"})
         variables["pressure_time"] = ("pressure_time", exp.pressure.time, {"units": "s"})
-    coordinates = {"time": ("time", exp.time, {"units": "s"}), "station": list(exp.stations), "axis": ["x", "y"]}
+    axes = ["angle"] if exp.placeless else ["x", "y"]
+    coordinates = {"time": ("time", exp.time, {"units": "s"}), "station": list(exp.stations), "axis": axes}
     return xr.Dataset(variables, coordinates, {"name": exp.name, "excitation": exp.excitation, "level": exp.level})
 
 
@@ -75,13 +81,14 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
             whole = np.stack([np.full(shape, np.nan) if v is None else v for v in values])
             found[name] = (("fit", *dims), whole, {"units": units})
 
-    stack("modelled", SPACE, "m", [r.modelled if r else None for r in rows])
+    unit = "rad" if exp.placeless else "m"
+    stack("modelled", SPACE, unit, [r.modelled if r else None for r in rows])
     chambers = max(np.ndim(r.pressure) for r in rows if r)
     stack("modelled_pressure", ("time", "chamber")[:chambers], "Pa",
           [np.asarray(r.pressure) if r else None for r in rows])
     stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])
     for part in ("std", "lower", "upper"):
-        stack(f"band_{part}", SPACE, "m", [getattr(r.band, part) if r and r.band else None for r in rows])
+        stack(f"band_{part}", SPACE, unit, [getattr(r.band, part) if r and r.band else None for r in rows])
     found["band_level"] = ("fit", [r.band.level if r and r.band else np.nan for r in rows], {"units": "1"})
     return found
 
@@ -116,7 +123,8 @@ def plain(result: Any, but: set[str]) -> str:
 
 def foretold(forecast: Forecast) -> xr.Dataset:
     """A forecast's tip with its half-width."""
-    variables: dict[str, Any] = {"tip": in_metres(("time", "axis"), forecast.tip)}
+    told = {"units": "m" if forecast.tip.shape[1] == 2 else "rad"}
+    variables: dict[str, Any] = {"tip": (("time", "axis"), forecast.tip, told)}
     if forecast.half_width is not None:
-        variables["half_width"] = in_metres(("time", "axis"), forecast.half_width)
+        variables["half_width"] = (("time", "axis"), forecast.half_width, told)
     return xr.Dataset(variables, {"time": ("time", forecast.time, {"units": "s"})}, {"name": forecast.name})

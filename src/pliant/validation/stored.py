@@ -106,9 +106,14 @@ def experiment_of(ds: xr.Dataset) -> Experiment:
         drives = {str(c): Trace(times, ds["pressure"].values[:, k]) for k, c in enumerate(ds["driven"].values)}
     elif "pressure" in ds:
         trace = Trace(ds["pressure_time"].values, ds["pressure"].values)
+    stations = tuple(str(s) for s in ds["station"].values)
+    seen: dict[str, Any] = {}
+    if "angle" in ds:
+        seen = {"angle": ds["angle"].values, "angle_reference": ds["angle"].attrs["reference"], "angles_alone": True}
+    place = ds["position"].values if "position" in ds else np.full((ds.sizes["time"], len(stations), 2), np.nan)
     return Experiment(
-        str(ds.attrs["name"]), ds["time"].values, ds["position"].values, tuple(str(s) for s in ds["station"].values),
-        ds.attrs["excitation"], trace, float(ds.attrs["level"]), drives=drives,
+        str(ds.attrs["name"]), ds["time"].values, place, stations, ds.attrs["excitation"], trace,
+        float(ds.attrs["level"]), drives=drives, **seen,
     )
 
 
@@ -124,7 +129,7 @@ def fit_of(
         metrics = {key: value for key, value in numbers.items() if key != "role"}
         body = own["body"].values if "body" in own and own["body"].notnull().any() else None
         records.append(RecordOutcome(record, numbers["role"], exp, own["modelled"].values,
-                                     own["modelled_pressure"].values, metrics, band_of(own), body))
+                                     own["modelled_pressure"].values, metrics, band_of(own, exp), body))
     return FitOutcome(name, entry["title"], result, tuple(records), entry["timing"]["fit_s"])
 
 
@@ -141,16 +146,17 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
     return FitResult(
         model, parameters, entry["status"], {}, entry["timing"]["simulated_sets"], entry["timing"]["optimiser_s"],
         entry["converged"], covariance, tuple(entry["notes"]), entry["bic"],
+        turns=any("rmse_deg" in r for r in entry["records"].values()),
     )
 
 
-def band_of(ds: xr.Dataset) -> Band | None:
+def band_of(ds: xr.Dataset, exp: Experiment) -> Band | None:
     """The band of a prediction, where it has one."""
     level = float(ds["band_level"])
     if np.isnan(level):
         return None
     std, lower, upper = (ds[f"band_{part}"].values for part in ("std", "lower", "upper"))
-    return Band(ds["modelled"].values, std, lower, upper, level)
+    return Band(ds["modelled"].values, std, lower, upper, level, *exp.shown_in)
 
 
 def shape_of(groups: Groups) -> Shape | None:

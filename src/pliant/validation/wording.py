@@ -9,9 +9,11 @@ from pliant.units import quantity
 from pliant.validation.outcome import RecordOutcome
 
 ROLE = {"train": "training", "held_out": "held out", "forecast": "forecast"}
+NO_PLACES = "The recordings hold angles and no places: shapes, order and path are left out."
 DASH = "–"
 LABELS = {
-    "rmse_mm": "RMSE", "rmse_deg": "RMSE", "max_mm": "largest distance", "max_deg": "largest difference", "rmse_percent_of_travel": "RMSE / travel",
+    "rmse_mm": "RMSE", "rmse_deg": "RMSE", "max_mm": "largest distance", "max_deg": "largest difference",
+    "rmse_percent_of_travel": "RMSE / travel",
     "rmse_percent_of_length": "RMSE / length", "fit_percent": "NRMSE fit",
     "within_band_percent": "within the 95 % band", "frequency_hz": "frequency",
     "damping_ratio": "damping ratio", "overshoot_percent": "overshoot", "steady_state_mm": "steady state",

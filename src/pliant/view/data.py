@@ -27,7 +27,7 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
         for record in fit.records:
             measured.setdefault(record.name, measured_of(record.experiment, every, pack))
     return {
-        "every": every, "records": measured,
+        "every": every, "records": measured, "turns": outcome.turns,
         "fits": [{
             "title": f.title, "records": {r.name: modelled_of(r, every, pack) for r in f.records},
         } for f in outcome.fits],
@@ -43,21 +43,21 @@ def thinning(outcome: StudyOutcome) -> int:
     numbers = 0
     for fit in outcome.fits:
         for r in fit.records:
-            each = r.experiment.position[0].size
+            each = r.experiment.compared[0].size
             numbers += len(r.modelled) * (2 * each + (2 * each if r.band is not None else 0)
                                           + (0 if r.body is None else r.body[0].size))
     return max(1, int(np.ceil(numbers / MOST_NUMBERS)))
 
 
 def measured_of(exp: Experiment, every: int, pack: Pack) -> dict[str, Any]:
-    """What a recording showed: s, mm and kPa."""
+    """What a recording showed: s, mm (degrees of angles alone) and kPa."""
     pressures = []
     for name, trace in (exp.drives or ({"": exp.pressure} if exp.pressure is not None else {})).items():
         seen = np.interp(exp.time[::every], trace.time, trace.pressure, left=np.nan, right=np.nan)
         pressures.append({"name": f"measured, {name}" if name else "measured", "value": pack.add(1e-3 * seen)})
     return {
         "stations": list(exp.stations), "shown": evenly_spaced(len(exp.stations), 3), "kind": exp.excitation,
-        "time": clock(exp.time[::every], pack), "position": pack.add(1e3 * exp.position[::every]),
+        "time": clock(exp.time[::every], pack), "position": pack.add(exp.shown_in[1] * exp.compared[::every]),
         "pressures": pressures, "level": 1e-3 * exp.level if exp.excitation in ("pulse", "step") else None,
     }
 
@@ -70,18 +70,19 @@ def clock(time: Array, pack: Pack) -> dict[str, Any]:
 
 
 def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]:
-    """What a fit says of a recording: mm, kPa, and the correlation of its last station's residual."""
+    """What a fit says of a recording: mm (degrees), kPa, and the correlation of its last station's residual."""
     exp = record.experiment
-    residual = 1e3 * (record.modelled[:, -1] - exp.last_station)
-    lag, correlation = zip(*(autocorrelation(exp.time, residual[:, axis]) for axis in (0, 1)), strict=True)
+    factor = exp.shown_in[1]
+    residual = factor * (record.modelled[:, -1] - exp.last_station)
+    lag, correlation = zip(*(autocorrelation(exp.time, r) for r in residual.T), strict=True)
     seen = np.isfinite(residual[:, 0]).sum()
     body = record.body if record.body is not None else np.concatenate(
-        [np.zeros((exp.time.size, 1, 2)), record.modelled], axis=1)
+        [np.zeros((exp.time.size, 1, exp.compared.shape[2])), record.modelled], axis=1)
     pressure = np.asarray(record.pressure, dtype=float).reshape(exp.time.size, -1)
     return {
-        "role": record.role, "position": pack.add(1e3 * record.modelled[::every]),
+        "role": record.role, "position": pack.add(factor * record.modelled[::every]),
         "body": pack.add(1e3 * body[::every]), "pressure": pack.add(1e-3 * pressure[::every]),
-        "band": [pack.add(1e3 * edge[::every]) for edge in (record.band.lower, record.band.upper)]
+        "band": [pack.add(factor * edge[::every]) for edge in (record.band.lower, record.band.upper)]
         if record.band is not None else None,
         "level": record.band.level if record.band is not None else None,
         "lag": clock(lag[0], pack), "correlation": pack.add(np.stack(correlation, axis=1)),
@@ -120,10 +121,10 @@ def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
 
 
 def forecast_of(forecast: Forecast, pack: Pack) -> dict[str, Any]:
-    """A forecast's tip and its band, mm."""
-    half = forecast.half_width
-    edges = None if half is None else [pack.add(1e3 * (forecast.tip + s * half)) for s in (-1, 1)]
-    return {"time": clock(forecast.time, pack), "tip": pack.add(1e3 * forecast.tip), "band": edges}
+    """A forecast's tip and its band, mm; its angle, degrees, where the recordings hold angles alone."""
+    half, factor = forecast.half_width, 1e3 if forecast.tip.shape[1] == 2 else float(np.degrees(1.0))
+    edges = None if half is None else [pack.add(factor * (forecast.tip + s * half)) for s in (-1, 1)]
+    return {"time": clock(forecast.time, pack), "tip": pack.add(factor * forecast.tip), "band": edges}
 
 
 def clocks_of(c: Clocks, pack: Pack) -> dict[str, Any]:

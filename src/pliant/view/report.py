@@ -12,14 +12,15 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.files import write_text
 from pliant.validation.draw import moves_torque
-from pliant.validation.metrics import DEFINITIONS
+from pliant.validation.metrics import definitions
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
-from pliant.validation.wording import ROLE, digits, metric_label
+from pliant.validation.wording import NO_PLACES, ROLE, digits, metric_label
 from pliant.view.data import page_data
 from pliant.view.packing import Pack
 from pliant.view.rows import (
     PAIRS,
     SINGLE,
+    columns,
     correlation_rows,
     first_records,
     fit_table,
@@ -85,7 +86,7 @@ def template(name: str) -> Any:
         loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals.update(definition=DEFINITIONS, label=metric_label, digits=digits, role=ROLE)
+    environment.globals.update(label=metric_label, digits=digits, role=ROLE)
     return environment.get_template(name)
 
 
@@ -105,7 +106,10 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
     main = sorted(first_records(outcome.fits), key=lambda pair: pair[1].role != "held_out")
     headline = outcome.headline or Headline("open", "No verdict was formed; the table of records has the numbers.")
     sign, word = SIGNS[headline.state]
+    turns = outcome.turns
+    meaning = definitions(turns=turns)
     return {
+        "no_places": NO_PLACES if turns else "", "unit": "°" if turns else "mm",
         "outcome": outcome, "headline": headline, "sign": sign, "word": word,
         "records": {
             "held_out": [record_row(f, r) for f in outcome.fits for r in f.records if r.role == "held_out"],
@@ -124,8 +128,8 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
         "unseen": [(f.title, not_shown(f.result)) for f in outcome.fits],
         "shape": shape_block(outcome.shape) if outcome.shape else None,
         "forecasts": [forecast_block(f) for f in outcome.forecasts],
-        "definitions": {k: (*metric_label(k), v) for k, v in DEFINITIONS.items()},
-        "pairs": PAIRS, "single": SINGLE, "facts": model_facts(outcome),
+        "definition": meaning, "definitions": {k: (*metric_label(k), v) for k, v in meaning.items()},
+        "pairs": columns(PAIRS, turns=turns), "single": columns(SINGLE, turns=turns), "facts": model_facts(outcome),
         "torque": moves_torque(outcome.fits), "clocks": [clock_title(n, c.delay) for n, c in outcome.clocks.items()],
     }
 

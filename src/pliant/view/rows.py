@@ -13,7 +13,7 @@ from pliant.identification.ladder import Ladder
 from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.result import FitResult
 from pliant.validation.outcome import FitOutcome, RecordOutcome, Shape, StudyOutcome
-from pliant.validation.wording import digits
+from pliant.validation.wording import digits, sized
 
 WIDE = 1.959964  # standard errors to each side of a 95 % interval
 TIED = 0.95  # correlation of errors from which two parameters are told as one
@@ -30,18 +30,25 @@ def first_records(fits: Sequence[FitOutcome]) -> list[tuple[FitOutcome, RecordOu
     return list(found.values())
 
 
+def columns(keys: Sequence[str], *, turns: bool) -> tuple[str, ...]:
+    """Names of metrics as they are, or as those of angles where a body `turns` before angle sensors."""
+    if not turns:
+        return tuple(keys)
+    return tuple(k.replace("_mm", "_deg") for k in keys if k != "rmse_percent_of_length")
+
+
 def record_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
     """A row of the table of records: texts only."""
     m = record.metrics
-    pairs = {k: m.get(k) or {} for k in PAIRS}
+    pairs = {k: m.get(k) or {} for k in columns(PAIRS, turns=record.experiment.placeless)}
     measured, modelled = (pairs["frequency_hz"].get(who) for who in ("measured", "modelled"))
     off = 100 * (modelled / measured - 1) if measured and modelled else None
     return {
         "name": record.name, "fit": fit.title,
-        "single": {k: digits(m.get(k)) for k in SINGLE},
-        "pairs": {k: [digits(pairs[k].get(who)) for who in ("measured", "modelled")] for k in PAIRS},
+        "single": {k: digits(m.get(k)) for k in columns(SINGLE, turns=record.experiment.placeless)},
+        "pairs": {k: [digits(pairs[k].get(who)) for who in ("measured", "modelled")] for k in pairs},
         "frequency_difference": digits(off, 2, "+"),
-        "steady_state_error_mm": digits(m.get("steady_state_error_mm"), 2, "+"),
+        "steady_state_error": digits(sized(m, "steady_state_error")[0], 2, "+"),
     }
 
 
@@ -49,7 +56,9 @@ def seen_text(record: RecordOutcome) -> str:
     """How much of a record was compared, in words."""
     m, exp = record.metrics, record.experiment
     frames, missing = m.get("frames", exp.time.size), m.get("points_not_seen", 0)
-    return f"{frames} frames compared, {missing} points not seen, travel {digits(1e3 * exp.travel)} mm"
+    unit, factor = exp.shown_in
+    travel = f"{digits(factor * exp.travel)} {'°' if unit == 'deg' else unit}"
+    return f"{frames} frames compared, {missing} points not seen, travel {travel}"
 
 
 def fit_table(fits: Sequence[FitOutcome], order: Sequence[str]) -> dict[str, Any]:
@@ -61,7 +70,7 @@ def fit_table(fits: Sequence[FitOutcome], order: Sequence[str]) -> dict[str, Any
     names = sorted(role, key=lambda n: (role[n] != "held_out", place[n]))
     rows = []
     for k, f in enumerate(fits):
-        cells = {r.name: (r.role, digits(r.metrics.get("rmse_percent_of_travel")), digits(r.metrics.get("rmse_mm")),
+        cells = {r.name: (r.role, digits(r.metrics.get("rmse_percent_of_travel")), digits(sized(r.metrics, "rmse")[0]),
                           r.name, role[r.name]) for r in f.records}
         free = sum(p.free for p in f.result.parameters)
         rows.append({"fit": f, "k": k, "cells": [cells.get(n) for n in names], "free": free})

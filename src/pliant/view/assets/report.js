@@ -5,6 +5,7 @@
   const $ = (id) => document.getElementById(id);
   const data = JSON.parse($("data").textContent);
   if (!("DecompressionStream" in window)) { $("old").hidden = false; return; }
+  const axes = data.turns ? ["angle"] : ["x", "y"], width = axes.length, unit = data.turns ? "°" : "mm";
   const block = await inflate($("block").textContent);
   const open = (note) => (note ? array(block, note) : null);
   const body = new Body($("body"));
@@ -29,8 +30,8 @@
   }
 
   const points = (a, t) => {
-    const width = a.flat.length / a.shape[0], out = [];
-    for (let i = 0; i < width; i += 2) out.push([a.flat[t * width + i], a.flat[t * width + i + 1]]);
+    const row = a.flat.length / a.shape[0], out = [];
+    for (let i = 0; i < row; i += width) out.push(axes.map((_, c) => a.flat[t * row + i + c]));
     return out;
   };
   const tone = (r, s) => () => ramp(r.stations.length > 1 ? s / (r.stations.length - 1) : 1);
@@ -69,16 +70,16 @@
       if (r.band && r.stationsOn.size <= 3) {
         bands.push([out.length, out.length + 1]);
         for (const k of [1, 0]) {
-          out.push({ label: "band", values: column(r.band[k], 2 * s + c), colour: () => paint("edge"), width: 0.6 });
+          out.push({ label: "band", values: column(r.band[k], width * s + c), colour: () => paint("edge"), width: 0.6 });
         }
       }
     }
     for (const s of on) {
-      out.push({ label: `${r.stations[s]} measured`, values: column(r.measured, 2 * s + c), width: 4.5,
+      out.push({ label: `${r.stations[s]} measured`, values: column(r.measured, width * s + c), width: 4.5,
         colour: () => paint("measured"), points: few ? 6 : 0 });
     }
     for (const s of on) {
-      out.push({ label: `${r.stations[s]} modelled`, values: column(r.modelled, 2 * s + c), width: 1.6,
+      out.push({ label: `${r.stations[s]} modelled`, values: column(r.modelled, width * s + c), width: 1.6,
         colour: tone(r, s), tag: r.stations[s] });
     }
     return { series: out, bands };
@@ -87,9 +88,9 @@
   function residuals(r) {
     const out = [];
     for (const s of [...r.stationsOn].sort((a, b) => a - b)) {
-      for (const c of [0, 1]) {
-        const [a, b] = [column(r.modelled, 2 * s + c), column(r.measured, 2 * s + c)];
-        out.push({ label: `${r.stations[s]} ${"xy"[c]}`, width: 1.3, colour: tone(r, s), dash: c ? [6, 4] : undefined,
+      for (const c of axes.keys()) {
+        const [a, b] = [column(r.modelled, width * s + c), column(r.measured, width * s + c)];
+        out.push({ label: `${r.stations[s]} ${axes[c]}`, width: 1.3, colour: tone(r, s), dash: c ? [6, 4] : undefined,
           values: a.map((v, i) => (v === null || b[i] === null ? null : v - b[i])) });
       }
     }
@@ -122,9 +123,8 @@
       plots.push(u);
       all.push(u);
     };
-    add("plot-x", { ...stationSeries(r, 0), ylabel: "x (mm)" });
-    add("plot-y", { ...stationSeries(r, 1), ylabel: "y (mm)" });
-    add("plot-residual", { series: residuals(r), ylabel: "residual (mm)", height: 140,
+    axes.forEach((axis, c) => add(`plot-${axis}`, { ...stationSeries(r, c), ylabel: `${axis} (${unit})` }));
+    add("plot-residual", { series: residuals(r), ylabel: `residual (${unit})`, height: 140,
       xlabel: r.kind === "release" ? "time (s)" : "" });
     $("pressure").hidden = r.kind === "release";
     if (r.kind !== "release") {
@@ -152,7 +152,7 @@
   function correlation(r) {
     const u = plot($("plot-correlation"), { x: r.lag, height: 170, xlabel: "lag (s)", ylabel: "correlation",
       range: [-1.05, 1.05], marks: [{ low: -r.white, at: r.white, text: "white noise: 95 % within" }],
-      series: [0, 1].map((c) => ({ label: "xy"[c], values: column(r.correlation, c), width: 1.5, dash: c ? [6, 4] : undefined,
+      series: axes.map((axis, c) => ({ label: axis, values: column(r.correlation, c), width: 1.5, dash: c ? [6, 4] : undefined,
         colour: () => paint("tip") })) });
     all.push(u);
     return u;
@@ -179,8 +179,8 @@
       head.scope = "row";
       head.textContent = r.stations[s];
       const [seen, says] = [points(r.measured, frame)[s], points(r.modelled, frame)[s]];
-      row.append(head, ...[0, 1].flatMap((c) => [cell(mm(seen[c])), cell(mm(says[c]))]),
-        cell(mm(Math.hypot(says[0] - seen[0], says[1] - seen[1]))));
+      row.append(head, ...axes.flatMap((_, c) => [cell(mm(seen[c])), cell(mm(says[c]))]),
+        cell(mm(data.turns ? says[0] - seen[0] : Math.hypot(says[0] - seen[0], says[1] - seen[1]))));
       return row;
     }));
   }
@@ -228,8 +228,8 @@
     if (lags) { all.splice(all.indexOf(lags), 1); lags.destroy(); }
     $("plot-correlation").replaceChildren();
     lags = correlation(now);
-    body.show(scene(now));
-    const far = column(now.measured, 2 * (now.stations.length - 1)).map((v) => Math.abs(v ?? 0));
+    if (!data.turns) body.show(scene(now));
+    const far = column(now.measured, width * (now.stations.length - 1)).map((v) => Math.abs(v ?? 0));
     go(far.indexOf(Math.max(...far)));
   }
 
@@ -290,13 +290,13 @@
 
   function forecast(f, i) {
     const tip = open(f.tip), band = f.band?.map(open), x = Array.from(open(f.time).flat);
-    [0, 1].forEach((c) => {
+    axes.forEach((axis, c) => {
       const series = band ? [1, 0].map((k) => ({ label: "band", values: column(band[k], c), width: 0.6,
         colour: () => paint("edge") })) : [];
       const bands = band ? [[0, 1]] : [];
       series.push({ label: "predicted", values: column(tip, c), colour: () => paint("tip"), width: 1.6 });
-      all.push(plot($(`plot-forecast-${i}-${"xy"[c]}`), { x, series, bands, ylabel: `tip ${"xy"[c]} (mm)`,
-        xlabel: c ? "time (s)" : "" }));
+      all.push(plot($(`plot-forecast-${i}-${axis}`), { x, series, bands, ylabel: `tip ${axis} (${unit})`,
+        xlabel: c === width - 1 ? "time (s)" : "" }));
     });
   }
 

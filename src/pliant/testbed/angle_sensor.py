@@ -1,0 +1,65 @@
+"""The same motion as a flex sensor or an IMU sees it: one angle, coarse and late, on one log with the pressure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.testbed.fibre import body_angle
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pliant.testbed.rod.parameters import RodParameters
+    from pliant.testbed.stepping.simulate import Motion
+
+FINE = 1e-3  # s, on which the sensor's lag is taken
+
+
+@dataclass(frozen=True)
+class AngleSensor:
+    """One angle of the body against its base (SI); a value with a star is a standard deviation over specimens."""
+
+    name: str = "flex"
+    place: float = 1.0  # share of the body's length
+    lag: float = 0.08  # s, first order
+    step: float = float(np.deg2rad(0.8))  # rad, in which it counts
+    noise: float = float(np.deg2rad(0.1))  # rad, white, before it counts
+    drift: float = 0.0  # rad after a second, a random walk
+    gain_error: float = 0.01  # *
+    zero: float = 0.2  # rad, * what it shows of a straight body
+    rate: float = 20.0  # Hz
+
+    def __post_init__(self) -> None:
+        """Refuse settings that no sensor can have."""
+        if not 0 < self.place <= 1 or not self.rate > 0:
+            raise InputError(f"an angle sensor sits within the body and has a rate, got {self.place} and {self.rate}")
+        if min(self.lag, self.step, self.noise, self.drift, self.gain_error, self.zero) < 0:
+            raise InputError("lag, step, noise, drift, gain_error and zero of an angle sensor are >= 0")
+
+
+FLEX = AngleSensor()
+IMU = AngleSensor(
+    "imu", lag=0.02, step=float(np.deg2rad(0.06)), drift=float(np.deg2rad(0.05)), gain_error=0.0, zero=0.1
+)
+
+
+def observe_angle(
+    motion: Motion, p: RodParameters, sensor: AngleSensor, at: NDArray[np.float64],
+    specimen: np.random.Generator, rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """What the sensor shows (T,) at the times `at` [s], rad."""
+    time = np.arange(0.0, at[-1] + FINE, FINE)
+    s, theta = body_angle(motion, p, time)
+    true = theta[:, np.argmin(np.abs(s - sensor.place * p.length))]
+    late = true.copy()
+    keep = np.exp(-FINE / sensor.lag) if sensor.lag > 0 else 0.0
+    for k in range(1, time.size):
+        late[k] = keep * late[k - 1] + (1.0 - keep) * 0.5 * (true[k] + true[k - 1])
+    shown = (1.0 + sensor.gain_error * specimen.standard_normal()) * np.interp(at, time, late)
+    shown += sensor.zero * specimen.standard_normal() + sensor.noise * rng.standard_normal(at.size)
+    shown += sensor.drift * np.cumsum(rng.standard_normal(at.size) * np.sqrt(np.diff(at, prepend=at[0])))
+    return np.asarray(np.round(shown / sensor.step) * sensor.step if sensor.step > 0 else shown)
