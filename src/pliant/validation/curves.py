@@ -80,6 +80,11 @@ def instants(path: Array, most: int = 4) -> list[int]:
     return [int(seen[k]) for k in dict.fromkeys(reached)]
 
 
+def axes_of(unit: str) -> tuple[tuple[str, ...], str, float]:
+    """Names of what is drawn in mm, x and y, or in degrees, an angle; the unit, and how many of it make one SI unit."""
+    return (("x", "y"), unit, 1e3) if unit == "mm" else (("angle",), unit, float(np.degrees(1.0)))
+
+
 def level_of(record: RecordOutcome) -> float:
     """The pressure level that a record is known by: its nominal level, or the largest of its trace, Pa."""
     exp = record.experiment

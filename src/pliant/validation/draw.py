@@ -71,7 +71,8 @@ def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> 
             if record.name in records:
                 yield f"{fit.name}-{record.name}-motion", figures.record_figure(record)
                 yield f"{fit.name}-{record.name}-residual", figures.residual_figure(record)
-                yield f"{fit.name}-{record.name}-path", figures.path_figure(record)
+                if not outcome.turns:
+                    yield f"{fit.name}-{record.name}-path", figures.path_figure(record)
     yield from compared(outcome.fits, records)
     if only:
         return

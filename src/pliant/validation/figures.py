@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.plotting import DASHES, NARROW, WIDTH, side_by_side, style
-from pliant.validation.curves import autocorrelation, evenly_spaced, instants, laws_of, slenderness, thin
+from pliant.validation.curves import autocorrelation, axes_of, evenly_spaced, instants, laws_of, slenderness, thin
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome
-from pliant.validation.wording import ROLE, clip, digits, heading
+from pliant.validation.wording import ROLE, clip, digits, heading, sized
 
 Array = np.ndarray
 MOST_FITS = 4
@@ -32,6 +32,7 @@ MEASURED: dict[str, Any] = {"color": "0.57", "linestyle": "-", "linewidth": 1.9,
 MEASURED_POINTS: dict[str, Any] = {
     "color": "0.35", "linestyle": "", "marker": "+", "markersize": 4.5, "markeredgewidth": 0.9, "label": "measured",
 }
+RESIDUALS = (("black", "-"), ("#c1440e", (0, (4, 1.5))))  # of x and y
 MODELLED: dict[str, Any] = {"color": "#0b2f6b", "linestyle": "-", "linewidth": 0.9, "label": "modelled"}
 
 
@@ -48,24 +49,23 @@ def record_figure(record: RecordOutcome) -> Figure:
     At most six stations, evenly spread, the last one always among them.
     """
     exp = record.experiment
-    chosen = evenly_spaced(len(exp.stations))
+    chosen, (names, unit, factor) = evenly_spaced(len(exp.stations)), axes_of(exp.shown_in[0])
     forced = exp.excitation != "release"
-    heights = [1.0] * len(chosen) + [0.8] + [0.7] * forced
     with drawing():
-        figure, axes = columns_in_time(heights)
+        figure, axes = columns_in_time([*[1.0] * len(chosen), 0.8, *[0.7] * forced], len(names))
         for row, s in enumerate(chosen):
             for axis, ax in enumerate(axes[row]):
                 draw_band(ax, record, s, axis)
-                measured(ax, exp.time, 1e3 * exp.position[:, s, axis])
-                ax.plot(*thin(exp.time, 1e3 * record.modelled[:, s, axis]), **MODELLED)
-                ax.set_ylabel(f"{clip(exp.stations[s], 18)} {'xy'[axis]} (mm)")
+                measured(ax, exp.time, factor * exp.compared[:, s, axis])
+                ax.plot(*thin(exp.time, factor * record.modelled[:, s, axis]), **MODELLED)
+                ax.set_ylabel(f"{clip(exp.stations[s], 18)} {names[axis]} ({unit})")
         for axis, ax in enumerate(axes[len(chosen)]):
-            draw_residuals(ax, exp.time, 1e3 * (record.modelled - exp.position)[..., axis])
-            ax.set_ylabel(f"residual {'xy'[axis]}\n(mm)")
+            draw_residuals(ax, exp.time, factor * (record.modelled - exp.compared)[..., axis])
+            ax.set_ylabel(f"residual {names[axis]}\n({unit})")
         for ax in axes[-1] if forced else ():
             draw_pressure(ax, record)
-        note = f"; {len(chosen)} of {len(exp.stations)} stations" if len(chosen) < len(exp.stations) else ""
-        figure.suptitle(f"{heading(record)}{note}", fontsize="medium", wrap=True)
+        some = f"; {len(chosen)} of {len(exp.stations)} stations" * (len(chosen) < len(exp.stations))
+        figure.suptitle(heading(record) + some, fontsize="medium", wrap=True)
         legend(figure, axes[:, 0])
     return figure
 
@@ -82,43 +82,45 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
     if not pairs:
         raise InputError(f"no fit holds the record {record_name!r}")
     shown, letters = pairs[:MOST_FITS], int(13.4 * WIDTH.get())
+    names, unit, factor = axes_of(pairs[0][1].experiment.shown_in[0])
     with drawing():
         figure = Figure(figsize=(WIDTH.get(), 4.2), layout="constrained")
-        axes = figure.subplots(3, len(shown), sharex=True, sharey="row", squeeze=False)
+        axes = figure.subplots(len(names) + 1, len(shown), sharex=True, sharey="row", squeeze=False)
         for column, (fit, record) in zip(axes.T, shown, strict=True):
             exp = record.experiment
-            for axis in (0, 1):
-                measured(column[axis], exp.time, 1e3 * exp.last_station[:, axis])
-                column[axis].plot(*thin(exp.time, 1e3 * record.modelled[:, -1, axis]), **MODELLED)
-            distance = 1e3 * np.linalg.norm(record.modelled[:, -1] - exp.last_station, axis=-1)
-            column[2].plot(*thin(exp.time, distance), color="black", linestyle="-", linewidth=0.7, label="distance")
-            column[2].set_xlabel("time (s)")
-            rmse = digits(record.metrics.get("rmse_mm"))
+            for axis in range(len(names)):
+                measured(column[axis], exp.time, factor * exp.last_station[:, axis])
+                column[axis].plot(*thin(exp.time, factor * record.modelled[:, -1, axis]), **MODELLED)
+            distance = factor * np.linalg.norm(record.modelled[:, -1] - exp.last_station, axis=-1)
+            column[-1].plot(*thin(exp.time, distance), color="black", linestyle="-", linewidth=0.7, label="distance")
+            column[-1].set_xlabel("time (s)")
             title = fill(clip(fit.title, 2 * (letters // len(shown))), letters // len(shown))
-            column[0].set_title(f"{title}\n{ROLE[record.role]}:\nRMSE {rmse} mm", fontsize="small")
-        axes[2, 0].set_ylim(0, None)
+            rmse = f"RMSE {digits(sized(record.metrics, 'rmse')[0])} {unit}"
+            column[0].set_title(f"{title}\n{ROLE[record.role]}:\n{rmse}", fontsize="small")
+        axes[-1, 0].set_ylim(0, None)
         last = clip(shown[0][1].experiment.stations[-1], 18)
-        for ax, what in zip(axes[:, 0], (f"{last} x (mm)", f"{last} y (mm)", "distance (mm)"), strict=True):
-            ax.set_ylabel(what)
+        for ax, what in zip(axes[:, 0], (*(f"{last} {name}" for name in names), "distance"), strict=True):
+            ax.set_ylabel(f"{what} ({unit})")
         more = f" (first {len(shown)} of {len(pairs)} fits)" if len(shown) < len(pairs) else ""
         figure.suptitle(f"{clip(record_name)} under each fit{more}", fontsize="medium", wrap=True)
-        legend(figure, axes[:2, 0])
+        legend(figure, axes[:-1, 0])
     return figure
 
 
 def residual_figure(record: RecordOutcome) -> Figure:
     """Residual of the last station in time, and its autocorrelation with the 95 % band of white noise."""
-    exp = record.experiment
-    residual = 1e3 * (record.modelled[:, -1] - exp.last_station)
+    exp, (names, unit, factor) = record.experiment, axes_of(record.experiment.shown_in[0])
+    residual = factor * (record.modelled[:, -1] - exp.last_station)
     with drawing():
         figure, (left, right) = side_by_side(2, (1, 1), 2.5)
-        for axis, (colour, dash) in enumerate((("black", "-"), ("#c1440e", (0, (4, 1.5))))):
-            line: dict[str, Any] = {"color": colour, "linestyle": dash, "linewidth": 0.85, "label": "xy"[axis]}
+        for axis, (name, (colour, dash)) in enumerate(zip(names, RESIDUALS, strict=False)):
+            line: dict[str, Any] = {"color": colour, "linestyle": dash, "linewidth": 0.85, "label": name}
             left.plot(*thin(exp.time, residual[:, axis]), **line)
             right.plot(*autocorrelation(exp.time, residual[:, axis]), **line)
         band = 1.96 / np.sqrt(max(np.isfinite(residual[:, 0]).sum(), 1))
         right.axhspan(-band, band, color="0.85", zorder=0, label="95 % of white noise")
-        left.set(xlabel="time (s)", ylabel="residual (mm)", title=f"{clip(exp.stations[-1], 18)}, modelled − measured")
+        left.set(xlabel="time (s)", ylabel=f"residual ({unit})")
+        left.set_title(f"{clip(exp.stations[-1], 18)}, modelled − measured")
         right.set(xlabel="lag (s)", ylabel="autocorrelation", ylim=(-1.05, 1.05))
         right.set_title("Pure measurement noise would stay in the band")
         left.legend(ncols=2)
@@ -137,10 +139,8 @@ def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
             label = f" {clip(title)}"  # the space: matplotlib hides labels that begin with _
             line, = ax.plot(1e-3 * pressure, 1e3 * chamber.torque_at(pressure), label=label)
             for p, role in marks.items():
-                ax.plot(
-                    1e-3 * p, 1e3 * chamber.torque_at(p), linestyle="", marker=mark, markersize=5.5,
-                    color=line.get_color(), markerfacecolor=line.get_color() if role == "train" else "white",
-                )
+                ax.plot(1e-3 * p, 1e3 * chamber.torque_at(p), linestyle="", marker=mark, markersize=5.5,
+                        color=line.get_color(), markerfacecolor=line.get_color() if role == "train" else "white")
         ax.set(xlabel="gauge pressure (kPa)", ylabel="torque on each joint (mN m)", xlim=(0, None))
         ax.set_title("Torque law; filled marks: training levels, open marks: held out")
         ax.legend()
@@ -149,12 +149,10 @@ def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
 
 def path_figure(record: RecordOutcome) -> Figure:
     """Measured and modelled path of the last station in the plane; with more stations, the body at a few instants."""
-    exp = record.experiment
-    body = len(exp.stations) > 1
+    exp, body = record.experiment, len(record.experiment.stations) > 1
     with drawing():
         size = (width := min(5.4, WIDTH.get()), 1.2 + 0.8 * width * slenderness(record, body))
-        figure = Figure(figsize=size, layout="constrained")
-        ax = figure.subplots()
+        ax = (figure := Figure(figsize=size, layout="constrained")).subplots()
         seen = np.isfinite(exp.last_station).all(axis=1)
         ax.plot(*(1e3 * exp.last_station).T, **MEASURED if seen.sum() > SPARSE else MEASURED_POINTS)
         ax.plot(*(1e3 * record.modelled[:, -1]).T, **MODELLED)
@@ -178,16 +176,17 @@ def path_figure(record: RecordOutcome) -> Figure:
 
 
 def forecast_figure(forecast: Forecast) -> Figure:
-    """Predicted x and y of the last station of a case that was not recorded."""
+    """Predicted x and y, or angle, of the last station of a case that was not recorded."""
     with drawing():
-        figure, axes = columns_in_time([1.0])
+        figure, axes = columns_in_time([1.0], forecast.tip.shape[1])
+        names, unit, factor = axes_of("deg" if len(axes[0]) == 1 else "mm")
         line = MODELLED | {"label": "predicted, not recorded"}
         for axis, ax in enumerate(axes[0]):
-            ax.plot(*thin(forecast.time, 1e3 * forecast.tip[:, axis]), **line)
+            ax.plot(*thin(forecast.time, tip := factor * forecast.tip[:, axis]), **line)
             if forecast.half_width is not None:
-                tip, half = 1e3 * forecast.tip[:, axis], 1e3 * forecast.half_width[:, axis]
+                half = factor * forecast.half_width[:, axis]
                 ax.fill_between(forecast.time, tip - half, tip + half, color="0.8", linewidth=0, label="95 % band")
-            ax.set_ylabel(f"tip {'xy'[axis]} (mm)")
+            ax.set_ylabel(f"tip {names[axis]} ({unit})")
         figure.suptitle(f"Forecast: {clip(forecast.title)}", fontsize="medium", wrap=True)
         legend(figure, axes[:, 0])
     return figure
@@ -219,10 +218,11 @@ def demo_figure(trajectory: xr.Dataset) -> Figure:
     return figure
 
 
-def columns_in_time(heights: Sequence[float]) -> tuple[Figure, Any]:
-    """A figure with rows of the given relative heights and two columns, x and y, on one time axis."""
+def columns_in_time(heights: Sequence[float], columns: int = 2) -> tuple[Figure, Any]:
+    """A figure with rows of the given relative heights and columns for x and y, or an angle, on one time axis."""
     figure = Figure(figsize=(WIDTH.get(), 0.6 + 1.3 * sum(heights)), layout="constrained")
-    axes = figure.subplots(len(heights), 2, sharex=True, squeeze=False, gridspec_kw={"height_ratios": list(heights)})
+    tall = {"height_ratios": list(heights)}
+    axes = figure.subplots(len(heights), columns, sharex=True, squeeze=False, gridspec_kw=tall)
     for ax in axes[-1]:
         ax.set_xlabel("time (s)")
     return figure, axes
@@ -241,7 +241,7 @@ def draw_band(ax: Axes, record: RecordOutcome, station: int, axis: int) -> None:
     if (band := record.band) is not None:
         time = record.experiment.time
         every = np.unique(np.linspace(0, time.size - 1, 400).astype(int))
-        low, high = (1e3 * edge[every, station, axis] for edge in (band.lower, band.upper))
+        low, high = (band.factor * edge[every, station, axis] for edge in (band.lower, band.upper))
         ax.fill_between(time[every], low, high, label=f"{100 * band.level:g} % band", **BAND)
 
 

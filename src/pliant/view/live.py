@@ -215,7 +215,7 @@ class Live:
         joints = np.concatenate([[[0.0, 0.0], m.first_joint * [m.bend_sign, 1]], chain.tips(m, self.stepper.angle)])
         told, self.told = self.told, ""
         measured = None
-        if self.record is not None:
+        if self.record is not None and not self.record.placeless:
             k = int(np.abs(self.record.time - self.record.time[0] - t).argmin())
             measured = [[None if not np.isfinite(v) else round(1e3 * float(v), 3) for v in p]
                         for p in self.record.position[k]]
