@@ -1,4 +1,4 @@
-"""A phone's video and a microcontroller: points in pixels, a log in psi on its own clock, one study, two commands."""
+"""A phone's video and a microcontroller: points in pixels, a log in psi on its own clock; `new`, two answers, `run`."""
 
 from __future__ import annotations
 
@@ -14,54 +14,8 @@ from pliant.study import demo_study, load_study
 from pliant.study.prepare import planar
 
 PIXELS_PER_MM, RATE, LATE_S = 4.2, 60.0, 0.7
+TARGET = "rmse_percent_of_travel = 3.0"
 PLACES = {"base": 0.0, "third": 0.06, "middle": 0.11, "tip": 0.17}  # m along the body
-STUDY = """
-name = "phone"
-
-[actuator]
-length = 0.17
-mass = 0.069
-tip_mass = 0.006
-links = 5
-joint_placement = "midsegment"
-
-[camera]
-rate_hz = 60.0
-pixels_per_mm = 4.2
-
-[alignment.options]
-base = "base"
-tangent = "+y"
-
-[recordings.low]
-file = "low.csv"
-pressure_file = "low_log.csv"
-[recordings.middle]
-file = "middle.csv"
-pressure_file = "middle_log.csv"
-[recordings.high]
-file = "high.csv"
-pressure_file = "high_log.csv"
-
-[recordings.defaults]
-pressure_mapping = { header = true, time = "t_ms", time_unit = "ms", pressure = { columns = ["psi"], unit = "psi" } }
-
-[fits.first]
-train = ["low", "high"]
-held_out = ["middle"]
-starts = 1
-[fits.first.parameters]
-"stiffness_*" = "free"
-stiffening = "free"
-damping = "free"
-torque_1 = "free"
-torque_2 = "free"
-start = "free"
-base_angle = "free"
-
-[targets]
-rmse_percent_of_travel = 3.0
-"""
 
 
 def film(folder: Path, name: str, recorded: str, seed: int) -> None:
@@ -94,7 +48,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("phone")
     for seed, (name, recorded) in enumerate({"low": "pulse_60", "middle": "pulse_119", "high": "pulse_180"}.items()):
         film(folder, name, recorded, seed)
-    (folder / "phone.toml").write_text(STUDY, encoding="utf-8")
+    files = [f"--from={folder / name}{log}.csv" for name in ("low", "middle", "high") for log in ("", "_log")]
+    drafted = program("new", folder / "phone.toml", *files, "--length", 0.17, "--mass", 0.069)
+    assert drafted.returncode == 0, drafted.stderr
+    assert [line.split(":")[0] for line in drafted.stdout.splitlines() if line[0] == "?"] == ["? rate_hz",
+                                                                                             "? pixels_per_mm"]
+    text = (folder / "phone.toml").read_text(encoding="utf-8").replace("rmse_percent_of_travel = 5.0", TARGET)
+    for question, answer in (("rate_hz", RATE), ("pixels_per_mm", PIXELS_PER_MM)):
+        text = text.replace(f'{question} = "?"', f"{question} = {answer}")
+    (folder / "phone.toml").write_text(text, encoding="utf-8")
     return folder
 
 
@@ -120,6 +82,7 @@ def test_a_camera_is_enough(folder: Path) -> None:
 
 
 def test_a_target_that_is_missed_fails_a_strict_run_alone(folder: Path) -> None:
-    (folder / "hard.toml").write_text(STUDY.replace("= 3.0", "= 0.1"), encoding="utf-8")
+    text = (folder / "phone.toml").read_text(encoding="utf-8").replace(TARGET, TARGET.replace("3.0", "0.1"))
+    (folder / "hard.toml").write_text(text.replace("[fits.first]", "[fits.first]\nstarts = 1"), encoding="utf-8")
     assert program("run", folder / "hard.toml", "-o", folder / "hard", "--strict").returncode == 1
     assert program("run", folder / "hard.toml", "-o", folder / "hard").returncode == 0

@@ -36,7 +36,8 @@ def angle_facts(ds: xr.Dataset) -> dict[str, Any]:
 def sensor_noise(angle: NDArray) -> NDArray:
     """(S,) standard deviation of angles' noise, rad: that of the numbers, or of the steps that they come in."""
     plain = np.nan_to_num(detectors.noise_level(angle[..., None]))
-    return np.maximum(plain, [detectors.quantum(a) / np.sqrt(12.0) for a in angle.T])
+    steps = np.array(coarse_steps(angle)) / np.sqrt(12.0)
+    return np.where(steps > 0, steps, plain)
 
 
 def coarse_steps(angle: NDArray) -> list[float]:

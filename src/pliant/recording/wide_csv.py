@@ -1,8 +1,8 @@
 """Wide CSV: one row per sample, `t,p_kpa,x_000,y_000,z_000,...`, metadata as JSON.
 
-Columns: ``t`` (s), ``t_ms`` or ``t_us``; ``p_<unit>`` for one pressure or ``p_<unit>_<chamber>`` for several (gauge);
-``x_<station>``, ``y_<station>`` and, unless planar, ``z_<station>``; optional ``qx_ qy_ qz_ qw_<station>``
-and ``angle_<station>`` (rad). Their order is free. Metadata stand in a first line ``# {...}`` or in a JSON
+Columns: ``t`` (s), ``t_ms`` or ``t_us``; ``p_<unit>`` or ``<unit>`` for one pressure or ``p_<unit>_<chamber>`` for
+several (gauge); ``x_<station>``, ``y_<station>`` and, unless planar, ``z_<station>``; optional ``qx_ qy_ qz_
+qw_<station>`` and ``angle_<station>`` (rad). Their order is free. Metadata stand in a first line ``# {...}`` or in a JSON
 file of the same name beside the table; ``length_unit`` (default m), ``station``, ``arc_length`` (m), ``frame``.
 """
 
@@ -207,6 +207,8 @@ def _stations(
 
 def _pressure_unit(name: str) -> str | None:
     parts = name.split("_")
+    if name.lower() in PASCAL:  # a small logger's psi, kPa or mbar
+        return name
     return parts[1] if len(parts) >= 2 and parts[0] == "p" and parts[1].lower() in PASCAL else None
 
 
@@ -217,7 +219,7 @@ def _pressure(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | 
     if not found:
         return None, None
     values = [columns[name] * pascal_per(unit) for name, unit in found.items()]
-    if len(found) == 1 and next(iter(found)).count("_") == 1:
+    if len(found) == 1 and next(iter(found)).count("_") <= 1:
         return values[0], None
     return np.stack(values, -1), ["_".join(name.split("_")[2:]) or "p" for name in found]
 

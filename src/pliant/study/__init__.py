@@ -5,9 +5,14 @@ from pathlib import Path
 from pliant.study.run import run_study
 from pliant.study.schema import Study, load_study
 
-__all__ = ["Study", "demo_study", "load_study", "run_study"]
+__all__ = ["Study", "angles_study", "demo_study", "load_study", "run_study"]
 
 
 def demo_study() -> Path:
     """The study file of the recordings that come with pliant."""
     return Path(__file__).parent / "bundled" / "demo.toml"
+
+
+def angles_study() -> Path:
+    """The study file of the logs of angle and pressure that come with pliant."""
+    return Path(__file__).parent / "bundled" / "angles.toml"

@@ -9,8 +9,10 @@ from typing import Any
 
 from pliant.errors import InputError
 from pliant.preprocessing.quality import standing_stations
-from pliant.study.new import Look, body_length, excitation, held_out, key, look_at, moved, relative, toml
+from pliant.study.first_reading import with_logs
+from pliant.study.new import Look, body_length, excitation, held_out, look_with_log, moved
 from pliant.study.questions import OPEN
+from pliant.study.toml_text import key, relative, toml
 
 LONGEST = 150  # characters of a comment
 
@@ -70,7 +72,8 @@ def draft_study(
     Parameters
     ----------
     files : sequence of str or Path
-        Recordings of the same actuator in the same set-up.
+        Recordings of the same actuator in the same set-up; a log of pressure alone goes with the one whose name it
+        begins with.
     study : str or Path
         Where the study will lie; file names in it are relative to that folder. Nothing is written.
     mapping : dict, optional
@@ -91,7 +94,7 @@ def draft_study(
     InputError
         When a file cannot be read or holds no positions, or two files share a name.
     """
-    looks = [look_at(Path(f), mapping) for f in files]
+    looks = [look_with_log(shape, log, mapping) for shape, log in with_logs([Path(f) for f in files])]
     names = [look.name for look in looks]
     if not names or len(set(names)) < len(names):
         raise InputError(f"a study needs recordings whose file names differ, got {', '.join(names) or 'none'}")
@@ -103,11 +106,12 @@ def draft_study(
     out.put("title", title.replace("_", " "))
     out.put("step", 2e-3, "s, of the integration")
     camera(out, looks)
+    units(out, looks)
     actuator(out, first, length, mass)
     weight(out, looks, gravity)
     if first.capped:
         fibre(out, first, length)
-    else:
+    elif not first.turns:
         alignment(out, first)
     if first.dense:
         reduction(out, looks)
@@ -122,12 +126,24 @@ def draft_study(
 
 def camera(out: Lines, looks: Sequence[Look]) -> None:
     """The camera, where points are pixels and nothing says how large one is."""
-    if all(look.scaled for look in looks):
+    if not any("camera" in look.made_up for look in looks):
         return
     out.table("camera")
     out.say("points of a tracker: what follows was found at 30 frames a second and 1 pixel per mm, for want of these")
     out.ask("rate_hz", "frames a second of the video")
     out.ask("pixels_per_mm", "or instead scale, plane or board: see docs/your_own_data.md")
+
+
+def units(out: Lines, looks: Sequence[Look]) -> None:
+    """Units of angle and pressure that no file states."""
+    asked = {k for look in looks for k in look.made_up if k != "camera"}
+    if not asked:
+        return
+    out.table("mapping")
+    out.say("what follows was found as if these were degrees and kPa")
+    for name, known in (("angle_unit", "deg or rad"), ("pressure_unit", "gauge: kPa, bar, mbar, psi, Pa")):
+        if name in asked:
+            out.ask(name, known)
 
 
 def actuator(out: Lines, look: Look, length: float | None, mass: float | None) -> None:
@@ -140,7 +156,9 @@ def actuator(out: Lines, look: Look, length: float | None, mass: float | None) -
     out.ask("length", "m, of the part that bends", length, told)
     out.ask("mass", "kg, of the part that bends: weigh it, or density times volume; K, D and torque share its scale",
             mass, "kg, as you stated")
-    if not look.dense:
+    if look.turns:
+        out.say("links = 2  (default: one for each angle, which is all that angles support)")
+    elif not look.dense:
         out.put("links", 5)
         out.put("joint_placement", "midsegment", "five links then ring within 1 % of a continuous beam")
     out.say("tip_mass = 0.006  (kg, a cap or a load at the tip: take the # away where there is one)")
@@ -153,7 +171,9 @@ def weight(out: Lines, looks: Sequence[Look], gravity: Sequence[float] | None) -
         out.ask("gravity", "m/s^2 in the axes of the tracker, such as [0.0, 0.0, -9.81]: it moves the released body",
                 None if gravity is None else [float(g) for g in gravity], "m/s^2 in the axes of the tracker")
     else:
-        out.say("gravity = [0.0, 0.0, -9.81]  (m/s^2 in the axes of the tracker: needed unless the body lies flat)")
+        axes = "[0.0, 9.81]  (m/s^2, x and y of the base frame, +y along the base" if looks[0].turns else \
+            "[0.0, 0.0, -9.81]  (m/s^2 in the axes of the tracker"
+        out.say(f"gravity = {axes}: needed unless the body lies flat)")
 
 
 def fibre(out: Lines, look: Look, length: float | None) -> None:
@@ -195,7 +215,7 @@ def alignment(out: Lines, look: Look) -> None:
 def reduction(out: Lines, looks: Sequence[Look]) -> None:
     """From a dense shape to links."""
     out.table("reduction")
-    widest = max(looks, key=lambda look: max(look.found.travel_m.values()))
+    widest = max(looks, key=lambda look: look.widest)
     out.put("recording", widest.name, "its shape decides: it moves most")
     out.put("bound_mm", 3.0, "the lowest number of links whose shape errs less than this in every frame")
     out.say("links = 5  (instead, a number of your own)")
@@ -206,6 +226,8 @@ def recording(out: Lines, look: Look, folder: Path, level: float | None) -> None
     out.table(f"recordings.{key(look.name)}")
     out.say(*look.found.summary().splitlines())
     out.put("file", relative(look.path, folder))
+    if look.log is not None:
+        out.put("pressure_file", relative(look.log, folder), "its clock is brought onto that of the shape")
     if look.chamber:
         out.say(f"of several pressures a model takes one: {look.chamber} moves most, the mapping reads no other")
     if look.mapping:
@@ -231,7 +253,7 @@ def recording(out: Lines, look: Look, folder: Path, level: float | None) -> None
 
 def moving_beside(look: Look) -> list[str] | None:
     """The stations to compare with where others than the base stand still too; None where only the base does."""
-    if look.dense or look.aligned is None:
+    if look.dense or look.turns or look.aligned is None:
         return None
     names = [str(s) for s in look.aligned["station"].values if str(s) != look.base]
     still = set(standing_stations(look.aligned)) & set(names)
@@ -262,7 +284,8 @@ def free_parameters(looks: Sequence[Look], held: str | None) -> list[tuple[str, 
         free += [("torque_1", "N m/Pa")]
         free += [("torque_2", "N m/Pa^2, seen because more than one level is trained on")] if len(levels) > 1 else []
     if "trace" in kinds:
-        free += [("start", "s, the clock of the pressure against that of the shape")]
+        free += [("sensor_lag", "s, time constant of the angle's sensor") if first.turns else
+                 ("start", "s, the clock of the pressure against that of the shape")]
     if kinds & {"pulse", "step"}:
         free += [("valve_rise", "s, time constant of the pressure")]
     if "pulse" in kinds:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,18 +17,18 @@ from pliant.identification import experiment
 from pliant.identification.edges import edges
 from pliant.identification.recorded import Excitation
 from pliant.preprocessing.align import DENSE_STATIONS, align
+from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.quality import Quality, quality
-from pliant.recording import read, readers
-from pliant.recording.registry import HEAD_BYTES
+from pliant.recording import read
+from pliant.study.clocks import with_pressure
+from pliant.study.first_reading import narrowed, read_or_guess, several
 from pliant.units import PASCAL, pascal_per
 
 LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
 NUMBERED = re.compile(r"(.*?)[ _.:-]*\d+")  # "Tip - 1" belongs to "Tip"
 RIGID_SHARE, RIGID_M = 0.02, 1e-3  # what distances within a rigid part may change, of themselves and in metres
 LINE = 0.15  # markers whose width is below this share of their length lie along a body, not on a plate
-TRACKERS = ("deeplabcut", "sleap", "tracker", "kinovea")
-MADE_UP = {"rate_hz": 30.0, "pixels_per_mm": 1.0}
 RETURNED = 0.3  # of the travel: what a pulse leaves at its end, and a release does not undo
 
 
@@ -53,8 +52,10 @@ class Look:
         Why it failed.
     chamber : str
         The one whose pressure was kept, where the file has several.
-    scaled : bool
-        False where a tracker's pixels and frames were read with a made-up camera, for their shape alone.
+    made_up : dict
+        What nobody said and was made up to read the file, for its shape alone: a camera, or units.
+    log : Path or None
+        Log of the pressure in a file of its own; `ds` then holds it, on its own clock.
     """
 
     path: Path
@@ -66,7 +67,8 @@ class Look:
     aligned: xr.Dataset | None = None
     problem: str = ""
     chamber: str = ""
-    scaled: bool = True
+    made_up: dict[str, Any] = field(default_factory=dict)
+    log: Path | None = None
 
     @property
     def name(self) -> str:
@@ -80,9 +82,30 @@ class Look:
         return str(self.options.get("base") or report.get("base") or self.ds["station"].values[0])
 
     @property
+    def scaled(self) -> bool:
+        """Whether nothing was made up to read the file."""
+        return not self.made_up
+
+    @property
+    def turns(self) -> bool:
+        """Whether the file holds angles and no places."""
+        return "position" not in self.ds
+
+    @property
+    def shown(self) -> np.ndarray:
+        """What the last station did (T, axes): its place, or its angle where the file holds those alone."""
+        ds = self.ds if self.aligned is None else self.aligned
+        return np.asarray(ds["angle"].values[:, -1:] if self.turns else ds["position"].values[:, -1])
+
+    @property
+    def widest(self) -> float:
+        """Largest travel of a station, m, or turn, degrees."""
+        return max((self.found.travel_deg if self.turns else self.found.travel_m).values())
+
+    @property
     def dense(self) -> bool:
         """Whether the shape is known all along the body."""
-        return int(self.ds.sizes["station"]) >= DENSE_STATIONS
+        return not self.turns and int(self.ds.sizes["station"]) >= DENSE_STATIONS
 
     @property
     def capped(self) -> bool:
@@ -96,6 +119,15 @@ class Look:
             return float(np.nanmax(self.ds["pressure"].values))
         named = LEVEL.search(self.path.stem)
         return float(named[1]) * pascal_per(named[2]) if named else None
+
+
+def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> Look:
+    """Look at a file, and take its pressure from a log beside it where there is one; as `look_at`."""
+    look = look_at(path, mapping)
+    if log is None:
+        return look
+    ds = with_pressure(look.ds, read(log), look.name, log.name)
+    return replace(look, ds=ds, log=log, found=replace(look.found, pressure_kpa=quality(ds).pressure_kpa))
 
 
 def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
@@ -113,8 +145,8 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
         When the file cannot be read, or holds no positions.
     """
     kept = dict(mapping) if mapping else None
-    ds, scaled = read_or_guess(path, kept)
-    if "position" not in ds:
+    ds, made_up = read_or_guess(path, kept)
+    if not {"position", "angle"} & set(ds):
         held = "strain: make positions of it with pliant.sensing.shape_from_strain first" if "strain" in ds else \
             "pressure alone: a study needs the shape too"
         raise InputError(f"{path.name} holds {held}")
@@ -122,7 +154,9 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
     if chambers := several(ds):
         kept, chosen = narrowed(kept, chambers, found, path.name)
         ds = ds.assign(pressure=ds["pressure"].sel(chamber=chosen)).drop_vars("chamber")
-    look = Look(path, ds, found, kept, chamber=chosen, scaled=scaled)
+    look = Look(path, ds, found, kept, chamber=chosen, made_up=made_up)
+    if look.turns:
+        return replace(look, aligned=from_rest(ds))
     if ds.attrs["frame"] == "planar":
         return replace(look, aligned=ds)
     stations = {} if look.dense else rigid_clusters(ds)
@@ -135,42 +169,7 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
         return replace(look, problem=str(error))
 
 
-def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> tuple[xr.Dataset, bool]:
-    """A recording, and whether its scale and rate are known; points in pixels are looked at with a made-up camera."""
-    try:
-        return read(path, mapping=mapping), True
-    except InputError:
-        told = mapping or {}
-        if not path.is_file() or {"camera", "length_unit"} & set(told):
-            raise
-        head = path.read_bytes()[:HEAD_BYTES]
-        known = readers()
-        if not any(path.suffix.lower() in known[n].suffixes and known[n].recognises(head) for n in TRACKERS):
-            raise
-        return read(path, mapping={**told, "camera": MADE_UP}), False
 
-
-def several(ds: xr.Dataset) -> list[str]:
-    """Names of the chambers where a recording has more than one."""
-    return [str(c) for c in ds["chamber"].values] if "chamber" in ds.dims and ds.sizes["chamber"] > 1 else []
-
-
-def narrowed(
-    mapping: dict[str, Any] | None, chambers: list[str], found: Quality, name: str
-) -> tuple[dict[str, Any], str]:
-    """The mapping with the one chamber whose pressure moves most, and that chamber's name."""
-    spread = {c: high - low for c, (low, high) in found.pressure_kpa.items()}
-    chosen = max(chambers, key=lambda c: spread.get(c, 0.0))
-    told = dict((mapping or {}).get("pressure") or {}) if isinstance((mapping or {}).get("pressure"), dict) else {}
-    key = next((k for k in ("columns", "channels") if k in told), None)
-    if mapping is None or key is None:
-        raise InputError(
-            f"{name} has several pressures ({', '.join(chambers)}) and a model has one: write a file, or a mapping, "
-            f"with the one that bends the body (that of {chosen} moves most)"
-        )
-    told[key] = [told[key][chambers.index(chosen)]]
-    told.pop("chamber", None)
-    return {**mapping, "pressure": told}, chosen
 
 
 def clusters(names: Sequence[str]) -> dict[str, list[str]]:
@@ -225,7 +224,7 @@ def directions(ds: xr.Dataset, found: Quality, stations: Mapping[str, list[str]]
 
 def body_length(look: Look) -> float | None:
     """Length of the body as far as the file shows it, m: along the stations, or from base to tip at rest."""
-    if look.aligned is None or look.capped or not look.scaled:
+    if look.aligned is None or look.capped or look.turns or not look.scaled:
         return None
     if "arc_length" in look.aligned.coords:
         return float(look.aligned["arc_length"].values[-1])
@@ -239,7 +238,7 @@ def excitation(look: Look) -> Excitation:
         return "trace"
     if look.aligned is None:
         return "pulse"
-    p = look.aligned["position"].values[:, -1]
+    p = look.shown
     u = np.linalg.norm(p - np.nanmedian(p[:5], axis=0), axis=-1)
     end = np.nanmedian(u[-max(5, len(u) // 20):])
     if end < RETURNED * np.nanmax(u):
@@ -257,41 +256,18 @@ def held_out(looks: Sequence[Look]) -> str | None:
     if len(looks) == 2:
         return looks[-1].name
     if any(look.highest_pa is None for look in looks):
-        return sorted(looks, key=lambda look: max(look.found.travel_m.values()))[len(looks) // 2].name
+        return sorted(looks, key=lambda look: look.widest)[len(looks) // 2].name
     return sorted(looks, key=lambda look: look.highest_pa or 0.0)[len(looks) // 2].name
 
 
-def relative(path: Path, folder: Path) -> str:
-    """The file's name as the study, which lies in `folder`, should have it."""
-    whole, home = path.resolve(), folder.resolve()
-    if whole.parts[:2] != home.parts[:2]:  # nothing in common but the root
-        return whole.as_posix()
-    return Path(os.path.relpath(whole, home)).as_posix()
 
-
-def toml(value: Any) -> str:
-    """A value as TOML on one line."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key(k)} = {toml(v)}" for k, v in value.items()) + " }"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(toml(v) for v in value) + "]"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(value)
-
-
-def key(name: str) -> str:
-    """A key as TOML, quoted where it must be."""
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml(name)
 
 
 def moved(look: Look) -> str:
     """When the motion begins and ends, as a comment; empty where that cannot be told."""
     if look.aligned is None or not look.scaled or excitation(look) == "trace":
         return ""
-    stations = tuple(str(n) for n in look.aligned["station"].values if n != look.base)
+    stations = tuple(str(n) for n in look.aligned["station"].values if look.turns or n != look.base)
     ds = look.aligned.assign_attrs(nominal_pressure=1.0)  # any level: only times are asked for
     try:
         found = edges(experiment(look.name, ds, stations=stations, excitation=excitation(look)))

@@ -1,0 +1,97 @@
+"""A file as it is read before anybody has said what it does not say itself: what is made up is remembered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.preprocessing.quality import Quality
+from pliant.recording import read, readers
+from pliant.recording.registry import HEAD_BYTES
+
+TRACKERS = ("deeplabcut", "sleap", "tracker", "kinovea")
+MADE_UP = {"rate_hz": 30.0, "pixels_per_mm": 1.0}
+UNITS = {"angle_unit": "deg", "pressure_unit": "kPa"}
+
+
+def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> tuple[xr.Dataset, dict[str, Any]]:
+    """A recording, and what was made up to read it: a camera for points in pixels, units for angles and pressure."""
+    told = mapping or {}
+    try:
+        return read(path, mapping=mapping), {}
+    except InputError:
+        for guess in guesses(path, told):
+            try:
+                return read(path, mapping={**told, **guess}), guess
+            except InputError:
+                continue
+        raise
+
+
+def guesses(path: Path, told: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What may be made up for a file whose reader needs to be told more."""
+    if not path.is_file():
+        return []
+    head, known = path.read_bytes()[:HEAD_BYTES], readers()
+    fits = [n for n in (*TRACKERS, "angles") if path.suffix.lower() in known[n].suffixes and known[n].recognises(head)]
+    if "angles" in fits:
+        made = {k: v for k, v in UNITS.items() if k not in told}
+        return [*({k: v} for k, v in made.items()), made]
+    return [] if not fits or {"camera", "length_unit"} & set(told) else [{"camera": MADE_UP}]
+
+
+def several(ds: xr.Dataset) -> list[str]:
+    """Names of the chambers where a recording has more than one."""
+    return [str(c) for c in ds["chamber"].values] if "chamber" in ds.dims and ds.sizes["chamber"] > 1 else []
+
+
+def narrowed(
+    mapping: dict[str, Any] | None, chambers: list[str], found: Quality, name: str
+) -> tuple[dict[str, Any], str]:
+    """The mapping with the one chamber whose pressure moves most, and that chamber's name."""
+    spread = {c: high - low for c, (low, high) in found.pressure_kpa.items()}
+    chosen = max(chambers, key=lambda c: spread.get(c, 0.0))
+    told = dict((mapping or {}).get("pressure") or {}) if isinstance((mapping or {}).get("pressure"), dict) else {}
+    key = next((k for k in ("columns", "channels") if k in told), None)
+    if mapping is None or key is None:
+        raise InputError(
+            f"{name} has several pressures ({', '.join(chambers)}) and a model has one: write a file, or a mapping, "
+            f"with the one that bends the body (that of {chosen} moves most)"
+        )
+    told[key] = [told[key][chambers.index(chosen)]]
+    told.pop("chamber", None)
+    return {**mapping, "pressure": told}, chosen
+
+
+def with_logs(files: Sequence[Path]) -> list[tuple[Path, Path | None]]:
+    """Recordings of shapes, each with the log of its pressure where a file of pressure alone shares its name's start.
+
+    Raises
+    ------
+    InputError
+        When a log's name begins as that of no recording, or of one that has another log already.
+    """
+    logs = [f for f in files if holds_pressure_alone(f)]
+    shapes: dict[Path, Path | None] = {f: None for f in files if f not in logs}
+    for log in logs:
+        named = [f for f in shapes if log.stem.startswith(f.stem) or f.stem.startswith(log.stem)]
+        best = max(named, key=lambda f: len(f.stem), default=None)
+        if best is None or shapes[best] is not None:
+            raise InputError(f"{log.name} holds pressure alone, and a study needs the shape too: give one recording "
+                             f"whose name begins it, such as push.csv for push_log.csv, beside {log.name}")  # fmt: skip
+        shapes[best] = log
+    return list(shapes.items())
+
+
+def holds_pressure_alone(path: Path) -> bool:
+    """Whether a table is a log of pressure, readable without being told more."""
+    if path.suffix.lower() not in (".csv", ".txt", ".tsv", ".log", ".dat"):
+        return False
+    try:
+        return set(read(path)) == {"pressure"}
+    except InputError:
+        return False
