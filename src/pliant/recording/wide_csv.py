@@ -2,8 +2,8 @@
 
 Columns: ``t`` (s), ``t_ms`` or ``t_us``; ``p_<unit>`` or ``<unit>`` for one pressure or ``p_<unit>_<chamber>`` for
 several (gauge); ``x_<station>``, ``y_<station>`` and, unless planar, ``z_<station>``; optional ``qx_ qy_ qz_
-qw_<station>`` and ``angle_<station>`` (rad). Their order is free. Metadata stand in a first line ``# {...}`` or in a JSON
-file of the same name beside the table; ``length_unit`` (default m), ``station``, ``arc_length`` (m), ``frame``.
+qw_<station>`` and ``angle_<station>`` (rad). Their order is free. Metadata stand in a first line ``# {...}`` or in a
+JSON file of the same name beside the table; ``length_unit`` (default m), ``station``, ``arc_length`` (m), ``frame``.
 """
 
 from __future__ import annotations
