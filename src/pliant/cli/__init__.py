@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 from pliant.cli.bench import bench
 from pliant.cli.contact import contact
 from pliant.cli.control import control
+from pliant.cli.data import data
 from pliant.cli.demo import demo
 from pliant.cli.design import design
 from pliant.cli.estimate import estimate
@@ -71,7 +72,7 @@ def common(
 
 
 JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # panels of the help, in the order of the journey
-    "See it work": {"demo": demo},
+    "See it work": {"demo": demo, "data": data},
     "Your recording": {"inspect": inspect, "sync": sync, "new": new, "shape": shape, "order": order},
     "Your model": {
         "run": run_command, "figures": figures, "view": view, "design": design, "simulate": simulate, "sweep": sweep,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pliant.errors import InputError, clipped
 from pliant.plugins import offered
+from pliant.recording.published import PREFIX, published_path
 from pliant.recording.schema import check_recording
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ def read_recording(
     Parameters
     ----------
     path : str or Path
+        Of a file; or ``data:NAME/FILE``, a public recording that `pliant data fetch` has brought.
     mapping : dict, optional
         What the file does not say itself: columns and units of a plain table, names of arrays, the unit
         of length. The keys belong to the format; see the module of its reader.
@@ -94,7 +96,7 @@ def read_recording(
     InputError
         When the file is absent, of no known format, damaged, or does not fit the mapping.
     """
-    path = Path(path)
+    path = published_path(Path(path).as_posix()) if str(path).startswith(PREFIX) else Path(path)
     try:
         there = path.is_file()
     except OSError as error:  # such as a name too long

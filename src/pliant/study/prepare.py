@@ -20,6 +20,7 @@ from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.quality import LEAST_PRESSURE, quality, standing_stations
 from pliant.recording import read
+from pliant.recording.published import PREFIX
 from pliant.reduction import Links
 from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
@@ -55,7 +56,7 @@ def seen_by(study: Study) -> dict[str, Any]:
 def located(study: Study, file: str) -> Path:
     """Where a file of the study lies."""
     path = Path(file)
-    return path if path.is_absolute() else Path(study.folder) / path
+    return path if path.is_absolute() or file.startswith(PREFIX) else Path(study.folder) / path
 
 
 def check_pressure_unit(name: str, ds: xr.Dataset) -> None:

@@ -9,9 +9,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pliant.recording.published import PREFIX
+
 
 def relative(path: Path, folder: Path) -> str:
     """The file's name as the study, which lies in `folder`, should have it."""
+    if str(path).startswith(PREFIX):
+        return path.as_posix()
     whole, home = path.resolve(), folder.resolve()
     if whole.parts[:2] != home.parts[:2]:  # nothing in common but the root
         return whole.as_posix()

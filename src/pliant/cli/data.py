@@ -1,0 +1,61 @@
+"""`pliant data`: recordings that other laboratories published."""
+
+from __future__ import annotations
+
+import json as jsonlib
+from typing import Annotated, Any, Literal
+
+import typer
+
+from pliant.cli.progress import busy
+
+
+def data(
+    action: Annotated[Literal["list", "fetch"], typer.Argument(help="List what there is, or fetch some of it.")],
+    names: Annotated[list[str] | None, typer.Argument(help="Names to fetch; all where none is given.")] = None,
+    mirror: Annotated[
+        str | None, typer.Option(help="Address that has the files as NAME/FILE: https://..., file:///...")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+) -> None:
+    """Bring the public recordings of the example studies: from their published commits, checked, into one folder.
+
+    A study, or any command, then finds them as data:NAME/FILE. The folder is that of PLIANT_DATA, else in your caches.
+
+    Example: pliant data fetch silicone_cantilever && pliant run examples/silicone_cantilever.toml -o results/beam
+    """
+    from pliant.errors import InputError
+    from pliant.recording.published import data_folder, data_set, data_sets, fetch
+
+    if action == "list":
+        told = [entry(name) for name in names or data_sets()]
+        if json:
+            typer.echo(jsonlib.dumps({"folder": str(data_folder()), "data": told}))
+            return
+        typer.echo(f"folder: {data_folder()}")
+        for one in told:
+            typer.echo(f"\n{one['name']}: {one['what']}\n  {one['licence']}; {one['origin']}")
+            for file in one["files"]:
+                typer.echo(f"  {'here  ' if file['here'] else 'absent'}  {file['file']}"
+                           + (f"  (by hand: {file['by_hand']})" if file["by_hand"] else ""))  # fmt: skip
+        return
+    paths = []
+    for name in names or data_sets():
+        with busy(f"bringing {name}"):
+            try:
+                paths += fetch(name, mirror=mirror)
+            except InputError as error:
+                if names or any(f.address for f in data_set(name).files.values()):
+                    raise
+                typer.echo(f"left out: {error}", err=True)  # of all, what has to be brought by hand
+    typer.echo(jsonlib.dumps([str(p) for p in paths]) if json else "\n".join(map(str, paths)))
+
+
+def entry(name: str) -> dict[str, Any]:
+    """What is known of a data set, and which of its files are here."""
+    from pliant.recording.published import data_folder, data_set, is_published
+
+    known, folder = data_set(name), data_folder() / name
+    files = [{"file": f, "here": (folder / f).is_file() and is_published(folder / f, p), "sha256": p.sha256,
+              "address": p.address, "by_hand": p.by_hand} for f, p in known.files.items()]  # fmt: skip
+    return {"name": name, "what": known.what, "licence": known.licence, "origin": known.origin, "files": files}
