@@ -28,6 +28,7 @@ from pliant.cli.simulate import simulate
 from pliant.cli.sweep import sweep
 from pliant.cli.sync import sync
 from pliant.cli.testbed import run_testbed
+from pliant.cli.track import track
 from pliant.cli.view import view
 from pliant.errors import PliantError
 from pliant.version import __version__
@@ -73,7 +74,9 @@ def common(
 
 JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # panels of the help, in the order of the journey
     "See it work": {"demo": demo, "data": data},
-    "Your recording": {"inspect": inspect, "sync": sync, "new": new, "shape": shape, "order": order},
+    "Your recording": {
+        "inspect": inspect, "track": track, "sync": sync, "new": new, "shape": shape, "order": order,
+    },
     "Your model": {
         "run": run_command, "figures": figures, "view": view, "design": design, "simulate": simulate, "sweep": sweep,
     },

@@ -70,6 +70,9 @@ class Camera(FileMapping):
         See the module.
     lens : Lens, optional
         Distortion to take out first (extra ``camera``).
+    exposure_ms, readout_ms : float, optional
+        How long the shutter stays open, and how much later the last row of the picture is read than the first: they
+        decide how well a video's times are known.
     axes : two of "+x", "-x", "+y", "-y"
         Which directions of the picture's plane (x right, y up) become x and y, for a camera that was turned.
     """
@@ -80,6 +83,8 @@ class Camera(FileMapping):
     plane: Plane | None = None
     board: Board | None = None
     lens: Lens | None = None
+    exposure_ms: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    readout_ms: float | None = Field(default=None, ge=0, allow_inf_nan=False)
     axes: tuple[Axis, Axis] = ("+x", "+y")
 
     @model_validator(mode="after")

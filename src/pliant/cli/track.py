@@ -1,0 +1,59 @@
+"""`pliant track`: from a video to a recording of the body's shape."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def track(
+    video: Annotated[Path, typer.Argument(help="Video of the body, anything that OpenCV reads.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write (.nc or .csv).")],
+    camera: Annotated[Path, typer.Option(help="TOML file with a [camera] table: scale, view, lens; a study will do.")],
+    method: Annotated[str, typer.Option(help="silhouette, dots or aruco.")] = "silhouette",
+    colour: Annotated[str | None, typer.Option(help="Of the dots, '#rrggbb'.")] = None,
+    base: Annotated[str | None, typer.Option(help="Where the body begins, 'x,y' in pixels; default: found.")] = None,
+    sheet: Annotated[Path | None, typer.Option(help="Some frames with the shape over them (.png).")] = None,
+    film: Annotated[Path | None, typer.Option(help="All frames with the shape over them (.mp4).")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")] = False,
+) -> None:
+    """Follow a bending body through a video: its silhouette, dots of one colour, or ArUco markers.
+
+    Example: pliant track push.mp4 -o push.nc --camera camera.toml --sheet push.png
+    """
+    from pliant.cli.progress import counting
+    from pliant.cli.reading import history_of
+    from pliant.errors import InputError
+    from pliant.files import read_entries
+    from pliant.recording import write
+    from pliant.video import Tracking, track_video
+
+    entries = read_entries(camera, "camera")
+    if output.suffix.lower() not in (".nc", ".nc4", ".csv"):
+        raise InputError(f"recordings are written as .nc or .csv, not {output.name!r}")
+    how = Tracking(method, pixels(base), colour, sheet=sheet, film=film)  # type: ignore[arg-type]
+    with counting(f"following the body through {video.name}") as progress:
+        ds = track_video(video, entries.get("camera", entries), how, progress=progress)
+    write(ds, output)
+    written = [str(p) for p in (output, sheet, film) if p is not None]
+    if json:
+        from json import dumps
+
+        typer.echo(dumps({"history": history_of(ds), "written": written}))
+        return
+    typer.echo("\n".join([*history_of(ds), *(f"wrote {p}" for p in written)]))
+
+
+def pixels(text: str | None) -> tuple[float, float] | None:
+    """Two numbers from 'x,y'."""
+    from pliant.errors import InputError
+
+    if text is None:
+        return None
+    try:
+        x, y = map(float, text.split(","))
+    except ValueError:
+        raise InputError(f"--base takes two numbers of pixels, 'x,y', not {text!r}") from None
+    return x, y

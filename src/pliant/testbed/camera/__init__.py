@@ -1,0 +1,8 @@
+"""A camera of the virtual laboratory: it films the virtual actuator, with the truth aside."""
+
+from pliant.testbed.camera.film import Filmed, film, film_motion
+from pliant.testbed.camera.scene import Look
+from pliant.testbed.camera.shutter import Scene, Shutter
+from pliant.testbed.camera.view import View
+
+__all__ = ["Filmed", "Look", "Scene", "Shutter", "View", "film", "film_motion"]

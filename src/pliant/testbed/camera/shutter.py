@@ -1,0 +1,109 @@
+"""From a scene to frames of a film: exposure, focus, noise of the sensor, frames that are lost or repeated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.recording.camera import opencv
+from pliant.testbed.camera.scene import board, bounds, hand, layers, lighting, painted
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pliant.testbed.camera.scene import Look
+    from pliant.testbed.camera.view import View
+
+Array = np.ndarray
+BLUR_STEP, MOST_STEPS = 2.0, 12  # pixels of motion between two moments of an exposure, and at most so many moments
+NOISE_SHIFT = 97  # pixels by which one picture of noise is moved about, each frame another way
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """How the camera records (SI); 0 switches an imperfection off.
+
+    Attributes
+    ----------
+    rate : float, Hz
+    exposure : float, s
+        The shutter opens at the time of the frame and stays open so long.
+    defocus : float, pixels
+        Standard deviation of the blur.
+    noise : float, levels
+        Standard deviation of a pixel at full brightness; it goes with the root of the brightness.
+    quality : int
+        Of a first, coarse compression of each frame, 1 to 100; 0: none. The film's own codec comes after it.
+    dropped : tuple of int
+        Frames that are lost; the file's times tell.
+    doubled : tuple of int
+        Frames in whose place the one before stands once more.
+    """
+
+    rate: float = 60.0
+    exposure: float = 1e-3
+    defocus: float = 0.0
+    noise: float = 0.0
+    quality: int = 0
+    dropped: tuple[int, ...] = ()
+    doubled: tuple[int, ...] = ()
+
+
+class Scene:
+    """The board and the light, made once, and the noise that is added to each frame."""
+
+    def __init__(self, view: View, look: Look, shutter: Shutter, rng: np.random.Generator) -> None:
+        self.view, self.look, self.shutter, self.rng = view, look, shutter, rng
+        self.light = lighting(view, look)
+        self.board = board(view, look, rng)
+        self.still = self._focused(self.board * self.light)
+        self.plain = levels(self.still)
+        shape = (view.size[1] + NOISE_SHIFT, view.size[0] + NOISE_SHIFT, 3)
+        self.grain = rng.standard_normal(shape, dtype=np.float32) if shutter.noise else None
+
+    def _focused(self, picture: Array) -> Array:
+        if not self.shutter.defocus:
+            return picture
+        cv2 = opencv("a virtual camera")
+        return np.asarray(cv2.GaussianBlur(picture, (0, 0), self.shutter.defocus))
+
+    def frame(self, shapes: NDArray[np.float64], time: float) -> Array:
+        """The picture (H, W, 3), uint8, of the body's centrelines (M, N, 2) [m] at the moments of one exposure."""
+        size, margin = self.view.size, 1 + int(4 * self.shutter.defocus)
+        drawn = [[*layers(self.view, self.look, s), *hand(self.view, self.look, time)] for s in shapes]
+        x0, y0, x1, y1 = box = bounds([layer for moment in drawn for layer in moment], size, margin)
+        parts = [painted(moment, box) for moment in drawn]
+        colour, cover = (np.mean([part[k] for part in parts], axis=0) for k in (0, 1))
+        there = np.s_[y0:y1, x0:x1]
+        lit = self._focused((self.board[there] * (1.0 - cover[..., None]) + colour) * self.light[there])
+        if self.grain is not None:
+            picture = self.still.copy()
+            picture[there] = lit
+            made = levels(picture + self._noise(picture))
+        else:
+            made = self.plain.copy()
+            made[there] = levels(lit)
+        if not self.shutter.quality:
+            return made
+        cv2 = opencv("a virtual camera")
+        coded = cv2.imencode(".jpg", made, [cv2.IMWRITE_JPEG_QUALITY, self.shutter.quality])[1]
+        return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR))
+
+    def _noise(self, picture: Array) -> Array:
+        h, w = picture.shape[:2]
+        y, x = self.rng.integers(0, NOISE_SHIFT, 2)
+        level = self.shutter.noise * np.sqrt(np.maximum(picture, 0.0) / 255.0 + 0.02)
+        return np.asarray(level * self.grain[y : y + h, x : x + w]) if self.grain is not None else picture
+
+
+def levels(picture: Array) -> Array:
+    """Rounded to what a pixel holds."""
+    return np.asarray(np.clip(picture + 0.5, 0, 255).astype(np.uint8))
+
+
+def moments(view: View, ends: NDArray[np.float64]) -> int:
+    """How many moments of an exposure are drawn, from the centrelines (2, N, 2) [m] at its ends."""
+    moved = float(np.abs(np.diff(view.pixels(ends), axis=0)).max())
+    return min(MOST_STEPS, 1 + int(np.ceil(moved / BLUR_STEP)))

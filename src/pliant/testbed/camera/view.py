@@ -1,0 +1,80 @@
+"""Where the camera stands: from the plane of bending to pixels, through a pinhole and a lens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+CORNERS_MM = ((-120.0, -20.0), (60.0, -20.0), (60.0, 180.0), (-120.0, 180.0))  # of a sheet behind the body
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera that looks at the plane of bending.
+
+    Attributes
+    ----------
+    size : (width, height), pixels
+    pixels_per_mm : float
+        In the middle of the picture.
+    centre : (float, float), m
+        Point of the plane, base at the origin and tangent +y, that lies in the middle of the picture.
+    distance : float, m
+        From the camera to that point; it sets the strength of the perspective.
+    aside, tilt : float, rad
+        The camera stands so far beside and above the normal of the plane.
+    coefficients : tuple of float
+        Of the lens, as OpenCV has them; empty: none.
+    """
+
+    size: tuple[int, int] = (1920, 1080)
+    pixels_per_mm: float = 4.8
+    centre: tuple[float, float] = (-0.035, 0.082)
+    distance: float = 0.9
+    aside: float = 0.0
+    tilt: float = 0.0
+    coefficients: tuple[float, ...] = ()
+
+    @property
+    def focal(self) -> float:
+        """Focal length, pixels."""
+        return 1e3 * self.pixels_per_mm * self.distance
+
+    def scaled(self, width: int) -> Self:
+        """The same view with another number of pixels."""
+        share = width / self.size[0]
+        size = (width, round(share * self.size[1] / 2) * 2)
+        return replace(self, size=size, pixels_per_mm=share * self.pixels_per_mm)
+
+    def pixels(self, plane: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels (..., 2), x right and y down, of points (..., 2) of the plane [m]."""
+        x, y = plane[..., 0] - self.centre[0], self.centre[1] - plane[..., 1]
+        across, depth = x * np.cos(self.aside), x * np.sin(self.aside)
+        down, behind = y * np.cos(self.tilt) - depth * np.sin(self.tilt), y * np.sin(self.tilt)
+        away = self.distance + depth * np.cos(self.tilt) + behind
+        seen = np.stack(_bent(across / away, down / away, self.coefficients), axis=-1)
+        return np.asarray(self.focal * seen + 0.5 * (np.array(self.size) - 1.0))
+
+    def table(self) -> dict[str, Any]:
+        """What a laboratory would write as its ``[camera]``: four points of a sheet, and the lens if there is one."""
+        corners = self.pixels(1e-3 * np.array(CORNERS_MM))
+        told: dict[str, Any] = {"plane": {"pixels": corners.tolist(), "mm": [list(c) for c in CORNERS_MM]}}
+        if self.coefficients:
+            middle = [0.5 * (n - 1.0) for n in self.size]
+            told["lens"] = {"focal": [self.focal, self.focal], "centre": middle, "coefficients": [*self.coefficients]}
+        return told
+
+
+def _bent(
+    x: NDArray[np.float64], y: NDArray[np.float64], coefficients: tuple[float, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rays as the lens of OpenCV's model (k1, k2, p1, p2, k3) bends them."""
+    k1, k2, p1, p2, k3 = (*coefficients, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+    r2 = x**2 + y**2
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y

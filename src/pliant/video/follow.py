@@ -1,0 +1,216 @@
+"""The body from frame to frame: each begins where the two before lead, and is judged by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pliant.recording.camera import opencv
+from pliant.video.ribbon import (
+    BASIS,
+    BEYOND,
+    INNER,
+    POINTS,
+    STEEP,
+    WIDTHS,
+    Ribbon,
+    Sampler,
+    crossing,
+    edges,
+    evenly,
+    normals,
+    share,
+)
+from pliant.video.rough import mask_of, rough_line
+from pliant.video.surroundings import Surroundings
+
+Array = np.ndarray
+WIDE, FINE = 2.2, 0.6  # widths, and half widths beyond the edge, to both sides of the line that are looked at
+HIDDEN_RUN, HIDDEN = 0.12, 0.3  # shares of the body, in one piece and in all, that may be hidden
+LENGTH = 0.05  # share by which the length in pixels may change between two frames that were seen
+LIGHT = 0.45  # change of a point's lightness over that from background to body
+KEEP = 0.8  # of what was known of widths and lightness, from one frame to the next
+WEIGHT_BASE = 50.0
+
+
+@dataclass
+class Known:
+    """What the frames before say."""
+
+    line: Array  # (S, 2)
+    step: Array  # (S, 2), from the frame before to it
+    half: Array  # (S,)
+    light: Array  # (S,)
+    length: float
+
+
+class Follower:
+    """Follows the body; `base` (2,) holds its first point, in pixels, where that is known."""
+
+    def __init__(self, around: Surroundings, base: Array | None = None) -> None:
+        self.around, self.base = around, base
+        self.sample = Sampler(around)
+        self.known: Known | None = None
+        self.cv2 = opencv("tracking a video")
+
+    def __call__(self, picture: Array) -> Ribbon | None:
+        """The body in the next frame; None where it is hidden, whole or in part."""
+        found = None
+        if self.known is not None:
+            found = self._refined(picture, self.known.line + self.known.step, self.known)
+        if found is None:
+            found = self._afresh(picture)
+        if found is None:
+            if self.known is not None:
+                self.known.step = np.zeros_like(self.known.step)
+            return None
+        self._learn(found)
+        return found
+
+    def _afresh(self, picture: Array) -> Ribbon | None:
+        """From this frame alone."""
+        around = self.around
+        small = self.cv2.resize(picture, around.small.shape[1::-1], interpolation=self.cv2.INTER_AREA)
+        mask = mask_of(small, around)
+        start = None if self.base is None else (self.base + 0.5) / around.scale - 0.5
+        line = rough_line(mask, self._begin(mask) if start is None else start)
+        if line is None or len(line) < 4:
+            return None
+        line = evenly((line + 0.5) * around.scale - 0.5)
+        length = float(np.hypot(*np.diff(line, axis=0).T).sum())
+        half = 0.5 * mask.sum() * around.scale**2 / length
+        if self.known is None:
+            guess = Known(line, np.zeros_like(line), np.full(POINTS, half), np.full(POINTS, around.body), 0.0)
+        else:
+            guess = replace(self.known, line=line)
+        return self._refined(picture, line, guess)
+
+    def _begin(self, mask: Array) -> Array | None:
+        """The end of the body that never moves, in the small picture: that of what always is body."""
+        if not self.around.always.any():
+            return None
+        line = rough_line(mask, None)
+        if line is None:
+            return None
+        always = np.argwhere(self.around.always)[:, ::-1]
+        near = [float(np.linalg.norm(always - end, axis=1).min()) for end in (line[0], line[-1])]
+        return np.asarray(line[0] if near[0] <= near[1] else line[-1])
+
+    def _refined(self, picture: Array, line: Array, known: Known) -> Ribbon | None:
+        """Edges along the normals: from far at first, then closely."""
+        line = self._centred(picture, line, known)
+        for _ in range(2):
+            line, tip = self._ended(picture, line, known, at_tip=True)
+            if self.base is None:
+                line, _ = self._ended(picture, line[::-1], known, at_tip=False)
+                line = line[::-1]
+            found = self._measured(picture, line, known)
+            line = found.line
+        line, tip = self._ended(picture, line, known, at_tip=True)
+        found = replace(found, line=line, tip=tip)
+        return found if self._whole(found, known) else None
+
+    def _centred(self, picture: Array, line: Array, known: Known) -> Array:
+        """The line moved to the middle of what is bodily within a wide reach."""
+        reach, step = WIDE * 2.0 * float(known.half.mean()), max(1.0, 0.1 * float(known.half.mean()))
+        u = np.arange(-reach, reach + step, step)
+        for _ in range(2):
+            _, normal = normals(line)
+            light, behind = self.sample(picture, line[:, None] + u[None, :, None] * normal[:, None])
+            body = share(light, behind, known.light)
+            body = np.where(body > 0.5, np.minimum(body, 1.0), 0.0)
+            mass = body.sum(axis=1) * step
+            seen = (mass > 0.5 * 2 * known.half) & (mass < 1.6 * 2 * known.half)
+            offset = np.where(seen, (body @ u) / np.maximum(body.sum(axis=1), 1e-9), 0.0)
+            line = self._smooth(line + offset[:, None] * normal, seen.astype(float))
+        return evenly(line)
+
+    def _measured(self, picture: Array, line: Array, known: Known) -> Ribbon:
+        """The line at the middle between both edges."""
+        reach = float(np.ceil((1.0 + FINE) * known.half.max() + 4.0))
+        u = np.arange(-reach, reach + 1.0)
+        _, normal = normals(line)
+        light, behind = self.sample(picture, line[:, None] + u[None, :, None] * normal[:, None])
+        plateau = np.median(light[:, np.abs(u) < INNER * known.half.min()], axis=1)
+        alike = np.abs(plateau - known.light) < LIGHT
+        plateau = np.where(alike, plateau, known.light)
+        left, right, slope = edges(share(light, behind, plateau), len(u) // 2)
+        half = 0.5 * (right - left)
+        with np.errstate(invalid="ignore"):
+            seen = alike & (half > WIDTHS[0] * known.half) & (half < WIDTHS[1] * known.half)
+        offset = np.where(seen, 0.5 * (left + right) - len(u) // 2, 0.0)
+        seen &= np.abs(offset - _median(offset)) < 6.0
+        trust = np.where(seen, np.clip(slope / STEEP, 0.1, 1.0) ** 2, 0.0)
+        smooth = self._smooth(line + offset[:, None] * normal, trust)
+        return Ribbon(evenly(smooth), np.where(seen, half, known.half), plateau, seen, tip=True)
+
+    def _smooth(self, line: Array, weight: Array) -> Array:
+        weight = weight.copy()
+        weight[[0, -1]] = 0.0  # their normals lie on the body's ends
+        weight[-2] *= 0.5
+        if self.base is not None:
+            line = line.copy()
+            line[0], weight[0] = self.base, WEIGHT_BASE
+        if (weight > 0).sum() < BASIS.matrix.shape[1]:
+            return line
+        return BASIS.smooth(line, weight)
+
+    def _ended(self, picture: Array, line: Array, known: Known, *, at_tip: bool) -> tuple[Array, bool]:
+        """The line lengthened or cut to where the body ends; and whether that end was seen."""
+        half = float(known.half[-4:].mean() if at_tip else known.half[:4].mean())
+        light = float(np.median(known.light[-6:] if at_tip else known.light[:6]))
+        along = line[-1] - line[-6]
+        along /= max(float(np.hypot(*along)), 1e-9)
+        across = np.array([along[1], -along[0]])
+        v = np.arange(-2.0 * half, BEYOND * 2.0 * half)
+        u = np.linspace(-0.55, 0.55, 11) * half
+        there = line[-1] + v[:, None, None] * along + u[None, :, None] * across
+        seen, behind = self.sample(picture, there)
+        body = share(seen, behind, np.full(len(v), light)).mean(axis=1)
+        end = float(crossing(body[None], np.zeros(1, int))[0][0])
+        if not np.isfinite(end):
+            return line, False
+        beyond = end + v[0]
+        length = float(np.hypot(*np.diff(line, axis=0).T).sum())
+        longer = np.concatenate([line, [line[-1] + max(beyond, 0.0) * along]]) if beyond > 0 else line
+        steps = np.append(0.0, np.cumsum(np.hypot(*np.diff(longer, axis=0).T)))
+        at = np.linspace(0.0, max(length + beyond, 1.0), POINTS)
+        return np.stack([np.interp(at, steps, longer[:, k]) for k in (0, 1)], axis=1), True
+
+    def _whole(self, found: Ribbon, known: Known) -> bool:
+        """Whether enough of the body was seen, its tip among it, and as long as before."""
+        seen = found.seen[2:]
+        run = longest_run(~seen)
+        length = float(np.hypot(*np.diff(found.line, axis=0).T).sum())
+        same = not known.length or abs(length / known.length - 1.0) < LENGTH
+        few = run <= HIDDEN_RUN * POINTS and (~seen).mean() < HIDDEN and seen[-6:].sum() > 2
+        return bool(found.tip and same and few)
+
+    def _learn(self, found: Ribbon) -> None:
+        length = float(np.hypot(*np.diff(found.line, axis=0).T).sum())
+        old = self.known
+        if old is None:
+            half = np.where(found.seen, found.half, np.median(found.half[found.seen]))
+            self.known = Known(found.line, np.zeros_like(found.line), half, found.light, length)
+            return
+        mix = np.where(found.seen, 1.0 - KEEP, 0.0)
+        self.known = Known(
+            found.line, found.line - old.line, old.half + mix * (found.half - old.half),
+            old.light + mix * (found.light - old.light), length,
+        )
+
+
+def _median(values: Array) -> Array:
+    """Running median over five points (S,)."""
+    padded = np.pad(values, 2, mode="edge")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1))
+
+
+def longest_run(flags: Array) -> int:
+    """The longest run of true values."""
+    best = run = 0
+    for flag in flags.tolist():
+        run = run + 1 if flag else 0
+        best = max(best, run)
+    return best

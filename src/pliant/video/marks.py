@@ -1,0 +1,163 @@
+"""Marks on the body: dots of one colour, or ArUco markers, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.recording.camera import opencv
+from pliant.video.reel import Reel
+
+Array = np.ndarray
+Frame = tuple[float, Array, Array | None]
+HALF_COLOUR = 0.4  # share of the dots' colour from which on a pixel belongs to one
+LEAST_PIXELS = 9
+ROUND = (0.68, 0.88)  # share of the box around it that a disc fills, as pixels count it
+MASS = (0.6, 1.6)  # of a dot's usual size, within which it is that dot
+FIRST = 30  # frames in which all marks must have been seen at once
+COLOURED = 40.0  # levels by which a dot's colour must differ from grey
+
+
+def chain(points: Array) -> Array:
+    """Order (M,) along the body of points (M, 2): from one end to the nearest, and so on."""
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2)
+    order = [int(apart.max(axis=1).argmax())]
+    while len(order) < len(points):
+        left = [k for k in range(len(points)) if k not in order]
+        order.append(left[int(apart[order[-1], left].argmin())])
+    return np.array(order)
+
+
+class Dots:
+    """Finds dots of one colour (blue, green, red), sub-pixel: centroids weighted by how far a pixel has that colour."""
+
+    def __init__(self, colour: tuple[float, float, float]) -> None:
+        self.cv2: Any = opencv("tracking a video")
+        away = np.array(colour) - np.mean(colour)
+        if np.linalg.norm(away) < COLOURED:
+            raise InputError(f"dots of the colour {hexadecimal(colour)} are nearly grey: a clear colour is needed")
+        self.weight = (away / (away @ away)).astype(np.float32)[None]
+
+    def all(self, picture: Array, *, round_ones: bool = False) -> tuple[Array, Array]:
+        """Centres (N, 2) and masses (N,) of everything of that colour, or of what is round among it."""
+        share = self.cv2.transform(picture.astype(np.float32), self.weight)
+        count, label, facts, _ = self.cv2.connectedComponentsWithStats((share > HALF_COLOUR).astype(np.uint8))
+        found = []
+        for k in range(1, count):
+            x, y, w, h, area = facts[k]
+            disc = ROUND[0] < area / (w * h) < ROUND[1] and w < 1.6 * h < 2.6 * w
+            if area < LEAST_PIXELS or (round_ones and not disc):
+                continue
+            part = np.s_[max(0, y - 2) : y + h + 2, max(0, x - 2) : x + w + 2]
+            other = (label[part] != k) & (label[part] != 0)
+            mass = np.where(other, 0.0, np.clip(share[part] - 0.2, 0.0, None))
+            rows, columns = np.mgrid[part]
+            found.append(((mass * columns).sum() / mass.sum(), (mass * rows).sum() / mass.sum(), mass.sum()))
+        made = np.array(found).reshape(-1, 3)
+        return made[:, :2], made[:, 2]
+
+
+def follow_dots(reel: Reel, colour: tuple[float, float, float]) -> Iterator[Frame]:
+    """Time, picture and dots (M, 2) of each frame, NaN where one is hidden, in their order along the body.
+
+    Raises
+    ------
+    InputError
+        When fewer than two dots of that colour are there.
+    """
+    dots = Dots(colour)
+    place, usual = _first_dots(reel, dots, colour)
+    step = np.zeros_like(place)
+    reach = 0.5 * float(np.median(np.linalg.norm(np.diff(place, axis=0), axis=1)))
+    for time, picture in reel.frames():
+        centres, masses = dots.all(picture)
+        found = np.full_like(place, np.nan)
+        if len(centres):
+            apart = np.linalg.norm((place + step)[:, None] - centres[None], axis=2)
+            nearest = apart.argmin(axis=1)
+            row = np.arange(len(place))
+            size = masses[nearest] / usual
+            good = (apart[row, nearest] < reach) & (size > MASS[0]) & (size < MASS[1])
+            good &= np.bincount(nearest[good], minlength=len(centres))[nearest] == 1
+            found[good] = centres[nearest[good]]
+        seen = np.isfinite(found[:, 0])
+        step = np.where(seen[:, None], found - place, 0.0)
+        place = np.where(seen[:, None], found, place)
+        yield time, picture, found
+
+
+def _first_dots(reel: Reel, dots: Dots, colour: tuple[float, float, float]) -> tuple[Array, Array]:
+    best, masses = np.empty((0, 2)), np.empty(0)
+    for k, (_, picture) in enumerate(reel.frames()):
+        if k == FIRST:
+            break
+        centres, sizes = dots.all(picture, round_ones=True)
+        usual = float(np.median(sizes)) if len(sizes) else 0.0
+        alike = (sizes > 0.4 * usual) & (sizes < 2.5 * usual)
+        if alike.sum() > len(best):
+            best, masses = centres[alike], sizes[alike]
+    if len(best) < 2:
+        raise InputError(
+            f"{reel.path.name}: {len(best)} dots of the colour {hexadecimal(colour)} are seen in its first frames, two "
+            "or more are needed: take the colour from the picture itself"
+        )
+    order = chain(best)
+    return best[order], masses[order]
+
+
+def hexadecimal(colour: tuple[float, float, float]) -> str:
+    """Blue, green, red as ``#rrggbb``."""
+    return "#" + "".join(f"{round(c):02x}" for c in reversed(colour))
+
+
+def follow_aruco(reel: Reel) -> tuple[list[int], Iterator[Frame]]:
+    """Numbers of the markers along the body, and time, picture and centres (M, 2) of each frame, NaN where hidden.
+
+    Raises
+    ------
+    InputError
+        When fewer than two markers are seen at once in the first frames.
+    """
+    cv2 = opencv("tracking a video")
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    books = [cv2.aruco.DICT_4X4_250, cv2.aruco.DICT_5X5_250, cv2.aruco.DICT_6X6_250, cv2.aruco.DICT_APRILTAG_36h11]
+    finders = [cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(b), settings) for b in books]
+    best: dict[int, Array] = {}
+    finder = finders[0]
+    for k, (_, picture) in enumerate(reel.frames()):
+        if k == FIRST:
+            break
+        for one in finders if not best else [finder]:
+            seen = _markers(one, picture)
+            if len(seen) > len(best):
+                best, finder = seen, one
+    if len(best) < 2:
+        raise InputError(
+            f"{reel.path.name}: {len(best)} ArUco or AprilTag markers are seen in its first frames, two or more are "
+            "needed: a marker must be 20 pixels wide or more, with a white border around it"
+        )
+    ids = np.array(list(best))
+    numbers = ids[chain(np.array(list(best.values())))].tolist()
+
+    def frames() -> Iterator[Frame]:
+        for time, picture in reel.frames():
+            seen = _markers(finder, picture)
+            yield time, picture, np.array([seen.get(n, np.full(2, np.nan)) for n in numbers])
+
+    return numbers, frames()
+
+
+def _markers(finder: Any, picture: Array) -> dict[int, Array]:
+    """Centres (2,) of the markers by number: where their diagonals cross."""
+    corners, ids, _ = finder.detectMarkers(picture)
+    made: dict[int, Array] = {}
+    for quad, number in zip(corners, [] if ids is None else ids.ravel().tolist(), strict=True):
+        a, b, c, d = np.asarray(quad, float).reshape(4, 2)
+        along, across, between = c - a, d - b, b - a
+        share = (between[0] * across[1] - between[1] * across[0]) / (along[0] * across[1] - along[1] * across[0])
+        made[number] = a + share * along
+    return made

@@ -1,0 +1,98 @@
+"""What a person looks at: the found shape over the pictures, as a sheet of a few frames and as a film."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.files import whole
+from pliant.recording.camera import opencv
+from pliant.video.movie import movie
+from pliant.video.reel import Reel
+
+Array = np.ndarray
+TILES, ACROSS, TILE = 12, 3, 560  # frames of a sheet, side by side, and pixels across of each
+FILM = 1280  # pixels across of the film, at most
+LINE, EDGE, BASE, TIP, ALARM = (40, 40, 255), (255, 255, 255), (255, 160, 0), (0, 200, 255), (60, 150, 255)
+Draw = Callable[[float, Array, Array | None], None]
+
+
+@contextmanager
+def overlay(reel: Reel, sheet: Path | None, film: Path | None) -> Iterator[Draw]:
+    """Takes time, picture and points of each frame; both files are there when all went well.
+
+    Raises
+    ------
+    InputError
+        When the sheet does not end in .png, or the film in .mp4.
+    """
+    if sheet is not None and sheet.suffix.lower() != ".png":
+        raise InputError(f"a sheet of frames is written as .png, not {sheet.name!r}")
+    shown = set(np.linspace(0, reel.count - 1, TILES).round().astype(int).tolist()) if sheet is not None else set()
+    tiles: list[Array] = []
+    size = _size(reel, FILM)
+    with ExitStack() as stack:
+        write = stack.enter_context(movie(film, reel.rate, size)) if film is not None else None
+        number = 0
+
+        def draw(time: float, picture: Array, points: Array | None) -> None:
+            nonlocal number
+            if number in shown:
+                tiles.append(drawn(time, picture, points, _size(reel, TILE)))
+            if write is not None:
+                write(drawn(time, picture, points, size))
+            number += 1
+
+        yield draw
+    if sheet is not None and tiles:
+        _write_sheet(tiles, sheet)
+
+
+def _size(reel: Reel, most: int) -> tuple[int, int]:
+    width = min(most, reel.width) // 2 * 2
+    return width, round(width * reel.height / reel.width / 2) * 2
+
+
+def drawn(time: float, picture: Array, points: Array | None, size: tuple[int, int]) -> Array:
+    """The picture made smaller, with the points (S, 2) of it over it: a line, its ends, and the time."""
+    cv2 = opencv("drawing on a video")
+    made = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    share = size[0] / picture.shape[1]
+    seen = np.empty((0, 2)) if points is None else points[np.isfinite(points).all(axis=1)]
+    place = np.round(((seen + 0.5) * share - 0.5) * 16).astype(np.int32)
+    if len(place) > 1:
+        for colour, thick in ((EDGE, 4), (LINE, 2)):
+            cv2.polylines(made, [place], isClosed=False, color=colour, thickness=thick, lineType=cv2.LINE_AA, shift=4)
+    whole_line = points is not None and len(seen) == len(points)
+    if 1 < len(place) <= 24:
+        for x, y in place:
+            cv2.circle(made, (int(x), int(y)), 80, EDGE, 2, cv2.LINE_AA, 4)
+    elif len(place):
+        for (x, y), colour in zip(place[[0, -1]], (BASE, TIP), strict=True):
+            cv2.circle(made, (int(x), int(y)), 80, colour, 2, cv2.LINE_AA, 4)
+    _write(made, f"{time:.3f} s", (8, 24), EDGE)
+    if not whole_line:
+        _write(made, "gap" if points is None or not len(seen) else f"{len(points) - len(seen)} hidden", (8, 50), ALARM)
+    return np.asarray(made)
+
+
+def _write(picture: Array, text: str, where: tuple[int, int], colour: tuple[int, int, int]) -> None:
+    cv2 = opencv("drawing on a video")
+    for each, thick in (((0, 0, 0), 5), (colour, 2)):
+        cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.6, each, thick, cv2.LINE_AA)
+
+
+def _write_sheet(tiles: list[Array], path: Path) -> None:
+    cv2 = opencv("drawing on a video")
+    height, width, gap = *tiles[0].shape[:2], 6
+    rows = -(-len(tiles) // ACROSS)
+    made = np.full((rows * (height + gap) - gap, ACROSS * (width + gap) - gap, 3), 255, np.uint8)
+    for k, tile in enumerate(tiles):
+        y, x = k // ACROSS * (height + gap), k % ACROSS * (width + gap)
+        made[y : y + height, x : x + width] = tile
+    with whole(path) as draft:
+        draft.write_bytes(cv2.imencode(".png", made)[1].tobytes())

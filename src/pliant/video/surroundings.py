@@ -1,0 +1,214 @@
+"""What is body and what is not: from frames spread over the film, made small.
+
+The body is what moves, so its colour is the one that many pixels take at some time and that the surroundings have not.
+Behind each pixel lies what it shows while the body is elsewhere; where the body never leaves, at its base, the
+background is filled in from beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.recording.camera import opencv
+from pliant.video.reel import Reel
+
+Array = np.ndarray
+SAMPLES, SMALL = 32, 480  # frames, and pixels across of the small pictures
+BINS = 16  # of each colour, where the commonest is looked for
+LEAST_MOTION, NOISES = 14.0, 8.0  # levels, and times the noise, by which a pixel changes that the body crosses
+MOST_SHAKE = 1.5  # pixels
+LEAST_AREA = 4e-4  # of the picture
+LEAST_CONTRAST = 6.0  # between body and background, in standard deviations of the noise
+ROUGH_COLOUR = 12.0  # levels: codecs keep a colour's hue more coarsely than its lightness
+NEAR = 0.35  # of the way from background to body: frames of a pixel that show the same thing
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The body's colour and what lies behind it.
+
+    Attributes
+    ----------
+    weight : array (3,)
+        Takes a colour to a lightness along which body and background differ most: the body's minus the background's
+        is 1.
+    body : float
+        The body's lightness.
+    background : array (H, W, 3), uint8
+        In the film's own size.
+    small : array (h, w, 3), float32
+        The same, made small.
+    scale : float
+        Pixels of the film to one of the small picture.
+    always, reach : arrays (h, w) of bool
+        Where the body always is; where it may be at all.
+    """
+
+    weight: Array
+    body: float
+    background: Array
+    small: Array
+    scale: float
+    always: Array
+    reach: Array
+
+
+def surroundings(reel: Reel) -> Surroundings:
+    """Learn body and background from a film.
+
+    Raises
+    ------
+    InputError
+        When the camera moves, nothing moves, or body and background look alike.
+    """
+    cv2 = opencv("tracking a video")
+    stack = reel.sampled(SAMPLES, min(SMALL, reel.width)).astype(np.float32)
+    refuse_moving_camera(stack, reel)
+    moving, noise = moving_pixels(stack, reel)
+    body = commonest(stack, moving)
+    weight = discriminant(stack, moving, body, noise, reel)
+    light = stack @ weight
+    behind, always = _background(stack, light, float(body @ weight), moving)
+    scale = reel.width / stack.shape[2]
+    reach = cv2.dilate((moving | always).astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)
+    large = _large_background(reel, behind, weight, reach)
+    return Surroundings(weight, float(body @ weight), large, behind, scale, always, reach)
+
+
+def refuse_moving_camera(stack: Array, reel: Reel) -> None:
+    """Most corners in the picture must stay where they are: those of the body are a few."""
+    cv2 = opencv("tracking a video")
+    grey = [cv2.cvtColor(np.ascontiguousarray(p, np.uint8), cv2.COLOR_BGR2GRAY) for p in stack]
+    corners = cv2.goodFeaturesToTrack(grey[0], 60, 0.02, 12)
+    if corners is None:
+        return
+    moved = []
+    for other in grey[1:]:
+        there, found, _ = cv2.calcOpticalFlowPyrLK(grey[0], other, corners, None)
+        went = np.linalg.norm(there - corners, axis=2)[found[:, 0] == 1]
+        if went.size:
+            moved.append(float(np.quantile(went, 0.25)) * reel.width / stack.shape[2])
+    if np.median(moved) > MOST_SHAKE:
+        raise InputError(
+            f"{reel.path.name}: the camera moves, by up to {max(moved):.0f} pixels: fix it to a stand and film again"
+        )
+
+
+def moving_pixels(stack: Array, reel: Reel) -> tuple[Array, float]:
+    """Where something moves, (h, w), and the noise of a level."""
+    cv2 = opencv("tracking a video")
+    middle = np.median(stack, axis=0)
+    change = np.abs(stack - middle).max(axis=3)
+    noise = 1.4826 * float(np.median(np.abs(stack - middle)))
+    most = change.max(axis=0)
+    moving = cv2.morphologyEx(
+        (most > max(LEAST_MOTION, NOISES * noise)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
+    ).astype(bool)
+    if moving.mean() < LEAST_AREA:
+        raise InputError(
+            f"{reel.path.name}: nothing moves before its background: {100 * moving.mean():.2g} % of the picture "
+            f"changes by more than {max(LEAST_MOTION, NOISES * noise):.0f} of 255 levels"
+        )
+    return moving, max(noise, 0.5)
+
+
+def commonest(stack: Array, moving: Array) -> Array:
+    """The colour (3,) that most of the moving pixels take at some time, and that the rest of the picture has not."""
+    cv2 = opencv("tracking a video")
+    bins = np.minimum(stack * (BINS / 256.0), BINS - 1).astype(np.int32)
+    flat = (bins[..., 0] * BINS + bins[..., 1]) * BINS + bins[..., 2]
+    seen, crossed = np.zeros(BINS**3), flat[:, moving]
+    for k in range(crossed.shape[1]):
+        seen[np.unique(crossed[:, k])] += 1.0
+    counts = np.array([_blurred(np.bincount(c, minlength=BINS**3)) for c in crossed])
+    seen *= np.quantile(counts, 0.2, axis=0) > 0.3 * counts.mean(axis=0)  # in nearly every frame: no hand that passes
+    around = cv2.dilate(moving.astype(np.uint8), np.ones((25, 25), np.uint8)).astype(bool) & ~moving
+    rest = np.bincount(flat[0][around if around.any() else ~moving], minlength=BINS**3)
+    score = _blurred(seen / crossed.shape[1]) - 1.5 * _blurred(rest / max(1, rest.sum()))
+    best = int(score.argmax())
+    middle = (np.array([best // BINS**2, best // BINS % BINS, best % BINS]) + 0.5) * (256.0 / BINS)
+    colours = stack[:, moving].reshape(-1, 3)
+    for reach in (40.0, 30.0, 25.0):
+        near = np.linalg.norm(colours - middle, axis=1) < reach
+        middle = colours[near].mean(axis=0) if near.any() else middle
+    return np.asarray(middle, np.float32)
+
+
+def _blurred(histogram: Array) -> Array:
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(histogram.astype(float).reshape((BINS,) * 3), 0.8, mode="nearest").ravel())
+
+
+def discriminant(stack: Array, moving: Array, body: Array, noise: float, reel: Reel) -> Array:
+    """Weights (3,) of the colours along which body and background differ most."""
+    cv2 = opencv("tracking a video")
+    around = cv2.dilate(moving.astype(np.uint8), np.ones((15, 15), np.uint8)).astype(bool)
+    colours = np.median(stack, axis=0)[around]  # what passes by, a hand or a mark, is no background
+    far = np.linalg.norm(colours - body, axis=1) > 35.0
+    if far.sum() < 30:
+        far = np.linalg.norm(colours - body, axis=1) > 12.0
+    rest = colours[far] if far.sum() > 30 else colours
+    spread = np.cov(rest.T) + 0.02 * np.outer(body, body) + np.eye(3) * max(noise, ROUGH_COLOUR) ** 2
+    weight = np.linalg.solve(spread, body - rest.mean(axis=0))
+    contrast = float(weight @ (body - rest.mean(axis=0)))
+    grain = noise * float(np.linalg.norm(weight)) / contrast
+    if 1.0 / grain < LEAST_CONTRAST:
+        raise InputError(
+            f"{reel.path.name}: body and background differ by {1.0 / grain:.1f} times the noise alone, less than "
+            f"{LEAST_CONTRAST:g}: put a darker or lighter sheet behind the body, or more light on it"
+        )
+    return np.asarray(weight / contrast, np.float32)
+
+
+def _background(stack: Array, light: Array, body: float, moving: Array) -> tuple[Array, Array]:
+    """The small picture (h, w, 3) without the body, and where the body always is."""
+    cv2 = opencv("tracking a video")
+    free = light < body - 0.4
+    usual = np.ma.median(np.ma.array(light, mask=~free), axis=0).filled(np.nan)
+    same = (free & (np.abs(light - usual) < NEAR))[..., None]
+    behind = np.where(same.any(axis=0), (stack * same).sum(axis=0) / np.maximum(same.sum(axis=0), 1), stack[0])
+    always = _always(~free, moving)
+    hole = cv2.dilate(always.astype(np.uint8), np.ones((5, 5), np.uint8))
+    filled = cv2.inpaint(np.clip(behind, 0, 255).astype(np.uint8), hole, 3.0, cv2.INPAINT_TELEA)
+    return np.where(hole[..., None] > 0, filled, behind).astype(np.float32), always
+
+
+def _always(bodily: Array, moving: Array) -> Array:
+    """Where the body always is, (h, w): what looks like it in all frames (K, h, w) and hangs together with it."""
+    from scipy.ndimage import binary_fill_holes
+
+    cv2 = opencv("tracking a video")
+    count, label = cv2.connectedComponents(bodily.all(axis=0).astype(np.uint8))
+    together = np.zeros(count)
+    for frame in bodily:
+        parts = cv2.connectedComponents(frame.astype(np.uint8))[1]
+        inside = np.bincount(parts[frame & moving])
+        if inside.size:
+            together[np.unique(label[parts == inside.argmax()])] += 1.0
+    kept = np.flatnonzero(together[1:] > 0.7 * len(bodily)) + 1
+    return np.asarray(binary_fill_holes(np.isin(label, kept)))
+
+
+def _large_background(reel: Reel, small: Array, weight: Array, reach: Array) -> Array:
+    """The background (H, W, 3), uint8, in the film's own size: where the body may be, the mean of what shows none."""
+    cv2 = opencv("tracking a video")
+    guess = cv2.resize(small, (reel.width, reel.height), interpolation=cv2.INTER_LINEAR)
+    x, y, w, h = cv2.boundingRect(reach.astype(np.uint8))
+    scale = reel.width / small.shape[1]
+    box = np.s_[int(y * scale) : int((y + h) * scale) + 1, int(x * scale) : int((x + w) * scale) + 1]
+    part, row = np.ascontiguousarray(guess[box]), weight[None]
+    level, total, count = cv2.transform(part, row), np.zeros_like(part), np.zeros(part.shape[:2], np.float32)
+    ones = np.ones_like(count)
+    for number, picture in enumerate(reel.pictures(SAMPLES)):
+        if not number:
+            guess[:] = picture
+        now = np.ascontiguousarray(picture[box], np.float32)
+        near = (cv2.absdiff(cv2.transform(now, row), level) < NEAR).astype(np.uint8)
+        cv2.accumulate(now, total, near)
+        cv2.accumulate(ones, count, near)
+    guess[box] = np.where(count[..., None] > 0, total / np.maximum(count, 1.0)[..., None], part)
+    return np.asarray(guess + 0.5, np.uint8)
