@@ -108,6 +108,10 @@ def test_what_cannot_be_followed_is_refused_in_a_sentence(tmp_path: Path) -> Non
                         ({"stations": 2}, "stations lie between")):  # fmt: skip
         with pytest.raises(InputError, match=said):
             Tracking(**wrong)
+    with pytest.raises(InputError, match="a colour is written as"):
+        track_video(path, camera_of(), Tracking("dots", colour="red"))
+    with pytest.raises(InputError, match="an overlay is a sheet"):
+        track_video(path, camera_of(), Tracking("dots", colour="#ff0000", overlays=(tmp_path / "s.jpg",)))
 
 
 def test_body_and_background_alike_are_refused(tmp_path: Path) -> None:
@@ -124,7 +128,7 @@ def test_command_writes_recording_sheet_and_film(tmp_path: Path) -> None:
     lines = [f"{key} = {json.dumps(value)}" for key, value in VIEW.scaled(480).table()["plane"].items()]
     (tmp_path / "camera.toml").write_text("[camera.plane]\n" + "\n".join(lines) + "\n")
     arguments = ("track", tmp_path / "f.mp4", "-o", tmp_path / "f.csv", "--camera", tmp_path / "camera.toml")
-    done = program(*arguments, "--sheet", tmp_path / "s.png", "--film", tmp_path / "o.mp4", "--json")
+    done = program(*arguments, "--overlay", tmp_path / "s.png", "--overlay", tmp_path / "o.mp4", "--json")
     assert done.returncode == 0, done.stderr
     assert len(json.loads(done.stdout)["written"]) == 3
     ds = read(tmp_path / "f.csv")

@@ -15,13 +15,13 @@ def track(
     method: Annotated[str, typer.Option(help="silhouette, dots or aruco.")] = "silhouette",
     colour: Annotated[str | None, typer.Option(help="Of the dots, '#rrggbb'.")] = None,
     base: Annotated[str | None, typer.Option(help="Where the body begins, 'x,y' in pixels; default: found.")] = None,
-    sheet: Annotated[Path | None, typer.Option(help="Some frames with the shape over them (.png).")] = None,
-    film: Annotated[Path | None, typer.Option(help="All frames with the shape over them (.mp4).")] = None,
+    overlay: Annotated[list[Path] | None, typer.Option(help="The shape over some frames on a sheet (.png), or over all "
+                                                      "as a film (.mp4); may be given twice.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")] = False,
 ) -> None:
     """Follow a bending body through a video: its silhouette, dots of one colour, or ArUco markers.
 
-    Example: pliant track push.mp4 -o push.nc --camera camera.toml --sheet push.png
+    Example: pliant track push.mp4 -o push.nc --camera camera.toml --overlay push.png
     """
     from pliant.cli.progress import counting
     from pliant.cli.reading import history_of
@@ -33,11 +33,11 @@ def track(
     entries = read_entries(camera, "camera")
     if output.suffix.lower() not in (".nc", ".nc4", ".csv"):
         raise InputError(f"recordings are written as .nc or .csv, not {output.name!r}")
-    how = Tracking(method, pixels(base), colour, sheet=sheet, film=film)  # type: ignore[arg-type]
+    how = Tracking(method, pixels(base), colour, overlays=tuple(overlay or ()))  # type: ignore[arg-type]
     with counting(f"following the body through {video.name}") as progress:
         ds = track_video(video, entries.get("camera", entries), how, progress=progress)
     write(ds, output)
-    written = [str(p) for p in (output, sheet, film) if p is not None]
+    written = [str(p) for p in (output, *how.overlays)]
     if json:
         from json import dumps
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -22,33 +22,34 @@ Draw = Callable[[float, Array, Array | None], None]
 
 
 @contextmanager
-def overlay(reel: Reel, sheet: Path | None, film: Path | None) -> Iterator[Draw]:
-    """Takes time, picture and points of each frame; both files are there when all went well.
+def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
+    """Takes time, picture and points of each frame; the files are there when all went well.
 
     Raises
     ------
     InputError
-        When the sheet does not end in .png, or the film in .mp4.
+        When a path ends neither in .png nor in .mp4.
     """
-    if sheet is not None and sheet.suffix.lower() != ".png":
-        raise InputError(f"a sheet of frames is written as .png, not {sheet.name!r}")
-    shown = set(np.linspace(0, reel.count - 1, TILES).round().astype(int).tolist()) if sheet is not None else set()
+    sheets, films = ([p for p in paths if p.suffix.lower() == ending] for ending in (".png", ".mp4"))
+    if strange := [p.name for p in paths if p not in (*sheets, *films)]:
+        raise InputError(f"an overlay is a sheet (.png) or a film (.mp4), not {strange[0]!r}")
+    shown = set(np.linspace(0, reel.count - 1, TILES).round().astype(int).tolist()) if sheets else set()
     tiles: list[Array] = []
     size = _size(reel, FILM)
     with ExitStack() as stack:
-        write = stack.enter_context(movie(film, reel.rate, size)) if film is not None else None
+        writers = [stack.enter_context(movie(film, reel.rate, size)) for film in films]
         number = 0
 
         def draw(time: float, picture: Array, points: Array | None) -> None:
             nonlocal number
             if number in shown:
                 tiles.append(drawn(time, picture, points, _size(reel, TILE)))
-            if write is not None:
+            for write in writers:
                 write(drawn(time, picture, points, size))
             number += 1
 
         yield draw
-    if sheet is not None and tiles:
+    for sheet in sheets:
         _write_sheet(tiles, sheet)
 
 

@@ -44,16 +44,15 @@ class Tracking:
         Of the dots, as ``#rrggbb``.
     stations : int
         Points of a silhouette, evenly along the body, base and tip among them.
-    sheet, film : Path, optional
-        Overlays to write: some frames on one sheet (.png), all frames as a film (.mp4).
+    overlays : tuple of Path
+        To write: the shape over some frames on one sheet (.png), over all frames as a film (.mp4).
     """
 
     method: Method = "silhouette"
     base: tuple[float, float] | None = None
     colour: str | None = None
     stations: int = STATIONS
-    sheet: Path | None = None
-    film: Path | None = None
+    overlays: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what cannot be followed."""
@@ -108,7 +107,7 @@ def track_video(
     reel = open_reel(path)
     names, frames = _followed(reel, how)
     times, points, change, before = list[float](), list[Array | None](), list[float](), None
-    with overlay(reel, how.sheet, how.film) as draw:
+    with overlay(reel, how.overlays) as draw:
         for time, picture, found in frames:
             draw(time, picture, found)
             times.append(time)

@@ -14,9 +14,9 @@ from pliant.testbed.camera.scene import Look
 from pliant.testbed.camera.shutter import Scene, Shutter, moments
 from pliant.testbed.camera.times import tell_gaps
 from pliant.testbed.camera.view import View
-from pliant.testbed.laboratory import Laboratory, run_rod
-from pliant.testbed.rod import RodParameters, actuator
-from pliant.testbed.scenarios import Scenario, scenario
+from pliant.testbed.laboratory import resolved, run_rod
+from pliant.testbed.rod import RodParameters
+from pliant.testbed.scenarios import Scenario
 from pliant.testbed.truth import make_truth, node_positions
 from pliant.testbed.valve import read_pressure
 from pliant.video.movie import movie
@@ -56,7 +56,7 @@ def film(
     case: str | Scenario,
     path: str | Path,
     *,
-    body: str | RodParameters = "a",
+    body: str | int | RodParameters = "a",
     seed: int = 1,
     view: View | None = None,
     look: Look | None = None,
@@ -82,10 +82,9 @@ def film(
     InputError
         For unknown names, a path that does not end in .mp4, or without OpenCV.
     """
-    case = scenario(case) if isinstance(case, str) else case
-    rod = replace(actuator(body) if isinstance(body, str) else body, gravity=case.gravity)
+    case, who, lab = resolved(case, body, None)
+    rod = replace(who.body, gravity=case.gravity)
     view, look, shutter = view or View(), look or Look(), shutter or Shutter()
-    lab = Laboratory()
     motion = run_rod(case, rod, lab)
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
 
