@@ -1,4 +1,4 @@
-"""Rates and filter time on virtual actuators: the numbers of docs/real_time.md.
+"""Rates and filter time on virtual actuators: the numbers of docs/benchmarks.md.
 
     python benchmarks/state.py rates      # filter and smoother against the best of what needs no model
     python benchmarks/state.py speed      # compiled time of a frame, and of one call of the running filter

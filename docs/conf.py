@@ -1,4 +1,4 @@
-"""Sphinx: `make docs` builds the site into docs/_build/html; warnings are errors, examples run at every build."""
+"""Sphinx: `make docs` builds the site into docs/_build/html; warnings are errors, code cells run where they changed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ author = "The pliant developers"
 copyright = author  # noqa: A001
 version = release = __version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml", "reference"]
 html_math_renderer = "mathml"
 exclude_patterns = ["_build"]
 html_theme = "furo"

@@ -123,12 +123,13 @@ def cells(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_executed_cells_use_what_pliant_has(page):
+def test_python_uses_what_pliant_has(page):
+    """Executed cells, and what a page shows without running it."""
     import pliant
 
     text = page.read_text(encoding="utf-8")
     assert ("{code-cell}" in text) == text.startswith("---\nfile_format: mystnb\n"), "a page with cells needs its head"
-    for code in cells(page):
+    for code in [*cells(page), *blocks(page, "python")]:
         tree = ast.parse(code)
         for node in ast.walk(tree):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pliant"):
@@ -159,12 +160,17 @@ def test_example_files_are_valid(study):
 
 
 def test_every_entry_of_a_study_is_explained():
+    """At the head of a row of a table, of a section, or of a line of an example or a list."""
     from pliant.study import schema
+    from pliant.sweep.spec import Range, Sweep
 
-    text = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
-    models = (schema.Study, schema.Actuator, schema.Fibre, schema.Reduction, schema.Recording, schema.Fit,
-              schema.ForecastEntry, schema.Targets)  # fmt: skip
-    missing = [f"{m.__name__}.{name}" for m in models for name in m.model_fields if not re.search(rf"\b{name}\b", text)]
+    text = "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("studies.md", "scaling_out.md"))
+    models = (schema.Study, schema.Actuator, schema.ChamberTable, schema.Alignment, schema.Fibre, schema.Reduction,
+              schema.KnownForce, schema.Recording, schema.Fit, schema.LadderEntry, schema.ForecastEntry, schema.Targets,
+              Sweep, Range)  # fmt: skip
+    told = r"^\|[^|]*`{0}`|^#+ .*\[{0}|^(# )?{0} = |^`\[\w+\.{0}\]`"
+    missing = [f"{m.__name__}.{n}" for m in models for n in m.model_fields
+               if not re.search(told.format(n), text, re.MULTILINE)]
     assert not missing, f"docs/studies.md does not explain {', '.join(missing)}"
 
 

@@ -12,6 +12,7 @@ from command_line import program
 
 from pliant.study import demo_study, load_study
 from pliant.study.prepare import planar
+from pliant.validation.metrics_file import MetricsFile
 
 PIXELS_PER_MM, RATE, LATE_S = 4.2, 60.0, 0.7
 TARGET = "rmse_percent_of_travel = 3.0"
@@ -71,6 +72,7 @@ def test_a_camera_is_enough(folder: Path) -> None:
     done = program("run", folder / "phone.toml", "-o", folder / "out", "--strict")
     assert done.returncode == 0, done.stderr + done.stdout
     metrics = json.loads((folder / "out" / "metrics.json").read_text(encoding="utf-8"))
+    MetricsFile.model_validate(metrics)
     assert metrics["records"]["middle"]["role"] == "held_out"
     assert metrics["records"]["middle"]["rmse_percent_of_travel"] < 3.0
     for clocks in metrics["clocks"].values():

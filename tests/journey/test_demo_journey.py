@@ -13,6 +13,7 @@ from pliant.preprocessing.quality import quality
 from pliant.study import demo_study, load_study, run_study
 from pliant.testbed import bundled_recording
 from pliant.testbed.rod import actuator
+from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.outcome import StudyOutcome
 
 LINK = 0.17 / 5
@@ -70,6 +71,7 @@ def test_everything_is_written(demo):
     assert {"model.json", "metrics.json", "study.json", "report.html"} <= names
     assert (folder / "report.html").stat().st_size < 1_500_000
     metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    MetricsFile.model_validate(metrics)
     assert metrics["order"]["chosen"] == 3
     assert outcome.verdict[0] in (folder / "report.html").read_text(encoding="utf-8").replace("&#39;", "'")
 

@@ -13,6 +13,7 @@ from small_study import HEADER, LEVELS_KPA, STIFFNESS, TORQUE, changed, table, w
 
 from pliant.errors import InputError
 from pliant.study import load_study, run_study
+from pliant.validation.metrics_file import MetricsFile
 
 OFFSETS = {"low": 5.3, "middle": -0.697, "high": 12.0}
 LOG = {"header": True, "time": "t_ms", "time_unit": "ms", "pressure": {"columns": ["psi"], "unit": "psi"}}
@@ -57,6 +58,7 @@ def test_a_study_brings_each_log_onto_the_clock_of_its_shape(folder: Path) -> No
     assert page.count("the pressure&#39;s clock is moved by") >= 3
     assert page.count('id="plot-clock-') == 3
     metrics = json.loads((folder / "out" / "metrics.json").read_text())
+    MetricsFile.model_validate(metrics)
     assert metrics["clocks"]["middle"]["delay_s"] == pytest.approx(-20.697, abs=0.004)
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.study import demo_study, load_study, run_study
+from pliant.validation.metrics_file import MetricsFile
 
 
 def written(folder: Path, **ladder: Any) -> Path:
@@ -30,6 +31,7 @@ def test_the_chosen_rung_is_the_model_and_the_page_shows_all(tmp_path: Path) -> 
     study = load_study(written(tmp_path, rungs=["given", "elastic"], bootstrap=20))
     outcome = run_study(study, tmp_path / "out")
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
+    MetricsFile.model_validate(metrics)
     assert list(metrics["ladder"]["rungs"]) == ["given", "elastic"]
     assert metrics["ladder"]["chosen"] == "elastic"
     assert outcome.verdict[0].startswith("The ladder stops at K and D")

@@ -26,6 +26,7 @@ from small_study import (
 from pliant.errors import FitError, InputError, PliantError
 from pliant.model import load_model
 from pliant.study import load_study, run_study
+from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.outcome import StudyOutcome
 
 KEYS = {
@@ -162,6 +163,9 @@ def test_numbers_that_do_not_exist_are_null_not_nan(tmp_path: Path) -> None:
     content["fits"]["linear"]["train"] = ["low"]
     outcome = run(tmp_path, content)
     text = json.dumps(outcome.to_dict(), allow_nan=False)
+    MetricsFile.model_validate_json(text)
+    with pytest.raises(ValueError, match="moon"):
+        MetricsFile.model_validate(json.loads(text) | {"moon": 1})
     record = json.loads(text)["records"]["middle"]
     assert record["frequency_hz"]["modelled"] is None
     assert record["frequency_hz"]["measured"] > 1

@@ -11,7 +11,7 @@ import pytest
 from pliant.identification import Experiment
 from pliant.simulation import Trace
 from pliant.validation.extension import extension
-from pliant.validation.metrics import DEFINITIONS, compare, response
+from pliant.validation.metrics import DEFINITIONS, FORMULAS, compare, response
 
 T = np.arange(0.0, 4.0, 0.01)
 START, STOP, STEADY = 0.3, 2.5, 0.02
@@ -130,8 +130,26 @@ def test_a_measured_pressure_says_where_the_plateau_is() -> None:
 
 def test_every_number_has_a_definition() -> None:
     m = compare(pulse(), swing()[:, None], 0.1)
-    assert set(m) - set(DEFINITIONS) == {"frames", "points_not_seen", "travel_mm"}
+    assert set(m) <= set(DEFINITIONS)
     assert set(DEFINITIONS) - set(m) == {"within_band_percent"}  # of predictions alone
+    assert set(DEFINITIONS) - set(FORMULAS) == {"frames", "points_not_seen"}  # counts
+
+
+def test_formulas_say_what_is_computed() -> None:
+    """Those of the errors, term by term, on numbers that no symmetry helps."""
+    rng = np.random.default_rng(3)
+    exp = pulse()
+    model = exp.position + 1e-3 * rng.standard_normal(exp.position.shape)
+    m = compare(exp, model, 0.1)
+    r, seen = model, exp.position
+    e = np.sqrt(np.mean(np.sum((r - seen) ** 2, axis=2)))
+    travel = np.linalg.norm(seen[:, -1] - np.median(seen[:5, -1], axis=0), axis=1).max()
+    assert m["rmse_mm"] == pytest.approx(1e3 * e)
+    assert m["rmse_percent_of_travel"] == pytest.approx(100 * e / travel)
+    assert m["rmse_percent_of_length"] == pytest.approx(100 * e / 0.1)
+    assert m["travel_mm"] == pytest.approx(1e3 * travel)
+    spread = np.sum((seen - seen.mean(axis=0)) ** 2)
+    assert m["fit_percent"] == pytest.approx(100 * (1 - np.sqrt(np.sum((r - seen) ** 2) / spread)))
 
 
 @pytest.mark.parametrize("growth", [0.0, 0.05])

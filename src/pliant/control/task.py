@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from pliant.control.contract import Task
 from pliant.control.limits import Limits
@@ -73,7 +73,7 @@ class SetPointEntry(Entry):
     """From a time on that displacement of the tip."""
 
     time_s: Number
-    displacement_mm: Number
+    displacement_mm: Number = Field(description="of the tip from its rest")
 
 
 class PathEntry(Entry):
@@ -92,10 +92,10 @@ class PathEntry(Entry):
 class ValveEntry(Entry):
     """The rig's valve."""
 
-    rise_hz: Positive
-    fall_hz: Positive
+    rise_hz: Positive = Field(description="natural frequency while it fills")
+    fall_hz: Positive = Field(description="and while it empties")
     damping_ratio: Positive
-    dead_time_ms: Positive
+    dead_time_ms: Positive = Field(description="between command and first reaction")
 
     @property
     def supply(self) -> SupplyValve:
@@ -106,19 +106,19 @@ class ValveEntry(Entry):
 class TaskFile(Entry):
     """A task file."""
 
-    period_ms: Positive = 4.0
-    highest_kpa: Positive = 190.0
-    slew_kpa_per_s: Positive = math.inf
+    period_ms: Positive = Field(4.0, description="of frames and loop; that of the plant")
+    highest_kpa: Positive = Field(190.0, description="pressure that a command does not pass; it never falls below 0")
+    slew_kpa_per_s: Positive = Field(math.inf, description="fastest change of a command")
     duration_s: Positive = 2.0
-    feedback: str = "lqr"
-    planned: Flag = True
-    ramp_s: Positive = 0.03
-    effort: Positive = 0.3
-    damping_time_s: Positive = 0.09
-    integral_time_s: Positive = 0.3
-    setpoint: list[SetPointEntry] = []
-    path: PathEntry | None = None
-    valve: ValveEntry | None = None
+    feedback: str = Field("lqr", description="the controller: lqr, mpc, pid, or an installed one")
+    planned: Flag = Field(True, description="changes as fast as the limits allow, planned ahead; false: ramps")
+    ramp_s: Positive = Field(0.03, description="time of a change that is not planned")
+    effort: Positive = Field(0.3, description="weight of the command's changes: larger is quieter and slower")
+    damping_time_s: Positive = Field(0.09, description="weight of the tip's speed beside its error")
+    integral_time_s: Positive = Field(0.3, description="weight of the error that lasts")
+    setpoint: list[SetPointEntry] = Field([], description="where the tip shall be, from when on")
+    path: PathEntry | None = Field(None, description="in place of set-points")
+    valve: ValveEntry | None = Field(None, description="the rig's; default: the model's")
 
     @field_validator("feedback")
     @classmethod

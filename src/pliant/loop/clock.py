@@ -22,13 +22,19 @@ class Clock(Protocol):
 
 
 class SystemClock:
-    """The machine's monotonic clock, 0 when made."""
+    """The machine's monotonic clock.
 
-    def __init__(self) -> None:
-        self._start = time.monotonic_ns()
+    Parameters
+    ----------
+    shared : bool
+        Counted as the system counts it, so that all processes of one machine agree; otherwise from when it was made.
+    """
+
+    def __init__(self, *, shared: bool = False) -> None:
+        self._start = 0 if shared else time.monotonic_ns()
 
     def now(self) -> int:
-        """Time since the clock was made, ns."""
+        """Time since the clock began, ns."""
         return time.monotonic_ns() - self._start
 
     def sleep_until(self, deadline: int) -> None:

@@ -38,6 +38,9 @@ class Done(NamedTuple):
 def make_plant(name: str) -> Any:
     """The plant of a name: ``testbed:<actuator>``, or an entry point of the group ``pliant.plants``.
 
+    What follows a colon is handed to it as text: ``finger:COM3`` calls what the entry point ``finger`` leads to
+    with "COM3".
+
     Raises
     ------
     InputError
@@ -62,8 +65,8 @@ def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "
     if abs(plant.period - wanted.period) > 1e-9:
         raise InputError(f"the plant's frames come every {plant.period * 1e3:g} ms: set period_ms to that")
     frames = [plant.advance(0.0) for _ in range(AT_REST)]
-    late = round((plant.time - frames[-1].time) / wanted.period)
-    shapes = np.array([f.shape for f in frames])
+    late = round((plant.time - frames[-1][0]) / wanted.period)
+    shapes = np.array([shape for _, shape, _ in frames])
     return prepare_control(
         model, plant.arc_length, shapes, wanted.task, wanted.limits, wanted.period, late=late, supply=wanted.supply,
         estimator=estimator,

@@ -17,13 +17,15 @@ BEHIND = 50  # periods: a plant that cannot keep up gives up the rest
 class PlantLike(Protocol):
     """What a plant offers: it moves one period at a time under a command that is held."""
 
-    period: float  # s
-    time: float  # s
+    period: float  # s, of its frames
+    time: float  # s, on its own clock
+    arc_length: Any  # (S,) m, of the points along the body; for `prepare_plant`
 
     def advance(self, command: Any) -> Any:
         """Hold a command [Pa], a number or an array (C,), for a period.
 
-        Returns (time of the shape [s], shape (S, 2) [m], pressure [Pa] of one chamber or several (C,)).
+        Returns (time of the shape [s], shape (S, 2) [m] in the base frame, a lost point NaN, pressure [Pa] of one
+        chamber or several (C,)).
         """
 
 

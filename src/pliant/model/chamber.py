@@ -44,6 +44,7 @@ class Chamber:
     joint_gain : array (n,)
         Share of the torque law that each joint feels; 1 by virtual work. A number stands for all joints.
     valve : Valve
+        What lies between its commanded and its acting pressure.
     swell_share, swell_time : float
         A chamber that swells: this share of what the law adds beyond torque[0] p grows with a pressure that lags by
         swell_time, s. See `pliant.equations.chamber.swollen_torque`; share 0: at once.
@@ -56,6 +57,7 @@ class Chamber:
         work it is 1 / offset where a chamber lies at an offset [m] from the neutral axis: its volume A (L (1 + e) +
         offset sum q) gives torque p A offset and force p A. A number stands for the segments whose joints it turns.
     name : str
+        By which recordings and parameters mean it.
 
     Raises
     ------

@@ -66,9 +66,12 @@ class Model(Shown):
 
     Parameters
     ----------
-    link_length, rest_angle, link_mass, stiffness, damping : array (n,)
-        Length [m] and mass [kg] of each link, rest angle [rad], stiffness [N m/rad] and damping [N m s/rad] of the
-        joint before it. A number stands for n equal ones, n being the longest of these arrays.
+    link_length, link_mass : array (n,)
+        Of each link, m and kg. A number stands for n equal ones, n being the longest of these arrays.
+    stiffness, damping : array (n,)
+        Of the joint before each link, N m/rad and N m s/rad.
+    rest_angle : array (n,)
+        Of the same joint without pressure, from the link before it, rad.
     torque, joint_gain, valve, ...
         Of the one chamber, whatever `Chamber` takes. The paper's is torque = (A d,).
     chambers : tuple of Chamber

@@ -30,6 +30,25 @@ DEFINITIONS = {
     "extension_mm": "growth of the measured body as it bends, by arcs through its stations; models do not grow",
     "extension_percent": "the same in % of the length at rest",
     "steady_state_error_mm": "difference of steady_state_mm, modelled less measured, mm",
+    "travel_mm": "largest measured displacement of the last station from its rest, the median of 5 frames, mm",
+    "frames": "frames of the recording that were compared",
+    "points_not_seen": "stations of frames that have no measured place",
+}
+FORMULAS = {  # in TeX; the page of metrics says what the letters mean
+    "rmse_mm": r"10^3\,e,\quad e=\sqrt{\frac{1}{N}\sum_{t,s}|r_{ts}-m_{ts}|^2}",
+    "max_mm": r"10^3\max_{t,s}|r_{ts}-m_{ts}|",
+    "rmse_percent_of_travel": r"100\,e/\max_t|m_{tS}-m_0|",
+    "rmse_percent_of_length": r"100\,e/L",
+    "fit_percent": r"100\left(1-\sqrt{\frac{\sum_{t,s}|r_{ts}-m_{ts}|^2}{\sum_{t,s}|m_{ts}-\bar m_s|^2}}\right)",
+    "within_band_percent": r"\frac{100}{2N}\,\#\{(t,s,c):\ l_{tsc}\le m_{tsc}\le h_{tsc}\}",
+    "frequency_hz": r"\omega_d/2\pi\ \text{ of }\ a\,e^{-\sigma t}\cos(\omega_d t+\varphi)+b+c\,e^{-t/\tau}",
+    "damping_ratio": r"\sigma/\sqrt{\sigma^2+\omega_d^2}",
+    "overshoot_percent": r"100\left(u_{\text{peak}}/u_{\text{end}}-1\right)",
+    "steady_state_mm": r"10^3\,u_{\text{end}},\quad u_{\text{end}}=\operatorname{median}_{t>t_{\text{end}}-w}u(t)",
+    "steady_state_error_mm": r"10^3\left(u_{\text{end}}^{\text{modelled}}-u_{\text{end}}^{\text{measured}}\right)",
+    "extension_mm": r"10^3\,(\ell_{\text{bent}}-\ell_{\text{rest}})",
+    "extension_percent": r"100\,(\ell_{\text{bent}}/\ell_{\text{rest}}-1)",
+    "travel_mm": r"10^3\max_t|m_{tS}-m_0|",
 }
 ANGLES = {
     "rmse_deg": "difference of modelled and measured angles, root mean square over stations and time, degrees",

@@ -1,0 +1,263 @@
+"""Parts of the reference that are made from the code: ``<!-- made from the code: NAME -->`` becomes Markdown.
+
+Commands from their help, parameters and metrics from their tables, files from the schemas that check them. The
+schemas themselves are written beside the site, for editors and other programs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import json
+import math
+import re
+import types
+from pathlib import Path
+from typing import Any, Literal, Union, get_args, get_origin
+
+MARK = re.compile(r"<!-- made from the code: ([\w-]+) -->")
+ROOMS = (
+    "recording", "reduction", "sensing", "model", "simulation", "linear", "identification", "estimation", "contact",
+    "control", "loop", "exporters", "testbed", "study",
+)
+WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false", types.NoneType: "null"}
+
+
+def cell(text: Any) -> str:
+    """Text in one cell of a table."""
+    return " ".join(str(text).split()).replace("|", r"\|")
+
+
+def table(head: tuple[str, ...], rows: list[tuple[Any, ...]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ("---",) * len(head), *rows]
+    return "\n".join(f"| {' | '.join(cell(c) for c in line)} |" for line in lines)
+
+
+def commands() -> str:
+    """Every command: what it does, its example, its arguments and options."""
+    import typer
+
+    from pliant.cli import JOURNEY, app
+
+    group: Any = typer.main.get_command(app)
+    made = []
+    for panel, names in JOURNEY.items():
+        made.append(f"## {panel}")
+        for name in names:
+            command = group.commands[name]
+            context = command.context_class(command)
+            made += [f"### `pliant {name}`", plain(command.help), f"```bash\n{command.example}\n```",
+                     table(("", "meaning", "default"), [row(context, p) for p in command.get_params(context)[:-1]])]
+    return "\n\n".join(made)
+
+
+def plain(text: str) -> str:
+    """Help as Markdown; a star stands for itself."""
+    return inspect.cleandoc(text).replace("*", r"\*")
+
+
+def row(context: Any, p: Any) -> tuple[str, str, str]:
+    """An argument or option as the help has it: name, meaning, default."""
+    name, told = p.get_help_record(context)
+    words, _, ends = told.partition("  [")
+    default = ends.removeprefix("default: ").removesuffix("]").strip("()")
+    return f"`{name}`", words.replace("*", r"\*").replace("<", r"\<"), default.replace("*", r"\*")
+
+
+def said(kind: Any) -> str:
+    """A type in words."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return " or ".join(f"`{json.dumps(v)}`" for v in inner)
+    if origin in (Union, types.UnionType):
+        return " or ".join(dict.fromkeys(said(k) for k in inner))
+    if origin in (list, dict):
+        words = said(inner[-1])
+        return f"{'list' if origin is list else 'table'} of {words}{'s' * words.endswith(('number', 'text'))}"
+    if hasattr(kind, "model_fields"):
+        return f"[{kind.__name__}](#{kind.__name__.lower()})"
+    return WORDS.get(kind, "any")
+
+
+def classes(top: Any) -> list[Any]:
+    """A schema and all that stand in it, in the order in which they are met."""
+    found: list[Any] = []
+
+    def enter(kind: Any) -> None:
+        if inspect.isclass(kind) and hasattr(kind, "model_fields"):
+            if kind not in found:
+                found.append(kind)
+                for field in kind.model_fields.values():
+                    enter(field.annotation)
+            return
+        for inner in get_args(kind):
+            enter(inner)
+
+    enter(top)
+    return found
+
+
+def schema(top: Any, meanings: dict[str, str]) -> str:
+    """A file: its entries, and those of the tables in it."""
+    made = []
+    for kind in classes(top):
+        rows = []
+        for name, field in kind.model_fields.items():
+            shown = field.alias or name
+            default = "needed" if field.is_required() else f"`{json.dumps(as_json(field.get_default()))}`"
+            meaning = field.description or meanings.get(f"{kind.__name__}.{name}") or meanings.get(name, "")
+            rows.append((f"`{shown}`", said(field.annotation), default if len(default) < 40 else "", meaning))
+        title = [] if kind is top else [f"### {kind.__name__}", first_line(kind)]
+        made += [*title, table(("entry", "type", "default", "meaning"), rows)]
+    return "\n\n".join(made)
+
+
+def as_json(value: Any) -> Any:
+    """A default as it stands in a file."""
+    return value.model_dump() if hasattr(value, "model_dump") else value
+
+
+def first_line(thing: Any) -> str:
+    """The first sentence of a docstring."""
+    return (inspect.getdoc(thing) or "").split("\n\n")[0].split("\n")[0]
+
+
+def documented(kind: Any) -> dict[str, str]:
+    """Meaning of each parameter in a docstring of numpy's style, by name."""
+    text = inspect.getdoc(kind) or ""
+    block = re.search(r"Parameters\n-+\n(.*?)(?=\n\n\w+\n-+|\Z)", text, re.DOTALL)
+    found = {}
+    entry = re.compile(r"^(\S[^\n]*) : [^\n]*\n((?:    [^\n]*\n?)*)", re.MULTILINE)
+    for names, meaning in entry.findall(block[1] if block else ""):
+        words = re.sub(r"\s*# D\d+", "", " ".join(meaning.split())).replace("*", r"\*")
+        found |= dict.fromkeys((n.strip() for n in names.split(",")), words)
+    return found
+
+
+def model_meanings() -> dict[str, str]:
+    """Meaning of the entries of a model file, from the classes that they become."""
+    from pliant.model import Chamber, Extension, Memory, Model, Station, Valve
+    from pliant.model.file import UNITS
+
+    made = {"units": "of every number; other units are refused", "name": "of the model",
+            "checksum": "of all else; a file without one is taken as it is"}
+    made |= documented(Model) | {f"ChamberEntry.{k}": v for k, v in documented(Chamber).items()} | documented(Chamber)
+    made |= {f"ValveEntry.{k}": v for k, v in documented(Valve).items()}
+    made |= {f"ExtensionEntry.{k}": v for k, v in documented(Extension).items()}
+    made |= {f"MemoryEntry.{k}": v for k, v in documented(Memory).items()}
+    made |= {f"StationEntry.{k}": v for k, v in station_meanings(Station).items()}
+    for name, unit in UNITS.items():
+        if name in made and unit not in made[name] and " " not in name and "," not in unit:
+            made[name] += f" ({unit})"
+    return made
+
+
+def station_meanings(kind: Any) -> dict[str, str]:
+    """Meaning of a station's entries, from its docstring or the remarks beside its fields."""
+    rows = re.findall(r"^    (\w+): [^#\n]*# (.*)$", inspect.getsource(kind), re.MULTILINE)
+    return documented(kind) | dict(rows)
+
+
+def model_file() -> str:
+    """Entries of model.json."""
+    from pliant.model.file import ModelFile
+
+    return schema(ModelFile, model_meanings())
+
+
+def metrics_file() -> str:
+    """Entries of metrics.json."""
+    from pliant.validation.metrics import DEFINITIONS
+    from pliant.validation.metrics_file import MetricsFile
+
+    return schema(MetricsFile, {f"Record.{k}": v for k, v in DEFINITIONS.items()})
+
+
+def task_file() -> str:
+    """Entries of a task."""
+    from pliant.control.task import TaskFile
+
+    return schema(TaskFile, {})
+
+
+def metrics() -> str:
+    """Every metric with its formula."""
+    from pliant.validation.metrics import DEFINITIONS, FORMULAS
+
+    return "\n\n".join(f"`{name}`\n: {words}\n\n  {'$' + FORMULAS[name] + '$' if name in FORMULAS else 'A count.'}"
+                       for name, words in DEFINITIONS.items())
+
+
+def parameters() -> str:
+    """Every parameter that a fit can free."""
+    from pliant.identification.parameters import KNOWN
+
+    rows = []
+    for pattern, kind in KNOWN.items():
+        name = pattern.replace(r"(\d+|\*)", "<i>").replace("[1-9]", "<k>").replace(r".+\.", "<station>.")
+        bounds = " to ".join(f"{b:g}" if math.isfinite(b) else "any" for b in (kind.lower, kind.upper))
+        meaning = kind.meaning.replace("*", r"\*")
+        rows.append((f"`{name}`", kind.unit, "" if bounds == "any to any" else bounds, meaning))
+    return table(("parameter", "unit", "bounds", "meaning"), rows)
+
+
+def names() -> str:
+    """Public names of every room that are not on the public page: their first sentence."""
+    import pliant
+
+    made = []
+    for room in ROOMS:
+        module = importlib.import_module(f"pliant.{room}")
+        rows = [(f"`{name}`", first_line(getattr(module, name)).replace("*", r"\*"))
+                for name in module.__all__ if name not in pliant.__all__ and described(getattr(module, name))]
+        if rows:
+            made += [f"### `pliant.{room}`", first_line(module), table(("name", "what it is"), rows)]
+    return "\n\n".join(made)
+
+
+def described(thing: Any) -> bool:
+    """Whether a name has words of its own: functions and classes."""
+    return callable(thing) or dataclasses.is_dataclass(thing)
+
+
+PARTS = {
+    "commands": commands, "model-file": model_file, "metrics-file": metrics_file, "task-file": task_file,
+    "metrics": metrics, "parameters": parameters, "names": names,
+}
+
+
+def fill(text: str) -> str:
+    """A page with every mark replaced."""
+    return MARK.sub(lambda m: PARTS[m[1]](), text)
+
+
+def schemas() -> dict[str, dict[str, Any]]:
+    """JSON schemas by file name."""
+    from pliant.model.file import ModelFile
+    from pliant.study.schema import Study
+    from pliant.validation.metrics_file import MetricsFile
+
+    made = {"study": Study, "model": ModelFile, "metrics": MetricsFile}
+    return {f"{name}.schema.json": kind.model_json_schema() for name, kind in made.items()}
+
+
+def setup(app: Any) -> dict[str, Any]:
+    """Fill pages as they are read, always anew, and write the schemas beside the site."""
+
+    def read(_app: Any, _page: str, source: list[str]) -> None:
+        source[0] = fill(source[0])
+
+    def outdated(_app: Any, env: Any, _added: Any, _changed: Any, _removed: Any) -> list[str]:
+        return [d for d in env.found_docs if MARK.search(Path(env.doc2path(d)).read_text(encoding="utf-8"))]
+
+    def write(app: Any, error: Exception | None) -> None:
+        if error is None and app.builder.name == "html":
+            for name, content in schemas().items():
+                Path(app.outdir, name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+    app.connect("source-read", read)
+    app.connect("env-get-outdated", outdated)
+    app.connect("build-finished", write)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,164 @@
+"""What stands in ``metrics.json``: its schema, from which the documents are made."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Role = Literal["train", "held_out", "forecast"]
+
+
+class Entry(BaseModel):
+    """A table of the file; nothing stands in it that is not named here."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class Pair(Entry):
+    """A trait of the motion; null where a motion has no such thing."""
+
+    measured: float | None
+    modelled: float | None
+
+
+class Record(Entry):
+    """One recording under one fit."""
+
+    role: Role = Field(description="what the recording was to the fit")
+    fit: str = Field("", description="the first fit that holds it; under `records` alone")
+    rmse_mm: float
+    max_mm: float
+    rmse_percent_of_travel: float
+    rmse_percent_of_length: float
+    fit_percent: float
+    within_band_percent: float | None = None
+    frequency_hz: Pair
+    damping_ratio: Pair
+    overshoot_percent: Pair
+    steady_state_mm: Pair
+    steady_state_error_mm: float | None
+    extension_mm: float | None
+    extension_percent: float | None
+    frames: int
+    points_not_seen: int
+    travel_mm: float
+
+
+class Value(Entry):
+    """One parameter of a fit, SI."""
+
+    value: float
+    unit: str
+    free: bool = Field(description="whether the fit moved it")
+    std: float | None = Field(description="standard error; null where it was not free or the data do not show it")
+    source: str = Field(description="where its start value comes from")
+    lower: float | None = Field(description="bound; null where there is none")
+    upper: float | None = Field(description="bound; null where there is none")
+    scale: float = Field(description="the change that the optimiser takes for one")
+
+
+class Covariance(Entry):
+    """Of the free parameters of a fit, SI."""
+
+    names: list[str]
+    matrix: list[list[float]] = Field(description="(P, P), residuals correlated as they are")
+    white: list[list[float]] = Field(description="(P, P), as if they were white")
+    hidden: list[bool] = Field(description="(P,), whether the data do not show it")
+    correlated: float = Field(description="s, over which the residuals are correlated; 0 where they pass for white")
+    effective: float = Field(description="how many numbers were seen, less what correlation takes from them")
+    source: str = Field(description="sandwich, or block bootstrap")
+
+
+class FitTiming(Entry):
+    """What a fit took."""
+
+    fit_s: float = Field(description="everything, predictions and bands included")
+    optimiser_s: float
+    simulated_sets: int = Field(description="parameter sets that were simulated for all records")
+
+
+class FitEntry(Entry):
+    """One fit."""
+
+    title: str
+    status: str = Field(description="how it ended, in a sentence")
+    notes: list[str] = Field(description="what to beware of")
+    converged: bool
+    bic: float | None = Field(description="N ln(mean square residual) + k ln N of the training records")
+    records: dict[str, Record]
+    parameters: dict[str, Value]
+    timing: FitTiming
+    model: dict[str, Any] = Field(description="as in model.json, without its checksum")
+    covariance: Covariance | None
+
+
+class HeadlineEntry(Entry):
+    """The verdict in short."""
+
+    state: Literal["good", "beware", "missed", "open"]
+    sentence: str
+    warnings: list[str]
+
+
+class Rung(Entry):
+    """One rung of a ladder."""
+
+    title: str
+    stands_on: str = Field(description="the rung that it begins from")
+    free: list[str]
+    train_percent: dict[str, float] = Field(description="RMSE in % of travel by training record")
+    held_out_percent: dict[str, float] = Field(description="the same of held-out records")
+    bic: float | None
+    fit_s: float
+    step_ns: float | None = Field(description="time of one step of that model")
+    told: str = Field(description="why it has no numbers, where it has none")
+
+
+class LadderTable(Entry):
+    """Models of growing size."""
+
+    chosen: str
+    reason: str
+    rungs: dict[str, Rung]
+
+
+class OrderTable(Entry):
+    """Numbers of links that were tried on the dense shape."""
+
+    orders: dict[str, dict[str, float]] = Field(description="errors in mm by number of segments")
+    chosen: int | None = Field(description="the lowest within the bound")
+    bound_mm: float | None
+    frames: int
+    stations: int
+
+
+class ClockEntry(Entry):
+    """How a pressure's clock was brought onto that of the shape."""
+
+    delay_s: float
+    drift: float
+    told: str
+
+
+class MetricsFile(Entry):
+    """The whole file."""
+
+    schema_name: Literal["pliant-metrics"] = Field(alias="schema")
+    schema_version: Literal[1]
+    study: str = Field(description="name of the study")
+    title: str
+    description: str
+    headline: HeadlineEntry | None = Field(description="what to think of the first fit's predictions")
+    verdict: list[str] = Field(description="plain sentences with their numbers, the most important first")
+    records: dict[str, Record] = Field(description="every recording, under the first fit that holds it")
+    parameters: dict[str, Value] = Field(description="of the first fit, whose model is model.json")
+    fits: dict[str, FitEntry]
+    ladder: LadderTable | None
+    order: OrderTable | None = Field(description="of a study that lays its chain through a dense shape")
+    forecasts: dict[str, dict[str, Any]] = Field(
+        description="title, what was changed (`stated`), numbers with units in their names, half-widths at 95 %")
+    findings: dict[str, list[str]] = Field(description="what reading and aligning found, by recording")
+    clocks: dict[str, ClockEntry]
+    timing: dict[str, float] = Field(description="s: prepare_s, fits_s, total_s")
+    provenance: dict[str, str] = Field(description="version of pliant, and each recording's source")
