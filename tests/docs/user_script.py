@@ -30,7 +30,7 @@ def models() -> pliant.Model:
     model = model.with_(memory=pliant.Memory(creep_share=(0.1,), creep_time=(1.0,)))
     left = pliant.Chamber(np.array([1e-5]), np.full(model.n, 1.0), name="left")
     right = pliant.Chamber(np.array([1e-5]), np.full(model.n, -1.0), name="right")
-    model.with_(chambers=(left, right))
+    model.with_(chambers=(left, right), extensions=(pliant.Extension(stiffness=40.0, damping=0.5),))
     model = model.with_(valve=pliant.Valve(rise_time=0.02), stations=(pliant.Station("tip", 4, 0.034),))
     pliant.save_model(model, "model.json")
     return pliant.load_model("model.json")
