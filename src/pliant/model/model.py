@@ -68,14 +68,11 @@ class Model(Shown):
     ----------
     link_length, link_mass : array (n,)
         Of each link, m and kg. A number stands for n equal ones, n being the longest of these arrays.
-    stiffness, damping : array (n,)
-        Of the joint before each link, N m/rad and N m s/rad.
-    rest_angle : array (n,)
-        Of the same joint without pressure, from the link before it, rad.
+    stiffness, damping, rest_angle : array (n,)
+        Of the joint before each link, N m/rad and N m s/rad; its angle without pressure, from the link before, rad.
     torque, joint_gain, valve, ...
-        Of the one chamber, whatever `Chamber` takes. The paper's is torque = (A d,).
-    chambers : tuple of Chamber
-        In their place, where there are several.
+        Of the one chamber, whatever `Chamber` takes; the paper's is torque = (A d,).
+    chambers : tuple of Chamber, in their place
     stiffening, cubic_stiffening : array (n,)
         s [1/rad] and a [1/rad^2] of springs K q (1 + s q + a q^2): s < 0 where a joint softens with its angle, a > 0
         where it stiffens again. The paper's are 0.  # D15
