@@ -144,7 +144,8 @@ def model_meanings() -> dict[str, str]:
     made = {"units": "of every number; other units are refused", "name": "of the model",
             "chambers": "in place of the entries of the only chamber, where there are several",
             "checksum": "of all else; a file without one is taken as it is"}
-    made = documented(Model) | made | {f"ChamberEntry.{k}": v for k, v in documented(Chamber).items()} | documented(Chamber)
+    made = documented(Chamber) | documented(Model) | made
+    made |= {f"ChamberEntry.{k}": v for k, v in documented(Chamber).items()}
     made |= {f"ValveEntry.{k}": v for k, v in documented(Valve).items()}
     made |= {f"ExtensionEntry.{k}": v for k, v in documented(Extension).items()}
     made |= {f"MemoryEntry.{k}": v for k, v in documented(Memory).items()}
