@@ -11,9 +11,11 @@ import xarray as xr
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, experiment, fit, predict
+from pliant.identification.edges import edges
 from pliant.identification.initial_guess import registered
 from pliant.model import Model, Station
 from pliant.preprocessing.align import align
+from pliant.preprocessing.rest import rest_window
 from pliant.recording import make_recording
 from pliant.simulation import Trace
 
@@ -35,6 +37,20 @@ def test_a_measured_pressure_makes_a_trace_a_nominal_one_a_pulse() -> None:
     assert nominal.own_parameters == ("a.start", "a.stop")
     assert experiment("a", planar(), excitation="release").own_parameters == ("a.release",)
     assert nominal.travel == pytest.approx(0.02, rel=0.05)
+
+
+def test_spikes_decide_neither_travel_nor_edges_nor_rest() -> None:
+    t = np.arange(0.0, 4.0, 0.01)
+    swing = 0.3 * np.interp(t, [0.8, 0.95, 2.5, 2.65], [0.0, 1.0, 1.0, 0.0]) + 2e-4 * np.sin(60 * t)
+    place = np.stack([0.1 * np.sin(swing), 0.1 * np.cos(swing)], axis=-1)[:, None]
+    spiked = place.copy()
+    spiked[[20, 45, 310], 0, 0] += 0.2  # three marker swaps: before, and long after the pulse
+    made = {"station": ["tip"], "frame": "planar", "nominal_pressure": 2e4}
+    clean, faulty = (make_recording(t, p, **made) for p in (place, spiked))
+    one, other = (experiment("a", ds) for ds in (clean, faulty))
+    assert other.travel == pytest.approx(one.travel, rel=1e-6)
+    assert edges(other) == pytest.approx(edges(one), abs=0.011)
+    assert rest_window(faulty) == pytest.approx(rest_window(clean), abs=0.011)
 
 
 def test_stations_are_used_in_the_order_asked_for() -> None:

@@ -43,6 +43,18 @@ def dlc_frame(points: np.ndarray, animals: list[str] | None = None) -> pd.DataFr
     return pd.DataFrame(np.array(values).T, columns=pd.MultiIndex.from_tuples(columns, names=levels))
 
 
+def test_a_file_that_looks_like_a_trackers_says_so(tmp_path):
+    rows = ["scorer,net,net,net", "bodyparts,tip,tip,tip", "coords,x,y,likelihood", *(f"{i},1,2,1" for i in range(12))]
+    (tmp_path / "points.txt").write_text("\n".join(rows) + "\n")
+    with pytest.raises(InputError, match='looks like a file of deeplabcut: state format = "deeplabcut"'):
+        read(tmp_path / "points.txt")
+    camera = {"camera": {"rate_hz": 30.0, "pixels_per_mm": 2.0}}
+    assert read(tmp_path / "points.txt", mapping=camera, format="deeplabcut").sizes["station"] == 1
+    (tmp_path / "notes.csv").write_text("\n".join(["of Monday", *rows]) + "\n")
+    with pytest.raises(InputError, match=r"must have one column t .* looks like a file of deeplabcut"):
+        read(tmp_path / "notes.csv")
+
+
 @pytest.mark.parametrize("ending", ["csv", "h5"])
 @pytest.mark.parametrize("animals", [None, ["left", "right"]])
 def test_deeplabcut_in_both_formats(tmp_path: Path, ending: str, animals: list[str] | None) -> None:

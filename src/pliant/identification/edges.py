@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.preprocessing.detectors import without_spikes
 
 if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
@@ -16,11 +17,16 @@ HELD_S = 0.05  # s before a release, over which the held pose is a median
 
 
 def displacement(exp: Experiment) -> Array:
-    """Distance (T,) of the last station from where the recording shows it first, m (rad of angles); gaps bridged."""
-    p = exp.last_station
+    """Distance (T,) of the last station from where it is seen first, m (rad of angles); gaps and spikes bridged."""
+    p = steady(exp)
     seen = np.isfinite(p).all(axis=1)
     u = np.linalg.norm(p[seen] - np.median(p[seen][:5], axis=0), axis=1)
     return np.interp(exp.time, exp.time[seen], u)
+
+
+def steady(exp: Experiment) -> Array:
+    """What was observed of the last station (T, 2), m, or (T, 1), rad, with spikes of single frames made NaN."""
+    return without_spikes(exp.last_station[:, None])[:, 0]
 
 
 def edges(exp: Experiment) -> dict[str, float]:

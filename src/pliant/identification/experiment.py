@@ -12,7 +12,7 @@ import xarray as xr
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.drives import check_drives, drives_of, leading
-from pliant.identification.edges import held_pose
+from pliant.identification.edges import held_pose, steady
 from pliant.identification.forward_model import moved, set_up
 from pliant.identification.parameters import Parameter, for_record
 from pliant.identification.recorded import (
@@ -81,7 +81,7 @@ class Experiment(Shown):
         Whether no place was observed, so that everything rests on the angles; found from the data.
     travel : float
         Largest displacement of the last station from its rest, m, or its largest turn, rad, where `placeless`; found
-        from the data.
+        from the data, spikes of single frames passed over.
     """
 
     name: str
@@ -129,7 +129,8 @@ class Experiment(Shown):
             if np.isfinite(self.compared[:, k]).all(axis=1).sum() < 10:
                 raise InputError(f"experiment {self.name}: station {station!r} was seen in fewer than 10 frames")
         object.__setattr__(self, "forces", tuple(checked(f"experiment {self.name}", f) for f in self.forces))
-        seen = self.last_station[np.isfinite(self.last_station).all(axis=1)]
+        seen = steady(self)
+        seen = seen[np.isfinite(seen).all(axis=1)]
         travel = float(np.linalg.norm(seen - np.median(seen[:5], axis=0), axis=1).max())
         if travel == 0:
             raise InputError(f"experiment {self.name}: its last station, {self.stations[-1]!r}, never moves")

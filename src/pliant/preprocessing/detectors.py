@@ -130,6 +130,22 @@ def spikes(position: NDArray) -> NDArray:
     return found & _stands_out(size, 3, _floor(position))
 
 
+def without_spikes(position: NDArray) -> NDArray:
+    """Position with its `spikes` made NaN; the same array where there are none."""
+    found = by_blocks(spikes, position)
+    return np.where(found[..., None], np.nan, position) if found.any() else position
+
+
+def spikes_bridged(position: NDArray) -> NDArray:
+    """Position with each of its `spikes` at the middle of the frames beside it; the same array where there are none."""
+    found = by_blocks(spikes, position)  # none in the first and the last frame
+    if not found.any():
+        return position
+    result = position.copy()
+    result[1:-1][found[1:-1]] = 0.5 * (position[:-2] + position[2:])[found[1:-1]]
+    return result
+
+
 def jumps(position: NDArray, time: NDArray) -> NDArray:
     """(T, S) bool: frames at which a station has jumped and stays; a step over a gap in time is none.
 

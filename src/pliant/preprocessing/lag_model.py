@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.preprocessing.detectors import spikes
+from pliant.preprocessing.detectors import without_spikes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,11 +52,9 @@ class Fitted(NamedTuple):
 def body_course(ds: xr.Dataset) -> Course:
     """Main common course of all that moves; spikes and gaps carry no weight."""
     if "position" in ds:
-        position = ds["position"].values
-        position = np.where(spikes(position)[..., None], np.nan, position)
-        columns = position.reshape(len(position), -1)
+        columns = without_spikes(ds["position"].values).reshape(ds.sizes["time"], -1)
     else:
-        columns = ds["angle"].values
+        columns = without_spikes(ds["angle"].values[..., None])[..., 0]
     columns = columns[:, np.isfinite(columns).sum(0) >= FEWEST]
     course, seen = first_component(columns)
     if np.ptp(course[seen]) == 0:

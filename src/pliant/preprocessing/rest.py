@@ -30,7 +30,7 @@ def rest_window(ds: xr.Dataset) -> tuple[float, float]:
     that holds three frames and the body is still in it: a pressure on another clock than the shape's may rise long
     after the body moved. Otherwise the shape decides: a frame is still when, within 0.1 s around it, every station
     stays within 3 % of the largest travel or twenty times its noise, whichever is more. When no still stretch precedes
-    the first motion, the longest one anywhere is taken.
+    the first motion, the longest one anywhere is taken. Spikes of single frames are passed over.
 
     Returns
     -------
@@ -56,12 +56,12 @@ def rest_window(ds: xr.Dataset) -> tuple[float, float]:
 
 
 def shown(ds: xr.Dataset) -> NDArray:
-    """Places (T, S, axes) of a recording, m, or its angles (T, S, 1), rad, where it has no places."""
+    """Places (T, S, axes) of a recording, m, or its angles (T, S, 1), rad, where it has no places; without spikes."""
     if "position" in ds:
-        return np.asarray(ds["position"].values)
+        return detectors.spikes_bridged(ds["position"].values)
     if "angle" not in ds:
         raise InputError("a rest window is found from positions or angles, but the recording holds neither")
-    return np.asarray(ds["angle"].values)[..., None]
+    return detectors.spikes_bridged(ds["angle"].values[..., None])
 
 
 def before_pressure(ds: xr.Dataset) -> tuple[float, float] | None:

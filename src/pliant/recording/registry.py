@@ -39,6 +39,13 @@ BUILT_IN = {
     "csv": "pliant.recording.wide_csv:READER",  # last: it takes any table that no other reader knows
 }
 
+MARKS = {  # words by which a person would know what wrote a file, wherever in its head they stand
+    "deeplabcut": (b"scorer", b"bodyparts", b"coords"),
+    "kinovea": (b"#kinovea",),
+    "sleap": (b"track_occupancy",),
+    "motive": (b"format version", b"rigid body"),
+}
+
 
 @dataclass(frozen=True)
 class Reader:
@@ -117,7 +124,10 @@ def read_recording(
     if not head:
         raise InputError(f"{path.name} is empty")
     reader = _choose(path, head, mapping, format)
-    ds = reader.read(path, mapping)
+    try:
+        ds = reader.read(path, mapping)
+    except InputError as error:
+        raise InputError(f"{error}{looks_like(head, reader.name)}") from None
     ds = ds.assign_attrs(_provenance(ds, path, reader.name, digest))
     return check_recording(ds)
 
@@ -130,6 +140,13 @@ def _provenance(ds: xr.Dataset, path: Path, name: str, digest: str) -> dict[str,
     if not ds.attrs.get("source"):
         attrs |= {"source": path.name, "source_format": name, "source_sha256": digest}
     return attrs
+
+
+def looks_like(head: bytes, but: str = "") -> str:
+    """A hint for a file that was not read: the tracker whose words its first bytes hold, other than `but`."""
+    words = head.lower()
+    found = next((name for name, marks in MARKS.items() if name != but and all(m in words for m in marks)), None)
+    return f'; this looks like a file of {found}: state format = "{found}"' if found else ""
 
 
 def describes_columns(mapping: Mapping[str, Any]) -> bool:
@@ -155,6 +172,6 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
         formats = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in known.values())
         raise InputError(
             f"{path.name} is of no known format: the ending or the first bytes fit none of {formats}; "
-            "a plain table can be described by a mapping with stations or points"
+            f"a plain table can be described by a mapping with stations or points{looks_like(head)}"
         )
     return ready[0]

@@ -19,6 +19,7 @@ from pliant.identification.recorded import Excitation
 from pliant.preprocessing.align import DENSE_STATIONS, align
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
+from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.quality import Quality, quality
 from pliant.recording import read
 from pliant.study.clocks import with_pressure
@@ -95,7 +96,8 @@ class Look:
     def shown(self) -> np.ndarray:
         """What the last station did (T, axes): its place, or its angle where the file holds those alone."""
         ds = self.ds if self.aligned is None else self.aligned
-        return np.asarray(ds["angle"].values[:, -1:] if self.turns else ds["position"].values[:, -1])
+        last = ds["angle"].values[:, -1:, None] if self.turns else ds["position"].values[:, -1:]
+        return without_spikes(last)[:, 0]
 
     @property
     def widest(self) -> float:
@@ -228,7 +230,7 @@ def body_length(look: Look) -> float | None:
         return None
     if "arc_length" in look.aligned.coords:
         return float(look.aligned["arc_length"].values[-1])
-    first = look.aligned["position"].values[:10, -1]
+    first = look.shown[:10]
     return float(np.linalg.norm(np.nanmedian(first, axis=0)))
 
 
@@ -247,17 +249,15 @@ def excitation(look: Look) -> Excitation:
 
 
 def held_out(looks: Sequence[Look]) -> str | None:
-    """Name of the recording to predict: of three or more the one with the middle pressure, of two the last.
+    """Name of the recording to predict: the one with the middle pressure, of two the lower, so that none is beyond.
 
     Where a pressure is not known, the one of middle travel: the others then lie on both sides of it.
     """
     if len(looks) < 2:
         return None
-    if len(looks) == 2:
-        return looks[-1].name
-    if any(look.highest_pa is None for look in looks):
-        return sorted(looks, key=lambda look: look.widest)[len(looks) // 2].name
-    return sorted(looks, key=lambda look: look.highest_pa or 0.0)[len(looks) // 2].name
+    known = all(look.highest_pa is not None for look in looks)
+    listed = sorted(looks, key=lambda look: (look.highest_pa or 0.0) if known else look.widest)
+    return listed[(len(looks) - 1) // 2].name
 
 
 
