@@ -32,13 +32,17 @@ def put(model, m, d, q, prefix=""):
 def drive(m, d, pressure):
     for a in range(m.nu):
         power = m.actuator(a).name.rpartition("pressure")[2]
-        d.ctrl[a] = pressure ** (int(power[1:]) if power else 1)
+        d.ctrl[a] = pressure * (pressure / 1e5) ** (int(power[1:]) - 1 if power else 0)
 
 
-def test_pulses_within_a_tenth_of_a_millimetre(model):
-    m, d = compiled(model)
+@pytest.mark.parametrize(("level", "integrator", "bound"), [(8e4, "implicitfast", 1e-4), (2.4e5, "RK4", 1e-6)])
+def test_pulses_within_a_tenth_of_a_millimetre(model, level, integrator, bound):
+    """The first-order integrator by some tenths of a millimetre, Runge's and Kutta's by a micrometre."""
+    if integrator == "RK4" and model.memory:
+        pytest.skip("the hidden hinges of creep are too stiff for an explicit method")
+    m, d = compiled(model, integrator=integrator)
     put(model, m, d, equilibrium(model))
-    pulse, times = pliant.Pulse(1e5, 0.05, 0.3), np.arange(6001) * STEP
+    pulse, times = pliant.Pulse(level, 0.05, 0.3), np.arange(6001) * STEP
     tip = m.site(model.points[-1].name).id
     path = [d.site_xpos[tip, :2].copy()]
     for t in times[:-1]:
@@ -49,7 +53,7 @@ def test_pulses_within_a_tenth_of_a_millimetre(model):
     run = simulate(model, pulse, times=times, step=STEP)
     apart = np.abs(np.array(path) - run.station_position.values[:, -1])
     assert np.abs(run.station_position.values[:, -1] - path[0]).max() > 0.02
-    assert apart.max() < 1e-4
+    assert apart.max() < bound
 
 
 def test_every_station_in_place(model):

@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.exporters.features import missing, named
 from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.gymnasium import LOST, Array, Task, checked_task, reachable
-from pliant.exporters.mjcf import CAN, controls, mjcf, number
+from pliant.exporters.mjcf import CAN, control, controls, mjcf, number
 from pliant.exporters.provenance import Told
 from pliant.exporters.randomisation import Fit, draw_models
 from pliant.model import Model, load_model
@@ -146,7 +146,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         """Hold the pressures for one period."""
         self._command = 0.5 * (np.clip(np.asarray(action, dtype=float), -1.0, 1.0) + 1.0) * self.highest
         for name, chamber, power in self._controls:
-            self._d.actuator(name).ctrl[0] = self._command[chamber] ** power
+            self._d.actuator(name).ctrl[0] = control(self._command[chamber], power)
         self.mujoco.mj_step(self._m, self._d, self._steps - self._late)
         angle = self.angle()
         self.mujoco.mj_step(self._m, self._d, self._late)

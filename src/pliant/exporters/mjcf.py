@@ -25,6 +25,8 @@ from pliant.model import Chamber, Model
 CAN = ALL - RUBBER - {"lengthening", "lagging_law", "two_lags", "second_order", "rates", "settling", "slip", "boucwen"}
 ARMATURE = 1e-6  # kg m^2, of a creep's hinge: MuJoCo moves nothing without inertia
 TINY = 1e-12  # kg m^2, of a mass that is a point in pliant
+INTEGRATORS = ("implicitfast", "implicit", "Euler", "RK4")
+LEVEL = 1e5  # Pa: MuJoCo takes no control beyond 1e10, so the k-th one takes p (p / LEVEL)^(k - 1)
 
 
 def number(*values: float) -> str:
@@ -32,13 +34,16 @@ def number(*values: float) -> str:
     return " ".join(f"{float(v):.17g}" for v in values)
 
 
-def mjcf(model: Model, told: Told, *, prefix: str = "", timestep: float = 1e-3, radius: float = 0.0) -> str:
+def mjcf(
+    model: Model, told: Told, *, prefix: str = "", timestep: float = 1e-3, radius: float = 0.0,
+    integrator: str = INTEGRATORS[0],
+) -> str:
     """The XML of a model that has only what MJCF can express."""
     size = radius or 0.08 * model.length
     root = ET.Element("mujoco", model=f"{prefix}{model.name}")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(
-        root, "option", timestep=number(timestep), gravity=number(*model.gravity, 0.0), integrator="implicitfast"
+        root, "option", timestep=number(timestep), gravity=number(*model.gravity, 0.0), integrator=integrator
     )
     ET.SubElement(ET.SubElement(root, "custom"), "text", name=f"{prefix}pliant", data=told.json())
     base = ET.SubElement(
@@ -161,8 +166,13 @@ def contacts(root: ET.Element, model: Model, prefix: str) -> None:
             ET.SubElement(group, "exclude", body1=names[b], body2=names[a])
 
 
+def control(pressure: float, power: int) -> float:
+    """What the control of a power of the pressure [Pa] takes: the pressure itself times (p / 100 kPa)^(power - 1)."""
+    return float(pressure * (pressure / LEVEL) ** (power - 1))
+
+
 def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
-    """The controls of an exported model: name, number of the chamber, power of its pressure [Pa] that it takes."""
+    """The controls of an exported model: name, number of the chamber, power of its pressure; see `control`."""
     return [
         (name + (f"_{k + 1}" if k else ""), c, k + 1)
         for c, (chamber, _, name) in enumerate(chamber_names(model, prefix)) for k, gain in enumerate(chamber.torque)
@@ -178,7 +188,7 @@ def actuators(root: ET.Element, model: Model, prefix: str, timestep: float) -> N
         chamber, tendon, _ = several[c]
         valve = chamber.valve
         words = {
-            "gainprm": number(chamber.torque[power - 1]), "biastype": "none", "gaintype": "fixed", "dyntype": "none",
+            "gainprm": number(chamber.torque[power - 1] * LEVEL ** (power - 1)), "biastype": "none", "gaintype": "fixed", "dyntype": "none",
         }
         if valve.rise_time:
             words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
@@ -201,10 +211,12 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
     """Write the MJCF."""
     if not options["timestep"] > 0 or options["radius"] < 0:
         raise InputError(f"mjcf timestep must be positive and radius not negative (m), got {dict(options)}")
+    if options["integrator"] not in INTEGRATORS:
+        raise InputError(f"mjcf integrator is one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}")
     return (write_text(path, mjcf(model, told, **options)),)
 
 
 EXPORTER = Exporter(
     "mjcf", "MuJoCo model (XML)", (".xml", ".mjcf"), CAN, write,
-    {"prefix": "", "timestep": 1e-3, "radius": 0.0},
+    {"prefix": "", "timestep": 1e-3, "radius": 0.0, "integrator": INTEGRATORS[0]},
 )
