@@ -183,5 +183,5 @@ def test_bad_input(tmp_path):
         reset(task=Task(observe="camera"))
     with pytest.raises(InputError, match="no pressure bends this model"):
         gymnasium.make("pliant/Reach-v0", model=chen2018.model(torque=[0.0]))
-    with pytest.raises(InputError, match="slip element 1: not expressible in MuJoCo"):
-        gymnasium.make("pliant/Push-v0", model=chen2018.model(memory=Memory((), (), (0.1,), (0.02,))))
+    with pytest.raises(InputError, match="Bouc-Wen: not expressible in MuJoCo"):
+        gymnasium.make("pliant/Push-v0", model=chen2018.model(memory=Memory(boucwen_share=0.1)))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import pliant
-from pliant.exporters.mjcf import mjcf
+from pliant.exporters.mjcf import branches, mjcf
 from pliant.exporters.provenance import Told
+from pliant.model import Memory, load_model
 from pliant.simulation import equilibrium, simulate, state
 
+KINDS = Path(__file__).parents[2] / "examples" / "state"
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'pliant[bench]'")
 STEP = 1e-4  # s
 
@@ -24,8 +28,8 @@ def put(model, m, d, q, prefix=""):
     """The chain at joint angles q, its creep relaxed there."""
     for i in range(model.n):
         d.qpos[m.joint(f"{prefix}q_{i + 1}").qposadr[0]] = q[i]
-        for j in range(len(model.memory.creep_share)):
-            d.qpos[m.joint(f"{prefix}creep_{j + 1}_{i + 1}").qposadr[0]] = q[i]
+        for branch in branches(model):
+            d.qpos[m.joint(f"{prefix}{branch.name}_{i + 1}").qposadr[0]] = q[i]
     mujoco.mj_forward(m, d)
 
 
@@ -54,6 +58,24 @@ def test_pulses_within_a_tenth_of_a_millimetre(model, level, integrator, bound):
     apart = np.abs(np.array(path) - run.station_position.values[:, -1])
     assert np.abs(run.station_position.values[:, -1] - path[0]).max() > 0.02
     assert apart.max() < bound
+
+
+def test_slip_keeps_what_it_keeps_in_pliant():
+    """After a pulse the elements hold the body away from its rest shape, in MuJoCo as in pliant; without them not."""
+    model = load_model(KINDS / "model_b.json")
+    paths, pulse = {}, pliant.Pulse(6e4, 0.05, 0.3)
+    for name, body in (("all", model), ("none", model.with_(memory=Memory()))):
+        m, d = compiled(body)
+        put(body, m, d, equilibrium(body))
+        for t in np.arange(12000) * STEP:
+            drive(m, d, float(pulse(t + 0.5 * STEP)))
+            mujoco.mj_step(m, d)
+        mujoco.mj_kinematics(m, d)
+        paths[name] = d.site_xpos[m.site(model.points[-1].name).id, :2].copy()
+    run = simulate(model, pulse, duration=1.2, step=STEP)
+    end = run.station_position.values[-1, -1]
+    assert np.linalg.norm(paths["all"] - end) < 2e-5
+    assert np.linalg.norm(paths["none"] - end) > 2e-4
 
 
 def test_every_station_in_place(model):

@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.exporters.features import missing, named
 from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.gymnasium import LOST, Array, Task, checked_task, reachable
-from pliant.exporters.mjcf import CAN, control, controls, mjcf, number
+from pliant.exporters.mjcf import CAN, branches, control, controls, mjcf, number
 from pliant.exporters.provenance import Told
 from pliant.exporters.randomisation import Fit, draw_models
 from pliant.model import Model, load_model
@@ -87,8 +87,8 @@ class PushEnv(gymnasium.Env[Array, Array]):
         self._joints = [self._m.joint(f"q_{i + 1}").id for i in range(self.model.n)]
         rest = state.equilibrium(self._own, np.zeros(len(self.model.chambers)))
         self._d.qpos[self._m.jnt_qposadr[self._joints]] = rest
-        for j in range(len(self._own.memory.creep_share)):
-            names = [f"creep_{j + 1}_{i + 1}" for i in range(self.model.n)]
+        for branch in branches(self._own):
+            names = [f"{branch.name}_{i + 1}" for i in range(self.model.n)]
             self._d.qpos[[self._m.joint(name).qposadr[0] for name in names]] = rest
         self._puck = np.array([self._m.joint(axis).qposadr[0] for axis in ("puck_x", "puck_y")])
         self._speed = np.array([self._m.joint(axis).dofadr[0] for axis in ("puck_x", "puck_y")])

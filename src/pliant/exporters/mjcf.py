@@ -1,16 +1,16 @@
-"""MuJoCo's MJCF: the chain as hinges, creep as hidden hinges, the drive as actuators on one tendon.
+"""MuJoCo's MJCF: the chain as hinges, creep and slip as hidden hinges, the drive as actuators on one tendon.
 
 In MuJoCo's words a joint's stiffness "K K2 K3" is K q + K2 q^2 + K3 q^3, a fixed tendon with the joint gains as
 coefficients turns one force into the torques of all joints, and a branch of creep is a hinge of its own, damped by
-K share time and tied to the joint by a tendon of stiffness K share. The rest shape is in the frames of the bodies, so
-that q = 0 is at rest.
+K share time and tied to the joint by a tendon of stiffness K share; of a slip element dry friction holds it instead.
+The rest shape is in the frames of the bodies, so that q = 0 is at rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -22,11 +22,21 @@ from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.model import Chamber, Model
 
-CAN = ALL - RUBBER - {"lengthening", "lagging_law", "two_lags", "second_order", "rates", "settling", "slip", "boucwen"}
-ARMATURE = 1e-6  # kg m^2, of a creep's hinge: MuJoCo moves nothing without inertia
+CAN = ALL - RUBBER - {"lengthening", "lagging_law", "two_lags", "second_order", "rates", "settling", "boucwen"}
+ARMATURE = 1e-7  # kg m^2, of a hidden hinge: MuJoCo moves nothing without inertia
 TINY = 1e-12  # kg m^2, of a mass that is a point in pliant
+DRY = {"solreffriction": "0.001 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # as hard as MuJoCo's friction gets
 INTEGRATORS = ("implicitfast", "implicit", "Euler", "RK4")
 LEVEL = 1e5  # Pa: MuJoCo takes no control beyond 1e10, so the k-th one takes p (p / LEVEL)^(k - 1)
+
+
+class Branch(NamedTuple):
+    """A spring to a hidden hinge that a damper or dry friction holds back."""
+
+    name: str
+    share: float  # stiffness, in parts of the joint's K
+    time: float  # s, of a damper
+    angle: float  # rad, at which dry friction gives way
 
 
 def number(*values: float) -> str:
@@ -71,14 +81,14 @@ def link(parent: ET.Element, model: Model, i: int, prefix: str, size: float) -> 
     }
     axis = number(0.0, 0.0, model.bend_sign)
     K = model.stiffness[i]
-    for j, (share, time) in enumerate(zip(model.memory.creep_share, model.memory.creep_time, strict=True)):
-        name = f"{prefix}creep_{j + 1}_{i + 1}"
+    for branch in branches(model):
+        name = f"{prefix}{branch.name}_{i + 1}"
         hidden = ET.SubElement(parent, "body", attrib={"name": f"{name}_body", **place})
         ET.SubElement(hidden, "inertial", pos="0 0 0", mass="1e-9", diaginertia=number(TINY, TINY, TINY))
-        ET.SubElement(
-            hidden, "joint", name=name, type="hinge", axis=axis, damping=number(K * share * time),
-            armature=number(ARMATURE),
-        )
+        hinge = {"damping": number(K * branch.share * branch.time), "armature": number(ARMATURE)}
+        if branch.angle:
+            hinge |= {"frictionloss": number(K * branch.share * branch.angle), **DRY}
+        ET.SubElement(hidden, "joint", attrib={"name": name, "type": "hinge", "axis": axis, **hinge})
     body = ET.SubElement(parent, "body", attrib={"name": f"{prefix}link_{i + 1}", **place})
     ET.SubElement(
         body, "joint", name=f"{prefix}q_{i + 1}", type="hinge", axis=axis, damping=number(model.damping[i]),
@@ -99,6 +109,15 @@ def spring(K: float, s: float, a: float) -> tuple[float, ...]:
     if a:
         return K, K * s, K * a
     return (K, K * s) if s else (K,)
+
+
+def branches(model: Model) -> list[Branch]:
+    """What remembers: creep and slip elements, the same at every joint."""
+    m = model.memory
+    creep = zip(m.creep_share, m.creep_time, strict=True)
+    slip = zip(m.slip_share, m.slip_angle, strict=True)
+    made = [Branch(f"creep_{j + 1}", share, time, 0.0) for j, (share, time) in enumerate(creep)]
+    return made + [Branch(f"slip_{j + 1}", share, 0.0, angle) for j, (share, angle) in enumerate(slip)]
 
 
 def link_inertia(model: Model, i: int) -> tuple[float, float, float]:
@@ -147,11 +166,12 @@ def tendons(root: ET.Element, model: Model, prefix: str) -> None:
         fixed = ET.SubElement(group, "fixed", name=tendon)
         for i in range(model.n):
             ET.SubElement(fixed, "joint", joint=f"{prefix}q_{i + 1}", coef=number(chamber.joint_gain[i]))
-    for j, share in enumerate(model.memory.creep_share):
+    for branch in branches(model):
         for i in range(model.n):
-            name = f"{prefix}creep_{j + 1}_{i + 1}"
+            name = f"{prefix}{branch.name}_{i + 1}"
             spring = ET.SubElement(
-                group, "fixed", name=f"{name}_spring", stiffness=number(model.stiffness[i] * share), springlength="0"
+                group, "fixed", name=f"{name}_spring", stiffness=number(model.stiffness[i] * branch.share),
+                springlength="0",
             )
             ET.SubElement(spring, "joint", joint=f"{prefix}q_{i + 1}", coef="1")
             ET.SubElement(spring, "joint", joint=name, coef="-1")
@@ -186,10 +206,8 @@ def actuators(root: ET.Element, model: Model, prefix: str, timestep: float) -> N
     several = chamber_names(model, prefix)
     for name, c, power in controls(model, prefix):
         chamber, tendon, _ = several[c]
-        valve = chamber.valve
-        words = {
-            "gainprm": number(chamber.torque[power - 1] * LEVEL ** (power - 1)), "biastype": "none", "gaintype": "fixed", "dyntype": "none",
-        }
+        valve, gain = chamber.valve, chamber.torque[power - 1] * LEVEL ** (power - 1)
+        words = {"gainprm": number(gain), "biastype": "none", "gaintype": "fixed", "dyntype": "none"}
         if valve.rise_time:
             words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
         if valve.dead_time:
