@@ -28,6 +28,7 @@ MAY_BE_SKIPPED = {  # what a reason holds -> why a run without that test is comp
     "no Chromium on this machine": "a browser does not come with pip",
     "not a git checkout": "a copy without history",
     "this user may write everywhere": "file permissions do not stop root",
+    "no C compiler": "compilers do not come with pip",
     "no limit of a file's size": "a system other than POSIX",
     "signals of another kind": "a system other than POSIX",
 }

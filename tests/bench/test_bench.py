@@ -10,14 +10,20 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from pliant.actuators import chen2018
 from pliant.bench import realtime
+from pliant.bench.floor import Floor
 from pliant.bench.meaning import MEANING
 from pliant.bench.methods import Method, pliant_extrapolated, pliant_midpoint, scipy_methods
 from pliant.bench.problem import TARGET_MM, Problem
 from pliant.bench.race import error_of, to_target
 from pliant.bench.run import NAMES, lines, measure, part, write
 from pliant.cli.bench import bench
+from pliant.compiler.choose import twin
+from pliant.equations import motion
+from pliant.equations.symbols import Slopes
 from pliant.errors import InputError
+from pliant.simulation.state import workspace
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +101,29 @@ def test_kernels_and_the_file(tmp_path):
     assert json.loads(path.read_text(encoding="utf-8"))["step_ns"] == found["step_ns"]
     assert any(line.startswith("  step_ns") for line in lines(found))
     assert {k for k in found if k not in ("machine", "pliant")} <= set(MEANING)
+
+
+def test_the_floor_in_plain_c_does_the_same_mathematics():
+    """Written by hand, beside kernels that were recorded from the text: a thousand steps, and every derivative."""
+    model = chen2018.model(gravity=[1.0, -9.0], stiffening=-0.3, rest_angle=0.02, base_angle=0.1)
+    floor, n, torque = Floor(model), 5, np.linspace(0.05, 0.08, 5)
+    if floor.code is None:
+        pytest.skip("no C compiler")
+    phi, w, a = np.linspace(0.05, 0.25, n), np.linspace(0.1, 1.0, n), np.zeros(n)
+    out = Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
+    a_phi, a_w = np.zeros((n, n)), np.zeros((n, n))
+    parts = model.body(), model.joints(), workspace(n)
+    twin(motion.acceleration_jacobian, n)(phi, w, torque, *parts, out)
+    floor.call("many_jacobians", 1, phi.copy(), w, torque, a, a_phi, a_w)
+    for mine, plain in zip(out, (a, a_phi, a_w), strict=True):
+        np.testing.assert_allclose(plain, mine, atol=1e-9 * np.abs(mine).max())
+    floor.call("many_accelerations", 1, phi.copy(), w, torque, a)
+    np.testing.assert_allclose(a, out.a, atol=1e-9 * np.abs(a).max())
+    mine, plain = (phi.copy(), w.copy()), (phi.copy(), w.copy())
+    for _ in range(1000):
+        twin(motion.step, n)(*mine, 1e-3, torque, *parts)
+    floor.call("many_steps", 1000, *plain, 1e-3, torque)
+    np.testing.assert_allclose(plain, mine, atol=1e-9)
 
 
 def test_unknown_parts_are_refused():

@@ -8,6 +8,7 @@ import numpy as np
 
 from pliant.actuators import chen2018
 from pliant.bench import kernel_loops
+from pliant.bench.floor import floor
 from pliant.bench.timing import best
 from pliant.equations import motion
 from pliant.equations.symbols import Slopes
@@ -23,7 +24,7 @@ STEP = 1e-3  # s
 
 
 def kernels(links: int = 5) -> dict[str, float]:
-    """Time of one implicit step, one right-hand side, and one with its full Jacobian; ns."""
+    """Time of one implicit step, one right-hand side, and one with its full Jacobian, ns; and over those in plain C."""
     model = chen2018.model(links=links)
     n, parts = links, (model.body(), model.joints(), workspace(links))
     out, torque = Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n))), np.full(n, TORQUE)
@@ -38,7 +39,10 @@ def kernels(links: int = 5) -> dict[str, float]:
         "rhs_jacobian_ns": lambda: differentiate(CALLS, *at(), torque, parts, out),
     }
     found = {name: 1e9 * best(job, clock=process_time) / CALLS for name, job in jobs.items()}
-    return {"step_ns": step_ns(model), **found}
+    found = {"step_ns": step_ns(model), **found}
+    under = floor(model, CALLS, STEP, torque)
+    ratios = {f"{name.removesuffix('_ns')}_over_c": ns / under[f"c_{name}"] for name, ns in found.items() if under}
+    return {**found, **under, **ratios}
 
 
 def step_ns(model: Model) -> float:

@@ -22,16 +22,23 @@ JACOBIAN_LINKS = 8  # so does the Jacobian of a step
 STRAIGHT_SOURCES = (
     trace.__file__, str(Path(__file__).with_name("llvm.py")), str(Path(__file__).with_name("trig.py")), trig.__file__,
 )
+# Not the steps: side by side and alone, they give the same bits.
+FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian}
 SOURCES = (__file__, articulated.__file__, extension.__file__, *STRAIGHT_SOURCES)  # of a twin whose steps are made here
 
 
-@cache
-def twin(kernel: FunctionType, links: int | None = None, segments: int = 0) -> Any:
+def twin(kernel: Any, links: int | None = None, segments: int = 0) -> Any:
     """The compiled twin of a plain kernel; see `pliant.compiler.twin.compiled_twin`.
 
     Made for a number of `links`, it takes its steps by what is fastest for so many; see `substitutes`. Where so many
     `segments` lengthen, its steps are those of `equations.extension`.
     """
+    return made(kernel, links, segments)
+
+
+@cache
+def made(kernel: FunctionType, links: int | None, segments: int) -> Any:
+    """The one `twin` of a kernel, however it was asked for."""
     fast = substitutes(kernel, links, segments) if links else {}
     if kernel in fast:
         return fast[kernel]
@@ -50,8 +57,9 @@ def straight(kernel: FunctionType, n: int, segments: int = 0) -> Any:
     from pliant.compiler.llvm import compiled
 
     size = f"{n}_{segments}" if segments else f"{n}"
+    size += "_fused" if kernel in FUSED else ""
     name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
-    return compiled(name, lambda: trace.recording(kernel, n, segments))
+    return compiled(name, lambda: trace.recording(kernel, n, segments), fused=kernel in FUSED)
 
 
 def substitutes(kernel: FunctionType, links: int, segments: int = 0) -> dict[Any, Any]:

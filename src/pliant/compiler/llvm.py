@@ -29,8 +29,9 @@ Value = tuple[Any, Any]  # Numba's type and LLVM's value
 class Writer:
     """Writes one recording into one function of LLVM, for arguments of one set of types."""
 
-    def __init__(self, context: Any, builder: Any, made: Recording, arguments: dict[str, Value]) -> None:
-        self.context, self.builder, self.made, self.arguments = context, builder, made, arguments
+    def __init__(self, target: tuple[Any, Any], made: Recording, arguments: dict[str, Value], *, fused: bool) -> None:
+        self.context, self.builder = target
+        self.made, self.arguments, self.flags = made, arguments, ("contract",) if fused else ()
         self.values: dict[int, Value] = {}
         self.arrays: dict[str, Value] = {}
         self.angles: dict[int, Any] = {}
@@ -56,7 +57,7 @@ class Writer:
         if len(made) == 1:
             made = [self.cast(self.constant(-0.0), kind), *made]
         if kind == types.float64:
-            return kind, getattr(self.builder, FLOATS[what])(*made)
+            return kind, getattr(self.builder, FLOATS[what])(*made, flags=self.flags)
         done = self.context.get_function(OPERATORS[what], signature(kind, kind, kind))
         return kind, done(self.builder, made)
 
@@ -105,8 +106,11 @@ class Writer:
         return kind.dtype, cgutils.get_item_pointer(self.context, self.builder, kind, array, place)
 
 
-def compiled(name: str, recorded: Callable[[], Recording]) -> Any:
-    """The recording as a compiled function, cached on disk under `name`, which must say all that it depends on."""
+def compiled(name: str, recorded: Callable[[], Recording], *, fused: bool = False) -> Any:
+    """The recording as a compiled function, cached on disk under `name`, which must say all that it depends on.
+
+    `fused`: a product and the sum that it goes into may be rounded once, where the processor can do both at once.
+    """
 
     @intrinsic
     def run(_context: Any, arguments: Any) -> Any:
@@ -114,7 +118,7 @@ def compiled(name: str, recorded: Callable[[], Recording]) -> Any:
             made = recorded()
             parts = (builder.extract_value(values[0], i) for i in range(len(arguments)))
             given = zip(made.names, zip(arguments, parts, strict=True), strict=True)
-            Writer(context, builder, made, dict(given)).write()
+            Writer((context, builder), made, dict(given), fused=fused).write()
             return context.get_dummy_value()
 
         return types.void(arguments), generate

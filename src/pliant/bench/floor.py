@@ -1,0 +1,84 @@
+"""The floor under the kernels: the same mathematics in plain C for five links, compiled on this machine if it can be.
+
+A time in nanoseconds says as much of the machine as of pliant; a time beside that of `floor.c` in the same minute says
+what is left to gain.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from pliant.bench.timing import best
+from pliant.model import Model
+
+Array = np.ndarray
+LINKS = 5
+SOURCE = Path(__file__).with_name("floor.c")
+FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")  # contracted to fused operations, not reordered: as pliant's own
+POINTER = ctypes.POINTER(ctypes.c_double)
+
+
+@cache
+def library() -> Any:
+    """The compiled floor; None where there is no C compiler."""
+    compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+    if compiler is None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "floor.so"
+        done = subprocess.run(  # noqa: S603  a compiler of this machine, on a file of this package
+            [compiler, *FLAGS, str(SOURCE), "-o", str(made), "-lm"], capture_output=True, check=False
+        )
+        return ctypes.CDLL(str(made)) if done.returncode == 0 else None
+
+
+def constants(model: Model) -> Array:
+    """All numbers of the chain in the order of `Chain` in floor.c."""
+    body, joints = model.body(), model.joints()
+    parts = (
+        body.B, body.I, body.h, body.gx, body.gy, joints.base_angle, joints.theta0, joints.K, joints.D, joints.K2,
+        joints.unbent, joints.K3,
+    )
+    return np.concatenate([np.ravel(part) for part in parts]).astype(float)
+
+
+class Floor:
+    """The floor's kernels for one model of five links."""
+
+    def __init__(self, model: Model) -> None:
+        self.constants, self.code = constants(model), library()
+
+    def call(self, name: str, count: int, *arguments: Array | float) -> None:
+        """Call a function of floor.c so many times in its own loop."""
+        given = [
+            a.ctypes.data_as(POINTER) if isinstance(a, np.ndarray) else ctypes.c_double(a)
+            for a in (self.constants, *arguments)
+        ]
+        getattr(self.code, name)(ctypes.c_long(count), *given)
+
+
+def floor(model: Model, count: int, step: float, torque: Array) -> dict[str, float]:
+    """Time of the floor's step, right-hand side, and right-hand side with Jacobian, ns; nothing without a compiler."""
+    made, n = Floor(model), LINKS
+    if made.code is None or model.n != n:
+        return {}
+    a, a_phi, a_w = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+
+    def at() -> tuple[Array, Array]:
+        return np.linspace(0.05, 0.25, n), np.linspace(0.1, 1.0, n)
+
+    jobs = {
+        "c_step_ns": lambda: made.call("many_steps", count, *at(), step, torque),
+        "c_rhs_ns": lambda: made.call("many_accelerations", count, *at(), torque, a),
+        "c_rhs_jacobian_ns": lambda: made.call("many_jacobians", count, *at(), torque, a, a_phi, a_w),
+    }
+    return {name: 1e9 * best(job, clock=process_time) / count for name, job in jobs.items()}
