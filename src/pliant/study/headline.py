@@ -12,6 +12,7 @@ from pliant.validation.wording import sized
 FAR = 10.0  # % of travel: a point that is ever so far off is told
 OVERSHOOT = 5.0  # points of the overshoot
 OFF = 10.0  # % of a frequency
+DAMPED = 25.0  # % of a damping ratio
 STEADY = 5.0  # % of travel
 COVERED = 80.0  # % of the coordinates within a band that should hold 95
 
@@ -29,7 +30,7 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
         state = "beware"
     else:
         state = "good" if any(verdicts) else "open"
-    return Headline(state, f"{sentence(shown, held=bool(held))} {target_sentence(verdicts)}", warnings)  # type: ignore[arg-type]
+    return Headline(state, f"{sentence(shown, held=bool(held))}{worst(shown)} {target_sentence(verdicts)}", warnings)  # type: ignore[arg-type]
 
 
 def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
@@ -66,22 +67,41 @@ def fit_warnings(fit: FitOutcome, held: Sequence[RecordOutcome]) -> Iterator[str
 
 def record_warnings(record: RecordOutcome) -> Iterator[str]:
     """Where a record and its model part in a way that a small mean error hides."""
+    yield from (told for size, told in shortfalls(record) if size > 1.0)
+
+
+def worst(shown: Sequence[RecordOutcome]) -> str:
+    """What is predicted worst of all records, measured by what would be warned of; empty where nothing can be said."""
+    found = [one for r in shown for one in shortfalls(r) if one[0] > 0.0]
+    return f" Worst is {max(found)[1]}" if found else ""
+
+
+def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
+    """Every way in which a record and its model part, in shares of what is warned of, and in words."""
     m, name = record.metrics, record.name
     (travel, unit), (most, _), (steady, _) = (sized(m, k) for k in ("travel", "max", "steady_state_error"))
-    if most > FAR / 100 * travel:
-        yield f"{name}: the largest error is {most:.2g} {unit}, {100 * most / travel:.0f} % of travel."
+    far = 100 * most / travel
+    yield far / FAR, f"{name}: the largest error is {most:.2g} {unit}, {far:.0f} % of travel."
     measured, modelled = m["overshoot_percent"]["measured"], m["overshoot_percent"]["modelled"]
-    if measured is not None and abs((modelled or 0.0) - measured) > OVERSHOOT:
-        yield f"{name}: overshoot {(modelled or 0.0) - measured:+.0f} points off the measured {measured:.0f} %."
+    if measured is not None:
+        off = (modelled or 0.0) - measured
+        yield abs(off) / OVERSHOOT, f"{name}: overshoot {off:+.0f} points off the measured {measured:.0f} %."
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
     if (measured is None) != (modelled is None):
-        yield (f"{name}: the body rings at {measured:.3g} Hz, the model does not ring." if measured is not None
-               else f"{name}: the model rings at {modelled:.3g} Hz, the body does not ring.")
-    elif measured and abs(modelled / measured - 1) > OFF / 100:
-        yield f"{name}: frequency {100 * (modelled / measured - 1):+.0f} % off the measured {measured:.3g} Hz."
-    if steady is not None and abs(steady) > STEADY / 100 * travel:
-        yield f"{name}: steady state {steady:+.2g} {unit} off, {100 * abs(steady) / travel:.0f} % of travel."
-    if m.get("within_band_percent", 100.0) < COVERED:
-        yield f"{name}: the 95 % band holds only {m['within_band_percent']:.0f} % of what was measured."
-    if (m.get("extension_percent") or 0.0) > LONGER:
-        yield f"{name}: the body lengthens by {m['extension_percent']:.1f} %, the model does not."
+        rings = (f"the body rings at {measured:.3g} Hz, the model does not ring." if measured is not None
+                 else f"the model rings at {modelled:.3g} Hz, the body does not ring.")
+        yield 2.0, f"{name}: {rings}"
+    elif measured:
+        off = 100 * (modelled / measured - 1)
+        yield abs(off) / OFF, f"{name}: frequency {off:+.0f} % off the measured {measured:.3g} Hz."
+    measured, modelled = m["damping_ratio"]["measured"], m["damping_ratio"]["modelled"]
+    if measured and modelled:
+        off = 100 * (modelled / measured - 1)
+        yield abs(off) / DAMPED, f"{name}: damping ratio {off:+.0f} % off the measured {measured:.2g}."
+    if steady is not None:
+        share = 100 * abs(steady) / travel
+        yield share / STEADY, f"{name}: steady state {steady:+.2g} {unit} off, {share:.0f} % of travel."
+    held = m.get("within_band_percent", 95.0)
+    yield (95.0 - held) / (95.0 - COVERED), f"{name}: the 95 % band holds only {held:.0f} % of what was measured."
+    longer = m.get("extension_percent") or 0.0
+    yield longer / LONGER, f"{name}: the body lengthens by {longer:.1f} %, the model does not."
