@@ -28,7 +28,7 @@ from pliant.errors import PliantError
 
 OUTCOMES = ("right", "refused", "told", "unseen", "silent", "crash", "signal", "hang")
 SLOW = ("nc, foreign", "nc, classic", "mat, plain", "mat, packed")  # a helper process for each file
-SLOW_SHARE = 0.02  # of the files
+SLOW_SHARE = 0.005  # of the files
 START = 60.0  # s, for the start of a helper, compilation included
 BAD = ("silent", "crash", "signal", "hang")
 
