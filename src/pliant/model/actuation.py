@@ -105,13 +105,8 @@ class Actuation:
 
     def no_rest(self, pressure: Any) -> str:
         """A sentence on the chamber whose wall gives way at `pressure` (C,) [Pa]."""
-        for c, p in zip(self.chambers, self.pressures(pressure), strict=True):
-            if not np.isfinite(c.torque_at(p)):
-                return (
-                    f"the chamber has no rest at {p:.6g} Pa: it grows without end from its inflation_limit of "
-                    f"{c.inflation_limit:.6g} Pa on; lower the pressure"
-                )
-        return ""
+        said = (c.no_rest(p) for c, p in zip(self.chambers, self.pressures(pressure), strict=True))
+        return next(filter(None, said), "")
 
     def rest_state(self, pressure: Any) -> Array:
         """Slow states (C, 2) long at rest at `pressure` (C,) [Pa]: slow pressure [Pa], fourth power of the stretch."""

@@ -139,6 +139,15 @@ class Chamber:
         torque = section.torque(np.asarray(pressure, dtype=float), self.torque)
         return torque * chamber.lever_growth(self.growth_at(pressure)) if self.inflation_limit else torque
 
+    def no_rest(self, pressure: float) -> str:
+        """A sentence where the wall gives way at a pressure [Pa]; empty where the chamber comes to rest."""
+        if np.isfinite(self.torque_at(pressure)):
+            return ""
+        return (
+            f"the chamber has no rest at {pressure:.6g} Pa: it grows without end from its inflation_limit of "
+            f"{self.inflation_limit:.6g} Pa on; lower the pressure"
+        )
+
     def growth_at(self, pressure: Any) -> Any:
         """Fourth power of the hoop stretch at rest at gauge `pressure` [Pa]: 1 for a rigid wall."""
         return rest_growth(np.asarray(pressure, dtype=float), self.inflation_limit)
