@@ -131,7 +131,7 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
     """Take as many `steps` of h [s] of every group of a batch under held commands, as `march_loops.hold` of one chain.
 
     Groups come first, lanes last: state (G, 2, n, W) the angles and rates, advanced in place; `samples` (`Lane`) with
-    a body of (G, ...), joints (G, 5, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch as in
+    a body of (G, ...), joints (G, 6, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch as in
     `march_lanes`; failed (G, W) is set to 1 for a chain that fails, which goes on as it may, and to 0 for the others.
     """
     n = state.shape[2]
@@ -146,7 +146,7 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
         gravity = as_lanes(g[group])
         body = Body(as_lanes(B[group]), as_lanes(I[group]), as_lanes(first_moment[group]), gravity[0], gravity[1])
         chain, where = as_lanes(samples.joints[group]), as_lanes(samples.place[group])
-        joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4], chain[0])
+        joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4], chain[0], chain[5])
         both = as_lanes(state[group])
         phi, w = both[0], both[1]
         good = (1 << WIDTH) - 1
