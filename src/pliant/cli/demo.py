@@ -10,6 +10,9 @@ import typer
 
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")] = Path("results/demo"),
+    angles: Annotated[
+        bool, typer.Option("--angles", help="From logs of one angle and one pressure, as a flex sensor gives them.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
     """Run the whole chain on bundled recordings: fibre points, tip, order, links, fit, prediction, report.
@@ -17,6 +20,6 @@ def demo(
     Example: pliant demo -o results/demo
     """
     from pliant.cli.run import run
-    from pliant.study import demo_study
+    from pliant.study import angles_study, demo_study
 
-    run(demo_study(), output, json=json)
+    run(angles_study() if angles else demo_study(), output, json=json)

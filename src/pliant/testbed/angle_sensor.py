@@ -57,8 +57,9 @@ def observe_angle(
     true = theta[:, np.argmin(np.abs(s - sensor.place * p.length))]
     late = true.copy()
     keep = np.exp(-FINE / sensor.lag) if sensor.lag > 0 else 0.0
+    rise = (1.0 - keep) * sensor.lag / FINE
     for k in range(1, time.size):
-        late[k] = keep * late[k - 1] + (1.0 - keep) * 0.5 * (true[k] + true[k - 1])
+        late[k] = keep * late[k - 1] + (rise - keep) * true[k - 1] + (1.0 - rise) * true[k]
     shown = (1.0 + sensor.gain_error * specimen.standard_normal()) * np.interp(at, time, late)
     shown += sensor.zero * specimen.standard_normal() + sensor.noise * rng.standard_normal(at.size)
     shown += sensor.drift * np.cumsum(rng.standard_normal(at.size) * np.sqrt(np.diff(at, prepend=at[0])))
