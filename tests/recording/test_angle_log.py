@@ -45,6 +45,13 @@ def test_the_header_may_state_units_and_several_angles(tmp_path):
     assert "1 jump(s) of an angle by a whole turn" in ds.attrs["history"]
 
 
+def test_times_that_are_no_seconds_are_not_taken_for_seconds(tmp_path):
+    text = "time;angle_deg\n0;1\n50;2\n100;3\n"
+    with pytest.raises(InputError, match="in steps of 50, too long for seconds: state time_unit"):
+        read(log_file(tmp_path, text))
+    assert read(log_file(tmp_path, text), mapping={"time_unit": "ms"})["time"].values.tolist() == [0, 0.05, 0.1]
+
+
 def test_units_that_nobody_states_are_asked_for(tmp_path):
     with pytest.raises(InputError, match="unit of angle: state angle_unit"):
         read(log_file(tmp_path))

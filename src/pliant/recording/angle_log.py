@@ -10,6 +10,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from pliant.errors import InputError
 from pliant.recording.clock import SECONDS
 from pliant.recording.columns import read_columns
@@ -31,6 +33,7 @@ NAMES: dict[Role, re.Pattern[str]] = {
     "pressure": re.compile(r"p|pressure|pressures"),
 }
 UNITS: dict[Role, Iterable[str]] = {"time": SECONDS, "angle": RADIAN, "pressure": PASCAL}
+SLOWEST = 1.0  # s between two samples of a log whose header does not say the unit of time
 ALIASES = {"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s", "hpa": "mbar"}
 
 
@@ -82,7 +85,12 @@ def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     }  # fmt: skip
     if pressures:
         table["pressure"] = {"columns": pressures, "unit": units["pressure"]}
-    return read_columns(path, table)
+    ds = read_columns(path, table)
+    step = float(np.median(np.diff(ds["time"].values))) if ds.sizes["time"] > 1 else 0.0
+    if step > SLOWEST and not (options.time_unit or found[clocks[0]][1]):
+        raise InputError(f"{path.name}: its times go in steps of {step:.4g}, too long for seconds: state time_unit, 's', "
+                         "'ms' or 'us', in its mapping")  # fmt: skip
+    return ds
 
 
 def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:

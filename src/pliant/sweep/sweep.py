@@ -124,7 +124,7 @@ def run_sweep(
     options = dict(fit_options or {})
     identity = {
         "sweep": sweep.model_dump(mode="json"), "model": model_to_dict(model), "pliant": __version__,
-        "experiments": [(e.name, float(np.nansum(e.position)), e.time.size) for e in experiments],
+        "experiments": [(e.name, float(np.nansum(e.compared)), e.time.size) for e in experiments],
         "parameters": [repr(p) for p in parameters], "fit": {k: repr(v) for k, v in sorted(options.items())},
     }
     store = Store(Path(folder), identity)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from pliant.errors import PliantError
 from pliant.identification import Experiment, FitResult, Parameter, fit, predict
 from pliant.identification.problem import scattered_start
-from pliant.identification.resampling import redrawn
+from pliant.identification.resampling import redrawn, with_drawn
 from pliant.model import Model
 from pliant.sweep.spec import PULSE, Sweep, fixed, generator, table
 
@@ -100,13 +100,13 @@ def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
     values = base.values
     start = list(base.parameters)
     step = float((campaign.fit_options or {}).get("step", 2e-3))
-    modelled = [predict(base.model, exp, values, step)["position"] for exp in campaign.experiments]
+    modelled = [predict(base.model, exp, values, step)["compared"] for exp in campaign.experiments]
     rows = []
     for sample in range(first, last):
         rng = generator(campaign.sweep.seed, sample)
         again = [
-            replace(exp, position=redrawn(exp, position, frames_in(exp, campaign.sweep.block), rng))
-            for exp, position in zip(campaign.experiments, modelled, strict=True)
+            with_drawn(exp, redrawn(exp, motion, frames_in(exp, campaign.sweep.block), rng))
+            for exp, motion in zip(campaign.experiments, modelled, strict=True)
         ]
         rows.append(refitted(campaign, sample, again, start))
     return stacked(rows)
