@@ -15,9 +15,9 @@ from test_report_look import CHROMIUM
 
 from pliant.errors import InputError
 from pliant.identification import Parameter
-from pliant.loop.log import LoopLog
+from pliant.loop.log import LoopLog, read_log
 from pliant.loop.run import log_columns
-from pliant.model import chain_model, save_model
+from pliant.model import Chamber, chain_model, save_model
 from pliant.simulation import Stepper, equilibrium, state
 from pliant.view.live import Live, Played, Pull, Wish, sliders_of
 from pliant.view.played import played_from
@@ -121,6 +121,54 @@ def test_a_loop_is_watched_by_its_log(model, tmp_path):
     assert "in control" in late["told"]
     turn = np.arctan2(-np.diff(late["body"], axis=0)[-1, 0], np.diff(late["body"], axis=0)[-1, 1])
     assert turn == pytest.approx(0.1 + 0.199, abs=1e-4)
+
+
+def test_a_touch_is_shown_where_it_is_and_a_fault_is_told(model, tmp_path):
+    """Torques by hand: the moment of the force about each joint, of a body bent by 0.2 rad a link."""
+    angle = np.array([0.2, 0.4, 0.6])
+    joints = np.vstack([[0.0, 0.0], state.tips(model, angle)])
+    at, force = joints[2] + 0.5 * (joints[3] - joints[2]), np.array([0.4, 0.1])
+    torque = [(at - p)[0] * force[1] - (at - p)[1] * force[0] for p in joints[:3]]
+    columns = log_columns(3)
+    log = LoopLog(tmp_path / "loop.csv", columns)
+    for k in range(100):
+        row = dict.fromkeys(columns, 0.0) | {"time_s": 0.03 * k, "vented": float(k > 90)}
+        for i in range(3):
+            row |= {f"phi_{i + 1}_rad": angle[i], f"torque_{i + 1}_nm": (k > 70) * torque[i],
+                    f"torque_sd_{i + 1}_nm": 5e-4}
+        if k == 91:
+            log.remark("fault at 2.730 s: stale shape")
+        log.write([row[c] for c in columns])
+    log.close()
+    watched = Watched(tmp_path / "loop.csv", model, 5e-3)
+    frames = []
+    for _ in range(100):
+        watched.advance(0.016)
+        frames.append(watched.frame())
+    touches = [f.get("touch") for f in frames]
+    assert touches[0] is None
+    x, y, fx, fy = touches[-1]
+    assert [x, y] == pytest.approx((1e3 * at).tolist(), abs=6)  # it is sought on the smooth body, not on the chain
+    along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
+    left = np.array([-along[1], along[0]])  # what runs along a nearly straight body cannot be seen
+    assert left @ [fx, fy] == pytest.approx(left @ force, rel=0.2)
+    assert "VENTED, fault at 2.730 s: stale shape" in frames[-1]["told"]
+    assert read_log(tmp_path / "loop.csv").attrs["remarks"] == ["fault at 2.730 s: stale shape"]
+    assert len(read_log(tmp_path / "loop.csv")) == 100
+    blind = Watched(tmp_path / "loop.csv", model)
+    blind.advance(0.016)
+    assert blind.frame()["touch"] is None
+
+
+def test_pressures_are_called_as_their_chambers(model):
+    pytest.importorskip("starlette", reason="needs: pip install pliant[view]")
+    from pliant.view.server import live_page
+
+    pair = [Chamber(np.array([3e-6]), sign * np.ones(3), name=name) for name, sign in (("left", 1.0), ("right", -1.0))]
+    both = Played(model.with_(chambers=tuple(pair)), (), {})
+    assert '"chambers":["left","right"]' in live_page(both, Live(both))
+    one = Played(model, (), {})
+    assert '"chambers":["pressure"]' in live_page(one, Live(one))
 
 
 def test_what_is_no_log_is_one_sentence(model, tmp_path):

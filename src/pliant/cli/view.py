@@ -14,6 +14,10 @@ def view(
     loop: Annotated[
         Path | None, typer.Option("--loop", help="log.csv that `pliant control` is writing: watch that loop.")
     ] = None,
+    touch_mn_m: Annotated[
+        float, typer.Option("--touch-mn-m", min=0.0, help="Of a loop with --estimator filter: unexplained joint torque,"
+                            " mN m, from which on the force that explains it is drawn; 0: none.")
+    ] = 0.0,
     port: Annotated[int, typer.Option("--port", help="Port on this machine; 0: any free one.")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
     json: Annotated[bool, typer.Option("--json", help="Print the address as JSON.")] = False,
@@ -29,7 +33,7 @@ def view(
     from pliant.view.played import played_from
     from pliant.view.server import Server
 
-    server = Server(played_from(source, loop), port)
+    server = Server(played_from(source, loop, 1e-3 * touch_mn_m), port)
     typer.echo(dumps({"address": server.address}) if json else server.address)
     if browser:
         webbrowser.open(server.address)

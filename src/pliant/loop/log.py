@@ -48,7 +48,7 @@ class LoopLog:
             raise InputError(f"the log {path} exists already: name a new one") from None
         except OSError as error:
             raise InputError(f"cannot write the log {path}: {error.strerror or error}") from None
-        self._rows: queue.Queue[tuple[float, ...]] = queue.Queue(100_000)
+        self._rows: queue.Queue[tuple[float, ...] | str] = queue.Queue(100_000)
         self._thread = threading.Thread(target=self._work, name="pliant-log", daemon=True)
         self._closed = threading.Event()
         self._thread.start()
@@ -59,6 +59,11 @@ class LoopLog:
             self._rows.put_nowait(tuple(row))
         except queue.Full:
             self.dropped += 1
+
+    def remark(self, sentence: str) -> None:
+        """One sentence among the rows, such as a fault; never waits."""
+        with suppress(queue.Full):
+            self._rows.put_nowait(f"# {' '.join(sentence.split())}")
 
     def _work(self) -> None:
         while not self._closed.wait(SYNC):
@@ -73,7 +78,7 @@ class LoopLog:
         if not rows:
             return
         try:
-            self._append("".join(",".join(map(repr, map(float, row))) + "\n" for row in rows).encode("ascii"))
+            self._append("".join(f"{line_of(row)}\n" for row in rows).encode("ascii", "replace"))
         except OSError as error:
             self.dropped += len(rows)
             self.fault = self.fault or f"the log {self.path} lost rows: {error.strerror or error}"
@@ -99,8 +104,15 @@ class LoopLog:
             self._file.close()
 
 
+def line_of(row: tuple[float, ...] | str) -> str:
+    """A row, or a remark, as it stands in the file."""
+    return row if isinstance(row, str) else ",".join(map(repr, map(float, row)))
+
+
 def read_log(path: str | Path) -> pd.DataFrame:
     """Rows of a log, also of one whose program died; a last row that was cut off is left out and counted in ``attrs``.
+
+    ``attrs["remarks"]`` holds the sentences among the rows, such as a fault.
 
     Raises
     ------
@@ -115,9 +127,11 @@ def read_log(path: str | Path) -> pd.DataFrame:
         raise InputError(f"cannot read the log {path}: {error.strerror or error}") from None
     if len(lines) < 2 or lines[0] != MARK:
         raise InputError(f"{path} is no log of a loop: its first line must be {MARK!r}")
-    columns = lines[1].split(",")
+    columns, remarks = lines[1].split(","), [line[2:] for line in lines[2:-1] if line.startswith("# ")]
+    lines = [line for line in lines if not line.startswith("# ") or line == MARK]
     whole = [line for line in lines[2:-1] if line.count(",") == len(columns) - 1]
     values = np.array([[float(v) for v in line.split(",")] for line in whole]).reshape(-1, len(columns))
     table = pd.DataFrame(values, columns=columns)
+    table.attrs["remarks"] = remarks
     table.attrs["cut_off"] = len(lines) - 3 - len(whole) + bool(lines[-1])
     return table

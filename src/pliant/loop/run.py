@@ -27,13 +27,28 @@ COLUMNS = (
 
 
 def log_columns(links: int, chambers: int = 1) -> list[str]:
-    """Columns of a loop's log: `COLUMNS`, pressure and command once for each chamber, and the angles of the links."""
+    """Columns of a loop's log: `COLUMNS`, pressure and command once for each chamber, angles, torques of touch.
+
+    The torques are those of each joint that the model does not explain, with their standard deviation: of an estimator
+    that finds them, NaN otherwise.
+    """
     names = list(COLUMNS)
     if chambers > 1:
         for name in ("command_pa", "pressure_pa"):
             k = names.index(name)
             names[k : k + 1] = [f"{name.removesuffix('_pa')}_{c + 1}_pa" for c in range(chambers)]
-    return [*names, *(f"phi_{i + 1}_rad" for i in range(links))]
+    each = ("phi_{}_rad", "torque_{}_nm", "torque_sd_{}_nm")
+    return [*names, *(name.format(i + 1) for name in each for i in range(links))]
+
+
+def unexplained(state: State | None, links: int) -> tuple[Array, Array, Array]:
+    """Angles [rad], torques that the model does not explain and their standard deviations [N m], (n,) each."""
+    none = np.full(links, np.nan)
+    if state is None:
+        return none, none, none
+    if len(state.covariance) < 3 * links:
+        return state.angle, none, none
+    return state.angle, state.disturbance, np.sqrt(np.diag(state.covariance)[2 * links : 3 * links])
 
 
 def without_pressure(chambers: int) -> float | Array:
@@ -100,6 +115,7 @@ class ControlLoop:
         self._began = clock.now()
         self.shapes, self.pressures = streams(nanoseconds(watchdog.bounds.clock_skew), self._began)
         self._state: State | None = None
+        self._fault_told = False
 
     @property
     def finished(self) -> bool:
@@ -205,12 +221,16 @@ class ControlLoop:
             self.pipeline.estimator.push_pressure(arrived.time, self.pressure)
 
     def _write(self, log: LoopLog, now: int, deadline: int) -> None:
-        links = len(log.columns) - len(COLUMNS) - 2 * (self.pipeline.controller.chambers - 1)
-        angle = self._state.angle if self._state is not None else np.full(links, np.nan)
+        links = sum(name.startswith("phi_") for name in log.columns)
+        found = np.concatenate(unexplained(self._state, links))
+        each = found[: 3 * links if any(name.startswith("torque_") for name in log.columns) else links]
+        if self.watchdog.fault and not self._fault_told:
+            self._fault_told = True
+            log.remark(f"fault at {self.watchdog.fault_time * 1e-9:.3f} s: {self.watchdog.fault}")
         controller, pressure, command = self.pipeline.controller, np.ravel(self.pressure), np.ravel(self.command)
         log.write((
             now * 1e-9, self.shapes.stamp * 1e-9, *pressure, *command, controller.target, controller.error,
-            bool(self.watchdog.fault), (self.clock.now() - now) * 1e-3, (now - deadline) * 1e-3, *angle,
+            bool(self.watchdog.fault), (self.clock.now() - now) * 1e-3, (now - deadline) * 1e-3, *each,
         ))
 
     def summary(self) -> dict[str, float | str]:

@@ -70,6 +70,7 @@ class Played(NamedTuple):
     records: Mapping[str, Experiment]
     start: float = 0.0  # s, that the pressure's clock is behind the shape's, as fitted
     log: Path | None = None  # of a control loop that is watched
+    touch: float = 0.0  # N m, from which on a joint's torque is taken for a touch there
 
 
 def sliders_of(model: Model, parameters: tuple[Any, ...] = ()) -> tuple[Slider, ...]:

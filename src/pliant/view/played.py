@@ -9,7 +9,7 @@ from pliant.validation.stored import load_outcome
 from pliant.view.live import Played, sliders_of
 
 
-def played_from(source: Path, log: Path | None = None) -> Played:
+def played_from(source: Path, log: Path | None = None, touch: float = 0.0) -> Played:
     """The model in a file, or that of a study's first fit with what may be changed of it and its recordings.
 
     Parameters
@@ -17,6 +17,8 @@ def played_from(source: Path, log: Path | None = None) -> Played:
     source : Path
     log : Path, optional
         Of a control loop of that body, to be watched.
+    touch : float
+        N m, see `pliant.view.watched.Watched`.
 
     Raises
     ------
@@ -25,8 +27,8 @@ def played_from(source: Path, log: Path | None = None) -> Played:
     """
     if not source.is_dir():
         model = load_model(source)
-        return Played(model, sliders_of(model), {}, log=log)
+        return Played(model, sliders_of(model), {}, log=log, touch=touch)
     outcome = load_outcome(source)
     first = outcome.fits[0]
     return Played(outcome.model, sliders_of(outcome.model, first.result.parameters),
-                  {r.name: r.experiment for r in first.records}, first.result.values.get("start", 0.0), log)
+                  {r.name: r.experiment for r in first.records}, first.result.values.get("start", 0.0), log, touch)

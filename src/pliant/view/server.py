@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from pliant.errors import InputError
 from pliant.identification import Experiment
+from pliant.model import Chamber, Model
 from pliant.view.live import Live, Played, Wish
 from pliant.view.report import asset, script_json, template
 from pliant.view.watched import Watched
@@ -27,14 +28,15 @@ POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inl
 
 def running(played: Played) -> Live | Watched:
     """What moves on a page: a model of its own, or the loop that is watched."""
-    return Live(played) if played.log is None else Watched(played.log, played.model)
+    return Live(played) if played.log is None else Watched(played.log, played.model, played.touch)
 
 
 def live_page(played: Played, live: Live | Watched) -> str:
     """The page as text."""
     m = played.model
     data = {
-        "length": 1e3 * m.length, "links": m.n, "chambers": live.chambers, "gravity": [float(g) for g in m.gravity],
+        "length": 1e3 * m.length, "links": m.n, "chambers": chamber_names(m, live.chambers),
+        "gravity": [float(g) for g in m.gravity],
         "sliders": [s._asdict() for s in played.sliders], "name": m.name,
         "watched": played.log is not None, "highest": highest(played),
         "records": [n for n, e in played.records.items() if e.pressure is not None],
@@ -42,6 +44,14 @@ def live_page(played: Played, live: Live | Watched) -> str:
     scripts = [asset("uPlot.iife.min.js"), asset("figures.js"), asset("live.js")]
     return str(template("live.html.j2").render(
         name=m.name, data=script_json(data), scripts=scripts, styles=[asset("uPlot.min.css"), asset("page.css")]))
+
+
+def chamber_names(model: Model, count: int) -> list[str]:
+    """What the page calls the pressures: by the model's names where these are all of them."""
+    names = [c.name for c in model.chambers]
+    if count == 1:
+        return ["pressure"] if names == [Chamber.name] else names[:1]
+    return names if len(names) == count else [f"chamber {c + 1}" for c in range(count)]
 
 
 def highest(played: Played) -> float:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pliant.contact.locate import locate
 from pliant.errors import InputError
 from pliant.loop.log import MARK
 from pliant.model import Model
@@ -16,6 +17,7 @@ from pliant.view.live import Wish
 
 BEHIND = 0.7  # s that the page lags: the log reaches the disk at most half a second after the loop wrote it
 KEPT = 4000  # rows
+DOUBT = 3.0  # standard deviations of the model's error that the torque of a touch is taken for
 
 
 class Watched:
@@ -27,6 +29,9 @@ class Watched:
         Of the ``log.csv`` that `pliant control` is writing.
     model : Model
         Of the body; its links are as many as the log's angles.
+    touch : float
+        N m; where a joint's torque that the model does not explain is larger, the one force is shown that would explain
+        the torques of all joints. Above what the model's own error makes of it in free motion. 0: none is shown.
 
     Raises
     ------
@@ -34,7 +39,7 @@ class Watched:
         When the file cannot be read, is no log of a loop, or is of another body.
     """
 
-    def __init__(self, path: Path, model: Model) -> None:
+    def __init__(self, path: Path, model: Model, touch: float = 0.0) -> None:
         try:
             with path.open("rb") as file:
                 mark, names = (file.readline().decode("ascii", "replace").strip() for _ in range(2))
@@ -49,7 +54,7 @@ class Watched:
         if len(self.angles) != model.n:
             raise InputError(f"the log {path} is of {len(self.angles)} links, the model has {model.n}")
         self.model, self.rows, self.rest = model, deque[list[float]](maxlen=KEPT), b""
-        self.shown, self.told = -np.inf, ""
+        self.shown, self.told, self.fault, self.touch = -np.inf, "", "", touch
         self.chambers = len(self.named("pressure"))
 
     def named(self, what: str) -> list[int]:
@@ -66,6 +71,8 @@ class Watched:
             *lines, self.rest = (self.rest + file.read()).split(b"\n")
             self.read = file.tell()
         for line in lines:
+            if line.startswith(b"# fault"):
+                self.fault = line[2:].decode("ascii", "replace")
             try:
                 row = [float(v) for v in line.split(b",")]
             except ValueError:
@@ -86,7 +93,7 @@ class Watched:
         m, phi = self.model, np.array([row[k] for k in self.angles])
         joints = np.concatenate([[[0.0, 0.0], m.first_joint * [m.bend_sign, 1]], chain.tips(m, phi)])
         value = dict(zip(self.columns, row, strict=True))
-        vented = "VENTED by a fault" if value.get("vented") else "in control"
+        vented = f"VENTED, {self.fault or 'by a fault'}" if value.get("vented") else "in control"
         target, error = (1e3 * value.get(n, np.nan) for n in ("target_m", "error_m"))
         told = f"{vented}; target {target:.2f} mm, error {error:.2f} mm; a period's work took {value['work_us']:.0f} us"
         return {
@@ -94,4 +101,15 @@ class Watched:
             "measured": None, "force": [0, 0],
             "kpa": [round(float(np.nan_to_num(1e-3 * row[k])), 4) for k in self.named("pressure")],
             "command": [round(float(np.nan_to_num(1e-3 * row[k])), 4) for k in self.named("command")],
+            "touch": self.touching(value),
         }
+
+    def touching(self, value: dict[str, float]) -> list[float] | None:
+        """Where the one force pushes that explains the torques [mm], and that force [N]; None where none is."""
+        n = self.model.n
+        angle, torque, sd = (np.array([value.get(name.format(i + 1), np.nan) for i in range(n)])
+                             for name in ("phi_{}_rad", "torque_{}_nm", "torque_sd_{}_nm"))
+        if not self.touch or not np.isfinite(torque + sd).all() or abs(torque).max() < self.touch:
+            return None
+        push = locate(self.model, angle, torque, np.diag(sd**2 + (self.touch / DOUBT) ** 2))
+        return [round(float(v), 4) for v in (*1e3 * push.position, *push.force)]

@@ -7,6 +7,7 @@
   const body = new Body($("body")), L = data.length;
   const socket = new WebSocket(`${location.href.replace(/^http/, "ws")}live`);
   const roll = { t: [], series: [] }; // of the last ten seconds, whatever the speed
+  const touched = []; // mm, where a loop's body was touched
   let now = null, pull = null, drawn = 0, counted = performance.now(), frames = 0;
   const ask = (wish) => socket.readyState === 1 && socket.send(JSON.stringify(wish));
 
@@ -23,8 +24,8 @@
     return range;
   }
 
-  const kpa = Array(data.chambers).fill(0);
-  kpa.forEach((_, c) => slider($("pressures"), data.chambers > 1 ? `pressure, chamber ${c + 1}` : "pressure",
+  const kpa = Array(data.chambers.length).fill(0), several = data.chambers.length > 1;
+  kpa.forEach((_, c) => slider($("pressures"), several ? `pressure, ${data.chambers[c]}` : data.chambers[c],
     { low: 0, high: data.highest, value: 0, unit: "kPa" }, (v) => { kpa[c] = v; ask({ pressure_kpa: kpa }); }));
   const gravity = [...data.gravity];
   ["x", "y"].forEach((name, c) => slider($("numbers"), `gravity ${name}`, { low: -10, high: 10, value: gravity[c],
@@ -49,6 +50,12 @@
     }
     b.line(now.body, paint("tip"), 3);
     b.dots(now.body.slice(1), paint("tip"), 3.5, paint("paper"));
+    b.dots(touched, paint("accent"), 2);
+    if (now.touch) {
+      const [x, y, fx, fy] = now.touch, k = Math.min(0.3 * L, 0.5 * L * Math.hypot(fx, fy)) / (Math.hypot(fx, fy) || 1);
+      b.line([[x - k * fx, y - k * fy], [x, y]], paint("accent"), 3);
+      b.dots([[x, y]], paint("accent"), 5);
+    }
     if (pull) {
       const held = point(pull);
       b.line([held, [pull.x_mm, pull.y_mm]], paint("accent"), 1.6, [4, 3]);
@@ -88,15 +95,18 @@
   }
 
   const empty = (n) => Array.from({ length: n }, () => []);
-  roll.series = empty(2 + data.chambers);
+  roll.series = empty(2 + data.chambers.length);
   const tip = plot($("plot-tip"), { x: [], height: 220, ylabel: "tip (mm)", series: [0, 1].map((c) => ({ label: "xy"[c],
     values: [], colour: () => paint("tip"), dash: c ? [6, 4] : undefined, tag: "xy"[c] })) });
   const chambers = plot($("plot-pressure"), { x: [], height: 150, ylabel: "pressure (kPa)", xlabel: "time (s)",
-    room: true, series: kpa.map((_, c) => ({ label: `chamber ${c + 1}`, values: [], width: 1.6,
-      colour: () => ramp(data.chambers > 1 ? c / (data.chambers - 1) : 1), tag: data.chambers > 1 ? `chamber ${c + 1}` : "" })) });
+    room: true, series: kpa.map((_, c) => ({ label: data.chambers[c], values: [], width: 1.6,
+      colour: () => ramp(several ? c / (kpa.length - 1) : 1), tag: several ? data.chambers[c] : "" })) });
 
   function keep(f) {
-    if (roll.t.length && f.t < roll.t[roll.t.length - 1]) { roll.t = []; roll.series = empty(2 + data.chambers); }
+    if (roll.t.length && f.t < roll.t[roll.t.length - 1]) {
+      roll.t = [];
+      roll.series = empty(2 + data.chambers.length);
+    }
     if (f.t === roll.t[roll.t.length - 1]) return;
     roll.t.push(f.t);
     [...f.body[f.body.length - 1], ...f.kpa].forEach((v, i) => roll.series[i].push(v));
@@ -112,6 +122,8 @@
     now = JSON.parse(e.data);
     frames += 1;
     if (now.told) $("told").textContent = now.told;
+    if (now.touch) touched.push(now.touch.slice(0, 2));
+    if (touched.length > MOST) touched.shift();
     keep(now);
   });
 
@@ -123,8 +135,8 @@
     tip.setData([roll.t, roll.series[0], roll.series[1]]);
     chambers.setData([roll.t, ...roll.series.slice(2)]);
     $("clock").textContent = `${now.t.toFixed(2)} s`;
-    const force = Math.hypot(...now.force);
-    $("force").textContent = force ? `pull ${digits(force, "N")}` : "";
+    const force = Math.hypot(...(now.touch ? now.touch.slice(2) : now.force));
+    $("force").textContent = force ? `${now.touch ? "touched with" : "pull"} ${digits(force, "N")}` : "";
     if (clock - counted > 1000) {
       $("rate").textContent = `${Math.round(1000 * frames / (clock - counted))} frames/s`;
       counted = clock;
