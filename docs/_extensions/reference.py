@@ -171,10 +171,11 @@ def model_file() -> str:
 
 def metrics_file() -> str:
     """Entries of metrics.json."""
-    from pliant.validation.metrics import DEFINITIONS
+    from pliant.validation.metrics import definitions
     from pliant.validation.metrics_file import MetricsFile
 
-    return schema(MetricsFile, {f"Record.{k}": v for k, v in DEFINITIONS.items()})
+    kinds = {"Record": definitions(turns=False), "AngleRecord": definitions(turns=True)}
+    return schema(MetricsFile, {f"{kind}.{k}": v for kind, told in kinds.items() for k, v in told.items()})
 
 
 def task_file() -> str:

@@ -18,8 +18,10 @@ from pliant.study.draft import draft_study
 from pliant.study.prepare import all_planar
 from pliant.testbed.bundle import LOGGED, angle_log, bundled_log
 from pliant.validation.draw import figures_of
+from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.stored import load_outcome
 
+STARTS = "[fits.first]\nstarts = 1"  # the others end where the first does
 UNITS = {"angle_unit": "deg", "pressure_unit": "kPa"}
 
 
@@ -30,7 +32,7 @@ def ran(tmp_path_factory):
     draft = draft_study([bundled_log(name) for name in LOGGED], folder / "flex.toml", length=0.17, mass=0.075)
     assert {q.partition(":")[0] for q in draft.questions} == {"angle_unit", "pressure_unit"}
     text = draft.text.replace('angle_unit = "?"', 'angle_unit = "deg"')
-    text = text.replace('pressure_unit = "?"', 'pressure_unit = "kPa"')
+    text = text.replace('pressure_unit = "?"', 'pressure_unit = "kPa"').replace("[fits.first]", STARTS)
     (folder / "flex.toml").write_text(text, encoding="utf-8")
     told: list[str] = []
     return text, folder, run_study(load_study(folder / "flex.toml"), folder / "out", progress=told.append), told
@@ -71,7 +73,7 @@ def test_results_come_back_and_are_drawn_without_a_path(ran):
         np.testing.assert_array_equal(mine.modelled, theirs.modelled)
         np.testing.assert_array_equal(mine.experiment.compared, theirs.experiment.compared)
     assert repr(again) == repr(outcome)
-    assert json.loads((folder / "out" / "metrics.json").read_text(encoding="utf-8"))["records"]
+    MetricsFile.model_validate(json.loads((folder / "out" / "metrics.json").read_text(encoding="utf-8")))
     names = [name for name, figure in figures_of(again, ["angle_pulse_119"], only=True)]
     assert names == ["first-angle_pulse_119-motion", "first-angle_pulse_119-residual"]
 

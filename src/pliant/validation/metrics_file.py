@@ -22,27 +22,43 @@ class Pair(Entry):
     modelled: float | None
 
 
-class Record(Entry):
-    """One recording under one fit."""
+class Compared(Entry):
+    """What every recording under a fit has, whether places or angles were compared."""
 
     role: Role = Field(description="what the recording was to the fit")
     fit: str = Field("", description="the first fit that holds it; under `records` alone")
-    rmse_mm: float
-    max_mm: float
     rmse_percent_of_travel: float
-    rmse_percent_of_length: float
     fit_percent: float
     within_band_percent: float | None = None
     frequency_hz: Pair
     damping_ratio: Pair
     overshoot_percent: Pair
+    frames: int
+    points_not_seen: int
+
+
+class Record(Compared):
+    """One recording under one fit."""
+
+    rmse_mm: float
+    max_mm: float
+    rmse_percent_of_length: float
     steady_state_mm: Pair
     steady_state_error_mm: float | None
     extension_mm: float | None
     extension_percent: float | None
-    frames: int
-    points_not_seen: int
     travel_mm: float
+
+
+class AngleRecord(Compared):
+    """One recording of angles without places under one fit."""
+
+    rmse_deg: float
+    max_deg: float
+    steady_state_deg: Pair
+    steady_state_error_deg: float | None
+    sensor_step_deg: float | None
+    travel_deg: float
 
 
 class Value(Entry):
@@ -86,7 +102,7 @@ class FitEntry(Entry):
     notes: list[str] = Field(description="what to beware of")
     converged: bool
     bic: float | None = Field(description="N ln(mean square residual) + k ln N of the training records")
-    records: dict[str, Record]
+    records: dict[str, Record | AngleRecord]
     parameters: dict[str, Value]
     timing: FitTiming
     model: dict[str, Any] = Field(description="as in model.json, without its checksum")
@@ -151,7 +167,7 @@ class MetricsFile(Entry):
     description: str
     headline: HeadlineEntry | None = Field(description="what to think of the first fit's predictions")
     verdict: list[str] = Field(description="plain sentences with their numbers, the most important first")
-    records: dict[str, Record] = Field(description="every recording, under the first fit that holds it")
+    records: dict[str, Record | AngleRecord] = Field(description="every recording, under the first fit that holds it")
     parameters: dict[str, Value] = Field(description="of the first fit, whose model is model.json")
     fits: dict[str, FitEntry]
     ladder: LadderTable | None
