@@ -23,8 +23,9 @@ bench: $(VENV)/.bench
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -b html -W --keep-going docs docs/_build/html
 
-bundled: $(VENV)/.run  # the recordings of the virtual actuator that come with the package
+bundled: $(VENV)/.dev  # the recordings and the film of the virtual actuator that come with the package
 	$(BIN)/python -m pliant.testbed.bundle
+	$(BIN)/python -m pliant.testbed.camera.bundle
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -13,6 +13,7 @@ def demo(
     angles: Annotated[
         bool, typer.Option("--angles", help="From logs of one angle and one pressure, as a flex sensor gives them.")
     ] = False,
+    camera: Annotated[bool, typer.Option("--camera", help="Begin with a film, and follow the body in it.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
     """Run the whole chain on bundled recordings: fibre points, tip, order, links, fit, prediction, report.
@@ -20,6 +21,31 @@ def demo(
     Example: pliant demo -o results/demo
     """
     from pliant.cli.run import run
+    from pliant.errors import InputError
     from pliant.study import angles_study, demo_study
 
-    run(angles_study() if angles else demo_study(), output, json=json)
+    if angles and camera:
+        raise InputError("--angles and --camera are two demonstrations: choose one")
+    run(filmed(output) if camera else angles_study() if angles else demo_study(), output, json=json)
+
+
+def filmed(output: Path) -> Path:
+    """Follow the body through the bundled film, into `output`; the study of what was found there comes back."""
+    from pliant.cli.progress import counting
+    from pliant.files import read_entries, write_text
+    from pliant.recording import write
+    from pliant.study import camera_study
+    from pliant.testbed.bundle import FOLDER
+    from pliant.video import Tracking, track_video
+
+    study = camera_study()
+    output.mkdir(parents=True, exist_ok=True)
+    found, sheet = output / "film.nc", output / "film.png"
+    with counting("following the body through film.mp4") as progress:
+        seen = track_video(FOLDER / "film.mp4", read_entries(study, "study")["camera"], Tracking(overlays=(sheet,)),
+                           progress=progress)  # fmt: skip
+    write(seen, found)
+    text = study.read_text(encoding="utf-8")
+    for bundled, here in (("film.csv", found), ("film_log.csv", FOLDER / "film_log.csv")):
+        text = text.replace(f"../../testbed/bundled/{bundled}", here.resolve().as_posix())
+    return write_text(output / "study.toml", text)

@@ -1,4 +1,4 @@
-"""Cut lead, cap and tail off a fibre, so that only the body is left."""
+"""Cut lead, cap and tail off a fibre, so that only the body is left; cut a recording in time."""
 
 from __future__ import annotations
 
@@ -11,9 +11,36 @@ from pliant.numerics.spline import local_cubic_matrix
 from pliant.preprocessing.arc_length import station_arc_length, whole_frames
 from pliant.recording.schema import append_history, check_recording
 
+FEWEST_FRAMES = 10
+
 if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
+
+
+def cut_time(recording: xr.Dataset, start: float, end: float) -> xr.Dataset:
+    """The part of a recording between two times [s] of the shape's clock, pressure and all else on that clock too.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Pressure and shape on one clock.
+
+    Raises
+    ------
+    InputError
+        When less than ten frames lie between them.
+    """
+    at = {name: recording[name].to_numpy() for name in ("time", "pressure_time") if name in recording.coords}
+    kept = {name: np.flatnonzero((clock >= start) & (clock <= end)) for name, clock in at.items()}
+    if len(kept["time"]) < FEWEST_FRAMES:
+        first, last = at["time"][[0, -1]]
+        raise InputError(
+            f"{len(kept['time'])} frames lie between {start:g} and {end:g} s, {FEWEST_FRAMES} are needed: the "
+            f"recording runs from {first:.6g} to {last:.6g} s"
+        )
+    line = f"cut to {start:g} to {end:g} s: {len(kept['time'])} of {len(at['time'])} frames"
+    return check_recording(append_history(recording.isel(kept), line))
 
 
 def cut_body(recording: xr.Dataset, base: float, tip: float) -> xr.Dataset:

@@ -18,6 +18,7 @@ from pliant.model import Chamber, Model, chain_model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
+from pliant.preprocessing.cut import cut_time
 from pliant.preprocessing.quality import LEAST_PRESSURE, quality, standing_stations
 from pliant.recording import read
 from pliant.recording.published import PREFIX
@@ -37,7 +38,8 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     """Read one recording of the study, with its nominal pressure where that is all there is."""
     entry = study.recordings[name]
     path = located(study, entry.file)
-    ds = read(path, mapping={**seen_by(study), **study.mapping, **(entry.mapping or {})} or None, format=entry.format)
+    mapping = {**seen_by(study, entry.file), **study.mapping, **(entry.mapping or {})}
+    ds = read(path, mapping=mapping or None, format=entry.format)
     if entry.pressure_file is not None:
         log = read(located(study, entry.pressure_file), mapping=entry.pressure_mapping)
         ds = with_pressure(ds, log, name, Path(entry.pressure_file).name)
@@ -48,9 +50,9 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     return ds
 
 
-def seen_by(study: Study) -> dict[str, Any]:
-    """The study's camera, as a mapping has it."""
-    return {} if study.camera is None else {"camera": study.camera}
+def seen_by(study: Study, file: str) -> dict[str, Any]:
+    """The study's camera, as the mapping of a file has it; pliant's own files are in metres already."""
+    return {} if study.camera is None or file.endswith((".nc", ".nc4")) else {"camera": study.camera}
 
 
 def located(study: Study, file: str) -> Path:
@@ -100,6 +102,7 @@ def planar(study: Study, name: str, normal: Array | None = None) -> Aligned:
     """One recording of the study, read, brought onto one clock and aligned, seen along `normal` (3,) where given."""
     entry = study.recordings[name]
     raw, clocks, told = on_one_clock(load_recording(study, name), entry, name)
+    raw = raw if entry.window is None else cut_time(raw, *entry.window)
     found = [*told, *(str(line) for line in quality(raw).findings)]
     if study.fibre is not None:
         body, tip = body_of_fibre(raw, study.fibre)

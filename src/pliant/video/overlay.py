@@ -16,6 +16,7 @@ from pliant.video.reel import Reel
 
 Array = np.ndarray
 TILES, ACROSS, TILE = 12, 3, 560  # frames of a sheet, side by side, and pixels across of each
+GAPS = 3  # so many of them are shown where they begin, too
 FILM = 1280  # pixels across of the film, at most
 LINE, EDGE, BASE, TIP, ALARM = (40, 40, 255), (255, 255, 255), (255, 160, 0), (0, 200, 255), (60, 150, 255)
 Draw = Callable[[float, Array, Array | None], None]
@@ -38,11 +39,13 @@ def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
     size = _size(reel, FILM)
     with ExitStack() as stack:
         writers = [stack.enter_context(movie(film, reel.rate, size)) for film in films]
-        number = 0
+        number, gaps, hidden = 0, 0, False
 
         def draw(time: float, picture: Array, points: Array | None) -> None:
-            nonlocal number
-            if number in shown:
+            nonlocal number, gaps, hidden
+            begins, hidden = not hidden, points is None or not np.isfinite(points).all()
+            gaps += begins and hidden
+            if number in shown or (sheets and begins and hidden and gaps <= GAPS):
                 tiles.append(drawn(time, picture, points, _size(reel, TILE)))
             for write in writers:
                 write(drawn(time, picture, points, size))

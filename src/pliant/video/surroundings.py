@@ -65,13 +65,13 @@ def surroundings(reel: Reel) -> Surroundings:
         When the camera moves, nothing moves, or body and background look alike.
     """
     cv2 = opencv("tracking a video")
-    stack = reel.sampled(SAMPLES, min(SMALL, reel.width)).astype(np.float32)
+    stack = reel.sampled(SAMPLES, min(SMALL, reel.width))
     refuse_moving_camera(stack, reel)
-    moving, noise = moving_pixels(stack, reel)
+    middle = np.partition(stack, len(stack) // 2, axis=0)[len(stack) // 2]
+    moving, noise = moving_pixels(stack, middle, reel)
     body = commonest(stack, moving)
-    weight = discriminant(stack, moving, body, noise, reel)
-    light = stack @ weight
-    behind, always = _background(stack, light, float(body @ weight), moving)
+    weight = discriminant(middle, moving, body, noise, reel)
+    behind, always = _background(stack, middle, body, weight, moving)
     scale = reel.width / stack.shape[2]
     reach = cv2.dilate((moving | always).astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)
     large = _large_background(reel, behind, weight, reach)
@@ -81,7 +81,7 @@ def surroundings(reel: Reel) -> Surroundings:
 def refuse_moving_camera(stack: Array, reel: Reel) -> None:
     """Most corners in the picture must stay where they are: those of the body are a few."""
     cv2 = opencv("tracking a video")
-    grey = [cv2.cvtColor(np.ascontiguousarray(p, np.uint8), cv2.COLOR_BGR2GRAY) for p in stack]
+    grey = [cv2.cvtColor(p, cv2.COLOR_BGR2GRAY) for p in stack]
     corners = cv2.goodFeaturesToTrack(grey[0], 60, 0.02, 12)
     if corners is None:
         return
@@ -97,13 +97,12 @@ def refuse_moving_camera(stack: Array, reel: Reel) -> None:
         )
 
 
-def moving_pixels(stack: Array, reel: Reel) -> tuple[Array, float]:
+def moving_pixels(stack: Array, middle: Array, reel: Reel) -> tuple[Array, float]:
     """Where something moves, (h, w), and the noise of a level."""
     cv2 = opencv("tracking a video")
-    middle = np.median(stack, axis=0)
-    change = np.abs(stack - middle).max(axis=3)
-    noise = 1.4826 * float(np.median(np.abs(stack - middle)))
-    most = change.max(axis=0)
+    change = [cv2.absdiff(picture, middle) for picture in stack]
+    noise = 1.4826 * float(np.median([c[::4, ::4] for c in change]))
+    most = np.max(change, axis=0).max(axis=2)
     moving = cv2.morphologyEx(
         (most > max(LEAST_MOTION, NOISES * noise)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
     ).astype(bool)
@@ -118,23 +117,28 @@ def moving_pixels(stack: Array, reel: Reel) -> tuple[Array, float]:
 def commonest(stack: Array, moving: Array) -> Array:
     """The colour (3,) that most of the moving pixels take at some time, and that the rest of the picture has not."""
     cv2 = opencv("tracking a video")
-    bins = np.minimum(stack * (BINS / 256.0), BINS - 1).astype(np.int32)
-    flat = (bins[..., 0] * BINS + bins[..., 1]) * BINS + bins[..., 2]
-    seen, crossed = np.zeros(BINS**3), flat[:, moving]
-    for k in range(crossed.shape[1]):
-        seen[np.unique(crossed[:, k])] += 1.0
+    crossed = _binned(stack[:, moving])
+    ordered = np.sort(crossed, axis=0)
+    new = np.diff(ordered, axis=0, prepend=-1) > 0
+    seen = np.bincount(ordered[new], minlength=BINS**3).astype(float)  # pixels that take a colour at some time
     counts = np.array([_blurred(np.bincount(c, minlength=BINS**3)) for c in crossed])
     seen *= np.quantile(counts, 0.2, axis=0) > 0.3 * counts.mean(axis=0)  # in nearly every frame: no hand that passes
     around = cv2.dilate(moving.astype(np.uint8), np.ones((25, 25), np.uint8)).astype(bool) & ~moving
-    rest = np.bincount(flat[0][around if around.any() else ~moving], minlength=BINS**3)
+    rest = np.bincount(_binned(stack[0][around if around.any() else ~moving]), minlength=BINS**3)
     score = _blurred(seen / crossed.shape[1]) - 1.5 * _blurred(rest / max(1, rest.sum()))
     best = int(score.argmax())
     middle = (np.array([best // BINS**2, best // BINS % BINS, best % BINS]) + 0.5) * (256.0 / BINS)
-    colours = stack[:, moving].reshape(-1, 3)
+    colours = stack[:, moving].reshape(-1, 3).astype(np.float32)
     for reach in (40.0, 30.0, 25.0):
         near = np.linalg.norm(colours - middle, axis=1) < reach
         middle = colours[near].mean(axis=0) if near.any() else middle
     return np.asarray(middle, np.float32)
+
+
+def _binned(colours: Array) -> Array:
+    """Number of the bin of each colour (..., 3), uint8."""
+    bins = colours.astype(np.int32) * BINS // 256
+    return np.asarray((bins[..., 0] * BINS + bins[..., 1]) * BINS + bins[..., 2])
 
 
 def _blurred(histogram: Array) -> Array:
@@ -143,11 +147,11 @@ def _blurred(histogram: Array) -> Array:
     return np.asarray(gaussian_filter(histogram.astype(float).reshape((BINS,) * 3), 0.8, mode="nearest").ravel())
 
 
-def discriminant(stack: Array, moving: Array, body: Array, noise: float, reel: Reel) -> Array:
+def discriminant(middle: Array, moving: Array, body: Array, noise: float, reel: Reel) -> Array:
     """Weights (3,) of the colours along which body and background differ most."""
     cv2 = opencv("tracking a video")
     around = cv2.dilate(moving.astype(np.uint8), np.ones((15, 15), np.uint8)).astype(bool)
-    colours = np.median(stack, axis=0)[around]  # what passes by, a hand or a mark, is no background
+    colours = middle[around].astype(np.float32)  # what passes by, a hand or a mark, is no background
     far = np.linalg.norm(colours - body, axis=1) > 35.0
     if far.sum() < 30:
         far = np.linalg.norm(colours - body, axis=1) > 12.0
@@ -164,13 +168,18 @@ def discriminant(stack: Array, moving: Array, body: Array, noise: float, reel: R
     return np.asarray(weight / contrast, np.float32)
 
 
-def _background(stack: Array, light: Array, body: float, moving: Array) -> tuple[Array, Array]:
+def _background(stack: Array, middle: Array, body: Array, weight: Array, moving: Array) -> tuple[Array, Array]:
     """The small picture (h, w, 3) without the body, and where the body always is."""
     cv2 = opencv("tracking a video")
-    free = light < body - 0.4
-    usual = np.ma.median(np.ma.array(light, mask=~free), axis=0).filled(np.nan)
-    same = (free & (np.abs(light - usual) < NEAR))[..., None]
-    behind = np.where(same.any(axis=0), (stack * same).sum(axis=0) / np.maximum(same.sum(axis=0), 1), stack[0])
+    light = np.array([cv2.transform(p.astype(np.float32), weight[None]) for p in stack])
+    free = light < float(body @ weight) - 0.4
+    crossed, there, colours = light[:, moving], free[:, moving], stack[:, moving].astype(np.float32)
+    ordered = np.sort(np.where(there, crossed, np.inf), axis=0)
+    usual = ordered[there.sum(axis=0) // 2, np.arange(ordered.shape[1])]  # the middle one of those without the body
+    same = (there & (np.abs(crossed - usual) < NEAR))[..., None]
+    mean = (colours * same).sum(axis=0) / np.maximum(same.sum(axis=0), 1)
+    behind = middle.astype(np.float32)
+    behind[moving] = np.where(same.any(axis=0), mean, behind[moving])
     always = _always(~free, moving)
     hole = cv2.dilate(always.astype(np.uint8), np.ones((5, 5), np.uint8))
     filled = cv2.inpaint(np.clip(behind, 0, 255).astype(np.uint8), hole, 3.0, cv2.INPAINT_TELEA)
