@@ -22,7 +22,7 @@ VALVE = {
 }  # fmt: skip
 RUBBER = symbols.Chamber._fields[1:]
 GAINS = r"gain|joint_gain_(\d+|\*)"
-OWN = re.compile(rf"torque_[1-9]|{GAINS}|{'|'.join((*VALVE, *RUBBER))}")
+OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER))}")
 
 
 @lru_cache(4096)
@@ -75,6 +75,9 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
 def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Any]:
     """What `values` change of a chamber: its law, its joints' gains with their mean at its gain, valve and rubber."""
     changes: dict[str, Any] = {k: values[k] for k in RUBBER if k in values}
+    if "axial_gain" in values:
+        pushed = chamber.axial_gain != 0
+        changes["axial_gain"] = np.where(pushed if pushed.any() else True, values["axial_gain"], 0.0)
     if joint := {int(k.rpartition("_")[2]): v for k, v in values.items() if fits(r"joint_gain_\d+", k)}:
         gains = chamber.joint_gain.copy()
         for i, value in joint.items():
@@ -111,7 +114,7 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
         if dot and owner in mine and not (OWN.fullmatch(own) or own in law_parameters()):
             raise InputError(
                 f"parameter {name}: {owner!r} is a chamber, and {own} is not one of a chamber's: torque_<k>, gain, "
-                f"joint_gain_<i>, {', '.join((*VALVE, *RUBBER, *law_parameters()))}"
+                f"joint_gain_<i>, axial_gain, {', '.join((*VALVE, *RUBBER, *law_parameters()))}"
             )
         if several and re.fullmatch(GAINS, own if dot and owner not in mine else name):
             raise InputError(

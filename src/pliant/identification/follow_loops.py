@@ -12,7 +12,7 @@ import numpy as np
 
 from pliant.equations.chamber import share_out
 from pliant.equations.contact import add_link_loads
-from pliant.equations.elastic import tangent
+from pliant.equations.elastic import follows
 from pliant.equations.memory import step_with_memory
 from pliant.equations.motion import step
 
@@ -43,6 +43,7 @@ class Places(NamedTuple):
     carrier: np.ndarray  # (S,) index of the link that carries each point, -1 the base
     along: np.ndarray  # (S,) m
     across: np.ndarray  # (S,) m
+    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment that lengthens
     sign: float  # 1, or -1 where the x axis is mirrored
     shift_x: float  # m
     shift_y: float  # m
@@ -63,15 +64,13 @@ def follow(phi, w, course, before, body, joints, work, seen):
     keep[k] - 1 + before.rows where keep[k] >= 0.
     Returns the index of the first step in which a link turns by more than a radian or a spring holds nothing, or -1.
     """
-    n = len(phi)
     look_before(before, seen, work)
     for k in range(len(course.h)):
         h = course.h[k]
         take_torques(k, phi, w, course, work.tau)
         step(phi, w, h, work.tau, body, joints, work)
-        for i in range(n):
-            if not (abs((w[i] * h).real) <= 1.0 and tangent(i, phi, joints).real > 0.0):
-                return k  # as does what is not a number
+        if not follows(phi, w, h, joints):
+            return k
         if course.keep[k] >= 0:
             observe(phi, joints.base_angle, seen.places, work.c, work.s, seen.rows[course.keep[k] - 1 + before.rows])
     return -1
@@ -84,10 +83,9 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
     branches find no agreement, or -1.
     """
     body, joints = chain
-    n = len(phi)
     look_before(before, seen, work)
     last = joints.base_angle
-    for i in range(n):
+    for i in range(len(joints.theta0)):
         for j in range(len(past.memory.creep_share)):
             past.state[i, j] = phi[i] - last - joints.theta0[i]
         last = phi[i]
@@ -97,9 +95,8 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
         lost = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
         if not lost.real > -0.5:  # the square of an imaginary part may stand a trifle below zero
             return k
-        for i in range(n):
-            if not (abs((w[i] * h).real) <= 1.0 and tangent(i, phi, joints).real > 0.0):
-                return k
+        if not follows(phi, w, h, joints):
+            return k
         if course.keep[k] >= 0:
             observe(phi, joints.base_angle, seen.places, work.c, work.s, seen.rows[course.keep[k] - 1 + before.rows])
     return -1
@@ -123,30 +120,42 @@ def observe(phi, base_angle, places, c, s, seen):
     """Position [m] and angle [rad] of the observed points, seen (S, 3), at absolute angles phi (n,).
 
     p = joint + along e(phi) + across n(phi), as `equations.chain.station`, with every joint found once; x mirrored by
-    `places.sign`; angles less `places.reference`.
+    `places.sign`; angles less `places.reference`. Links stretch with the strains behind the angles.
     """
-    n = len(phi)
+    n = len(places.length)
     S = len(places.carrier)
     before = np.sin(base_angle)
-    along = np.cos(base_angle)
-    x = -places.base_length * before
-    y = places.base_length * along
+    across = np.cos(base_angle)
+    stretch = link_stretch(0, phi, places)
+    x = -places.base_length * stretch * before
+    y = places.base_length * stretch * across
     for j in range(S):
         if places.carrier[j] < 0:
-            seen[j, 0] = -places.along[j] * before - places.across[j] * along
-            seen[j, 1] = places.along[j] * along - places.across[j] * before
+            along = places.along[j] * stretch
+            seen[j, 0] = -along * before - places.across[j] * across
+            seen[j, 1] = along * across - places.across[j] * before
             seen[j, 2] = base_angle
     for i in range(n):
         c[i] = np.cos(phi[i])
         s[i] = np.sin(phi[i])
+        stretch = link_stretch(i + 1, phi, places)
         for j in range(S):
             if places.carrier[j] == i:
-                seen[j, 0] = x - places.along[j] * s[i] - places.across[j] * c[i]
-                seen[j, 1] = y + places.along[j] * c[i] - places.across[j] * s[i]
+                along = places.along[j] * stretch
+                seen[j, 0] = x - along * s[i] - places.across[j] * c[i]
+                seen[j, 1] = y + along * c[i] - places.across[j] * s[i]
                 seen[j, 2] = phi[i]
-        x = x - places.length[i] * s[i]
-        y = y + places.length[i] * c[i]
+        x = x - places.length[i] * stretch * s[i]
+        y = y + places.length[i] * stretch * c[i]
     for j in range(S):
         seen[j, 0] = places.sign * seen[j, 0] + places.shift_x
         seen[j, 1] = seen[j, 1] + places.shift_y
         seen[j, 2] = places.sign * (seen[j, 2] - places.reference)
+
+
+def link_stretch(k, x, places):
+    """1 + sum_s a_ks e_s, with the strains e_s behind the angles in x (n + S,); 1 where nothing lengthens."""
+    stretch = 1.0 + 0.0 * x[0]
+    for s in range(places.share.shape[1]):
+        stretch = stretch + places.share[k, s] * x[len(places.length) + s]
+    return stretch

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations import motion
-from pliant.equations.symbols import Body, Held, Joints, Memory, Past
+from pliant.equations import extension, motion
+from pliant.equations.symbols import Body, ExtensibleBody, Held, Joints, Memory, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.drives import inputs_to
@@ -19,7 +19,7 @@ from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.pose import posed
 from pliant.identification.sensor import behind_sensors, between_frames, lags_of
 from pliant.model import Model
-from pliant.simulation import Pulse, Trace, equilibrium, state
+from pliant.simulation import Pulse, Trace, equilibrium, lengthened, state
 from pliant.simulation.drive import Drive, drive
 from pliant.simulation.forces import joint_loads, loads_at, mean_loads
 from pliant.simulation.inputs import Input
@@ -42,7 +42,7 @@ class Numbers(NamedTuple):
     torque_before: Any  # (n,) N m, under which the chain rests at the start
     load: Any  # (steps, n, 2) N m, of known forces; no rows where there are none
     load_before: Any  # (n, 2) N m, under which the chain rests at the start
-    body: Body
+    body: Body | ExtensibleBody
     joints: Joints
     memory: Memory
     along: Any  # (S,) m
@@ -52,6 +52,7 @@ class Numbers(NamedTuple):
     sensor_lag: Any  # (S,) s, of the stations' sensors; no entries where none lags
     length: Any  # (n,) m, of the links
     base_length: Any  # m
+    share: Any  # (n + 1, S) part of each link that lies in each segment that lengthens
 
 
 class SetUp(NamedTuple):
@@ -141,11 +142,16 @@ def fading(made: SetUp, exp: Experiment, own: Mapping[str, float]) -> SetUp:
 def holding_torques(made: SetUp, loads: Array) -> Array:
     """Torques (n,) that hold the body still where it is let go, beside loads (n, 2) of its links, N m."""
     numbers, n = made.numbers, made.model.n
-    phi, push = numbers.phi, np.zeros(n)
+    phi, push = numbers.phi, np.zeros(made.model.size)
     stretched = slipped(made, numbers, float)[:, len(numbers.memory.creep_time) :]
-    own = numbers.joints.K * (stretched[:, : numbers.memory.slip_share.size] @ numbers.memory.slip_share)
+    own = numbers.joints.K[:n] * (stretched[:, : numbers.memory.slip_share.size] @ numbers.memory.slip_share)
+    if made.model.extensions:
+        still, drive = np.zeros_like(phi), np.append(-own, np.zeros(phi.size - n))
+        extension.acceleration(phi, still, drive, numbers.body, numbers.joints, state.work_of(made.model), push)
+        return np.asarray(-lengthened.to_joints(n, phi.size).T @ lengthened.inertia(made.model, phi) @ push)
     twin(motion.acceleration)(phi, np.zeros(n), -own, numbers.body, numbers.joints, state.workspace(n), push)
-    M = numbers.body.B * np.cos(phi[:, None] - phi) + np.diag(numbers.body.I)
+    body = Body(*numbers.body)
+    M = body.B * np.cos(phi[:, None] - phi) + np.diag(body.I)
     missing = -M @ push
     return np.asarray(np.cumsum(missing[::-1])[::-1] - joint_loads(phi, loads))
 
@@ -157,7 +163,7 @@ def held_angles(model: Model, exp: Experiment, own: Mapping[str, float]) -> Arra
         return posed(model, carriers(model, exp), observed(model, exp), exp.held - shift)
     if "hold_force" in own:
         return equilibrium(model, 0.0, np.array([own["hold_force"], 0.0]))
-    return np.zeros(model.n)
+    return np.zeros(model.size)
 
 
 def shown(pressure: Array) -> Array:
@@ -206,7 +212,7 @@ def gathered(
         shift=np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)]),
         sensor_lag=lags_of(own, exp.stations),
         reference=model.base_angle if exp.angle_reference in ("base", "joint") else 0.0,
-        length=model.link_length, base_length=model.base_length,
+        length=model.link_length, base_length=model.base_length, share=model.stretch_share,
     )
 
 
@@ -241,27 +247,28 @@ def moved(made: SetUp, numbers: Numbers, kind: type[Any], rows: int) -> Array:
     def cast(a: Any) -> Any:
         return np.array(a, dtype=kind) if np.ndim(a) else kind(a)
 
-    n, rows = made.model.n, rows if made.between is None else made.between[0].size
-    body, joints = Body(*map(cast, numbers.body)), Joints(*map(cast, numbers.joints))
-    scratch = state.workspace(n)
+    n, S = made.model.n, len(made.model.extensions)
+    rows = rows if made.between is None else made.between[0].size
+    body, joints = type(numbers.body)(*map(cast, numbers.body)), Joints(*map(cast, numbers.joints))
+    scratch = state.work_of(made.model)
     work = type(scratch)(*map(cast, scratch))
     places = Places(
-        cast(numbers.length), cast(numbers.base_length), made.carrier, cast(numbers.along),
-        cast(numbers.across), cast(made.model.bend_sign), cast(numbers.shift[0]), cast(numbers.shift[1]),
+        cast(numbers.length), cast(numbers.base_length), made.carrier, cast(numbers.along), cast(numbers.across),
+        cast(numbers.share), cast(made.model.bend_sign), cast(numbers.shift[0]), cast(numbers.shift[1]),
         cast(numbers.reference),
     )
     out: Array = np.empty((rows, made.carrier.size, 3), dtype=kind)
     course = Course(cast(numbers.h), cast(numbers.torque), cast(numbers.gain), made.keep, cast(numbers.load))
     before = Before(made.still, cast(numbers.held), cast(numbers.held_base))
-    start: tuple[Array, Array] = (cast(numbers.phi), np.zeros(n, dtype=kind))
+    start: tuple[Array, Array] = (cast(numbers.phi), np.zeros(n + S, dtype=kind))
     if made.model.memory:
         memory = Memory(*map(cast, numbers.memory))
         past = Past(memory, slipped(made, numbers, kind), held_of(made.model, kind, joints))
-        failed = twin(follow_loops.follow_with_memory)(
+        failed = twin(follow_loops.follow_with_memory, n if S else None, S)(
             *start, course, before, (body, joints), past, work, Seen(places, out)
         )
     else:
-        failed = twin(follow_loops.follow, n)(*start, course, before, body, joints, work, Seen(places, out))
+        failed = twin(follow_loops.follow, n, S)(*start, course, before, body, joints, work, Seen(places, out))
     if failed >= 0:
         after, length = np.sum(numbers.h[: failed + 1]).real, np.real(numbers.h[failed])
         if lost := state.given_way(made.model, start[0].real):
@@ -278,7 +285,7 @@ def slipped(made: SetUp, numbers: Numbers, kind: type[Any]) -> Array:
     states: Array = state.relaxed(made.model, np.zeros(made.model.n)).astype(kind)
     if not made.pulled:
         return states
-    q = np.diff(numbers.phi, prepend=numbers.joints.base_angle) - numbers.joints.theta0
+    q = np.diff(numbers.phi[: made.model.n], prepend=numbers.joints.base_angle) - numbers.joints.theta0
     for j, limit in enumerate(numbers.memory.slip_angle, len(made.model.memory.creep_share)):
         beyond = np.abs(q.real) > np.real(limit)
         states[:, j] = np.where(beyond, np.sign(q.real) * limit, q)

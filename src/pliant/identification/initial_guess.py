@@ -11,6 +11,7 @@ from pliant.identification.chamber_parameters import owners, prefixes
 from pliant.identification.drives import check_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
+from pliant.identification.extension_parameters import extension_starts, segments
 from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name
 from pliant.identification.springpot_band import band_of_springpot
@@ -18,7 +19,7 @@ from pliant.identification.torque_start import highest_level, torque_starts, typ
 from pliant.model import Model, Station
 from pliant.model.torque_law import unfinished_law
 from pliant.numerics.ringdown import RingDown, ring_down
-from pliant.simulation import equilibrium, modes, state
+from pliant.simulation import equilibrium, lengthened, modes, state
 from pliant.simulation.forces import loads_at
 
 Array = np.ndarray
@@ -73,7 +74,7 @@ def registered(model: Model, experiments: Sequence[Experiment], values: dict[str
         straight = exp.excitation == "release" and exp.held is None
         pulled = [f for f in exp.forces if not isinstance(f.at, str) or f.at in {p.name for p in m.points}]
         load = loads_at(m, pulled, float(exp.time[0])) if pulled and not straight else None
-        phi = state.absolute(m, np.zeros(m.n) if straight else equilibrium(m, link_load=load))
+        phi = state.absolute(m, np.zeros(m.size) if straight else equilibrium(m, link_load=load))
         for k, name in enumerate(exp.stations):
             if name in known:
                 points[name] = known[name]
@@ -102,15 +103,16 @@ def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) 
     """The station at `point` (2,) of the base frame; on the link that it lies beside when `link` is None."""
     mirror = [model.bend_sign, 1]
     tips = state.tips(model, phi) * mirror
-    joints = np.concatenate([[[0.0, 0.0]], [model.first_joint], tips[:-1]])  # the base first
-    length = np.concatenate([[model.base_length], model.link_length])
-    angle = np.concatenate([[model.base_angle], phi])
+    stretch = lengthened.stretches(model, phi)
+    joints = np.concatenate([[[0.0, 0.0]], [stretch[0] * model.first_joint], tips[:-1]])  # the base first
+    length = np.concatenate([[model.base_length], model.link_length]) * stretch
+    angle = np.concatenate([[model.base_angle], phi[: model.n]])
     d = point * mirror - joints
     along = -np.sin(angle) * d[:, 0] + np.cos(angle) * d[:, 1]
     across = -np.cos(angle) * d[:, 0] - np.sin(angle) * d[:, 1]
     apart = np.hypot(along - np.clip(along, 0.0, length), across)
     i = int(np.argmin(apart)) if link is None else link + 1
-    return Station(name, i - 1, float(along[i]), float(across[i]))
+    return Station(name, i - 1, float(along[i] / stretch[i]), float(across[i]))
 
 
 def stiffness_for_frequency(model: Model, exp: Experiment, frequency: float) -> float:
@@ -156,7 +158,8 @@ def estimate(
     limits = {p.name for p in parameters if p.value is None and shared_name(p.name) in chamber_guess(1.0)}
     base = apply(base, {k: found[k] for k in ("stiffness", *limits) if k in found and (k in wanted or "." in k)})
     base = registered(base, experiments, values)
-    found |= torque_starts(base, experiments, {p.name for p in parameters if p.value is None}, values)
+    laws = torque_starts(base, experiments, {p.name for p in parameters if p.value is None}, values)
+    found |= laws | extension_starts(base, experiments, {**values, **laws})
     for point in base.points:
         found |= {f"{point.name}.along": point.along, f"{point.name}.across": point.across}
     typical = typical_sizes(base, experiments)
@@ -189,7 +192,7 @@ def prepare(
     listed += band_of_springpot(listed, experiments)
     stations = {s for e in experiments for s in e.stations} | {s.name for s in model.points}
     others = {p.name.partition(".")[0] for p in listed if "." in p.name and not p.free}  # of an earlier fit
-    others -= stations | set(owners(model))
+    others -= stations | {*owners(model), *segments(model)}
     check_driven(model, experiments)
     check_names(listed, model, {*records, *others}, stations)
     return estimate(model, experiments, listed)

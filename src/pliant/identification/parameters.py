@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.identification import extension_parameters
 from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, fits, owners
 from pliant.identification.memory_parameters import ROWS, memory_changes, usual_start
 from pliant.model import Model
@@ -133,7 +134,7 @@ KNOWN: dict[str, Kind] = {
     "release_time": Kind("s", lower=0.0, upper=0.2, scale=0.01, meaning="how long the hand takes to let go"),
     "base_turn": Kind("rad", lower=-0.2, upper=0.2, scale=0.01, meaning="turn of a clamp that gives way at release"),
     "hold_force": Kind("N", scale=0.05, meaning="force at the tip, along x, that holds the body before its release"),
-    **{name: Kind(*row) for name, row in ROWS.items()},
+    **{name: Kind(*row) for name, row in {**ROWS, **extension_parameters.ROWS}.items()},
 }
 
 
@@ -196,6 +197,9 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
     chambers = changed_chambers(model, values)
     if any(a is not b for a, b in zip(chambers, model.chambers, strict=True)):
         changes["chambers"] = chambers
+    extensions = extension_parameters.changed_extensions(model, values)
+    if extensions != model.extensions:
+        changes["extensions"] = extensions
     if "gravity_angle" in values:
         changes["gravity"] = turned_gravity(model, values["gravity_angle"])
     if "mass" in values:
@@ -246,7 +250,8 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
     if both := records & stations:
         raise InputError(f"{min(both)!r} names a recording and a station: rename one, their parameters would be mixed")
     check_chamber_names([p.name for p in parameters], model, records | stations)
-    known = records | stations | set(owners(model))
+    extension_parameters.check_segment_names([p.name for p in parameters], model, records | stations)
+    known = records | stations | {*owners(model), *extension_parameters.segments(model)}
     seen: set[str] = set()
     for p in parameters:
         if p.name in seen:

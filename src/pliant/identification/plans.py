@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from pliant.equations.symbols import Body, Joints, Memory
+from pliant.equations.symbols import Body, ExtensibleBody, Joints, Memory
 from pliant.identification.parameters import apply, of_the_model
 from pliant.model import Model
 from pliant.simulation.drive import Drive
@@ -15,7 +15,7 @@ class ModelAt(NamedTuple):
     """A model at some values of its parameters, and its constants for the kernels."""
 
     model: Model
-    body: Body
+    body: Body | ExtensibleBody
     joints: Joints
     memory: Memory
 
@@ -35,7 +35,7 @@ class Plans:
         key = of_the_model(values)
         if key not in self.models:
             m = apply(model, dict(key))
-            self.models[key] = ModelAt(m, m.body(), m.joints(), m.memory.law())
+            self.models[key] = ModelAt(m, m.mechanics(), m.joints(), m.memory.law())
         return self.models[key]
 
     def forget(self, most: int) -> None:

@@ -14,12 +14,12 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import motion
-from pliant.equations.symbols import Body, Joints, Slopes
+from pliant.equations.symbols import Body, ExtensibleBody, Joints, Slopes
 from pliant.errors import FitError, PliantError
 from pliant.identification.forward_model import Numbers, SetUp, moved, set_up
 from pliant.identification.plans import Plans
 from pliant.model import Model
-from pliant.simulation import state
+from pliant.simulation import lengthened, state
 from pliant.simulation.forces import joint_loads
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def slopes_of(
     rows = exp.time.size
     here = set_up(model, exp, values, step, plans)
     slopes = np.zeros((len(sizes), rows, len(exp.stations), 3))
-    rest = state.joint_angles(here.model, here.numbers.phi) if here.from_rest else None
+    rest = state.relative(here.model, here.numbers.phi) if here.from_rest else None
     for k, (name, size) in enumerate(sizes.items()):
         owner, dot, own = name.partition(".")
         if (own if dot and owner == exp.name else name) in exp.known:
@@ -140,6 +140,8 @@ def leaves(numbers: Any) -> list[Any]:
 
 def equilibrium_slope(numbers: Numbers, slope: Numbers) -> Array:
     """Derivative (n,) of the absolute angles at rest: those at which the acceleration stays zero."""
+    if isinstance(numbers.body, ExtensibleBody):
+        return lengthened_slope(numbers, slope, numbers.body)
     n = len(numbers.phi)
     loaded = bool(np.any(numbers.load_before) or np.any(slope.load_before))
     still, out = np.zeros(n), Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
@@ -161,6 +163,17 @@ def equilibrium_slope(numbers: Numbers, slope: Numbers) -> Array:
     return -np.linalg.solve(out.a_phi.T, push.imag / TINY)
 
 
+def lengthened_slope(numbers: Numbers, slope: Numbers, body: ExtensibleBody) -> Array:
+    """As `equilibrium_slope`, of a body that lengthens, by complex steps through the text of its kernel."""
+    x = numbers.phi
+    around = x + 1j * TINY * np.eye(x.size)
+    pushes = [lengthened.forces_at_rest(at, numbers.torque_before, body, numbers.joints) for at in around]
+    stiffness = -np.stack(pushes, axis=1).imag / TINY
+    tilted = Numbers(*join(numbers._replace(held=0.0, phi=0.0), slope._replace(held=0.0, phi=0.0)))
+    push = lengthened.forces_at_rest(x, tilted.torque_before, ExtensibleBody(*tilted.body), tilted.joints)
+    return np.asarray(np.linalg.solve(stiffness, push.imag / TINY))
+
+
 def beside_loads(numbers: Numbers, phi: Array) -> Numbers:
     """The numbers with the torques of the loads at rest beside those of the pressure."""
     return numbers._replace(torque_before=numbers.torque_before + joint_loads(phi, numbers.load_before))
@@ -168,8 +181,8 @@ def beside_loads(numbers: Numbers, phi: Array) -> Numbers:
 
 def load_stiffness(numbers: Numbers) -> Array:
     """What the loads at rest add to the Jacobian (n, n) of the acceleration, row by variable."""
-    phi, load, B = numbers.phi, numbers.load_before, numbers.body.B
-    M = B * np.cos(phi[:, None] - phi) + np.diag(numbers.body.I)
+    phi, load, body = numbers.phi, numbers.load_before, Body(*numbers.body)
+    M = body.B * np.cos(phi[:, None] - phi) + np.diag(body.I)
     return np.linalg.solve(M, np.diag(load[:, 0] * np.sin(phi) - load[:, 1] * np.cos(phi))).T
 
 

@@ -79,7 +79,8 @@ def law_starts(wanted: set[str], pressure: Array, torque: Array) -> dict[str, fl
 
 def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Chamber) -> float:
     """The torque [N m] of a chamber that moves the last station by `target` [m or rad] from rest, statically."""
-    joints = model.joints()
+    joints, c = model.joints(), [one.name for one in model.chambers].index(chamber.name)
+    share = model.actuation.gain[c]
     k, last = next((k, p) for k, p in enumerate(model.points) if p.name == exp.stations[-1])
 
     def shown(q: Array) -> Array:
@@ -89,7 +90,7 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Ch
     rest = shown(equilibrium(model))
 
     def gap(torque: float) -> float:
-        q = equilibrium(model) + chamber.joint_gain * torque / joints.K
+        q = equilibrium(model) + share * torque / joints.K
         return float(np.linalg.norm(shown(q) - rest)) - target
 
     from scipy.optimize import brentq
@@ -124,4 +125,5 @@ def typical_sizes(model: Model, experiments: Sequence[Experiment]) -> dict[str, 
     K = float(model.stiffness.mean())
     level = highest_level(experiments)
     torque = {f"torque_{k}": 0.1 * K / level**k for k in range(1, 10)} if level > 0 else {}
-    return {"damping": 1e-3 * K, **torque}
+    axial = 1e-3 * float(np.mean([e.stiffness for e in model.extensions])) if model.extensions else 1.0
+    return {"damping": 1e-3 * K, "axial_damping": axial, "axial_gain": 10.0, **torque}

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from pliant.equations import extension
-from pliant.equations.elastic import LEAST_STRETCH
-from pliant.equations.symbols import ExtensibleWorkspace, Joints, Slopes
+from pliant.equations.elastic import LEAST_STRETCH, joint_torques
+from pliant.equations.symbols import ExtensibleBody, ExtensibleWorkspace, Joints, Slopes
 from pliant.errors import SimulationError
 from pliant.model import Model, fixed_length
 from pliant.model.extension import extensible_body
@@ -77,6 +77,20 @@ def dead_loads(model: Model, x: Array, load: Array) -> tuple[Array, Array]:
     slope[:n, n:] = (share * across[:, None])[1:]
     slope[n:, :n] = slope[:n, n:].T
     return force, slope
+
+
+def forces_at_rest(x: Array, torque: Array, body: ExtensibleBody, joints: Joints) -> Array:
+    """What drive, springs and weight do to angles and strains x (n + S,) of a body that does not move; N m.
+
+    On real or on complex numbers: zero at rest.
+    """
+    n, still = len(joints.theta0), np.zeros_like(x)
+    work = ExtensibleWorkspace(*(a.astype(complex) for a in workspace(n, x.size - n)))
+    extension.place(x, still, 0.0, body, joints, work)
+    extension.inertial_forces(still, body, work, work.f)
+    joint_torques(x, still, joints, torque, 0.0, work.t)
+    bending, axial = -np.diff(work.t[: n + 1]), torque[n:] - joints.K[n:] * x[n:]
+    return np.concatenate([bending, axial]) - work.f
 
 
 def slopes(x: Array, v: Array, torque: Array, body: Any, joints: Joints, work: Any, out: Slopes) -> None:

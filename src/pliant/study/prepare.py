@@ -14,7 +14,7 @@ import xarray as xr
 from pliant import actuators
 from pliant.errors import InputError
 from pliant.identification import Experiment, experiment
-from pliant.model import Chamber, Model, chain_model
+from pliant.model import Chamber, Extension, Model, chain_model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
@@ -228,6 +228,7 @@ def study_model(
         defaults = dict(preset(actuator.preset).BODY)
         values = {**defaults, **values, "source": {**defaults.get("source", {}), **values["source"]}}
     chambers = [ChamberTable(**c) for c in values.pop("chambers")]
+    values["extensions"] = tuple(Extension(**e) for e in values.pop("extensions"))
     missing = [k for k in ("length", "mass") if k not in values]
     if missing:
         raise InputError(f"[actuator] needs {' and '.join(missing)} (SI), or a preset: {', '.join(presets())}")
@@ -257,7 +258,8 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int) -> tuple[Chambe
             )
         gain = np.zeros(joints)
         gain[np.array(entry.joints) - 1] = entry.gain
-        made.append(Chamber(torque=np.array(entry.torque), joint_gain=gain, name=entry.name))
+        made.append(Chamber(torque=np.array(entry.torque), joint_gain=gain, axial_gain=np.atleast_1d(entry.axial_gain),
+                            name=entry.name))  # fmt: skip
     return tuple(made)
 
 

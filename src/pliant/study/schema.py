@@ -38,6 +38,17 @@ class ChamberTable(Entry):
     joints: list[int] = Field(min_length=1)  # from 1, the first
     torque: list[float] = [0.0]  # N m/Pa^k
     gain: float | list[float] = 1.0  # share of the law that those joints feel; below 0: bends to the other side
+    axial_gain: float | list[float] = 0.0  # 1/m, axial force in parts of the torque; 1 / offset by geometry
+
+
+class ExtensionTable(Entry):
+    """A segment of the body that lengthens, between two places along it."""
+
+    name: str = Field("body", min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
+    start: float = 0.0  # m, from the base
+    stop: float | None = None  # m; default: the tip
+    stiffness: float = Field(1000.0, gt=0)  # N, axial force per strain
+    damping: float = Field(0.0, ge=0)  # N s
 
 
 class Actuator(Entry):
@@ -54,6 +65,7 @@ class Actuator(Entry):
     damping: float | list[float] | None = None  # N m s/rad
     torque: list[float] | None = None  # N m/Pa^k, of the only chamber
     chambers: list[ChamberTable] = []  # in its place, where there are several
+    extensions: list[ExtensionTable] = []  # segments that lengthen
     rest_angle: float | list[float] | None = None  # rad
     gravity: list[float] | None = None  # m/s^2, (x, y) of the base frame or (x, y, z) of the tracker
     bend_sign: Literal[1, -1] | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.identification.experiment import Experiment
+from pliant.numerics.arcs import arc_lengths
 
 Array = np.ndarray
 FAR = 0.9  # of the travel: frames that count as bent
@@ -32,17 +33,3 @@ def extension(exp: Experiment) -> dict[str, float | None]:
         return none
     rest, bent = float(np.median(length[:5])), float(np.median(length[moved > FAR * moved.max()]))
     return {"extension_mm": 1e3 * (bent - rest), "extension_percent": 100 * (bent / rest - 1)}
-
-
-def arc_lengths(position: Array) -> Array:
-    """Length (T,) of arcs from the origin through the stations (T, S, 2), m."""
-    chords = np.diff(position, axis=1, prepend=0.0)
-    reach = np.linalg.norm(chords, axis=2)
-    angle = np.unwrap(np.arctan2(-chords[..., 0], chords[..., 1]), axis=1)
-    tangent = np.zeros(len(position))
-    total = np.zeros(len(position))
-    for k in range(reach.shape[1]):
-        half = angle[:, k] - tangent
-        total += reach[:, k] / np.sinc(half / np.pi)
-        tangent = tangent + 2 * half
-    return total

@@ -1,0 +1,25 @@
+"""Circular arcs through points: a length that bending does not change."""
+
+from __future__ import annotations
+
+import numpy as np
+
+Array = np.ndarray
+
+
+def arc_lengths(position: Array) -> Array:
+    """Length (T,) of arcs from the origin through the points (T, S, 2), m.
+
+    Each arc begins along the end of the one before, the first along +y at the origin: exact where the curvature between
+    the points is constant.
+    """
+    chords = np.diff(position, axis=1, prepend=0.0)
+    reach = np.linalg.norm(chords, axis=2)
+    angle = np.unwrap(np.arctan2(-chords[..., 0], chords[..., 1]), axis=1)
+    tangent = np.zeros(len(position))
+    total = np.zeros(len(position))
+    for k in range(reach.shape[1]):
+        half = angle[:, k] - tangent
+        total += reach[:, k] / np.sinc(half / np.pi)
+        tangent = tangent + 2 * half
+    return total
