@@ -161,10 +161,11 @@ def test_a_body_that_lengthens_is_told_and_one_that_only_bends_is_not(growth: fl
     first = np.stack([-radius * (1 - c), radius * s], axis=1)
     second = np.stack([first[:, 0] * c - first[:, 1] * s, first[:, 0] * s + first[:, 1] * c], axis=1)
     path = np.stack([first, first + second], axis=1)
-    found = extension(Experiment("e", T, path, ("mid", "tip"), "pulse", level=1e4))
+    found = extension(Experiment("e", T, path, ("mid", "tip"), "pulse", level=1e4), 0.5 * path)
     assert found["extension_percent"] == pytest.approx(100 * growth, rel=0.08, abs=0.02)  # over the last of its travel
     assert found["extension_mm"] == pytest.approx(2 * found["extension_percent"], rel=1e-2, abs=0.02)
-    assert extension(pulse())["extension_mm"] is None  # one point: its tilt would pass for growth
+    assert found["extension_modelled_mm"] == pytest.approx(0.5 * found["extension_mm"], rel=1e-9, abs=1e-12)
+    assert extension(pulse(), pulse().position)["extension_mm"] is None  # one point: its tilt would pass for growth
 
 
 def test_a_pressure_on_its_own_clock_is_judged_on_that_of_the_shape() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -29,6 +30,7 @@ from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce, checked
 
 Array = np.ndarray
+FIRST_FRAMES = 5  # of a body at rest: their median tells where its points are
 Held = Literal["unloaded", "measured"]
 Angles = bool | Literal["only"]
 AngleReference = Literal["rest", "base", "joint", ""]
@@ -74,6 +76,9 @@ class Experiment(Shown):
         Known forces at points of the body, such as a thread that pulls.
     angles_alone : bool
         Whether a fit compares the angles and leaves the positions to the eye.
+    own_places : bool
+        Whether the places of the observed points are read off this recording's own first frames, with the chain at
+        rest there, in place of the model's: of markers that were set anew, or a body that crept in between.
     drives : dict
         Measured pressures by the chamber of the model that each drives, where it has several; those not named rest at
         0 Pa. `pressure` is then the one that moves most.
@@ -100,6 +105,7 @@ class Experiment(Shown):
     held: Array | None = None
     forces: tuple[PointForce, ...] = ()
     angles_alone: bool = False
+    own_places: bool = False
     drives: Mapping[str, Trace] = field(default_factory=dict)
     placeless: bool = field(init=False)
     travel: float = field(init=False)
@@ -171,6 +177,12 @@ class Experiment(Shown):
         moved = {name: Trace(t.time + start, t.pressure) for name, t in self.drives.items()}
         return replace(self, pressure=Trace(self.pressure.time + start, self.pressure.pressure), drives=moved)
 
+    @cached_property
+    def first_places(self) -> Array:
+        """Where the observed points (S, 2) are in their first frames, m."""
+        seen = [p[np.isfinite(p).all(axis=1)][:FIRST_FRAMES] for p in np.moveaxis(self.position, 1, 0)]
+        return np.array([np.median(p, axis=0) for p in seen])
+
     @property
     def own_parameters(self) -> tuple[str, ...]:
         """Names of the parameters that belong to this recording alone and cannot be carried to another."""
@@ -193,6 +205,8 @@ def check_extras(exp: Experiment) -> None:
     levels = [*exp.noise.values(), *([] if exp.angle_noise is None else [exp.angle_noise])]
     if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
         raise InputError(f"experiment {exp.name}: noise levels must be positive, in m and rad, got {bad[0]}")
+    if exp.own_places and exp.excitation == "release":
+        raise InputError(f"experiment {exp.name}: own_places are read off a body at rest, but this one was let go")
     if exp.held is not None and (exp.excitation != "release" or exp.held.shape != exp.position.shape[1:]):
         raise InputError(f"experiment {exp.name}: a held pose (station, 2) goes with a release alone")
     if exp.arc_length is not None and not (
@@ -205,7 +219,8 @@ def experiment(
     name: str, recording: xr.Dataset, *, stations: tuple[str, ...] | None = None, excitation: Excitation | None = None,
     known: Mapping[str, float] | None = None, noise: Mapping[str, float] | None = None,
     angles: Angles = False,
-    held: Held = "unloaded", forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
+    held: Held = "unloaded", own_places: bool = False,
+    forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
 ) -> Experiment:
     """An experiment from an aligned (planar) recording.
 
@@ -226,6 +241,8 @@ def experiment(
     held : {"unloaded", "measured"}
         Where a body that is let go was held: in its unloaded shape, or pulled aside, as the recording shows it in the
         moments before the release.
+    own_places : bool
+        Whether to read the places of the stations off this recording's own first frames; see `Experiment`.
     forces : sequence of PointForce
         Known forces at points of the body.
     drive : dict, optional
@@ -258,6 +275,7 @@ def experiment(
         noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
+        own_places=own_places,
     )
     return replace(made, held=held_pose(made)) if held == "measured" else made
 

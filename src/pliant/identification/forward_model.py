@@ -16,7 +16,7 @@ from pliant.identification.drives import inputs_to
 from pliant.identification.follow_loops import Before, Course, Places, Seen
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
-from pliant.identification.pose import posed
+from pliant.identification.pose import beside_links, posed
 from pliant.identification.sensor import behind_sensors, between_frames, lags_of
 from pliant.model import Model
 from pliant.simulation import Pulse, Trace, equilibrium, lengthened, state
@@ -97,6 +97,8 @@ def set_up(
     start = state.absolute(m, equilibrium(m, plan.initial, link_load=before) if rest is None else rest)
     numbers = gathered(here, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
+    if exp.own_places:
+        numbers = as_first_seen(numbers, m, exp)
     acting = plan.pressure if between is None else plan.pressure[between[1]]
     return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, shown(acting), True, between=between)
 
@@ -214,6 +216,14 @@ def gathered(
         reference=model.base_angle if exp.angle_reference in ("base", "joint") else 0.0,
         length=model.link_length, base_length=model.base_length, share=model.stretch_share,
     )
+
+
+def as_first_seen(numbers: Numbers, model: Model, exp: Experiment) -> Numbers:
+    """The numbers with each observed point where the first frames show it, beside its link at the start."""
+    seen = (exp.first_places - numbers.shift) * [model.bend_sign, 1]
+    links = carriers(model, exp) + 1
+    along, across = (row[np.arange(links.size), links] for row in beside_links(model, numbers.phi, seen))
+    return numbers._replace(along=along, across=across)
 
 
 def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, before: Array | None = None) -> Numbers:

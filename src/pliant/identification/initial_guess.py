@@ -14,12 +14,13 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.extension_parameters import extension_starts, segments
 from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name
+from pliant.identification.pose import beside_links
 from pliant.identification.springpot_band import band_of_springpot
 from pliant.identification.torque_start import highest_level, torque_starts, typical_sizes
 from pliant.model import Model, Station
 from pliant.model.torque_law import unfinished_law
 from pliant.numerics.ringdown import RingDown, ring_down
-from pliant.simulation import equilibrium, lengthened, modes, state
+from pliant.simulation import equilibrium, modes, state
 from pliant.simulation.forces import loads_at
 
 Array = np.ndarray
@@ -101,18 +102,11 @@ def turning_points(model: Model, exp: Experiment, known: Mapping[str, Station]) 
 
 def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) -> Station:
     """The station at `point` (2,) of the base frame; on the link that it lies beside when `link` is None."""
-    mirror = [model.bend_sign, 1]
-    tips = state.tips(model, phi) * mirror
-    stretch = lengthened.stretches(model, phi)
-    joints = np.concatenate([[[0.0, 0.0]], [stretch[0] * model.first_joint], tips[:-1]])  # the base first
-    length = np.concatenate([[model.base_length], model.link_length]) * stretch
-    angle = np.concatenate([[model.base_angle], phi[: model.n]])
-    d = point * mirror - joints
-    along = -np.sin(angle) * d[:, 0] + np.cos(angle) * d[:, 1]
-    across = -np.cos(angle) * d[:, 0] - np.sin(angle) * d[:, 1]
+    length = np.concatenate([[model.base_length], model.link_length])
+    (along,), (across,) = beside_links(model, phi, point[None] * [model.bend_sign, 1])
     apart = np.hypot(along - np.clip(along, 0.0, length), across)
     i = int(np.argmin(apart)) if link is None else link + 1
-    return Station(name, i - 1, float(along[i] / stretch[i]), float(across[i]))
+    return Station(name, i - 1, float(along[i]), float(across[i]))
 
 
 def stiffness_for_frequency(model: Model, exp: Experiment, frequency: float) -> float:

@@ -7,11 +7,26 @@ from typing import Any
 import numpy as np
 
 from pliant.model import Model, fixed_length
-from pliant.simulation import state
+from pliant.simulation import lengthened, state
 
 Array = np.ndarray
 LEAST_PULL = 1e-6  # of a held pose towards the unloaded shape, in pulls of a measured point
 POSE_STEPS = 60
+
+
+def beside_links(model: Model, x: Array, points: Array) -> tuple[Array, Array]:
+    """Places along and across (P, n + 1) each link of points (P, 2) [m], `bend_sign` undone, the base first.
+
+    Places along a link are those of the link unstretched; x (n,) holds absolute angles, strains behind them.
+    """
+    stretch = lengthened.stretches(model, x)
+    tips = state.tips(model, x) * [model.bend_sign, 1]
+    joints = np.concatenate([[[0.0, 0.0]], [stretch[0] * model.first_joint], tips[:-1]])
+    angle = np.concatenate([[model.base_angle], x[: model.n]])
+    d = points[:, None] - joints
+    along = -np.sin(angle) * d[..., 0] + np.cos(angle) * d[..., 1]
+    across = -np.cos(angle) * d[..., 0] - np.sin(angle) * d[..., 1]
+    return along / stretch, across
 
 
 def posed(model: Model, carrier: Array, chosen: list[Any], seen: Array) -> Array:

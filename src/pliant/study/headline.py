@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from pliant.study.schema import Targets
-from pliant.study.verdict import LONGER, judged
+from pliant.study.verdict import LONGER, by_the_model, judged
 from pliant.validation.outcome import FitOutcome, Headline, RecordOutcome, StudyOutcome
 from pliant.validation.wording import sized
 
@@ -104,4 +104,6 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
     held = m.get("within_band_percent", 95.0)
     yield (95.0 - held) / (95.0 - COVERED), f"{name}: the 95 % band holds only {held:.0f} % of what was measured."
     longer = m.get("extension_percent") or 0.0
-    yield longer / LONGER, f"{name}: the body lengthens by {longer:.1f} %, the model does not."
+    if longer > 0:
+        shorter = abs(longer - (m.get("extension_modelled_percent") or 0.0))
+        yield shorter / LONGER, f"{name}: the body lengthens by {longer:.1f} %, {by_the_model(m)}."

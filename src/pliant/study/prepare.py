@@ -160,6 +160,7 @@ def study_experiment(study: Study, name: str, ds: xr.Dataset) -> Experiment:
     return experiment(
         name, ds, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
         angles=entry.angles, held=entry.held, forces=[f.point_force for f in entry.forces], drive=entry.drive,
+        own_places=entry.own_places,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,24 +22,20 @@ from pliant.identification import (
     bootstrapped,
     fit,
     ladder,
-    predict,
 )
 from pliant.identification.drives import at_rest
-from pliant.identification.edges import edges
-from pliant.identification.error_propagation import half_widths
 from pliant.identification.fit import parameters_from
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.angles import supported_links
 from pliant.study.dense import link_experiment, shape_of
+from pliant.study.forecast import check_forecasts, run_forecast
 from pliant.study.headline import headline
 from pliant.study.prepare import all_planar, hardly_moved, study_experiment, study_model, without
 from pliant.study.record_outcomes import records_of
-from pliant.study.schema import Fit, ForecastEntry, LadderEntry, Study
+from pliant.study.schema import Fit, LadderEntry, Study
 from pliant.study.verdict import verdict
-from pliant.units import pascal_per
-from pliant.validation.metrics import response
-from pliant.validation.outcome import Clocks, FitOutcome, Forecast, Shape, StudyOutcome
+from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome
 from pliant.validation.store import save_results
 from pliant.version import __version__
 
@@ -207,49 +203,6 @@ def ladder_fit(study: Study, climbed: Ladder, experiments: Mapping[str, Experime
     return whole_fit(
         study, "ladder", f"Ladder, {step.rung.title}", entry, climbed.result, step.seconds, experiments, tell
     )
-
-
-def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None:
-    """Refuse a level for a case that is like a recording without one."""
-    for name, entry in study.forecasts.items():
-        excitation = experiments[entry.like].excitation
-        if entry.level is not None and excitation not in ("pulse", "step"):
-            raise InputError(
-                f"forecast {name}: a level goes with a pulse or a step, but {entry.like!r} is a {excitation}"
-            )
-
-
-def run_forecast(
-    study: Study, name: str, entry: ForecastEntry, experiments: Mapping[str, Experiment], result: FitResult,
-) -> Forecast:
-    """Predict a case that was not recorded: like a recorded one, with the stated changes."""
-    template = experiments[entry.like]
-    level = template.level if entry.level is None else entry.level * pascal_per(entry.pressure_unit)
-    case = replace(template, name=name, level=level, known={**template.known, **entry.known})
-    own = edge_values(case.own_parameters, template)
-    seen: list[str] = []
-
-    def measure(values: Mapping[str, float]) -> np.ndarray:
-        tip = predict(result.model, case, {**values, **own}, study.step)["compared"][:, -1]
-        traits = response(template.synchronised(values), tip)
-        seen[:] = seen or [k for k, v in traits.items() if v is not None]
-        numbers = [np.nan if (v := traits[k]) is None else v for k in seen]
-        return np.concatenate([numbers, tip.ravel()])
-
-    found, half = measure(result.values), half_widths(result, measure)
-    count = len(seen)
-    interval = {k: float(h) for k, h in zip(seen, half, strict=False) if h > 0}
-    stated = {**entry.known, **({"level": level} if entry.level is not None else {})}
-    return Forecast(
-        name, entry.title or name, stated, case.time, found[count:].reshape(case.time.size, -1),
-        dict(zip(seen, found[:count].tolist(), strict=True)), interval, half[count:].reshape(case.time.size, -1),
-    )
-
-
-def edge_values(names: Sequence[str], template: Experiment) -> dict[str, float]:
-    """Edge times of a case that was not recorded: those that the template's motion shows."""
-    found = edges(template)
-    return {name: found[name.rpartition(".")[2]] for name in names}
 
 
 def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:

@@ -146,6 +146,7 @@ class Recording(Entry):
     known: dict[str, float] = {}  # parameters of this recording alone, SI
     noise: dict[str, float] = {}  # m, standard deviation of a station's coordinates, where it is known
     drive: dict[str, str | int] = {}  # chamber of the model -> chamber of the recording, by name or index from 0
+    own_places: bool = False  # read the places of its stations off its own first frames, the chain at rest
     angles: Angles = False  # fit the recorded angles too (of a reduced shape: those of its joints), or "only" them
     forces: list[KnownForce] = []
     alignment: Alignment | None = None  # its entries overrule the study's
@@ -185,6 +186,7 @@ class ForecastEntry(Entry):
     like: str  # the recording whose excitation it shares
     known: dict[str, float] = {}
     level: float | None = None
+    pressures: dict[str, float] = {}  # chamber -> highest, on the recording's course; others stay as they began
     pressure_unit: str = "Pa"
 
 
@@ -274,6 +276,11 @@ def check_chambers(study: Study, path: Path) -> None:
     names = [c.name for c in study.actuator.chambers] or ["chamber"]
     if study.actuator.chambers and study.actuator.torque is not None:
         raise InputError(f"study {path}: give [actuator] torque, of the only chamber, or [[actuator.chambers]]")
+    for name, forecast in study.forecasts.items():
+        if strange := [c for c in forecast.pressures if c not in names]:
+            raise InputError(
+                f"study {path}: forecast {name} drives the chamber {strange[0]!r}; the actuator has {', '.join(names)}"
+            )
     for name, entry in study.recordings.items():
         if strange := [c for c in entry.drive if c not in names]:
             raise InputError(

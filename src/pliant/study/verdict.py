@@ -10,6 +10,7 @@ from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome, Study
 from pliant.validation.wording import metric_label, sized
 
 LONGER = 2.0  # % of its length: a body that grows by more is said to
+SAME = 0.1  # of what the body grows: a model that grows by less does not
 
 
 def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
@@ -62,8 +63,16 @@ def unlike(m: dict[str, Any]) -> str:
         said = f" It comes to rest without ringing, over-damped, {rings}."
     longer = m.get("extension_percent") or 0.0
     if longer > LONGER:
-        said += f" The body lengthens by {m['extension_mm']:.2g} mm ({longer:.1f} %), the model does not."
+        said += f" The body lengthens by {m['extension_mm']:.2g} mm ({longer:.1f} %), {by_the_model(m)}."
     return said
+
+
+def by_the_model(m: dict[str, Any]) -> str:
+    """How much the model lengthens, as the tail of a sentence on the body."""
+    longer = m.get("extension_modelled_percent") or 0.0
+    if abs(longer) < SAME * m["extension_percent"]:
+        return "the model does not"
+    return f"the model by {longer:.1f} %"
 
 
 def judged(m: dict[str, Any], targets: Targets) -> str:

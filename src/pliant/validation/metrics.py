@@ -27,8 +27,10 @@ DEFINITIONS = {
     "damping_ratio": "damping ratio of the same ring-down",
     "overshoot_percent": "first peak above the value at the end of the pulse, in % of that value",
     "steady_state_mm": "displacement of the last station from its rest at the pulse's end or after the release, mm",
-    "extension_mm": "growth of the measured body as it bends, by arcs through its stations; models do not grow",
+    "extension_mm": "growth of the measured body as it bends, by arcs through its stations",
     "extension_percent": "the same in % of the length at rest",
+    "extension_modelled_mm": "growth of the modelled body in the same frames, by arcs through the same stations",
+    "extension_modelled_percent": "the same in % of the length at rest",
     "steady_state_error_mm": "difference of steady_state_mm, modelled less measured, mm",
     "travel_mm": "largest measured displacement of the last station from its rest, the median of 5 frames, mm",
     "frames": "frames of the recording that were compared",
@@ -64,7 +66,7 @@ def definitions(*, turns: bool) -> dict[str, str]:
     """What each metric means, of places or, where a body `turns` before angle sensors, of angles."""
     if not turns:
         return DEFINITIONS
-    of_places = ("_mm", "of_length", "extension_percent")
+    of_places = ("_mm", "of_length", "extension_percent", "extension_modelled_percent")
     return {**ANGLES, **{k: v for k, v in DEFINITIONS.items() if not k.endswith(of_places) and k not in ANGLES}}
 
 
@@ -86,7 +88,7 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
     ends, begins = (traits[who][f"steady_state_{unit}"] for who in ("modelled", "measured"))
     own = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.placeless else {
-        "rmse_percent_of_length": 100 * rmse / length, **extension(exp)}
+        "rmse_percent_of_length": 100 * rmse / length, **extension(exp, modelled)}
     return {
         f"rmse_{unit}": factor * rmse,
         f"max_{unit}": factor * float(distance[seen].max()),

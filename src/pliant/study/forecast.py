@@ -1,0 +1,91 @@
+"""Cases that were not recorded, predicted: like a recording, with other loads, levels or pressures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.identification import Experiment, FitResult, predict
+from pliant.identification.edges import edges
+from pliant.identification.error_propagation import half_widths
+from pliant.simulation import Trace
+from pliant.study.schema import ForecastEntry, Study
+from pliant.units import pascal_per
+from pliant.validation.extension import NAMES, growth
+from pliant.validation.metrics import response
+from pliant.validation.outcome import Forecast
+
+
+def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None:
+    """Refuse a level for a case that is like a recording without one."""
+    for name, entry in study.forecasts.items():
+        excitation = experiments[entry.like].excitation
+        if entry.level is not None and excitation not in ("pulse", "step"):
+            raise InputError(
+                f"forecast {name}: a level goes with a pulse or a step, but {entry.like!r} is a {excitation}"
+            )
+        if entry.pressures and excitation != "trace":
+            raise InputError(
+                f"forecast {name}: pressures go with a measured pressure, but {entry.like!r} is a {excitation}"
+            )
+
+
+def run_forecast(
+    study: Study, name: str, entry: ForecastEntry, experiments: Mapping[str, Experiment], result: FitResult,
+) -> Forecast:
+    """Predict a case that was not recorded: like a recorded one, with the stated changes."""
+    template = experiments[entry.like]
+    level = template.level if entry.level is None else entry.level * pascal_per(entry.pressure_unit)
+    case = replace(template, name=name, level=level, known={**template.known, **entry.known})
+    driven = {c: p * pascal_per(entry.pressure_unit) for c, p in entry.pressures.items()}
+    if driven:
+        case = other_pressures(case, driven)
+    own = edge_values(case.own_parameters, template)
+    seen: list[str] = []
+
+    def measure(values: Mapping[str, float]) -> np.ndarray:
+        told = predict(result.model, case, {**values, **own}, study.step)
+        tip, grown = told["compared"][:, -1], {} if case.placeless else growth(told["position"], NAMES)
+        traits = {**response(template.synchronised(values), tip), **grown}
+        seen[:] = seen or [k for k, v in traits.items() if v is not None]
+        numbers = [np.nan if (v := traits[k]) is None else v for k in seen]
+        return np.concatenate([numbers, tip.ravel()])
+
+    found, half = measure(result.values), half_widths(result, measure)
+    count = len(seen)
+    interval = {k: float(h) for k, h in zip(seen, half, strict=False) if h > 0}
+    stated = {**entry.known, **({"level": level} if entry.level is not None else {})}
+    stated |= {f"{chamber}.pressure": p for chamber, p in driven.items()}
+    return Forecast(
+        name, entry.title or name, stated, case.time, found[count:].reshape(case.time.size, -1),
+        dict(zip(seen, found[:count].tolist(), strict=True)), interval, half[count:].reshape(case.time.size, -1),
+    )
+
+
+def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Experiment:
+    """The experiment with other pressures: chambers of `highest` [Pa] follow its course, the others stay as they began.
+
+    The course is that of the chamber that was driven most, from its first value, 0, to its highest, 1.
+    """
+    drives, lead = template.drives, template.pressure
+    if lead is None:
+        raise InputError(f"forecast {template.name}: the recording that it is like has no measured pressure")
+    course = (lead.pressure - lead.pressure[0]) / (lead.pressure.max() - lead.pressure[0])
+
+    def driven(first: float, chamber: str, time: np.ndarray = lead.time) -> Trace:
+        return Trace(time, first + (highest.get(chamber, first) - first) * course)
+
+    if not drives:
+        (chamber,) = highest
+        return replace(template, pressure=driven(float(lead.pressure[0]), chamber))
+    first = {**dict.fromkeys(highest, 0.0), **{c: float(t.pressure[0]) for c, t in drives.items()}}
+    return replace(template, drives={c: driven(p, c) for c, p in first.items()})
+
+
+def edge_values(names: Sequence[str], template: Experiment) -> dict[str, float]:
+    """Edge times of a case that was not recorded: those that the template's motion shows."""
+    found = edges(template)
+    return {name: found[name.rpartition(".")[2]] for name in names}
