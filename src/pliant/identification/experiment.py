@@ -14,6 +14,7 @@ from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.drives import check_drives, drives_of, leading
 from pliant.identification.edges import held_pose, steady
+from pliant.identification.experiment_checks import check_extras
 from pliant.identification.forward_model import moved, set_up
 from pliant.identification.parameters import Parameter, for_record
 from pliant.identification.recorded import (
@@ -188,31 +189,6 @@ class Experiment(Shown):
         """Names of the parameters that belong to this recording alone and cannot be carried to another."""
         names = {"trace": (), "pulse": ("start", "stop"), "step": ("start",), "release": ("release",)}[self.excitation]
         return tuple(f"{self.name}.{n}" for n in names)
-
-
-def check_extras(exp: Experiment) -> None:
-    """Refuse angles, noise levels and arc lengths that do not go with the positions."""
-    if exp.angle is not None and exp.angle.shape != exp.position.shape[:2]:
-        raise InputError(
-            f"experiment {exp.name}: angles must be (time, station) = {exp.position.shape[:2]}, got {exp.angle.shape}"
-        )
-    if exp.angle is not None and exp.angle_reference not in ("rest", "base", "joint"):
-        raise InputError(f"experiment {exp.name}: say what angles are measured from: angle_reference rest, base, joint")
-    if exp.angles_alone and exp.angle is None:
-        raise InputError(f"experiment {exp.name} compares angles alone, but has none")
-    if strange := [s for s in exp.noise if s not in exp.stations]:
-        raise InputError(f"experiment {exp.name} has a noise level for {strange[0]!r}, which is no station of it")
-    levels = [*exp.noise.values(), *([] if exp.angle_noise is None else [exp.angle_noise])]
-    if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
-        raise InputError(f"experiment {exp.name}: noise levels must be positive, in m and rad, got {bad[0]}")
-    if exp.own_places and exp.excitation == "release":
-        raise InputError(f"experiment {exp.name}: own_places are read off a body at rest, but this one was let go")
-    if exp.held is not None and (exp.excitation != "release" or exp.held.shape != exp.position.shape[1:]):
-        raise InputError(f"experiment {exp.name}: a held pose (station, 2) goes with a release alone")
-    if exp.arc_length is not None and not (
-        exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
-    ):
-        raise InputError(f"experiment {exp.name}: arc_length must rise from station to station, one number for each")
 
 
 def experiment(

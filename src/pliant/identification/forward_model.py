@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import extension, motion
-from pliant.equations.symbols import Body, ExtensibleBody, Held, Joints, Memory, Past
+from pliant.equations.symbols import Body, Held, Joints, Memory, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.drives import inputs_to
 from pliant.identification.follow_loops import Before, Course, Places, Seen
+from pliant.identification.loop_inputs import Numbers, SetUp
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.pose import beside_links, posed
@@ -28,45 +29,6 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-
-
-class Numbers(NamedTuple):
-    """All that a derivative can act on; every entry a number or an array."""
-
-    held: Any  # (n,) rad, absolute angles of the first rows
-    held_base: Any  # rad
-    phi: Any  # (n,) rad, at the start of the motion
-    h: Any  # (steps,) s
-    torque: Any  # (steps, C) N m, of the chambers; one more column for a hand that lets go
-    gain: Any  # (C, n) share of it that each joint feels
-    torque_before: Any  # (n,) N m, under which the chain rests at the start
-    load: Any  # (steps, n, 2) N m, of known forces; no rows where there are none
-    load_before: Any  # (n, 2) N m, under which the chain rests at the start
-    body: Body | ExtensibleBody
-    joints: Joints
-    memory: Memory
-    along: Any  # (S,) m
-    across: Any  # (S,) m
-    shift: Any  # (2,) m
-    reference: Any  # rad
-    sensor_lag: Any  # (S,) s, of the stations' sensors; no entries where none lags
-    length: Any  # (n,) m, of the links
-    base_length: Any  # m
-    share: Any  # (n + 1, S) part of each link that lies in each segment that lengthens
-
-
-class SetUp(NamedTuple):
-    """Numbers of one simulated experiment, with what no derivative acts on."""
-
-    numbers: Numbers
-    keep: Array  # (steps,) row of the output after the step, -1: none
-    still: int  # rows before the motion begins
-    carrier: Array  # (S,)
-    model: Model
-    pressure: Array  # (T,) Pa, behind the valve; (T, C) of several
-    from_rest: bool  # whether the start is the equilibrium under `torque_before`
-    pulled: bool = False  # whether a hand took the body to its pose from its unloaded shape
-    between: tuple[Array, Array] | None = None  # times of the rows and where the frames stand, where a sensor lags
 
 
 def set_up(

@@ -16,7 +16,8 @@ from pliant.compiler.choose import twin
 from pliant.equations import motion
 from pliant.equations.symbols import Body, ExtensibleBody, Joints, Slopes
 from pliant.errors import FitError, PliantError
-from pliant.identification.forward_model import Numbers, SetUp, moved, set_up
+from pliant.identification.forward_model import moved, set_up
+from pliant.identification.loop_inputs import Numbers, SetUp
 from pliant.identification.plans import Plans
 from pliant.model import Model
 from pliant.simulation import lengthened, state
