@@ -36,12 +36,12 @@ def energy_gap(run: xr.Dataset) -> np.ndarray:
     ],
 )
 def test_the_three_references_agree(paper, valve):
-    model = paper.with_(valve=valve)
-    runs = [simulate(model, PULSE, times=TIMES[:71], method=m, rtol=1e-9) for m in ("LSODA", "BDF", "Radau")]
+    model, pulse, times = paper.with_(valve=valve), Pulse(119e3, 0.0303, 0.1011), TIMES[:26]  # the rise and the fall
+    runs = [simulate(model, pulse, times=times, method=m, rtol=1e-9) for m in ("LSODA", "BDF", "Radau")]
     for run in runs[1:]:
         assert np.abs(run.tip_position - runs[0].tip_position).max() < 2e-8  # m
         assert np.abs(run.input_work - runs[0].input_work).max() < 2e-8  # J
-    marched = simulate(model, PULSE, times=TIMES[:71], step=1e-4)
+    marched = simulate(model, pulse, times=times, step=1e-4)
     assert np.abs(marched.tip_position - runs[0].tip_position).max() < 1e-6
 
 

@@ -14,6 +14,7 @@ from pliant.identification.drives import at_rest
 from pliant.identification.experiment import Experiment, predict
 from pliant.identification.identifiability import combinations, examine
 from pliant.identification.initial_guess import prepare
+from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply
 from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS
@@ -29,8 +30,6 @@ if TYPE_CHECKING:  # an optimiser is imported when one runs
 __all__ = ["FIT_OPTIONS", "FitOptions", "FitResult", "fit", "parameter_dict", "parameters_from", "predict_held_out"]
 Array = np.ndarray
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
-ROBUST_FROM = 0.01  # of the travel: beyond, a robust loss bounds the pull of a residual
-ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
 NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 
 
@@ -118,12 +117,7 @@ def fit(
         problem.hold_to_start()
     else:
         check_identifiable(problem)
-    ends: list[OptimizeResult] = []
-    for k, x0 in enumerate(simulable):
-        ends.append(solve(problem, x0, loss, max_evaluations))
-        if progress:
-            progress(f"start {k + 1} of {len(simulable)}: cost {ends[-1].cost:.4g} after {problem.evaluations} sets")
-    best = min(ends, key=lambda end: float(end.cost))
+    best = solve_all(problem, simulable, loss, max_evaluations, progress)
     for _ in range(2 if problem.learns else 0):
         problem.learn_sizes(best.x)
         best = solve(problem, best.x, loss, max_evaluations)
@@ -150,51 +144,6 @@ def check_identifiable(problem: Problem) -> None:
     if found:
         said = "; ".join(f"{d.sentence} ({d.cure})" for d in found)
         raise FitError(f"these parameters cannot be fitted together: {said}; or pass regularise=True")
-
-
-def solve(problem: Problem, x0: Array, loss: str, max_evaluations: int) -> OptimizeResult:
-    """Least squares from x0, with exact derivatives.
-
-    The optimiser sees moves from x0 in sizes of the parameters, so that its first step is of one size at most: where
-    a start shows little of a parameter, a step scaled by the derivatives would leave all that is physical.
-    """
-    from scipy.optimize import least_squares
-
-    residual, jacobian = condensed(problem) if loss == "linear" else (problem.residual, problem.jacobian)
-    best = least_squares(
-        lambda move: residual(x0 + move), np.zeros_like(x0), lambda move: jacobian(x0 + move),
-        bounds=(problem.bounds[0] - x0, problem.bounds[1] - x0), loss=loss,
-        f_scale=ROBUST_SIGMAS if problem.weighting == "noise" else ROBUST_FROM * problem.unit,
-        max_nfev=max_evaluations, xtol=1e-9, ftol=1e-9, gtol=1e-10,
-    )
-    best.x = np.clip(x0 + best.x, *problem.bounds)
-    return best
-
-
-def condensed(problem: Problem) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    """Residual and Jacobian, turned by one rotation so that all but P + 1 rows vanish: less for the optimiser to do.
-
-    With [r J] = Q R, the first column of R is the length of r and zeros below it, wherever r points: sums of squares,
-    gradient and singular values are those of r and J.
-    """
-    rows = len(problem.free) + 1
-    latest: dict[bytes, Array] = {}
-
-    def residual(x: Array) -> Array:
-        r = problem.residual(x)
-        latest.clear()
-        latest[x.tobytes()] = r
-        return np.asarray(np.sqrt(np.sum(r * r)) * np.eye(1, rows)[0])  # no BLAS: its threads cost more than they do
-
-    def jacobian(x: Array) -> Array:
-        r = latest.get(x.tobytes())
-        whole = np.column_stack([problem.residual(x) if r is None else r, problem.jacobian(x)])
-        R = np.zeros((rows, rows))
-        triangle = np.linalg.qr(whole, mode="r")
-        R[: len(triangle)] = triangle
-        return np.asarray(R[:, 1:] * np.where(np.arange(rows) == 0, np.copysign(1.0, R[0, 0]), 1.0)[:, None])
-
-    return residual, jacobian
 
 
 def predict_held_out(

@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.identification.experiment import Experiment, predict
-from pliant.identification.fit import solve
+from pliant.identification.optimise import solve
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames
 from pliant.identification.result import FitResult

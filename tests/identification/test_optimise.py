@@ -1,0 +1,58 @@
+"""Several starts: one that runs into a minimum that was found stops there, one that leads elsewhere goes on."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.identification.optimise import solve, solve_all
+
+
+@pytest.fixture
+def two_bowls() -> Any:
+    """Minima near -1, with a residual of 0.3 that stays, and near 1, higher; x counts in parameters of size 1."""
+    asked: list[float] = []
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        asked.append(float(x[0]))
+        return np.array([x[0] ** 2 - 1.0, 0.2 * (x[0] + 1.0), 0.3])
+
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        return np.array([[2.0 * x[0]], [0.2], [0.0]])
+
+    bounds = (np.array([-9.0]), np.array([9.0]))
+    return SimpleNamespace(residual=residual, jacobian=jacobian, free=[0], bounds=bounds, weighting="travel", unit=1.0,
+                           evaluations=0, asked=asked)  # fmt: skip
+
+
+def starts(*values: float) -> list[np.ndarray]:
+    return [np.array([v]) for v in values]
+
+
+@pytest.mark.parametrize("order", [(2.0, -2.0), (-2.0, 2.0)])
+def test_the_lower_of_two_minima_wins_whichever_comes_first(two_bowls: Any, order: tuple[float, float]) -> None:
+    best = solve_all(two_bowls, starts(*order), "linear", 100, None)
+    assert best.x == pytest.approx([-1.0], abs=1e-6)
+    assert best.cost == pytest.approx(0.5 * 0.3**2)
+
+
+def test_a_start_on_its_way_to_a_known_minimum_stops(two_bowls: Any) -> None:
+    first = solve(two_bowls, np.array([-2.0]), "linear", 100)
+    alone = len(two_bowls.asked)
+    solve(two_bowls, np.array([-3.0]), "linear", 100)
+    whole = len(two_bowls.asked) - alone
+    two_bowls.asked.clear()
+    told: list[str] = []
+    best = solve_all(two_bowls, starts(-2.0, -3.0), "linear", 100, told.append)
+    assert len(two_bowls.asked) < alone + whole
+    assert np.array_equal(best.x, first.x)
+    assert "cost 0.045" in told[0]
+    assert "a minimum found before" in told[1]
+
+
+def test_robust_losses_take_every_start_to_its_end(two_bowls: Any) -> None:
+    best = solve_all(two_bowls, starts(2.0, -2.0, -3.0), "soft_l1", 100, None)
+    assert best.x == pytest.approx([-1.0], abs=1e-4)
