@@ -50,6 +50,8 @@ FORMULAS = {  # in TeX; the page of metrics says what the letters mean
     "steady_state_error_mm": r"10^3\left(u_{\text{end}}^{\text{modelled}}-u_{\text{end}}^{\text{measured}}\right)",
     "extension_mm": r"10^3\,(\ell_{\text{bent}}-\ell_{\text{rest}})",
     "extension_percent": r"100\,(\ell_{\text{bent}}/\ell_{\text{rest}}-1)",
+    "extension_modelled_mm": r"10^3\,(\hat\ell_{\text{bent}}-\hat\ell_{\text{rest}})",
+    "extension_modelled_percent": r"100\,(\hat\ell_{\text{bent}}/\hat\ell_{\text{rest}}-1)",
     "travel_mm": r"10^3\max_t|m_{tS}-m_0|",
 }
 ANGLES = {

@@ -47,6 +47,8 @@ class Record(Compared):
     steady_state_error_mm: float | None
     extension_mm: float | None
     extension_percent: float | None
+    extension_modelled_mm: float | None
+    extension_modelled_percent: float | None
     travel_mm: float
 
 
