@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -276,15 +276,12 @@ def check_chambers(study: Study, path: Path) -> None:
     names = [c.name for c in study.actuator.chambers] or ["chamber"]
     if study.actuator.chambers and study.actuator.torque is not None:
         raise InputError(f"study {path}: give [actuator] torque, of the only chamber, or [[actuator.chambers]]")
-    for name, forecast in study.forecasts.items():
-        if strange := [c for c in forecast.pressures if c not in names]:
+    driven: dict[str, Collection[str]] = {f"forecast {n}": f.pressures for n, f in study.forecasts.items()}
+    driven |= {f"recording {n}": r.drive for n, r in study.recordings.items()}
+    for where, chambers in driven.items():
+        if strange := [c for c in chambers if c not in names]:
             raise InputError(
-                f"study {path}: forecast {name} drives the chamber {strange[0]!r}; the actuator has {', '.join(names)}"
-            )
-    for name, entry in study.recordings.items():
-        if strange := [c for c in entry.drive if c not in names]:
-            raise InputError(
-                f"study {path}: recording {name} drives the chamber {strange[0]!r}; the actuator has {', '.join(names)}"
+                f"study {path}: {where} drives the chamber {strange[0]!r}; the actuator has {', '.join(names)}"
             )
 
 
