@@ -57,7 +57,7 @@ def in_mujoco(model: pliant.Model, end: float = CASE.duration) -> tuple[Pressed,
     spec.worldbody.add_geom(
         name="post", type=mujoco.mjtGeom.mjGEOM_CYLINDER, pos=[*POST.centre, 0.0], size=[POST.radius, 0.03, 0.0],
         friction=[0.0, 0.0, 0.0], condim=1, rgba=[0.8, 0.8, 0.8, 1],
-        solref=[1e-2, 1.0],  # s: the finger sinks in by 0.3 to 0.4 mm, as in the laboratory
+        solref=[1e-2, 1.0],  # s: the finger sinks in by 0.3 to 0.5 mm, in the laboratory by 0.3 to 0.4
     )
     m = spec.compile()
     d = mujoco.MjData(m)

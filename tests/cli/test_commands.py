@@ -20,6 +20,7 @@ from pliant.cli import app
 from pliant.model import load_model, save_model
 from pliant.recording import make_recording, write
 from pliant.simulation import Pulse, equilibrium, simulate
+from pliant.simulation.forces import PointForce
 
 HEAVY = ("numba", "xarray", "matplotlib", "scipy", "pandas", "numpy", "pydantic")
 
@@ -170,6 +171,14 @@ def test_a_load_a_table_and_a_film(model: Path, tmp_path: Path) -> None:
     told = json.loads(loaded.stdout)["final_tip_mm"]
     assert told == pytest.approx(1e3 * heavy.tip_position.to_numpy()[-1, -1], abs=1e-6)
     assert (tmp_path / "motion.gif").read_bytes()[:6] == b"GIF89a"
+    pushed = invoke("simulate", model, "--level-kpa", "0", "--duration", "0.6", "--force", "0.1,0", "--json")
+    force = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.0], [0.0, 0.0]])
+    pull = PointForce(np.array([0.12, 0.12, 2.88, 2.88]), force, own.points[-1].name)
+    alone = simulate(own, Pulse(0.0), duration=0.6, forces=[pull])
+    told = json.loads(pushed.stdout)["final_tip_mm"]
+    assert told == pytest.approx(1e3 * alone.tip_position.to_numpy()[-1, -1], abs=1e-6)
+    wrong = invoke("simulate", model, "--force", "1,a")
+    assert "--force takes FX,FY" in str(wrong.exception)
     wrong = invoke("simulate", model, "--load-g", "-1e6")
     assert "must be a mass in grams" in str(wrong.exception)
     wrong = invoke("simulate", model, "--duration", "0.1", "--film", tmp_path / "a.avi")

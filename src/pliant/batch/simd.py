@@ -133,7 +133,7 @@ class Alone(Groups):
     def alone(self, i: int, h: Array, torque: Array, keep: Array) -> None:
         """March sample `i` and put it where it belongs."""
         model, times = self.samples.model(i), self.schedule.times
-        steps = march_loops.Steps(h, torque[:, None], np.array(model.actuation.gain), keep)
+        steps = march_loops.Steps(h, torque[:, None], np.array(model.actuation.gain), keep, np.zeros((0, 0, 2)))
         angle, rate = self.start[:, :, i]
         made, failed = march_alone(model, steps, angle.copy(), rate.copy(), times.size)
         if failed >= 0:

@@ -13,6 +13,7 @@ from pliant.errors import InputError
 if TYPE_CHECKING:
     from pliant.model import Model
     from pliant.simulation import Trace
+    from pliant.simulation.forces import PointForce
 
 
 def simulate(
@@ -32,6 +33,9 @@ def simulate(
     load_g: Annotated[
         float, typer.Option("--load-g", help="Mass hung on the tip, g; it weighs where the model has gravity.")
     ] = 0.0,
+    force: Annotated[
+        str, typer.Option(help="Force FX,FY[@POINT] in N on an observed point (the last), while the pulse lasts.")
+    ] = "",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Trajectory file (.nc or .csv).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of all tips against time (.png or .svg).")] = None,
     film: Annotated[Path | None, typer.Option(help="Film of the moving body (.gif; .mp4 where ffmpeg is).")] = None,
@@ -48,17 +52,18 @@ def simulate(
     from pliant.simulation import simulate as solve
 
     loaded = with_load(load_model(model), load_g)
+    pull = point_forces(loaded, force, start, start + width)
     if trace is None:
         pulse = Pulse(1e3 * level_kpa if level_kpa is not None else own_level(loaded), start, width)
         seconds = 4.0 if duration is None else duration
         with busy("simulating"):
-            result = solve(loaded, pulse, duration=seconds, step=step_ms * 1e-3, method=method)
+            result = solve(loaded, pulse, duration=seconds, step=step_ms * 1e-3, method=method, forces=pull)
     elif level_kpa is not None:
         raise InputError("give either --level-kpa for a pulse or --trace for a measured pressure, not both")
     else:
         measured, times = measured_pressure(trace, duration, step_ms * 1e-3)
         with busy("simulating"):
-            result = solve(loaded, measured, times=times, step=step_ms * 1e-3, method=method)
+            result = solve(loaded, measured, times=times, step=step_ms * 1e-3, method=method, forces=pull)
     if output is not None:
         save_trajectory(result, output)
     if figure is not None:
@@ -75,6 +80,23 @@ def with_load(model: Model, grams: float) -> Model:
     if not (math.isfinite(grams) and model.tip_mass + 1e-3 * grams >= 0):
         raise InputError(f"--load-g must be a mass in grams, and no lighter than nothing, got {grams}")
     return model.with_(tip_mass=model.tip_mass + 1e-3 * grams) if grams else model
+
+
+def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[PointForce, ...]:
+    """The force of ``FX,FY[@POINT]`` from `start` to `stop` [s]; none for an empty text."""
+    import numpy as np
+
+    from pliant.simulation.forces import PointForce
+
+    if not text:
+        return ()
+    numbers, _, point = text.partition("@")
+    try:
+        fx, fy = (float(part) for part in numbers.split(","))
+    except ValueError:
+        raise InputError(f"--force takes FX,FY or FX,FY@POINT with numbers in N, got {text!r}") from None
+    force, time = np.array([[0.0, 0.0], [fx, fy], [fx, fy], [0.0, 0.0]]), np.array([start, start, stop, stop])
+    return (PointForce(time, force, point or model.points[-1].name),)
 
 
 def own_level(model: Model) -> float:

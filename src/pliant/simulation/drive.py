@@ -37,11 +37,12 @@ class Drive(NamedTuple):
     pressure: Array  # (rows, C) Pa, behind the valves, at the output times
     initial: Array  # (C,) Pa, before anything happens at the first time: a jump there is part of the motion
     stretch: Array | None = None  # (rows, C) hoop stretch, at the output times, where a chamber inflates
+    load: Array = np.zeros((0, 0, 2))  # (steps, n, 2) N m, mean loads of the links over each step, where forces pull
 
     @property
     def steps(self) -> Steps:
         """For the march."""
-        return Steps(self.h, self.torque, self.gain, self.keep)
+        return Steps(self.h, self.torque, self.gain, self.keep, self.load)
 
     @property
     def joint_torque(self) -> Array:

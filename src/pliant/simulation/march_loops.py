@@ -37,6 +37,7 @@ class Steps(NamedTuple):
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
     gain: np.ndarray  # (C, n) share of it that each joint feels
     keep: np.ndarray  # (steps,) row of the output after the step, -1: none
+    load: np.ndarray  # (steps, n, 2) N m of `contact.add_link_loads`; (0, n, 2) where no force pulls
 
 
 class Rows(NamedTuple):
@@ -77,6 +78,8 @@ def march(phi, w, steps, body, joints, work, out):
         h = steps.h[k]
         for c in range(len(steps.gain)):
             share_out(c, steps.torque[k, c], steps.gain, work.tau)
+        if len(steps.load) > 0:
+            add_link_loads(phi, w, 0.5 * h, steps.load[k], work.tau)
         step(phi, w, h, work.tau, body, joints, work)
         for i in range(n):
             work.c[i] = w[i] - 0.5 * work.a[i]
@@ -108,6 +111,8 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
         h = steps.h[k]
         for c in range(len(steps.gain)):
             share_out(c, steps.torque[k, c], steps.gain, work.tau)
+        if len(steps.load) > 0:
+            add_link_loads(phi, w, 0.5 * h, steps.load[k], work.tau)
         taken = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
         for i in range(n):
             work.c[i] = w[i] - 0.5 * work.a[i]

@@ -16,6 +16,7 @@ from pliant.simulation import lengthened, march_loops, memory, state
 from pliant.simulation.balance import tell_gain
 from pliant.simulation.drive import LONGEST, Drive, drive, inputs_of, too_fast
 from pliant.simulation.extrapolated import Marched, march_extrapolated
+from pliant.simulation.forces import PointForce, checked, loads_at, mean_loads
 from pliant.simulation.inputs import Input
 from pliant.simulation.reference import METHODS, Start, solve_reference
 from pliant.simulation.result import Motion, by_chamber, trajectory
@@ -35,6 +36,7 @@ def simulate(
     initial_angle: Array | None = None,
     initial_rate: Array | None = None,
     initial_memory: Array | None = None,
+    forces: Sequence[PointForce] = (),
     rtol: float = 1e-8,
 ) -> xr.Dataset:
     """Simulate the chain under a pressure input. Paper: Eq. (5) [eq:eom], solver D14.
@@ -61,6 +63,9 @@ def simulate(
     initial_memory : array (n, memory)
         States of the model's memory at the start, rad, as ``memory_state`` holds them; default: long at rest there,
         creep relaxed, slip elements and Bouc-Wen unstretched.
+    forces : sequence of `pliant.simulation.forces.PointForce`
+        That pull at points of the body, N in the base frame; their mean over each step acts at the angles half a step
+        ahead, and their work is part of the input work. By ``method="midpoint"`` alone.
 
     Returns
     -------
@@ -83,8 +88,10 @@ def simulate(
     inputs_of(model, pressure)
     check_step(model, step, method)
     times = output_times(duration, times, step)
-    plan = drive(model, pressure, times, step)
-    q0 = state.equilibrium(model, plan.initial) if initial_angle is None else state.vector(model, initial_angle)
+    plan = pulled(model, drive(model, pressure, times, step), forces, times, method)
+    before = loads_before(model, forces, times)
+    rest = initial_angle is None
+    q0 = state.equilibrium(model, plan.initial, link_load=before) if rest else state.vector(model, initial_angle)
     dq0 = np.zeros(model.size) if initial_rate is None else state.vector(model, initial_rate)
     start = (state.absolute(model, q0), state.absolute_rates(model, dq0))
     states = memory.first_states(model, q0, initial_memory)
@@ -112,6 +119,21 @@ def simulate(
         model, Motion(times, plan.pressure, phi, w), energies(model, phi, w, work), told, method=method, step=step
     )
     return motion if method in METHODS else tell_gain(motion, step)
+
+
+def pulled(model: Model, plan: Drive, forces: Sequence[PointForce], times: Array, method: str) -> Drive:
+    """The plan with the mean loads of forces on the links; InputError for a body or method that takes none."""
+    if not forces:
+        return plan
+    if model.extensions or method != "midpoint":
+        raise InputError("forces pull at bodies that do not lengthen, by method='midpoint'")
+    known = [checked("simulate", force) for force in forces]
+    return plan._replace(load=mean_loads(model, known, times[0] + np.append(0.0, np.cumsum(plan.h))))
+
+
+def loads_before(model: Model, forces: Sequence[PointForce], times: Array) -> Array | None:
+    """Loads (n, 2) of the links before anything happens at the first time, N m; None where no force pulls."""
+    return loads_at(model, forces, float(np.nextafter(times[0], -np.inf))) if forces else None
 
 
 def output_times(duration: float | None, times: Array | None, step: float) -> Array:
