@@ -1,4 +1,4 @@
-"""Peers beyond those of `pliant bench`: CVODE, IDAS on the same equations, a step written by hand on Pinocchio."""
+"""Peers beyond those of `pliant bench`: CVODE, IDA and IDAS on the same equations, a step by hand on Pinocchio."""
 
 from __future__ import annotations
 
@@ -30,6 +30,27 @@ def cvode(problem: Problem) -> list[Method]:
         return np.asarray(solver.solve(times, y).y)
 
     return [in_pieces("CVODE (scikit-sundae)", problem, piece)]
+
+
+def ida(problem: Problem) -> list[Method]:
+    """SUNDIALS IDA (scikit-sundae) on y' - f(y) = 0, with the compiled right-hand side and Jacobian."""
+    if find_spec("sksundae") is None:
+        return []
+    from sksundae.ida import IDA
+
+    def piece(rhs, y, times, rtol):
+        identity = np.eye(len(y))
+
+        def residual(t, y, yp, out):
+            out[:] = yp - rhs.rate(t, y)
+
+        def jacobian(t, y, _yp, cj, _res, out):
+            out[:] = cj * identity - rhs.jacobian(t, y)
+
+        solver = IDA(residual, jacfn=jacobian, rtol=rtol, atol=1e-3 * rtol, max_num_steps=1_000_000)
+        return np.asarray(solver.solve(times, y, np.array(rhs.rate(times[0], y))).y)
+
+    return [in_pieces("IDA (scikit-sundae)", problem, piece)]
 
 
 def idas(problem: Problem) -> list[Method]:
@@ -120,7 +141,7 @@ def pinocchio(problem: Problem) -> list[Method]:
 def all_peers(problem: Problem) -> list[Method]:
     """Those that are installed; a peer that does not load is named and left out."""
     found = []
-    for make in (cvode, idas, pinocchio):
+    for make in (cvode, ida, idas, pinocchio):
         try:
             found += make(problem)
         except Exception as error:  # noqa: BLE001  a peer's trouble must not end the race

@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from pliant.actuators import chen2018
-from pliant.bench import realtime
+from pliant.bench import batches, realtime
 from pliant.bench.floor import Floor
 from pliant.bench.meaning import MEANING
 from pliant.bench.methods import Method, pliant_extrapolated, pliant_midpoint, scipy_methods
@@ -90,6 +90,7 @@ def test_real_time_keeps_count_and_leaves_the_collector_on():
     assert abs(found["realtime_bytes_left"]) < 20_000  # of as many steps: not one byte each
     assert 0 < found["realtime_median_us"] <= found["realtime_p999_us"] <= found["realtime_worst_us"]
     assert 0 <= found["realtime_missed_by_the_system"] <= found["realtime_missed"] <= 200
+    assert 0 <= found["realtime_missed_by_an_empty_loop"] <= 200
     with pytest.raises(InputError, match="at least ten steps"):
         realtime.realtime(0.001)
 
@@ -124,6 +125,11 @@ def test_the_floor_in_plain_c_does_the_same_mathematics():
         twin(motion.step, n)(*mine, 1e-3, torque, *parts)
     floor.call("many_steps", 1000, *plain, 1e-3, torque)
     np.testing.assert_allclose(plain, mine, atol=1e-9)
+
+
+def test_registers_and_memory_are_those_of_the_machine():
+    assert [batches.lanes_of(flags) for flags in ({"sse2"}, {"avx", "avx2"}, {"avx2", "avx512f"})] == [2, 4, 8]
+    assert 1e8 < batches.bandwidth() < 1e13  # bytes a second: between a memory card and no computer
 
 
 def test_unknown_parts_are_refused():

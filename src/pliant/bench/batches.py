@@ -11,13 +11,30 @@ import numpy as np
 
 from pliant.actuators import chen2018
 from pliant.batch.batch import simulate_batch
-from pliant.bench.timing import best, best_in_turn
+from pliant.bench.floor import floor
+from pliant.bench.kernels import TORQUE
+from pliant.bench.timing import best, best_in_turn, processor_flags
 from pliant.simulation import Pulse, simulate, state
 from pliant.simulation.drive import drive
 from pliant.simulation.solve import march
 
 SAMPLES = 1024  # as many as a Monte Carlo run takes: the label on the arrays is then a small part
 STEP = 1e-3  # s
+
+
+COPIED = 64 * 2**20  # bytes: more than a cache holds
+
+
+def bandwidth() -> float:
+    """Bytes a second that one core reads and writes in a plain copy."""
+    source = np.zeros(COPIED // 8)
+    target = np.empty_like(source)
+    return 2.0 * COPIED / best(lambda: np.copyto(target, source), clock=process_time)
+
+
+def lanes_of(flags: set[str]) -> int:
+    """Doubles in the widest register that a processor with these flags has; 2 where it tells none."""
+    return 8 if "avx512f" in flags else 4 if "avx" in flags else 2
 
 
 def batches() -> dict[str, Any]:
@@ -50,10 +67,15 @@ def batches() -> dict[str, Any]:
             model.with_(**{name: value[i] for name, value in changes.items()}), pressure, times=times, step=STEP
         )
         difference = max(difference, float(np.abs(alone["tip_position"] - made["tip_position"][i]).max()))
+    ns, memory, lanes_there = 1e9 * work / plan.h.size, bandwidth(), lanes_of(processor_flags())
+    under = floor(model, 20_000, STEP, np.full(model.n, TORQUE))
+    beside = {"batch_over_c": ns * lanes_there / under["c_step_ns"], "batch_lanes": lanes_there} if under else {}
+    written = sum(v.nbytes for v in made.data_vars.values()) / SAMPLES
     return {
+        **beside, "memory_gb_s": 1e-9 * memory, "batch_memory_share": written / work / memory,
         "batch_speedup_simd": one / work, "batch_speedup_cores": lanes / pair, "batch_cores": 2,
         "batch_speedup_all_cores": lanes / everything, "batch_all_cores": cores,
         "batch_speedup_over_simulate": single / pair, "batch_us_per_sample": 1e6 * everything,
-        "batch_ns_per_step_one_core": 1e9 * work / plan.h.size, "batch_difference_mm": 1e3 * difference,
+        "batch_ns_per_step_one_core": ns, "batch_difference_mm": 1e3 * difference,
         "batch_times_real_time": float(times[-1]) / everything,
     }
