@@ -98,6 +98,13 @@ def test_commands_and_options_exist(page):
                 assert word.partition("=")[0] in options, f"{name_of(page)}: pliant {words[1]} has no option {word}"
 
 
+def test_every_extra_is_listed():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    page = (ROOT / "docs" / "getting_started.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert set(listed) == set(extras) - {"dev", "docs", "browser", "bench"}
+
+
 def test_the_short_study_is_whole():
     Study.model_validate(tomllib.loads(blocks(ROOT / "docs" / "studies.md", "toml")[0]))
 

@@ -89,8 +89,9 @@ def restored(told: dict[str, Any], groups: Groups) -> StudyOutcome:
     forecasts = tuple(forecast_of(n, e, groups[f"/forecast_{k}"]) for k, (n, e) in enumerate(told["forecasts"].items()))
     headline = Headline(**{**told["headline"], "warnings": tuple(told["headline"]["warnings"])}) if told[
         "headline"] else None
+    model = fits[0].result.model.with_(name=told["study"])
     return StudyOutcome(
-        told["study"], told["title"], told["description"], fits[0].result.model, fits, forecasts, shape_of(groups),
+        told["study"], told["title"], told["description"], model, fits, forecasts, shape_of(groups),
         tuple(told["verdict"]), {k: tuple(v) for k, v in told["findings"].items()}, told["timing"],
         told["provenance"], ladder_of(told["ladder"], fits[0].result), headline,
         clocks={n: clocks_of(n, e, groups) for n, e in told["clocks"].items()},
