@@ -41,10 +41,12 @@ def body_of_fibre(raw: xr.Dataset, fibre: Fibre) -> tuple[xr.Dataset, str]:
     kappa = curvature_of(whole, method="savgol", window=15)
     kappa = kappa.sel(time=slice(*frame.rest_s))  # in a bent body the fibre has slid in its lumen, and the tip along it
     s = kappa["arc_length"].values
-    tip = find_tip(
-        kappa.values, float(np.median(np.diff(s))), cap_curvature=fibre.cap_curvature, cap_length=fibre.cap_length,
-        gauge_length=fibre.gauge_length,
-    )
+    seen = [find_tip(
+        side * kappa.values, float(np.median(np.diff(s))), cap_curvature=fibre.cap_curvature,
+        cap_length=fibre.cap_length, gauge_length=fibre.gauge_length,
+    ) for side in (1.0, -1.0)]  # the cap says to which side it bends: a still or a curled body does not
+    mirrored = seen[1].found and not seen[0].found
+    tip, plane = seen[mirrored], [-x if mirrored else x for x in frame.rotation[2]]
     if not tip.found:
         raise InputError(f"{tip.status} State the cap's curvature and length as they are, or cut the fibre yourself.")
     if tip.arc_length < fibre.body_length:
@@ -53,7 +55,7 @@ def body_of_fibre(raw: xr.Dataset, fibre: Fibre) -> tuple[xr.Dataset, str]:
             f"{1e3 * fibre.body_length:.1f} mm: state body_length as it lies along the fibre"
         )
     cut = cut_body(raw, tip.arc_length - fibre.body_length, tip.arc_length)
-    body = align(cut, base=str(cut["station"].values[0]), tangent=frame.rotation[1], plane=frame.rotation[2], bend=None)
+    body = align(cut, base=str(cut["station"].values[0]), tangent=frame.rotation[1], plane=plane, bend=None)
     return body, tip.status
 
 

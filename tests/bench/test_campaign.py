@@ -1,0 +1,71 @@
+"""The campaign over the family, on one seed of a coarse rod: its numbers, its table, and that it goes on."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.sweep.scheduler import Local, run_campaign
+from pliant.sweep.store import Store
+from pliant.testbed import family_member
+
+PATH = Path(__file__).parents[2] / "benchmarks" / "campaign.py"
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    spec = importlib.util.spec_from_file_location("campaign_benchmark", PATH)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules[spec.name]
+
+
+def coarse(seed):
+    """A member seen by few stations, seldom."""
+    who = family_member(seed)
+    return replace(who, rate=30.0, fibre=replace(who.fibre, spacing=1.6e-3))
+
+
+def test_one_seed_is_predicted_worse_the_farther_from_what_was_taught(campaign, tmp_path, monkeypatch):
+    monkeypatch.setattr(campaign, "family_member", coarse)
+    seeds = campaign.Seeds(1, 1, elements=20, links=5, rungs=("torque",))
+    store = Store(tmp_path, {"campaign": "test"})
+    assert run_campaign(seeds, store, Local).made == 1
+    samples = store.load(0, 0, 1)
+    row = {name: samples[name].values[0] for name in samples.data_vars}
+    assert (row["told"], row["rung"], row["failed"]) == ("", "torque", False)
+    tips = [row[f"{case}_tip_percent"] for case in campaign.HELD_OUT]
+    assert 0.1 < tips[0] < 10.0
+    assert tips[2] > 1.5 * tips[0]
+    assert abs(row["inside_frequency_percent"]) < 10.0
+    assert row["inside_shape_percent"] < tips[0]  # the tip goes farthest of the body
+    assert 0.0 < row["inside_joints_mrad"] < 300.0
+    assert run_campaign(seeds, store, Local).found == 1
+    told = campaign.table(samples)
+    assert f"{tips[0]:+7.2f}" in told
+    assert "seed 1, torque, Iso6358" in campaign.worst(samples)
+
+
+def test_joint_angles_of_a_chain_are_those_that_laid_it(campaign, rng):
+    angle = rng.uniform(-0.5, 0.5, (4, 5))
+    heading = np.cumsum(angle, axis=1)
+    tips = np.cumsum(0.03 * np.stack([-np.sin(heading), np.cos(heading)], axis=-1), axis=1)
+    assert campaign.joint_angles(tips) == pytest.approx(angle, abs=1e-12)
+
+
+def test_a_prediction_that_is_refused_is_told_and_counted(campaign, monkeypatch):
+    def refuse(*_args):
+        raise campaign.PliantError("no such body")
+
+    monkeypatch.setattr(campaign, "judged", refuse)
+    row = campaign.Seeds(4, 1).work(0)
+    assert row["told"][0] == "no such body"
+    assert row["failed"][0]
+    assert np.isnan(row["inside_tip_percent"][0])
