@@ -55,6 +55,33 @@ def test_first_axial_mode_of_a_bar_with_a_tip_mass():
     assert modes(model)[0][0] == pytest.approx(exact, rel=1e-3)
 
 
+def test_a_rod_that_stretches_and_bends():
+    """A chamber beside a uniform rod: an arc of angle p A r L / EI and length L (1 + p A / EA), to 0.25 % of it.
+
+    And its first two modes under a heavy tip, straight: cantilever and bar with a tip mass, each to 1 %.
+    """
+    L, m, m_tip, EI, EA, n = 0.3, 0.2, 0.6, 0.05, 120.0, 8
+    beside = Chamber.at_offset(2e-4, 0.02, np.ones(n))
+    rod = chain_model(
+        length=L, mass=m, tip_mass=m_tip, links=n, joint_placement="midsegment", stiffness=EI * n / L, damping=0.0,
+        chambers=(beside,), extensions=(Extension(EA),),
+    )
+    angle, length = 5e4 * 2e-4 * 0.02 * L / EI, L * (1.0 + 5e4 * 2e-4 / EA)
+    arc = length / angle * np.array([np.cos(angle) - 1.0, np.sin(angle)])
+    tip = state.tips(rod, state.absolute(rod, equilibrium(rod, 5e4)))[-1]
+    np.testing.assert_allclose(tip, arc, atol=2.5e-3 * length)
+
+    def cantilever(b):  # 1 + cos cosh + m_tip / m b (cos sinh - sin cosh) = 0
+        c, s, ch, sh = np.cos(b), np.sin(b), np.cosh(b), np.sinh(b)
+        return 1.0 + c * ch + m_tip / m * b * (c * sh - s * ch)
+
+    bends = brentq(cantilever, 0.1, 1.9) ** 2 / (2 * np.pi) * np.sqrt(EI / (m * L**3))
+    stretches = brentq(lambda b: b * np.tan(b) - m / m_tip, 1e-3, 1.5) / (2 * np.pi) * np.sqrt(EA / (m * L))
+    found = modes(rod)[0]
+    assert found[0] == pytest.approx(bends, rel=0.01)
+    assert np.abs(found / stretches - 1.0).min() < 0.01
+
+
 def test_a_pendulum_on_a_spring():
     """A mass on an elastic thread: g / (L + stretch) swings, EA / m L bounces."""
     model = rod("tip")
