@@ -102,7 +102,7 @@ def test_every_extra_is_listed():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     page = (ROOT / "docs" / "getting_started.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
-    assert set(listed) == set(extras) - {"dev", "docs", "browser", "bench"}
+    assert set(listed) == set(extras) - {"dev", "docs", "browser"}
 
 
 def test_the_short_study_is_whole():
