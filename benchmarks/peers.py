@@ -44,7 +44,7 @@ def ida(problem: Problem) -> list[Method]:
         def residual(t, y, yp, out):
             out[:] = yp - rhs.rate(t, y)
 
-        def jacobian(t, y, _yp, cj, _res, out):
+        def jacobian(t, y, _yp, _res, cj, out):
             out[:] = cj * identity - rhs.jacobian(t, y)
 
         solver = IDA(residual, jacfn=jacobian, rtol=rtol, atol=1e-3 * rtol, max_num_steps=1_000_000)
