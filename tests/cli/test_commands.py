@@ -54,6 +54,13 @@ def test_help_is_quick_and_imports_nothing_heavy() -> None:
     assert seconds < 0.6  # 0.25 where nothing else runs
 
 
+def test_the_rooms_of_a_study_import_no_scipy() -> None:
+    """An optimiser, a solver, a filter: each is imported when one runs, and spares the others half a second."""
+    code = "import sys, pliant.study, pliant.simulation; print(sorted(m for m in sys.modules if m.startswith('scipy')))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 @pytest.mark.parametrize("command", [c.name for c in app.registered_commands])
 def test_every_command_explains_itself(command: str) -> None:
     result = invoke(command, "--help")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import ndtri
 
 from pliant.errors import PliantError
 from pliant.identification.result import FitResult
@@ -57,4 +57,4 @@ def half_widths(
             except PliantError:
                 ends.append(np.full_like(here, np.nan))
         total += (0.5 * (ends[1] - ends[0])) ** 2
-    return np.asarray(float(ndtri(0.5 + 0.5 * level)) * np.sqrt(total))
+    return np.asarray(NormalDist().inv_cdf(0.5 + 0.5 * level) * np.sqrt(total))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import ndtri
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
@@ -111,7 +111,7 @@ def prediction_band(
     relative = fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(unit, unit)
     variance = np.einsum("itsc,ij,jtsc->tsc", theirs, relative, theirs)
     std = np.sqrt(np.maximum(variance, 0.0) + noise**2)
-    half = float(ndtri(0.5 + 0.5 * level)) * std
+    half = NormalDist().inv_cdf(0.5 + 0.5 * level) * std
     return Band(rows, std, rows - half, rows + half, level, *experiment.shown_in)
 
 
