@@ -44,7 +44,7 @@ def body_of_fibre(raw: xr.Dataset, fibre: Fibre) -> tuple[xr.Dataset, str]:
     seen = [find_tip(
         side * kappa.values, float(np.median(np.diff(s))), cap_curvature=fibre.cap_curvature,
         cap_length=fibre.cap_length, gauge_length=fibre.gauge_length,
-    ) for side in (1.0, -1.0)]  # the cap says to which side it bends: a still or a curled body does not
+    ) for side in (1.0, -1.0)]  # the cap says to which side it bends: a curled body does not
     mirrored = seen[1].found and not seen[0].found
     tip, plane = seen[mirrored], [-x if mirrored else x for x in frame.rotation[2]]
     if not tip.found:
