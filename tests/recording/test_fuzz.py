@@ -24,6 +24,7 @@ MOTIVE = (
     "Format Version,1.23,Length Units,Meters\n\n,Type,Marker,Marker,Marker\n,Name,tip,tip,tip\n,ID,1,1,1\n"
     ",,Position,Position,Position\nFrame,Time (Seconds),X,Y,Z\n0,0.0,1,2,3\n1,0.01,1,2,3\n"
 )
+ANGLES = "time;angle_deg;p_kpa;set_point\r" + "".join(f"0.{k:02};{k / 2};{k}.5;7\r" for k in range(12))
 TABLE = "\n".join(" ".join(f"{v:.6f}" for v in row) for row in POSITION.reshape(12, 6))
 
 
@@ -39,6 +40,7 @@ def originals(tmp_path_factory):
     (folder / "a.tsv").write_text(LUNA)
     (folder / "b.csv").write_text(MOTIVE)
     (folder / "a.txt").write_text(TABLE)
+    (folder / "a.log").write_text(ANGLES.replace(".", ","), newline="")
     table = {"delimiter": "space", "rate_hz": 10, "length_unit": "m", "points": {"count": 2}}
     return [(p.read_bytes(), p.suffix, table if p.suffix == ".txt" else None) for p in sorted(folder.iterdir())]
 

@@ -64,7 +64,7 @@ def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     """Read a log of angles and pressure; options are those of `AngleLogMapping`."""
     options = AngleLogMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
-    first = next(i for i, line in enumerate(lines) if line.strip() and not line.startswith("#"))
+    first = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
     delimiter = find_delimiter(lines[first], path.name)
     names = split_cells(lines[first], delimiter)
     found = roles(names)
