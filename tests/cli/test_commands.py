@@ -244,3 +244,21 @@ def test_a_quiet_run_tells_nothing_but_the_result(study: Path, tmp_path: Path) -
     done = program("run", study, "-o", tmp_path / "quiet", "--quiet")
     assert (done.returncode, done.stderr) == (0, "")
     assert "Record middle, not seen by the fit" in done.stdout
+
+
+def test_work_in_a_pipe_tells_quarters_once_it_has_lasted_and_nothing_if_quiet(capsys, monkeypatch) -> None:
+    from pliant.cli import progress
+
+    def run(seconds: float) -> str:
+        clock = iter(np.arange(100) * seconds)
+        monkeypatch.setattr("time.monotonic", lambda: next(clock))
+        with progress.counting("samples") as count:
+            for done in (0.1, 0.3, 0.3, 0.8, 1.0):
+                count(done)
+        return capsys.readouterr().err
+
+    assert run(2.0).splitlines() == ["samples: 25 %", "samples: 75 %", "samples: 100 %"]
+    assert run(0.01) == ""
+    token = progress.QUIET.set(True)
+    assert run(2.0) == ""
+    progress.QUIET.reset(token)

@@ -23,7 +23,9 @@ MEANING = {
 def contact(
     recordings: Annotated[list[Path], typer.Argument(help="Aligned recordings to judge; several pokes make one map.")],
     model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
-    free: Annotated[list[Path], typer.Option("--free", help="Recording without contact; may be given several times.")],
+    free: Annotated[
+        list[Path], typer.Option("--free", metavar="<path>", help="Recording without contact; again for each.")
+    ],
     false_alarms_per_hour: Annotated[
         float, typer.Option("--false-alarms-per-hour", help="What the threshold allows.")
     ] = 1.0,

@@ -21,7 +21,8 @@ def export(
         Path | None, typer.Option(help="metrics.json of the run: its standard errors go into the artefact.")
     ] = None,
     options: Annotated[
-        list[str] | None, typer.Option("--set", help="An option of the target, NAME=VALUE; may be repeated.")
+        list[str] | None,
+        typer.Option("--set", metavar="<name=value>", help="An option of the target, NAME=VALUE; may be repeated."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
 ) -> None:

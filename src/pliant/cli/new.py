@@ -12,7 +12,8 @@ def new(
     study: Annotated[Path, typer.Argument(help="Study file to write (.toml); an existing one is left alone.")],
     files: Annotated[
         list[Path],
-        typer.Option("--from", help="Recording, or log of its pressure (push_log.csv for push.csv); again for each."),
+        typer.Option("--from", metavar="<path>",
+                     help="Recording, or log of its pressure (push_log.csv for push.csv); again for each."),
     ],
     mapping: Annotated[Path | None, typer.Option(help="TOML file that says what the columns mean.")] = None,
     length: Annotated[float | None, typer.Option(help="Of the body, m.")] = None,

@@ -125,4 +125,5 @@ def counting(what: str) -> Iterator[Callable[[float], None]]:
     try:
         yield update
     finally:
-        bar.stop()
+        if bar.live.is_started:
+            bar.stop()
