@@ -1,0 +1,49 @@
+"""Cases that were not recorded: chambers driven as no recording drove them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.errors import InputError
+from pliant.identification import Experiment
+from pliant.simulation import Trace
+from pliant.study.forecast import check_forecasts, other_pressures
+from pliant.study.schema import ForecastEntry, Study
+
+TIME = np.arange(0.0, 1.0, 0.01)
+SEEN = np.stack([np.sin(TIME), 1.0 + 0.0 * TIME], axis=-1)[:, None]
+
+
+def recorded(**drives: list[float]) -> Experiment:
+    knots = np.array([0.0, 0.1, 0.6, 0.7])
+    traces = {c: Trace(knots, np.array(p)) for c, p in drives.items()}
+    return Experiment("r", TIME, SEEN, ("tip",), "trace", drives=traces)
+
+
+def test_chambers_follow_the_course_of_the_one_that_moved_most():
+    """From where each began to the pressure that is asked for; those not named stay as they began."""
+    like = recorded(left=[1e3, 5e4, 5e4, 1e3], right=[2e3, 2.1e3, 2e3, 1.9e3], third=[0.0, 0.0, 0.0, 0.0])
+    case = other_pressures(like, {"right": 3e4, "third": 4.9e4})
+    found = {c: t.pressure for c, t in case.drives.items()}
+    np.testing.assert_allclose(found["left"], 1e3)
+    np.testing.assert_allclose(found["right"], [2e3, 3e4, 3e4, 2e3])
+    np.testing.assert_allclose(found["third"], [0.0, 4.9e4, 4.9e4, 0.0])
+    assert case.pressure is case.drives["third"]  # the one that moves most now
+
+
+def test_a_chamber_that_no_recording_drove_begins_at_none():
+    case = other_pressures(recorded(left=[0.0, 5e4, 5e4, 0.0]), {"right": 3e4})
+    np.testing.assert_allclose(case.drives["right"].pressure, [0.0, 3e4, 3e4, 0.0])
+
+
+def test_one_chamber_needs_no_name_in_the_recording():
+    single = Experiment("r", TIME, SEEN, ("tip",), "trace", Trace([0.0, 0.1, 0.6], np.array([0.0, 4e4, 2e4])))
+    np.testing.assert_allclose(other_pressures(single, {"chamber": 8e4}).pressure.pressure, [0.0, 8e4, 4e4])
+
+
+def test_pressures_go_with_a_measured_pressure():
+    pulse = Experiment("r", TIME, SEEN, ("tip",), "pulse", level=1e4)
+    study = Study.model_construct(forecasts={"f": ForecastEntry(like="r", pressures={"chamber": 1e4})})
+    with pytest.raises(InputError, match="forecast f: pressures go with a measured pressure, but 'r' is a pulse"):
+        check_forecasts(study, {"r": pulse})
