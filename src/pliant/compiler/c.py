@@ -128,6 +128,10 @@ class Writer(Expressions):
         if value is None or isinstance(value, np.ndarray):
             return value
         held = self.local(name)
+        if isinstance(value, (bool, Truth)):
+            yes = f"({value}) ? 1 : 0" if isinstance(value, Truth) else str(int(value))
+            self.say(f"{held} = {yes};")
+            return Truth(f"{held} > 0")
         self.say(f"{held} = {self.number(value)};")
         return held
 
