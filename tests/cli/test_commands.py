@@ -61,6 +61,23 @@ def test_the_rooms_of_a_study_import_no_scipy() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_commands_that_need_no_dask_import_none(model: Path, tmp_path: Path) -> None:
+    """Where it is installed, xarray would import it with the first array, a cluster's client with the first file."""
+    code = (
+        f"import sys; sys.argv = ['pliant', 'simulate', {str(model)!r}, '-o', {str(tmp_path / 'run.nc')!r}]\n"
+        "from pliant.__main__ import main\n"
+        "from pliant.heavy import show_dask\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "print([m for m in sys.modules if m.partition('.')[0] in ('dask', 'distributed') and sys.modules[m]])\n"
+        "show_dask()\n"
+        "print('dask' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-2:] == ["[]", "False"]
+    assert (tmp_path / "run.nc").is_file()
+
+
 @pytest.mark.parametrize("command", [c.name for c in app.registered_commands])
 def test_every_command_explains_itself(command: str) -> None:
     result = invoke(command, "--help")
