@@ -3,7 +3,7 @@
 Cold is an empty cache of kernels, warm the same command again; medians of ``--runs`` (5). The processor's time (user
 and system, all children) stands beside the wall's: on a busy machine it is the one that says something.
 
-    python benchmarks/journey.py [--runs 5] [--only simulate demo] [-o journey.json]
+    python benchmarks/journey.py [--runs 5] [--only simulate demo] [--studies examples/a.toml ...] [-o journey.json]
 """
 
 from __future__ import annotations
@@ -23,6 +23,11 @@ from time import perf_counter
 from pliant.actuators import chen2018
 from pliant.model import save_model
 from pliant.testbed.bundle import FOLDER
+
+TARGETS = {  # s of the wall's clock on two quiet cores: warm, cold
+    "help": (0.2, None), "inspect": (0.6, None), "simulate": (0.8, 3.0), "demo": (8.0, 20.0), "control": (3.0, 20.0),
+}
+STUDY = (15.0, None)
 
 # Run in the command's process: seconds that Numba compiles a kernel, without those of the kernels that it calls.
 PROBE = """
@@ -105,7 +110,7 @@ def measure(command: list[str], folder: Path, runs: int) -> dict[str, object]:
             return run(command, Path(empty))
 
     kernels: dict[str, float] = {}
-    if "pliant" in command:
+    if "pliant" in command and "run" not in command:  # a study is asked for warm alone
         told = folder / "kernels.json"
         with tempfile.TemporaryDirectory(dir=folder) as empty:
             run([sys.executable, "-c", PROBE, str(told), *command[3:]], Path(empty))
@@ -117,13 +122,17 @@ def measure(command: list[str], folder: Path, runs: int) -> dict[str, object]:
 
 def table(results: dict[str, dict[str, object]]) -> str:
     """All commands, then all kernels, as text."""
-    titles = ("command", "warm: wall, processor (s)", "cold: wall, processor (s)", "kernels", "compiling (s)")
-    lines = [f"| {' | '.join(titles)} |", "|---|---|---|---|---|"]
+    titles = (
+        "command", "warm: wall, processor (s)", "target", "cold: wall, processor (s)", "target", "kernels",
+        "compiling (s)",
+    )
+    lines = [f"| {' | '.join(titles)} |", "|---|---|---|---|---|---|---|"]
     for name, found in results.items():
         both = (found["warm"], found["cold"])
         pairs = [f"{t['wall_s']:.2f}, {t['processor_s']:.2f}" if t else "as warm" for t in both]
-        kernels = found["kernels"]
-        lines.append(f"| {name} | {pairs[0]} | {pairs[1]} | {len(kernels)} | {sum(kernels.values()):.1f} |")
+        kernels, aims = found["kernels"], TARGETS.get(name, STUDY if name.endswith(".toml") else (None, None))
+        beside = [item for pair in zip(pairs, (aim or "" for aim in aims), strict=True) for item in pair]
+        lines.append(f"| {name} | {' | '.join(map(str, beside))} | {len(kernels)} | {sum(kernels.values()):.1f} |")
     for name, found in results.items():
         ordered = sorted(found["kernels"].items(), key=lambda pair: -pair[1])
         lines += [f"{name}: " + ", ".join(f"{kernel} {seconds:.2f}" for kernel, seconds in ordered)] if ordered else []
@@ -135,11 +144,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--only", nargs="+", default=None)
+    parser.add_argument("--studies", nargs="+", type=Path, default=[])
     parser.add_argument("-o", "--output", type=Path, default=None)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         chosen = {name: c for name, c in commands(folder).items() if asked.only is None or name in asked.only}
+        for file in asked.studies:
+            chosen[file.name] = [sys.executable, "-m", "pliant", "run", str(file), "-o", str(folder / file.stem)]
         results = {name: measure(command, folder, asked.runs) for name, command in chosen.items()}
     print(table(results))
     if asked.output is not None:
