@@ -128,6 +128,33 @@ def test_a_measured_pressure_says_where_the_plateau_is() -> None:
     assert compare(without, without.position, 0.1)["steady_state_error_mm"] is None
 
 
+def test_ringing_is_told_at_two_amplitudes() -> None:
+    """A linear swing rings alike at both; the path that the model takes may differ."""
+    m = compare(pulse(swing(ratio=0.08)), swing(frequency=5.0, ratio=0.1)[:, None], 0.1)
+    for size in ("large", "small"):
+        assert m[f"frequency_{size}_hz"]["measured"] == pytest.approx(FREQUENCY, rel=0.05)
+        assert m[f"frequency_{size}_hz"]["modelled"] == pytest.approx(5.0, rel=0.05)
+        assert m[f"damping_ratio_{size}"]["measured"] == pytest.approx(0.08, rel=0.1)
+        assert m[f"damping_ratio_{size}"]["modelled"] == pytest.approx(0.1, rel=0.1)
+    assert m["swing_large_mm"]["measured"] > 3 * m["swing_small_mm"]["measured"] > 0
+    assert m["joint_rmse_mrad"] is None
+
+
+def test_joints_that_err_against_each_other_are_told_where_the_tip_hides_it() -> None:
+    """Three stations: the second chord is turned by 20 mrad, the third back again."""
+    lean = 0.1 * np.linspace(0, 1, T.size)
+    angle = np.stack([lean, 2 * lean, 3 * lean], axis=1)
+
+    def chain(direction: np.ndarray) -> np.ndarray:
+        return np.cumsum(0.05 * np.stack([-np.sin(direction), np.cos(direction)], axis=-1), axis=1)
+
+    exp = Experiment("p", T, chain(angle), ("a", "b", "tip"), "trace", Trace([0.0, 4.0], [0.0, 1e4]))
+    m = compare(exp, chain(angle + np.array([0.0, 0.02, 0.0])), 0.15)
+    assert m["joint_rmse_mrad"] == pytest.approx([0.0, 20.0, 20.0], abs=1e-9)
+    assert m["joint_steady_error_mrad"] == pytest.approx([0.0, 20.0, -20.0], abs=1e-9)
+    assert m["rmse_mm"] < 1.01
+
+
 def test_every_number_has_a_definition() -> None:
     m = compare(pulse(), swing()[:, None], 0.1)
     assert set(m) <= set(DEFINITIONS)

@@ -10,6 +10,7 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
+from pliant.identification.discrepancy import discrepancy
 from pliant.identification.experiment import Experiment, compared_of, predict
 from pliant.identification.fit import predict_held_out
 from pliant.identification.result import FitResult
@@ -57,7 +58,7 @@ class Band(Shown):
 
 def prediction_band(
     experiment: Experiment, fitted: FitResult, *, step: float = 2e-3, level: float = 0.95,
-    noise: float | Array = 0.0, own: FitResult | None = None,
+    noise: float | Array = 0.0, own: FitResult | None = None, taught: Sequence[Experiment] = (),
 ) -> Band:
     """The prediction of an experiment with the band that the fit's covariance gives it (delta method).
 
@@ -78,6 +79,9 @@ def prediction_band(
         `residual_noise` takes it from the training records.
     own : FitResult, optional
         The fit of what is the experiment's own, from `predict_held_out`, where it is there already.
+    taught : sequence of Experiment, optional
+        What the fit learned from: the band then grows where pressure or speed leave what they showed; see
+        `discrepancy`.
 
     Returns
     -------
@@ -110,7 +114,11 @@ def prediction_band(
     unit = np.array([sizes[n] for n in names[: len(shared)]])
     relative = fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(unit, unit)
     variance = np.einsum("itsc,ij,jtsc->tsc", theirs, relative, theirs)
-    std = np.sqrt(np.maximum(variance, 0.0) + noise**2)
+    variance = np.maximum(variance, 0.0) + noise**2
+    if taught:
+        pressure = predict(own.model, experiment, own.values, step)["pressure"]
+        variance += discrepancy(own.model, experiment, own.values, rows, pressure, taught) ** 2
+    std = np.sqrt(variance)
     half = NormalDist().inv_cdf(0.5 + 0.5 * level) * std
     return Band(rows, std, rows - half, rows + half, level, *experiment.shown_in)
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -25,9 +25,9 @@ from pliant.recording.published import PREFIX
 from pliant.reduction import Links
 from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
+from pliant.study.resting import Aligned, at_one_rest
 from pliant.study.schema import Actuator, Alignment, ChamberTable, Recording, Study
 from pliant.units import pascal_per
-from pliant.validation.outcome import Clocks
 
 Array = np.ndarray
 LEAST_TURN = 0.02  # rad: the same of a recording of angles alone
@@ -73,15 +73,6 @@ def check_pressure_unit(name: str, ds: xr.Dataset) -> None:
             )
 
 
-class Aligned(NamedTuple):
-    """One recording in the base frame, its pressure on the clock of its shape."""
-
-    body: xr.Dataset
-    findings: tuple[str, ...]  # of reading and aligning it
-    tip: str = ""  # how the tip of a fibre was found; empty where stations are markers
-    clocks: Clocks | None = None  # how they were compared, where they were
-
-
 def all_planar(study: Study) -> dict[str, Aligned]:
     """Every recording of the study, aligned; of a body with several chambers, all seen from the side of the first.
 
@@ -95,7 +86,7 @@ def all_planar(study: Study) -> dict[str, Aligned]:
         attributes = made[name].body.attrs
         if normal is None and len(study.actuator.chambers) > 1 and "alignment" in attributes:
             normal = np.array(alignment_of(made[name].body).rotation)[2]
-    return made
+    return at_one_rest(made) if study.alignment.common_rest else made
 
 
 def planar(study: Study, name: str, normal: Array | None = None) -> Aligned:

@@ -31,7 +31,7 @@ def records_of(
         made = outcome_of(exp, "held_out", own, own.values, step)
         if result.covariance is not None:
             noise = residual_noise(train, result, exp, made.modelled, step=step, weighting=weighting)
-            band = prediction_band(exp, result, step=step, noise=noise, own=own)
+            band = prediction_band(exp, result, step=step, noise=noise, own=own, taught=train)
             held = 100 * band.holds(exp.compared)
             made = replace(made, metrics={**made.metrics, "within_band_percent": held}, band=band)
         records.append(made)

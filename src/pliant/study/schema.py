@@ -78,6 +78,7 @@ class Alignment(Entry):
 
     stations: dict[str, Any] = {}  # name -> list of markers, or a table; see pliant.assemble
     options: dict[str, Any] = {}  # base, tangent, plane, ...
+    common_rest: bool = False  # all recordings are moved to rest where the first one does; of the study's alignment
 
 
 class Fibre(Entry):

@@ -11,6 +11,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import last_edge
 from pliant.numerics.ringdown import ring_down
 from pliant.preprocessing.detectors import quantum
+from pliant.validation import details
 from pliant.validation.extension import extension
 
 Array = np.ndarray
@@ -35,6 +36,7 @@ DEFINITIONS = {
     "travel_mm": "largest measured displacement of the last station from its rest, the median of 5 frames, mm",
     "frames": "frames of the recording that were compared",
     "points_not_seen": "stations of frames that have no measured place",
+    **details.DEFINITIONS,
 }
 FORMULAS = {  # in TeX; the page of metrics says what the letters mean
     "rmse_mm": r"10^3\,e,\quad e=\sqrt{\frac{1}{N}\sum_{t,s}|r_{ts}-m_{ts}|^2}",
@@ -53,6 +55,7 @@ FORMULAS = {  # in TeX; the page of metrics says what the letters mean
     "extension_modelled_mm": r"10^3\,(\hat\ell_{\text{bent}}-\hat\ell_{\text{rest}})",
     "extension_modelled_percent": r"100\,(\hat\ell_{\text{bent}}/\hat\ell_{\text{rest}}-1)",
     "travel_mm": r"10^3\max_t|m_{tS}-m_0|",
+    **details.FORMULAS,
 }
 ANGLES = {
     "rmse_deg": "difference of modelled and measured angles, root mean square over stations and time, degrees",
@@ -61,6 +64,7 @@ ANGLES = {
     "sensor_step_deg": "the step in which the sensor of the last station counts: its noise is that over the root of 12",
     "steady_state_deg": "turn of the last station from its rest at the pulse's end or after the release, degrees",
     "steady_state_error_deg": "difference of steady_state_deg, modelled less measured, degrees",
+    **{k.replace("_mm", "_deg"): v for k, v in details.DEFINITIONS.items() if k.startswith("swing")},
 }
 
 
@@ -102,6 +106,7 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
         "points_not_seen": int((~seen).sum()),
         f"travel_{unit}": factor * exp.travel,
         **own,
+        **details.details(exp, modelled, on_window(exp, exp.time)),
     }
 
 

@@ -33,6 +33,12 @@ class Compared(Entry):
     frequency_hz: Pair
     damping_ratio: Pair
     overshoot_percent: Pair
+    frequency_large_hz: Pair
+    damping_ratio_large: Pair
+    frequency_small_hz: Pair
+    damping_ratio_small: Pair
+    joint_rmse_mrad: list[float] | None = Field(description="of each station; null for one, and for angles alone")
+    joint_steady_error_mrad: list[float] | None
     frames: int
     points_not_seen: int
 
@@ -49,6 +55,8 @@ class Record(Compared):
     extension_percent: float | None
     extension_modelled_mm: float | None
     extension_modelled_percent: float | None
+    swing_large_mm: Pair
+    swing_small_mm: Pair
     travel_mm: float
 
 
@@ -60,6 +68,8 @@ class AngleRecord(Compared):
     steady_state_deg: Pair
     steady_state_error_deg: float | None
     sensor_step_deg: float | None
+    swing_large_deg: Pair
+    swing_small_deg: Pair
     travel_deg: float
 
 
@@ -130,7 +140,8 @@ class Rung(Entry):
     bic: float | None
     fit_s: float
     step_ns: float | None = Field(description="time of one step of that model")
-    told: str = Field(description="why it has no numbers, where it has none")
+    told: str = Field(description="why it has no numbers, or why it is not the chosen one")
+    not_determined: str = Field("", description="the parameters that the recordings do not determine, in words")
 
 
 class LadderTable(Entry):

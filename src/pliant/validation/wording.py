@@ -19,6 +19,9 @@ LABELS = {
     "damping_ratio": "damping ratio", "overshoot_percent": "overshoot", "steady_state_mm": "steady state",
     "steady_state_error_mm": "steady-state error", "steady_state_deg": "steady state",
     "steady_state_error_deg": "steady-state error", "sensor_step_deg": "step of the sensor",
+    "frequency_large_hz": "frequency, large swings", "damping_ratio_large": "damping ratio, large swings",
+    "frequency_small_hz": "frequency, small swings", "damping_ratio_small": "damping ratio, small swings",
+    "joint_rmse_mrad": "joints, RMSE", "joint_steady_error_mrad": "joints, steady error",
 }
 
 

@@ -18,10 +18,12 @@ from pliant.validation.wording import NO_PLACES, ROLE, digits, metric_label
 from pliant.view.data import page_data
 from pliant.view.packing import Pack
 from pliant.view.rows import (
+    DETAILS,
     PAIRS,
     SINGLE,
     columns,
     correlation_rows,
+    detail_row,
     first_records,
     fit_table,
     known_unit,
@@ -115,6 +117,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
             "held_out": [record_row(f, r) for f in outcome.fits for r in f.records if r.role == "held_out"],
             "train": [record_row(f, r) for f, r in main if r.role == "train"],
         },
+        "details": [detail_row(f, r) for f, r in main], "detail_columns": DETAILS,
         "seen": {r.name: seen_text(r) for _, r in main},
         "several": len(outcome.fits) > 1,
         "fits": fit_table(outcome.fits, list(outcome.findings)),

@@ -18,6 +18,7 @@ from pliant.validation.wording import digits, sized
 WIDE = 1.959964  # standard errors to each side of a 95 % interval
 TIED = 0.95  # correlation of errors from which two parameters are told as one
 PAIRS = ("frequency_hz", "damping_ratio", "overshoot_percent", "steady_state_mm")
+DETAILS = ("frequency_large_hz", "damping_ratio_large", "frequency_small_hz", "damping_ratio_small")
 SINGLE = ("rmse_mm", "rmse_percent_of_travel", "rmse_percent_of_length", "max_mm", "fit_percent", "within_band_percent")
 
 
@@ -50,6 +51,15 @@ def record_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
         "frequency_difference": digits(off, 2, "+"),
         "steady_state_error": digits(sized(m, "steady_state_error")[0], 2, "+"),
     }
+
+
+def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
+    """A row of the table of two amplitudes and single joints: texts only."""
+    m = record.metrics
+    pairs = [[digits((m.get(k) or {}).get(who)) for who in ("measured", "modelled")] for k in DETAILS]
+    joints = [[digits(v, 2, sign) for v in m.get(k) or ()] for k, sign in (
+        ("joint_rmse_mrad", ""), ("joint_steady_error_mrad", "+"))]
+    return {"name": record.name, "fit": fit.title, "pairs": pairs, "joints": [", ".join(row) for row in joints]}
 
 
 def seen_text(record: RecordOutcome) -> str:

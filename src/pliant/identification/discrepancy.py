@@ -1,0 +1,136 @@
+"""What a model may lack where it was not taught: a band that grows away from the taught pressures and speeds.
+
+Between two taught levels, and beyond them, a model curves by the terms that it has; another model that follows the
+taught levels as well would curve otherwise. The straight line through the nearest taught levels is what all of them
+agree on, and what the model bends more or less than that is uncertain by a share of itself. So is the part of a motion
+that is faster than any that was taught.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import SimulationError
+from pliant.identification.experiment import compared_of
+from pliant.identification.forward_model import observed
+from pliant.identification.parameters import apply, for_record
+from pliant.simulation import equilibrium, modes, state
+
+if TYPE_CHECKING:
+    from pliant.identification.experiment import Experiment
+    from pliant.model import Model
+
+Array = np.ndarray
+INSIDE = 0.3  # standard deviation of what the model curves between two taught levels, in shares of it
+BEYOND = 1.0  # and beyond them; both set on the virtual actuators a, b and c, see docs/judging_a_fit.md
+FASTER = 0.5  # of what is faster than any taught motion
+LEVELS = 20  # of the highest pressure: how finely levels are told apart
+GRID = 40  # pressures at which rest is found
+
+
+def discrepancy(
+    model: Model, exp: Experiment, values: Mapping[str, float], modelled: Array, pressure: Array,
+    taught: Sequence[Experiment],
+) -> Array:
+    """Standard deviation (T, S, 2) [m] of what a model may lack of a motion that it was not taught.
+
+    Of angles alone (T, S, 1), rad.
+
+    Zero for a pressure and a speed that were taught. A body with several chambers has no line of levels: there speed
+    alone counts.
+
+    Parameters
+    ----------
+    model : Model
+    exp : Experiment
+        The record that is predicted.
+    values : mapping
+        All parameters by name, its own among them.
+    modelled : array (T, S, 2 or 1)
+        Its predicted positions, m, or angles, rad.
+    pressure : array (T,)
+        Behind the valve, Pa.
+    taught : sequence of Experiment
+        What the model was fitted to.
+    """
+    m = apply(model, {**for_record(values, exp.name), **exp.known})
+    lacking, still = np.zeros_like(modelled), modelled[:1]
+    levels = taught_levels(m, taught)
+    if len(m.chambers) == 1 and exp.excitation != "release" and len(levels) > 1:
+        grid = np.linspace(min(pressure.min(), 0.0), max(pressure.max(), 0.0), GRID)
+        rests, straight = rest_places(m, exp, grid, levels)
+        share = np.where((grid > levels[-1]) | (grid < 0), BEYOND, INSIDE)[: len(rests), None, None]
+        lacking = between(pressure, grid, share * np.abs(rests - straight))
+        still = between(pressure, grid, rests)
+    return np.hypot(lacking, FASTER * faster(exp, modelled, taught) * np.abs(modelled - still))
+
+
+def between(pressure: Array, grid: Array, rows: Array) -> Array:
+    """Rows (G, S, 2) at the first G pressures of `grid`, interpolated to pressures (T,)."""
+    columns = [np.interp(pressure, grid[: len(rows)], column) for column in rows.reshape(len(rows), -1).T]
+    return np.stack(columns, axis=-1).reshape(pressure.size, *rows.shape[1:])
+
+
+def taught_levels(model: Model, taught: Sequence[Experiment]) -> Array:
+    """Pressures (L,) [Pa], 0 among them, at which the training records stayed for a period of the first mode."""
+    period = 1.0 / float(modes(model)[0][0])
+    highest = max((peak(e) for e in taught), default=0.0)
+    found = {0.0}
+    for e in taught:
+        if e.pressure is None:
+            found |= {e.level} if e.excitation in ("pulse", "step") else set()
+            continue
+        time = np.arange(e.time[0], e.time[-1], 0.1 * period)
+        p = e.pressure(time)
+        where = np.round(p / highest * LEVELS)
+        for k in np.unique(where):
+            if (where == k).sum() >= 10:
+                found.add(float(np.median(p[where == k])) if k else 0.0)
+    return np.array(sorted(found))
+
+
+def peak(exp: Experiment) -> float:
+    """Highest pressure of a record, Pa."""
+    return float(exp.pressure.pressure.max()) if exp.pressure is not None else exp.level
+
+
+def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:
+    """What is observed (G, S, 2 or 1) at rest at the pressures `grid`, and what straight lines would make it.
+
+    The lines go through the joint angles at the two nearest taught `levels`. Both end where no rest is found.
+    """
+    angles: list[Array] = []
+    known = [equilibrium(model, float(p)) for p in levels]
+    for p in grid:
+        try:
+            angles.append(equilibrium(model, float(p)))
+        except SimulationError:
+            break
+    lines = []
+    for p in grid[: len(angles)]:
+        k = int(np.clip(np.searchsorted(levels, p), 1, len(levels) - 1))
+        share = (p - levels[k - 1]) / (levels[k] - levels[k - 1])
+        lines.append(known[k - 1] + share * (known[k] - known[k - 1]))
+    shown = model.with_(stations=tuple(observed(model, exp)))
+
+    def places(q: list[Array]) -> Array:
+        at, angle = state.stations(shown, model.base_angle + np.cumsum(np.array(q) + model.rest_angle, axis=1))
+        base = model.bend_sign * model.base_angle if exp.angle_reference in ("base", "joint") else 0.0
+        return compared_of(exp, np.concatenate([at, (angle - base)[..., None]], axis=2))
+
+    return places(angles), places(lines)
+
+
+def faster(exp: Experiment, modelled: Array, taught: Sequence[Experiment]) -> Array:
+    """Share (T, 1, 1) of the tip's predicted speed that is beyond the highest of the taught records."""
+    limit = max((float(np.nanmax(speed(e.time, e.last_station))) for e in taught), default=np.inf)
+    own = speed(exp.time, modelled[:, -1])
+    return np.asarray(np.clip(1.0 - limit / np.maximum(own, 1e-300), 0.0, 1.0))[:, None, None]
+
+
+def speed(time: Array, path: Array) -> Array:
+    """Speed (T,) of a point, m/s."""
+    return np.asarray(np.linalg.norm(np.gradient(path, time, axis=0), axis=1))
