@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pliant.identification.experiment import Experiment
+from pliant.numerics.arcs import arc_lengths
 from pliant.validation.curves import autocorrelation, evenly_spaced, laws_of
 from pliant.validation.draw import moves_torque
 from pliant.validation.outcome import Clocks, FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
@@ -26,10 +27,15 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
     for fit in outcome.fits:
         for record in fit.records:
             measured.setdefault(record.name, measured_of(record.experiment, every, pack))
+    if outcome.model.extensions:
+        for record in (r for f in outcome.fits for r in f.records):
+            measured[record.name]["grown"] = grown_of(record.experiment.position, record.experiment, every, pack)
     return {
         "every": every, "records": measured, "turns": outcome.turns,
         "fits": [{
             "title": f.title, "records": {r.name: modelled_of(r, every, pack) for r in f.records},
+            "grown": {r.name: grown_of(r.modelled, r.experiment, every, pack) for r in f.records}
+            if outcome.model.extensions else {},
         } for f in outcome.fits],
         "shape": shape_of(outcome.shape, pack) if outcome.shape else None,
         "torque": torque_of(outcome.fits, pack) if moves_torque(outcome.fits) else None,
@@ -60,6 +66,14 @@ def measured_of(exp: Experiment, every: int, pack: Pack) -> dict[str, Any]:
         "time": clock(exp.time[::every], pack), "position": pack.add(exp.shown_in[1] * exp.compared[::every]),
         "pressures": pressures, "level": 1e-3 * exp.level if exp.excitation in ("pulse", "step") else None,
     }
+
+
+def grown_of(position: Array, exp: Experiment, every: int, pack: Pack) -> dict[str, Any] | None:
+    """How much longer the body is than in its first frames, mm, by arcs through the stations; nothing for one point."""
+    if exp.placeless or len(exp.stations) < 2:
+        return None
+    length = arc_lengths(position)
+    return pack.add(1e3 * (length - np.nanmedian(length[:5]))[::every]) if np.isfinite(length[:5]).any() else None
 
 
 def clock(time: Array, pack: Pack) -> dict[str, Any]:

@@ -153,7 +153,7 @@ def bounds(p: Parameter) -> str:
 def known_unit(parameter: str) -> str:
     """Unit of a parameter or of a pressure level; nothing for a name that pliant does not know."""
     try:
-        return "Pa" if parameter == "level" else kind_of(parameter).unit
+        return "Pa" if parameter == "level" or parameter.endswith(".pressure") else kind_of(parameter).unit
     except InputError:
         return ""
 

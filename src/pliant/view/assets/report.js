@@ -25,7 +25,7 @@
       modelled: open(made.position), chain: open(made.body), valve: open(made.pressure),
       traces: seen.pressures.map((p) => ({ name: p.name, value: open(p.value) })),
       band: made.band?.map(open), share: made.level, lag: Array.from(open(made.lag).flat), correlation: open(made.correlation),
-      white: made.white, stationsOn: now?.name === name ? now.stationsOn : new Set(seen.shown),
+      white: made.white, grown: seen.grown && [open(seen.grown), open(data.fits[k].grown[name])], stationsOn: now?.name === name ? now.stationsOn : new Set(seen.shown),
     };
   }
 
@@ -126,6 +126,13 @@
     axes.forEach((axis, c) => add(`plot-${axis}`, { ...stationSeries(r, c), ylabel: `${axis} (${unit})` }));
     add("plot-residual", { series: residuals(r), ylabel: `residual (${unit})`, height: 140,
       xlabel: r.kind === "release" ? "time (s)" : "" });
+    $("length").hidden = !r.grown;
+    if (r.grown) {
+      const [seen, says] = r.grown.map((a) => column(a, 0));
+      add("plot-length", { ylabel: "lengthened (mm)", height: 140, series: [
+        { label: "measured", values: seen, width: 4.5, colour: () => paint("measured") },
+        { label: "modelled", values: says, width: 1.6, colour: () => ramp(1) }] });
+    }
     $("pressure").hidden = r.kind === "release";
     if (r.kind !== "release") {
       const marks = r.level && !r.traces.length ? [{ at: r.level, text: `nominal ${digits(r.level)} kPa` }] : [];
