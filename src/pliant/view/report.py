@@ -130,6 +130,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
         ],
         "unseen": [(f.title, not_shown(f.result)) for f in outcome.fits],
         "shape": shape_block(outcome.shape) if outcome.shape else None,
+        "lengthens": bool(outcome.model.extensions),
         "forecasts": [forecast_block(f) for f in outcome.forecasts],
         "definition": meaning, "definitions": {k: (*metric_label(k), v) for k, v in meaning.items()},
         "pairs": columns(PAIRS, turns=turns), "single": columns(SINGLE, turns=turns), "facts": model_facts(outcome),

@@ -126,7 +126,7 @@
     axes.forEach((axis, c) => add(`plot-${axis}`, { ...stationSeries(r, c), ylabel: `${axis} (${unit})` }));
     add("plot-residual", { series: residuals(r), ylabel: `residual (${unit})`, height: 140,
       xlabel: r.kind === "release" ? "time (s)" : "" });
-    $("length").hidden = !r.grown;
+    if ($("length")) $("length").hidden = !r.grown;
     if (r.grown) {
       const [seen, says] = r.grown.map((a) => column(a, 0));
       add("plot-length", { ylabel: "lengthened (mm)", height: 140, series: [
