@@ -128,6 +128,15 @@ def test_a_measured_pressure_says_where_the_plateau_is() -> None:
     assert compare(without, without.position, 0.1)["steady_state_error_mm"] is None
 
 
+def test_a_pressure_at_its_height_for_one_frame_has_no_overshoot() -> None:
+    at = float(T[np.searchsorted(T, START + 0.5)])
+    peak = Trace([0.0, at - 0.002, at, at + 0.002, 4.0], [0, 0, 2e4, 0, 0])
+    exp = pulse(excitation="trace", pressure=peak, level=0.0)
+    found = response(exp, exp.last_station)
+    assert found["overshoot_percent"] is None
+    assert found["steady_state_mm"] is not None
+
+
 def test_ringing_is_told_at_two_amplitudes() -> None:
     """A linear swing rings alike at both; the path that the model takes may differ."""
     m = compare(pulse(swing(ratio=0.08)), swing(frequency=5.0, ratio=0.1)[:, None], 0.1)

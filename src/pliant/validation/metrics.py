@@ -128,7 +128,7 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
         end = t[on][-1]
         steady = float(np.median(u[on & (t > end - end_s)]))
         first = on & (t < t[on][0] + 0.5 * (end - t[on][0]))
-        overshoot = 100 * (float(u[first].max()) / steady - 1.0) if steady > 0 else None
+        overshoot = 100 * (float(u[first].max()) / steady - 1.0) if steady > 0 and first.any() else None
     elif exp.excitation == "release":
         steady = float(np.median(u[t > t[-1] - end_s]))
     return {
