@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pliant.actuators import chen2018
 from pliant.errors import InputError
-from pliant.identification import Experiment
+from pliant.identification import Experiment, FitResult
 from pliant.simulation import Trace
-from pliant.study.forecast import check_forecasts, other_pressures
+from pliant.study.forecast import check_forecasts, other_pressures, tip_lacks
 from pliant.study.schema import ForecastEntry, Study
 
 TIME = np.arange(0.0, 1.0, 0.01)
@@ -47,3 +48,19 @@ def test_pressures_go_with_a_measured_pressure():
     study = Study.model_construct(forecasts={"f": ForecastEntry(like="r", pressures={"chamber": 1e4})})
     with pytest.raises(InputError, match="forecast f: pressures go with a measured pressure, but 'r' is a pulse"):
         check_forecasts(study, {"r": pulse})
+
+
+def test_the_band_of_a_forecast_grows_beyond_the_taught_levels():
+    """A law that curves: nothing is lacking at rest or where the level was taught, the more the further beyond."""
+    model = chen2018.model(torque=[6e-7, 1e-12])
+    fitted = FitResult(model, (), "", {"r": 1e-3}, 1, 0.0, converged=True)
+
+    def case(level):
+        return Experiment("r", TIME, SEEN, (model.points[-1].name,), "step", level=level)
+
+    own = {"start": 0.1, "r.start": 0.1}
+    lacks = [tip_lacks(fitted, case(p), own, [case(5e4), case(1e5)], 2e-3) for p in (1e5, 1.2e5, 1.4e5)]
+    assert np.abs([row[:10] for row in lacks]).max() < 1e-12
+    ends = [np.abs(row[-1]).max() for row in lacks]
+    assert ends[0] < 1e-6
+    assert ends[2] > 2 * ends[1] > 1e-4

@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, FitResult, predict
+from pliant.identification.discrepancy import discrepancy
 from pliant.identification.edges import edges
 from pliant.identification.error_propagation import half_widths
 from pliant.simulation import Trace
@@ -17,6 +18,8 @@ from pliant.units import pascal_per
 from pliant.validation.extension import NAMES, growth
 from pliant.validation.metrics import response
 from pliant.validation.outcome import Forecast
+
+WIDE = 1.959964  # standard errors to each side of a 95 % interval
 
 
 def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None:
@@ -57,12 +60,24 @@ def run_forecast(
     found, half = measure(result.values), half_widths(result, measure)
     count = len(seen)
     interval = {k: float(h) for k, h in zip(seen, half, strict=False) if h > 0}
+    taught = [experiments[n] for n in result.rmse if n in experiments]
+    tip = found[count:].reshape(case.time.size, -1)
+    lacks = tip_lacks(result, case, {**result.values, **own}, taught, study.step)
+    width = np.hypot(half[count:].reshape(tip.shape), WIDE * lacks)
     stated = {**entry.known, **({"level": level} if entry.level is not None else {})}
     stated |= {f"{chamber}.pressure": p for chamber, p in driven.items()}
     return Forecast(
-        name, entry.title or name, stated, case.time, found[count:].reshape(case.time.size, -1),
-        dict(zip(seen, found[:count].tolist(), strict=True)), interval, half[count:].reshape(case.time.size, -1),
+        name, entry.title or name, stated, case.time, tip, dict(zip(seen, found[:count].tolist(), strict=True)),
+        interval, width,
     )
+
+
+def tip_lacks(
+    result: FitResult, case: Experiment, values: Mapping[str, float], taught: Sequence[Experiment], step: float,
+) -> np.ndarray:
+    """What the model may lack of the last station's motion (T, 2 or 1), one standard deviation; see `discrepancy`."""
+    told = predict(result.model, case, values, step)
+    return discrepancy(result.model, case, values, told["compared"], told["pressure"], taught)[:, -1]
 
 
 def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Experiment:
