@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -124,8 +125,27 @@ def mapping():
     return figure
 
 
+def followed(path: Path) -> None:
+    """The bundled film with what `pliant track` found in it: the sheet of `--overlay`, made smaller."""
+    import cv2
+
+    from pliant.files import read_entries
+    from pliant.study import camera_study
+    from pliant.testbed.bundle import FOLDER
+    from pliant.video import Tracking, track_video
+
+    with TemporaryDirectory() as folder:
+        sheet = Path(folder) / "sheet.png"
+        camera = read_entries(camera_study(), "study")["camera"]
+        track_video(FOLDER / "film.mp4", camera, Tracking(overlays=(sheet,)))
+        picture = cv2.imread(str(sheet))
+    size = (1100, round(1100 * picture.shape[0] / picture.shape[1]))
+    cv2.imwrite(str(path), cv2.resize(picture, size, interpolation=cv2.INTER_AREA), [cv2.IMWRITE_JPEG_QUALITY, 85])
+
+
 def main() -> None:
     """Write all pictures."""
+    followed(HERE / "followed.jpg")
     with style():
         for make in (frames, mapping):
             figure = make()

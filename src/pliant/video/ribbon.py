@@ -19,6 +19,7 @@ Array = np.ndarray
 POINTS = 61  # of the line, base to tip
 SPANS = 16  # of the spline along the body
 ROUGHNESS = 5e-11  # weight of its third derivative
+STIFF_END = 5.0  # of that weight near the tip, beyond which nothing holds the spline; tried on films of actuator "a"
 INNER = 0.45  # of the half width: where the body's own lightness is taken
 WIDTHS = (0.75, 1.3)  # of the usual width
 STEEP = 0.08  # share of the body per pixel at an edge, from which on it counts fully
@@ -46,7 +47,8 @@ class Basis:
         self.at = np.linspace(0.0, 1.0, count)
         self.matrix = BSpline.design_matrix(self.at, knots, 3).toarray()
         third = BSpline(knots, np.eye(SPANS + 3), 3).derivative(3)((np.arange(SPANS) + 0.5) / SPANS)
-        self.rough = ROUGHNESS * count * third.T @ third / SPANS
+        stiff = np.where(np.arange(SPANS) < SPANS - 2, 1.0, STIFF_END)[:, None]
+        self.rough = ROUGHNESS * count * (stiff * third).T @ third / SPANS
 
     def smooth(self, values: Array, weight: Array) -> Array:
         """Values (S, d) made smooth, those of no weight filled in."""
