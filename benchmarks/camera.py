@@ -4,7 +4,7 @@
     python benchmarks/camera.py noise clutter    # these disturbances alone
     python benchmarks/camera.py model            # the model from films against the one from the fibre
 
-Films of a virtual camera, 1920 x 1080 pixels (1280 x 720 for the model), 60 frames a second, MPEG-4; the truth is the
+Films of a virtual camera, 1920 x 1080 pixels (960 x 540 for the model), 60 frames a second, MPEG-4; the truth is the
 rod's. Times are of the processor, one thread.
 """
 
@@ -22,7 +22,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from pliant.errors import InputError
-from pliant.recording import write
+from pliant.recording import make_recording, write
 from pliant.study import demo_study, load_study, run_study
 from pliant.testbed.camera import Filmed, Look, Shutter, View, film
 from pliant.testbed.scenarios import Scenario, pulse
@@ -151,15 +151,17 @@ def model(folder: Path) -> None:
     fits = {"softening": fibre.fits["softening"].model_copy(update={"starts": 1, "held_out": ["pulse_119"]})}
     names = ("pulse_60", "pulse_180", "pulse_119")
     fibre = fibre.model_copy(update={"fits": fits})
-    view = replace(VIEW, aside=0.15, tilt=0.08).scaled(1280)
+    view = replace(VIEW, aside=0.15, tilt=0.08).scaled(960)
     look, shutter = replace(LOOK, clutter=40, light=0.3), replace(SHUTTER, exposure=2e-3, noise=4.0)
     entries = {}
     for name in names:
         made: Filmed = film(name, folder / "f.mp4", view=view, look=look, shutter=shutter)
         camera = {**view.table(), "exposure_ms": 2.0, "readout_ms": 0.0}
         seen = track_video(folder / "f.mp4", camera)
-        seen = seen.assign_coords(pressure_time=("pressure_time", made.pressure_time)).assign(
-            pressure=("pressure_time", made.pressure))  # fmt: skip
+        seen = make_recording(
+            seen["time"], seen["position"], station=seen["station"].values.tolist(), arc_length=seen["arc_length"],
+            pressure=made.pressure, pressure_time=made.pressure_time,
+        )  # fmt: skip
         write(seen, folder / f"{name}.nc")
         entries[name] = fibre.recordings[name].model_copy(update={"file": str(folder / f"{name}.nc")})
     alignment = fibre.alignment.model_copy(update={"options": {"base": "base", "tangent": "+y"}})

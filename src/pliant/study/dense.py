@@ -19,6 +19,7 @@ from pliant.reduction import Links, OrderResult, links_of, select_order
 from pliant.study.schema import Fibre, Reduction, Study
 from pliant.validation.outcome import Shape
 
+SAME_LENGTH = 0.01  # share by which two films may differ in the length of one body
 REST_S = 0.1  # the rest shape is the mean of the first frames, before the pressure
 
 
@@ -86,10 +87,18 @@ def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
     return np.asarray(order.node_arc_length[order.orders.index(n)])
 
 
+def on_body(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
+    """Nodes (n + 1,) [m] at the same shares of a body that another film shows a little longer or shorter."""
+    if body.attrs.get("source_format") != "video" or "arc_length" not in body.coords:
+        return nodes
+    length = float(body["arc_length"].to_numpy()[-1])
+    return nodes * (length / nodes[-1]) if abs(length / nodes[-1] - 1.0) < SAME_LENGTH else nodes
+
+
 def link_experiment(study: Study, name: str, body: xr.Dataset, chain: Links) -> Experiment:
     """The experiment that sees the link tips of a dense shape, nodes where `chain` has them."""
     entry = study.recordings[name]
-    links = links_of(body, node_arc_length=chain.node_arc_length)
+    links = links_of(body, node_arc_length=on_body(chain.node_arc_length, body))
     measured = "pressure" in body
     origin = links.base if chain.node_arc_length[0] == 0 else np.zeros(2)  # that of the base, not of the first joint
     tips = make_recording(
