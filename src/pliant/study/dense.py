@@ -89,7 +89,7 @@ def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
 
 def on_body(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
     """Nodes (n + 1,) [m] at the same shares of a body that another film shows a little longer or shorter."""
-    if body.attrs.get("source_format") != "video" or "arc_length" not in body.coords:
+    if "arc_length" not in body.coords:
         return nodes
     length = float(body["arc_length"].to_numpy()[-1])
     return nodes * (length / nodes[-1]) if abs(length / nodes[-1] - 1.0) < SAME_LENGTH else nodes
