@@ -4,7 +4,7 @@
     python benchmarks/camera.py noise clutter    # these disturbances alone
     python benchmarks/camera.py model            # the model from films against the one from the fibre
 
-Films of a virtual camera, 1920 x 1080 pixels (960 x 540 for the model), 60 frames a second, MPEG-4; the truth is the
+Films of a virtual camera, 1920 x 1080 pixels (640 x 360 for the model), 60 frames a second, MPEG-4; the truth is the
 rod's. Times are of the processor, one thread.
 """
 
@@ -151,7 +151,7 @@ def model(folder: Path) -> None:
     fits = {"softening": fibre.fits["softening"].model_copy(update={"starts": 1, "held_out": ["pulse_119"]})}
     names = ("pulse_60", "pulse_180", "pulse_119")
     fibre = fibre.model_copy(update={"fits": fits})
-    view = replace(VIEW, aside=0.15, tilt=0.08).scaled(960)
+    view = replace(VIEW, aside=0.15, tilt=0.08).scaled(640)
     look, shutter = replace(LOOK, clutter=40, light=0.3), replace(SHUTTER, exposure=2e-3, noise=4.0)
     entries = {}
     for name in names:
