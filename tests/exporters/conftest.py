@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pliant.actuators import chen2018
-from pliant.model import Memory, Model, Valve, load_model
+from pliant.model import Chamber, Memory, Model, Valve, load_model
 
 KINDS = Path(__file__).parents[2] / "examples" / "state"
 
@@ -32,6 +32,21 @@ def creeping() -> Model:
         torque=[1.1e-6], bend_sign=-1, base_length=0.02, base_angle=0.2, name="creeping",
         stations=[("middle", 2, 0.01, 0.004), ("base", -1, 0.01, 0.0), ("tip", 4, 0.017, 0.0)],
     )
+
+
+def two_chambers() -> Model:
+    """As `creeping`, each half turned by a chamber of its own."""
+    model = creeping()
+    near = Chamber([1.1e-6], joint_gain=[1.0, 1.0, 0.5, 0.0, 0.0], valve=model.valve, name="near")
+    quick = Valve(rise_time=0.02, fall_time=0.02)
+    far = Chamber([-9e-7], joint_gain=[0.0, 0.0, 0.5, 1.0, 1.0], valve=quick, name="far")
+    return model.with_(chambers=(near, far), name="two chambers")
+
+
+@pytest.fixture
+def branched() -> Model:
+    """Creep and two chambers."""
+    return two_chambers()
 
 
 MODELS = {"paper": paper, "demo": demo, "creeping": creeping}

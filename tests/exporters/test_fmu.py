@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,24 @@ class Session:
     def close(self):
         self.fmu.terminate()
         self.fmu.freeInstance()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_two_chambers_and_creep(branched, version, tmp_path):
+    model = branched.with_(chambers=tuple(replace(c, valve=replace(c.valve, dead_time=0.0)) for c in branched.chambers))
+    run, stepper = Session(made(model, tmp_path, version), version, tmp_path), Stepper(model, 1e-3, [0.0, 0.0])
+    worst = 0.0
+    for near, far in ((0.0, 5e4), (8e4, 2e4), (3e4, 0.0)):
+        run.set("pressure_1", near)
+        run.set("pressure_2", far)
+        for _ in range(100):
+            run.go(1)
+            stepper.step(np.array([near, far]))
+            q = state.joint_angles(model, stepper.angle)
+            worst = max(worst, *(abs(run.get(f"q_{i + 1}") - q[i]) for i in range(model.n)))
+    run.close()
+    assert np.abs(q).max() > 0.02
+    assert worst < 1e-9
 
 
 @pytest.mark.parametrize("version", VERSIONS)
