@@ -4,12 +4,14 @@ VENV   ?= .venv
 BIN     = $(VENV)/bin
 PIP     = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
+WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); test $$n -gt 3 && echo 4 || expr $$n + 1)  # tests also wait
+
 .PHONY: demo test lint bench bundled docs clean
 demo: $(VENV)/.run
 	$(BIN)/pliant demo -o results/demo
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --tell-skips
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --tell-skips
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from html.parser import HTMLParser
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +27,8 @@ def fitted() -> FitResult:
 
 
 def outcome() -> StudyOutcome:
-    record = RecordOutcome("low", "held_out", None, np.zeros(1), np.zeros(1), {"rmse_mm": 0.3, "max_mm": None})  # type: ignore[arg-type]
+    seen: Any = SimpleNamespace(placeless=False)
+    record = RecordOutcome("low", "held_out", seen, np.zeros(1), np.zeros(1), {"rmse_mm": 0.3, "max_mm": None})
     fit = FitOutcome("first", "First", fitted(), (record,), 0.5)
     return StudyOutcome("arm", HOSTILE, "", chen2018.model(), (fit,), verdict=("First: low to 0.3 mm.",))
 

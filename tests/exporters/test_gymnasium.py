@@ -72,12 +72,9 @@ def test_seeds_and_drawn_bodies():
     assert bend[0] != pytest.approx(bend[1], rel=1e-3)
 
 
-@pytest.mark.parametrize("remembers", [False, True])
-def test_a_batch_moves_each_body_as_alone(model, remembers):
+def test_a_batch_moves_each_body_as_alone(model):
     """Eleven bodies, more than a group of lanes holds; an episode that ends begins anew at the next step."""
     model = model.with_(valve=replace(model.valve, dead_time=0.0))
-    if bool(model.memory) != remembers:
-        pytest.skip("lanes are for models without memory, single steppers for the others")
     task = Task(duration=0.1)
     envs = gymnasium.make_vec("pliant/Reach-v0", num_envs=11, model=model, task=task)
     seen, info = envs.reset(seed=3)

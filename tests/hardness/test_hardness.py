@@ -93,4 +93,4 @@ for k in range(int(sys.argv[3]), int(sys.argv[4])):
 def test_the_files_are_shared_among_the_formats(tools):
     shares = tools[0].shares(10_000)
     assert 9_900 < sum(shares.values()) <= 10_000
-    assert shares["mat, plain"] == 200
+    assert shares["mat, plain"] == 50

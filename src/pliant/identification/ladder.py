@@ -106,12 +106,13 @@ def ladder(
     TypeError
         For an unknown keyword.
     """
+    how = with_defaults(ladder, options, LADDER_OPTIONS)
     if not rungs or len({r.name for r in rungs}) < len(rungs):
         raise InputError("a ladder needs rungs whose names differ")
     free = {entry_name(e): e for e in common}
     if not model.torque.any() and any(e.excitation != "release" for e in train):
         free.setdefault("torque_1", "torque_1")
-    climber = LadderFit(train, held_out, model, with_defaults(ladder, options, LADDER_OPTIONS), tuple(free))
+    climber = LadderFit(train, held_out, model, how, tuple(free))
     below, steps = Step(Rung("", "")), []
     for rung in rungs:
         made, taken = climber.climb(rung, below, free)
