@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN     = $(VENV)/bin
-PIP     = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+PIP     = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
 WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); test $$n -gt 3 && echo 4 || expr $$n + 1)  # tests also wait
 

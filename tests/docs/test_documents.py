@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -190,16 +189,9 @@ def test_gallery_scripts_run(script, tmp_path):
     assert picture.stat().st_size > 10_000
 
 
-@pytest.mark.slow
-def test_a_users_script_passes_mypy_strict():
-    mypy = shutil.which("mypy", path=str(Path(sys.executable).parent))
-    if mypy is None:
-        pytest.skip("mypy is not installed beside this Python; pip install -e '.[dev]'")
+def test_a_users_script_takes_every_public_name():
+    """`make lint` holds it to mypy --strict."""
     script = Path(__file__).with_name("user_script.py")
-    done = subprocess.run(
-        [mypy, "--strict", "--follow-imports=silent", script], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout
     used = set(re.findall(r"pliant\.(\w+)", script.read_text(encoding="utf-8")))
     import pliant
 

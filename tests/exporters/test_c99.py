@@ -119,7 +119,9 @@ def test_what_it_tells_of_its_state(model, tmp_path):
     assert arm.ask("energy", (3,))[0] == pytest.approx(energies, abs=1e-14)
 
 
-@pytest.mark.parametrize("memory", MEMORIES)
+@pytest.mark.parametrize(
+    ("model", "memory"), [*zip(("paper", "demo", "creeping", "paper"), MEMORIES, strict=True)], indirect=["model"],
+)
 def test_linearise_is_that_of_pliant_at_rest(model, memory, tmp_path):
     model = model.with_(valve=Valve(), memory=memory)
     arm = Arm(model, tmp_path)

@@ -168,10 +168,10 @@ def test_rest_is_found_before_the_pulse(shared_data):
         assert rest_window(ds)[1] < end
 
 
-def test_eight_levels_in_one_array_are_read_each_with_its_level_and_moved_to_one_rest(shared_data):
+def test_eight_levels_in_one_array_are_read_each_with_its_level_and_moved_to_one_rest(shared_data, monkeypatch):
     """The tip rests 0.8 mm further at the last level than at the first; moved, only the motion differs."""
+    monkeypatch.setenv("PLIANT_DATA", str(shared_data))
     study = load_study(EXAMPLES / "pneumatic_arm_levels.toml")
-    study = study.model_copy(update={"folder": str(shared_data / "pneumatic_arm_levels")})
     ready = prepare_all(study, lambda _line: None)
     assert [e.level for e in ready.experiments.values()] == [5e3 * k for k in range(1, 9)]
     rest = np.array([e.position[:5, 0].mean(axis=0) for e in ready.experiments.values()])
