@@ -29,6 +29,8 @@ MAY_BE_SKIPPED = {  # what a reason holds -> why a run without that test is comp
     "not a git checkout": "a copy without history",
     "this user may write everywhere": "file permissions do not stop root",
     "no C compiler": "compilers do not come with pip",
+    "no arm-none-eabi-gcc": "nor do cross-compilers",
+    "the sanitizers' libraries are not installed": "nor what comes beside a compiler",
     "no limit of a file's size": "a system other than POSIX",
     "signals of another kind": "a system other than POSIX",
 }
