@@ -10,7 +10,7 @@ import pytest
 import pliant
 from pliant.actuators import chen2018
 from pliant.exporters.state_space import control_system, linear_model
-from pliant.model import Chamber, Memory, Valve
+from pliant.model import Chamber, Extension, Memory, Valve, chain_model
 from pliant.simulation import Stepper, state
 
 
@@ -81,6 +81,38 @@ def test_files_hold_everything(model, suffix, period, tmp_path):
     gain = linear_model(model, 5e4).static_gain("tip_y")
     inverse = np.eye(N) - found["A"] if period else -found["A"]
     assert float(found["C"][1] @ np.linalg.solve(inverse, B[:, 0])) == pytest.approx(gain, rel=1e-8)
+
+
+def test_a_body_that_lengthens_and_creeps_follows_small_steps(tmp_path):
+    """Read back from its file: a step of 200 Pa, its strain and its tip against the stepped model."""
+    from scipy.linalg import expm
+
+    beside = Chamber.at_offset(2e-4, 0.02, np.ones(3), valve=Valve(rise_time=0.02, fall_time=0.02))
+    model = chain_model(
+        length=0.2, mass=0.1, links=3, stiffness=1.0, damping=0.01, chambers=(beside,), gravity=[1.0, -9.0],
+        extensions=(Extension(150.0, 0.4, name="arm"),), memory=Memory(creep_share=(0.3,), creep_time=(0.1,)),
+    )
+    path, h = tmp_path / "arm.npz", 1e-3
+    pliant.export(model, "state-space", path, pressure=3e4)
+    kept = np.load(path)
+    states, outputs = list(kept["state"]), list(kept["output"])
+    units = dict(zip(states, kept["state_unit"], strict=True))
+    assert (units["strain_arm"], units["strain_rate_arm"]) == ("1", "1/s")
+    assert kept["output_unit"][outputs.index("strain_arm")] == "1"
+    stepper = Stepper(model, h, 3e4)
+    strain, tip = stepper.strain.copy(), stepper.tips()[-1]
+    assert kept["operating_state"][states.index("strain_arm")] == pytest.approx(strain[0], rel=1e-12)
+    N = len(states)
+    block = np.zeros((N + 1, N + 1))
+    block[:N, :N], block[:N, N] = kept["A"], kept["B"][:, 0] * 200.0
+    move, x, far = expm(block * h), np.zeros(N), []
+    for _ in range(600):
+        x = move[:N, :N] @ x + move[:N, N]
+        stepper.step(30200.0)
+        moved = np.append(stepper.tips()[-1] - tip, stepper.strain - strain)
+        far.append((moved, kept["C"][[0, 1, outputs.index("strain_arm")]] @ x))
+    real, linear = np.moveaxis(far, 1, 0)
+    assert (np.abs(real - linear).max(axis=0) < 1e-2 * np.abs(real).max(axis=0)).all()
 
 
 def test_python_control_takes_it():

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pliant.equations import extension
 from pliant.errors import InputError
 from pliant.linear import linearise
 from pliant.linear.linearisation import frequency_and_damping
 from pliant.linear.sampled import hold, sample
-from pliant.model import Chamber, Memory, Valve, chain_model
-from pliant.simulation import Stepper, equilibrium, modes
+from pliant.model import Chamber, Extension, Memory, Valve, chain_model
+from pliant.simulation import Stepper, equilibrium, lengthened, modes, state
 
 
 @pytest.fixture
@@ -83,6 +84,68 @@ def test_every_chamber_has_its_column(arm):
     np.testing.assert_allclose(stepper.angle - start, x[:5], atol=2e-4 * np.abs(x[:5]).max())
     with pytest.raises(InputError, match="linear model of one pressure, and it has 2"):
         sample(linear, 4e-3)
+
+
+LEVELS = np.array([3e4, 1e4, 2e4])  # Pa
+
+
+@pytest.fixture
+def lengthening():
+    """Two segments that lengthen, three chambers, one behind a lagging valve, bent at rest by slanted gravity."""
+    left = Chamber.at_offset(2e-4, 0.02, [1, 1, 0, 0], name="left", valve=Valve(rise_time=0.02, fall_time=0.02))
+    right, far = (
+        Chamber.at_offset(2e-4, r, j, name=name)
+        for r, j, name in ((-0.02, [1, 1, 0, 0], "right"), (0.02, [0, 0, 1, 1], "far"))
+    )
+    return chain_model(
+        length=0.2, mass=0.3, links=4, joint_placement="midsegment", stiffness=1.0, damping=0.01,
+        chambers=(left, right, far), gravity=[3.0, -9.0], rest_angle=0.05, base_angle=0.2, bend_sign=-1,
+        extensions=(Extension(150.0, 0.5, 0.0, 0.1, "near"), Extension(120.0, 0.3, 0.1, None, "far")),
+    )
+
+
+def test_a_body_that_lengthens_is_the_step_about_its_rest(lengthening):
+    """The step's Jacobian at rest, by complex steps, is the midpoint rule of A: (1 - hA/2)^-1 (1 + hA/2)."""
+    linear, N, h = linearise(lengthening, LEVELS), 6, 1e-3
+    assert linear.states[3:7] == ("phi_4", "strain_near", "strain_far", "w_1")
+    assert linear.states[-2:] == ("strain_rate_far", "pressure_left")
+    start = np.concatenate([linear.angle, linear.strain, np.zeros(N)])
+    work = type(lengthened.workspace(4, 2))(*(a.astype(complex) for a in lengthened.workspace(4, 2)))
+    J = np.empty((2 * N, 2 * N))
+    for k in range(2 * N):
+        x = start.astype(complex)
+        x[k] += 1e-20j
+        drive = lengthening.actuation.joint_torques(LEVELS)
+        extension.step(x[:N], x[N:], h, drive, lengthening.mechanics(), lengthening.joints(), work)
+        J[:, k] = x.imag / 1e-20
+        np.testing.assert_allclose(x.real, start, atol=1e-12)
+    half = 0.5 * h * linear.A[: 2 * N, : 2 * N]
+    np.testing.assert_allclose(J, np.linalg.solve(np.eye(2 * N) - half, np.eye(2 * N) + half), atol=1e-11)
+
+
+@pytest.mark.parametrize("memory", [Memory(), Memory(creep_share=(0.2,), creep_time=(0.3,))], ids=["none", "creep"])
+def test_poles_of_a_body_that_lengthens_are_its_modes(lengthening, memory):
+    free = lengthening.with_(
+        damping=0.0, memory=memory,
+        extensions=(Extension(150.0, 0.0, 0.0, 0.1, "near"), Extension(120.0, 0.0, 0.1, None, "far")),
+    )
+    own = np.linalg.eigvals(linearise(free, LEVELS).A[:12, :12])
+    hertz = modes(free, equilibrium(free, LEVELS))[0]
+    np.testing.assert_allclose(np.sort(own.imag)[6:] / (2 * np.pi), hertz, rtol=1e-9)
+    assert np.abs(own.real).max() < 1e-8 * np.abs(own).max()
+
+
+def test_static_gains_of_a_body_that_lengthens(lengthening):
+    """Every output, the tip and the strains among them, against differences of rests."""
+    linear = linearise(lengthening, LEVELS)
+    assert linear.B.shape == (13, 3)
+    assert linear.outputs[-2:] == ("strain_near", "strain_far")
+    for c, up in enumerate(50.0 * np.eye(3)):
+        q = [equilibrium(lengthening, LEVELS + side * up) for side in (1, -1)]
+        tip = [state.tips(lengthening, state.absolute(lengthening, at))[-1] for at in q]
+        slope = np.concatenate([tip[0] - tip[1], [(q[0] - q[1])[:4].sum()], q[0] - q[1]]) / 100.0
+        found = [linear.static_gain(name, c) for name in linear.outputs]
+        np.testing.assert_allclose(found, slope, atol=1e-7 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize("dead", [0.0, 0.004, 0.006, 0.0091])

@@ -24,7 +24,7 @@ from pliant.estimation.symbols import (
 from pliant.estimation.workspace import make_observer_workspace
 from pliant.linear.linearisation import linearise
 from pliant.linear.sampled import hold
-from pliant.model import Memory, Model, Valve
+from pliant.model import Memory, Model, Valve, fixed_length
 from pliant.options import with_defaults
 from pliant.simulation import state
 
@@ -96,7 +96,7 @@ class AdaptiveObserver:
         **noise: Unpack[ObserverNoise],
     ) -> None:
         sizes = with_defaults(AdaptiveObserver, noise, OBSERVER_NOISE)
-        self.model, self.period, self._late = model.with_(valve=Valve()), period, late
+        self.model, self.period, self._late = fixed_length(model).with_(valve=Valve()), period, late
         parts = max(1, math.ceil(period / step - 1e-9))
         design = stationary(self.model, period, sizes["noise"], sizes["random_walk"], sizes["jerk"])
         chain, drive = with_shifts(self.model)

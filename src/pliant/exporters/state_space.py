@@ -6,12 +6,12 @@ Beside what `pliant.linearise` gives, every branch of creep adds its n states ex
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pliant.equations import inertia
 from pliant.errors import InputError
 from pliant.exporters.features import ALL, RUBBER
 from pliant.exporters.provenance import Told
@@ -21,11 +21,14 @@ from pliant.linear import linearise
 from pliant.linear.linearisation import LinearModel
 from pliant.linear.sampled import sample
 from pliant.model import Model
-from pliant.simulation import state
+from pliant.simulation import lengthened, state
 
 Array = np.ndarray
-CAN = ALL - RUBBER - {"lengthening", "two_lags", "rates", "settling", "slip", "boucwen"}
-STATE_UNITS = {"phi": "rad", "w_": "rad/s", "pressure_rate": "Pa/s", "pressure": "Pa", "creep": "rad", "command": "Pa"}
+CAN = ALL - RUBBER - {"two_lags", "rates", "settling", "slip", "boucwen"}
+STATE_UNITS = {
+    "phi": "rad", "w_": "rad/s", "strain_rate_": "1/s", "strain_": "1", "pressure_rate": "Pa/s", "pressure": "Pa",
+    "creep": "rad", "command": "Pa",
+}
 
 
 def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
@@ -42,27 +45,24 @@ def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     InputError, SimulationError
         As `pliant.linearise`.
     """
-    linear, n = linearise(model, pressure), model.n
+    linear, n, size = linearise(model, pressure), model.n, model.size
     branches = list(zip(model.memory.creep_share, model.memory.creep_time, strict=True))
     N = linear.A.shape[0]
     A = np.zeros((N + n * len(branches), N + n * len(branches)))
     A[:N, :N] = linear.A
-    relative = np.eye(n) - np.eye(n, k=-1)
-    c, s, body, M = np.cos(linear.angle), np.sin(linear.angle), model.body(), np.empty((n, n))
-    inertia.inertia_absolute(c, s, body.B, body.I, M)
+    relative = lengthened.of_joints(n, size)[:n]
+    M = state.absolute_inertia(model, np.append(linear.angle, linear.strain))
     answer = np.linalg.solve(M, relative.T)  # of the accelerations to a torque at each joint
     names = []
     for j, (share, time) in enumerate(branches):
         own = slice(N + j * n, N + (j + 1) * n)
-        A[n : 2 * n, own] = answer * (model.stiffness * share)  # a branch pulls the joint to its relaxed angle
-        A[own, :n], A[own, own] = relative / time, -np.eye(n) / time
+        A[size : 2 * size, own] = answer * (model.stiffness * share)  # a branch pulls the joint to its relaxed angle
+        A[own, :size], A[own, own] = relative / time, -np.eye(n) / time
         names += [f"creep_{j + 1}_{i + 1}" for i in range(n)]
     more = A.shape[0] - N
     B = np.concatenate([linear.B, np.zeros((more, linear.B.shape[1]))])
     C = np.concatenate([linear.C, np.zeros((linear.C.shape[0], more))], axis=1)
-    return LinearModel(
-        A, B, C, linear.outputs, (*linear.states, *names), linear.angle, linear.pressures, linear.dead_times
-    )
+    return replace(linear, A=A, B=B, C=C, states=(*linear.states, *names))
 
 
 def control_system(model: Model, pressure: float | Array = 0.0, period: float = 0.0) -> Any:
@@ -99,7 +99,7 @@ def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, 
         "A": A, "B": B, "C": C, "D": linear.D, "period": period, "state": states, "input": inputs,
         "dead_time": dead if dead.size > 1 else float(dead[0]), "output": list(linear.outputs), "state_unit": units,
         "input_unit": ["Pa"] * len(inputs),
-        "output_unit": ["m" if o.startswith("tip") else "rad" for o in linear.outputs],
+        "output_unit": [output_unit(name) for name in linear.outputs],
         "operating_state": operating_point(model, linear, states), "operating_input": linear.pressures,
     }
 
@@ -109,9 +109,15 @@ def unit_of(name: str) -> str:
     return next(unit for start, unit in STATE_UNITS.items() if name.startswith(start))
 
 
+def output_unit(name: str) -> str:
+    """Unit of an output."""
+    return "m" if name.startswith("tip") else "1" if name.startswith("strain") else "rad"
+
+
 def operating_point(model: Model, linear: LinearModel, states: list[str]) -> Array:
     """Values of the states at the rest: the deviations that the matrices take are from these."""
     joint = state.joint_angles(model, linear.angle)
+    strain = {f"strain_{e.name}": value for e, value in zip(model.extensions, linear.strain, strict=True)}
     point = np.zeros(len(states))
     for k, name in enumerate(states):
         last = int(name.rsplit("_", 1)[1]) - 1 if name.startswith(("phi", "creep")) else 0
@@ -119,7 +125,9 @@ def operating_point(model: Model, linear: LinearModel, states: list[str]) -> Arr
             point[k] = linear.angle[last]
         elif name.startswith("creep"):
             point[k] = joint[last]
-        elif name.startswith(("pressure_rate", "w_")):
+        elif name in strain:
+            point[k] = strain[name]
+        elif name.startswith(("pressure_rate", "w_", "strain_rate_")):
             point[k] = 0.0
         else:  # a valve's pressure, or a command on its way to it
             point[k] = linear.pressures[chamber_of(model, name)]

@@ -1,13 +1,13 @@
 """The model linearised about a rest under pressure: state space from the commanded pressures to angles and tip.
 
-State: absolute link angles phi (n,), their rates w (n,), then each valve: the pressure, and its rate where the valve is
-of second order. All are deviations from the rest. Memory enters as `pliant.modes` takes it: creep has no time to flow,
-slip elements stick; what flows later is left to integral action.
+State: absolute link angles phi (n,) and the strains (S,) of segments that lengthen, their rates (n + S,), then each
+valve: the pressure, and its rate where the valve is of second order. All are deviations from the rest. Memory enters as
+`pliant.modes` takes it: creep has no time to flow, slip elements stick; what flows later is left to integral action.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from pliant.equations.symbols import Slopes
 from pliant.errors import InputError
 from pliant.model import Model, Valve
 from pliant.numerics.ldl import ldl_solve
-from pliant.simulation import state
+from pliant.simulation import lengthened, state
 
 Array = np.ndarray
 
@@ -31,7 +31,7 @@ class LinearModel:
     A, B, C, D : array (N, N), (N, chambers), (outputs, N), (outputs, chambers)
         SI: rad, rad/s, Pa, Pa/s; u are the commanded pressures, Pa. D is zero: no output moves at once.
     outputs : tuple of str
-        Names of the rows of C: tip_x, tip_y [m], angle_sum, q_1 ... q_n [rad].
+        Names of the rows of C: tip_x, tip_y [m], angle_sum, q_1 ... q_n [rad], strain_SEGMENT.
     states : tuple of str
     angle : array (n,)
         Absolute link angles at the rest, rad.
@@ -39,6 +39,8 @@ class LinearModel:
         Pa, about which the model is linear.
     dead_times : array (chambers,)
         s, of each chamber's valve.
+    strain : array (S,)
+        Of the segments that lengthen, at the rest.
     """
 
     A: Array
@@ -49,6 +51,7 @@ class LinearModel:
     angle: Array
     pressures: Array
     dead_times: Array
+    strain: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def pressure(self) -> float:
@@ -133,48 +136,47 @@ def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     >>> linear = pliant.linearise(arm, pressure=0.0)  # doctest: +SKIP
     >>> linear.zeros("angle_sum")  # doctest: +SKIP
     """
-    phi = state.absolute(model, state.equilibrium(model, pressure))
-    a_phi, a_w, a_tau = derivatives(model, phi, pressure)
-    n = model.n
-    chain = np.zeros((2 * n, 2 * n))
-    chain[:n, n:] = np.eye(n)
-    chain[n:, :n], chain[n:, n:] = a_phi, a_w
-    A, B = chain, np.zeros((2 * n, 0))
-    states = [*(f"phi_{i + 1}" for i in range(n)), *(f"w_{i + 1}" for i in range(n))]
+    x = state.absolute(model, state.equilibrium(model, pressure))
+    a_x, a_v, a_tau = derivatives(model, x, pressure)
+    n, N = model.n, model.size
+    chain = np.zeros((2 * N, 2 * N))
+    chain[:N, N:] = np.eye(N)
+    chain[N:, :N], chain[N:, N:] = a_x, a_v
+    A, B = chain, np.zeros((2 * N, 0))
+    turns = range(1, n + 1)
+    states = [*(f"phi_{i}" for i in turns), *(f"strain_{e.name}" for e in model.extensions),
+              *(f"w_{i}" for i in turns), *(f"strain_rate_{e.name}" for e in model.extensions)]  # fmt: skip
     pressures, several = model.actuation.pressures(pressure), len(model.chambers) > 1
     for chamber, by_torque, p in zip(model.chambers, a_tau, pressures, strict=True):
         drive = np.zeros(A.shape[0])
-        drive[n : 2 * n] = by_torque * chamber.torque_slope(float(p))
+        drive[N : 2 * N] = by_torque * chamber.torque_slope(float(p))
         A, column, names = behind_valve(A, drive, chamber.valve)
         B = np.column_stack([np.pad(B, ((0, len(names)), (0, 0))), column])
         states += [f"{name}_{chamber.name}" if several else name for name in names]
-    C, outputs = output_rows(model, phi, A.shape[0])
+    C, outputs = output_rows(model, x, A.shape[0])
     late = np.array([c.valve.dead_time for c in model.chambers])
-    return LinearModel(A, B, C, outputs, tuple(states), phi, pressures, late)
+    return LinearModel(A, B, C, outputs, tuple(states), x[:n], pressures, late, x[n:])
 
 
-def derivatives(model: Model, phi: Array, pressure: float | Array) -> tuple[Array, Array, Array]:
-    """Derivatives of the angular accelerations at rest: by phi, by w (n, n), by each chamber's torque (C, n)."""
-    n = model.n
-    joints, body = model.joints(), model.body()
-    stiff = joints._replace(K=joints.K * (1.0 + model.memory.instantaneous))
-    work, out = state.workspace(n), Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
+def derivatives(model: Model, x: Array, pressure: float | Array) -> tuple[Array, Array, Array]:
+    """Derivatives of the accelerations at rest: by angles and strains, by their rates (N, N), by torques (C, N)."""
+    n, N, joints = model.n, model.size, model.joints()
+    work, out = state.work_of(model), Slopes(np.zeros(N), np.zeros((N, N)), np.zeros((N, N)))
+    differentiate = lengthened.slopes if model.extensions else motion.acceleration_jacobian
     # at rest only K differs from the stiff joints' equilibrium, and the derivative does not see the offset when a = 0
-    motion.acceleration_jacobian(
-        phi, np.zeros(n), model.actuation.joint_torques(pressure), body, joints, work, out
-    )
-    a_phi = out.a_phi
+    differentiate(x, np.zeros(N), model.actuation.joint_torques(pressure), model.mechanics(), joints, work, out)
+    a_x, relative = out.a_phi, lengthened.of_joints(n, N)
     if model.memory:
-        motion.acceleration(phi, np.zeros(n), np.zeros(n), body, joints, work, out.a)
-        relative = np.eye(n) - np.eye(n, k=-1)
-        more = relative.T @ np.diag(stiff.K - joints.K) @ relative
+        stiffer = np.zeros(N)
+        stiffer[:n] = joints.K[:n] * (1.0 + model.memory.instantaneous) - joints.K[:n]
+        more = relative.T @ np.diag(stiffer) @ relative
         for row in more:
             ldl_solve(work.A, row)
-        a_phi = a_phi - more
-    by_torque = model.actuation.gain - np.pad(model.actuation.gain[:, 1:], ((0, 0), (0, 1)))
+        a_x = a_x - more
+    by_torque = model.actuation.gain @ relative
     for row in by_torque:
         ldl_solve(work.A, row)
-    return a_phi.T, out.a_w.T, by_torque
+    return a_x.T, out.a_w.T, by_torque
 
 
 def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[str, ...]]:
@@ -196,15 +198,19 @@ def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[
     return whole, drive, ("pressure", "pressure_rate")
 
 
-def output_rows(model: Model, phi: Array, states: int) -> tuple[Array, tuple[str, ...]]:
-    """Rows of C and their names: the last tip, the sum of the joint angles, each joint angle."""
-    n = model.n
-    C = np.zeros((3 + n, states))
-    C[0, :n] = -model.bend_sign * model.link_length * np.cos(phi)
-    C[1, :n] = -model.link_length * np.sin(phi)
+def output_rows(model: Model, x: Array, states: int) -> tuple[Array, tuple[str, ...]]:
+    """Rows of C and their names: the last tip, the sum of the joint angles, each joint angle, each strain."""
+    n, N = model.n, model.size
+    stretch, phi = lengthened.stretches(model, x), np.append(model.base_angle, x[:n])
+    length = np.append(model.base_length, model.link_length)
+    C = np.zeros((3 + N, states))
+    C[0, :n] = (-model.bend_sign * length * stretch * np.cos(phi))[1:]
+    C[1, :n] = (-length * stretch * np.sin(phi))[1:]
+    C[:2, n:N] = length * [-model.bend_sign * np.sin(phi), np.cos(phi)] @ model.stretch_share
     C[2, n - 1] = 1.0
-    C[3:, :n] = np.eye(n) - np.eye(n, k=-1)
-    return C, ("tip_x", "tip_y", "angle_sum", *(f"q_{i + 1}" for i in range(n)))
+    C[3:, :N] = lengthened.of_joints(n, N)
+    names = (*(f"q_{i + 1}" for i in range(n)), *(f"strain_{e.name}" for e in model.extensions))
+    return C, ("tip_x", "tip_y", "angle_sum", *names)
 
 
 def transmission_zeros(A: Array, B: Array, c: Array) -> Array:

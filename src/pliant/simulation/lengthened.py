@@ -115,6 +115,13 @@ def to_joints(n: int, size: int) -> Array:
     return T
 
 
+def of_joints(n: int, size: int) -> Array:
+    """The inverse (n + S, n + S) of `to_joints`: differences of absolute angles, strains as they are."""
+    R = np.eye(size)
+    R[np.arange(1, n), np.arange(n - 1)] = -1.0
+    return R
+
+
 def rest(model: Model, q: Array, torque: Array, force: Array, link_load: Array | None) -> Array:
     """As `state.equilibrium`, of a body that lengthens, from the joint angles and strains q (n + S,) without load."""
     joints, n = model.joints(), model.n

@@ -216,7 +216,7 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
     solve = twin(ldl_solve)
     differentiate = lengthened.slopes if model.extensions else twin(motion.acceleration_jacobian)
     out = Slopes(np.empty(n), np.empty((n, n)), np.empty((n, n)))
-    T = np.linalg.inv(lengthened.to_joints(model.n, n))  # to the angles and rates of joints
+    T = lengthened.of_joints(model.n, n)  # to the angles and rates of joints
     share = gain @ T  # of a torque, on each absolute angle
 
     def jacobian(t: float, y: Array) -> Array:

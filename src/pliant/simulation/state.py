@@ -249,17 +249,24 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
 def linear_parts(model: Model, q: Array) -> tuple[Array, Array]:
     """Inertia and stiffness (n, n) in joint angles at q (n,); (n + S, n + S) of a body that lengthens."""
     x, joints, n = absolute(model, q), model.joints(), model.n
-    stiffness = tangents(model, q[:n]) + joints.K[:n] * model.memory.instantaneous
+    X, stiffness = absolute_inertia(model, x), tangents(model, q[:n]) + joints.K[:n] * model.memory.instantaneous
     if model.extensions:
         T = lengthened.to_joints(n, model.size)
         _, slope = lengthened.dead_loads(model, x, lengthened.link_loads(model, np.zeros(2), None))
-        return T.T @ lengthened.inertia(model, x) @ T, np.diag(np.append(stiffness, joints.K[n:])) - T.T @ slope @ T
-    body, c, s = model.body(), np.cos(x), np.sin(x)
-    X, M = np.empty((n, n)), np.empty((n, n))
-    inertia.inertia_absolute(c, s, body.B, body.I, X)
+        return T.T @ X @ T, np.diag(np.append(stiffness, joints.K[n:])) - T.T @ slope @ T
+    body, c, s, M = model.body(), np.cos(x), np.sin(x), np.empty((n, n))
     inertia.to_joint_angles(X, M)
     tail = np.cumsum((body.h * (body.gy * c - body.gx * s))[::-1])[::-1]
     return M, np.diag(stiffness) + tail[np.maximum.outer(np.arange(n), np.arange(n))]
+
+
+def absolute_inertia(model: Model, x: Array) -> Array:
+    """Inertia (n, n) in absolute link angles; (n + S, n + S) of a body that lengthens."""
+    if model.extensions:
+        return lengthened.inertia(model, x)
+    body, M = model.body(), np.empty((model.n, model.n))
+    inertia.inertia_absolute(np.cos(x), np.sin(x), body.B, body.I, M)
+    return M
 
 
 def tips(model: Model, phi: Array) -> Array:
@@ -289,5 +296,3 @@ def stations(model: Model, phi: Array) -> tuple[Array, Array]:
     x = joints[..., carrier, 0] - along * np.sin(a) - across * np.cos(a)
     y = joints[..., carrier, 1] + along * np.cos(a) - across * np.sin(a)
     return np.stack([model.bend_sign * x, y], axis=-1), model.bend_sign * a
-
-
