@@ -61,7 +61,8 @@ class Controller:
                 self.untold.append(f"{report.nodeid}: {reason}")
 
     def pytest_sessionfinish(self, session):
-        self.config.cache.set(DURATIONS, {**self.config.cache.get(DURATIONS, {}), **self.seconds})
+        if cache := getattr(self.config, "cache", None):  # pytest may run without its cache
+            cache.set(DURATIONS, {**cache.get(DURATIONS, {}), **self.seconds})
         if self.untold and self.config.getoption("--tell-skips") and not session.exitstatus:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
@@ -82,7 +83,8 @@ def pytest_collection_modifyitems(config, items):
 
     Those that took about as long as each other stay in their random order, as do the tests of a file.
     """
-    seconds = config.cache.get(DURATIONS, {})
+    cache = getattr(config, "cache", None)
+    seconds = cache.get(DURATIONS, {}) if cache else {}
     slow = Counter(item.nodeid.partition("::")[0] for item in items if item.get_closest_marker("slow"))
 
     def rank(item):

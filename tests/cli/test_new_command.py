@@ -213,7 +213,9 @@ def test_a_mapping_that_is_run_as_a_study_says_what_it_is(tmp_path):
         load_study(path)
 
 
-def test_points_in_pixels_ask_for_the_camera(tmp_path):
+@pytest.fixture
+def pixels(tmp_path):
+    """A pulse followed in a film by DeepLabCut, in pixels."""
     kappa = swing()[1]
     place = arc(kappa, np.array([0.0, 0.08, 0.15]))[..., :2] * [4e3, -4e3] + [900.0, 1000.0]
     place = place + 0.2 * np.random.default_rng(3).standard_normal(place.shape)
@@ -222,7 +224,11 @@ def test_points_in_pixels_ask_for_the_camera(tmp_path):
     rows = [[k, *np.column_stack([p, [0.9] * 3]).ravel()] for k, p in enumerate(place)]
     file = tmp_path / "push_30kPa.csv"
     file.write_text("\n".join(",".join(map(str, row)) for row in [*head, *rows]) + "\n")
-    draft = draft_study([file], tmp_path / "s.toml", mass=0.1)
+    return file
+
+
+def test_points_in_pixels_ask_for_the_camera(pixels, tmp_path):
+    draft = draft_study([pixels], tmp_path / "s.toml", mass=0.1)
     content = tomllib.loads(draft.text)
     assert set(open_entries(content)) == {"camera.rate_hz", "camera.pixels_per_mm", "actuator.length"}
     answered = draft.text
@@ -235,6 +241,18 @@ def test_points_in_pixels_ask_for_the_camera(tmp_path):
     found = planar(load_study(tmp_path / "s.toml"), "push_30kPa").body
     assert float(np.linalg.norm(found["position"].values[0, -1])) == pytest.approx(0.15, rel=0.01)
     camera = {"rate_hz": 60.0, "pixels_per_mm": 4.0}
-    told = draft_study([file], tmp_path / "s.toml", mass=0.1, mapping={"camera": camera})
+    told = draft_study([pixels], tmp_path / "s.toml", mass=0.1, mapping={"camera": camera})
     assert "camera" in tomllib.loads(told.text)["recordings"]["push_30kPa"]["mapping"]
     assert not told.questions
+
+
+def test_a_mapping_names_the_format_of_a_file_that_does_not_show_it(pixels, tmp_path):
+    file = pixels.rename(tmp_path / "push_30kPa.txt")
+    refused = invoke(tmp_path / "s.toml", "--from", file)
+    assert 'looks like a file of deeplabcut: state format = "deeplabcut"' in str(refused.exception)
+    (tmp_path / "dlc.toml").write_text('format = "deeplabcut"\n')
+    result = invoke(tmp_path / "s.toml", "--from", file, "--mapping", tmp_path / "dlc.toml", "--mass", 0.1)
+    assert result.exit_code == 0, result.output
+    content = tomllib.loads((tmp_path / "s.toml").read_text(encoding="utf-8"))
+    assert set(open_entries(content)) == {"camera.rate_hz", "camera.pixels_per_mm", "actuator.length"}
+    assert content["recordings"]["push_30kPa"]["mapping"] == {"format": "deeplabcut"}

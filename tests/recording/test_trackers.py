@@ -50,6 +50,11 @@ def test_a_file_that_looks_like_a_trackers_says_so(tmp_path):
         read(tmp_path / "points.txt")
     camera = {"camera": {"rate_hz": 30.0, "pixels_per_mm": 2.0}}
     assert read(tmp_path / "points.txt", mapping=camera, format="deeplabcut").sizes["station"] == 1
+    assert read(tmp_path / "points.txt", mapping={**camera, "format": "deeplabcut"}).sizes["station"] == 1
+    with pytest.raises(InputError, match="unknown format 'kinvea': use one of deeplabcut"):
+        read(tmp_path / "points.txt", mapping={**camera, "format": "kinvea"})
+    with pytest.raises(InputError, match="repeated columns: net"):
+        read(tmp_path / "points.txt", mapping={"format": "deeplabcut"}, format="csv")
     (tmp_path / "notes.csv").write_text("\n".join(["of Monday", *rows]) + "\n")
     with pytest.raises(InputError, match=r"must have one column t .* looks like a file of deeplabcut"):
         read(tmp_path / "notes.csv")

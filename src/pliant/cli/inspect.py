@@ -10,7 +10,7 @@ import typer
 
 def inspect(
     recording: Annotated[Path, typer.Argument(help="A recording: .c3d, .csv, .nc, .npz, .mat, .tsv, ...")],
-    mapping: Annotated[Path | None, typer.Option(help="TOML file that says what the columns mean.")] = None,
+    mapping: Annotated[Path | None, typer.Option(help="TOML file: what the columns mean, units, format.")] = None,
     figure: Annotated[Path | None, typer.Option(help="Draw every station against time (.png or .svg).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:

@@ -15,7 +15,7 @@ def new(
         typer.Option("--from", metavar="<path>",
                      help="Recording, or log of its pressure (push_log.csv for push.csv); again for each."),
     ],
-    mapping: Annotated[Path | None, typer.Option(help="TOML file that says what the columns mean.")] = None,
+    mapping: Annotated[Path | None, typer.Option(help="TOML file: what the columns mean, units, format.")] = None,
     length: Annotated[float | None, typer.Option(help="Of the body, m.")] = None,
     mass: Annotated[float | None, typer.Option(help="Of the body, kg.")] = None,
     level_kpa: Annotated[

@@ -88,10 +88,10 @@ def read_recording(
         Of a file; or ``data:NAME/FILE``, a public recording that `pliant data fetch` has brought.
     mapping : dict, optional
         What the file does not say itself: columns and units of a plain table, names of arrays, the unit
-        of length. The keys belong to the format; see the module of its reader.
+        of length. The keys belong to the format; see the module of its reader. ``format`` is the next entry.
     format : str, optional
-        Name of the format. Default: found from the ending and the first bytes of the file. A mapping
-        that describes ``stations``, ``points`` or ``pressure`` by columns means the format ``columns``.
+        Name of the format. Default: ``format`` of the mapping, or found from the ending and the first bytes of the
+        file. A mapping that describes ``stations``, ``points`` or ``pressure`` by columns means the format ``columns``.
 
     Returns
     -------
@@ -114,6 +114,9 @@ def read_recording(
         raise InputError(f"no recording can be read from {path}: it is {what}")
     if mapping is not None and not hasattr(mapping, "items"):
         raise InputError(f"mapping must be a dict of options, not {type(mapping).__name__}")
+    if mapping is not None and "format" in mapping:
+        format = format or str(mapping["format"])  # noqa: A001
+        mapping = {k: v for k, v in mapping.items() if k != "format"} or None
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)

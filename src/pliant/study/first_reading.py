@@ -36,8 +36,9 @@ def guesses(path: Path, told: Mapping[str, Any]) -> list[dict[str, Any]]:
     """What may be made up for a file whose reader needs to be told more."""
     if not path.is_file():
         return []
-    head, known = path.read_bytes()[:HEAD_BYTES], readers()
-    fits = [n for n in (*TRACKERS, "angles") if path.suffix.lower() in known[n].suffixes and known[n].recognises(head)]
+    head, known, named = path.read_bytes()[:HEAD_BYTES], readers(), told.get("format")
+    fits = [n for n in (*TRACKERS, "angles") if n == named
+            or (named is None and path.suffix.lower() in known[n].suffixes and known[n].recognises(head))]
     if "angles" in fits:
         made = {k: v for k, v in UNITS.items() if k not in told}
         return [*({k: v} for k, v in made.items()), made]
