@@ -95,7 +95,7 @@ def test_the_observer_is_its_formula(body):
         pressure, now = (1.5e4 if k == 0 else 3e4), np.array(body.torque) * scale
         follower.push_frame(k * PERIOD, *link_angles.frame(frame))
         if k:
-            by = F @ by + G * body.torque_at(pressure)
+            by = F @ by + G[:, 0] * body.torque_at(pressure)
             variance += 0.02**2 * PERIOD
             joints = body.joints()._replace(theta0=body.rest_angle + own)
             for _ in range(2):

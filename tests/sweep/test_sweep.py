@@ -6,6 +6,7 @@ import os
 import resource
 import signal
 from concurrent.futures import BrokenExecutor, Executor, Future
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import xarray as xr
 
 from pliant.errors import InputError, PliantError
 from pliant.identification import Parameter, experiment
+from pliant.model import Chamber, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Pulse, simulate
 from pliant.sweep import scheduler, store, tasks
@@ -243,3 +245,40 @@ def test_every_bit_of_a_chunk_counts(tmp_path):
         assert kept.load(0, 0, 4) is None, place
     kept.path(0).write_bytes(data[:end])  # as chunks were written before they had one
     assert kept.load(0, 0, 4) is not None
+
+
+def arms():
+    """Opposite chambers on the two halves of a body."""
+    halves = [Chamber(torque=[1.2e-6], joint_gain=[1.0, 1.0, 0.0, 0.0], name="low"),
+              Chamber(torque=[0.9e-6], joint_gain=[0.0, 0.0, -1.0, -1.0], name="high")]  # fmt: skip
+    body = chain_model(length=0.16, mass=0.06, links=4, stiffness=1.2, damping=6e-3, torque=[0.0])
+    return body.with_(chambers=halves)
+
+
+def test_a_sweep_of_two_chambers_is_its_simulations(tmp_path):
+    """Levels and laws of single chambers, against the reference solver; a chamber that is not named rests."""
+    sweep = {
+        "kind": "design", "chunk": 3, "duration": 0.3, "rate": 50.0, "step": 5e-4,
+        "parameters": {"low.level": {"values": [2e4, 4e4]}, "high.level": {"values": [0.0, 5e4]}, "high.start": 0.1,
+                       "high.torque_1": {"values": [0.9e-6, 1.8e-6]}, "stiffness": 1.1},
+    }
+    samples = run_sweep(sweep, arms(), tmp_path / "both").samples
+    assert samples.sizes["sample"] == 8
+    assert not samples["failed"].any()
+    assert [samples[f"parameter_{name}"].units for name in ("low.level", "high.torque_1")] == ["Pa", "N m/Pa^k"]
+    for i in (1, 3, 6):
+        low, high, law = (float(samples[f"parameter_{k}"][i]) for k in ("low.level", "high.level", "high.torque_1"))
+        one, two = arms().chambers
+        model = arms().with_(stiffness=1.1, chambers=[one, replace(two, torque=[law])])
+        alone = simulate(model, [Pulse(low), Pulse(high, 0.1)], times=samples["time"].values, method="Radau")
+        assert samples["tip"].values[i] == pytest.approx(alone["tip_position"].values[:, -1], abs=2e-5)
+    sweep = {"kind": "monte_carlo", "samples": 2, "duration": 0.1, "parameters": {"stiffness": {"values": [1.1]}}}
+    with pytest.raises(InputError, match=r"names the level of one: low\.level"):
+        run_sweep(sweep, arms(), tmp_path / "still")
+    sweep["parameters"] |= {"middle.level": 3e4, "low.level": 2e4}
+    with pytest.raises(InputError, match=r"middle\.level"):
+        run_sweep(sweep, arms(), tmp_path / "unknown")
+    del sweep["parameters"]["middle.level"]
+    sweep["parameters"] |= {"middle.torque_1": 1e-6}
+    with pytest.raises(InputError, match=r"changes nothing of this model, whose chambers are low, high"):
+        run_sweep(sweep, arms(), tmp_path / "nobody")

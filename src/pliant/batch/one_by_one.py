@@ -14,7 +14,7 @@ import numpy as np
 from pliant.compiler.simd import lane_twin
 from pliant.equations.symbols import Past
 from pliant.errors import InputError
-from pliant.identification.parameters import apply
+from pliant.identification.parameters import apply, kind_of
 from pliant.model import Model, fixed_length
 from pliant.simulation import march_loops, state
 from pliant.simulation.drive import drive, inputs_of
@@ -60,6 +60,7 @@ def of_several_chambers(
         given = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
         if wrong := [k for k, v in given.items() if v.ndim != 1]:
             raise InputError(f"batch parameter {wrong[0]!r} of a body of several chambers has one number a sample")
+        check_names(models, {k: float(v[0]) for k, v in given.items() if len(v)})
         size = max([len(v) for v in given.values()], default=len(sets))
         if any(len(v) != size for v in given.values()):
             raise InputError("all parameters of a batch need the same number of samples")
@@ -76,6 +77,22 @@ def of_several_chambers(
     for model, inputs in zip(made, sets, strict=True):
         inputs_of(fixed_length(model), inputs)
     return made, sets
+
+
+def check_names(model: Model, values: Mapping[str, float]) -> None:
+    """Refuse a parameter that changes nothing of a model, since it has no such joint or chamber.
+
+    Raises
+    ------
+    InputError
+        For an unknown parameter, and one of something that the model does not have.
+    """
+    for name, value in values.items():
+        kind_of(name)
+        if all(apply(model, {name: v}) == model for v in (value, 0.9 * value or 1e-9)):
+            raise InputError(
+                f"the parameter {name!r} changes nothing of this model, whose chambers are {model.actuation.names}"
+            )
 
 
 def run_alone(

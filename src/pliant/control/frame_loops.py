@@ -20,7 +20,7 @@ def filter_and_steer(state, shift, model, prediction, frame, regulator, workspac
     for i in range(len(shift)):
         workspace.w[i] = state.disturbance[i] / chain.joints.K[i]
     rest_shift(
-        state.angle, workspace.w, state.memory, body.joints.base_angle, body.rest_angle, body.memory,
+        state.angle, workspace.w, state.memory, body.joints.base_angle, body.joints.theta0, body.memory,
         body.instantaneous, shift,
     )
     law, aim, valve, lead, memory = regulator

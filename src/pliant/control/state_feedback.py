@@ -10,7 +10,7 @@ from pliant.control.contract import Plan
 from pliant.control.lqr import Lqr
 from pliant.control.mpc import Mpc
 from pliant.control.valve_states import ValveObserver
-from pliant.estimation.contract import one_chamber
+from pliant.estimation.contract import chamber_pressures
 
 Array = np.ndarray
 Law = TypeVar("Law", Lqr, Mpc)
@@ -58,4 +58,4 @@ class StateFeedback(Generic[Law]):
 
     def valve(self, pressure: float | Array) -> Array:
         """States of the valve, from the last command and the pressure's reading [Pa]."""
-        return self._valve.update(self.law.command, one_chamber(pressure))[: self._valve.order]
+        return self._valve.update(self.law.command, float(chamber_pressures(pressure, 1)))[: self._valve.order]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
 from pliant.compiler.choose import tuples, twin
 from pliant.estimation import adaptive_observer_loops
-from pliant.estimation.contract import EstimatorKind, Setting, State, one_chamber
+from pliant.estimation.contract import EstimatorKind, Setting, State, chamber_pressures
 from pliant.estimation.link_angles import needs_joint_rows
 from pliant.estimation.symbols import (
     FRAME_LOST,
@@ -51,15 +52,16 @@ class AdaptiveObserver:
 
     Beside angles and rates it carries a shift of every joint's rest angle, a random walk: creep, friction, contact and
     an error of the torque law or the stiffness end up there; K times the shift is the torque that the model lacks.
-    Beside both, one factor on the torque is learnt: the sensitivity of the observer's state to it obeys the observer's
-    own equation, and what of an innovation lies along it corrects the factor by recursive least squares.
+    Beside both, one factor on the torques of all chambers is learnt: the sensitivity of the observer's state to it
+    obeys the observer's own equation, and what of an innovation lies along it corrects the factor by recursive least
+    squares.
 
     Source: Zhang, IEEE Trans. Autom. Control 47(3), 2002 (adaptive observers)
 
     Parameters
     ----------
     model : Model
-        With its memory, if any. Its valve is left out: pressures are those behind it.
+        With its memory, if any. Its valves are left out: pressures are those behind them.
     period : float
         Of the frames, s.
     noise : float
@@ -82,7 +84,7 @@ class AdaptiveObserver:
     Attributes
     ----------
     model : Model
-        Without its valve.
+        Without its valves.
     missed : int
         Frames that were lost.
     fault : str
@@ -96,7 +98,7 @@ class AdaptiveObserver:
         **noise: Unpack[ObserverNoise],
     ) -> None:
         sizes = with_defaults(AdaptiveObserver, noise, OBSERVER_NOISE)
-        self.model, self.period, self._late = fixed_length(model).with_(valve=Valve()), period, late
+        self.model, self.period, self._late = without_valves(fixed_length(model)), period, late
         parts = max(1, math.ceil(period / step - 1e-9))
         design = stationary(self.model, period, sizes["noise"], sizes["random_walk"], sizes["jerk"])
         chain, drive = with_shifts(self.model)
@@ -106,8 +108,7 @@ class AdaptiveObserver:
         self._covariance, self._rows = in_torques(self.model, design.covariance), np.empty(0)
         remembered = float(share * model.memory.instantaneous)
         self.body = ObserverModel(
-            np.array(model.rest_angle), model.joints(), self.model.body(), model.chamber.kernel(),
-            np.array(model.actuation.gain), model.memory.law(), remembered,
+            model.joints(), self.model.body(), model.actuation.kernel(), model.memory.law(), remembered
         )
         self.workspace = make_observer_workspace(self.model)
         self._follow = twin(adaptive_observer_loops.follow_of_tuples, model.n)
@@ -122,12 +123,14 @@ class AdaptiveObserver:
         angle, rate, own, innovation, shift = self._x
         self.own = ObserverState(
             angle, rate, own, innovation, shift, state.relaxed(model, q), np.zeros(3 * n), np.array(self._scale),
-            model.actuation.rest_state(0.0)[0],
+            model.actuation.rest_state(0.0),
         )
         self._records = self.own, self.body, self.gains, self.pace, self.workspace
         self._tuples = tuples(self._records)
-        self._pressure = self._reading = self._latest = 0.0
-        self._waiting: deque[float] = deque([0.0] * self._late)
+        self._pressure = np.zeros(len(model.chambers))
+        self._latest: float | Array = 0.0
+        self._reading: float | Array = 0.0
+        self._waiting: deque[float | Array] = deque([0.0] * self._late)
         self._time = -math.inf
         self.fault, self.missed = "", 0
 
@@ -138,12 +141,12 @@ class AdaptiveObserver:
 
     def inputs(self, values: Array, periods: int = 1) -> tuple[Any, ...]:
         """Arguments of `adaptive_observer_loops.follow` for a frame's values (n,), so many periods after the last."""
-        return (periods, float(self._pressure), values, *self._records)
+        return (periods, self._pressure, values, *self._records)
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Take a pressure [Pa]; the mean of those at a frame and at the one before moves the model between them."""
+        """Take pressures [Pa]; the mean of those at a frame and at the one before moves the model between them."""
         del time
-        self._latest = one_chamber(pressure)
+        self._latest = chamber_pressures(pressure, self._pressure.size)
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
         """Predict up to the time of a frame, then correct by it unless it is lost; the gain's own noise counts.
@@ -158,13 +161,13 @@ class AdaptiveObserver:
             self._rows = needs_joint_rows(self.model, rows, "the adaptive observer")
         self._waiting.append(self._latest)
         reading = self._waiting.popleft()
-        self._pressure, self._reading = 0.5 * (self._reading + reading), reading
+        self._pressure[:], self._reading = 0.5 * (self._reading + reading), reading
         periods = 0
         if math.isfinite(self._time):
             periods = min(max(round((time - self._time) / self.period), 0), 100)
         self._time = time
         seen = np.ascontiguousarray(values, dtype=float)
-        outcome = self._follow(periods, float(self._pressure), seen, self._tuples)
+        outcome = self._follow(periods, self._pressure, seen, self._tuples)
         if outcome == FRAME_LOST:
             self.missed += 1
         elif outcome == STEP_FAILED:
@@ -198,15 +201,20 @@ def frozen(model: Model, share: float = 1.0) -> Model:
     )
 
 
+def without_valves(model: Model) -> Model:
+    """The model that takes the pressures behind its valves."""
+    return model.with_(chambers=tuple(replace(c, valve=Valve()) for c in model.chambers))
+
+
 def with_shifts(model: Model) -> tuple[Array, Array]:
-    """State matrix (3 n, 3 n) of angles, rates and rest shifts at rest, and what a common torque [N m] does (3 n,)."""
-    linear = linearise(model, 0.0)
+    """State matrix (3 n, 3 n) of angles, rates and rest shifts at rest; what the chambers' torques do (3 n, C)."""
+    linear, laws = linearise(model, 0.0), [float(c.torque[0]) for c in model.chambers]
     n = model.n
     chain = np.zeros((3 * n, 3 * n))
     chain[: 2 * n, : 2 * n] = linear.A
     chain[n : 2 * n, 2 * n :] = -linear.A[n:, :n] @ np.tril(np.ones((n, n)))  # a rest shift pulls as the opposite bend
-    drive = np.zeros(3 * n)
-    drive[: 2 * n] = linear.B[:, 0] / float(model.torque[0])
+    drive = np.zeros((3 * n, len(laws)))
+    drive[: 2 * n] = linear.B / laws
     return chain, drive
 
 

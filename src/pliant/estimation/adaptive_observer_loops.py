@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.chamber import advance, share_out
+from pliant.equations.chamber import held_torques
 from pliant.equations.elastic import tangent
 from pliant.equations.memory import memory_angle, step_with_memory
 from pliant.equations.section import torque
-from pliant.equations.symbols import Body, Chamber, Held, Interval, Joints, Memory, Past, Workspace
+from pliant.equations.symbols import Actuation, Body, Held, Joints, Memory, Past, Workspace
 from pliant.estimation.symbols import (
     FOLLOWED,
     FRAME_LOST,
@@ -26,14 +26,14 @@ from pliant.estimation.symbols import (
 
 
 def follow(periods, pressure, values, state, model, gains, pace, workspace):
-    """Move an observer so many periods on to the time of a frame, under a pressure [Pa], and correct it by the frame.
+    """Move an observer so many periods on to the time of a frame, under pressures (C,) [Pa], and correct it by it.
 
     `values` (n,) are the angles of the links, each against the one before [rad], not a number where the frame is lost.
     Returns FOLLOWED, FRAME_LOST, PARTED (an innovation exceeds `pace.largest`) or STEP_FAILED (of the model).
     """
     failed = False
     if periods > 0:
-        learn_ahead(state, gains, periods, torque(pressure, model.chamber.law), workspace.weight)
+        learn_ahead(state, gains, periods, pressure, model.chambers.law, workspace.weight)
         failed = ahead(state, pressure, model, periods * pace.parts, pace.h, workspace)
     outcome = FOLLOWED
     if lost(values):
@@ -48,7 +48,7 @@ def follow(periods, pressure, values, state, model, gains, pace, workspace):
             if not abs(state.innovation[i]) < pace.largest:
                 outcome = PARTED
     rest_shift(
-        state.angle, state.own_shift, state.memory, model.joints.base_angle, model.rest_angle, model.memory,
+        state.angle, state.own_shift, state.memory, model.joints.base_angle, model.joints.theta0, model.memory,
         model.instantaneous, state.rest_shift,
     )
     return STEP_FAILED if failed else outcome
@@ -57,9 +57,9 @@ def follow(periods, pressure, values, state, model, gains, pace, workspace):
 def follow_of_tuples(periods, pressure, values, records):
     """`follow` of plain tuples: Python hands their arrays over in a third of the time of named ones."""
     state, model, gains, pace, workspace = records
-    rest_angle, joints, body, chamber, gain, memory, instantaneous = model
+    joints, body, chambers, memory, instantaneous = model
     own = ObserverModel(
-        rest_angle, Joints(*joints), Body(*body), Chamber(*chamber), gain, Memory(*memory), instantaneous
+        Joints(*joints), Body(*body), Actuation(*chambers), Memory(*memory), instantaneous
     )
     held, work, springs, law, weight, move = workspace
     scratch = Held(*held[:10], Joints(*held[10]))
@@ -76,18 +76,18 @@ def lost(values):
 
 
 def ahead(state, pressure, model, count, h, workspace):
-    """The model's own steps under a constant pressure [Pa]; whether one failed."""
+    """The model's own steps under constant pressures (C,) [Pa]; whether one failed."""
     springs = workspace.springs
     for i in range(len(state.angle)):
-        springs.theta0[i] = model.rest_angle[i] + state.own_shift[i]
-    own, work, failed = model.chamber, workspace.work, False
-    for k in range(len(own.law)):
-        workspace.law[k] = own.law[k] * state.factor[0]
-    chamber = Chamber(workspace.law, own.swell_share, own.swell_time, own.inflation_limit, own.inflation_time)
+        springs.theta0[i] = model.joints.theta0[i] + state.own_shift[i]
+    own, work, failed = model.chambers, workspace.work, False
+    for c in range(len(pressure)):
+        for k in range(own.law.shape[1]):
+            workspace.law[c, k] = own.law[c, k] * state.factor[0]
+    chambers = Actuation(workspace.law, own.gain, own.rubber)
     past = Past(model.memory, state.memory, workspace.held)
-    p = Interval(pressure, pressure, pressure, pressure)
     for _ in range(count):
-        share_out(0, advance(h, p, chamber, state.slow), model.gain, work.tau)
+        held_torques(h, pressure, chambers, state.slow, work.tau)
         taken = step_with_memory(state.angle, state.rate, h, work.tau, model.body, springs, past, work)
         for i in range(len(state.angle)):
             if not (abs(state.rate[i]) * h <= 1.0 and taken >= 0.0 and tangent(i, state.angle, springs) > 0.0):
@@ -95,10 +95,10 @@ def ahead(state, pressure, model, count, h, workspace):
     return failed
 
 
-def learn_ahead(state, gains, periods, push, new):
-    """Sensitivity of the observer's state to the factor after whole periods under a torque [N m] of factor 1.
+def learn_ahead(state, gains, periods, pressure, law, new):
+    """Sensitivity of the observer's state to the factor after whole periods under pressures (C,) [Pa].
 
-    `new` (3n,) is workspace.
+    `law` (C, k) are the torque laws of factor 1; `new` (3n,) is workspace.
 
     Source: Zhang, IEEE Trans. Autom. Control 47(3), 2002
     """
@@ -107,7 +107,12 @@ def learn_ahead(state, gains, periods, push, new):
         return
     for _ in range(periods):
         for a in range(len(G)):
-            new[a] = G[a] * push
+            new[a] = 0.0
+        for c in range(len(pressure)):
+            push = torque(pressure[c], law[c])
+            for a in range(len(G)):
+                new[a] = new[a] + G[a, c] * push
+        for a in range(len(G)):
             for b in range(len(G)):
                 new[a] = new[a] + F[a, b] * by[b]
         for a in range(len(G)):

@@ -104,16 +104,18 @@ class EstimatorKind:
     predicts: bool = False
 
 
-def one_chamber(pressure: float | Array) -> float:
-    """The pressure [Pa] of an estimator that knows one chamber.
+def chamber_pressures(pressure: float | Array, count: int) -> float | Array:
+    """The pressures [Pa] of `count` chambers: a float of one, an array (C,) of more.
 
     Raises
     ------
     InputError
-        When it is that of several.
+        When there are not as many as chambers.
     """
-    if isinstance(pressure, float):
+    if count == 1 and isinstance(pressure, float):
         return pressure
-    if np.size(pressure) != 1:
-        raise InputError(f"this estimator knows one chamber, and {np.size(pressure)} pressures came: pass that of one")
-    return float(np.ravel(pressure)[0])
+    if np.size(pressure) != count:
+        raise InputError(
+            f"this knows {count} chamber(s), and {np.size(pressure)} pressure(s) came: pass one [Pa] for each"
+        )
+    return float(np.ravel(pressure)[0]) if count == 1 else np.array(pressure, dtype=float).ravel()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from pliant.equations.symbols import Body, Chamber, Held, Joints, Memory, Workspace
+from pliant.equations.symbols import Actuation, Body, Held, Joints, Memory, Workspace
 
 if TYPE_CHECKING:
     import numpy as np
@@ -15,11 +15,9 @@ FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED = range(4)  # what became of a frame o
 class ObserverModel(NamedTuple):
     """The model that the adaptive observer runs."""
 
-    rest_angle: np.ndarray  # (n,) rad
     joints: Joints
     body: Body
-    chamber: Chamber
-    gain: np.ndarray  # (1, n) share of its torque that each joint feels
+    chambers: Actuation
     memory: Memory
     instantaneous: float  # stiffness of the memory before it gives way, in parts of K, as far as `frozen` keeps it
 
@@ -30,7 +28,7 @@ class ObserverGains(NamedTuple):
     gain: np.ndarray  # (3n, n), of angles, rates and rest shifts
     precision: np.ndarray  # (n, n) 1/rad^2, inverse of the innovations' covariance
     F: np.ndarray  # (3n, 3n), transition of a period
-    G: np.ndarray  # (3n,) per N m, of the torque over a period
+    G: np.ndarray  # (3n, C) per N m, of the torque of each chamber over a period
     growth: float  # of the factor's variance in a period
 
 
@@ -45,7 +43,7 @@ class ObserverState(NamedTuple):
     memory: np.ndarray  # (n, branches)
     sensitivity: np.ndarray  # (3n,) of angles, rates and rest shifts to the factor
     factor: np.ndarray  # (2,) on the torque: its value and its variance
-    slow: np.ndarray  # (2,) slow states of the chamber, see `equations.chamber.advance`
+    slow: np.ndarray  # (C, 2) slow states of the chambers, see `equations.chamber.advance`
 
 
 class Pace(NamedTuple):
@@ -62,7 +60,7 @@ class ObserverWorkspace(NamedTuple):
     held: Held
     work: Workspace
     springs: Joints  # those that a step sees, their rest moved by the shift
-    law: np.ndarray  # of the torque, times the factor
+    law: np.ndarray  # (C, k) of the torques, times the factor
     weight: np.ndarray  # (3n,)
     move: np.ndarray  # (3n,)
 

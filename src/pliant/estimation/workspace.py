@@ -25,7 +25,8 @@ def make_observer_workspace(model: Model) -> ObserverWorkspace:
     """Workspace of the adaptive observer."""
     n, springs = model.n, model.joints()._replace(theta0=np.zeros(model.n))
     return ObserverWorkspace(
-        state.held(model), state.workspace(n), springs, np.zeros(len(model.torque)), np.zeros(3 * n), np.zeros(3 * n)
+        state.held(model), state.workspace(n), springs, np.zeros_like(model.actuation.kernel().law), np.zeros(3 * n),
+        np.zeros(3 * n),
     )
 
 

@@ -81,14 +81,15 @@ def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
 
 
 def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:
-    """exp(A period) and its integral times B: the step of a command held for `period` [s]."""
+    """exp(A period) and its integral times B, (N,) or (N, C): the step of commands held for `period` [s]."""
     from scipy.linalg import expm
 
     N = A.shape[0]
-    block = np.zeros((N + 1, N + 1))
-    block[:N, :N], block[:N, N] = A, B
+    columns = B.reshape(N, -1)
+    block = np.zeros((N + columns.shape[1], N + columns.shape[1]))
+    block[:N, :N], block[:N, N:] = A, columns
     made = expm(block * period)
-    return made[:N, :N], made[:N, N]
+    return made[:N, :N], made[:N, N:].reshape(B.shape)
 
 
 def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -> LoopCurve:

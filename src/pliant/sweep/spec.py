@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pliant.errors import InputError
 
 Array = np.ndarray
-PULSE = ("level", "start", "width")  # of the pressure; a sweep may vary them like parameters
+PULSE = ("level", "start", "width")  # of the pressure; a sweep may vary them like parameters, NAME.level of a chamber
 
 
 class Range(BaseModel):
@@ -68,7 +68,7 @@ class Sweep(BaseModel):
     samples: int | None = Field(None, ge=1, le=10_000_000)  # not of a design, whose grid says how many
     seed: int = Field(0, ge=0)
     chunk: int | None = Field(None, ge=1)  # samples that are worked on and written together; see `together`
-    parameters: dict[str, Range] = {}  # of the model, and level, start and width of the pulse; SI
+    parameters: dict[str, Range] = {}  # of the model, and level, start and width of the pulses; SI
     fit: str | None = None  # of bootstrap and multi_start: which fit of the study; default the first
     duration: float = Field(4.0, gt=0)  # s
     rate: float = Field(75.0, gt=0)  # Hz, of what is kept

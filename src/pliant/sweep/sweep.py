@@ -82,7 +82,8 @@ def run_sweep(
     sweep : mapping or Sweep
         The ``[sweep]`` table of a study file, SI: ``kind`` (design, monte_carlo, bootstrap, multi_start), ``samples``,
         ``seed``, ``chunk`` (samples worked on together), ``parameters`` (of the model, and ``level`` [Pa], ``start``
-        and ``width`` [s] of the pulse: a number, ``values``, ``low``, ``high`` and ``count``, ``low`` and ``high``,
+        and ``width`` [s] of the pulse, ``NAME.level`` of one of several chambers, which rest at 0 otherwise: a number,
+        ``values``, ``low``, ``high`` and ``count``, ``low`` and ``high``,
         or ``mean`` and ``std``), ``duration`` [s], ``rate`` [Hz] of what is kept, ``step`` [s].
     model : Model
     folder : str or Path
@@ -153,22 +154,32 @@ def unit_of(name: str) -> str:
     """Unit of a variable of the samples."""
     from pliant.identification.parameters import kind_of
 
+    own = name.removeprefix("parameter_")
     try:
-        return UNITS[name] if name in UNITS else kind_of(name.removeprefix("parameter_")).unit
+        return UNITS.get(name) or UNITS.get(f"parameter_{own.rpartition('.')[2]}") or kind_of(own).unit
     except InputError:
         return "1"
 
 
 def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experiment]) -> None:
     """Refuse what only a worker would find wrong."""
+    from pliant.batch.one_by_one import check_names
     from pliant.batch.samples import repeated
 
     if sweep.kind in ("bootstrap", "multi_start"):
         if not experiments:
             raise InputError(f"a {sweep.kind} sweep needs the recordings of a fit")
         return
+    own = (*PULSE, *(f"{c.name}.{k}" for c in model.chambers for k in PULSE))
+    if len(model.chambers) > 1 and not any(name.endswith("level") for name in own if name in sweep.parameters):
+        raise InputError(f"a sweep of several chambers names the level of one: {model.chambers[0].name}.level, in Pa")
     for name, r in sweep.parameters.items():
-        if name not in PULSE:
-            some = r.grid() if r.value is None else np.array([r.value])
-            repeated(model, {name: np.array([r.low if r.mean is None else r.mean]) if some is None else some}, 1)
+        if name in own:
+            continue
+        some = r.grid() if r.value is None else np.array([r.value])
+        values = np.array([r.low if r.mean is None else r.mean]) if some is None else some
+        if len(model.chambers) == 1:
+            repeated(model, {name: values}, 1)
+        else:
+            check_names(model, {name: float(values[0])})
 

@@ -56,10 +56,14 @@ def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
     varied = table(sweep, first, last)
     count = last - first
     everything = {**{k: np.full(count, v) for k, v in fixed(sweep).items()}, **varied}
-    pulse = {"level": 119e3, "start": 0.0, "width": np.inf}
-    edges = {k: everything.pop(k, np.full(count, pulse[k])) for k in PULSE}
+    several = len(campaign.model.chambers) > 1
+    pulse = {"level": 0.0 if several else 119e3, "start": 0.0, "width": np.inf}
+    edges = {k: everything.pop(k, np.full(count, v)) for k, v in pulse.items()}
     same = all(np.all(v == v[0]) for v in edges.values())
-    pressures = [Pulse(*(float(edges[k][i]) for k in PULSE)) for i in range(1 if same else count)]
+    pressures: list[Any] = [Pulse(*(float(edges[k][i]) for k in PULSE)) for i in range(1 if same else count)]
+    if several:  # what holds for all chambers, then what one is given
+        each = [{k: everything.pop(f"{c.name}.{k}", edges[k]) for k in PULSE} for c in campaign.model.chambers]
+        pressures = [tuple(Pulse(*(float(own[k][i]) for k in PULSE)) for own in each) for i in range(count)]
     times = np.arange(round(sweep.duration * sweep.rate) + 1) / sweep.rate
     run = simulate_batch(
         campaign.model, pressures, parameters=everything or {"tip_mass": np.full(count, campaign.model.tip_mass)},
