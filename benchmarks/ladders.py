@@ -1,0 +1,54 @@
+"""How far recordings let a model climb: the ladders of "Judging a fit", as tables.
+
+Usage: python benchmarks/ladders.py [demo|soften|short|no_lag|arm ...]; those of the `arm` come by `pliant data fetch`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from pliant.identification import Ladder
+from pliant.study import demo_study, load_study
+from pliant.study.run import prepare_all, run_ladder
+from pliant.study.schema import LadderEntry
+
+ARM = Path(__file__).parents[1] / "examples" / "pneumatic_arm_pulses.toml"
+PULSES = {"train": ["pulse_60", "pulse_180"], "held_out": ["pulse_119", "step_240"], "common": {"start": "free"}}
+PLACES = dict.fromkeys(("base_angle", "tip.along", "tip.across"), "free")
+LADDERS = {  # study, entries of its [ladder]
+    "demo": (demo_study(), PULSES),
+    "soften": (demo_study(),
+               {**PULSES, "rungs": ["given", "elastic", "torque", "lag", "soften", "joints", "creep"]}),
+    "short": (demo_study(), {**PULSES, "rungs": ["given", "elastic", "torque", "soften", "joints"]}),
+    "no_lag": (demo_study(), {**PULSES, "rungs": ["given", "elastic", "torque", "joints", "creep", "hysteresis"]}),
+    "arm": (ARM, {"train": ["p100", "p300"], "held_out": ["p200"], "common": PLACES}),
+}  # fmt: skip
+
+
+def climbed(name: str) -> Ladder:
+    """A ladder, climbed."""
+    path, entries = LADDERS[name]
+    study = load_study(path).model_copy(update={"ladder": LadderEntry.model_validate(entries)})
+    ready = prepare_all(study, lambda _line: None)
+    made = run_ladder(study, ready.experiments, ready.model, lambda line: print(line, file=sys.stderr))
+    assert made is not None
+    return made
+
+
+def table(name: str, made: Ladder) -> str:
+    """A ladder as a table."""
+    lines = [f"{name}: {made.reason}", "", "| rung | free | training | held out | BIC | why not |", "|---" * 6 + "|"]
+    for s in made.steps:
+        train, held_out = (f"{np.mean(list(e.values())):.3g}" if e else "" for e in (s.train, s.held_out))
+        chosen = ", chosen" * (s.rung.name == made.chosen)
+        bic = "" if s.bic is None else f"{s.bic:.0f}"
+        lines.append(f"| {s.rung.title}{chosen} | {len(s.freed)} | {train} | {held_out} | {bic} | {s.told} |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    for ladder_name in sys.argv[1:] or LADDERS:
+        print(table(ladder_name, climbed(ladder_name)), flush=True)
