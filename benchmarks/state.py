@@ -89,14 +89,14 @@ def rates():
 
 def speed():
     from pliant.compiler.choose import twin
-    from pliant.estimation import kalman_loops
+    from pliant.estimation import kalman_loops, measurement_loops
     from pliant.estimation.offline import chain_of
     from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
     from pliant.estimation.workspace import make_workspace
     from pliant.simulation import state
 
     for name, chain in (("with memory", model("a")), ("without", model("a").with_(memory=type(model("a").memory)()))):
-        n, rows = chain.n, np.array([(kalman_loops.JOINT, i, 0.0, 0.0) for i in range(chain.n)])
+        n, rows = chain.n, np.array([(measurement_loops.JOINT, i, 0.0, 0.0) for i in range(chain.n)])
         workspace, P, rest = make_workspace(chain, NOISE.states(chain), n), NOISE.initial(chain), np.zeros(n)
         own = FilterState(state.absolute(chain, rest), np.zeros(n), np.zeros(n), P, state.relaxed(chain, rest))
         noise, many = FilterNoise(*NOISE.densities(chain), np.zeros(1)), twin(kalman_loops.many_frames, n)
@@ -124,14 +124,15 @@ def speed():
 
 
 def seen_at_rest(rows):
-    from pliant.estimation import kalman_loops
+    from pliant.estimation.measurement_loops import observe
+    from pliant.estimation.offline import frame_of
     from pliant.simulation import state
 
     chain = model("a") if not hasattr(seen_at_rest, "chain") else seen_at_rest.chain
     seen_at_rest.chain = chain
     seen, slopes = np.empty(len(rows)), np.empty((len(rows), chain.n))
     at_rest = state.absolute(chain, np.zeros(chain.n))
-    kalman_loops.observe(at_rest, chain.link_length, chain.first_joint, rows, seen, slopes)
+    observe(at_rest, frame_of(chain, rows, seen, seen), seen, slopes)
     return seen
 
 

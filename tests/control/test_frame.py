@@ -14,6 +14,7 @@ from pliant.equations.memory import step_with_memory
 from pliant.equations.symbols import Interval, Past
 from pliant.estimation import AdaptiveObserver, LinkAngles, State, default_noise, frozen
 from pliant.estimation import kalman_loops as filter_loops
+from pliant.estimation.measurement_loops import ANGLE
 from pliant.estimation.offline import chain_of
 from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
 from pliant.estimation.workspace import make_workspace
@@ -129,7 +130,7 @@ def test_filter_and_regulator_in_one_frame(body, design):
     """The plain text of the one call: what filter and regulator do one after the other."""
     n, noise = body.n, default_noise(body)
     law, apart = Lqr(design, Limits(60e3)), Lqr(design, Limits(60e3))
-    rows, out = np.array([(filter_loops.ANGLE, i, 0.0, 0.0) for i in range(n)]), []
+    rows, out = np.array([(ANGLE, i, 0.0, 0.0) for i in range(n)]), []
     z, valve, shift = state.absolute(body, np.full(n, 0.02)), np.zeros(2), np.zeros(n)
     for _ in range(2):
         P = noise.initial(body)

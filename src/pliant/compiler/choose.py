@@ -13,7 +13,7 @@ from typing import Any
 
 from pliant.compiler import trace
 from pliant.compiler.twin import compiled_twin, fingerprint, reached
-from pliant.equations import articulated, extension, linearised, motion
+from pliant.equations import articulated, extension, extension_linearised, linearised, motion
 from pliant.numerics import trig
 
 MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies take less time, and compiling it takes seconds
@@ -24,7 +24,9 @@ STRAIGHT_SOURCES = (
 )
 # Not the steps: side by side and alone, they give the same bits.
 FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian}
-SOURCES = (__file__, articulated.__file__, extension.__file__, *STRAIGHT_SOURCES)  # of a twin whose steps are made here
+SOURCES = (  # of a twin whose steps are made here
+    __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, *STRAIGHT_SOURCES,
+)
 
 
 def twin(kernel: Any, links: int | None = None, segments: int = 0) -> Any:
@@ -70,6 +72,8 @@ def substitutes(kernel: FunctionType, links: int, segments: int = 0) -> dict[Any
     if linearised.step_jacobian in found:
         jacobian = linearised.step_jacobian  # as loops it needs the scratch arrays of a looped step, whatever `step` is
         made[jacobian] = straight(jacobian, links) if links <= JACOBIAN_LINKS else twin(jacobian)
+        if segments:
+            made[jacobian] = twin(extension_linearised.step_jacobian)
     return made
 
 

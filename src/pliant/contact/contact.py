@@ -15,7 +15,7 @@ from pliant.errors import InputError
 from pliant.estimation.measurement import measurement_of
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import estimate, input_of
-from pliant.model import Model
+from pliant.model import Model, fixed_length
 from pliant.simulation import simulate
 from pliant.version import __version__
 
@@ -160,7 +160,7 @@ def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict
     """Estimate of a recording with its disturbance torques, and the features of the free motion beside it."""
     if not noise.random_walk > 0:
         raise InputError("contact is seen in the disturbance torques: noise.random_walk must be positive")
-    found = estimate(recording, model, noise=noise, **options)
+    found = estimate(recording, fixed_length(model), noise=noise, **options)
     source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
                             options.get("drive"))
     times = found["time"].values - options.get("latency", 0.0)

@@ -15,6 +15,7 @@ from pliant.compiler.choose import twin
 from pliant.contact.moment_arms import moment_arms
 from pliant.estimation import kalman_loops
 from pliant.estimation.measurement import Measurement
+from pliant.estimation.measurement_loops import observe
 from pliant.estimation.noise import Noise
 from pliant.estimation.offline import chain_of
 from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
@@ -93,7 +94,7 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
 
     def frame(own: FilterState, true: Array) -> Array:
         predict(own, chain, still, workspace)
-        kalman_loops.observe(true, model.link_length, model.first_joint, rows, seen, slopes)
+        observe(true, shown, seen, slopes)
         update(own, chain, shown, workspace)
         return innovation
 

@@ -86,17 +86,18 @@ def tridiagonal_terms(phi, w, h, joints, work, J):
     """Add what springs, dampers and joint torques give to both right-hand sides of `step_jacobian`.
 
     phi and w are those after the step: phi - h/2 w are the middle angles that the step looked ahead to. The change of
-    the step's matrix with them takes the springs' slope to where the solution of each stage puts the middle.
+    the step's matrix with them takes the springs' slope to where the solution of each stage puts the middle. Rows of a
+    body that lengthens are longer by its strains.
     """
-    n = len(joints.K)
-    for i in range(n):
+    N = len(w)
+    for i in range(len(joints.theta0)):
         more = phi[i] - 0.5 * h * w[i] - joints.unbent[i]
         if i > 0:
             more = more - phi[i - 1] + 0.5 * h * w[i - 1]
         else:
             more = more - joints.base_angle
         for stage in range(2):
-            o = stage * n
+            o = stage * N
             a = work.r
             if stage == 1:
                 a = work.a
@@ -107,17 +108,17 @@ def tridiagonal_terms(phi, w, h, joints, work, J):
             cubic = 3.0 * joints.K3[i] * more * (moved + 0.25 * h * change)
             spring = h * (joints.K[i] + 2.0 * joints.K2[i] * moved + cubic)
             damper = h * (0.5 * spring + joints.D[i])
-            J[2 * n + i, o + i] = J[2 * n + i, o + i] + h
+            J[2 * N + i, o + i] = J[2 * N + i, o + i] + h
             J[i, o + i] = J[i, o + i] - spring
-            J[n + i, o + i] = J[n + i, o + i] - damper
+            J[N + i, o + i] = J[N + i, o + i] - damper
             if i > 0:
-                J[2 * n + i, o + i - 1] = J[2 * n + i, o + i - 1] - h
+                J[2 * N + i, o + i - 1] = J[2 * N + i, o + i - 1] - h
                 J[i - 1, o + i - 1] = J[i - 1, o + i - 1] - spring
                 J[i, o + i - 1] = J[i, o + i - 1] + spring
                 J[i - 1, o + i] = J[i - 1, o + i] + spring
-                J[n + i - 1, o + i - 1] = J[n + i - 1, o + i - 1] - damper
-                J[n + i, o + i - 1] = J[n + i, o + i - 1] + damper
-                J[n + i - 1, o + i] = J[n + i - 1, o + i] + damper
+                J[N + i - 1, o + i - 1] = J[N + i - 1, o + i - 1] - damper
+                J[N + i, o + i - 1] = J[N + i, o + i - 1] + damper
+                J[N + i - 1, o + i] = J[N + i - 1, o + i] + damper
 
 
 def finish(h, J):

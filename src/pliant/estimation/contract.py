@@ -37,6 +37,9 @@ class State(NamedTuple):
         The body turns as the model would under so many times the torque.
     fault : str
         Why model and body no longer agree, in one sentence; empty while they do.
+    strain, strain_rate : array (S,)
+        Of the segments that lengthen, and per second; the covariance then holds them behind the angles, and behind the
+        rates, and what disturbs them [N m] behind the torques.
     """
 
     time: float
@@ -47,6 +50,8 @@ class State(NamedTuple):
     covariance: Array
     torque_scale: float = 1.0
     fault: str = ""
+    strain: Array = np.zeros(0)
+    strain_rate: Array = np.zeros(0)
 
     @property
     def consistent(self) -> bool:

@@ -15,9 +15,10 @@ from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import rest_shift
 from pliant.estimation.contract import EstimatorKind, Setting, State
+from pliant.estimation.measurement_loops import ANGLE, JOINT
 from pliant.estimation.noise import Noise, default_noise
-from pliant.estimation.offline import chain_of
-from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, FilterWorkspace, Prediction
+from pliant.estimation.offline import chain_of, frame_of
+from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction
 from pliant.estimation.workspace import make_workspace
 from pliant.model import Model
 from pliant.simulation import state
@@ -81,6 +82,8 @@ class KalmanFilter:
         Held now, Pa.
     angle, rate, disturbance : array (n,)
         Absolute link angles [rad] and rates [rad/s], disturbance torques of the joints [N m].
+    strain, strain_rate : array (S,)
+        Of the segments that lengthen, and per second.
     covariance : array (N, N)
     counts : Counts
     fault : str
@@ -110,19 +113,22 @@ class KalmanFilter:
         self.counts, self.fault = Counts(), ""
         self._chain = chain_of(model)
         self._workspaces: dict[int, FilterWorkspace] = {}
-        self._predict, self._update = twin(kalman_loops.predict_span, model.n), twin(kalman_loops.update)
+        self._predict = twin(kalman_loops.predict_span, model.n, len(model.extensions))
+        self._update = twin(kalman_loops.update)
         self._rest_shift = twin(rest_shift)
-        q, n = state.equilibrium(model, pressure), model.n
+        q, n, size = state.equilibrium(model, pressure), model.n, model.size
         self.time, self.pressure = float(time), model.actuation.pressures(pressure)
-        self._actuation, self._torques, self._tau = model.actuation.kernel(), twin(chamber.held_torques), np.zeros(n)
+        self._actuation, self._torques, self._tau = model.actuation.kernel(), twin(chamber.held_torques), np.zeros(size)
         self._slow = model.actuation.rest_state(pressure)
         start, memory = self.noise.initial(model), state.relaxed(model, q)
         N = start.shape[0]
-        self._state = np.concatenate([state.absolute(model, q), np.zeros(2 * n), start.ravel(), memory.ravel(), [0.0]])
-        self.angle, self.rate, self.disturbance = self._state[: 3 * n].reshape(3, n)
-        self.covariance = self._state[3 * n : 3 * n + N * N].reshape(N, N)
-        self.memory = self._state[3 * n + N * N : -1].reshape(memory.shape)
-        self._own = FilterState(self.angle, self.rate, self.disturbance, self.covariance, self.memory)
+        x = state.absolute(model, q)
+        self._state = np.concatenate([x, np.zeros(2 * size), start.ravel(), memory.ravel(), [0.0]])
+        self.covariance = self._state[3 * size : 3 * size + N * N].reshape(N, N)
+        self.memory = self._state[3 * size + N * N : -1].reshape(memory.shape)
+        x, v, d = self._state[: 3 * size].reshape(3, size)
+        self.angle, self.rate, self.disturbance, self.strain, self.strain_rate = x[:n], v[:n], d[:n], x[n:], v[n:]
+        self._own = FilterState(x, v, d, self.covariance, self.memory)
         self._densities = FilterNoise(*self.noise.densities(model), self._state[-1:])
         self.innovation = np.empty(0)
         self._events: deque[tuple[Snapshot, Event]] = deque()
@@ -162,13 +168,16 @@ class KalmanFilter:
         """What is known of `time` [s], or of the newest event where that is later."""
         self.advance(time)
         model, n = self.model, self.model.n
-        angle, rate, disturbance = self._state[: 3 * n].copy().reshape(3, n)
+        angle, rate, disturbance = self.angle.copy(), self.rate.copy(), self.disturbance.copy()
         memory, shift = model.memory, np.empty(n)
         self._rest_shift(
             angle, disturbance / model.stiffness, self.memory, float(model.base_angle), model.rest_angle,
             memory.law(), memory.instantaneous, shift,
         )
-        return State(self.time, angle, rate, shift, disturbance, self.covariance.copy(), fault=self.fault)
+        return State(
+            self.time, angle, rate, shift, disturbance, self.covariance.copy(), fault=self.fault,
+            strain=self.strain.copy(), strain_rate=self.strain_rate.copy(),
+        )
 
     def advance(self, time: float) -> None:
         """Predict up to `time` [s] under the pressure that is held; a time in the past changes nothing."""
@@ -230,16 +239,14 @@ class KalmanFilter:
             self.pressure = event.pressure
         if event.rows is None or event.value is None or event.variance is None:
             return
-        self.innovation = np.empty(event.value.size)
-        workspace, model = self._arrays(event.value.size), self.model
-        frame = FilterFrame(
-            model.link_length, model.first_joint, event.rows, event.value, event.variance, self.innovation
-        )
+        workspace = self._arrays(event.value.size)
+        frame = frame_of(self.model, event.rows, event.value, event.variance)
+        self.innovation = frame.innovation
         used, square, _ = self._update(self._own, self._chain, frame, workspace)
         self.counts.used += 1
         self.counts.last_ratio = square / used
         off = np.abs(event.value - workspace.seen)
-        angular = (event.rows[:, 0] == kalman_loops.ANGLE) | (event.rows[:, 0] == kalman_loops.JOINT)
+        angular = (event.rows[:, 0] == ANGLE) | (event.rows[:, 0] == JOINT)
         if np.nanmax(off / np.where(angular, 1.0, self.model.length)) > LARGEST:
             self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad, or as much of its length"
 

@@ -1,8 +1,9 @@
 """The compiled loops of estimation: prediction by exact Jacobians, updates row by row, whole records at once.
 
 The state is (phi, w) or (phi, w, d): absolute angles [rad] and rates [rad/s] of the links, and a disturbance torque
-[N m] of each joint, a random walk. Memory of the joints moves with the estimate; what is not known of
-it is left to the disturbance.
+[N m] of each joint, a random walk; where segments lengthen, strains, their rates and what disturbs them stand behind
+those of the links, so that n + S stands for n. Memory of the joints moves with the estimate; what is not known of it is
+left to the disturbance.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import numpy as np
 from pliant.equations.linearised import step_jacobian
 from pliant.equations.memory import remember, step_with_memory
 from pliant.equations.symbols import Past
+from pliant.estimation.measurement_loops import observe
 from pliant.estimation.symbols import FilterFrame
 
-ANGLE, ALONG_X, ALONG_Y, JOINT = 0, 1, 2, 3  # what a row of a measurement sees
 FADE = 0.1  # s for which motion is remembered
 
 
@@ -28,25 +29,30 @@ def predict(state, model, h, torque, noise, workspace):
     n = len(phi)
     N = P.shape[0]
     springs = workspace.springs
+    tau = workspace.work.tau
     for i in range(n):
+        tau[i] = torque[i]
+    for i in range(len(joints.theta0)):
         springs.theta0[i] = joints.theta0[i] + d[i] / joints.K[i]
+    for i in range(len(joints.theta0), n):
+        tau[i] += d[i]
     if remembers:
         for i in range(n):
             workspace.phi[i] = phi[i]
             workspace.w[i] = w[i]
         taken = step_with_memory(
-            workspace.phi, workspace.w, h, torque, body, springs, Past(law, memory_state, workspace.held),
+            workspace.phi, workspace.w, h, tau, body, springs, Past(law, memory_state, workspace.held),
             workspace.work,
         )
         if not taken >= 0.0:
             return -1
         springs = workspace.held.springs
-    step_jacobian(phi, w, h, torque, body, springs, workspace.work, workspace.J)
+    step_jacobian(phi, w, h, tau, body, springs, workspace.work, workspace.J)
     for i in range(n):
         if not abs(w[i]) * h <= 1.0:
             return -1
     propagate(P, N, n, workspace.J, workspace.W)
-    recall(w, h, noise.recent)
+    recall(w, len(joints.theta0), h, noise.recent)
     add_noise(P, n, h, gain, noise, workspace.J, workspace.G)
     return 0
 
@@ -106,45 +112,12 @@ def add_noise(P, n, h, gain, noise, J, G):
         P[m + i, m + i] += random_walk[i] * (1.0 + motion_growth * recent[0]) * h
 
 
-def recall(w, h, recent):
+def recall(w, n, h, recent):
     """Mean square of the joint rates [rad^2/s^2], the highest of late: it fades within `FADE`."""
     power = w[0] * w[0]
-    for i in range(1, len(w)):
+    for i in range(1, n):
         power += (w[i] - w[i - 1]) * (w[i] - w[i - 1])
-    recent[0] = max(power / len(w), recent[0] / (1.0 + h / FADE))
-
-
-def observe(phi, l, first, rows, seen, H):
-    """What each row of a measurement sees (m,), and its slopes H (m, n) with respect to the absolute angles.
-
-    A row is (kind, link, along, across): the angle of a link, from +y or from the link before it, or x or y of a point
-    fixed to it.
-    """
-    for r in range(rows.shape[0]):
-        kind = int(rows[r, 0])
-        link = int(rows[r, 1])
-        for k in range(len(phi)):
-            H[r, k] = 0.0
-        if kind in (ANGLE, JOINT):
-            seen[r] = phi[link]
-            H[r, link] = 1.0
-            if kind == JOINT and link > 0:
-                seen[r] -= phi[link - 1]
-                H[r, link - 1] = -1.0
-            continue
-        value = first[kind - 1]
-        for k in range(link + 1):
-            along = rows[r, 2] if k == link else l[k]
-            across = rows[r, 3] if k == link else 0.0
-            c = np.cos(phi[k])
-            s = np.sin(phi[k])
-            if kind == ALONG_X:
-                value += -along * s - across * c
-                H[r, k] = -along * c + across * s
-            else:
-                value += along * c - across * s
-                H[r, k] = -along * s - across * c
-        seen[r] = value
+    recent[0] = max(power / n, recent[0] / (1.0 + h / FADE))
 
 
 def update(state, model, frame, workspace):
@@ -158,17 +131,17 @@ def update(state, model, frame, workspace):
     Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), Sec. V
     """
     phi, P = state.angle, state.covariance
-    l, first, rows, z, R, innovation = frame
+    z, R, innovation = frame.values, frame.variance, frame.innovation
     n = len(phi)
     N = P.shape[0]
     H, gain, change = workspace.H, workspace.gain, workspace.change
-    observe(phi, l, first, rows, workspace.seen, H)
+    observe(phi, frame, workspace.seen, H)
     used = 0
     square = 0.0
     logdet = 0.0
     for a in range(N):
         change[a] = 0.0
-    for r in range(rows.shape[0]):
+    for r in range(len(z)):
         innovation[r] = np.nan
         if not np.isfinite(z[r]):
             continue
@@ -206,12 +179,13 @@ def correct(state, model, change, workspace):
     if remembers:
         angle = 0.0
         before = 0.0
-        for a in range(n):
+        bends = len(joints.theta0)
+        for a in range(bends):
             workspace.phi[a] = phi[a] - angle - joints.theta0[a]  # of the joint; the base angle does not matter here
             angle = phi[a]
             workspace.w[a] = change[a] - before
             before = change[a]
-        remember(workspace.phi, workspace.w, 0.0, joints.K, memory_state, law)
+        remember(workspace.phi[:bends], workspace.w[:bends], 0.0, joints.K, memory_state, law)
     for a in range(n):
         phi[a] += change[a]
         w[a] += change[n + a]
@@ -242,7 +216,7 @@ def filter_record(state, model, plan, noise, frames, out, workspace):
     determinant, motion of late). Returns the frame at which a step failed, or -1.
     """
     h, torque, begin = plan
-    l, first, rows, z, R, _innovation = frames
+    z = frames.values
     n = len(state.angle)
     N = state.covariance.shape[0]
     for f in range(z.shape[0]):
@@ -254,9 +228,10 @@ def filter_record(state, model, plan, noise, frames, out, workspace):
                 return f
             chain_transition(out.transition[f], N, n, workspace.J, workspace.W)
         store(state, out.predicted[f], out.predicted_covariance[f])
-        used, square, logdet = update(
-            state, model, FilterFrame(l, first, rows, z[f], R, out.innovation[f]), workspace
+        frame = FilterFrame(
+            frames.link_length, frames.first_joint, frames.rows, z[f], frames.variance, out.innovation[f], frames.share
         )
+        used, square, logdet = update(state, model, frame, workspace)
         out.score[f, 0] = used
         out.score[f, 1] = square
         out.score[f, 2] = logdet

@@ -8,7 +8,7 @@ from pliant.compiler.choose import twin
 from pliant.errors import InputError
 from pliant.estimation import link_angle_loops
 from pliant.estimation.contract import Frame
-from pliant.estimation.kalman_loops import JOINT
+from pliant.estimation.measurement_loops import JOINT
 from pliant.model import Model, fixed_length
 from pliant.simulation import state
 

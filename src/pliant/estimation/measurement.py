@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
-from pliant.estimation.kalman_loops import ALONG_X, ALONG_Y, ANGLE, JOINT
+from pliant.estimation.measurement_loops import ALONG_X, ALONG_Y, ANGLE, JOINT
 from pliant.estimation.noise import Noise
-from pliant.model import Model, Station, fixed_length
+from pliant.model import Model, Station
 from pliant.recording.schema import check_recording
 from pliant.reduction import links_of
 from pliant.reduction.body import body_of
@@ -32,7 +32,6 @@ class Measurement(NamedTuple):
 
 def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
     """Rows (m, 4) that see x and y, and the angle, of stations on links; in the model's frame before `bend_sign`."""
-    fixed_length(model)
     rows = []
     for s in stations:
         if not 0 <= s.link < model.n:
@@ -56,7 +55,8 @@ def measurement_of(
     Raises
     ------
     InputError
-        When the recording is not planar, or shows neither the model's stations nor a dense curve.
+        When the recording is not planar, or shows neither the model's stations nor a dense curve (which tells nothing
+        of a body that lengthens).
     """
     check_recording(recording)
     if recording.attrs.get("frame") != "planar":
@@ -113,6 +113,11 @@ def from_curve(recording: xr.Dataset, model: Model, noise: Noise) -> Measurement
     A fibre's curvature errs from point to point, so angles between neighbouring links err independently of each other;
     the tips, which are sums of them, do not.
     """
+    if model.extensions:
+        raise InputError(
+            f"a dense curve does not show which of its points belong to which link of {model.name!r}, which lengthens: "
+            "record stations that the model knows, or leave its extensions out"
+        )
     body = body_of(recording)
     share = np.append(0.0, np.cumsum(model.link_length)) + model.base_length
     share = share / share[-1]

@@ -19,7 +19,8 @@ MOTION_GROWTH = 30.0  # s^2/rad^2, likewise
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations, all SI. Torques are those of one joint.
+    """Standard deviations, all SI. Torques are those of one joint; what drives the strain of a segment that lengthens
+    is as uncertain in parts of its stiffness, and strains start as uncertain as angles.
 
     Parameters
     ----------
@@ -70,17 +71,24 @@ class Noise:
     def densities(self, model: Model) -> tuple[Array, Array, Array, float]:
         """For the loops: spectral densities of joint torques, a common torque, the disturbance's rate; its growth."""
         common = np.array([(float(c.torque[0]) * self.pressure) ** 2 for c in model.chambers])
-        walk = np.full(model.n, self.random_walk**2)
-        return np.full(model.n, self.torque**2), common, walk, float(self.motion_growth)
+        size = scales(model) ** 2
+        return self.torque**2 * size, common, self.random_walk**2 * size, float(self.motion_growth)
 
     def states(self, model: Model) -> int:
         """Number of states: angles, rates and, where it is a random walk or not known at the start, the disturbance."""
-        return model.n * (3 if self.random_walk > 0 or self.initial_disturbance > 0 else 2)
+        return model.size * (3 if self.random_walk > 0 or self.initial_disturbance > 0 else 2)
 
     def initial(self, model: Model) -> Array:
         """Covariance of the state at the start."""
-        levels = np.repeat([self.initial_angle, self.initial_rate, self.initial_disturbance], model.n)
-        return np.diag(levels[: self.states(model)] ** 2)
+        levels = np.outer([self.initial_angle, self.initial_rate, self.initial_disturbance], np.ones(model.size))
+        levels[2] *= scales(model)
+        return np.diag(levels.ravel()[: self.states(model)] ** 2)
+
+
+def scales(model: Model) -> Array:
+    """Size (n + S,) of what is unknown of each torque: 1 for the joints, EA L over their mean stiffness for strains."""
+    axial = model.joints().K[model.n :] / float(np.mean(model.stiffness))
+    return np.append(np.ones(model.n), axial)
 
 
 def default_noise(model: Model, *, disturbance: bool = True) -> Noise:

@@ -77,7 +77,8 @@ def estimate(
     -------
     xarray.Dataset
         joint_angle, joint_rate, disturbance (time, joint) as filtered, `smooth_*` of them `lag` frames later, `*_sd`
-        their standard deviations; innovation (time, row), whitened; normalised_innovation_squared and rows_used (time).
+        their standard deviations; of segments that lengthen axial_strain, axial_strain_rate, axial_disturbance [N]
+        (time, segment) likewise; innovation (time, row), whitened; normalised_innovation_squared and rows_used (time).
         attrs: nis_ratio with its 95 % bounds, innovation_correlation with its bound, frames skipped, notes.
 
     Raises
@@ -173,14 +174,15 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
     states, (frames, rows) = noise.states(model), measurement.value.shape
     q = state.equilibrium(model, plan.initial)
     own = FilterState(
-        state.absolute(model, q), np.zeros(model.n), np.zeros(model.n), noise.initial(model), state.relaxed(model, q)
+        state.absolute(model, q), np.zeros(model.size), np.zeros(model.size), noise.initial(model),
+        state.relaxed(model, q),
     )
     ends = np.flatnonzero(plan.keep >= 0) + 1
     begin = np.concatenate([[0, 0], ends]).astype(np.int64)  # no step leads to the first frame
     out = make_output(frames, states, rows)
-    failed = twin(kalman_loops.filter_record, model.n)(
+    failed = twin(kalman_loops.filter_record, model.n, len(model.extensions))(
         own, chain_of(model), (plan.h, plan.joint_torque, begin), FilterNoise(*noise.densities(model), np.zeros(1)),
-        frames_of(model, measurement), out, make_workspace(model, states, rows),
+        frame_of(model, *measurement[1:4]), out, make_workspace(model, states, rows),
     )
     if failed >= 0:
         raise SimulationError(
@@ -190,29 +192,34 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
     return out
 
 
-def frames_of(model: Model, measurement: Measurement) -> FilterFrame:
-    """What the loops take of a measurement over time."""
-    rows, value, variance = measurement.rows, measurement.value, measurement.variance
-    return FilterFrame(model.link_length, model.first_joint, rows, value, variance, np.empty(len(rows)))
+def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> FilterFrame:
+    """What the loops take of values (m,), or of those of many frames (T, m), and room for innovations (m,)."""
+    share = np.array(model.stretch_share) if model.extensions else np.zeros((0, 0))
+    return FilterFrame(model.link_length, model.first_joint, rows, value, variance, np.empty(len(rows)), share)
 
 
 def chain_of(model: Model) -> FilterModel:
     """What the loops take of a model."""
     gain, memory = np.array(model.actuation.gain), model.memory
-    return FilterModel(gain, model.body(), model.joints(), memory.law(), bool(memory))
+    return FilterModel(gain, model.mechanics(), model.joints(), memory.law(), bool(memory))
 
 
 def split(model: Model, x: Array, P: Array) -> dict[str, Array]:
-    """Joint angles, rates and disturbances (T, n) with standard deviations, from states (T, N) and covariances."""
-    n, N = model.n, x.shape[1]
+    """Joint angles, rates and disturbances (T, n) with standard deviations, from states (T, N) and covariances.
+
+    And strains, their rates and unexplained axial forces (T, S) of segments that lengthen.
+    """
+    n, size = model.n, model.size
     T = np.eye(n) - np.eye(n, k=-1)  # joint values from absolute ones
-    made = {
-        "joint_angle": state.joint_angles(model, x[:, :n]), "joint_rate": state.joint_rates(x[:, n : 2 * n]),
-        "joint_angle_sd": standard_deviations(T, P[:, :n, :n]),
-        "joint_rate_sd": standard_deviations(T, P[:, n : 2 * n, n : 2 * n]),
-    }
-    if 2 * n < N:
-        made |= {"disturbance": x[:, 2 * n :], "disturbance_sd": standard_deviations(np.eye(n), P[:, 2 * n :, 2 * n :])}
+    made: dict[str, Array] = {}
+    for k, name in enumerate(("joint_angle", "joint_rate", "disturbance")[: x.shape[1] // size]):
+        own, R = x[:, k * size : k * size + n], T if k < 2 else np.eye(n)
+        values = (state.joint_angles(model, own), state.joint_rates(own), own)[k]
+        made |= {name: values, f"{name}_sd": standard_deviations(R, P[:, k * size :, k * size :][:, :n, :n])}
+        if model.extensions:
+            behind, R = slice(k * size + n, (k + 1) * size), np.eye(size - n)
+            R = R if k < 2 else R / model.segment_length
+            made |= {AXIAL[k]: x[:, behind] @ R, f"{AXIAL[k]}_sd": standard_deviations(R, P[:, behind, behind])}
     return made
 
 
@@ -221,7 +228,10 @@ def standard_deviations(T: Array, P: Array) -> Array:
     return np.sqrt(np.maximum(np.einsum("ia,tab,ib->ti", T, P, T), 0.0))
 
 
-UNITS = {"joint_angle": "rad", "joint_rate": "rad/s", "disturbance": "N m"}
+AXIAL = ("axial_strain", "axial_strain_rate", "axial_disturbance")
+UNITS = {
+    "joint_angle": "rad", "joint_rate": "rad/s", "disturbance": "N m", AXIAL[0]: "1", AXIAL[1]: "1/s", AXIAL[2]: "N",
+}
 
 
 def described(
@@ -231,11 +241,10 @@ def described(
     data: dict[str, Any] = {}
     for prefix, (x, P) in {"": (out.estimate, out.covariance), "smooth_": smooth(out, lag)}.items():
         for name, values in split(model, x, P).items():
-            units = UNITS[name.removesuffix("_sd")]
+            units, over = UNITS[name.removesuffix("_sd")], "segment" if name.startswith("axial") else "joint"
             what = name.removesuffix("_sd").replace("_", " ") + (", standard deviation" if name.endswith("_sd") else "")
             when = f"{lag} frames later" if prefix else "filtered"
-            data[prefix + name] = (("time", "joint"), values, {"units": units, "long_name": f"{what}, {when}"})
-    n = model.n
+            data[prefix + name] = (("time", over), values, {"units": units, "long_name": f"{what}, {when}"})
     attrs = {"units": "SI", "long_name": "covariance of absolute angles, rates and disturbances"}
     data["state_covariance"] = (("time", "state", "state_2"), out.covariance, attrs)
     data["innovation"] = (("time", "row"), out.innovation, {"units": "1", "long_name": "whitened innovation"})
@@ -247,15 +256,17 @@ def described(
         ("time",) if one else ("time", "chamber"), plan.pressure[:, 0] if one else plan.pressure,
         {"units": "Pa", "long_name": "gauge pressure behind the valve"},
     )
-    tips = state.tips(model, out.estimate[:, :n])
+    tips = state.tips(model, out.estimate[:, : model.size])
     data["tip_position"] = (("time", "link", "axis"), tips, {"units": "m", "long_name": "estimated link tips"})
-    labels = np.arange(1, n + 1)
+    labels = np.arange(1, model.n + 1)
     coords: dict[str, Any] = {
         "time": ("time", measurement.time, {"units": "s", "long_name": "stamp of the frame"}), "joint": labels,
         "link": labels, "axis": ["x", "y"], "row": list(measurement.label),
     }
     if not one:
         coords["chamber"] = [c.name for c in model.chambers]
+    if model.extensions:
+        coords["segment"] = [e.name for e in model.extensions]
     return xr.Dataset(data, coords, attrs=judged(measurement, out, noise, model, lag))
 
 

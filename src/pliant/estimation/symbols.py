@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from pliant.equations.symbols import Actuation, Body, Held, Joints, Memory, Workspace
+import numpy as np
 
-if TYPE_CHECKING:
-    import numpy as np
+from pliant.equations.symbols import (
+    Actuation,
+    Body,
+    ExtensibleBody,
+    ExtensibleWorkspace,
+    Held,
+    Joints,
+    Memory,
+    Workspace,
+)
 
 FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED = range(4)  # what became of a frame of the adaptive observer
 
@@ -66,7 +74,7 @@ class ObserverWorkspace(NamedTuple):
 
 
 class FilterState(NamedTuple):
-    """State of the Kalman filter, changed in place: n links, N = 2n or 3n states."""
+    """State of the Kalman filter, changed in place: N = 2n or 3n states of n links (n + S where S lengthen)."""
 
     angle: np.ndarray  # (n,) rad, absolute
     rate: np.ndarray  # (n,) rad/s
@@ -79,7 +87,7 @@ class FilterModel(NamedTuple):
     """What the filter's loops take of a model."""
 
     gain: np.ndarray  # (C, n) share of the torque of each chamber that each joint feels
-    body: Body
+    body: Body | ExtensibleBody
     joints: Joints
     memory: Memory
     remembers: bool  # whether there is memory
@@ -113,12 +121,13 @@ class FilterFrame(NamedTuple):
     values: np.ndarray  # (m,) m or rad, NaN where one is missing
     variance: np.ndarray  # (m,)
     innovation: np.ndarray  # (m,) takes the whitened innovations
+    share: np.ndarray = np.zeros((0, 0))  # (n + 1, S) part of each link that lies in each segment that lengthens
 
 
 class FilterWorkspace(NamedTuple):
     """Arrays that one prediction or update works in: n links, N states, m rows of the measurement."""
 
-    work: Workspace
+    work: Workspace | ExtensibleWorkspace
     held: Held
     springs: Joints  # those that a step sees, their rest moved by the disturbance
     J: np.ndarray  # (3n, 2n)

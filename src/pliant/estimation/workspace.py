@@ -13,12 +13,12 @@ Array = np.ndarray
 
 def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
     """Workspace of the filter for a model, so many states and rows."""
-    n, joints = model.n, model.joints()
+    n, joints = model.size, model.joints()
     springs = joints._replace(theta0=joints.theta0.copy(), K=joints.K.copy())  # writable, like those of `held`
     shapes = [
         (3 * n, 2 * n), (states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n),
     ]
-    return FilterWorkspace(state.workspace(n), state.held(model), springs, *(np.zeros(shape) for shape in shapes))
+    return FilterWorkspace(state.work_of(model), state.held(model), springs, *(np.zeros(shape) for shape in shapes))
 
 
 def make_observer_workspace(model: Model) -> ObserverWorkspace:

@@ -118,8 +118,8 @@ def fixed_length(model: Model) -> Model:
     if model.extensions:
         names = ", ".join(e.name for e in model.extensions)
         raise InputError(
-            f"this takes a body of fixed length, and {model.name!r} lengthens ({names}): use simulate, Stepper, fit or "
-            "linearise, or leave its extensions out"
+            f"this takes a body of fixed length, and {model.name!r} lengthens ({names}): use simulate, Stepper, fit, "
+            "linearise or estimate, or leave its extensions out"
         )
     return model
 
