@@ -9,7 +9,7 @@ from pliant.batch.batch import simulate_batch
 from pliant.batch.samples import gather
 from pliant.errors import InputError, SimulationError
 from pliant.identification.parameters import apply
-from pliant.model import Chamber, Memory, Valve
+from pliant.model import Chamber, Extension, Memory, Valve
 from pliant.simulation import Chirp, Multisine, Pulse, Trace, modes, simulate
 
 TIMES = np.arange(61) / 75.0
@@ -213,3 +213,35 @@ def test_bodies_of_several_chambers(paper):
     marked = simulate_batch([body, body.with_(damping=0.0)], strong, times=TIMES, failures="mark")
     assert np.isfinite(marked["failed_at"].values).tolist() == [False, True]
     assert np.isnan(marked["tip_position"].values).all(axis=(1, 2, 3)).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("memory", [Memory(), Memory(slip_share=(0.2,), slip_angle=(0.02,))], ids=["none", "slip"])
+def test_bodies_that_lengthen_have_the_bits_of_single_runs(paper, memory):
+    """One chamber or two, one pressure or one each, from given starts too; parameters are those of a fit."""
+    beside = Chamber.at_offset(2e-4, 0.02, np.ones(paper.n))
+    halves = (Extension(150.0, 0.5, 0.0, 0.08, "near"), Extension(120.0, 0.4, 0.08, None, "far"))
+    body = paper.with_(chambers=(beside,), extensions=halves, memory=memory)
+    own = [Pulse(9e4, 0.1, 0.3), Trace([0.0, 0.2, 0.4], [0.0, 6e4, 1e4]), Pulse(5e4, 0.0, 0.5)]
+    values = {"stiffness": np.array([1.4, 1.6, 1.9]), "far.axial_stiffness": np.array([90.0, 130.0, 100.0])}
+    models = [apply(body, {name: v[i] for name, v in values.items()}) for i in range(3)]
+    every = (*EVERYTHING, "axial_strain", "axial_strain_rate")
+
+    def same(batch, models, inputs, **start):
+        assert list(batch.segment.values) == ["near", "far"]
+        for i, model in enumerate(models):
+            alone = simulate(model, inputs[i], times=TIMES, **start)
+            for name in every:
+                np.testing.assert_array_equal(batch[name].values[i], alone[name].values, err_msg=f"{name} of {i}")
+
+    same(simulate_batch(body, own, parameters=values, times=TIMES, variables=every), models, own)
+    start = {"initial_angle": np.append(np.full(paper.n, 0.02), [0.05, -0.01]),
+             "initial_rate": np.append(np.full(paper.n, -0.1), [0.2, 0.1])}  # fmt: skip
+    same(simulate_batch(models, own[0], times=TIMES, variables=every, **start), models, own[:1] * 3, **start)
+    pair = body.with_(chambers=(beside, Chamber.at_offset(2e-4, -0.02, np.ones(paper.n), name="other")))
+    same(simulate_batch([pair] * 2, own[:2], times=TIMES, variables=every), [pair] * 2, [own[:2]] * 2)
+    with pytest.raises(InputError, match="must share the names of their segments"):
+        simulate_batch([body, body.with_(extensions=halves[:1])], own[0], times=TIMES)
+    with pytest.raises(InputError, match="bodies of one chamber and of fixed length"):
+        simulate_batch(body, own[0], times=TIMES, device="gpu")
+    with pytest.raises(InputError, match="unknown variable 'axial_strain'"):
+        simulate_batch(paper, own[0], times=TIMES, variables=("axial_strain",))

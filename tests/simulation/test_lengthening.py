@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 import pliant
+from pliant.batch.stepper import batch_stepper
 from pliant.contact import free_motion
 from pliant.contact.moment_arms import moment_arms
 from pliant.control.equilibria import equilibria
@@ -176,7 +177,7 @@ def aligned():
 @pytest.mark.parametrize(
     "door",
     [
-        lambda m: AdaptiveObserver(m, 4e-3), lambda m: pliant.simulate_batch(m, Pulse(1e4), duration=0.1),
+        lambda m: AdaptiveObserver(m, 4e-3), lambda m: batch_stepper([m], 2, 1e-3),
         lambda m: equilibria(m, 1e4), lambda m: LinkAngles(m, [0.0, 0.2]), lambda m: pliant.export(m, "c99", "a.c"),
         lambda m: moment_arms(m, np.zeros((1, 2)), np.array([0]), np.array([0.1])),
         lambda m: free_motion([aligned()], m),

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.batch.gpu import check_gpu, run_gpu
-from pliant.batch.one_by_one import of_several_chambers, run_alone
+from pliant.batch.one_by_one import STRAINS, VARIABLES, run_alone, samples_alone
 from pliant.batch.samples import Samples, gather
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd import run_lanes
@@ -23,10 +23,6 @@ from pliant.simulation.solve import STEPS_PER_PERIOD, output_times
 from pliant.version import __version__
 
 Array = np.ndarray
-VARIABLES = {
-    "joint_angle": ("sample", "time", "joint"), "joint_rate": ("sample", "time", "joint"),
-    "tip_position": ("sample", "time", "link", "axis"),
-}
 
 
 class BatchOptions(TypedDict, total=False):
@@ -63,7 +59,8 @@ def simulate_batch(
         One for all samples, or one for each.
     pressures : input or sequence of inputs
         Pa, gauge: one for all samples, or one for each. Of bodies of several chambers: an input for each chamber, or
-        such a set for each sample; they are marched one by one, and their parameters are those of a fit.
+        such a set for each sample. These, and bodies that lengthen, are marched one by one, and their parameters are
+        those of a fit.
     parameters : mapping of arrays (N,) or (N, n)
         Of one model: names as in a fit (``stiffness``, ``damping_2``, ``torque_1``, ``mass``, ``valve_rise``, ...) or
         fields of `Model`; an array (N, n) gives every link its own.
@@ -71,7 +68,7 @@ def simulate_batch(
         s, as in `simulate`; the times (T,) are those of all samples.
     initial_angle, initial_rate : array (n,) or (N, n)
         rad and rad/s, as in `simulate`; default: at rest there.
-    variables : sequence of {"joint_angle", "joint_rate", "tip_position"}
+    variables : sequence of {"joint_angle", "joint_rate", "tip_position", "axial_strain", "axial_strain_rate"}
         What to keep: a thousand samples at every millisecond fill gigabytes.
     threads : int
         Default: one for each core that this process may use. The result does not depend on it.
@@ -84,7 +81,7 @@ def simulate_batch(
     -------
     xarray.Dataset
         ``joint_angle`` and ``joint_rate`` (sample, time, joint) [rad, rad/s], ``tip_position`` (sample, time, link,
-        axis) [m], as asked for; ``failed_at`` (sample) [s], NaN where nothing failed.
+        axis) [m], strains (sample, time, segment), as asked for; ``failed_at`` (sample) [s], NaN where nothing failed.
 
     Raises
     ------
@@ -97,9 +94,9 @@ def simulate_batch(
     """
     how = with_defaults(simulate_batch, options, BATCH_OPTIONS)
     device, failures = how["device"], how["failures"]
-    if several_chambers(models):
-        check_choices(variables, device, failures)
-        many_models, sets = of_several_chambers(models, pressures, parameters)
+    if one_by_one(models):
+        many_models, sets = samples_alone(models, pressures, parameters)
+        check_choices(variables, device, failures, strains=bool(many_models[0].extensions))
         times = output_times(duration, times, step)
         found = run_alone(many_models, sets, times, step, {**how, "threads": how["threads"] or cores()})
         found = {k: found[k] for k in (*variables, "failed_at")}
@@ -123,19 +120,21 @@ def cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def several_chambers(models: Model | Sequence[Model]) -> bool:
-    """Whether bodies of a batch have several chambers; not for bodies that are no models, which others refuse."""
-    return any(len(m.chambers) > 1 for m in ((models,) if isinstance(models, Model) else models))
+def one_by_one(models: Model | Sequence[Model]) -> bool:
+    """Whether lanes cannot hold the bodies of a batch: those of several chambers, and those that lengthen."""
+    many = (models,) if isinstance(models, Model) else models
+    return any(len(m.chambers) > 1 or m.extensions for m in many)
 
 
-def check_choices(variables: Sequence[str], device: str, failures: str) -> None:
-    """Refuse what a batch does not know; a GPU takes one chamber."""
-    if unknown := [v for v in variables if v not in VARIABLES]:
-        raise InputError(f"unknown variable {unknown[0]!r}: a batch keeps {', '.join(VARIABLES)}")
+def check_choices(variables: Sequence[str], device: str, failures: str, *, strains: bool = False) -> None:
+    """Refuse what a batch does not know; a GPU takes one chamber and a fixed length."""
+    known = VARIABLES | STRAINS if strains else VARIABLES
+    if unknown := [v for v in variables if v not in known]:
+        raise InputError(f"unknown variable {unknown[0]!r}: a batch of these bodies keeps {', '.join(known)}")
     if failures not in ("raise", "mark"):
         raise InputError(f"failures is 'raise' or 'mark', got {failures!r}")
     if device == "gpu":
-        raise InputError("a batch on a GPU takes bodies of one chamber: use device = 'cpu'")
+        raise InputError("a batch on a GPU takes bodies of one chamber and of fixed length: use device = 'cpu'")
     if device != "cpu":
         raise InputError(f"device is 'cpu' or 'gpu', got {device!r}")
 
@@ -204,13 +203,14 @@ def labelled(
         )
     for a in made.values():
         a[bad] = np.nan
-    entries = {k: (VARIABLES[k], a, {"units": LABELS[k][0], "long_name": LABELS[k][1]}) for k, a in made.items()}
+    dims = VARIABLES | STRAINS
+    entries = {k: (dims[k], a, {"units": LABELS[k][0], "long_name": LABELS[k][1]}) for k, a in made.items()}
     failed = {"units": "s", "long_name": "time at which the sample's step failed, NaN where none did"}
-    n = model.n
+    n, segments = model.n, {"segment": [e.name for e in model.extensions]} if model.extensions else {}
     return xr.Dataset(
         {**entries, "failed_at": (("sample",), failed_at, failed)},
         coords={"sample": np.arange(failed_at.size), "time": ("time", times, {"units": "s", "long_name": "time"}),
-                "joint": np.arange(1, n + 1), "link": np.arange(1, n + 1), "axis": ["x", "y"]},
+                "joint": np.arange(1, n + 1), "link": np.arange(1, n + 1), "axis": ["x", "y"], **segments},
         attrs={"schema": "pliant-batch", "model": model.name, "failed_samples": int(bad.size),
                "source": f"pliant {__version__}", **attributes},
     )

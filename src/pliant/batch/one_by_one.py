@@ -1,6 +1,7 @@
 """Chains that lanes cannot hold side by side: each marched alone, several of them on as many threads.
 
-Those that remember slip at different times; those of several chambers take more torques than a lane has room for.
+Those that remember slip at different times; those of several chambers take more torques than a lane has room for; those
+that lengthen have coordinates that a lane does not know.
 """
 
 from __future__ import annotations
@@ -15,36 +16,44 @@ from pliant.compiler.simd import lane_twin
 from pliant.equations.symbols import Past
 from pliant.errors import InputError
 from pliant.identification.parameters import apply, kind_of
-from pliant.model import Model, fixed_length
+from pliant.model import Model
 from pliant.simulation import march_loops, state
 from pliant.simulation.drive import drive, inputs_of
 from pliant.simulation.inputs import Input
 from pliant.simulation.solve import check_step
 
 Array = np.ndarray
-Made = dict[str, Array]  # joint_angle, joint_rate (T, n), tip_position (T, n, 2)
+Made = dict[str, Array]  # joint_angle, joint_rate (T, n), tip_position (T, n, 2), of the strains alike (T, S)
+VARIABLES = {
+    "joint_angle": ("sample", "time", "joint"), "joint_rate": ("sample", "time", "joint"),
+    "tip_position": ("sample", "time", "link", "axis"),
+}
+STRAINS = {"axial_strain": ("sample", "time", "segment"), "axial_strain_rate": ("sample", "time", "segment")}
 
 
 def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Array, rows: int) -> tuple[Made, int]:
-    """March one chain from absolute angles and rates (n,), in place: what it did, and the step that failed, or -1."""
+    """March one chain from absolute angles and rates (n,), in place: what it did, and the step that failed, or -1.
+
+    Of a body that lengthens (n + S,), strains behind the angles.
+    """
     n = model.n
-    phi, w = np.empty((rows, n)), np.empty((rows, n))
+    phi, w = np.empty((rows, model.size)), np.empty((rows, model.size))
     phi[0], w[0] = angle, rate
     states = state.relaxed(model, state.joint_angles(model, angle))
-    failed = lane_twin(march_loops.march_with_memory, n)(
-        angle, rate, steps, model.body(), model.joints(),
-        Past(model.memory.law(), states, state.held(model)), state.workspace(n),
+    failed = lane_twin(march_loops.march_with_memory, n, len(model.extensions))(
+        angle, rate, steps, model.mechanics(), model.joints(),
+        Past(model.memory.law(), states, state.held(model)), state.work_of(model),
         march_loops.Rows(phi, w, np.empty((rows, 3)), np.empty((rows, *states.shape))),
     )
     if failed != -1:
         return {}, failed if failed >= 0 else -2 - failed  # a link that turns too far, or no agreement
     return {
-        "joint_angle": state.joint_angles(model, phi), "joint_rate": state.joint_rates(w),
-        "tip_position": state.tips(model, phi),
+        "joint_angle": state.joint_angles(model, phi), "joint_rate": state.joint_rates(w[:, :n]),
+        "tip_position": state.tips(model, phi), "axial_strain": phi[:, n:], "axial_strain_rate": w[:, n:],
     }, -1
 
 
-def of_several_chambers(
+def samples_alone(
     models: Model | Sequence[Model], pressures: Any, parameters: Mapping[str, Any] | None,
 ) -> tuple[list[Model], list[Sequence[Input]]]:
     """The models and the inputs (C,) of every sample.
@@ -54,12 +63,11 @@ def of_several_chambers(
     InputError
         When their numbers differ, or a model cannot take its inputs.
     """
-    shared = all(callable(p) for p in pressures)
-    sets: list[Sequence[Input]] = [tuple(pressures)] if shared else [tuple(p) for p in pressures]
+    sets = sets_of(models, pressures)
     if isinstance(models, Model):
         given = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
         if wrong := [k for k, v in given.items() if v.ndim != 1]:
-            raise InputError(f"batch parameter {wrong[0]!r} of a body of several chambers has one number a sample")
+            raise InputError(f"batch parameter {wrong[0]!r} of a body of this kind has one number a sample")
         check_names(models, {k: float(v[0]) for k, v in given.items() if len(v)})
         size = max([len(v) for v in given.values()], default=len(sets))
         if any(len(v) != size for v in given.values()):
@@ -71,12 +79,23 @@ def of_several_chambers(
         made = list(models)
     if len(sets) not in (1, len(made)):
         raise InputError(f"{len(made)} samples take one set of pressures or one each, got {len(sets)} sets")
-    if len({m.n for m in made}) > 1:
-        raise InputError("the models of a batch must share n: simulate others in a batch of their own")
+    for name, of in (("n", lambda m: m.n), ("the names of their segments", lambda m: [e.name for e in m.extensions])):
+        if any(of(m) != of(made[0]) for m in made):
+            raise InputError(f"the models of a batch must share {name}: simulate others in a batch of their own")
     sets = sets * len(made) if len(sets) == 1 else sets
     for model, inputs in zip(made, sets, strict=True):
-        inputs_of(fixed_length(model), inputs)
+        inputs_of(model, inputs)
     return made, sets
+
+
+def sets_of(models: Model | Sequence[Model], pressures: Any) -> list[Sequence[Input]]:
+    """Sets of inputs (C,), one for all samples or one for each; bodies of one chamber need no sets."""
+    if callable(pressures):
+        return [(pressures,)]
+    several = any(len(m.chambers) > 1 for m in ((models,) if isinstance(models, Model) else models))
+    if several and all(callable(p) for p in pressures):
+        return [tuple(pressures)]
+    return [(p,) if callable(p) else tuple(p) for p in pressures]
 
 
 def check_names(model: Model, values: Mapping[str, float]) -> None:
@@ -101,7 +120,8 @@ def run_alone(
     """Variables (N, T, ...) of every sample, and failed_at (N,) [s]; `how` holds starts and threads."""
     for model in models:
         check_step(model, step, "midpoint")
-    n, size = models[0].n, len(models)
+    model, size = models[0], len(models)
+    n = model.size
 
     def start(name: str, i: int) -> Array | None:
         if how[name] is None:
@@ -115,12 +135,13 @@ def run_alone(
         model, plan = models[i], drive(models[i], pressures[i], times, step)
         angle, rate = start("initial_angle", i), start("initial_rate", i)
         q = state.equilibrium(model, plan.initial) if angle is None else angle
-        turning = np.zeros(n) if rate is None else np.cumsum(rate)
+        turning = state.absolute_rates(model, np.zeros(n) if rate is None else rate)
         made, failed = march_alone(model, plan.steps, state.absolute(model, q), turning, times.size)
         return made, np.nan if failed < 0 else float(times[0] + plan.h[: failed + 1].sum())
 
     with ThreadPoolExecutor(max_workers=how["threads"]) as pool:
         done = list(pool.map(one, range(size)))
-    lost = {"joint_angle": (times.size, n), "joint_rate": (times.size, n), "tip_position": (times.size, n, 2)}
+    sizes = {"joint": (model.n,), "tip": (model.n, 2), "axial": (n - model.n,)}
+    lost = {k: (times.size, *sizes[k.split("_")[0]]) for k in (*VARIABLES, *STRAINS)}
     stacked = {k: np.stack([d.get(k, np.full(shape, np.nan)) for d, _ in done]) for k, shape in lost.items()}
     return {**stacked, "failed_at": np.array([at for _, at in done])}

@@ -181,10 +181,13 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
 
 
 @cache
-def lane_twin(kernel: FunctionType, links: int) -> Any:
+def lane_twin(kernel: FunctionType, links: int, segments: int = 0) -> Any:
     """The compiled twin of a kernel on lanes: as `choose.twin`, and it lets other threads run."""
-    fast = choose.substitutes(kernel, links)
+    fast = choose.substitutes(kernel, links, segments)
     if kernel in fast:
         return fast[kernel]
-    tag, sources = (f"{links}", choose.SOURCES) if fast else ("n", ())
-    return compiled_twin(kernel, tag, lambda callee: lane_twin(callee, links), (__file__, *sources), nogil=True)
+    size = f"{links}_{segments}" if segments else f"{links}"
+    tag, sources = (size, choose.SOURCES) if fast else ("n", ())
+    return compiled_twin(
+        kernel, tag, lambda callee: lane_twin(callee, links, segments), (__file__, *sources), nogil=True
+    )
