@@ -100,6 +100,7 @@ def quiet(body, estimator):
         "settling_without_noise_s": ideal["settling_s"], "overshoot_without_noise_percent": ideal["overshoot_percent"],
         **{k: float(np.mean([row[k] for row, _, _ in rows])) for k in (
             "command_change_rest_kpa", "command_change_motion_kpa", "command_sd_rest_kpa", "overshoot_percent")},
+        **{k: float(np.mean([abs(row[k]) for row, _, _ in rows])) for k in ("error_seen_mm", "error_true_mm")},
         "error_true_rms_mm": 1e3 * float(np.sqrt(np.mean(np.square(rest)))),
         "tip_sd_mm": 1e3 * float(np.mean([r.std() for r in rest])),
         "fault": [row["fault"] for row, _, _ in rows if row["fault"]],
@@ -161,7 +162,7 @@ def speed():
     kernels = frame_loops.many_filtered, frame_loops.filter_and_steer
     many, one = (twin(kernel, n) for kernel in kernels)
     for name, steps, span in (("filter_lqr", 1, PERIOD), ("filter_lqr_75hz_3_steps", 3, 1 / 75)):
-        prediction = Prediction(steps, span / steps, 0.05, FilterNoise(*noise.densities(body), np.zeros(1)))
+        prediction = Prediction(steps, span / steps, np.full(n, 0.05), FilterNoise(*noise.densities(body), np.zeros(1)))
         call = (state_of, np.zeros(n), (chain_of(body), seen.body), prediction, frame_of, regulator,
                 make_workspace(body, P.shape[0], n))  # fmt: skip
         many(1, *call)

@@ -1,0 +1,102 @@
+"""Fits of the examples with one term more, less or another: the tables of "Hysteresis and creep".
+
+Usage: python benchmarks/variants.py [beam|trunk|stiffening ...]; recordings come by `pliant data fetch`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from pliant.study import demo_study, load_study, run_study
+from pliant.study.schema import Alignment, Fit
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def free(*names: str) -> dict[str, str]:
+    return dict.fromkeys(names, "free")
+
+
+FRAME = free("stiffness", "base_angle", "tip.along", "tip.across")
+VISCOUS, SPRINGPOT = free("damping"), {"damping": {"value": 0.0, "free": False},
+                                       **free("fractional_share", "fractional_order")}  # fmt: skip
+EACH = free("alone.release_time", "load52.release_time")
+BOTH = {
+    "viscous, at once": VISCOUS,
+    "viscous, each release_time": {**VISCOUS, **EACH},
+    "springpot, at once": SPRINGPOT,
+    "springpot, one release_time": {**SPRINGPOT, **free("release_time")},
+    "springpot, each release_time": {**SPRINGPOT, **EACH},
+    "the same, clamp gives way": {**SPRINGPOT, **EACH, **free("load52.base_turn")},
+    "slip and dashpot, each release_time, clamp gives way":
+        {**VISCOUS, **EACH, **free("load52.base_turn", "slip_share_1", "slip_angle_1")},
+    "slip and springpot, each release_time, clamp gives way":
+        {**SPRINGPOT, **EACH, **free("load52.base_turn", "slip_share_1", "slip_angle_1")},
+}
+ONE = {"viscous, at once": VISCOUS, "springpot, release_time": {**SPRINGPOT, **free("release_time")}}
+PULSES = free("damping", "torque_1", "torque_2", "start", "stiffening")
+DETAIL = {
+    "one K": free("stiffness"), "K of each joint": free("stiffness_*"),
+    "and one creep branch": free("stiffness_*", "creep_share_1", "creep_time_1"),
+}
+SLIP = free("slip_share_1", "slip_angle_1", "slip_share_2", "slip_angle_2")
+
+
+def beam() -> None:
+    """The released beam: both loads taught, then each predicted from the other."""
+    study = load_study(EXAMPLES / "silicone_cantilever.toml")
+    fits = [Fit(title=f"both: {name}", train=["alone", "load52"], parameters={**FRAME, **more})
+            for name, more in BOTH.items()]
+    fits += [Fit(title=f"{here} to {there}: {name}", train=[here], held_out=[there], parameters={**FRAME, **more})
+             for here, there in (("alone", "load52"), ("load52", "alone")) for name, more in ONE.items()]
+    for fit in fits:
+        forecasts = study.forecasts if "load52" in fit.train else {}
+        show(study.model_copy(update={"fits": {"fit": fit}, "forecasts": forecasts}))
+
+
+def trunk() -> None:
+    """The hanging trunk: with friction, and with all trials moved to one rest."""
+    study = load_study(EXAMPLES / "trunk_free_decay.toml")
+    plain = study.fits["unknown_mass"]
+    slipping = plain.model_copy(update={"title": "two slip elements", "parameters": {**plain.parameters, **SLIP}})
+    show(study.model_copy(update={"fits": {"plain": plain}, "forecasts": {}}))
+    slipping_study = study.model_copy(update={"fits": {"slip": slipping}, "forecasts": {}})
+    show(slipping_study)
+    rest = Alignment.model_validate({**study.alignment.model_dump(), "common_rest": True})
+    show(slipping_study.model_copy(update={"alignment": rest}))
+
+
+def stiffening() -> None:
+    """The demo's actuator at 240 kPa, taught by 60 and 180: with and without springs that stiffen again."""
+    study, pulses = load_study(demo_study()), {"train": ["pulse_60", "pulse_180"], "held_out": ["step_240"]}
+    for name, more in DETAIL.items():
+        for last in ({}, free("cubic_stiffening")):
+            fit = Fit(title=f"{name}{', cubic' * bool(last)}", parameters={**PULSES, **more, **last}, **pulses)
+            show(study.model_copy(update={"fits": {"fit": fit}}))
+
+
+def show(study: object) -> None:
+    """Run a study of one fit, and print a line for each record, parameter with its error, and forecast."""
+    outcome = run_study(study).to_dict()
+    ((_, fit),) = outcome["fits"].items()
+    print(fit["title"])
+    for name, m in fit["records"].items():
+        kept = {k: m.get(k) for k in ("rmse_percent_of_travel", "rmse_percent_of_length", "frequency_large_hz",
+                                      "frequency_small_hz", "frequency_hz", "damping_ratio", "steady_state_mm")}
+        print(f"  {m['role']:8} {name:10} {rounded(kept)}")
+    print("  parameters", rounded({n: [p["value"], p["std"]] for n, p in fit["parameters"].items() if p["free"]}))
+    for forecast in outcome.get("forecasts", {}).values():
+        print("  forecast  ", rounded({k: forecast[k] for k in ("frequency_hz", "steady_state_mm")}))
+    print(flush=True)
+
+
+def rounded(content: object) -> str:
+    """Numbers to four digits."""
+    return json.dumps(json.loads(json.dumps(content), parse_float=lambda text: float(f"{float(text):.4g}")))
+
+
+if __name__ == "__main__":
+    for asked in sys.argv[1:] or ("beam", "trunk", "stiffening"):
+        {"beam": beam, "trunk": trunk, "stiffening": stiffening}[asked]()
