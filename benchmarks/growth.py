@@ -30,8 +30,9 @@ def step_ns(compiled, n: int) -> tuple[float, np.ndarray]:
     model = chen2018.model(links=n)
     march = rebuild(march_loops.march, njit(**{**options(march_loops.march), "cache": False}), {"step": compiled})
     keep = np.append(np.full(CALLS - 1, -1), 0)
-    steps = march_loops.Steps(np.full(CALLS, STEP), np.full((CALLS, 1), TORQUE), np.ones((1, n)), keep)
-    rows = march_loops.Rows(np.empty((1, n)), np.empty((1, n)), np.empty((1, 2)), np.empty((0, n, 0)))
+    torque, gain, load = np.full((CALLS, 1), TORQUE), np.ones((1, n)), np.zeros((0, n, 2))
+    steps = march_loops.Steps(np.full(CALLS, STEP), torque, gain, keep, load)
+    rows = march_loops.rows_for(1, n, (n, 0), 2)
 
     def run():
         march(np.zeros(n), np.zeros(n), steps, model.body(), model.joints(), workspace(n), rows)

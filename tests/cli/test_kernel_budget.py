@@ -14,7 +14,7 @@ from pliant.testbed.bundle import FOLDER
 
 SIMULATE = {
     "march_loops.march_5": 1, "llvm.step_5": 1, "elastic.follows_n": 1, "elastic.tangent_n": 1,
-    "energy.damping_power_n": 1, "energy.input_power_n": 1, "contact.add_link_loads_n": 1, "chamber.share_out_n": 1,
+    "llvm.add_step_work_5": 1, "contact.add_link_loads_n": 1, "chamber.share_out_n": 1,
 }
 
 

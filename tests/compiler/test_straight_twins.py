@@ -10,7 +10,7 @@ import pytest
 
 from pliant.compiler import trace
 from pliant.compiler.choose import straight, twin
-from pliant.equations import motion
+from pliant.equations import energy, motion
 from pliant.equations.symbols import Body, Joints, Slopes
 from pliant.numerics.trig import cos_sin
 from pliant.simulation.state import workspace
@@ -75,12 +75,26 @@ def test_march_is_the_same_by_either_twin(rng):
     plan = drive(model, Pulse(119e3, 0.12), times, 1e-3)
     found = []
     for march in (twin(march_loops.march), twin(march_loops.march, model.n)):
-        out = march_loops.Rows(np.zeros((101, 5)), np.zeros((101, 5)), np.zeros((101, 2)), np.zeros((0, 5, 0)))
+        out = march_loops.rows_for(101, 5, (5, 0), 2)
         start = (np.zeros(5), np.zeros(5))
         march(*start, plan.steps, model.body(), model.joints(), state.workspace(5), out)
-        found.append(out.phi)
-    assert np.abs(found[0]).max() > 0.1
-    np.testing.assert_allclose(found[1], found[0], atol=1e-12)
+        found.append(out)
+    assert np.abs(found[0].phi).max() > 0.1
+    np.testing.assert_allclose(found[1].phi, found[0].phi, atol=1e-12)
+    np.testing.assert_allclose(found[1].energy, found[0].energy, rtol=1e-10, atol=1e-16)
+
+
+@pytest.mark.parametrize("segments", [0, 2])
+def test_work_of_a_step_to_the_last_bit(rng, segments):
+    n = 5
+    given = trace.extensible_arguments(n, segments) if segments else trace.example_arguments(n)
+    w, torque, turn, D = (rng.normal(size=n + segments) for _ in range(4))
+    joints, work = given["joints"]._replace(D=D), given["work"]._replace(a=turn)
+    totals = np.zeros((2, 3))
+    for take, total in zip((energy.add_step_work, straight(energy.add_step_work, n, segments)), totals, strict=True):
+        take(w, 1e-3, torque, joints, work, total)
+    assert totals[0, 0] != 0.0
+    assert (totals[0] == totals[1]).all()
 
 
 def test_equal_operations_are_written_once_and_dead_ones_not_at_all():

@@ -11,13 +11,14 @@ from pliant import basic
 from pliant.equations.chain import station
 from pliant.equations.elastic import gravity_absolute, to_joint_torques
 from pliant.equations.energy import (
+    add_step_work,
     damping_power,
     elastic_energy,
     gravity_energy,
     input_power,
     kinetic_energy,
 )
-from pliant.equations.motion import acceleration
+from pliant.equations.motion import acceleration, step
 
 TORQUE = 0.08
 
@@ -92,3 +93,15 @@ def test_powers_in_joint_angles(case):
     assert damping_power(w, chain.joints()) == pytest.approx(chain.D @ dq**2, rel=1e-12)
     supplied = input_power(w, chain.drive(TORQUE), chain.joints())
     assert supplied == pytest.approx(TORQUE * chain.gain @ dq, rel=1e-11, abs=1e-12)
+
+
+def test_work_of_a_step(case):
+    """Torque times turn, and D turn^2 / h, of the turns that the joints made: the middle rate is turn / h."""
+    chain, q, dq = case
+    phi, w, work, h = chain.phi(q), np.cumsum(dq), workspace(chain.n), 1e-3
+    before, torque = phi.copy(), chain.drive(TORQUE)
+    step(phi, w, h, torque, chain.body(), chain.joints(), work)
+    total = np.array([1.0, 2.0, 3.0])
+    add_step_work(w, h, torque, chain.joints(), work, total)
+    turn = np.diff(phi - before, prepend=0.0)
+    assert total == pytest.approx([1.0 + TORQUE * chain.gain @ turn, 2.0 + chain.D @ turn**2 / h, 3.0], rel=1e-11)

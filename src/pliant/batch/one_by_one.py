@@ -37,19 +37,18 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
     Of a body that lengthens (n + S,), strains behind the angles.
     """
     n = model.n
-    phi, w = np.empty((rows, model.size)), np.empty((rows, model.size))
-    phi[0], w[0] = angle, rate
     states = state.relaxed(model, state.joint_angles(model, angle))
+    out = march_loops.rows_for(rows, model.size, states.shape, 3)
+    out.phi[0], out.w[0] = angle, rate
     failed = lane_twin(march_loops.march_with_memory, n, len(model.extensions))(
         angle, rate, steps, model.mechanics(), model.joints(),
-        Past(model.memory.law(), states, state.held(model)), state.work_of(model),
-        march_loops.Rows(phi, w, np.empty((rows, 3)), np.empty((rows, *states.shape))),
+        Past(model.memory.law(), states, state.held(model)), state.work_of(model), out,
     )
     if failed != -1:
         return {}, failed if failed >= 0 else -2 - failed  # a link that turns too far, or no agreement
     return {
-        "joint_angle": state.joint_angles(model, phi), "joint_rate": state.joint_rates(w[:, :n]),
-        "tip_position": state.tips(model, phi), "axial_strain": phi[:, n:], "axial_strain_rate": w[:, n:],
+        "joint_angle": state.joint_angles(model, out.phi), "joint_rate": state.joint_rates(out.w[:, :n]),
+        "tip_position": state.tips(model, out.phi), "axial_strain": out.phi[:, n:], "axial_strain_rate": out.w[:, n:],
     }, -1
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from pliant.compiler import trace
 from pliant.compiler.twin import compiled_twin, fingerprint, reached
-from pliant.equations import articulated, extension, extension_linearised, linearised, motion
+from pliant.equations import articulated, energy, extension, extension_linearised, linearised, motion
 from pliant.numerics import trig
 
 MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies take less time, and compiling it takes seconds
@@ -74,6 +74,8 @@ def substitutes(kernel: FunctionType, links: int, segments: int = 0) -> dict[Any
         made[jacobian] = straight(jacobian, links) if links <= JACOBIAN_LINKS else twin(jacobian)
         if segments:
             made[jacobian] = twin(extension_linearised.step_jacobian)
+    if energy.add_step_work in found and links + segments <= STRAIGHT_LINKS:
+        made[energy.add_step_work] = straight(energy.add_step_work, links, segments)
     return made
 
 

@@ -138,7 +138,7 @@ def example_arguments(n: int) -> dict[str, Any]:
         "body": Body(zeros(n, n), zeros(n), zeros(n), 0.0, 0.0),
         "joints": Joints(0.0, *(zeros(n) for _ in Joints._fields[1:])),
         "work": Workspace(*(zeros(*shapes.get(f, (n,))) for f in Workspace._fields)),
-        "a": zeros(n), "out": Slopes(zeros(n), zeros(n, n), zeros(n, n)), "J": zeros(3 * n, 2 * n),
+        "a": zeros(n), "total": zeros(3), "out": Slopes(zeros(n), zeros(n, n), zeros(n, n)), "J": zeros(3 * n, 2 * n),
     }
 
 
@@ -152,6 +152,7 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
     shapes = {"A": (size, size), "t": (size + 1,), **dict.fromkeys(("stretch", "ax", "ay", "bx", "by"), (n + 1,))}
     return {
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size), "a": zeros(size),
+        "w": zeros(size), "total": zeros(3),
         "body": ExtensibleBody(zeros(n + 1, n + 1), zeros(n + 1), zeros(n + 1), zeros(n + 1, segments), 0.0, 0.0),
         "joints": Joints(0.0, zeros(n), zeros(size), zeros(size), *(zeros(n) for _ in range(3))),
         "work": ExtensibleWorkspace(*(zeros(*shapes.get(f, (size,))) for f in ExtensibleWorkspace._fields)),

@@ -65,12 +65,13 @@ def reached(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> se
 
 
 def options(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> dict[str, Any]:
-    """How Numba compiles a kernel: without counting references to arrays unless it makes some.
+    """How Numba compiles a kernel: inlined by its callers, without counting references to arrays unless it makes some.
 
-    Where the caller owns every array the counting is idle, and with many arrays it takes longer than the mathematics.
-    Kernels that are `replaced` by stand-ins do not matter here: those were compiled for themselves.
+    A call copies every number of the records that it hands over, which can take several times as long as the step that
+    is called. Where the caller owns every array the counting is idle, and with many arrays it takes longer than the
+    mathematics. Kernels that are `replaced` by stand-ins do not matter here: those were compiled for themselves.
     """
-    return {"_nrt": any(map(makes_arrays, reached(kernel, replaced)))}
+    return {"_nrt": any(map(makes_arrays, reached(kernel, replaced))), "forceinline": True}
 
 
 @cache
@@ -153,5 +154,6 @@ def compiled_twin(
     scope = {**kernel.__globals__, **{f.__name__: made(f) for f in callees(kernel)}}
     copy = FunctionType(kernel.__code__, scope, kernel.__name__, kernel.__defaults__)
     copy.__module__ = kernel.__module__
-    copy.__qualname__ = f"{kernel.__qualname__}_{tag}_{fingerprint(kernel, *sources)}"  # names the file of the cache
+    digest = fingerprint(kernel, __file__, *sources)
+    copy.__qualname__ = f"{kernel.__qualname__}_{tag}_{digest}"  # names the file of the cache
     return kept(copy, **options(kernel, replaced), **more)

@@ -60,3 +60,14 @@ def input_power(w, torque, joints):
     for i in range(len(joints.theta0), len(w)):
         value = value + torque[i] * w[i]
     return value
+
+
+def add_step_work(w, h, torque, joints, work, total):
+    """Add what a step of `motion.step` took to total (2,) [J]: input work, and loss of the dampers, by the middle rate.
+
+    w: rates (n,) after the step, which leaves its turns over half the time in work.a.
+    """
+    for i in range(len(w)):
+        work.c[i] = w[i] - 0.5 * work.a[i]
+    total[0] = total[0] + h * input_power(work.c, torque, joints)
+    total[1] = total[1] + h * damping_power(work.c, joints)

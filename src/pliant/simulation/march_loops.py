@@ -12,7 +12,7 @@ import numpy as np
 from pliant.equations.chamber import advance_one, share_out
 from pliant.equations.contact import add_link_loads
 from pliant.equations.elastic import follows
-from pliant.equations.energy import damping_power, input_power
+from pliant.equations.energy import add_step_work
 from pliant.equations.memory import step_with_memory
 from pliant.equations.motion import step
 from pliant.equations.symbols import (
@@ -47,6 +47,13 @@ class Rows(NamedTuple):
     w: np.ndarray  # (rows, n) rad/s
     energy: np.ndarray  # (rows, 3) J so far: input work, loss of the dampers, loss of the memory
     state: np.ndarray  # (rows, n, branches) rad, of the memory
+    total: np.ndarray  # (3,) the energies after the last step
+
+
+def rows_for(rows, size, states, energies):
+    """`Rows` of zeros: of so many angles, states of the memory of a shape (n, branches), and 2 or 3 energies."""
+    shapes = ((rows, size), (rows, size), (rows, energies), (rows, *states), 3)
+    return Rows(*map(np.zeros, shapes))
 
 
 class Drives(NamedTuple):
@@ -72,8 +79,6 @@ def march(phi, w, steps, body, joints, work, out):
     Returns the index of the first step that fails, or -1.
     """
     n = len(phi)
-    supplied = 0.0
-    lost = 0.0
     for k in range(len(steps.h)):
         h = steps.h[k]
         for c in range(len(steps.gain)):
@@ -81,19 +86,16 @@ def march(phi, w, steps, body, joints, work, out):
         if len(steps.load) > 0:
             add_link_loads(phi, w, 0.5 * h, steps.load[k], work.tau)
         step(phi, w, h, work.tau, body, joints, work)
-        for i in range(n):
-            work.c[i] = w[i] - 0.5 * work.a[i]
-        supplied = supplied + h * input_power(work.c, work.tau, joints)
-        lost = lost + h * damping_power(work.c, joints)
         if not follows(phi, w, h, joints):
             return k
+        add_step_work(w, h, work.tau, joints, work, out.total)
         row = steps.keep[k]
         if row >= 0:
             for i in range(n):
                 out.phi[row, i] = phi[i]
                 out.w[row, i] = w[i]
-            out.energy[row, 0] = supplied
-            out.energy[row, 1] = lost
+            out.energy[row, 0] = out.total[0]
+            out.energy[row, 1] = out.total[1]
     return -1
 
 
@@ -104,9 +106,6 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
     by more than a radian; or -2 - k where the branches of step k find no agreement.
     """
     n = len(phi)
-    supplied = 0.0
-    lost = 0.0
-    forgone = 0.0
     for k in range(len(steps.h)):
         h = steps.h[k]
         for c in range(len(steps.gain)):
@@ -114,15 +113,12 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
         if len(steps.load) > 0:
             add_link_loads(phi, w, 0.5 * h, steps.load[k], work.tau)
         taken = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
-        for i in range(n):
-            work.c[i] = w[i] - 0.5 * work.a[i]
         if not follows(phi, w, h, joints):
             return k
         if not taken >= 0.0:
             return -2 - k
-        supplied = supplied + h * input_power(work.c, work.tau, joints)
-        lost = lost + h * damping_power(work.c, joints)
-        forgone = forgone + taken
+        add_step_work(w, h, work.tau, joints, work, out.total)
+        out.total[2] = out.total[2] + taken
         row = steps.keep[k]
         if row >= 0:
             for i in range(n):
@@ -131,9 +127,8 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
             for i in range(past.state.shape[0]):
                 for j in range(past.state.shape[1]):
                     out.state[row, i, j] = past.state[i, j]
-            out.energy[row, 0] = supplied
-            out.energy[row, 1] = lost
-            out.energy[row, 2] = forgone
+            for i in range(3):
+                out.energy[row, i] = out.total[i]
     return -1
 
 

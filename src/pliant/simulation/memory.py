@@ -24,9 +24,7 @@ def march_with_memory(
     The losses are those of the dampers, then those of the memory. A model without memory gives, bit for bit, what the
     march without memory gives.
     """
-    out = march_loops.Rows(
-        np.empty((rows, model.size)), np.empty((rows, model.size)), np.zeros((rows, 3)), np.empty((rows, *states.shape))
-    )
+    out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0], out.state[0] = *start, states
     now, past = start[0].copy(), Past(model.memory.law(), states.copy(), state.held(model))
     failed = twin(march_loops.march_with_memory, model.n, len(model.extensions))(

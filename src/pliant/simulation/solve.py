@@ -174,9 +174,7 @@ def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> t
     if model.memory:
         states = state.relaxed(model, state.joint_angles(model, start[0]))
         return memory.march_with_memory(model, plan, start, states, rows)[:3]
-    out = march_loops.Rows(
-        np.empty((rows, model.size)), np.empty((rows, model.size)), np.zeros((rows, 2)), np.empty((0, model.n, 0))
-    )
+    out = march_loops.rows_for(rows, model.size, (model.n, 0), 2)
     out.phi[0], out.w[0] = start
     now = start[0].copy()
     failed = twin(march_loops.march, model.n, len(model.extensions))(
