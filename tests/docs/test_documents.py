@@ -106,6 +106,12 @@ def test_every_extra_is_listed():
     assert set(listed) == set(extras) - {"dev", "docs", "browser"}
 
 
+def test_the_citation_names_this_version():
+    from pliant.version import __version__
+
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
 def test_the_short_study_is_whole():
     Study.model_validate(tomllib.loads(blocks(ROOT / "docs" / "studies.md", "toml")[0]))
 
