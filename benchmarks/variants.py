@@ -62,10 +62,10 @@ def trunk() -> None:
     plain = study.fits["unknown_mass"]
     slipping = plain.model_copy(update={"title": "two slip elements", "parameters": {**plain.parameters, **SLIP}})
     show(study.model_copy(update={"fits": {"plain": plain}, "forecasts": {}}))
-    slipping_study = study.model_copy(update={"fits": {"slip": slipping}, "forecasts": {}})
-    show(slipping_study)
+    show(study.model_copy(update={"fits": {"slip": slipping}, "forecasts": {}}))
+    one_rest = slipping.model_copy(update={"title": "two slip elements, all trials moved to one rest"})
     rest = Alignment.model_validate({**study.alignment.model_dump(), "common_rest": True})
-    show(slipping_study.model_copy(update={"alignment": rest}))
+    show(study.model_copy(update={"fits": {"slip": one_rest}, "forecasts": {}, "alignment": rest}))
 
 
 def stiffening() -> None:
