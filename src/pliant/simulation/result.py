@@ -55,12 +55,13 @@ def trajectory(
     remembers nothing.
     """
     times, pressure, phi, w = motion
-    position, angle = state.stations(model, phi)
+    tips = state.tips(model, phi)
+    position, angle = state.stations(model, phi, tips)
     values: dict[str, tuple[tuple[str, ...], Array]] = {
         "joint_angle": (("time", "joint"), state.joint_angles(model, phi)),
         "joint_rate": (("time", "joint"), state.joint_rates(w[:, : model.n])),
         **lengthening(model, phi, w),
-        "tip_position": (("time", "link", "axis"), state.tips(model, phi)),
+        "tip_position": (("time", "link", "axis"), tips),
         "station_position": (("time", "station", "axis"), position),
         "station_angle": (("time", "station"), angle),
         "pressure": by_chamber(pressure),

@@ -280,13 +280,14 @@ def tips(model: Model, phi: Array) -> Array:
     return np.stack([model.bend_sign * x, y], axis=-1)
 
 
-def stations(model: Model, phi: Array) -> tuple[Array, Array]:
-    """Positions (..., S, 2) [m] and angles (..., S) [rad] of the model's observed points."""
+def stations(model: Model, phi: Array, ends: Array | None = None) -> tuple[Array, Array]:
+    """Positions (..., S, 2) [m] and angles (..., S) [rad] of the model's observed points; `ends` are known `tips`."""
+    ends = tips(model, phi) if ends is None else ends
     stretch = lengthened.stretches(model, phi) if model.extensions else np.ones((*phi.shape[:-1], model.n + 1))
     joints = np.concatenate(
         [np.broadcast_to([0.0, 0.0], (*phi.shape[:-1], 1, 2)),
          stretch[..., :1, None] * model.first_joint,
-         tips(model, phi)[..., :-1, :] * [model.bend_sign, 1]], axis=-2,
+         ends[..., :-1, :] * [model.bend_sign, 1]], axis=-2,
     )
     angles = np.concatenate([np.full((*phi.shape[:-1], 1), model.base_angle), phi[..., : model.n]], axis=-1)
     carrier = np.array([p.link + 1 for p in model.points])
