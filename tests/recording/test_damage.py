@@ -186,6 +186,16 @@ def test_one_bit_of_a_recording_of_ours_is_noticed(tmp_path, recording, share):
         read(path)
 
 
+@pytest.mark.parametrize("at", [-79, -70, -30, -1])
+def test_a_checksum_that_was_damaged_itself_is_no_missing_one(tmp_path, recording, at):
+    path = write(recording, tmp_path / "a.nc")
+    data = bytearray(path.read_bytes())
+    data[at] ^= 4
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="another checksum"):
+        read(path)
+
+
 def test_a_file_that_another_program_changed_is_read(tmp_path, recording):
     path = write(recording, tmp_path / "a.nc")
     with h5py.File(path, "r+") as file:
