@@ -14,6 +14,7 @@ from oracles.lagrange import on_symbols
 from pliant.equations import extension, motion
 from pliant.equations.energy import damping_power, elastic_energy, input_power
 from pliant.equations.symbols import ExtensibleBody
+from pliant.simulation.lengthened import pull_of
 
 SIZES = [(1, 1), (3, 1), (5, 2), (6, 3)]
 
@@ -154,6 +155,31 @@ def forces_at_rest(body, joints, phi, w, a):
     extension.inertia(body, work, M)
     extension.inertial_forces(v, body, work, f)
     return -(M[4, :4] @ a + f[4])
+
+
+def test_loads_of_links_are_the_virtual_work_of_point_forces(case, rng):
+    """Slopes, by complex steps, of the way of points that sit along and across stretching links times their forces."""
+    chain, x, v = case
+    n, S, load = chain.n, chain.size - chain.n, np.zeros((chain.n + 1, 4))
+    held = [(k, rng.uniform(0.0, 0.03), rng.normal(0, 0.01), rng.normal(size=2)) for k in range(1, n + 1)]
+    for link, along, across, f in held:
+        load[:link, :2] += np.outer(chain.l[:link], f)
+        load[link] += [*along * f, across * f[1], -across * f[0]]
+
+    def work(at):
+        angle, stretch = np.append(chain.base_angle, at[:n]), 1.0 + chain.share @ at[n:]
+        ahead, left = np.stack([-np.sin(angle), np.cos(angle)], 1), np.stack([-np.cos(angle), -np.sin(angle)], 1)
+        joint = np.cumsum((chain.l * stretch)[:, None] * ahead, axis=0)
+        ways = [joint[k - 1] + along * stretch[k] * ahead[k] + across * left[k] for k, along, across, _ in held]
+        return np.array([sum(f @ way for (*_, f), way in zip(held, ways, strict=True))])
+
+    Q = complex_step(work, x)[0]
+    before = rng.normal(size=chain.size + 1)
+    t = before.copy()
+    extension.add_link_loads(x - 0.01 * v, v, 0.01, load, chain.body(), chain.joints(), t)
+    np.testing.assert_allclose((t - before)[:n], np.cumsum(Q[:n][::-1])[::-1], atol=1e-14)
+    np.testing.assert_allclose((t - before)[n : n + S], Q[n:], atol=1e-14)
+    np.testing.assert_allclose(pull_of(x, load, chain.share, chain.base_angle), Q, atol=1e-14)
 
 
 def test_a_step_is_second_order(rng):

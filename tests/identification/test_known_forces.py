@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, fit, predict, sensitivities
-from pliant.model import Memory, Model, Station
+from pliant.model import Extension, Memory, Model, Station
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce, integral
 
@@ -58,6 +58,28 @@ def test_a_constant_force_holds_the_body_where_its_energy_is_least(sign: int, pr
     rows = predict(model, under(steady, model, pressure=pressure), {}, 2e-3)["position"]
     np.testing.assert_allclose(rows[0], places(least, sign), atol=1e-7)
     np.testing.assert_allclose(rows[-1], rows[0], atol=1e-10)  # and it stays there
+
+
+def test_a_body_that_lengthens_rests_under_a_force_where_its_energy_is_least() -> None:
+    """Two segments, one of which holds the last link alone: 1/2 EA L e^2 each, and a knot that moves along."""
+    ends = (Extension(9.0, 0.5, 0.0, L[0], "near"), Extension(6.0, 0.5, L[0], None, "far"))
+    model, f = pendulum(extensions=ends), np.array([0.7, 0.9])
+    steady = PointForce(np.zeros(1), f[None], "knot")
+
+    def stretched(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        one, two = 0.2 + x[0], 0.1 + x[0] + x[1]
+        joint = L[0] * (1.0 + x[2]) * np.array([-np.sin(one), np.cos(one)])
+        ahead, left = np.array([-np.sin(two), np.cos(two)]), np.array([-np.cos(two), -np.sin(two)])
+        return joint + ALONG * (1.0 + x[3]) * ahead + ACROSS * left, joint + L[1] * (1.0 + x[3]) * ahead
+
+    def energy(x: np.ndarray) -> float:
+        return float(0.5 * K @ x[:2] ** 2 + 0.5 * (np.array([9.0, 6.0]) * L) @ x[2:] ** 2 - f @ stretched(x)[0])
+
+    least = minimize(energy, np.zeros(4), method="BFGS", options={"gtol": 1e-12}).x
+    rows = predict(model, under(steady, model), {}, 2e-3)["position"]
+    assert least[3] > 0.05
+    np.testing.assert_allclose(rows[0], stretched(least), atol=1e-7)
+    np.testing.assert_allclose(rows[-1], rows[0], atol=1e-9)
 
 
 def swing(creep_share: float = 0.0, creep_time: float = 1.0) -> np.ndarray:
@@ -112,15 +134,19 @@ VALUES = {
     "gravity_angle": 2.9,
 }
 CREEP = {"creep_share_1": 0.4, "creep_time_1": 0.1}
+AXIAL = {"axial_stiffness": 40.0, "axial_damping": 0.2, "axial_gain": 30.0}
 
 
+@pytest.mark.parametrize("lengthens", [False, True])
 @pytest.mark.parametrize("memory", [False, True])
 @pytest.mark.parametrize("at_rest", [False, True])
-def test_every_parameter_agrees_with_differences_under_a_thread(memory: bool, at_rest: bool) -> None:
+def test_every_parameter_agrees_with_differences_under_a_thread(memory: bool, at_rest: bool, lengthens: bool) -> None:
     model = pendulum(gravity=[0.0, -9.81], bend_sign=-1)
+    if lengthens:
+        model = model.with_(extensions=(Extension(40.0, 0.2),), base_length=0.01)
     force = replace_time(THREAD, -0.3) if at_rest else THREAD  # then it pulls before the first frame
     exp = under(force, model, pressure=6e4)
-    values = VALUES | (CREEP if memory else {})
+    values = VALUES | (CREEP if memory else {}) | (AXIAL if lengthens else {})
     for name, value in values.items():
         _, slopes = sensitivities(model, exp, values, {name: abs(value)}, 1e-3)
         d = 2e-5 * abs(value)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
+from pliant.model import Chamber, Extension
 from pliant.simulation import Pulse, Stepper, equilibrium, simulate
 from pliant.simulation.forces import PointForce
 
@@ -20,14 +21,26 @@ def held(force=FORCE, start=0.1, stop=np.inf, at="tip"):
 
 
 @pytest.fixture
-def body(paper):
-    """The paper's, with a point at its tip."""
+def lengthening(paper):
+    """The paper's beside a chamber that lengthens its two segments."""
+    near, far = Extension(20.0, 0.5, 0.0, 0.09, "near"), Extension(15.0, 0.4, 0.09, None, "far")
+    return paper.with_(chambers=(Chamber.at_offset(4e-5, 0.016, np.ones(5)),), extensions=(near, far))
+
+
+@pytest.fixture(params=["paper", "lengthening"])
+def body(request):
+    """With a point at its tip."""
+    paper = request.getfixturevalue(request.param)
     return paper.with_(stations=[("middle", 2, 0.01, 0.003), ("tip", 4, float(paper.link_length[-1]), 0.0)])
 
 
 def test_it_ends_at_the_rest_under_the_force(body):
     run = simulate(body, Pulse(4e4, 0.1, 1e6), duration=20.0, step=2e-3, forces=[held()])
-    assert run.joint_angle.values[-1] == pytest.approx(equilibrium(body, 4e4, FORCE), abs=1e-8)
+    rest = equilibrium(body, 4e4, FORCE)
+    assert run.joint_angle.values[-1] == pytest.approx(rest[:5], abs=1e-8)
+    if body.extensions:
+        assert run.axial_strain.values[-1] == pytest.approx(rest[5:], abs=1e-8)
+        assert not np.allclose(rest[5:], equilibrium(body, 4e4)[5:], rtol=0.05), "the force stretches it"
     assert not run.joint_angle.values[0].any(), "the force sets in after the start"
     before = simulate(body, Pulse(0.0), duration=0.2, forces=[held(start=-1.0)])
     assert np.ptp(before.joint_angle.values, axis=0) == pytest.approx(0.0, abs=1e-9), "at rest under it from the start"
@@ -44,20 +57,25 @@ def test_its_work_is_in_the_balance(body, at):
     assert alone.input_work.values[-1] == pytest.approx(float(FORCE @ (way[-1] - way[0])), rel=1e-4)
 
 
-@pytest.mark.parametrize("which", ["paper", "awkward"])
+@pytest.mark.parametrize("which", ["paper", "awkward", "lengthening"])
 def test_the_stepper_moves_alike(request, which):
     model = request.getfixturevalue(which)
     point, stepper = model.points[-1].name, Stepper(model, 1e-3)
     stepper.push(FORCE, point)
-    angles = [stepper.step(3e4)[0].copy() for _ in range(150)]
+    angles = []
+    for _ in range(150):
+        angles.append(stepper.step(3e4)[0].copy())
+        strain = stepper.strain.copy()
     run = simulate(model, Pulse(3e4, 0.0, 1.0), duration=0.15, step=1e-3, forces=[held(start=0.0, at=point)],
                    initial_angle=equilibrium(model))  # fmt: skip
     phi = model.base_angle + np.cumsum(run.joint_angle.values + model.rest_angle, axis=1)
     assert phi[1:] == pytest.approx(np.array(angles), abs=1e-10)
+    if model.extensions:
+        assert run.axial_strain.values[-1] == pytest.approx(strain, abs=1e-10)
 
 
 def test_what_is_no_force_is_refused(body):
-    with pytest.raises(InputError, match="by method='midpoint'"):
+    with pytest.raises(InputError, match="by method='midpoint' alone"):
         simulate(body, Pulse(0.0), duration=0.1, method="Radau", forces=[held()])
     with pytest.raises(InputError, match="pulls at 'nowhere'"):
         simulate(body, Pulse(0.0), duration=0.1, forces=[held(at="nowhere")])

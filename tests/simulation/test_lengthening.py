@@ -16,7 +16,6 @@ from pliant.estimation import AdaptiveObserver, LinkAngles
 from pliant.model import Chamber, Extension, Memory, Model, Valve, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Pulse, equilibrium, modes, state
-from pliant.simulation.forces import PointForce, link_loads
 
 NEAR, FAR = Extension(150.0, 0.5, 0.0, 0.1, "near"), Extension(120.0, 0.3, 0.1, None, "far")
 
@@ -181,7 +180,6 @@ def aligned():
         lambda m: equilibria(m, 1e4), lambda m: LinkAngles(m, [0.0, 0.2]), lambda m: pliant.export(m, "c99", "a.c"),
         lambda m: moment_arms(m, np.zeros((1, 2)), np.array([0]), np.array([0.1])),
         lambda m: free_motion([aligned()], m),
-        lambda m: link_loads(m, [PointForce([0.0], [[1.0, 0.0]], "link_1")], np.ones((1, 1, 2))),
     ],
 )  # fmt: skip
 def test_doors_that_cannot_follow_refuse(door):

@@ -13,7 +13,7 @@ from typing import Any
 
 from pliant.compiler import trace
 from pliant.compiler.twin import compiled_twin, fingerprint, reached
-from pliant.equations import articulated, energy, extension, extension_linearised, linearised, motion
+from pliant.equations import articulated, contact, energy, extension, extension_linearised, linearised, motion
 from pliant.numerics import trig
 
 MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies take less time, and compiling it takes seconds
@@ -76,6 +76,8 @@ def substitutes(kernel: FunctionType, links: int, segments: int = 0) -> dict[Any
             made[jacobian] = twin(extension_linearised.step_jacobian)
     if energy.add_step_work in found and links + segments <= STRAIGHT_LINKS:
         made[energy.add_step_work] = straight(energy.add_step_work, links, segments)
+    if segments and contact.add_link_loads in found:
+        made[contact.add_link_loads] = twin(extension.add_link_loads)
     return made
 
 

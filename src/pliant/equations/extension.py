@@ -198,6 +198,32 @@ def implicit_terms(half, body, joints, work, A):
         A[i, i] = A[i, i] + half * joints.D[i] + quarter * joints.K[i]
 
 
+def add_link_loads(x, v, ahead, load, body, joints, t):
+    """Add to the torques t (n + S,) of joints and strains those of forces at points of the links, N m.
+
+    `load` (n + 1, 4) holds for each link, the part before the first joint first, what it carries along itself times the
+    force, which stretches with it, and behind that what it carries across, which does not. With L_k and R_k of these
+    Q_k = n_k . (st_k L_k + R_k) and Q_s = sum_k a_ks e_k . L_k, at angles and strains `ahead` [s] along v.
+
+    Source: virtual work, as `contact.add_link_loads`
+    """
+    n = len(body.l) - 1
+    total = 0.0 * t[0]
+    for k in range(n, -1, -1):
+        angle = joints.base_angle
+        if k > 0:
+            angle = x[k - 1] + ahead * v[k - 1]
+        c = np.cos(angle)
+        s = np.sin(angle)
+        stretch = 1.0
+        for i in range(len(x) - n):
+            stretch = stretch + body.share[k, i] * (x[n + i] + ahead * v[n + i])
+            t[n + i] = t[n + i] + body.share[k, i] * (load[k, 1] * c - load[k, 0] * s)
+        if k > 0:
+            total = total - (stretch * load[k, 0] + load[k, 2]) * c - (stretch * load[k, 1] + load[k, 3]) * s
+            t[k - 1] = t[k - 1] + total
+
+
 def kinetic_energy(x, v, body, joints, work):
     """1/2 v^T M v, J: 1/2 sum_k u'_k . b_k with u'_k = st_k w_k n_k + st'_k e_k."""
     n = len(joints.theta0)

@@ -67,7 +67,7 @@ def follow(phi, w, course, before, body, joints, work, seen):
     look_before(before, seen, work)
     for k in range(len(course.h)):
         h = course.h[k]
-        take_torques(k, phi, w, course, work.tau)
+        take_torques(k, phi, w, course, body, joints, work.tau)
         step(phi, w, h, work.tau, body, joints, work)
         if not follows(phi, w, h, joints):
             return k
@@ -91,7 +91,7 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
         last = phi[i]
     for k in range(len(course.h)):
         h = course.h[k]
-        take_torques(k, phi, w, course, work.tau)
+        take_torques(k, phi, w, course, body, joints, work.tau)
         lost = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
         if not lost.real > -0.5:  # the square of an imaginary part may stand a trifle below zero
             return k
@@ -102,12 +102,12 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
     return -1
 
 
-def take_torques(k, phi, w, course, tau):
+def take_torques(k, phi, w, course, body, joints, tau):
     """Torques tau (n,) [N m] of the joints in step k: those of the chambers, and of known forces half a step ahead."""
     for c in range(len(course.gain)):
         share_out(c, course.torque[k, c], course.gain, tau)
     if len(course.load) > 0:
-        add_link_loads(phi, w, 0.5 * course.h[k], course.load[k], tau)
+        add_link_loads(phi, w, 0.5 * course.h[k], course.load[k], body, joints, tau)
 
 
 def look_before(before, seen, work):

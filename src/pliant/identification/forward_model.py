@@ -98,13 +98,13 @@ def fading(made: SetUp, exp: Experiment, own: Mapping[str, float]) -> SetUp:
     if length > 0:
         impulse += length / (2.0 * np.pi) * np.sin(np.pi * nodes / length)
     share = np.diff(impulse) / numbers.h
-    loads = loads_at(made.model, exp.forces, own["release"]) if exp.forces else np.zeros((made.model.n, 2))
+    loads = loads_at(made.model, exp.forces, own["release"])
     gain = np.vstack([numbers.gain, holding_torques(made, loads)])
     return made._replace(numbers=numbers._replace(torque=np.column_stack([numbers.torque, share]), gain=gain))
 
 
 def holding_torques(made: SetUp, loads: Array) -> Array:
-    """Torques (n,) that hold the body still where it is let go, beside loads (n, 2) of its links, N m."""
+    """Torques (n,) that hold the body still where it is let go, beside loads of its links, N m."""
     numbers, n = made.numbers, made.model.n
     phi, push = numbers.phi, np.zeros(made.model.size)
     stretched = slipped(made, numbers, float)[:, len(numbers.memory.creep_time) :]
@@ -112,7 +112,8 @@ def holding_torques(made: SetUp, loads: Array) -> Array:
     if made.model.extensions:
         still, drive = np.zeros_like(phi), np.append(-own, np.zeros(phi.size - n))
         extension.acceleration(phi, still, drive, numbers.body, numbers.joints, state.work_of(made.model), push)
-        return np.asarray(-lengthened.to_joints(n, phi.size).T @ lengthened.inertia(made.model, phi) @ push)
+        pull = lengthened.pull_of(phi, loads, numbers.share, numbers.joints.base_angle)
+        return np.asarray(-lengthened.to_joints(n, phi.size).T @ (lengthened.inertia(made.model, phi) @ push + pull))
     twin(motion.acceleration)(phi, np.zeros(n), -own, numbers.body, numbers.joints, state.workspace(n), push)
     body = Body(*numbers.body)
     M = body.B * np.cos(phi[:, None] - phi) + np.diag(body.I)
@@ -170,7 +171,7 @@ def gathered(
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
         gain=model.actuation.gain, torque_before=model.actuation.joint_torques(plan.initial),
-        load=np.zeros((0, model.n, 2)), load_before=np.zeros((model.n, 2)), body=here.body,
+        load=np.zeros((0, model.n, 2)), load_before=loads_at(model, (), 0.0), body=here.body,
         joints=here.joints._replace(base_angle=base[1]), memory=here.memory,
         along=np.array([p.along for p in chosen]), across=np.array([p.across for p in chosen]),
         shift=np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)]),
@@ -267,4 +268,5 @@ def slipped(made: SetUp, numbers: Numbers, kind: type[Any]) -> Array:
 def held_of(model: Model, kind: type, joints: Joints) -> Held:
     """Scratch arrays for the steps of a model with memory, on real or on complex numbers."""
     rows = {name: row.astype(kind) for name, row in state.held(model)._asdict().items() if name != "springs"}
+    rows["K"] = joints.K.copy()  # the step writes those of the joints alone
     return Held(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)

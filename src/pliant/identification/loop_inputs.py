@@ -23,7 +23,7 @@ class Numbers(NamedTuple):
     gain: Any  # (C, n) share of it that each joint feels
     torque_before: Any  # (n,) N m, under which the chain rests at the start
     load: Any  # (steps, n, 2) N m, of known forces; no rows where there are none
-    load_before: Any  # (n, 2) N m, under which the chain rests at the start
+    load_before: Any  # (n, 2) N m, under which the chain rests at the start; (n + 1, 4) of a body that lengthens
     body: Body | ExtensibleBody
     joints: Joints
     memory: Memory

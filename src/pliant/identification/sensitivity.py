@@ -168,11 +168,16 @@ def lengthened_slope(numbers: Numbers, slope: Numbers, body: ExtensibleBody) -> 
     """As `equilibrium_slope`, of a body that lengthens, by complex steps through the text of its kernel."""
     x = numbers.phi
     around = x + 1j * TINY * np.eye(x.size)
-    pushes = [lengthened.forces_at_rest(at, numbers.torque_before, body, numbers.joints) for at in around]
-    stiffness = -np.stack(pushes, axis=1).imag / TINY
+    stiffness = -np.stack([push_at_rest(at, numbers, body) for at in around], axis=1).imag / TINY
     tilted = Numbers(*join(numbers._replace(held=0.0, phi=0.0), slope._replace(held=0.0, phi=0.0)))
-    push = lengthened.forces_at_rest(x, tilted.torque_before, ExtensibleBody(*tilted.body), tilted.joints)
+    push = push_at_rest(x, tilted, ExtensibleBody(*tilted.body))
     return np.asarray(np.linalg.solve(stiffness, push.imag / TINY))
+
+
+def push_at_rest(x: Array, numbers: Numbers, body: ExtensibleBody) -> Array:
+    """What drive, springs, weight and loads do to angles and strains x (n + S,) of a body at rest, N m."""
+    push = lengthened.forces_at_rest(x, numbers.torque_before, body, numbers.joints)
+    return push + lengthened.pull_of(x, numbers.load_before, body.share, numbers.joints.base_angle)
 
 
 def beside_loads(numbers: Numbers, phi: Array) -> Numbers:

@@ -54,12 +54,11 @@ def link_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Arr
     """Loads L (T, n, 2) of the links under the forces of `values` (T, F, 2) [N], N m.
 
     In absolute angles a force acts as weight does: its generalised force is Q_k = -(L_k0 cos phi_k + L_k1 sin phi_k),
-    by virtual work, as `equations.contact.point_force` has it.
+    by virtual work, as `equations.contact.point_force` has it. Of a body that lengthens (T, n + 1, 4), the part before
+    the first joint first: along each link and across it apart, as `equations.extension.add_link_loads` takes them.
     """
     if model.extensions:
-        raise InputError(
-            f"known forces at points take a body of fixed length, and {model.name!r} lengthens: leave extensions out"
-        )
+        return stretching_loads(model, forces, values)
     total = np.zeros((len(values), model.n, 2))
     links = np.arange(model.n)
     for f, force in enumerate(forces):
@@ -72,14 +71,27 @@ def link_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Arr
     return total
 
 
+def stretching_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Array:
+    """As `link_loads` (T, n + 1, 4) of a body that lengthens."""
+    total = np.zeros((len(values), model.n + 1, 4))
+    links, length = np.arange(-1, model.n), np.append(model.base_length, model.link_length)
+    for f, force in enumerate(forces):
+        place = station_of(model, force)
+        own = links == place.link
+        pull = values[:, f, None] * [model.bend_sign, 1]
+        total[..., :2] += pull * np.where(own, place.along, length * (links < place.link))[:, None]
+        total[..., 2:] += pull[..., ::-1] * [1, -1] * (place.across * own)[:, None]
+    return total
+
+
 def at_time(force: PointForce, time: Array) -> Array:
     """The force (..., 2) at some times (...), N."""
     return np.stack([np.interp(time, force.time, column) for column in force.force.T], axis=-1)
 
 
 def loads_at(model: Model, forces: Sequence[PointForce], time: float) -> Array:
-    """Loads (n, 2) of the links at one time, N m."""
-    values = np.stack([at_time(force, np.array([time])) for force in forces], axis=1)
+    """Loads (n, 2) of the links at one time, N m; of a body that lengthens (n + 1, 4)."""
+    values = np.reshape([at_time(force, np.array(time)) for force in forces], (1, -1, 2))
     return np.asarray(link_loads(model, forces, values)[0])
 
 
@@ -90,7 +102,7 @@ def joint_loads(phi: Array, load: Array) -> Array:
 
 
 def mean_loads(model: Model, forces: Sequence[PointForce], nodes: Array) -> Array:
-    """Loads (m, n, 2) of the links, the mean over each interval of `nodes` (m + 1,) [s], N m."""
+    """As `link_loads`, the mean over each interval of `nodes` (m + 1,) [s], N m."""
     impulse = [integral(force, nodes) for force in forces]
     means = [np.diff(rows, axis=0) / np.diff(nodes)[:, None] for rows in impulse]
     return link_loads(model, forces, np.stack(means, axis=1))

@@ -53,30 +53,37 @@ def stretches(model: Model, x: Array) -> Array:
 
 
 def link_loads(model: Model, tip_force: Array, link_load: Array | None) -> Array:
-    """Weight and forces (n + 1, 2) that pull at each link per unit of its stretch, N m."""
+    """Weight and forces (n + 1, 4) that pull at each link, N m, as `extension.add_link_loads` takes them."""
     body = extensible_body(model)
-    load = np.outer(body.h, [body.gx, body.gy]) + np.outer(body.l, tip_force)
-    if link_load is not None:
-        load[1:] += link_load
-    return load
+    along = np.outer(body.h, [body.gx, body.gy]) + np.outer(body.l, tip_force)
+    load = np.concatenate([along, np.zeros_like(along)], axis=1)
+    return load if link_load is None else load + link_load
 
 
 def dead_loads(model: Model, x: Array, load: Array) -> tuple[Array, Array]:
-    """Generalised forces (n + S,) of loads (n + 1, 2) of the links at x, and their slope (n + S, n + S).
+    """Generalised forces (n + S,) of loads (n + 1, 4) of the links at x, and their slope (n + S, n + S).
 
-    In absolute angles; a load does not turn with the body: its potential is -sum_k st_k load_k . e(phi_k).
+    In absolute angles; a load does not turn with the body: its potential is -sum_k (st_k L_k + R_k) . e(phi_k).
     """
     n, share = model.n, model.stretch_share
     angle = np.append(model.base_angle, x[:n])
     c, s = np.cos(angle), np.sin(angle)
-    stretch = 1.0 + share @ x[n:]
-    across, along = -(load[:, 0] * c + load[:, 1] * s), load[:, 1] * c - load[:, 0] * s
-    force = np.concatenate([(stretch * across)[1:], share.T @ along])
     slope = np.zeros((x.size, x.size))
-    slope[np.arange(n), np.arange(n)] = -(stretch * along)[1:]
-    slope[:n, n:] = (share * across[:, None])[1:]
+    whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]
+    slope[np.arange(n), np.arange(n)] = (whole[:, 0] * s - whole[:, 1] * c)[1:]
+    slope[:n, n:] = (share * -(load[:, 0] * c + load[:, 1] * s)[:, None])[1:]
     slope[n:, :n] = slope[:n, n:].T
-    return force, slope
+    return pull_of(x, load, share, model.base_angle), slope
+
+
+def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
+    """Generalised forces (n + S,) of loads (n + 1, 4) at x, in absolute angles; also of complex ones."""
+    n = x.size - share.shape[1]
+    angle = np.append(base_angle, x[:n])
+    c, s = np.cos(angle), np.sin(angle)
+    whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]
+    turning = -(whole[:, 0] * c + whole[:, 1] * s)
+    return np.concatenate([turning[1:], share.T @ (load[:, 1] * c - load[:, 0] * s)])
 
 
 def forces_at_rest(x: Array, torque: Array, body: ExtensibleBody, joints: Joints) -> Array:

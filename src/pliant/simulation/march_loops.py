@@ -37,7 +37,7 @@ class Steps(NamedTuple):
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
     gain: np.ndarray  # (C, n) share of it that each joint feels
     keep: np.ndarray  # (steps,) row of the output after the step, -1: none
-    load: np.ndarray  # (steps, n, 2) N m of `contact.add_link_loads`; (0, n, 2) where no force pulls
+    load: np.ndarray  # (steps, n, 2) N m of `contact.add_link_loads`; (0, ., .) where no force pulls
 
 
 class Rows(NamedTuple):
@@ -84,7 +84,7 @@ def march(phi, w, steps, body, joints, work, out):
         for c in range(len(steps.gain)):
             share_out(c, steps.torque[k, c], steps.gain, work.tau)
         if len(steps.load) > 0:
-            add_link_loads(phi, w, 0.5 * h, steps.load[k], work.tau)
+            add_link_loads(phi, w, 0.5 * h, steps.load[k], body, joints, work.tau)
         step(phi, w, h, work.tau, body, joints, work)
         if not follows(phi, w, h, joints):
             return k
@@ -111,7 +111,7 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
         for c in range(len(steps.gain)):
             share_out(c, steps.torque[k, c], steps.gain, work.tau)
         if len(steps.load) > 0:
-            add_link_loads(phi, w, 0.5 * h, steps.load[k], work.tau)
+            add_link_loads(phi, w, 0.5 * h, steps.load[k], body, joints, work.tau)
         taken = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
         if not follows(phi, w, h, joints):
             return k
@@ -194,7 +194,7 @@ def hold_on(phi, w, held, drives, body, joints, work):
     for k in range(steps):
         take_torques(h, command, chambers, work.tau)
         if len(load) > 0:
-            add_link_loads(phi, w, 0.5 * h, load, work.tau)
+            add_link_loads(phi, w, 0.5 * h, load, body, joints, work.tau)
         if free_step(phi, w, h, body, joints, work) < 0:
             return k
     return -1
@@ -223,7 +223,7 @@ def hold_on_with_memory(phi, w, held, drives, chain, past, work):
     for k in range(steps):
         take_torques(h, command, chambers, work.tau)
         if len(load) > 0:
-            add_link_loads(phi, w, 0.5 * h, load, work.tau)
+            add_link_loads(phi, w, 0.5 * h, load, chain[0], chain[1], work.tau)
         if remembering_step(phi, w, h, chain, own, work) < 0:
             return k
     return -1

@@ -122,11 +122,11 @@ def simulate(
 
 
 def pulled(model: Model, plan: Drive, forces: Sequence[PointForce], times: Array, method: str) -> Drive:
-    """The plan with the mean loads of forces on the links; InputError for a body or method that takes none."""
+    """The plan with the mean loads of forces on the links; InputError for a method that takes none."""
     if not forces:
         return plan
-    if model.extensions or method != "midpoint":
-        raise InputError("forces pull at bodies that do not lengthen, by method='midpoint'")
+    if method != "midpoint":
+        raise InputError("forces pull at a body by method='midpoint' alone")
     known = [checked("simulate", force) for force in forces]
     return plan._replace(load=mean_loads(model, known, times[0] + np.append(0.0, np.cumsum(plan.h))))
 

@@ -98,6 +98,7 @@ def equilibrium(
         Force on the last tip in the base frame, N; none by default.
     link_load : array (n, 2)
         Loads of forces at other points, N m: what each link carries, times the force, before `bend_sign` is applied.
+        Of a body that lengthens (n + 1, 4), see `pliant.simulation.forces.link_loads`.
 
     Returns
     -------
