@@ -38,9 +38,9 @@ def print_task(wanted: bool) -> None:
 def control(
     model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
     task: Annotated[Path | None, typer.Option("--task", help="Task (.toml): set-points and limits.")] = None,
-    plant: Annotated[str, typer.Option("--plant", help="testbed:a, testbed:b, testbed:c, or an installed plant.")] = (
-        "testbed:a"
-    ),
+    plant: Annotated[
+        str, typer.Option("--plant", help="testbed:a, testbed:b, testbed:c, model:FILE, or an installed plant.")
+    ] = "testbed:a",
     estimator: Annotated[str, typer.Option(help="observer, filter, differences, or an installed one.")] = "observer",
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for log, report and figure.")] = Path(
         "results/control"
@@ -70,11 +70,11 @@ def control(
     with telling() as tell:
         done = run_task(load_model(model), make_plant(plant), wanted, output, estimator=estimator,
                         real_time=real_time, progress=tell)
-    table = done.log
     write_text(output / "report.md", report(plant, done))
+    target, error, command, pressure = (columns(done.log, name) for name in ("target", "error", "command", "pressure"))
     figure = control_figure(
-        table["time_s"], table["target_m"], table["target_m"] + table["error_m"], table["command_pa"],
-        table["pressure_pa"],
+        done.log["time_s"], target, target.to_numpy() + error.to_numpy(), command, pressure,
+        [str(name).removeprefix("target_").rpartition("_")[0] for name in target],
     )
     for ending in (".png", ".svg"):
         write_figure(figure, output / f"control{ending}")
@@ -90,12 +90,38 @@ def control(
     typer.echo(f"log, report and figures: {output}")
 
 
+def columns(log: Any, name: str) -> Any:
+    """The columns of a log that belong to a target, error, command or pressure, one or several."""
+    return log[[c for c in log.columns if c.startswith(f"{name}_")]]
+
+
+def reached_by_several(done: Done) -> dict[str, Any]:
+    """What each output reached, how high the commands went, and the counters of the loop."""
+    error = columns(done.log, "error")
+    last = error.tail(max(len(error) // 5, 1))
+    told: dict[str, Any] = {}
+    for name in error:
+        what, factor = str(name).removesuffix("_m").removesuffix("_rad"), 1e3
+        unit = "mm"
+        if str(name).endswith("_rad"):
+            unit, factor = "deg", 57.29577951308232
+        told[f"rms_{what}_{unit}"] = factor * float((error[name] ** 2).mean() ** 0.5)
+        told[f"largest_last_{what}_{unit}"] = factor * float(last[name].abs().max())
+    for name in columns(done.log, "command"):
+        told[f"highest_{str(name).removesuffix('_pa')}_kpa"] = 1e-3 * float(done.log[name].max())
+    return told | {"fault": done.summary["fault"] or "none"} | {
+        name: value for name, value in done.summary.items() if not isinstance(value, str)
+    }
+
+
 def reached(done: Done) -> dict[str, Any]:
     """What was reached, what it asked of the valve, and the counters of the loop."""
     import numpy as np
 
     from pliant.control.activity import command_activity
 
+    if "target_m" not in done.log:
+        return reached_by_several(done)
     log, settled = done.log, settling(done)
     told = ", ".join("did not settle" if t is None else f"{t:.3g}" for t in settled)
     active = command_activity(*(log[c].to_numpy() for c in ("time_s", "target_m", "command_pa")))
@@ -114,15 +140,16 @@ def settling(done: Done) -> list[float | None]:
     """Settling time of every set-point [s], of the tip as estimated; None where it does not settle."""
     from pliant.control.activity import settling_times
 
+    if "target_m" not in done.log:
+        return []
     time, wanted, error = (done.log[c].to_numpy() for c in ("time_s", "target_m", "error_m"))
     return settling_times(time, wanted + error, done.setpoints)
 
 
 def unmodelled(done: Done) -> list[str]:
     """A sentence where the model holds no valve."""
-    valve = done.prepared.design.model.valve
-    lags = valve.natural_frequency or valve.rise_time
-    return [] if lags else [NO_VALVE]
+    valves = [c.valve for c in done.prepared.design.model.chambers]
+    return [] if any(v.natural_frequency or v.rise_time for v in valves) else [NO_VALVE]
 
 
 def report(plant: str, done: Done) -> str:

@@ -1,4 +1,4 @@
-"""Control of one pressure: shaping, feedforward, PI-D, linear-quadratic and predictive control."""
+"""Control by one pressure or several: shaping, feedforward, PI-D, linear-quadratic and predictive control."""
 
 from pliant.control.contract import Controller, ControllerKind, Pipeline, Plan, Task
 from pliant.control.equilibria import Equilibria, equilibria
@@ -6,11 +6,14 @@ from pliant.control.feedforward import Feedforward
 from pliant.control.limits import Limits
 from pliant.control.lqr import Lqr, LqrDesign, Tuning, design_lqr
 from pliant.control.mpc import Mpc, MpcTuning, symbolic_step
+from pliant.control.output_control import OutputLqr, OutputMpc
+from pliant.control.output_design import OutputDesign, design_outputs
 from pliant.control.pid import Pid, PidTuning
 from pliant.control.preparation import Prepared, prepare_control
 from pliant.control.registry import controllers
 from pliant.control.setpoint import Course, SetPoint
 from pliant.control.shaping import Shaper, shaper
+from pliant.control.steady_inputs import steady_inputs
 from pliant.control.task import TaskFile, read_task
 from pliant.control.trajectory import Planner, Trajectory
 from pliant.control.valve import SupplyValve, ValveFit, ValveRun, identify_valve, supply_of, valve_answer
@@ -18,8 +21,8 @@ from pliant.control.valve_states import ValveObserver
 
 __all__ = [
     "Controller", "ControllerKind", "Course", "Equilibria", "Feedforward", "Limits", "Lqr", "LqrDesign", "Mpc",
-    "MpcTuning", "Pid", "PidTuning", "Pipeline", "Plan", "Planner", "Prepared", "SetPoint", "Shaper", "SupplyValve",
-    "Task", "TaskFile", "Trajectory", "Tuning", "ValveFit", "ValveObserver", "ValveRun", "controllers", "design_lqr",
-    "equilibria", "identify_valve", "prepare_control", "read_task", "shaper", "supply_of", "symbolic_step",
-    "valve_answer",
+    "MpcTuning", "OutputDesign", "OutputLqr", "OutputMpc", "Pid", "PidTuning", "Pipeline", "Plan", "Planner",
+    "Prepared", "SetPoint", "Shaper", "SupplyValve", "Task", "TaskFile", "Trajectory", "Tuning", "ValveFit",
+    "ValveObserver", "ValveRun", "controllers", "design_lqr", "design_outputs", "equilibria", "identify_valve",
+    "prepare_control", "read_task", "shaper", "steady_inputs", "supply_of", "symbolic_step", "valve_answer",
 ]

@@ -11,6 +11,7 @@ import numpy as np
 from pliant.control.limits import Limits
 from pliant.control.lqr import LqrDesign, Tuning
 from pliant.control.mpc import MpcTuning
+from pliant.control.output_design import OutputDesign
 from pliant.control.pid import PidTuning
 from pliant.control.setpoint import Course
 from pliant.control.valve import SupplyValve
@@ -27,8 +28,9 @@ class Controller(Protocol):
     ----------
     chambers : int
         Whose pressures it takes and commands: a float for one, an array (C,) for more.
-    target, error : float
-        m, where the tip is wanted now, and how far along its path it was from there at the last step.
+    target, error : float or array (m,)
+        m, where the tip is wanted now, and how far along its path it was from there at the last step; of each output
+        that several chambers bring to its place, m and rad.
     saturated : int
         Steps whose command met a limit.
     """
@@ -36,12 +38,12 @@ class Controller(Protocol):
     chambers: int
 
     @property
-    def target(self) -> float:
-        """Where the tip is wanted now, m."""
+    def target(self) -> float | Array:
+        """Where the tip is wanted now, m; or each output."""
 
     @property
-    def error(self) -> float:
-        """Of the tip along its path at the last step, m."""
+    def error(self) -> float | Array:
+        """Of the tip along its path at the last step, m; or of each output."""
 
     @property
     def saturated(self) -> int:
@@ -69,7 +71,8 @@ class Task:
     Parameters
     ----------
     time, displacement : array (k,)
-        From each time [s] on that tip displacement [m]; straight between them where `path` is true.
+        From each time [s] on that tip displacement [m]; straight between them where `path` is true. With several
+        chambers (k, m): changes of the outputs from the rest, m and rad.
     duration : float
         s
     path : bool
@@ -80,6 +83,8 @@ class Task:
     feedback : str
         Name of the controller: "lqr", "mpc", "pid", or one that an installed package offers.
     tuning, mpc, pid : Tuning, MpcTuning, PidTuning
+    outputs : tuple of str
+        What several chambers bring to its place: of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link.
     """
 
     time: Array
@@ -92,6 +97,7 @@ class Task:
     tuning: Tuning = field(default_factory=Tuning)
     mpc: MpcTuning = field(default_factory=MpcTuning)
     pid: PidTuning = field(default_factory=lambda: PidTuning(0.0, 4e6))
+    outputs: tuple[str, ...] = ()
 
 
 class Plan(NamedTuple):
@@ -117,8 +123,11 @@ class ControllerKind:
         Controller of a Plan.
     follows : bool
         Whether it follows a trajectory that was planned ahead.
+    outputs : callable, optional
+        Controller of an OutputDesign, Task and Limits: of a body of several chambers; without it the body has one.
     """
 
     name: str
     make: Callable[[Plan], Controller]
     follows: bool = True
+    outputs: Callable[[OutputDesign, Task, Limits], Controller] | None = None

@@ -43,7 +43,7 @@ class MpcTuning:
     stage : float
         Time for which the horizon holds a command, s.
     stages : int
-        Commands in the horizon.
+        Commands in the horizon; of several chambers, whose stage is the period, for each.
     effort : float
         Weight of a change of the command, in parts of a tip error that the change makes at rest.
     speed : float

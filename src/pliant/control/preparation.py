@@ -10,10 +10,12 @@ import numpy as np
 from pliant.control.contract import Controller, Pipeline, Plan, Task
 from pliant.control.limits import Limits
 from pliant.control.lqr import LqrDesign, design_lqr
+from pliant.control.output_design import OutputDesign, design_outputs
 from pliant.control.registry import controller_kind
 from pliant.control.setpoint import Course, SetPoint
 from pliant.control.trajectory import Planner, Trajectory
 from pliant.control.valve import SupplyValve
+from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import frozen
 from pliant.estimation.contract import Estimator, Setting
 from pliant.estimation.link_angles import LinkAngles, calibrated
@@ -36,7 +38,7 @@ class Prepared:
         What its shapes are measured by.
     estimator : Estimator
     control : Controller
-    design : LqrDesign
+    design : LqrDesign or OutputDesign
         Its margins are told by ``print``.
     trajectory : Trajectory or None
     """
@@ -45,7 +47,7 @@ class Prepared:
     link_angles: LinkAngles
     estimator: Estimator
     control: Controller
-    design: LqrDesign
+    design: LqrDesign | OutputDesign
     trajectory: Trajectory | None
 
     @property
@@ -110,15 +112,26 @@ def prepare_control(
     late, supply = known["late"], known["supply"]
     seeing, law = estimator_kind(known["estimator"]), controller_kind(task.feedback)
     body = calibrated(model, arc_length, frames)
+    if supply is not None and len(body.chambers) > 1:
+        raise InputError("a rig's valve goes with a body of one chamber: the chambers of this model have their own")
     body = body if supply is None else body.with_(valve=supply.mean)
     old = 0 if seeing.predicts else late  # a state that is predicted to the present is not late
-    design = design_lqr(frozen(body), limits.highest, period, tuning=task.tuning, latency=old * period)
     setting, link_angles = Setting(body, period, late), LinkAngles(body, arc_length)
-    course = course_of(task, design, body, limits, supply, planned=law.follows and task.planned)
-    control = law.make(Plan(task, body, design, limits, period, old, course, supply))
+    design: LqrDesign | OutputDesign
+    trajectory = None
+    if len(body.chambers) > 1:
+        design = output_design(task, body, limits, period, old * period)
+        if law.outputs is None:
+            raise InputError(f"the controller {law.name!r} takes a body of one chamber: use lqr or mpc")
+        control = law.outputs(design, task, limits)
+    else:
+        design = design_lqr(frozen(body), highest_of(task, limits), period, tuning=task.tuning, latency=old * period)
+        course = course_of(task, design, body, limits, supply, planned=law.follows and task.planned)
+        control = law.make(Plan(task, body, design, limits, period, old, course, supply))
+        trajectory = course.trajectory
     rest = frames[np.isfinite(frames).all(axis=(1, 2))][0]
     warm_up(Pipeline(link_angles.frame, seeing.make(setting), control), rest, period)
-    return Prepared(body, link_angles, seeing.make(setting), control, design, course.trajectory)
+    return Prepared(body, link_angles, seeing.make(setting), control, design, trajectory)
 
 
 def course_of(
@@ -137,11 +150,40 @@ def course_of(
     return Course(setpoint, made)
 
 
+def highest_of(task: Task, limits: Limits) -> float:
+    """Highest pressure [Pa] of a body of one chamber; refuses a task of several."""
+    if task.outputs or np.ndim(task.displacement) != 1:
+        raise InputError("a body of one chamber is given displacements of its tip: its path has one dimension")
+    return float(limits.each(1)[0])
+
+
+def output_design(task: Task, body: Model, limits: Limits, period: float, latency: float) -> OutputDesign:
+    """The design for a body of several chambers: what its outputs shall do, period by period."""
+    levels = np.asarray(task.displacement, dtype=float)
+    if not task.outputs or levels.ndim != 2 or levels.shape[1] != len(task.outputs):
+        names = body.actuation.names
+        raise InputError(
+            f"a task for several chambers ({names}) names its outputs and gives a value of each (tip_x_mm, tip_y_mm, "
+            "angle_deg in a task file)"
+        )
+    clock = np.arange(max(round(task.duration / period), 1)) * period
+    courses = (
+        np.interp(clock, task.time, column) if task.path
+        else np.array([SetPoint(task.time, column, task.ramp)(t) for t in clock])
+        for column in levels.T
+    )
+    return design_outputs(
+        frozen(body), task.outputs, np.stack(list(courses), axis=1), limits, period, tuning=task.tuning,
+        latency=latency, path=task.path and task.planned,
+    )
+
+
 def warm_up(pipeline: Pipeline, shape: Array, period: float) -> None:
     """Two frames of a shape (S, 2) at rest: what is compiled is compiled here, not in the loop's first period."""
     measure, estimator, controller = pipeline
+    none = 0.0 if controller.chambers == 1 else np.zeros(controller.chambers)
     for k in range(2):
-        estimator.push_pressure(k * period, 0.0)
+        estimator.push_pressure(k * period, none)
         estimator.push_frame(k * period, *measure(shape))
-        controller.step(k * period, estimator.state(k * period), 0.0)
+        controller.step(k * period, estimator.state(k * period), none)
     controller.reset()

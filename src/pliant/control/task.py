@@ -28,7 +28,7 @@ planned = true         # changes as fast as the limits allow; false: ramps
 ramp_s = 0.03          # time of a change that is not planned
 [[setpoint]]
 time_s = 0.0
-displacement_mm = 25.0
+displacement_mm = 25.0   # of a body of several chambers instead: tip_x_mm, tip_y_mm, angle_deg
 # [path]               # instead of set-points: straight between these
 # time_s = [0.0, 1.0, 2.0]
 # displacement_mm = [0.0, 25.0, 5.0]
@@ -52,6 +52,10 @@ def _positive(value: Any) -> Any:
     return value
 
 
+def _pressures(value: Any) -> Any:
+    return [_positive(p) for p in value] if isinstance(value, list) and value else _positive(value)
+
+
 def _flag(value: Any) -> Any:
     if not isinstance(value, bool):
         raise ValueError("must be true or false")  # noqa: TRY004  what pydantic explains
@@ -70,23 +74,51 @@ class Entry(BaseModel):
 
 
 class SetPointEntry(Entry):
-    """From a time on that displacement of the tip."""
+    """From a time on that displacement of the tip; with several chambers what is given of the other three."""
 
     time_s: Number
-    displacement_mm: Number = Field(description="of the tip from its rest")
+    displacement_mm: Number | None = Field(None, description="of the tip from its rest, by one chamber")
+    tip_x_mm: Number | None = Field(None, description="change of the tip's x from its rest, by several chambers")
+    tip_y_mm: Number | None = Field(None, description="of its y")
+    angle_deg: Number | None = Field(None, description="of the last link's angle")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> SetPointEntry:
+        wanted(self)
+        return self
 
 
 class PathEntry(Entry):
-    """Displacements of the tip, straight between these."""
+    """Displacements of the tip, straight between these; with several chambers what is given of the other three."""
 
     time_s: list[Number]
-    displacement_mm: list[Number]
+    displacement_mm: list[Number] | None = None
+    tip_x_mm: list[Number] | None = None
+    tip_y_mm: list[Number] | None = None
+    angle_deg: list[Number] | None = None
 
     @model_validator(mode="after")
     def _as_many(self) -> PathEntry:
-        if len(self.time_s) != len(self.displacement_mm) or not self.time_s:
+        if not self.time_s or any(len(getattr(self, name)) != len(self.time_s) for name in wanted(self)):
             raise ValueError("holds times and displacements, as many of each, at least one")
         return self
+
+
+OUTPUTS = {"tip_x_mm": ("tip_x", 1e-3), "tip_y_mm": ("tip_y", 1e-3), "angle_deg": ("angle_sum", math.pi / 180.0)}
+
+
+def wanted(entry: SetPointEntry | PathEntry) -> tuple[str, ...]:
+    """Names of what an entry wants: displacement_mm, or those of several chambers.
+
+    Raises
+    ------
+    ValueError
+        When it wants nothing, or both.
+    """
+    several = tuple(name for name in OUTPUTS if getattr(entry, name) is not None)
+    if bool(several) == (entry.displacement_mm is not None):
+        raise ValueError(f"takes displacement_mm for one chamber, or some of {', '.join(OUTPUTS)} for several")
+    return several or ("displacement_mm",)
 
 
 class ValveEntry(Entry):
@@ -107,7 +139,9 @@ class TaskFile(Entry):
     """A task file."""
 
     period_ms: Positive = Field(4.0, description="of frames and loop; that of the plant")
-    highest_kpa: Positive = Field(190.0, description="pressure that a command does not pass; it never falls below 0")
+    highest_kpa: Annotated[float | list[float], BeforeValidator(_pressures)] = Field(
+        190.0, description="pressure that a command does not pass, one or one for each chamber; it never falls below 0"
+    )
     slew_kpa_per_s: Positive = Field(math.inf, description="fastest change of a command")
     duration_s: Positive = 2.0
     feedback: str = Field("lqr", description="the controller: lqr, mpc, pid, or an installed one")
@@ -130,6 +164,8 @@ class TaskFile(Entry):
     def _wants_something(self) -> TaskFile:
         if not self.setpoint and self.path is None:
             raise ValueError("needs at least one [[setpoint]] with time_s and displacement_mm, or a [path]")
+        if len({wanted(p) for p in self.setpoint}) > 1:
+            raise ValueError("every [[setpoint]] gives the same of " + ", ".join(OUTPUTS))
         return self
 
     @property
@@ -140,7 +176,10 @@ class TaskFile(Entry):
     @property
     def limits(self) -> Limits:
         """Of the command."""
-        return Limits(1e3 * self.highest_kpa, 1e3 * self.slew_kpa_per_s)
+        slew, each = 1e3 * self.slew_kpa_per_s, self.highest_kpa
+        if isinstance(each, list):
+            return Limits(1e3 * max(each), slew, tuple(1e3 * p for p in each))
+        return Limits(1e3 * each, slew)
 
     @property
     def supply(self) -> SupplyValve | None:
@@ -150,13 +189,20 @@ class TaskFile(Entry):
     @property
     def task(self) -> Task:
         """What the tip shall do, in SI."""
-        points = [(p.time_s, p.displacement_mm) for p in self.setpoint]
+        names = wanted(self.path or self.setpoint[0])
+        columns = [[getattr(p, name) for p in self.setpoint] for name in names]
+        time = [p.time_s for p in self.setpoint]
         if self.path is not None:
-            points = list(zip(self.path.time_s, self.path.displacement_mm, strict=True))
+            columns, time = [getattr(self.path, name) for name in names], self.path.time_s
+        outputs = tuple(OUTPUTS[name] for name in names if name in OUTPUTS)
+        levels = np.array([[1e-3 * value for value in column] for column in columns]).T
+        if outputs:
+            levels = np.array(columns, dtype=float).T * [unit for _, unit in outputs]
         return Task(
-            np.array([t for t, _ in points]), np.array([1e-3 * d for _, d in points]), self.duration_s,
-            path=self.path is not None, ramp=self.ramp_s, planned=self.planned, feedback=self.feedback,
+            np.array(time), levels if outputs else levels[:, 0], self.duration_s, path=self.path is not None,
+            ramp=self.ramp_s, planned=self.planned, feedback=self.feedback,
             tuning=Tuning(self.effort, self.damping_time_s, self.integral_time_s),
+            outputs=tuple(name for name, _ in outputs),
         )
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from pliant.control.contract import ControllerKind, Plan
 from pliant.control.lqr import Lqr
+from pliant.control.output_control import OutputLqr
 from pliant.control.state_feedback import StateFeedback
 from pliant.estimation.contract import State
 
@@ -38,4 +39,4 @@ class LqrControl(StateFeedback[Lqr]):
         )
 
 
-CONTROLLER = ControllerKind("lqr", LqrControl)
+CONTROLLER = ControllerKind("lqr", LqrControl, outputs=lambda design, _task, limits: OutputLqr(design, limits))

@@ -6,6 +6,7 @@ import numpy as np
 
 from pliant.control.contract import ControllerKind, Plan
 from pliant.control.mpc import Mpc
+from pliant.control.output_control import OutputMpc
 from pliant.control.state_feedback import StateFeedback
 from pliant.estimation.adaptive_observer import frozen
 from pliant.estimation.contract import State
@@ -40,4 +41,6 @@ class MpcControl(StateFeedback[Mpc]):
         return self.law.step(self._equilibria.pressure_for(self.target), state, valve, ahead=ahead)
 
 
-CONTROLLER = ControllerKind("mpc", MpcControl)
+CONTROLLER = ControllerKind(
+    "mpc", MpcControl, outputs=lambda design, task, limits: OutputMpc(design, limits, task.mpc.stages)
+)

@@ -18,7 +18,7 @@ class Sampled(NamedTuple):
     """x[k+1] = A x[k] + B u[k], the commands still on their way appended to the state, the youngest first."""
 
     A: Array  # (N + D, N + D)
-    B: Array  # (N + D,)
+    B: Array  # (N + D,); (N + D, C) of several chambers, their commands on their way one chamber after the other
     waiting: int  # D, commands on their way
 
 
@@ -52,32 +52,39 @@ def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
     Raises
     ------
     InputError
-        When the period is not positive or the latency negative, or for several pressures.
+        When the period is not positive or the latency negative.
     """
     if not (np.isfinite(period) and period > 0 and np.isfinite(latency) and latency >= 0):
         raise InputError(f"a period must be positive and a latency not negative, got {period} and {latency} s")
-    whole, part = divmod(linear.dead_time + latency, period)
+    waits = [periods_late(float(late) + latency, period) for late in linear.dead_times]
+    N, C, D = linear.A.shape[0], len(waits), sum(most for _, _, most in waits)
+    A, B, first = np.zeros((N + D, N + D)), np.zeros((N + D, C)), N
+    for c, (whole, part, most) in enumerate(waits):
+        Ad, fresh = hold(linear.A, linear.B[:, c], period - part)
+        old = np.zeros_like(fresh)
+        if part:
+            early, old = hold(linear.A, linear.B[:, c], part)
+            old, Ad = Ad @ old, Ad @ early
+        A[:N, :N] = Ad
+        for vector, age in ((fresh, whole), (old, whole + 1)):
+            if age == 0:
+                B[:N, c] += vector
+            elif vector.any():
+                A[:N, first + age - 1] += vector
+        if most:
+            B[first, c] = 1.0
+            A[first + 1 : first + most, first : first + most - 1] = np.eye(most - 1)
+        first += most
+    return Sampled(A, B[:, 0] if C == 1 else B, D)
+
+
+def periods_late(late: float, period: float) -> tuple[int, float, int]:
+    """Whole periods of a dead time [s], the part [s] of one beyond, and how many commands are on their way."""
+    whole, part = divmod(late, period)
     part = 0.0 if part < 1e-9 * period else part
     if period - part < 1e-9 * period:
         whole, part = whole + 1, 0.0
-    D = int(whole) + (part > 0)
-    Ad, fresh = hold(linear.A, linear.B[:, 0], period - part)
-    old = np.zeros_like(fresh)
-    if part:
-        early, old = hold(linear.A, linear.B[:, 0], part)
-        old, Ad = Ad @ old, Ad @ early
-    N = linear.A.shape[0]
-    A, B = np.zeros((N + D, N + D)), np.zeros(N + D)
-    A[:N, :N] = Ad
-    for vector, age in ((fresh, int(whole)), (old, int(whole) + 1)):
-        if age == 0:
-            B[:N] += vector
-        elif vector.any():
-            A[:N, N + age - 1] += vector
-    if D:
-        B[N] = 1.0
-        A[N + 1 :, N:-1] = np.eye(D - 1)
-    return Sampled(A, B, D)
+    return int(whole), part, int(whole) + (part > 0)
 
 
 def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:

@@ -26,8 +26,10 @@ COLUMNS = (
 )
 
 
-def log_columns(links: int, chambers: int = 1) -> list[str]:
+def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = ()) -> list[str]:
     """Columns of a loop's log: `COLUMNS`, pressure and command once for each chamber, angles, torques of touch.
+
+    Target and error stand once for each output that several chambers bring to its place, tip_x, tip_y or angle_sum.
 
     The torques are those of each joint that the model does not explain, with their standard deviation: of an estimator
     that finds them, NaN otherwise.
@@ -37,6 +39,11 @@ def log_columns(links: int, chambers: int = 1) -> list[str]:
         for name in ("command_pa", "pressure_pa"):
             k = names.index(name)
             names[k : k + 1] = [f"{name.removesuffix('_pa')}_{c + 1}_pa" for c in range(chambers)]
+    if outputs:
+        units = {"angle_sum": "rad"}
+        for name in ("target", "error"):
+            k = names.index(f"{name}_m")
+            names[k : k + 1] = [f"{name}_{output}_{units.get(output, 'm')}" for output in outputs]
     each = ("phi_{}_rad", "torque_{}_nm", "torque_sd_{}_nm")
     return [*names, *(name.format(i + 1) for name in each for i in range(links))]
 
@@ -229,8 +236,9 @@ class ControlLoop:
             log.remark(f"fault at {self.watchdog.fault_time * 1e-9:.3f} s: {self.watchdog.fault}")
         controller, pressure, command = self.pipeline.controller, np.ravel(self.pressure), np.ravel(self.command)
         log.write((
-            now * 1e-9, self.shapes.stamp * 1e-9, *pressure, *command, controller.target, controller.error,
-            bool(self.watchdog.fault), (self.clock.now() - now) * 1e-3, (now - deadline) * 1e-3, *each,
+            now * 1e-9, self.shapes.stamp * 1e-9, *pressure, *command, *np.ravel(controller.target),
+            *np.ravel(controller.error), bool(self.watchdog.fault), (self.clock.now() - now) * 1e-3,
+            (now - deadline) * 1e-3, *each,
         ))
 
     def summary(self) -> dict[str, float | str]:

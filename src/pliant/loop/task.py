@@ -13,11 +13,12 @@ from pliant.control.task import TaskFile
 from pliant.errors import InputError
 from pliant.loop.clock import SystemClock, VirtualClock
 from pliant.loop.log import LoopLog, read_log
+from pliant.loop.model_plant import ModelPlant
 from pliant.loop.run import ControlLoop, log_columns
 from pliant.loop.sample import connection
 from pliant.loop.virtual import VirtualActuator
 from pliant.loop.watchdog import Bounds, Watchdog
-from pliant.model import Model
+from pliant.model import Model, load_model
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +37,7 @@ class Done(NamedTuple):
 
 
 def make_plant(name: str) -> Any:
-    """The plant of a name: ``testbed:<actuator>``, or an entry point of the group ``pliant.plants``.
+    """The plant of a name: ``testbed:<actuator>``, ``model:<file>``, or an entry point of ``pliant.plants``.
 
     What follows a colon is handed to it as text: ``finger:COM3`` calls what the entry point ``finger`` leads to
     with "COM3".
@@ -51,6 +52,8 @@ def make_plant(name: str) -> Any:
         from pliant.testbed.plant import Plant
 
         return Plant(which or "a")
+    if kind == "model":
+        return ModelPlant(load_model(which))
     return connection("plant", kind)(which) if which else connection("plant", kind)()
 
 
@@ -64,7 +67,8 @@ def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "
     """
     if abs(plant.period - wanted.period) > 1e-9:
         raise InputError(f"the plant's frames come every {plant.period * 1e3:g} ms: set period_ms to that")
-    frames = [plant.advance(0.0) for _ in range(AT_REST)]
+    none = 0.0 if len(model.chambers) == 1 else np.zeros(len(model.chambers))
+    frames = [plant.advance(none) for _ in range(AT_REST)]
     late = round((plant.time - frames[-1][0]) / wanted.period)
     shapes = np.array([shape for _, shape, _ in frames])
     return prepare_control(
@@ -101,7 +105,7 @@ def run_task(
     ready = prepare_plant(model, plant, wanted, estimator)
     path = folder / "log.csv"
     path.unlink(missing_ok=True)
-    log = LoopLog(path, log_columns(model.n, ready.control.chambers))
+    log = LoopLog(path, log_columns(model.n, ready.control.chambers, wanted.task.outputs))
     clock = SystemClock() if real_time else VirtualClock()
     arm = VirtualActuator(plant, clock)
     watchdog = Watchdog(Bounds(ABOVE * wanted.limits.highest))
@@ -112,4 +116,4 @@ def run_task(
     finally:
         log.close()
     return Done(ready, {**loop.summary(), "commands_at_a_limit": ready.control.saturated}, read_log(path),
-                tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint) if wanted.path is None else ())
+                tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint if p.displacement_mm is not None))

@@ -9,6 +9,8 @@ import numpy as np
 from pliant.plotting import REST_COLOUR, new_figure, style
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.figure import Figure
 
 
@@ -82,24 +84,36 @@ def sweep_figure(samples: Any) -> Figure:
     return figure
 
 
-def control_figure(time: Any, wanted: Any, reached: Any, command: Any, pressure: Any) -> Figure:
+def control_figure(
+    time: Any, wanted: Any, reached: Any, command: Any, pressure: Any, names: Sequence[str] = ("",)
+) -> Figure:
     """A controlled tip: displacement wanted and reached above, command and measured pressure below.
 
     Parameters
     ----------
     time : (T,) array, s
-    wanted, reached : (T,) array, m
-    command, pressure : (T,) array, Pa
+    wanted, reached : (T,) array, m; (T, m) of several outputs called `names`, m or rad
+    command, pressure : (T,) array, Pa; (T, C) of several chambers
+    names : sequence of str
     """
     with style():
         figure, panels = new_figure(2, 1, height=3.4, sharex=True)
-        panels[0].plot(time, np.asarray(reached) * 1e3, label="reached (estimated)")
-        panels[0].plot(time, np.asarray(wanted) * 1e3, label="wanted")
-        panels[0].set_ylabel("tip displacement (mm)")
-        panels[1].step(time, np.asarray(command) * 1e-3, where="post", label="command")
-        panels[1].plot(time, np.asarray(pressure) * 1e-3, label="measured", linewidth=0.7)
+        for name, seen, asked in zip(names, by_column(reached), by_column(wanted), strict=True):
+            panels[0].plot(time, seen * 1e3, label=f"{name} reached (estimated)".strip())
+            panels[0].plot(time, asked * 1e3, label=f"{name} wanted".strip())
+        panels[0].set_ylabel("tip displacement (mm)" if len(names) == 1 else "change of outputs (mm, mrad)")
+        for c, (asked, read) in enumerate(zip(by_column(command), by_column(pressure), strict=True)):
+            own = f" {c + 1}" if np.ndim(command) > 1 else ""
+            panels[1].step(time, asked * 1e-3, where="post", label=f"command{own}")
+            panels[1].plot(time, read * 1e-3, label=f"measured{own}", linewidth=0.7)
         panels[1].set(xlabel="time (s)", ylabel="gauge pressure (kPa)")
         for panel in panels:
             panel.legend(loc="best")
         figure.align_ylabels()
     return figure
+
+
+def by_column(values: Any) -> Any:
+    """Columns (m, T) of values (T,) or (T, m)."""
+    made = np.asarray(values)
+    return made[None] if made.ndim == 1 else made.T

@@ -1,0 +1,185 @@
+"""Control of several outputs by several pressures: the rest that is wanted in each period, and the regulator about it.
+
+A path is known ahead: the optimal regulator's answer to what is wanted later stands beside the steady inputs.
+
+Source: Anderson and Moore, Optimal Control: Linear Quadratic Methods, 1990, ch. 4
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pliant.control.limits import Limits
+from pliant.control.lqr import Tuning
+from pliant.control.output_gains import Gains, loop_margins, regulator
+from pliant.control.steady_inputs import output_values, output_weights, steady_inputs
+from pliant.errors import InputError
+from pliant.linear.sampled import KILO, periods_late
+from pliant.model import Model, fixed_length
+from pliant.simulation import state
+
+Array = np.ndarray
+APART = 0.04  # s, between the rests about which a path is linearised
+SHOWN = 5  # rests whose margins are told
+
+
+@dataclass(frozen=True)
+class OutputDesign:
+    """What is wanted period by period, the inputs that bring it, and the regulator about them.
+
+    Attributes
+    ----------
+    model : Model
+    outputs : tuple of str
+    still : array (m,)
+        Outputs without pressure.
+    period, latency : float
+        s
+    gains : tuple of Gains
+    at : array (K,)
+        Which gains hold in each period.
+    wanted : array (K, m)
+        Changes of the outputs from `still`.
+    pressure, angle, rate : array (K, C), (K, n), (K, n)
+        Of the rest that is wanted, Pa and rad; how fast it turns, rad/s.
+    lead, ahead : array (K, C), (K + 1, N)
+        Command beside the steady inputs, kPa, and slope of the cost of the state, both by what is wanted later.
+    tuning : Tuning
+    """
+
+    model: Model
+    outputs: tuple[str, ...]
+    still: Array
+    period: float
+    latency: float
+    gains: tuple[Gains, ...]
+    at: Array
+    wanted: Array
+    pressure: Array
+    angle: Array
+    rate: Array
+    lead: Array
+    ahead: Array
+    tuning: Tuning
+
+    @cached_property
+    def waiting(self) -> tuple[int, ...]:
+        """Commands on their way to each chamber."""
+        late = (c.valve.dead_time + self.latency for c in self.model.chambers)
+        return tuple(periods_late(t, self.period)[2] for t in late)
+
+    @cached_property
+    def orders(self) -> tuple[int, ...]:
+        """Number of states of each chamber's valve."""
+        valves = (c.valve for c in self.model.chambers)
+        return tuple(2 if v.natural_frequency else int(v.rise_time + v.fall_time > 0) for v in valves)
+
+    @cached_property
+    def resting(self) -> Array:
+        """What the state (N, C) holds of valves and commands on their way under a constant kPa in each chamber."""
+        made, first = np.zeros((self.gains[0].A.shape[0], len(self.orders))), 2 * self.model.n
+        for sizes, held in ((self.orders, 1), (self.waiting, None)):  # of a valve the pressure, not its rate
+            for c, size in enumerate(sizes):
+                made[first : first + size, c][:held] = 1.0
+                first += size
+        return made
+
+    def shift(self, k: int) -> Array:
+        """Change (N,) of the deviation from what is wanted that time alone makes from period k to k + 1."""
+        then, n = min(k + 1, len(self.at) - 1), self.model.n
+        out = np.zeros(self.gains[0].A.shape[0])
+        out[n : 2 * n] = self.rate[k]
+        out = self.gains[self.at[k]].A @ out
+        out[:n] += self.angle[k] - self.angle[then]
+        out[n : 2 * n] -= self.rate[then]
+        return np.asarray(out + self.resting @ (self.pressure[k] - self.pressure[then]) / KILO)
+
+    def __str__(self) -> str:
+        rows = []
+        for k in np.unique(np.linspace(0, len(self.gains) - 1, SHOWN).round().astype(int)):
+            kilo = ", ".join(f"{p * 1e-3:.1f}" for p in self.gains[k].rest.pressure)
+            told = zip(self.model.chambers, loop_margins(self.gains[k], self.period), strict=True)
+            rows += [f"{kilo} kPa, {chamber.name}: {m}" for chamber, m in told]
+        return "\n".join(rows)
+
+
+def design_outputs(
+    model: Model, outputs: tuple[str, ...], wanted: Array, limits: Limits, period: float, *,
+    tuning: Tuning | None = None, latency: float = 0.0, path: bool = False,
+) -> OutputDesign:
+    """The regulator of outputs along what is wanted of them.
+
+    Parameters
+    ----------
+    model : Model
+        Of one chamber or several, without memory or frozen, with its valves.
+    outputs : tuple of str
+        Of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link.
+    wanted : array (K, m)
+        Changes of these from the rest without pressure, period by period.
+    limits : Limits
+    period : float
+        Of the control, s.
+    tuning : Tuning, optional
+    latency : float
+        s by which the measured state is old; it counts as dead time.
+    path : bool
+        Whether what is wanted is known ahead and followed as it moves; else it is a row of levels to come to rest at.
+
+    Raises
+    ------
+    InputError
+        When something wanted is out of reach, or the numbers make no sense.
+    """
+    wanted = np.asarray(wanted, dtype=float)
+    if wanted.ndim != 2 or wanted.shape[1] != len(outputs) or not len(wanted) or not np.isfinite(wanted).all():
+        raise InputError(f"outputs are wanted as finite rows (K, {len(outputs)}), got shape {wanted.shape}")
+    tuning, highest = tuning or Tuning(), limits.each(len(fixed_length(model).chambers))
+    weight = output_weights(model, outputs)
+    still = output_values(model, state.absolute(model, state.equilibrium(model, 0.0)), outputs)
+    knots = posts(wanted, max(1, round(APART / period)))
+    known: dict[bytes, int] = {}
+    gains: list[Gains] = []
+    for row in wanted[knots]:
+        if row.tobytes() not in known:
+            start = gains[-1].rest.pressure if gains else np.zeros(highest.size)
+            rest = steady_inputs(model, outputs, still + row, highest, start)
+            known[row.tobytes()] = len(gains)
+            gains.append(regulator(rest, weight, highest, (period, latency), tuning))
+    index, rows = np.array([known[row.tobytes()] for row in wanted[knots]]), np.arange(len(wanted))
+    pressure = between(rows, knots, [gains[i].rest.pressure for i in index])
+    angle = between(rows, knots, [gains[i].rest.linear.angle for i in index])
+    rate = np.gradient(angle, period, axis=0) if path and len(rows) > 1 else np.zeros_like(angle)
+    lead, ahead = np.zeros_like(pressure), np.zeros((len(rows) + 1, gains[0].A.shape[0]))
+    made = OutputDesign(
+        model, outputs, still, period, latency, tuple(gains), index[np.searchsorted(knots, rows)], wanted, pressure,
+        angle, rate, lead, ahead, tuning,
+    )
+    if path:
+        look_ahead(made)
+    return made
+
+
+def posts(wanted: Array, apart: int) -> Array:
+    """Periods at whose rests the model is linearised: where the course turns, and every so many while it moves."""
+    last = len(wanted) - 1
+    moves = np.append(np.any(np.diff(wanted, axis=0) != 0.0, axis=1), False)
+    turns = np.flatnonzero(np.diff(moves.astype(int))) + 1
+    return np.unique(np.concatenate([[0, last], turns, np.arange(0, last + 1, apart)[moves[::apart]]]).astype(int))
+
+
+def between(rows: Array, knots: Array, values: list[Array]) -> Array:
+    """Values (K, ...) of every period, straight between those at the knots."""
+    return np.stack([np.interp(rows, knots, column) for column in np.array(values).T], axis=1)
+
+
+def look_ahead(design: OutputDesign) -> None:
+    """Fill `ahead` and `lead` from the last period on: s_k = (A - B K)' (P d_k + s_(k+1)), with d_k = `shift`."""
+    for k in range(len(design.at) - 1, -1, -1):
+        made = design.gains[design.at[k]]
+        later = made.P @ design.shift(k) + design.ahead[k + 1]
+        design.lead[k] = -made.answer @ later
+        design.ahead[k] = (made.A - made.B @ made.K).T @ later

@@ -1,0 +1,115 @@
+"""Steady inputs: pressures of several chambers under which outputs of the body come to rest where they are wanted."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pliant.control.bounded_least_squares import bounded_least_squares
+from pliant.errors import InputError, SimulationError
+from pliant.linear.linearisation import LinearModel, linearise
+from pliant.model import Model
+from pliant.simulation import state
+
+Array = np.ndarray
+REACHED = 2e-4  # m, of an output that counts as reached
+LEAST = 1e-9  # weight of the pressures themselves: where outputs leave them free, the least are taken
+ROUNDS = 40
+
+
+class Rest(NamedTuple):
+    """A rest of the body under several pressures."""
+
+    pressure: Array  # (C,) Pa
+    linear: LinearModel  # about it
+    value: Array  # (m,) of the outputs, m and rad
+    row: Array  # (m, N) what the states do to them
+    gain: Array  # (m, C) what the pressures do to them at rest, per Pa
+
+
+def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array:
+    """Outputs (m,) of the body at absolute link angles (n,): tip_x, tip_y [m], angle_sum [rad]."""
+    x, y = state.tips(model, angle)[-1]
+    known = {"tip_x": x, "tip_y": y, "angle_sum": angle[-1]}
+    if strange := [name for name in outputs if name not in known]:
+        raise InputError(f"unknown output {strange[0]!r}: a controller follows {', '.join(known)}")
+    return np.array([known[name] for name in outputs])
+
+
+def output_weights(model: Model, outputs: tuple[str, ...]) -> Array:
+    """Metres (m,) that one unit of each output counts as: an angle counts as far as it swings a straight body's tip."""
+    return np.array([model.length if name == "angle_sum" else 1.0 for name in outputs])
+
+
+def rest_under(model: Model, pressure: Array, outputs: tuple[str, ...]) -> Rest:
+    """The rest under pressures (C,) [Pa]."""
+    linear = linearise(model, pressure)
+    row = np.array([linear.row(name) for name in outputs])
+    return Rest(
+        pressure, linear, output_values(model, linear.angle, outputs), row, -row @ np.linalg.solve(linear.A, linear.B)
+    )
+
+
+def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Array, start: Array) -> Rest:
+    """The rest that comes nearest to wanted outputs within 0 ... highest (C,) [Pa], by bounded least squares.
+
+    Parameters
+    ----------
+    model : Model
+        Without memory, or frozen.
+    outputs : tuple of str
+        Of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link.
+    wanted : array (m,)
+        Their values, in the model's frame.
+    highest, start : array (C,)
+        Highest pressures, and those from which the search begins, Pa; others are tried where it ends elsewhere.
+
+    Raises
+    ------
+    InputError
+        When no pressures bring the outputs nearer than 0.2 mm, an angle counting by the length of the body.
+    """
+    weight = output_weights(model, outputs)
+    begins = [start, 0.5 * highest, *(0.5 * np.diag(highest)), *(highest - 0.5 * np.diag(highest))]
+    found = []
+    for begin in begins:
+        rest = nearest(model, outputs, wanted, highest, begin)
+        far = float(np.linalg.norm(weight * (rest.value - wanted)))
+        if far <= REACHED:
+            return rest
+        found.append((far, rest))
+    far, rest = min(found, key=lambda pair: pair[0])
+    still = output_values(model, state.absolute(model, state.equilibrium(model, 0.0)), outputs)
+    said = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, wanted - still, strict=True))
+    best = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, rest.value - still, strict=True))
+    kilo = ", ".join(f"{p * 1e-3:.4g}" for p in rest.pressure)
+    raise InputError(
+        f"a change of {said} (m, rad) from the rest is out of reach of the chambers: the model comes as near as "
+        f"{best}, under {kilo} kPa"
+    )
+
+
+def nearest(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Array, start: Array) -> Rest:
+    """Gauss-Newton steps within the bounds, each halved until it brings the outputs nearer."""
+    weight, rest = output_weights(model, outputs), rest_under(model, np.clip(start, 0.0, highest), outputs)
+    for _ in range(ROUNDS):
+        G, error = weight[:, None] * rest.gain * highest, weight * (wanted - rest.value)
+        x = rest.pressure / highest
+        H = G.T @ G
+        H += LEAST * np.trace(H) * np.eye(x.size)
+        move = bounded_least_squares(H, G.T @ (error + G @ x), x, 1.0) - x
+        far, length = float(np.linalg.norm(error)), 1.0
+        while length > 1e-3:
+            try:
+                ahead = rest_under(model, highest * np.clip(x + length * move, 0.0, 1.0), outputs)
+            except SimulationError:
+                length *= 0.5
+                continue
+            if np.linalg.norm(weight * (wanted - ahead.value)) <= far * (1 + 1e-9):
+                rest = ahead
+                break
+            length *= 0.5
+        if length <= 1e-3 or length * np.abs(move).max() < 1e-6:
+            break
+    return rest

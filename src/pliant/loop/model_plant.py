@@ -1,0 +1,116 @@
+"""A plant from a model file: what the testbed's rod is for one chamber, for as many as the model has."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.linear.linearisation import behind_valve
+from pliant.linear.sampled import hold
+from pliant.model import Model, Valve
+from pliant.simulation import Stepper
+
+Array = np.ndarray
+POINTS = 41  # of a shape
+
+
+class ModelPlant:
+    """A model that moves under one command for each of its chambers, its valves and dead times included.
+
+    Its sensors are white noise on the shape and the pressures. To learn what a controller does to a body unlike its
+    model, give it another model's file; against a plant of its own model it shows what the design can do at best.
+
+    Parameters
+    ----------
+    model : Model
+    period : float
+        Of the frames, s.
+    step : float
+        Of the model, s; the period and dead times are rounded to multiples of it.
+    noise : float
+        Standard deviation of each coordinate of the shape, m.
+    pressure_noise : float
+        Of a reading, Pa.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        When a period is no whole number of steps.
+    """
+
+    def __init__(
+        self, model: Model, *, period: float = 4e-3, step: float = 1e-3, noise: float = 1e-4,
+        pressure_noise: float = 300.0, seed: int = 1,
+    ) -> None:
+        self._parts = round(period / step)
+        if self._parts < 1 or abs(self._parts * step - period) > 1e-9:
+            raise InputError(f"a period of {period:g} s is no whole number of steps of {step:g} s")
+        self.period, self.time, self._step = period, 0.0, step
+        bare = [
+            replace(c, valve=Valve() if c.valve.natural_frequency else replace(c.valve, dead_time=0.0))
+            for c in model.chambers
+        ]
+        self._stepper = Stepper(model.with_(chambers=tuple(bare)), step)
+        self._valves = [
+            hold(*behind_valve(np.zeros((0, 0)), np.zeros(0), c.valve)[:2], step) if c.valve.natural_frequency else None
+            for c in model.chambers
+        ]
+        self._held = [np.zeros(2) for _ in model.chambers]
+        self._waiting = [deque([0.0] * round(c.valve.dead_time / step)) for c in model.chambers]
+        self._rng, self._noise = np.random.default_rng(seed), (noise, pressure_noise)
+        ends = model.base_length + np.append(0.0, np.cumsum(model.link_length))
+        self.arc_length, self._ends = np.linspace(0.0, ends[-1], POINTS), np.append(0.0, ends)
+
+    @property
+    def tip(self) -> Array:
+        """True position (2,) of the tip, m."""
+        return self._stepper.tips()[-1].copy()
+
+    def advance(self, command: float | Array) -> tuple[float, Array, float | Array]:
+        """Hold commands (C,) [Pa] for a period: time of the shape [s], its points (S, 2) [m], pressures [Pa].
+
+        Raises
+        ------
+        InputError
+            When there are not as many commands as chambers, or one is not finite or negative.
+        """
+        asked = self._stepper.model.actuation.pressures(command)
+        if not (np.isfinite(asked).all() and (asked >= 0.0).all()):
+            raise InputError(f"commanded gauge pressures must be finite and >= 0 Pa, got {command}")
+        for _ in range(self._parts):
+            self._stepper.step(np.array([self._behind(c, p) for c, p in enumerate(asked)]))
+        self.time += self.period
+        shape, read = self._noise
+        pressure = np.ravel(self._pressure()) + read * self._rng.standard_normal(asked.size)
+        points = self._points() + shape * self._rng.standard_normal((POINTS, 2))
+        return self.time, points, float(pressure[0]) if asked.size == 1 else pressure
+
+    def _behind(self, c: int, asked: float) -> float:
+        """Mean pressure [Pa] that the stepper takes of a chamber over a step, from a command [Pa]."""
+        waiting, valve, held = self._waiting[c], self._valves[c], self._held[c]
+        waiting.append(asked)
+        arrived = waiting.popleft()
+        if valve is None:
+            return arrived
+        before = held[0]
+        held[:] = valve[0] @ held + valve[1] * arrived
+        held[0] = max(held[0], 0.0)
+        return float(0.5 * (before + held[0]))
+
+    def _pressure(self) -> Array:
+        """True pressures (C,) behind the valves, Pa."""
+        own = np.ravel(self._stepper.pressure)
+        return np.array([own[c] if v is None else self._held[c][0] for c, v in enumerate(self._valves)])
+
+    def _points(self) -> Array:
+        """Points (S, 2) of the body along its links, m."""
+        model = self._stepper.model
+        tips = self._stepper.tips()
+        joint = model.first_joint * np.array([model.bend_sign, 1.0])
+        known = np.vstack([np.zeros(2), joint, tips])
+        ends, first = np.unique(self._ends, return_index=True)
+        return np.stack([np.interp(self.arc_length, ends, known[first, k]) for k in range(2)], axis=1)
