@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,8 +84,25 @@ def test_every_chamber_has_its_column(arm):
         x = move @ x + fresh * 100.0
         stepper.step(at + np.array([0.0, 100.0]))
     np.testing.assert_allclose(stepper.angle - start, x[:5], atol=2e-4 * np.abs(x[:5]).max())
-    with pytest.raises(InputError, match="linear model of one pressure, and it has 2"):
-        sample(linear, 4e-3)
+
+
+def test_two_pressures_are_sampled_behind_their_dead_times(arm):
+    """Commands held over 4 ms, one late by 1.5 and one by half a period, against steps of 0.1 ms that wait for them."""
+    body, period, fine = segments(arm), 4e-3, 40
+    low, high = body.chambers
+    body = body.with_(chambers=(replace(low, valve=replace(low.valve, dead_time=6e-3)),
+                                replace(high, valve=Valve(dead_time=2e-3))))  # fmt: skip
+    linear = linearise(body, np.array([8e4, 3e4]))
+    plant, commands = sample(linear, period), np.random.default_rng(2).normal(0.0, 1e3, (50, 2))
+    assert (plant.waiting, plant.B.shape) == (3, (14, 2))
+    move, drive = hold(linear.A, linear.B, period / fine)
+    x, z, late = np.zeros(14), np.zeros(11), np.array([60, 20])
+    for k, command in enumerate(commands):
+        x = plant.A @ x + plant.B @ command
+        for j in range(k * fine, (k + 1) * fine):
+            at = (j - late) // fine
+            z = move @ z + drive @ np.where(at < 0, 0.0, commands[at, [0, 1]])
+        np.testing.assert_allclose(x[:11], z, rtol=1e-8, atol=1e-9 * np.abs(z).max())
 
 
 LEVELS = np.array([3e4, 1e4, 2e4])  # Pa

@@ -137,8 +137,8 @@ class OutputMpc(OutputLqr):
 
     def _wish(self, k: int, away: Array, hold: Array, scale: float) -> Array:
         design, N, C = self.design, self.stages, self.chambers
-        rows = np.minimum(np.arange(k, k + N), len(design.at) - 1)
-        made, shift = design.gains[design.at[k]], [design.shift(j) for j in rows]
+        rows, made = design.periods(k, N) if design.path else np.full(N, k), design.gains[design.at[k]]
+        shift = [design.shift(j) for j in rows] if design.path else np.zeros((N, away.size))
         steady = hold + (design.pressure[rows] - design.pressure[k]) / KILO
         high = np.tile(scale * self._highest / KILO, (N, 1)) - steady
         low = -steady

@@ -47,6 +47,8 @@ class OutputDesign:
         Of the rest that is wanted, Pa and rad; how fast it turns, rad/s.
     lead, ahead : array (K, C), (K + 1, N)
         Command beside the steady inputs, kPa, and slope of the cost of the state, both by what is wanted later.
+    path : bool
+        Whether what is wanted later is known ahead.
     tuning : Tuning
     """
 
@@ -63,6 +65,7 @@ class OutputDesign:
     rate: Array
     lead: Array
     ahead: Array
+    path: bool
     tuning: Tuning
 
     @cached_property
@@ -86,6 +89,10 @@ class OutputDesign:
                 made[first : first + size, c][:held] = 1.0
                 first += size
         return made
+
+    def periods(self, first: int, count: int) -> Array:
+        """Periods (count,) from `first` on as far as they are known; the last one holds on."""
+        return np.minimum(np.arange(first, first + count), len(self.at) - 1)
 
     def shift(self, k: int) -> Array:
         """Change (N,) of the deviation from what is wanted that time alone makes from period k to k + 1."""
@@ -156,7 +163,7 @@ def design_outputs(
     lead, ahead = np.zeros_like(pressure), np.zeros((len(rows) + 1, gains[0].A.shape[0]))
     made = OutputDesign(
         model, outputs, still, period, latency, tuple(gains), index[np.searchsorted(knots, rows)], wanted, pressure,
-        angle, rate, lead, ahead, tuning,
+        angle, rate, lead, ahead, path, tuning,
     )
     if path:
         look_ahead(made)
