@@ -50,7 +50,8 @@ def chosen(group: str, built_in: Mapping[str, str], kind: type[T], name: str) ->
         return _load(group, name, built_in[name], kind)
     known = offered(group, built_in, kind)
     if name not in known:
-        raise InputError(f"unknown {_noun(group)} {name!r}: use one of {', '.join(known)}")
+        there = f"use one of {', '.join(known)}" if known else "no installed package offers one"
+        raise InputError(f"unknown {_noun(group)} {name!r}: {there}")
     return known[name]
 
 

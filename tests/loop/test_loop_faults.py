@@ -9,10 +9,12 @@ import subprocess
 import sys
 import textwrap
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from pliant import plugins
 from pliant.control import Pipeline
 from pliant.errors import InputError
 from pliant.estimation import Frame, State
@@ -382,20 +384,16 @@ def test_zmq_loopback():
 
 def test_a_plant_of_another_package(monkeypatch):
     """An entry point of the group pliant.plants is found by its name."""
-    class Point:
-        name = "bench"
-
-        def load(self):
-            return Plant
-
-    monkeypatch.setitem(connection.__globals__, "entry_points", lambda group: [Point()] * (group == "pliant.plants"))
+    point = SimpleNamespace(name="bench", value="their_package:Plant")
+    monkeypatch.setitem(sys.modules, "their_package", SimpleNamespace(Plant=Plant))
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [point] * (group == "pliant.plants"))
     assert make_plant("bench").period == PERIOD
-    with pytest.raises(InputError, match="offer: bench"):
+    with pytest.raises(InputError, match="unknown plant 'other': use one of bench"):
         make_plant("other")
 
 
 def test_unknown_connection():
-    with pytest.raises(InputError, match="no source is called"):
+    with pytest.raises(InputError, match="unknown source 'nonesuch': no installed package offers one"):
         connection("source", "nonesuch")
 
 

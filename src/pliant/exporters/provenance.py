@@ -60,8 +60,8 @@ class Told:
             f"frame: {told['frame']}", "SI units throughout",
         ]
         rows = [f"{k}: {json.dumps(v)} {UNITS.get(k, '')}".rstrip() for k, v in told["parameters"].items()]
-        doubt = told["standard_errors"]
-        errors = [f"{k}: {v:.4g}" for k, v in doubt.items()] if isinstance(doubt, dict) else [doubt]
+        standard = told["standard_errors"]
+        errors = [f"{k}: {v:.4g}" for k, v in standard.items()] if isinstance(standard, dict) else [standard]
         source = [f"{k}: {v}" for k, v in told["source"].items()]
         sections = {"parameters": rows, "standard errors": errors, "source": source, "left out": self.sentences()}
         return first + [line for title, part in sections.items() if part for line in (f"{title}:", *indent(part))]

@@ -90,16 +90,16 @@ def moved(model: Model, known: Uncertainty, rng: np.random.Generator) -> Model:
 def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
     """What a fit, or the first one of a metrics.json, knows of the body; parameters of single recordings left out."""
     told = fit.to_dict() if isinstance(fit, FitResult) else first_fit(Path(fit))
-    rows, spread = told["parameters"], told.get("covariance")
-    if spread is None:
+    rows, covariance = told["parameters"], told.get("covariance")
+    if covariance is None:
         raise InputError("bodies are drawn from a fit with free parameters: this one has no covariance")
     chambers = {c.name for c in model.chambers}
     keep = [
-        k for k, (name, hidden) in enumerate(zip(spread["names"], spread["hidden"], strict=True))
+        k for k, (name, hidden) in enumerate(zip(covariance["names"], covariance["hidden"], strict=True))
         if not hidden and ("." not in name or name.partition(".")[0] in chambers)
     ]
-    names = tuple(spread["names"][k] for k in keep)
-    matrix = np.asarray(spread["matrix"], dtype=float)[np.ix_(keep, keep)]
+    names = tuple(covariance["names"][k] for k in keep)
+    matrix = np.asarray(covariance["matrix"], dtype=float)[np.ix_(keep, keep)]
     return Uncertainty(names, np.array([float(rows[name]["value"]) for name in names]), matrix)
 
 

@@ -167,11 +167,11 @@ def refusal(step: Step, chosen: Step) -> str:
         return f"not determined by the recordings (standard error over {100 * DETERMINED:.0f} %): {step.open}"
     if not (step.missed and chosen.missed):
         return "its BIC is higher"
-    gain, spread = lead(chosen.missed, step.missed)
+    gain, error = lead(chosen.missed, step.missed)
     if gain <= 0:
         return f"it errs by {-gain:.2g} % of travel more on held-out records"
-    if gain <= spread:
-        return f"it gains {gain:.2g} % of travel on held-out records, within the spread of that gain, {spread:.2g} %"
+    if gain <= error:
+        return f"it gains {gain:.2g} % of travel on held-out records, within that gain's standard error, {error:.2g} %"
     return f"it gains {gain:.2g} % of travel on held-out records, less than {100 * MATERIAL:.0f} % of their error"
 
 
@@ -179,11 +179,11 @@ def as_good(step: Step, best: Step) -> str:
     """In which sense a rung is as good as the best on held-out records; empty where it is not."""
     if step is best:
         return "no other rung has less"
-    gap, doubt = lead(step.missed or {}, best.missed or {})
+    gap, error = lead(step.missed or {}, best.missed or {})
     which = f"the least of any determined rung, {best.error:.3g} % ({best.rung.title}), is lower by less than"
     if gap <= MATERIAL * best.error:
         return f"{which} {100 * MATERIAL:.0f} % of it"
-    return f"{which} the standard error of the difference, {doubt:.2g} %" if gap <= doubt else ""
+    return f"{which} the standard error of the difference, {error:.2g} %" if gap <= error else ""
 
 
 def shown(errors: dict[str, float] | None) -> str:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from importlib.metadata import entry_points
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.plugins import chosen
 
 Array = np.ndarray
 SHAPE, PRESSURE, COMMAND = "shape", "pressure", "command"
@@ -74,13 +74,9 @@ def connection(kind: str, name: str) -> Callable[..., Any]:
     Raises
     ------
     InputError
-        When nobody offers that name.
+        When nobody offers that name, or what it leads to cannot be called.
     """
-    offered = {point.name: point for point in entry_points(group=f"pliant.{kind}s")}
-    if name not in offered:
-        there = ", ".join(sorted(offered)) or "none"
-        raise InputError(f"no {kind} is called {name!r}; installed packages offer: {there}")
-    made = offered[name].load()
+    made = chosen(f"pliant.{kind}s", {}, object, name)
     if not callable(made):
         raise InputError(f"the {kind} {name!r} of an installed package cannot be called: it must make a {kind}")
     return made

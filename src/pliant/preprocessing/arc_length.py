@@ -70,9 +70,9 @@ def station_arc_length(
     measured = np.concatenate(([0.0], np.cumsum(chords.mean(axis=0))))
     total = chords.sum(axis=1)
     told = []
-    spread = float(np.ptp(total) / total.mean())
-    if spread > STRETCH_WORTH_TELLING:
-        told.append(f"the length varies by {100 * spread:.1f} % over the frames; one arc length serves them all")
+    variation = float(np.ptp(total) / total.mean())
+    if variation > STRETCH_WORTH_TELLING:
+        told.append(f"the length varies by {100 * variation:.1f} % over the frames; one arc length serves them all")
     if "arc_length" not in recording.coords:
         return measured, ("arc length: time-mean sum of chords", *told)
     given = recording["arc_length"].values

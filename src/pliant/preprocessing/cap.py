@@ -38,7 +38,7 @@ class Tip:
         False when the cap cannot be told from the body, or there is none; `arc_length` is then NaN.
     arc_length : float, m
         Median over the frames that agree.
-    spread : float, m
+    standard_deviation : float, m
         Standard deviation of the frames that agree, robust.
     confidence : float
         0 to 1: share of frames with a clear cap that agree, times how far the cap stands out from the body.
@@ -52,7 +52,7 @@ class Tip:
 
     found: bool
     arc_length: float
-    spread: float
+    standard_deviation: float
     confidence: float
     status: str
     per_frame: NDArray[np.float64]
@@ -151,7 +151,7 @@ def _consensus(
     deviation = 1.4826 * float(np.median(np.abs(candidates - median)))
     agree = np.abs(candidates - median) <= max(MAD_GATE * deviation, spacing)
     tip = float(np.median(candidates[agree]))
-    spread = 1.4826 * float(np.median(np.abs(candidates[agree] - tip)))
+    sd = 1.4826 * float(np.median(np.abs(candidates[agree] - tip)))
     outstanding = np.clip(float(np.median(contrast[clear])) / CLEAR_CONTRAST, 0.0, 1.0)
     share = agree.sum() / (clear.sum() + without)
     steady = 1.0 / (1.0 + (deviation / (2 * spacing)) ** 2)
@@ -164,4 +164,4 @@ def _consensus(
     else:
         status = f"No tip: the frames do not agree, confidence {confidence:.2f} ({counted})."
     used = int(agree.sum())
-    return Tip(found, tip if found else np.nan, spread, confidence, status, place, used, without, ambiguous, rejected)
+    return Tip(found, tip if found else np.nan, sd, confidence, status, place, used, without, ambiguous, rejected)

@@ -123,14 +123,14 @@ def fit_lag(
         ends.append(least_squares(frame.residual, start, bounds=(low, high), x_scale=frame.scale, max_nfev=evaluations,
                                   diff_step=1e-3))  # fmt: skip
     best = min(ends, key=lambda end: end.cost)
-    spread = frame.spread(best.x, best.fun)
+    errors = frame.standard_errors(best.x, best.fun)
     explained = 1.0 - float(best.fun @ best.fun) / float(frame.y @ frame.y)
     first = pressure.values[0, 0]
     up = abs(first - np.median(np.sort(pressure.values[:, 0])[: max(1, len(pressure.time) // 20)]))
     return Fitted(
         guess + float(best.x[0]) - (float(best.x[3]) * frame.middle if drift else 0.0),
-        float(np.hypot(spread[0], HYSTERESIS * edge_time(pressure))),
-        float(best.x[3]) if drift else 0.0, float(spread[3]) if drift else np.inf, explained,
+        float(np.hypot(errors[0], HYSTERESIS * edge_time(pressure))),
+        float(best.x[3]) if drift else 0.0, float(errors[3]) if drift else np.inf, explained,
         explained * frame.share, float(np.exp(best.x[1])),
         float(np.exp(best.x[2])), float(frame.inside.mean()),
         after_motion=bool(up > 0.3 * np.ptp(pressure.values[:, 0])),
@@ -180,7 +180,7 @@ class Frame:
         columns = np.concatenate([moved, slow], axis=1)
         return np.stack([*(np.interp(at, self.grid, c) for c in columns.T), np.ones_like(at)], axis=1)
 
-    def spread(self, x: NDArray, residual: NDArray) -> NDArray:
+    def standard_errors(self, x: NDArray, residual: NDArray) -> NDArray:
         """Standard deviations of the parameters, with residuals correlated within half a second."""
         tiny = np.array([1e-4, 1e-3, 1e-3, 1e-6][: x.size])
         slope = np.stack([(self.residual(x + d) - self.residual(x - d)) / (2 * s)

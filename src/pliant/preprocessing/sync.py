@@ -198,10 +198,10 @@ def coarse_scores(body: Course, pressure: Course, delays: NDArray) -> NDArray:
     }.items()}
     n = np.maximum(full["n"], 1.0)
     covariance = full["yp"] - full["y"] * full["p"] / n
-    spread = (full["yy"] - full["y"] ** 2 / n) * (full["pp"] - full["p"] ** 2 / n)
+    variances = (full["yy"] - full["y"] ** 2 / n) * (full["pp"] - full["p"] ** 2 / n)
     floor = 1e-6 * float((y**2).sum() * (p**2).sum())
-    score = covariance**2 / np.maximum(spread, floor)
-    score = np.where(spread > floor, score, 0.0) * np.sqrt(n / n.max())  # a short overlap agrees by chance
+    score = covariance**2 / np.maximum(variances, floor)
+    score = np.where(variances > floor, score, 0.0) * np.sqrt(n / n.max())  # a short overlap agrees by chance
     lags = (np.arange(score.size) - (p.size - 1)) * COARSE_S + at[0] - clock[0]
     return np.asarray(np.interp(delays, lags, score, left=0.0, right=0.0))
 

@@ -43,8 +43,8 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
             "stations or points)"
         )
     options = ColumnMapping.load(mapping, path.name)
-    names, table, doubt = _table(path, options)
-    history = [*doubt, *_unused(names, table.shape[1], options, path.name)]
+    names, table, findings = _table(path, options)
+    history = [*findings, *_unused(names, table.shape[1], options, path.name)]
     table, kept = _rows(table, names, options, path.name)
     time, wrapped = _time(table, names, options, path.name)
     history += [*kept, *wrapped]
@@ -75,9 +75,9 @@ def _table(path: Path, options: ColumnMapping) -> tuple[list[str], NDArray, list
     delimiter = None if options.delimiter == "space" else options.delimiter
     cells = split_cells(lines[first], delimiter)
     body = first + 1 if options.header else first
-    rows, doubt = judge_end(lines[body:], delimiter, path.name)
+    rows, findings = judge_end(lines[body:], delimiter, path.name)
     table = parse_numbers(rows, name=path.name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
-    return (cells if options.header else []), table, doubt
+    return (cells if options.header else []), table, findings
 
 
 def _unused(names: list[str], width: int, options: ColumnMapping, file: str) -> list[str]:

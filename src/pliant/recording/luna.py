@@ -42,7 +42,7 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
     header, at = _header(lines, path.name)
     scale = _strain_scale(header, path.name)
     gauges, first = _gauges(lines, at, path.name)
-    body, doubt = judge_end(lines[first:], "\t", path.name)
+    body, findings = judge_end(lines[first:], "\t", path.name)
     rows = [(i, line) for i, line in enumerate(body, first) if line.strip()]
     if not rows:
         raise InputError(f"{path.name} holds no measurement after its x-axis row")
@@ -58,12 +58,13 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
         raise InputError(f"none of the {len(rows)} rows of {path.name} is strain")
     stamps = [_time_stamp(line.split("\t", 1)[0], number, path.name) for number, line in kept]
     values = [line.split("\t", LABEL_CELLS)[LABEL_CELLS] for _, line in kept]
-    doubt += _pitch(header, gauges)
+    findings += _pitch(header, gauges)
     strain = _values(values, len(gauges), kept[0][0] + 1, path.name) * scale
-    history = doubt + ([f"{dropped} row(s) are of another quantity than strain and were left out"] if dropped else [])
+    if dropped:
+        findings.append(f"{dropped} row(s) are of another quantity than strain and were left out")
     time = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
     return make_recording(
-        time, strain=strain[:, None, :], gauge_position=gauges, core=[options.core], history=history,
+        time, strain=strain[:, None, :], gauge_position=gauges, core=[options.core], history=findings,
         attrs={"start_time": stamps[0].isoformat(), "test_name": header.get("test name", "")},
     )  # fmt: skip
 

@@ -87,7 +87,7 @@ def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
     if not lines[0].startswith("Format Version"):
         raise InputError(f"{path.name} is no Motive export: it does not begin with Format Version")
     header = _Header(lines, options, path.name)
-    rows, doubt = judge_end(lines[header.first :], ",", path.name)
+    rows, findings = judge_end(lines[header.first :], ",", path.name)
     table = parse_numbers(rows, name=path.name, first_line=header.first + 1, delimiter=",", columns=header.width)
     scale = _scale(header, options, path.name)
     names = [n for n, c in header.columns.items() if all(("Position", a) in c for a in "XYZ")]
@@ -95,7 +95,7 @@ def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
         raise InputError(f"{path.name} holds no {' or '.join(options.types)} with a position")
     columns = [[header.columns[n]["Position", a] for a in "XYZ"] for n in names]
     quaternion, history = _rotations(table, header, names)
-    history = [*doubt, *_facts(table, header, path.name), *history]
+    history = [*findings, *_facts(table, header, path.name), *history]
     if header.left_out:
         history.append(f"{len(header.left_out)} columns of other kinds than {', '.join(options.types)} were not read")
     if header.renamed:

@@ -47,15 +47,15 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     delimiter = find_delimiter(header, path.name)
     names = split_cells(header, delimiter)
     _check_names(names, path.name)
-    rows, doubt = judge_end(lines[start + 1 :], delimiter, path.name)
-    doubt += _changed(metadata, lines[start:])
+    rows, findings = judge_end(lines[start + 1 :], delimiter, path.name)
+    findings += _changed(metadata, lines[start:])
     table = parse_numbers(rows, name=path.name, first_line=start + 2, delimiter=delimiter, columns=len(names))
     if "rows" in metadata and metadata["rows"] != len(table):
         raise InputError(
             f"{path.name} says that it has {metadata['rows']} rows, but {len(table)} came: it may be cut"
         )
     columns = dict(zip(names, table.T, strict=True))
-    return _recording(columns, metadata, path.name, doubt)
+    return _recording(columns, metadata, path.name, findings)
 
 
 def write_wide_csv(ds: xr.Dataset, path: Path) -> None:
@@ -133,10 +133,10 @@ def _check_names(names: list[str], file: str) -> None:
         )
 
 
-def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str, doubt: list[str]) -> xr.Dataset:
+def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str, findings: list[str]) -> xr.Dataset:
     clock = next(n for n in CLOCKS if n in columns)
     labels = _station_labels(columns)
-    history = list(doubt)
+    history = list(findings)
     pressure, chamber = _pressure(columns)
     known = {clock, *(n for n in columns if STATION_COLUMN.fullmatch(n) or _pressure_unit(n))}
     ignored = [n for n in columns if n not in known]

@@ -54,8 +54,8 @@ def narrowed(
     mapping: dict[str, Any] | None, chambers: list[str], found: Quality, name: str
 ) -> tuple[dict[str, Any], str]:
     """The mapping with the one chamber whose pressure moves most, and that chamber's name."""
-    spread = {c: high - low for c, (low, high) in found.pressure_kpa.items()}
-    chosen = max(chambers, key=lambda c: spread.get(c, 0.0))
+    ranges = {c: high - low for c, (low, high) in found.pressure_kpa.items()}
+    chosen = max(chambers, key=lambda c: ranges.get(c, 0.0))
     told = dict((mapping or {}).get("pressure") or {}) if isinstance((mapping or {}).get("pressure"), dict) else {}
     key = next((k for k in ("columns", "channels") if k in told), None)
     if mapping is None or key is None:

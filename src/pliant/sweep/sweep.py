@@ -42,8 +42,8 @@ class SweepResult:
         for name, a in self.samples.data_vars.items():
             if a.dims == ("sample",) and name != "failed":
                 good = a.values[~bad & np.isfinite(a.values)]
-                spread = np.quantile(good, QUANTILES).tolist() if good.size else None
-                kept = dict(zip(("low", "median", "high"), spread, strict=True)) if spread else None
+                quantiles = np.quantile(good, QUANTILES).tolist() if good.size else None
+                kept = dict(zip(("low", "median", "high"), quantiles, strict=True)) if quantiles else None
                 numbers[str(name)] = {**kept, "unit": a.attrs["units"]} if kept else None
         return {
             "samples": int(self.samples.sizes["sample"]), "failed_samples": int(bad.sum()), "numbers": numbers,

@@ -89,8 +89,8 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     distance = np.linalg.norm(modelled - exp.compared, axis=-1)
     seen = np.isfinite(distance)
     rmse = float(np.sqrt(np.mean(distance[seen] ** 2)))
-    spread = exp.compared - np.nanmean(exp.compared, axis=0)
-    fit = 1.0 - np.sqrt(np.sum(distance[seen] ** 2) / np.nansum(spread**2))
+    variation = exp.compared - np.nanmean(exp.compared, axis=0)
+    fit = 1.0 - np.sqrt(np.sum(distance[seen] ** 2) / np.nansum(variation**2))
     traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
     ends, begins = (traits[who][f"steady_state_{unit}"] for who in ("modelled", "measured"))
     own = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.placeless else {

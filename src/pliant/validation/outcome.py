@@ -47,7 +47,7 @@ class FitOutcome:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, for metrics.json."""
-        spread = self.result.covariance
+        covariance = self.result.covariance
         return {
             "title": self.title, "status": self.result.status, "notes": list(self.result.notes),
             "converged": self.result.converged, "bic": self.result.bic,
@@ -57,8 +57,8 @@ class FitOutcome:
                 "fit_s": self.seconds, "optimiser_s": self.result.seconds, "simulated_sets": self.result.evaluations,
             },
             "model": model_to_dict(self.result.model),
-            "covariance": None if spread is None else {
-                k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in spread._asdict().items()
+            "covariance": None if covariance is None else {
+                k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in covariance._asdict().items()
             },
         }
 

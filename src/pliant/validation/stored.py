@@ -141,9 +141,9 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
                   np.inf if p["upper"] is None else p["upper"], p["free"], p["unit"], p["scale"], p["source"], p["std"])
         for name, p in entry["parameters"].items()
     )
-    spread = entry["covariance"]
-    covariance = None if spread is None else Covariance(**{
-        **spread, "names": tuple(spread["names"]), **{k: np.array(spread[k]) for k in ("matrix", "white", "hidden")}})
+    stored = entry["covariance"]
+    covariance = None if stored is None else Covariance(**{
+        **stored, "names": tuple(stored["names"]), **{k: np.array(stored[k]) for k in ("matrix", "white", "hidden")}})
     return FitResult(
         model, parameters, entry["status"], {}, entry["timing"]["simulated_sets"], entry["timing"]["optimiser_s"],
         entry["converged"], covariance, tuple(entry["notes"]), entry["bic"],

@@ -156,8 +156,8 @@ def discriminant(middle: Array, moving: Array, body: Array, noise: float, reel: 
     if far.sum() < 30:
         far = np.linalg.norm(colours - body, axis=1) > 12.0
     rest = colours[far] if far.sum() > 30 else colours
-    spread = np.cov(rest.T) + 0.02 * np.outer(body, body) + np.eye(3) * max(noise, ROUGH_COLOUR) ** 2
-    weight = np.linalg.solve(spread, body - rest.mean(axis=0))
+    scatter = np.cov(rest.T) + 0.02 * np.outer(body, body) + np.eye(3) * max(noise, ROUGH_COLOUR) ** 2
+    weight = np.linalg.solve(scatter, body - rest.mean(axis=0))
     contrast = float(weight @ (body - rest.mean(axis=0)))
     grain = noise * float(np.linalg.norm(weight)) / contrast
     if 1.0 / grain < LEAST_CONTRAST:

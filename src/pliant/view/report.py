@@ -145,11 +145,11 @@ def clock_title(name: str, delay: float) -> str:
 
 def band_sentence(fit: FitOutcome, record: RecordOutcome) -> str:
     """What the band of a prediction rests on, and how much of the record it holds; empty where there is none."""
-    spread = fit.result.covariance
-    if record.band is None or spread is None:
+    covariance = fit.result.covariance
+    if record.band is None or covariance is None:
         return ""
     held = digits(record.metrics.get("within_band_percent"), 3, zeros=False)
-    return (f"The {100 * record.band.level:g} % band, of the parameters' uncertainty ({spread.source}) and of "
+    return (f"The {100 * record.band.level:g} % band, of the parameters' uncertainty ({covariance.source}) and of "
             f"residuals as large as in training, holds {held} % of the coordinates.")
 
 

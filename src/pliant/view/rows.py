@@ -112,15 +112,15 @@ def interval(p: Parameter) -> str:
 
 def correlation_rows(result: FitResult) -> dict[str, Any] | None:
     """Correlation of the free parameters' errors: names, and a row of texts and strengths for each; None for one."""
-    spread = result.covariance
-    if spread is None or len(spread.names) < 2:
+    covariance = result.covariance
+    if covariance is None or len(covariance.names) < 2:
         return None
     rows = [
         (name, [("" if hidden else f"{v:.2f}".replace("-", "−"), "0" if hidden else f"{abs(float(v)):.2f}")
-                for v, hidden in zip(row, spread.hidden | spread.hidden[i], strict=True)])
-        for i, (name, row) in enumerate(zip(spread.names, spread.correlation, strict=True))
+                for v, hidden in zip(row, covariance.hidden | covariance.hidden[i], strict=True)])
+        for i, (name, row) in enumerate(zip(covariance.names, covariance.correlation, strict=True))
     ]
-    return {"names": spread.names, "rows": rows}
+    return {"names": covariance.names, "rows": rows}
 
 
 def not_shown(result: FitResult) -> list[str]:
@@ -131,11 +131,11 @@ def not_shown(result: FitResult) -> list[str]:
         f"{p.name}: its 95 % interval, {interval(p)}, holds zero." for p in free
         if p.std is not None and p.value is not None and abs(p.value) < WIDE * p.std
     ]
-    spread = result.covariance
-    if spread is not None:
-        shown = [i for i, hidden in enumerate(spread.hidden) if not hidden]
-        tied = [(abs(c), f"{spread.names[i]} and {spread.names[j]}", c) for k, i in enumerate(shown)
-                for j in shown[:k] if abs(c := float(spread.correlation[i, j])) > TIED]
+    covariance = result.covariance
+    if covariance is not None:
+        shown = [i for i, hidden in enumerate(covariance.hidden) if not hidden]
+        tied = [(abs(c), f"{covariance.names[i]} and {covariance.names[j]}", c) for k, i in enumerate(shown)
+                for j in shown[:k] if abs(c := float(covariance.correlation[i, j])) > TIED]
         said += [f"{pair} make up for each other: their errors are correlated by {digits(c, 2)}."
                  for _, pair, c in sorted(tied, reverse=True)]
     return said
