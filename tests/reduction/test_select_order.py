@@ -204,6 +204,28 @@ def test_stretch_is_told():
     position = recording["position"].values * np.linspace(1, 1.1, 12)[:, None, None]
     result = select_order(make_recording(recording["time"].values, position, frame="planar"), max_order=3)
     assert any("length varies by" in note for note in result.notes)
+    assert any("joints keep their share of a length that changes" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("boundary", BOUNDARIES)
+@pytest.mark.parametrize("metric", ["arc", "closest"])
+def test_a_body_that_stretches_evenly_needs_no_more_links(boundary, metric):
+    """Each frame's error is that of its shape unstretched, times its stretch; joints stay where they are."""
+    recording, _ = wavy()
+    stretch, time, s = np.linspace(1, 1.12, 12), recording["time"].values, recording["arc_length"].values
+    longer = make_recording(
+        time, recording["position"].values * stretch[:, None, None], arc_length=s, frame="planar",
+    )
+    options = {"boundary": boundary, "metric": metric, "bound_mm": 0.5}
+    plain, stretched = select_order(recording, **options), select_order(longer, **options)
+    np.testing.assert_allclose(stretched.max_error, stretch * plain.max_error, rtol=1e-3)
+    np.testing.assert_array_equal(stretched.node_arc_length[2], plain.node_arc_length[2])
+    assert stretched.chosen == plain.chosen is not None
+
+
+def test_a_length_that_stays_leaves_the_slope_at_the_base_alone():
+    recording, _ = wavy()
+    np.testing.assert_array_equal(body_of(recording).tangent, np.tile([0.0, 1.0], (12, 1)))
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def whole_frames(recording: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np
 
 
 def station_arc_length(
-    recording: xr.Dataset, position: NDArray[np.float64]
+    recording: xr.Dataset, position: NDArray[np.float64], chords: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Arc length (S,) of the stations from the first one, m, and what a user should know about it.
 
@@ -57,13 +57,15 @@ def station_arc_length(
     recording : xarray.Dataset
     position : (T, S, d) array, m
         Its whole frames.
+    chords : (T, S - 1) array, m, optional
+        Their `chord_lengths`, where they are known.
 
     Raises
     ------
     InputError
         When stations coincide, or the recorded arc length does not increase.
     """
-    chords = chord_lengths(position)
+    chords = chord_lengths(position) if chords is None else chords
     if (chords.mean(axis=0) <= 0).any():
         where = int(chords.mean(axis=0).argmin())
         raise InputError(f"stations {where} and {where + 1} coincide in all frames: keep one of them")

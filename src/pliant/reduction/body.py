@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.numerics.spline import polynomial_slope_weights
-from pliant.preprocessing.arc_length import station_arc_length, whole_frames
+from pliant.preprocessing.arc_length import STRETCH_WORTH_TELLING, chord_lengths, station_arc_length, whole_frames
 from pliant.recording.schema import check_recording
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Body:
     arc_length : (S,) array, m
         One abscissa for all frames, so that a node stays on the same piece of the body.
     tangent : (T, d) array
-        Unit tangent at the first station.
+        Slope at the first station by arc length: a unit vector, times the stretch there where the body lengthens.
     dropped : int
         Frames that were left out because a station was missing.
     notes : tuple of str
@@ -63,7 +63,8 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> Body:
         raise InputError(f"at least {fewest_stations} stations along the body are needed, but {stations} came")
     position, time, dropped = whole_frames(recording)
     notes = [f"{dropped} frame(s) with missing stations left out"] if dropped else []
-    arc_length, told = station_arc_length(recording, position)
+    chords = chord_lengths(position)
+    arc_length, told = station_arc_length(recording, position, chords)
     notes += told
     if recording.attrs["frame"] == "planar":
         tangent = np.broadcast_to(np.array([0.0, 1.0]), (len(time), 2))
@@ -71,7 +72,21 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> Body:
     else:
         tangent, count = _measured_tangent(position, arc_length)
         notes.append(f"base tangent: parabola through the first {count} stations, frame by frame")
+    stretch = _base_stretch(chords, arc_length)
+    if stretch is not None:
+        tangent = tangent * stretch[:, None]
+        notes.append("joints keep their share of a length that changes; the slope at the base stretches along")
     return Body(time, position, arc_length, tangent, dropped, tuple(notes))
+
+
+def _base_stretch(chords: NDArray[np.float64], arc_length: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """How much longer than its arc length the first tenth of the body is (T,); None where the length hardly changes."""
+    total = chords.sum(axis=1)
+    if np.ptp(total) <= STRETCH_WORTH_TELLING * total.mean():
+        return None
+    last = max(1, int(np.searchsorted(arc_length, TANGENT_SHARE * arc_length[-1])))
+    stretch: NDArray[np.float64] = chords[:, :last].sum(axis=1) / arc_length[last]
+    return stretch
 
 
 def _measured_tangent(
