@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pliant.errors import FitError, InputError
-from pliant.identification import Experiment, Parameter, fit, identifiability
+from pliant.identification import Experiment, Parameter, design, fit, identifiability
+from pliant.identification.design import Candidate, taught
 from pliant.identification.experiment import experiment, predict
 from pliant.identification.parameters import apply
 from pliant.identification.sensitivity import sensitivities
@@ -185,3 +186,27 @@ def test_no_closed_cycle_of_two_pressures_gains_energy(body: Model, seed: int) -
     assert float(run["input_work"][-1]) == pytest.approx(put_in, rel=5e-3)
     assert float(held[-1]) < 1e-3 * float(held.max())  # the cycle is closed: what came in went into the dampers
     assert put_in > 0
+
+
+def test_the_next_recording_drives_the_chamber_of_which_least_is_known(body: Model) -> None:
+    """One chamber pressed hard, the other hardly. What a recording adds is that of LSODA's differences."""
+    weak = {"left": [0, 9e4, 9e4, 0, 0], "right": [0, 6e3, 6e3, 0, 0]}
+    apart = {"left": [0, 0, 0, 0, 0], "right": [0, 0, 5e3, 5e3, 0]}
+    seen = [made(body, "weak", weak), made(body, "apart", apart, 1)]
+    found = fit(seen, body, ["stiffness", "left.torque_1", "right.torque_1"], step=2e-3, starts=1)
+    proposals = design(found, seen, step=2e-3).proposals
+    assert "right" in proposals[0].words.partition(":")[0]
+    assert {p.words.partition(":")[0] for p in proposals} == {"left", "right", "left, right"}
+    again = Candidate("again", seen[0].drives["left"], 1.2, 9e4, ("left",))
+    sizes = {name: abs(found.values[name]) for name in ("stiffness", "left.torque_1", "right.torque_1")}
+
+    def moved(name: str, share: float) -> np.ndarray:
+        other = apply(found.model, {name: found.values[name] * (1 + share)})
+        inputs = [again.pressure, Pulse(0.0)]
+        return simulate(other, inputs, times=TIMES, method="LSODA", rtol=1e-9)["station_position"].values.ravel()
+
+    J = np.array([(moved(name, 1e-3) - moved(name, -1e-3)) / 2e-3 for name in sizes])
+    noise = np.sqrt(np.mean([v**2 for v in found.rmse.values()]) / 2)
+    assert found.covariance is not None
+    exact = J @ J.T / noise**2 / max(1.0, found.covariance.correlated / 0.01)
+    np.testing.assert_allclose(taught(found, seen, again, sizes, 2e-3), exact, rtol=0.02, atol=1e-3 * exact.max())

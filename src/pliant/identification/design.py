@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,12 +26,16 @@ CHIRP = 6.0  # s
 
 @dataclass(frozen=True)
 class Candidate:
-    """An excitation to try: in words, as a pressure, and how long to record it, s."""
+    """An excitation to try: in words, as a pressure, and how long to record it, s.
+
+    `chambers` names those of several chambers that the pressure drives; the others rest.
+    """
 
     words: str
     pressure: Input
     duration: float
     level: float
+    chambers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,7 @@ def design(
         Shrink the error along the weakest direction, or along all directions together.
     candidates : sequence of Candidate, optional
         Default: pulses of four levels and four widths and, where the pressure is measured, chirps through the first
-        mode.
+        mode; of several chambers in each alone, and in all together.
 
     Raises
     ------
@@ -130,6 +134,17 @@ def design(
 
 def standard(model: Model, like: Experiment, limit: float) -> list[Candidate]:
     """Pulses up to the limit and, where the pressure is measured, chirps through the first mode."""
+    names = [c.name for c in model.chambers]
+    if len(names) > 1:
+        return [
+            replace(one, words=f"{', '.join(driven)}: {one.words}", chambers=driven)
+            for driven in (*((name,) for name in names), tuple(names)) for one in courses(model, like, limit)
+        ]
+    return courses(model, like, limit)
+
+
+def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
+    """What one pressure may do."""
     offered = [
         Candidate(f"pulse, {share * limit * 1e-3:.3g} kPa for {width:g} s", Pulse(share * limit, BEFORE, width),
                   BEFORE + width + AFTER, share * limit)
@@ -158,16 +173,21 @@ def taught(
     interval = float(np.median(np.diff(like.time)))
     times = np.arange(0.0, candidate.duration, interval)
     model = fitted.model
-    seen = simulate(model, candidate.pressure, times=times, step=min(step, interval))["station_position"]
+    driven = candidate.chambers or tuple(c.name for c in model.chambers)
+    course = [candidate.pressure if c.name in driven else Pulse(0.0) for c in model.chambers]
+    inputs = course if len(course) > 1 else course[0]
+    seen = simulate(model, inputs, times=times, step=min(step, interval))["station_position"]
     position = seen.sel(station=list(like.stations)).values
     nominal = like.excitation in ("pulse", "step") and isinstance(candidate.pressure, Pulse)
     trace = None if nominal else sampled(candidate)
+    drives = {} if trace is None or len(course) == 1 else dict.fromkeys(driven, trace)
     exp = Experiment(
-        "next", times, position, like.stations, "pulse" if nominal else "trace", trace, level=candidate.level,
-        known=like.known,
+        "next", times, position, like.stations, "pulse" if nominal else "trace",
+        None if drives else trace, level=candidate.level, known=like.known, drives=drives,
     )
     own = {"next.start": BEFORE, "next.stop": float(candidate.pressure.jumps[-1])} if nominal else {}
-    values = {**{n: v for n, v in fitted.values.items() if "." not in n or n in sizes}, **own}
+    records = {e.name for e in experiments}
+    values = {**{n: v for n, v in fitted.values.items() if n.partition(".")[0] not in records or n in sizes}, **own}
     every = {**sizes, **dict.fromkeys(own, 0.01)}
     _, slopes = sensitivities(model, exp, values, every, step)
     J = slopes[..., :2].reshape(len(every), -1) * np.array(list(every.values()))[:, None]
@@ -212,4 +232,6 @@ def summary(words: str, information: Array, names: Sequence[str]) -> tuple[Propo
 
 def highest_of(exp: Experiment) -> float:
     """The highest pressure of an experiment, Pa."""
+    if exp.drives:
+        return max(float(trace.pressure.max()) for trace in exp.drives.values())
     return float(exp.pressure.pressure.max()) if exp.pressure is not None else exp.level
