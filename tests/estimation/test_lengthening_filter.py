@@ -7,6 +7,7 @@ import pytest
 from oracles.derivatives import complex_step
 
 import pliant
+from pliant.cli.estimate import report
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
 from pliant.estimation.consistency import mean_bounds
@@ -15,6 +16,7 @@ from pliant.estimation.offline import frame_of
 from pliant.model import Chamber, Extension, Memory, Station, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Pulse, Trace, equilibrium, state
+from pliant.validation.use_figures import estimate_overview
 
 H, FRAMES = 1 / 75, 40
 TIME, CLOCK = H * np.arange(FRAMES), np.linspace(0.0, 1.0, 2001)
@@ -91,6 +93,11 @@ def test_a_known_start_follows_lsoda(arm, memory):
     np.testing.assert_allclose(found.tip_position, run.tip_position, atol=1e-4)
     assert found.axial_strain.dims == ("time", "segment")
     assert list(found.segment.values) == ["near", "far"]
+    largest = 100.0 * float(run.axial_strain.max())
+    assert report(found)["largest_axial_strain_percent"] == pytest.approx(largest, rel=0.01)
+    drawn = estimate_overview(found).axes
+    assert [line.get_label() for line in drawn[3].lines] == ["near", "far"]
+    assert drawn[3].get_xlabel() == "time (s)"
 
 
 def test_a_pull_that_the_model_does_not_know_is_found(arm):

@@ -21,6 +21,9 @@ MEANING = {
     "largest_rate_rad_s": "of a joint, smoothed", "typical_rate_sd_rad_s": "standard deviation of a joint rate, median",
     "largest_disturbance_mn_m": "torque of a joint that the model does not explain",
     "typical_disturbance_sd_mn_m": "its standard deviation, median",
+    "largest_axial_strain_percent": "of a segment that lengthens, smoothed",
+    "typical_axial_strain_sd_percent": "standard deviation of a strain, median",
+    "largest_axial_disturbance_n": "axial force on a segment that the model does not explain",
 }
 
 
@@ -84,4 +87,9 @@ def report(found: xr.Dataset) -> dict[str, float | int | str]:
     if "disturbance" in found:
         made["largest_disturbance_mn_m"] = 1e3 * float(abs(found["disturbance"]).max())
         made["typical_disturbance_sd_mn_m"] = 1e3 * float(found["disturbance_sd"].median())
+    if "axial_strain" in found:
+        made["largest_axial_strain_percent"] = 100.0 * float(abs(found["smooth_axial_strain"]).max())
+        made["typical_axial_strain_sd_percent"] = 100.0 * float(found["axial_strain_sd"].median())
+    if "axial_disturbance" in found:
+        made["largest_axial_disturbance_n"] = float(abs(found["axial_disturbance"]).max())
     return made

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 
 def estimate_overview(found: Any) -> Figure:
-    """Filtered and smoothed joint rates with two standard deviations, and whitened innovations, against time."""
-    time = found["time"].values
+    """Joint angles, smoothed rates with two standard deviations, whitened innovations, and strains, against time."""
+    time, lengthens = found["time"].values, "axial_strain" in found
     with style():
-        figure, axes = new_figure(3, 1, height=5.4, sharex=True)
+        figure, axes = new_figure(3 + lengthens, 1, height=5.4 + 1.8 * lengthens, sharex=True)
         for j, joint in enumerate(found["joint"].values):
             rate, sd = found["smooth_joint_rate"].values[:, j], found["smooth_joint_rate_sd"].values[:, j]
             (line,) = axes[0].plot(time, 57.29578 * found["joint_angle"].values[:, j], label=f"joint {joint}")
@@ -30,7 +30,14 @@ def estimate_overview(found: Any) -> Figure:
         axes[2].plot(time, found["innovation"].values, linestyle="", marker=".", markersize=1.5, color="0.3")
         for level in (-2, 2):
             axes[2].axhline(level, color=REST_COLOUR, linewidth=0.6)
-        axes[2].set(ylabel="whitened innovation (1)", xlabel="time (s)")
+        axes[2].set_ylabel("whitened innovation (1)")
+        for s, name in enumerate(found["segment"].values if lengthens else ()):
+            strain, sd = (100.0 * found[f"smooth_axial_strain{end}"].values[:, s] for end in ("", "_sd"))
+            (line,) = axes[3].plot(time, strain, label=str(name))
+            axes[3].fill_between(time, strain - 2 * sd, strain + 2 * sd, color=line.get_color(), alpha=0.2, linewidth=0)
+            axes[3].set_ylabel("strain (%), 2 sd")
+            axes[3].legend()
+        axes[-1].set_xlabel("time (s)")
         figure.align_ylabels()
     return figure
 
