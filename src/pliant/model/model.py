@@ -280,10 +280,9 @@ class Model(Shown):
         if self.extensions:
             axial = np.array([(e.stiffness, e.damping) for e in self.extensions]) * self.segment_length[:, None]
             K, D = np.append(K, axial[:, 0]), np.append(D, axial[:, 1])
-        return Joints(
-            self.base_angle, self.rest_angle, K, D, self.stiffness * self.stiffening, self.rest_angle,
-            self.stiffness * self.cubic_stiffening,
-        )
+        K2, K3 = self.stiffness * self.stiffening, self.stiffness * self.cubic_stiffening
+        # copies: kernels are compiled anew for each mixture of arrays that may and may not be written to
+        return Joints(self.base_angle, *map(np.array, (self.rest_angle, K, D, K2, self.rest_angle, K3)))
 
 
 def each_link(name: str, a: Array, n: int) -> Array:

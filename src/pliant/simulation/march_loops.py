@@ -5,6 +5,7 @@ Plain text here; `pliant.compiler.choose.twin` makes what runs.
 
 from __future__ import annotations
 
+from types import FunctionType
 from typing import NamedTuple
 
 import numpy as np
@@ -146,11 +147,6 @@ def take_torques(h, command, drives, tau):
 def held_step(phi, w, h, command, drives, body, joints, work):
     """One step of `march` behind valves, under commands (C,) [Pa] held constant; 0, or -1 where the step failed."""
     take_torques(h, command, drives, work.tau)
-    return free_step(phi, w, h, body, joints, work)
-
-
-def free_step(phi, w, h, body, joints, work):
-    """One step under the torques work.tau; 0, or -1 where the step failed."""
     step(phi, w, h, work.tau, body, joints, work)
     if follows(phi, w, h, joints):
         return 0
@@ -159,13 +155,8 @@ def free_step(phi, w, h, body, joints, work):
 
 def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
     """As `held_step` with memory (`symbols.Past`); `chain` is (body, joints)."""
-    take_torques(h, command, drives, work.tau)
-    return remembering_step(phi, w, h, chain, past, work)
-
-
-def remembering_step(phi, w, h, chain, past, work):
-    """As `free_step` with memory."""
     body, joints = chain
+    take_torques(h, command, drives, work.tau)
     taken = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
     if taken >= 0.0 and follows(phi, w, h, joints):
         return 0
@@ -178,52 +169,45 @@ def hold(phi, w, held, drives, body, joints, work):
     `held` is (h, steps, command, load): load (n, 2) is that of `equations.contact.add_link_loads`, (0, 2) for none.
     Python hands the arrays of plain tuples over in a third of the time of named ones.
     """
-    return hold_on(phi, w, held, drives, Body(*body), Joints(*joints), Workspace(*work))
-
-
-def hold_lengthening(phi, w, held, drives, body, joints, work):
-    """As `hold`, of a body that lengthens."""
-    return hold_on(phi, w, held, drives, ExtensibleBody(*body), Joints(*joints), ExtensibleWorkspace(*work))
-
-
-def hold_on(phi, w, held, drives, body, joints, work):
-    """The steps of `hold`."""
     h, steps, command, load = held
     actuation, valve, pressure, state = drives
     chambers = Drives(Actuation(*actuation), valve, pressure, state)
+    mass, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
     for k in range(steps):
-        take_torques(h, command, chambers, work.tau)
+        take_torques(h, command, chambers, scratch.tau)
         if len(load) > 0:
-            add_link_loads(phi, w, 0.5 * h, load, body, joints, work.tau)
-        if free_step(phi, w, h, body, joints, work) < 0:
+            add_link_loads(phi, w, 0.5 * h, load, mass, springs, scratch.tau)
+        step(phi, w, h, scratch.tau, mass, springs, scratch)
+        if not follows(phi, w, h, springs):
             return k
     return -1
 
 
 def hold_with_memory(phi, w, held, drives, chain, past, work):
     """As `hold` with memory; chain is (body, joints)."""
-    body, joints = chain
-    return hold_on_with_memory(phi, w, held, drives, (Body(*body), Joints(*joints)), past, Workspace(*work))
-
-
-def hold_lengthening_with_memory(phi, w, held, drives, chain, past, work):
-    """As `hold_with_memory`, of a body that lengthens."""
-    body, joints = chain
-    long = (ExtensibleBody(*body), Joints(*joints))
-    return hold_on_with_memory(phi, w, held, drives, long, past, ExtensibleWorkspace(*work))
-
-
-def hold_on_with_memory(phi, w, held, drives, chain, past, work):
-    """The steps of `hold_with_memory`."""
     h, steps, command, load = held
     actuation, valve, pressure, state = drives
     chambers = Drives(Actuation(*actuation), valve, pressure, state)
+    body, joints = chain
+    mass, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
     memory, branches, before = past
     own = Past(Memory(*memory), branches, Held(*before[:10], Joints(*before[10])))
     for k in range(steps):
-        take_torques(h, command, chambers, work.tau)
+        take_torques(h, command, chambers, scratch.tau)
         if len(load) > 0:
-            add_link_loads(phi, w, 0.5 * h, load, chain[0], chain[1], work.tau)
-        if remembering_step(phi, w, h, chain, own, work) < 0:
+            add_link_loads(phi, w, 0.5 * h, load, mass, springs, scratch.tau)
+        taken = step_with_memory(phi, w, h, scratch.tau, mass, springs, own, scratch)
+        if not (taken >= 0.0 and follows(phi, w, h, springs)):
             return k
     return -1
+
+
+def lengthening(kernel):
+    """The same text for bodies that lengthen: it makes their records."""
+    scope = {**kernel.__globals__, "Body": ExtensibleBody, "Workspace": ExtensibleWorkspace}
+    copy = FunctionType(kernel.__code__, scope, f"{kernel.__name__}_lengthening")
+    copy.__doc__, copy.__module__ = f"As `{kernel.__name__}`, of a body that lengthens.", kernel.__module__
+    return copy
+
+
+hold_lengthening, hold_lengthening_with_memory = lengthening(hold), lengthening(hold_with_memory)
