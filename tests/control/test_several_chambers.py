@@ -235,13 +235,13 @@ def test_prediction_without_limits_is_the_regulator(course):
         later = made.P @ still.shift(k) + still.ahead[k + 1]
         still.lead[k], still.ahead[k] = -made.answer @ later, (made.A - made.B @ made.K).T @ later
     law, rng = OutputMpc(still, LIMITS), np.random.default_rng(3)
-    answer, weighed, H = law._program(40)
+    answer, weighed, H = law._program(made)
     away, k = rng.normal(0.0, 1e-2, made.A.shape[0]), 200
     free, frees = away, []
     for j in range(law.stages):
         free = made.A @ free + still.shift(k + j)
         frees.append(free)
-    slope = weighed.T @ np.ravel(frees) + answer[-1].T @ still.ahead[k + law.stages]
+    slope = weighed.T @ np.ravel(frees) + answer.T @ still.ahead[k + law.stages]
     found = np.linalg.solve(H, -slope)[:2]
     np.testing.assert_allclose(found, still.lead[k] - made.K @ away, rtol=1e-6, atol=1e-6)
 

@@ -126,9 +126,9 @@ class OutputMpc(OutputLqr):
     """
 
     def __init__(self, design: OutputDesign, limits: Limits, stages: int = 16) -> None:
-        self.stages = stages
-        self._programs: dict[int, tuple[Array, Array, Array]] = {}
         super().__init__(design, limits)
+        self.stages = stages
+        self._programs = [self._program(made) for made in design.gains]  # here, not in a period
 
     def reset(self) -> None:
         """Start anew from no pressure."""
@@ -154,22 +154,20 @@ class OutputMpc(OutputLqr):
         if (plan >= low).all() and (plan <= high).all():
             return np.asarray(steady[0] + plan[0])
         self.solved += 1
-        answer, weighed, H = self._program(design.at[k])
-        slope = weighed.T @ frees.ravel() + answer[-1].T @ design.ahead[min(k + N, len(design.at))]
+        answer, weighed, H = self._programs[design.at[k]]
+        slope = weighed.T @ frees.ravel() + answer.T @ design.ahead[min(k + N, len(design.at))]
         moves = bounded_least_squares(H, -slope, plan.ravel(), high.ravel(), low.ravel())
         return np.asarray(steady[0] + moves[:C])
 
-    def _program(self, which: int) -> tuple[Array, Array, Array]:
-        """States (N, states, N C) by the commands, the same times their cost, and the Hessian; of one set of gains."""
-        if which not in self._programs:
-            made, N, C = self.design.gains[which], self.stages, self.chambers
-            answer = np.zeros((N, made.A.shape[0], N * C))
-            for j in range(N):
-                if j:
-                    answer[j] = made.A @ answer[j - 1]
-                answer[j][:, j * C : (j + 1) * C] += made.B
-            costs = [made.Q] * (N - 1) + [made.P]
-            weighed = np.concatenate([cost @ rows for cost, rows in zip(costs, answer, strict=True)])
-            H = weighed.T @ answer.reshape(-1, N * C) + np.kron(np.eye(N), made.R)
-            self._programs[which] = answer, weighed, 0.5 * (H + H.T)
-        return self._programs[which]
+    def _program(self, made: Gains) -> tuple[Array, Array, Array]:
+        """The last state (states, N C) by the commands, all states times their cost, and the Hessian."""
+        N, C = self.stages, self.chambers
+        answer = np.zeros((N, made.A.shape[0], N * C))
+        for j in range(N):
+            if j:
+                answer[j] = made.A @ answer[j - 1]
+            answer[j][:, j * C : (j + 1) * C] += made.B
+        costs = [made.Q] * (N - 1) + [made.P]
+        weighed = np.concatenate([cost @ rows for cost, rows in zip(costs, answer, strict=True)])
+        H = weighed.T @ answer.reshape(-1, N * C) + np.kron(np.eye(N), made.R)
+        return answer[-1].copy(), weighed, 0.5 * (H + H.T)
