@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import FitError, InputError
-from pliant.identification import Experiment, Parameter, design, fit, identifiability
+from pliant.identification import Experiment, Parameter, design, fit, identifiability, ladder
 from pliant.identification.design import Candidate, taught
 from pliant.identification.experiment import experiment, predict
 from pliant.identification.parameters import apply
@@ -210,3 +210,8 @@ def test_the_next_recording_drives_the_chamber_of_which_least_is_known(body: Mod
     assert found.covariance is not None
     exact = J @ J.T / noise**2 / max(1.0, found.covariance.correlated / 0.01)
     np.testing.assert_allclose(taught(found, seen, again, sizes, 2e-3), exact, rtol=0.02, atol=1e-3 * exact.max())
+
+
+def test_a_ladder_says_that_it_takes_one_chamber(body: Model) -> None:
+    with pytest.raises(InputError, match=r"a ladder climbs models of one chamber .* as left\.torque_1"):
+        ladder([made(body, "l", ALONE["l"])], [], body)

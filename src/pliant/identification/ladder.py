@@ -102,13 +102,18 @@ def ladder(
     FitError
         When no rung can be fitted.
     InputError
-        As `fit`.
+        As `fit`, and for a model of several chambers.
     TypeError
         For an unknown keyword.
     """
     how = with_defaults(ladder, options, LADDER_OPTIONS)
     if not rungs or len({r.name for r in rungs}) < len(rungs):
         raise InputError("a ladder needs rungs whose names differ")
+    if len(model.chambers) > 1:
+        raise InputError(
+            f"a ladder climbs models of one chamber, since its rungs name one law and one valve: fit {model.name!r} by "
+            f"parameters of its chambers, as {model.chambers[0].name}.torque_1"
+        )
     free = {entry_name(e): e for e in common}
     if not model.torque.any() and any(e.excitation != "release" for e in train):
         free.setdefault("torque_1", "torque_1")
