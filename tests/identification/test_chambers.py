@@ -213,5 +213,5 @@ def test_the_next_recording_drives_the_chamber_of_which_least_is_known(body: Mod
 
 
 def test_a_ladder_says_that_it_takes_one_chamber(body: Model) -> None:
-    with pytest.raises(InputError, match=r"a ladder climbs models of one chamber .* as left\.torque_1"):
+    with pytest.raises(InputError, match=r"a ladder climbs models of one chamber, .* as left\.torque_1"):
         ladder([made(body, "l", ALONE["l"])], [], body)
