@@ -85,3 +85,12 @@ def test_a_minute_of_a_dense_shape_is_read_in_a_second(tmp_path):
     elapsed = clock.perf_counter() - start
     assert ds.sizes == {"time": frames, "station": 212, "axis": 3}
     assert elapsed < 3.0, f"{elapsed:.2f} s"  # under 1 s on an idle machine
+
+
+def test_text_in_an_encoding_that_there_is_not_is_refused(tmp_path):
+    make_recording([0, 1, 2], np.ones((3, 2, 3))).to_netcdf(tmp_path / "a.nc", engine="scipy")
+    data = (tmp_path / "a.nc").read_bytes()
+    assert b"utf-8" in data
+    (tmp_path / "a.nc").write_bytes(data.replace(b"utf-8", b"utf.8"))
+    with pytest.raises(InputError, match=r"a\.nc is no readable netCDF file, or it is damaged: unknown encoding"):
+        read(tmp_path / "a.nc")

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-BROKEN_FILE = (OSError, ValueError, KeyError, RuntimeError, TypeError, AttributeError, IndexError,
-               NotImplementedError, OverflowError, MemoryError)  # fmt: skip
+BROKEN_FILE = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, NotImplementedError,
+               ArithmeticError, MemoryError)  # fmt: skip
 
 
 def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
