@@ -111,6 +111,7 @@ def test_motive_3_has_a_row_of_parents(tmp_path):
         (",Length Units,Millimeters", "", "length_unit"),
         (",Type,", ",Kind,", "no Motive export"),
         ("Frame,Time", "Number,Time", "no Motive export"),
+        (",Name,base", ",Name,", r"row Name of a\.csv is empty in column 3"),
         (",4,5,6", ",4,5", "15 cell.s. where 16"),
         ("10,20,31", "10,x,31", "cell 8 .* not a number: 'x'"),
         ("Position", "Place", "with a position"),

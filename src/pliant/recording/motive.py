@@ -55,6 +55,8 @@ class _Header:
         types, names = labelled["type"], labelled["name"]
         if min(len(types), len(names), len(self.quantity)) < self.width:
             raise InputError(f"the header rows of {name} differ in length: the file is damaged")
+        if nameless := [i + 1 for i in range(2, self.width) if types[i] in options.types and not names[i]]:
+            raise InputError(f"row Name of {name} is empty in column {nameless[0]}: name the asset in Motive, or there")
         self.columns: dict[str, dict[tuple[str, str], int]] = {}
         self.left_out = [i for i in range(2, self.width) if types[i] not in options.types]
         self.renamed: list[str] = []
@@ -62,7 +64,7 @@ class _Header:
         ids = labelled.get("id", [])
         for i in (i for i in range(2, self.width) if types[i] in options.types):
             asset = (types[i], names[i], ids[i] if i < len(ids) else "")
-            if (self.quantity[i], self.axis[i]) in self.columns.get(of.get(asset, ""), {}):
+            if asset in of and (self.quantity[i], self.axis[i]) in self.columns[of[asset]]:
                 del of[asset]  # the same column once more: another asset of the same name
             if asset not in of:
                 of[asset] = self._new_name(names[i])
