@@ -1,0 +1,118 @@
+"""False alarms of the contact test over hours of free motion, with many sets of instruments.
+
+    python benchmarks/false_alarms.py -o results/false_alarms --seeds 20 --minutes 60     # 20 h; resumable
+
+A minute of motion of actuator a, b or c (pulses, ramps and pauses of random levels and lengths) is simulated once and
+seen by every seed of that actuator: seeds are sets of instruments (`benchmarks/touches.py`), each with the threshold
+that it learnt from four other minutes, for one alarm an hour. So the hours are those of the instruments; the motions
+differ from minute to minute, not from seed to seed. Beside the test stands the plain threshold on the same torques.
+Nothing was tuned on these motions or seeds.
+"""
+
+# ruff: noqa: E402
+from __future__ import annotations
+
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import argparse
+import time
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from state import LATENCY, NOISE, model
+from touches import LEARN, Plain, free, free_minute, seen
+
+from pliant.contact import find_contact, free_motion
+from pliant.contact.free_motion import FreeMotion
+from pliant.sweep.scheduler import executor_of, run_campaign
+from pliant.sweep.store import Arrays, Store
+
+NAMES = "abc"
+FIRST = 1000  # of the minutes that nobody learnt from
+
+
+@cache
+def learnt(name: str, seed: int) -> tuple[FreeMotion, Plain]:
+    """What both tests know of free motion, with the instruments of a seed."""
+    bodies = [seen(free(name, k), name, seed, f"free_{k}") for k in range(LEARN)]
+    chain, options = model(name), {"noise": NOISE, "latency": LATENCY[name]}
+    return free_motion(bodies, chain, **options), Plain.learnt(bodies, chain, options)
+
+
+@dataclass(frozen=True)
+class Minutes:
+    """Chunks of one minute of one actuator, under all its seeds."""
+
+    seeds: int
+    minutes: int
+
+    @property
+    def chunks(self) -> int:
+        """Number of minutes of motion."""
+        return len(NAMES) * self.minutes
+
+    def bounds(self, chunk: int) -> tuple[int, int]:
+        """One minute a chunk."""
+        return chunk, chunk + 1
+
+    def work(self, chunk: int) -> Arrays:
+        """Alarms (1, seeds) of both tests, NaN for the seeds of other actuators."""
+        began, name = time.process_time(), NAMES[chunk % len(NAMES)]
+        k = FIRST + chunk // len(NAMES)
+        motion, options = free_minute(name, k), {"noise": NOISE, "latency": LATENCY[name]}
+        made = {what: np.full((1, self.seeds), np.nan) for what in ("alarms", "plain_alarms")}
+        for seed in range(NAMES.index(name), self.seeds, len(NAMES)):
+            test, plain = learnt(name, seed)
+            body = seen(motion, name, seed, f"minute_{k}")
+            found = find_contact(body, model(name), free=test, **options)
+            made["alarms"][0, seed] = len(found.attrs["alarm_s"])
+            made["plain_alarms"][0, seed] = plain.alarms(body).size
+        return {**made, "cpu_s": np.array([time.process_time() - began])}
+
+
+def table(samples: xr.Dataset) -> str:
+    """Alarms an hour by actuator and by seed."""
+    lines = []
+    for what, words in (("alarms", "likelihood ratio"), ("plain_alarms", "plain threshold")):
+        by_seed = samples[what].sum("sample").values
+        hours = samples[what].notnull().sum("sample").values / 60.0
+        every = by_seed.sum()
+        lines.append(f"{words}: {every:.0f} alarms in {hours.sum():.1f} h, {every / hours.sum():.2f} an hour")
+        for name in NAMES:
+            mine = slice(NAMES.index(name), None, len(NAMES))
+            rate = by_seed[mine].sum() / max(hours[mine].sum(), 1e-9)
+            each = ", ".join(f"{v:.0f}" for v in by_seed[mine])
+            lines.append(f"  {name}: {rate:.2f} an hour; by seed, each {hours[mine].max():.1f} h: {each}")
+        late = np.arange(by_seed.size) >= 10
+        for title, part in (("seeds 0 to 9", ~late), ("seeds 10 to 19", late)):
+            if part.any():
+                lines.append(f"  {title}: {by_seed[part].sum():.0f} in {hours[part].sum():.1f} h")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what is not there yet, then the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("-o", "--output", type=Path, default=Path("benchmarks/results/false_alarms"))
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--minutes", type=int, default=60, help="of motion that each seed sees")
+    parser.add_argument("--scheduler", default="local")
+    parser.add_argument("--so-far", action="store_true", help="run nothing, show the minutes that are done")
+    args = parser.parse_args()
+    work = Minutes(args.seeds, args.minutes)
+    store = Store(args.output, {"campaign": "false alarms", "seeds": args.seeds})
+    if not args.so_far:
+        account = run_campaign(work, store, executor_of(args.scheduler), lambda line: print(line, flush=True))
+        print(account.sentence())
+    parts = [p for k in range(work.chunks) if (p := store.load(k, *work.bounds(k))) is not None]
+    print(table(xr.concat(parts, dim="sample", data_vars="all", combine_attrs="override")))
+
+
+if __name__ == "__main__":
+    main()
