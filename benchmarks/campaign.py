@@ -229,7 +229,7 @@ def figure(samples: xr.Dataset, path: Path) -> None:
                 panel.plot(k + 0.28 * np.linspace(-1, 1, v.size), v, "o", ms=2.5, mfc="none", mec="0.35", mew=0.6)
                 panel.plot([k - 0.38, k + 0.38], [np.median(v)] * 2, "k-", lw=1.8)
             panel.set(title=words, ylabel=unit, xticks=range(len(CASES)), xticklabels=["0.66", "1.3", "2"])
-            panel.set_xlabel("pressure / highest taught")
+            panel.set_xlabel("x highest taught")
             if name in SIGNED:
                 panel.axhline(0.0, color="0.6", lw=0.6)
             if name == "within_band_percent":
