@@ -58,11 +58,14 @@ def hinge_chain(p, links):
 def chain_statics(p, links, load):
     """Nodes at the ends of the segments under pressure, tip force and weight: Newton in absolute link angles."""
     length, stiff, rest, gain, mass = hinge_chain(p, links)
+    place = (np.arange(links) + 0.5) / links
+    push = sum(pressure * c.gain * gain * ((place > c.start) & (place < c.stop))
+               for c, pressure in zip(p.chambers, load[:-3], strict=True))  # fmt: skip
     beyond = np.cumsum(mass[::-1])[::-1] - mass / 2  # mass that a link carries, half its own included
-    force = np.array(load[1:3]) + np.outer(beyond, p.gravity)
+    force = np.array(load[-3:-1]) + np.outer(beyond, p.gravity)
     phi = np.cumsum(rest)
     for _ in range(60):
-        torque = stiff * (np.diff(phi, prepend=0.0) - rest) - load[0] * gain
+        torque = stiff * (np.diff(phi, prepend=0.0) - rest) - push
         along = -np.sin(phi) * force[:, 0] + np.cos(phi) * force[:, 1]
         across = -np.cos(phi) * force[:, 0] - np.sin(phi) * force[:, 1]
         g = torque - np.append(torque[1:], 0.0) - length * across

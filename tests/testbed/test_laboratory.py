@@ -33,11 +33,13 @@ QUIET = FibreSensor(noise=0, bias=0, gain_error=0, twist=0, out_of_plane=0, misa
 @pytest.mark.parametrize("name", list(SCENARIOS))
 def test_every_scenario_runs_and_can_be_commanded(name):
     case = SCENARIOS[name]
-    pressure = case.command(np.linspace(0.0, case.duration, 20_001))
-    assert pressure.min() >= 0.0
-    assert pressure.max() <= 3e5
-    assert name == "still" or pressure.max() > 5e4
-    made = generate(replace(case, duration=0.32), "a", 3)
+    several = isinstance(case.command, tuple)
+    for command in case.command if several else (case.command,):
+        pressure = command(np.linspace(0.0, case.duration, 20_001))
+        assert pressure.min() >= 0.0
+        assert pressure.max() <= 3e5
+        assert name == "still" or pressure.max() > 5e4
+    made = generate(replace(case, duration=0.32), "two_segment" if several else "a", 3)
     check_recording(made.recording)
     assert made.recording.sizes["time"] == round(0.32 * case.rate) == made.truth.sizes["time"]
 

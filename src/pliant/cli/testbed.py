@@ -13,10 +13,12 @@ from pliant.cli.progress import counting
 
 def run_testbed(
     scenario: Annotated[
-        str | None, typer.Argument(help="name of a scenario, see --list; or pulse_<kPa>_<ms>ms")
+        str | None, typer.Argument(help="name of a scenario, see --list; or pulse_<kPa>_<ms>ms, pulse_120+60_500ms")
     ] = None,
     *,
-    actuator: Annotated[str, typer.Option(help="virtual actuator: a, b, c, or a seed of the family, e.g. 7")] = "a",
+    actuator: Annotated[
+        str, typer.Option(help="virtual actuator: a, b, c, two_segment, antagonistic, or a seed of the family, e.g. 7")
+    ] = "a",
     seed: Annotated[int, typer.Option(min=0, help="seed of the sensors")] = 1,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="recording to write (.nc)")] = None,
     truth: Annotated[Path | None, typer.Option(help="file for the true states (.nc), kept apart")] = None,
@@ -29,6 +31,7 @@ def run_testbed(
     The recording looks like any laboratory's: raw sensor frame, its own pressure clock, noise and
     drop-outs. A file that already holds this content is left as it is. A number in place of a, b or c is another
     laboratory, drawn by that seed: body, valve and sensors; its working pressure is what the scenarios call 180 kPa.
+    two_segment and antagonistic have two chambers, each behind its own valve; pulse_120+60_500ms gives each its level.
 
     Example: pliant testbed pulse_119 --actuator b --seed 7 -o pulse.nc --truth truth.nc
     """

@@ -61,13 +61,15 @@ def angle_log(name: str, seed: int = 1) -> str:
 
     Semicolons, decimal commas, and lines that end in a lone carriage return, as such loggers write them.
     """
-    from pliant.testbed.laboratory import Laboratory, generate
+    from pliant.testbed.laboratory import Laboratory, generate, one_each
+    from pliant.testbed.rod import actuator
     from pliant.testbed.scenarios import scenario
 
     ds = generate(name, "a", seed, lab=Laboratory(output="angle")).recording
     time = ds["time"].to_numpy()
+    (command,) = one_each(scenario(name).command, actuator("a"), "command")
     columns = (np.degrees(ds["angle"].to_numpy()[:, 0]), 1e-3 * ds["pressure"].to_numpy(),
-               1e-3 * scenario(name).command(time))  # fmt: skip
+               1e-3 * command(time))  # fmt: skip
     rows = [f"{t:.2f};{angle:.1f};{pressure:.2f};{wanted:.0f}" for t, angle, pressure, wanted in
             zip(time, *columns, strict=True)]  # fmt: skip
     return "".join(f"{line}\r" for line in ("time;angle;pressure;set_point", *rows)).replace(".", ",")

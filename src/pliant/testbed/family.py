@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.testbed.contact import Circle, Wall
 from pliant.testbed.family_ranges import FAMILY
 from pliant.testbed.fibre import FibreSensor
-from pliant.testbed.rod.parameters import ACTUATORS, RodParameters, actuator
+from pliant.testbed.rod.parameters import ACTUATORS, CHAMBERS, RodParameters, actuator
 from pliant.testbed.scenarios import Scenario
 from pliant.testbed.valve import Iso6358, PressureSensor, Regulator
 
@@ -52,7 +52,7 @@ class Member:
 
     name: str
     body: RodParameters
-    valve: Regulator | Iso6358 = field(default_factory=Regulator)
+    valve: Regulator | Iso6358 | tuple[Regulator | Iso6358, ...] = field(default_factory=Regulator)
     transducer: PressureSensor = field(default_factory=PressureSensor)
     fibre: FibreSensor = field(default_factory=FibreSensor)
     pressure: float = NOMINAL
@@ -72,13 +72,12 @@ class Member:
 
         Obstacles keep their place relative to the length; whether a body of another bend meets them is not promised.
         """
-        if self.name in ACTUATORS:
+        if self.name in ACTUATORS or self.name in CHAMBERS:
             return case
         size, share = self.body.length / RodParameters().length, self.pressure / NOMINAL
         force = self.body.bending_stiffness / RodParameters().bending_stiffness / size**2
-        c = case.command
-        command = replace(c, points=tuple((t, p * share) for t, p in c.points), mean=c.mean * share,
-                          amplitude=c.amplitude * share)  # fmt: skip
+        given = case.command
+        command = tuple(c.scaled(share) for c in given) if isinstance(given, tuple) else given.scaled(share)
         return replace(
             case, command=command, obstacles=tuple(scaled(o, size) for o in case.obstacles),
             pushes=tuple((t, x * force, y * force) for t, x, y in case.pushes),
@@ -231,7 +230,10 @@ def instruments(
 
 
 def member(name: str | int) -> Member:
-    """Actuator "a", "b" or "c" in the usual laboratory, or the member of a seed (7 or "7").
+    """A named actuator in the usual laboratory, or the member of a seed (7 or "7").
+
+    One chamber have "a", "b" and "c", two have "two_segment" and "antagonistic", the second behind a longer tube: its
+    valve is slower.
 
     Raises
     ------
@@ -240,6 +242,9 @@ def member(name: str | int) -> Member:
     """
     if isinstance(name, int) or (name.isdecimal() and name.isascii()):
         return family_member(int(name))
+    if name in CHAMBERS:
+        return Member(name, actuator(name), (Regulator(), Regulator(frequency=6.0, dead_time=0.014)))
     if name not in ACTUATORS:
-        raise InputError(f"unknown actuator {name!r}: use {', '.join(ACTUATORS)}, or a seed of the family such as 7")
+        known = ", ".join((*ACTUATORS, *CHAMBERS))
+        raise InputError(f"unknown actuator {name!r}: use {known}, or a seed of the family such as 7")
     return Member(name, actuator(name))

@@ -1,7 +1,8 @@
 """Ranges of the family of virtual laboratories, each with where it comes from.
 
 Where a source names no range, the words say what stands behind the number instead: the spread of the named actuators,
-or what the trade sells. What is not drawn: gravity (scenarios give it) and the number of chambers (one).
+or what the trade sells. What is not drawn: gravity (scenarios give it) and the number of chambers (one;
+`rod.parameters.CHAMBERS` has bodies of two).
 """
 
 from __future__ import annotations

@@ -40,9 +40,12 @@ RECORD = 1e-3  # s between two kept states
 
 @dataclass(frozen=True)
 class Laboratory:
-    """Everything beside the actuator: valve, sensors and what is recorded."""
+    """Everything beside the actuator: valve, sensors and what is recorded.
 
-    valve: Regulator | Iso6358 = field(default_factory=Regulator)
+    Each chamber has a valve of its own: all alike, or one given for each.
+    """
+
+    valve: Regulator | Iso6358 | tuple[Regulator | Iso6358, ...] = field(default_factory=Regulator)
     transducer: PressureSensor = field(default_factory=PressureSensor)
     fibre: FibreSensor = field(default_factory=FibreSensor)
     mocap: MotionCapture = field(default_factory=MotionCapture)
@@ -72,9 +75,17 @@ def source_digest() -> str:
 
 def content_key(case: Scenario, rod: RodParameters, seed: int, lab: Laboratory) -> str:
     """Digest of everything that decides what a recording holds."""
-    valve = type(lab.valve).__name__
+    valve = [type(v).__name__ for v in one_each(lab.valve, rod, "valve")]
     settings = json.dumps([asdict(case), asdict(rod), int(seed), asdict(lab), valve], sort_keys=True)
     return hashlib.sha256((settings + source_digest()).encode()).hexdigest()[:32]
+
+
+def one_each(given: Any, rod: RodParameters, what: str) -> tuple[Any, ...]:
+    """One of them for each chamber: those given, or the same for all."""
+    each = given if isinstance(given, tuple) else (given,) * len(rod.chambers)
+    if len(each) != len(rod.chambers):
+        raise InputError(f"{len(each)} {what}s for a body of {len(rod.chambers)} chamber(s): give one, or one for each")
+    return each
 
 
 def run_rod(
@@ -85,11 +96,13 @@ def run_rod(
     steps = int(np.ceil(case.duration / (case.step * stride))) * stride
     fine = max(1, round(case.step / SUPPLY_STEP))  # the valve's own grid: edges stay where they are
     time = np.asarray(np.arange(steps * fine + 1) * (case.step / fine), dtype=float)
-    loads = np.zeros((steps, 4))
-    loads[:, 0] = supply_pressure(case.command, time, lab.valve)[fine::fine]
+    loads = np.zeros((steps, len(rod.chambers) + 3))
+    both = zip(one_each(case.command, rod, "command"), one_each(lab.valve, rod, "valve"), strict=True)
+    for c, (command, valve) in enumerate(both):
+        loads[:, c] = supply_pressure(command, time, valve)[fine::fine]
     if case.pushes:
         at, *force = np.array(case.pushes).T
-        loads[:, 1:3] = np.stack([np.interp(time[fine::fine], at, f) for f in force], axis=1)
+        loads[:, -3:-1] = np.stack([np.interp(time[fine::fine], at, f) for f in force], axis=1)
     rows = obstacle_rows(case.obstacles)
     return simulate(
         replace(rod, gravity=case.gravity), loads, case.step, stride=stride, obstacles=rows, progress=progress
@@ -120,10 +133,12 @@ def generate(
     Parameters
     ----------
     case : str or Scenario
-        Name from `pliant.testbed.scenarios.SCENARIOS`, or ``pulse_<kPa>_<ms>ms``.
+        Name from `pliant.testbed.scenarios.SCENARIOS`, or ``pulse_<kPa>_<ms>ms``; ``pulse_120+60_<ms>ms`` is a
+        level for each chamber. Where a scenario has one command, every chamber follows it.
     body : str, int, Member or RodParameters
-        Actuator "a", "b" or "c"; a seed of the family (7 or "7"), whose own valve and sensors record and whose working
-        pressure is what the scenario calls 180 kPa; or parameters of your own.
+        Actuator "a", "b" or "c"; "two_segment" or "antagonistic", with two chambers; a seed of the family (7 or "7"),
+        whose own valve and sensors record and whose working pressure is what the scenario calls 180 kPa; or parameters
+        of your own.
     seed : int
         Of the sensors: their systematic errors belong to the seed, their noise to seed and scenario.
     lab : Laboratory, optional
@@ -177,10 +192,11 @@ def record(
     common: dict[str, Any] = {
         "pressure": pressure, "pressure_time": clock, "source": f"testbed {attrs['scenario']}",
         "source_format": "testbed", "history": f"recorded by the virtual laboratory as {lab.output}",
+        "chamber": [c.name for c in rod.chambers] if pressure.ndim == 2 else None,
     }  # fmt: skip
     if lab.output == "angle":  # one log: both are sampled together
         shown = observe_angle(motion, rod, lab.angle, at, specimen, rng)
-        common |= {"pressure": np.interp(at, clock, pressure), "pressure_time": at}
+        common |= {"pressure": np.apply_along_axis(lambda p: np.interp(at, clock, p), 0, pressure), "pressure_time": at}
         return make_recording(at, angle=shown[:, None], station=["tip"], frame="planar", attrs=dict(attrs), **common)
     if lab.output == "markers":
         position = observe_markers(motion, rod, lab.mocap, at, rng)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,6 +53,11 @@ class Command:
         held = np.where(time >= 0.2, self.mean, 0.0)
         return np.asarray(held + np.where(inside, self.amplitude * wave, 0.0))
 
+    def scaled(self, share: float) -> Command:
+        """The same with every pressure multiplied."""
+        return replace(self, points=tuple((t, p * share) for t, p in self.points), mean=self.mean * share,
+                       amplitude=self.amplitude * share)  # fmt: skip
+
     def _sweep(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         ratio = np.log(self.band[1] / self.band[0])
         span = self.stop - self.start
@@ -72,12 +77,15 @@ class Command:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One experiment: command, duration, surroundings, frame rate and time step of the rod (SI)."""
+    """One experiment: command, duration, surroundings, frame rate and time step of the rod (SI).
+
+    A body of several chambers follows one command with all of them, or a tuple with one for each.
+    """
 
     name: str
     summary: str
     duration: float
-    command: Command
+    command: Command | tuple[Command, ...]
     obstacles: tuple[Circle | Wall, ...] = ()
     gravity: tuple[float, float] = (0.0, 0.0)
     rate: float = 75.0
@@ -140,12 +148,16 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("contact_wall", "150 kPa against a rigid wall", 4.5, pulse(150e3, 2.76), (WALL,), step=1e-4),
         Scenario("contact_spring", "150 kPa into a soft ball: a spring at a known place", 4.5,
                  pulse(150e3, 2.76), (SPRING,), step=1e-4),
+        Scenario("in_turn", "two chambers: 120 kPa for 1.2 s in the first, then in the second", 5.0,
+                 (pulse(120e3, 1.2), pulse(120e3, 1.2, start=2.3))),
+        Scenario("overlapping", "two chambers: 120 kPa in the first; 100 kPa in the second 0.7 s later", 4.5,
+                 (pulse(120e3, 1.5), pulse(100e3, 1.5, start=0.82))),
     )
 }  # fmt: skip
 
 
 def scenario(name: str) -> Scenario:
-    """A scenario by name; any other pulse as ``pulse_<kPa>_<width in ms>ms``.
+    """A scenario by name; any other pulse as ``pulse_<kPa>_<width in ms>ms``, ``pulse_120+60_500ms`` of two chambers.
 
     Raises
     ------
@@ -155,10 +167,14 @@ def scenario(name: str) -> Scenario:
     if name in SCENARIOS:
         return SCENARIOS[name]
     parts = name.removesuffix("ms").split("_")
-    if name.startswith("pulse_") and name.endswith("ms") and len(parts) == 3 and all(p.isdigit() for p in parts[1:]):
-        kpa, ms = int(parts[1]), int(parts[2])
-        if 0 < kpa <= 300 and 0 < ms <= 60_000:
-            return Scenario(name, f"{kpa} kPa for {ms} ms", 0.12 + ms / 1e3 + 2.0, pulse(kpa * 1e3, ms / 1e3))
+    levels = parts[1].split("+") if len(parts) == 3 else []
+    if name.startswith("pulse_") and name.endswith("ms") and levels and all(p.isdigit() for p in (*levels, parts[2])):
+        kpa, ms = [int(level) for level in levels], int(parts[2])
+        if 0 < max(kpa) <= 300 and 0 < ms <= 60_000:
+            each = tuple(pulse(level * 1e3, ms / 1e3) for level in kpa)
+            text = f"{' and '.join(levels)} kPa for {ms} ms"
+            return Scenario(name, text, 0.12 + ms / 1e3 + 2.0, each if len(each) > 1 else each[0])
     raise InputError(
-        f"unknown scenario {name!r}: use one of {', '.join(SCENARIOS)}, or pulse_<kPa>_<ms>ms up to 300 kPa"
+        f"unknown scenario {name!r}: use one of {', '.join(SCENARIOS)}, or pulse_<kPa>_<ms>ms up to 300 kPa, with a "
+        "level for each chamber of several, as pulse_120+60_500ms"
     )

@@ -53,24 +53,26 @@ def make_truth(motion: Motion, p: RodParameters, at: NDArray[np.float64], attrs:
     """Dataset of the true states at the instants `at` at which the shape was sampled.
 
     `position` (time, node, axis) and `force` of obstacles (time, node, axis) in the actuator's frame: base at the
-    origin, tangent +y; `curvature` (time, vertex); `pressure` and `volume` of the chamber (record); `energy`
-    (record, store); stiffness, gain and rest curvature (vertex); all parameters as JSON in the attribute
+    origin, tangent +y; `curvature` (time, vertex); `pressure` and `volume` of the chamber (record), or of each of
+    several (record, chamber), as its `gain` (chamber, vertex); `energy` (record, store); stiffness, gain and rest
+    curvature (vertex); all parameters as JSON in the attribute
     `parameters`.
     """
     nearest = np.clip(np.searchsorted(motion.time, at), 0, motion.time.size - 1)
     body = build_body(p)
     s = motion.arc_length[: body.weight.size]
     fields = material_fields(p, s)
+    each, gain = ((), body.gain[0]) if len(p.chambers) == 1 else (("chamber",), body.gain)
     ds = xr.Dataset(
         {
             "position": (("time", "node", "axis"), node_positions(motion, at), {"units": "m"}),
             "force": (("time", "node", "axis"), motion.force[nearest], {"units": "N"}),
             "curvature": (("time", "vertex"), motion.curvature[nearest], {"units": "1/m"}),
-            "pressure": ("record", motion.pressure, {"units": "Pa"}),
-            "volume": ("record", motion.volume, {"units": "m3"}),
+            "pressure": (("record", *each), motion.pressure, {"units": "Pa"}),
+            "volume": (("record", *each), motion.volume, {"units": "m3"}),
             "energy": (("record", "store"), motion.energy, {"units": "J"}),
             "stiffness": ("vertex", fields["stiffness"], {"units": "N m2"}),
-            "gain": ("vertex", fields["gain"], {"units": "N m/Pa"}),
+            "gain": ((*each, "vertex"), gain, {"units": "N m/Pa"}),
             "rest_curvature": ("vertex", fields["rest_curvature"], {"units": "1/m"}),
         },
         coords={
@@ -80,7 +82,7 @@ def make_truth(motion: Motion, p: RodParameters, at: NDArray[np.float64], attrs:
             "vertex_position": ("vertex", s, {"units": "m"}),
             "axis": ["x", "y"],
             "store": ENERGY,
-        },
+        } | ({"chamber": [c.name for c in p.chambers]} if each else {}),
     )
     ds.attrs = {"schema": SCHEMA, "schema_version": 1, "parameters": json.dumps(asdict(p)), **attrs}
     return ds

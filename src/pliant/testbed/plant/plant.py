@@ -89,6 +89,8 @@ class Plant:
             raise InputError(f"a frame of {self.period:g} s is no whole number of steps of {step:g} s")
         self._step = step
         chosen = valve or who.valve
+        if isinstance(chosen, tuple) or len(self.parameters.chambers) > 1:
+            raise InputError(f"actuator {who.name} has {len(self.parameters.chambers)} chambers, the plant drives one")
         if isinstance(chosen, Iso6358):
             raise InputError(f"actuator {who.name} has a spool for a valve, the plant knows regulators: give `valve`")
         self._valve = chosen
@@ -101,7 +103,7 @@ class Plant:
         self._sensing = Sensing(fibre, transducer)
         self._clock = _clock(self._body, step, static=False)
         self._work = _work(self._body.rest_length.size + 1, self._body.weight.size)
-        self._out = _out(2, self._body.rest_length.size + 1, self._body.weight.size)
+        self._out = _out(2, self._body.rest_length.size + 1, self._body)
         self._rest = settle(self.parameters, obstacles=self._rows)
         self._specimen = np.random.default_rng([seed, 1]).standard_normal(2)
         self._seed = seed

@@ -1,6 +1,8 @@
 """The rod: parameters of a soft bending actuator, its discretisation, and the forces on its nodes."""
 
 from pliant.testbed.rod.body import Body, build_body, node_position
-from pliant.testbed.rod.parameters import ACTUATORS, RodParameters, actuator
+from pliant.testbed.rod.parameters import ACTUATORS, CHAMBERS, ChamberParameters, RodParameters, actuator
 
-__all__ = ["ACTUATORS", "Body", "RodParameters", "actuator", "build_body", "node_position"]
+__all__ = [
+    "ACTUATORS", "CHAMBERS", "Body", "ChamberParameters", "RodParameters", "actuator", "build_body", "node_position",
+]

@@ -26,8 +26,8 @@ class Body(NamedTuple):
     weight: NDArray[np.float64]  # (B,) m of body that a vertex stands for
     stiffness: NDArray[np.float64]  # (B,) N m2
     rest_curvature: NDArray[np.float64]  # (B,) 1/m
-    gain: NDArray[np.float64]  # (B,) N m/Pa
-    gain_slope: float  # m
+    gain: NDArray[np.float64]  # (C, B) N m/Pa, of each chamber
+    gain_slope: NDArray[np.float64]  # (C,) m
     loss_time: float  # s
     fibre_height: NDArray[np.float64]  # (F,) m; empty: linear
     fibre_share: NDArray[np.float64]  # (F,) 1/m2, so that the initial slope is 1
@@ -72,12 +72,27 @@ def material_fields(p: RodParameters, s: NDArray[np.float64]) -> dict[str, NDArr
     }
 
 
+def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Moment per pressure (C, B) [N m/Pa] of each chamber: that of the body where the chamber turns it.
+
+    A vertex stands for the body half an element to both sides; where a chamber ends within, it turns that share of it.
+    """
+    edge = np.arange(p.elements + 1) / p.elements
+    middle = 0.5 * (edge[1:] + edge[:-1])
+    low, high = np.append(0.0, middle), np.append(middle, 1.0)
+    out = np.empty((len(p.chambers), gain.size))
+    for c, chamber in enumerate(p.chambers):
+        inside = np.minimum(high, chamber.stop) - np.maximum(low, chamber.start)
+        out[c] = chamber.gain * (np.maximum(inside, 0.0) / (high - low))[: gain.size] * gain
+    return out
+
+
 def section_fibres(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Heights and shares of the section's fibres: Gauss points, scaled to unit initial stiffness."""
     if p.linear:
         return np.empty(0), np.empty(0)
     node, share = np.polynomial.legendre.leggauss(6)
-    height = 0.5 * p.section_height * (1.0 + node)
+    height = p.section_height * node if p.two_sided else 0.5 * p.section_height * (1.0 + node)
     return height, share / (4.0 * np.sum(share * height**2))
 
 
@@ -130,9 +145,9 @@ def build_body(p: RodParameters) -> Body:
         touch[p.elements] += 1.0  # the cap's rim
     return Body(
         rest_length=np.diff(s), axial=np.full(s.size - 1, p.axial_stiffness), weight=weight,
-        stiffness=fields["stiffness"], rest_curvature=fields["rest_curvature"], gain=fields["gain"],
-        gain_slope=p.gain_slope, loss_time=p.loss_time, fibre_height=height, fibre_share=share,
-        locking=p.locking, prony_share=np.array(p.prony_share, dtype=float),
+        stiffness=fields["stiffness"], rest_curvature=fields["rest_curvature"], gain=chamber_gains(p, fields["gain"]),
+        gain_slope=p.gain_slope * np.sign([c.gain for c in p.chambers]), loss_time=p.loss_time,
+        fibre_height=height, fibre_share=share, locking=p.locking, prony_share=np.array(p.prony_share, dtype=float),
         prony_time=np.array(p.prony_time, dtype=float), slip_stiffness=slip_stiffness,
         slip_limit=slip_stiffness * thresholds, mass=mass, cap_mass=cap_mass, cap_weight=cap_weight,
         gravity=np.array(p.gravity, dtype=float), contact_share=touch, half_width=p.half_width,

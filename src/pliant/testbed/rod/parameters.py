@@ -1,4 +1,4 @@
-"""Parameters of the virtual actuator, and the three actuators that the test bed offers."""
+"""Parameters of the virtual actuator, and the actuators that the test bed offers."""
 
 from __future__ import annotations
 
@@ -12,6 +12,35 @@ ACTUATORS = {"a": 1, "b": 2, "c": 3}  # name -> seed of everything that differs 
 
 
 @dataclass(frozen=True)
+class ChamberParameters:
+    """One chamber of the body: the part that it turns, `start` to `stop` in shares of the length, and its gain there.
+
+    The moment per pressure is `gain` times that of `RodParameters`. Below 0 the chamber lies on the other side of the
+    layer that does not stretch and bends the body that way; its lever grows as the body bends that way.
+    """
+
+    name: str = "chamber"
+    start: float = 0.0
+    stop: float = 1.0
+    gain: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no chamber can be."""
+        if not 0.0 <= self.start < self.stop <= 1.0:
+            raise InputError(f"chamber {self.name!r} must turn a part of the body, 0 <= start < stop <= 1, "
+                             f"got {self.start} to {self.stop}")
+        if not np.isfinite(self.gain) or self.gain == 0.0:
+            raise InputError(f"the gain of chamber {self.name!r} must be finite and not 0, got {self.gain}")
+
+
+PLAIN = (ChamberParameters(),)  # one chamber along the whole body
+CHAMBERS = {
+    "two_segment": (ChamberParameters("near", 0.0, 0.5), ChamberParameters("far", 0.5, 1.0, gain=0.85)),
+    "antagonistic": (ChamberParameters("left"), ChamberParameters("right", gain=-0.85)),
+}
+
+
+@dataclass(frozen=True)
 class RodParameters:
     """A planar soft bending actuator: SI units, gauge pressure, positive bending about +z.
 
@@ -22,7 +51,8 @@ class RodParameters:
     ``mu (lam - lam^-3)`` each (``linear=True`` for ``M = EI kappa``); `locking` > 0 makes it stiffen as
     Gent's law does. The pressure's moment is ``p A d G (1 + gain_slope kappa)``, the derivative of a chamber
     volume. Memory: Prony branches (`prony_share` of EI, `prony_time`), and per vertex `slip_elements` Maxwell-slip
-    elements (in sum `slip_share` of EI) whose thresholds follow a Weibull law.
+    elements (in sum `slip_share` of EI) whose thresholds follow a Weibull law. With `two_sided` the fibres lie on both
+    sides of the layer that does not stretch, from `-section_height` on.
     """
 
     seed: int = 0
@@ -59,6 +89,8 @@ class RodParameters:
     gravity: tuple[float, float] = (0.0, 0.0)  # m/s2 in the plane of bending
     tube_resistance: float = 2.0e7  # Pa s/m3, between the regulated supply and the chamber
     pushed_node: int = 0  # that the force of a load acts on; 0: the last
+    two_sided: bool = False  # a section that is alike on both sides of the inextensible layer
+    chambers: tuple[ChamberParameters, ...] = PLAIN
 
     def __post_init__(self) -> None:
         """Refuse what no rod can be."""
@@ -66,6 +98,8 @@ class RodParameters:
                     "end_length", "slip_scale", "slip_shape", "cap_length")  # fmt: skip
         free = {"gravity", "rest_curvature", "gain_slope", "cap_curvature"}
         for field in fields(self):
+            if field.name == "chambers":
+                continue
             value = np.asarray(getattr(self, field.name), dtype=float)
             if not np.all(np.isfinite(value)):
                 raise InputError(f"rod parameter {field.name} must be finite, got {getattr(self, field.name)}")
@@ -79,6 +113,8 @@ class RodParameters:
             raise InputError(f"a rod needs at least 4 elements, got {self.elements}")
         if len(self.prony_share) != len(self.prony_time) or min(self.prony_time, default=1.0) <= 0:
             raise InputError("every Prony branch needs a share and a time > 0")
+        if not self.chambers or len({c.name for c in self.chambers}) != len(self.chambers):
+            raise InputError(f"a rod needs one chamber or more, each of its own name, got {self.chambers}")
 
     def uniform(self, **changes: object) -> RodParameters:
         """A rod without variation, memory, damping or cap: what closed forms describe."""
@@ -90,15 +126,21 @@ class RodParameters:
 
 
 def actuator(name: str = "a") -> RodParameters:
-    """One of the three actuators: means and fields drawn from the seed of its name.
+    """One of the three actuators of one chamber, means and fields drawn from the seed of its name, or of those of two.
+
+    "two_segment" is actuator "a" with a chamber in each half, "antagonistic" one that is straight at rest, with a
+    chamber along each side of the layer that does not stretch.
 
     Raises
     ------
     InputError
         For an unknown name.
     """
+    if name in CHAMBERS:
+        sides = {"two_sided": True, "rest_curvature": 0.0} if name == "antagonistic" else {}
+        return replace(actuator("a"), chambers=CHAMBERS[name], **sides)  # type: ignore[arg-type]
     if name not in ACTUATORS:
-        raise InputError(f"unknown actuator {name!r}: use one of {', '.join(ACTUATORS)}")
+        raise InputError(f"unknown actuator {name!r}: use one of {', '.join((*ACTUATORS, *CHAMBERS))}")
     seed = ACTUATORS[name]
     draw = np.random.default_rng([seed, 2018]).standard_normal(8)
     base = RodParameters()

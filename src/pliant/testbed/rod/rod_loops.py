@@ -4,6 +4,7 @@ Nodes ``x_0 .. x_{V-1}`` in the plane; ``x_0`` is clamped with the tangent +y. E
 ``x_{e+1}`` and has the direction ``theta_e``; vertex ``k`` bends by ``psi_k = theta_k - theta_{k-1}``, which
 is the curvature ``psi_k / weight_k`` (the clamp's vertex and the cap's carry half an element).
 
+``load`` holds the pressure of every chamber (C), a force (2) on the pushed node and a couple on the last edge.
 ``clock`` is a `stepping.simulate.Clock`: with the second-order backward difference ``h = 2/3 dt``,
 ``v = (x - x_s) / h`` and ``a = (v - v_s) / h``, where ``y_s = (4 y_n - y_{n-1}) / 3``. All dissipation
 (Kelvin-Voigt, Prony, slip, friction) is the derivative of a convex term of one incremental potential, so its
@@ -87,12 +88,22 @@ def curvatures(x, body, out):
         out[k] = turning(x, k)[0] / body.weight[k]
 
 
-def volume(kappa, body):
-    """Chamber volume above the straight shape: the gain integrates the curvature."""
+def volume(c, kappa, body):
+    """Volume of chamber `c` above the straight shape: the gain integrates the curvature."""
     total = 0.0
     for k in range(kappa.size):
-        total += body.gain[k] * body.weight[k] * (kappa[k] + 0.5 * body.gain_slope * kappa[k] * kappa[k])
+        total += body.gain[c, k] * body.weight[k] * (kappa[k] + 0.5 * body.gain_slope[c] * kappa[k] * kappa[k])
     return total
+
+
+def pressed(k, kappa, load, body):
+    """Moment of all chambers at vertex `k` under their pressures, and its slope."""
+    moment = slope = 0.0
+    for c in range(body.gain.shape[0]):
+        push = load[c] * body.gain[c, k]
+        moment += push * (1.0 + body.gain_slope[c] * kappa)
+        slope += push * body.gain_slope[c]
+    return moment, slope
 
 
 def add_bending(x, load, body, state, clock, band, torque, g):
@@ -107,8 +118,9 @@ def add_bending(x, load, body, state, clock, band, torque, g):
         viscous = body.loss_time * body.stiffness[k] / clock.h
         back = (4.0 * state.curvature[k] - state.curvature_before[k]) / 3.0
         moment += more + viscous * (kappa - back)
-        moment -= load[0] * body.gain[k] * (1.0 + body.gain_slope * kappa)
-        slope += more_slope + viscous - load[0] * body.gain[k] * body.gain_slope
+        push, push_slope = pressed(k, kappa, load, body)
+        moment -= push
+        slope += more_slope + viscous - push_slope
         torque[k] += moment
         if k > 0:
             torque[k - 1] -= moment
@@ -117,7 +129,7 @@ def add_bending(x, load, body, state, clock, band, torque, g):
         for i in range(max(0, -first), 6):
             for j in range(max(0, -first), i + 1):
                 band[first + i, i - j] += slope / body.weight[k] * g[i] * g[j]
-    torque[torque.size - 1] -= load[3]
+    torque[torque.size - 1] -= load[load.size - 1]
 
 
 def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
@@ -179,8 +191,8 @@ def add_inertia(x, load, body, guess, clock, gradient, band):
             if j <= i:
                 band[first + i, i - j] += clock.per_h2 * body.cap_mass[i, j]
         gradient[first + i] -= body.cap_weight[i]
-    gradient[2 * body.pushed - 2] -= load[1]
-    gradient[2 * body.pushed - 1] -= load[2]
+    gradient[2 * body.pushed - 2] -= load[load.size - 3]
+    gradient[2 * body.pushed - 1] -= load[load.size - 2]
 
 
 def gap_to(row, px, py):

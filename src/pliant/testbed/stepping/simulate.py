@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -36,7 +36,7 @@ class State(NamedTuple):
     length_before: Array
     prony: Array  # (B, P) inner curvature changes, 1/m
     slip: Array  # (B, J) N m
-    chamber: Array  # (2,) m3 and m3/s
+    chamber: Array  # (C, 2) m3 and m3/s
 
 
 class Clock(NamedTuple):
@@ -84,7 +84,7 @@ class Out(NamedTuple):
 
 @dataclass(frozen=True)
 class Motion:
-    """What the rod truly did: R records, V nodes, B bending vertices.
+    """What the rod truly did: R records, V nodes, B bending vertices, C chambers.
 
     Attributes
     ----------
@@ -92,8 +92,8 @@ class Motion:
     arc_length : (V,) m, of the nodes at rest
     position, velocity, force : (R, V, 2) m, m/s, N (force of the obstacles on the nodes)
     curvature : (R, B) 1/m, at the first B nodes
-    pressure : (R,) Pa gauge, in the chamber
-    volume : (R,) m3, above the straight shape
+    pressure : (R,) Pa gauge, in the chamber; (R, C) of several
+    volume : (R,) or (R, C) m3, above the straight shape
     energy : (R, 5) J: kinetic, elastic, stored in memory, weight, contact
     iterations : float, Newton iterations per step
     """
@@ -117,12 +117,12 @@ def rest_state(body: Body) -> State:
     edge = body.rest_length[:, None] * np.column_stack([-np.sin(angle), np.cos(angle)])[: body.rest_length.size]
     x = np.vstack([np.zeros(2), np.cumsum(edge, axis=0)])
     b = body.weight.size
-    bulge = 1.0 + 0.5 * body.gain_slope * body.rest_curvature
-    now = float(np.sum(body.gain * body.weight * body.rest_curvature * bulge))
+    now = [np.sum(gain * body.weight * body.rest_curvature * (1.0 + 0.5 * slope * body.rest_curvature))
+           for gain, slope in zip(body.gain, body.gain_slope, strict=True)]  # fmt: skip
     return State(
         x, x.copy(), np.zeros_like(x), np.zeros_like(x), body.rest_curvature.copy(), body.rest_curvature.copy(),
         body.rest_length.copy(), body.rest_length.copy(), np.zeros((b, body.prony_share.size)),
-        np.zeros((b, body.slip_limit.shape[1])), np.array([now, 0.0]),
+        np.zeros((b, body.slip_limit.shape[1])), np.column_stack([now, np.zeros(len(now))]),
     )  # fmt: skip
 
 
@@ -134,10 +134,12 @@ def _work(nodes: int, vertices: int) -> Work:
     )  # fmt: skip
 
 
-def _out(records: int, nodes: int, vertices: int) -> Out:
+def _out(records: int, nodes: int, body: Body) -> Out:
+    chambers, vertices = body.gain.shape
     return Out(
         np.zeros((records, nodes, 2)), np.zeros((records, nodes, 2)), np.zeros((records, vertices)),
-        np.zeros((records, nodes, 2)), np.zeros(records), np.zeros(records), np.zeros((records, 5)),
+        np.zeros((records, nodes, 2)), np.zeros((records, chambers)), np.zeros((records, chambers)),
+        np.zeros((records, 5)),
     )  # fmt: skip
 
 
@@ -148,7 +150,7 @@ def _clock(body: Body, dt: float, *, static: bool) -> Clock:
 
 def settle(
     p: RodParameters,
-    loads: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+    loads: ArrayLike | None = None,
     *,
     obstacles: ArrayLike | None = None,
     increments: int = 40,
@@ -158,7 +160,8 @@ def settle(
     Parameters
     ----------
     p : RodParameters
-    loads : pressure (Pa), force on the pushed node (N, N; the last by default), couple on the last edge (N m)
+    loads : (C + 3,) array, optional
+        Pressure of each chamber (Pa), force on the pushed node (N, N; default the last), couple on the last edge (N m).
     obstacles : (O, 7) array, optional
         See `pliant.testbed.contact`.
     increments : int
@@ -166,6 +169,8 @@ def settle(
 
     Raises
     ------
+    InputError
+        For loads that are not finite or not as many as the rod takes.
     SimulationError
         When an increment does not converge.
     """
@@ -173,20 +178,20 @@ def settle(
     from pliant.testbed.stepping.stepping_loops import march
 
     body = build_body(p)
+    whole = _loads(p, np.zeros((1, len(p.chambers) + 3)) if loads is None else [loads])
     state = rest_state(body)
     ramp = np.linspace(0.0, 1.0, increments + 1)[1:]
     work = _work(state.x.shape[0], body.weight.size)
-    out = _out(1, state.x.shape[0], body.weight.size)
+    out = _out(1, state.x.shape[0], body)
     clock = _clock(body, STATIC_STEP, static=True)
     rows = _obstacles(obstacles)
     for share in ramp:
         part = body._replace(gravity=body.gravity * share, cap_weight=body.cap_weight * share)
-        row = np.asarray(loads, dtype=float)[None, :] * share
         _halt(state)
-        status, _, update, _ = twin(march)(row, Span(0, 1, 2), part, rows, state, clock, work, out)
+        status, _, update, _ = twin(march)(whole * share, Span(0, 1, 2), part, rows, state, clock, work, out)
         if status != 0:
             raise SimulationError(
-                f"no static equilibrium at {share:.0%} of the loads {np.asarray(loads).tolist()} "
+                f"no static equilibrium at {share:.0%} of the loads {whole[0].tolist()} "
                 f"(last update {update:.1e} m): use smaller loads or more increments than {increments}"
             )
     _halt(state)
@@ -196,7 +201,15 @@ def settle(
 def _halt(state: State) -> None:
     state.x_before[:], state.v[:], state.v_before[:] = state.x, 0.0, 0.0
     state.curvature_before[:], state.length_before[:] = state.curvature, state.length
-    state.chamber[1] = 0.0
+    state.chamber[:, 1] = 0.0
+
+
+def _loads(p: RodParameters, loads: Any) -> NDArray[np.float64]:
+    table = np.ascontiguousarray(loads, dtype=float)
+    columns = len(p.chambers) + 3
+    if table.ndim != 2 or table.shape[1] != columns or not np.all(np.isfinite(table)):
+        raise InputError(f"loads must be finite numbers in {columns} columns, got shape {table.shape}")
+    return table
 
 
 def _obstacles(rows: ArrayLike | None) -> NDArray[np.float64]:
@@ -222,9 +235,9 @@ def simulate(
     Parameters
     ----------
     p : RodParameters
-    loads : (S, 4) array
-        Per step: regulated pressure (Pa gauge), force on the pushed node (N, N; the last by default), couple on the
-        last edge (N m).
+    loads : (S, C + 3) array
+        Per step: regulated pressure of each chamber (Pa gauge), force on the pushed node (N, N; the last by default),
+        couple on the last edge (N m).
     dt : float, s
     stride : int
         Steps per record.
@@ -244,18 +257,16 @@ def simulate(
     from pliant.compiler.choose import twin
     from pliant.testbed.stepping.stepping_loops import march
 
-    table = np.ascontiguousarray(loads, dtype=float)
-    if table.ndim != 2 or table.shape[1] != 4 or not np.all(np.isfinite(table)):
-        raise InputError(f"loads must be finite numbers in 4 columns, got shape {table.shape}")
+    table = _loads(p, loads)
     if not (dt > 0 and stride >= 1):
         raise InputError(f"the step must be > 0 and the stride >= 1, got {dt} and {stride}")
     body, rows = build_body(p), _obstacles(obstacles)
     state = settle(p, obstacles=obstacles) if start is None else State(*(array.copy() for array in start))
-    steps = table.shape[0]
-    out = _out(steps // stride + 1, state.x.shape[0], body.weight.size)
+    steps, chambers = table.shape[0], len(p.chambers)
+    out = _out(steps // stride + 1, state.x.shape[0], body)
     out.position[0], out.velocity[0], out.curvature[0] = state.x, state.v, state.curvature
-    out.volume[0] = state.chamber[0]
-    out.pressure[0] = table[0, 0] if steps else 0.0
+    out.volume[0] = state.chamber[:, 0]
+    out.pressure[0] = table[0, :chambers] if steps else 0.0
     work = _work(state.x.shape[0], body.weight.size)
     clock = _clock(body, STATIC_STEP if static else dt, static=static)
     _first_energy(body, rows, state, out)
@@ -266,18 +277,20 @@ def simulate(
         total += count
         if status != 0:
             why = "did not converge" if status == 1 else "left the range where the section law is defined"
+            pressure = " and ".join(f"{p:.0f}" for p in table[at, :chambers])
             raise SimulationError(
-                f"the rod {why} at {at * dt:.4f} s, pressure {table[at, 0]:.0f} Pa, last update {update:.1e} m: "
+                f"the rod {why} at {at * dt:.4f} s, pressure {pressure} Pa, last update {update:.1e} m: "
                 f"use a step shorter than {dt:g} s or gentler loads"
             )
         if progress is not None:
             progress(span.stop / steps)
+    told = out._asdict()
+    if chambers == 1:
+        told |= {"pressure": out.pressure[:, 0], "volume": out.volume[:, 0]}
     return Motion(
-        time=np.asarray(np.arange(out.pressure.size) * (dt * stride), dtype=float),
-        arc_length=node_position(p),
-        **out._asdict(),
-        iterations=total / max(steps, 1),
-    )
+        time=np.asarray(np.arange(out.energy.shape[0]) * (dt * stride), dtype=float), arc_length=node_position(p),
+        **told, iterations=total / max(steps, 1),
+    )  # fmt: skip
 
 
 def _first_energy(body: Body, rows: NDArray[np.float64], state: State, out: Out) -> None:

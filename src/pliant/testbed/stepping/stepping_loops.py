@@ -129,9 +129,10 @@ def remember(x, body, state, clock, work):
             speed = (x[v, a] - (4.0 * state.x[v, a] - state.x_before[v, a]) / 3.0) / clock.h
             state.v_before[v, a], state.v[v, a] = state.v[v, a], speed
             state.x_before[v, a], state.x[v, a] = state.x[v, a], x[v, a]
-    now = volume(state.curvature, body)
-    state.chamber[1] = (now - state.chamber[0]) / clock.dt
-    state.chamber[0] = now
+    for c in range(state.chamber.shape[0]):
+        now = volume(c, state.curvature, body)
+        state.chamber[c, 1] = (now - state.chamber[c, 0]) / clock.dt
+        state.chamber[c, 0] = now
 
 
 def energies(body, obstacles, state, out):
@@ -169,10 +170,11 @@ def march(loads, span, body, obstacles, state, clock, work, out):
     """
     total = 0
     x = work.x
-    load = np.empty(4)
+    load = np.empty(loads.shape[1])
     for n in range(span.first, span.stop):
         load[:] = loads[n]
-        load[0] -= body.tube_resistance * state.chamber[1]
+        for c in range(state.chamber.shape[0]):
+            load[c] -= body.tube_resistance * state.chamber[c, 1]
         for v in range(x.shape[0]):
             for a in range(2):
                 slow = (4.0 * state.v[v, a] - state.v_before[v, a]) / 3.0
@@ -190,7 +192,8 @@ def march(loads, span, body, obstacles, state, clock, work, out):
             out.velocity[r] = state.v
             out.curvature[r] = state.curvature
             out.force[r] = work.force
-            out.pressure[r] = load[0]
-            out.volume[r] = state.chamber[0]
+            for c in range(state.chamber.shape[0]):
+                out.pressure[r, c] = load[c]
+                out.volume[r, c] = state.chamber[c, 0]
             energies(body, obstacles, state, out.energy[r])
     return CONVERGED, span.stop, 0.0, total

@@ -120,11 +120,23 @@ def supply_pressure(
 def read_pressure(
     time: NDArray[np.float64], pressure: NDArray[np.float64], sensor: PressureSensor, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Clock (P,) and readings (P,) of the transducer; its first sample falls anywhere in the first period."""
+    """Clock (P,) and readings (P,) of the transducer; its first sample falls anywhere in the first period.
+
+    Of several chambers (R, C) each has a transducer of its own, all read on one clock: readings (P, C).
+    """
     start = float(rng.uniform(0.0, 1.0 / sensor.rate))
     clock = np.arange(start, float(time[-1]), 1.0 / sensor.rate)
+    if pressure.ndim == 2:
+        return clock, np.stack([_readings(clock, time, p, sensor, rng) for p in pressure.T], axis=1)
+    return clock, _readings(clock, time, pressure, sensor, rng)
+
+
+def _readings(
+    clock: NDArray[np.float64], time: NDArray[np.float64], pressure: NDArray[np.float64], sensor: PressureSensor,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
     value = np.interp(clock, time, pressure) + sensor.bias * float(rng.standard_normal())
     value = value + sensor.noise * rng.standard_normal(clock.size)
     if sensor.resolution > 0:
         value = np.round(value / sensor.resolution) * sensor.resolution
-    return clock, value
+    return np.asarray(value)
