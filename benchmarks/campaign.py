@@ -11,15 +11,8 @@ the rung of the lowest BIC among those that the recordings determine; the others
 and only their edge times are fitted. Creep and slip are not tried: they cost minutes a seed. The rod has 60 elements.
 """
 
-# ruff: noqa: E402
 from __future__ import annotations
 
-import os
-
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import argparse
 import tempfile
 import time
 from collections.abc import Sequence
@@ -27,6 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import chunks
 import numpy as np
 import xarray as xr
 
@@ -40,8 +34,7 @@ from pliant.study.dense import link_experiment, shape_of
 from pliant.study.prepare import all_planar, study_model
 from pliant.study.record_outcomes import records_of
 from pliant.study.schema import Study
-from pliant.sweep.scheduler import executor_of, run_campaign
-from pliant.sweep.store import Arrays, Store
+from pliant.sweep.store import Arrays
 from pliant.testbed import Member, family_member, generate
 from pliant.testbed.scenarios import SCENARIOS, pulse
 from pliant.validation.outcome import RecordOutcome
@@ -61,23 +54,13 @@ WIDTH, DURATION = 1.5, 3.5  # s
 
 
 @dataclass(frozen=True)
-class Seeds:
-    """Chunks of one seed each, for the sweep engine."""
+class Seeds(chunks.OneByOne):
+    """Chunks of one seed each."""
 
-    first: int
-    count: int
+    first: int = 0
     elements: int = 60
     links: int = 5
     rungs: tuple[str, ...] = RUNG_NAMES
-
-    @property
-    def chunks(self) -> int:
-        """Number of seeds."""
-        return self.count
-
-    def bounds(self, chunk: int) -> tuple[int, int]:
-        """One seed a chunk."""
-        return chunk, chunk + 1
 
     def work(self, chunk: int) -> Arrays:
         """All numbers of one seed; what could not be had is not a number, and `told` says why."""
@@ -242,23 +225,13 @@ def figure(samples: xr.Dataset, path: Path) -> None:
 
 def main() -> None:
     """Run what is not there yet; table, worst five and figure of all."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("benchmarks/results/campaign"))
-    parser.add_argument("--seeds", type=int, default=40)
+    parser = chunks.options(__doc__, "campaign", 40)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--scheduler", default="local", help="local, processes, or tcp://host:port of Dask")
-    parser.add_argument("--so-far", action="store_true", help="run nothing, show the seeds that are done")
     parser.add_argument("--figure", type=Path, help="path without ending")
     args = parser.parse_args()
-    seeds = Seeds(args.first, args.seeds)
-    store = Store(args.output, {"campaign": "family", "first": args.first, "elements": seeds.elements,
-                                "rungs": seeds.rungs})
-    if not args.so_far:
-        began = time.perf_counter()
-        account = run_campaign(seeds, store, executor_of(args.scheduler), lambda line: print(line, flush=True))
-        print(f"{account.sentence()}; {time.perf_counter() - began:.0f} s")
-    parts = [store.load(k, *seeds.bounds(k)) for k in range(seeds.chunks)]
-    samples = xr.concat([p for p in parts if p is not None], dim="sample", data_vars="all", combine_attrs="override")
+    seeds = Seeds(args.seeds, args.first)
+    key = {"campaign": "family", "first": args.first, "elements": seeds.elements, "rungs": seeds.rungs}
+    samples = chunks.samples(seeds, key, args)
     print(f"{samples.sizes['sample']} seeds, {int(samples['failed'].sum())} with a prediction that was refused, "
           f"{float(samples['cpu_s'].median()):.0f} s of processor a seed (median)")
     print(table(samples))

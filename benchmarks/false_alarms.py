@@ -9,20 +9,13 @@ differ from minute to minute, not from seed to seed. Beside the test stands the 
 Nothing was tuned on these motions or seeds.
 """
 
-# ruff: noqa: E402
 from __future__ import annotations
 
-import os
-
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import argparse
 import time
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
+import chunks
 import numpy as np
 import xarray as xr
 from state import LATENCY, NOISE, model
@@ -30,8 +23,7 @@ from touches import LEARN, Plain, free, free_minute, seen
 
 from pliant.contact import find_contact, free_motion
 from pliant.contact.free_motion import FreeMotion
-from pliant.sweep.scheduler import executor_of, run_campaign
-from pliant.sweep.store import Arrays, Store
+from pliant.sweep.store import Arrays
 
 NAMES = "abc"
 FIRST = 1000  # of the minutes that nobody learnt from
@@ -46,20 +38,10 @@ def learnt(name: str, seed: int) -> tuple[FreeMotion, Plain]:
 
 
 @dataclass(frozen=True)
-class Minutes:
+class Minutes(chunks.OneByOne):
     """Chunks of one minute of one actuator, under all its seeds."""
 
-    seeds: int
-    minutes: int
-
-    @property
-    def chunks(self) -> int:
-        """Number of minutes of motion."""
-        return len(NAMES) * self.minutes
-
-    def bounds(self, chunk: int) -> tuple[int, int]:
-        """One minute a chunk."""
-        return chunk, chunk + 1
+    seeds: int = 20
 
     def work(self, chunk: int) -> Arrays:
         """Alarms (1, seeds) of both tests, NaN for the seeds of other actuators."""
@@ -98,20 +80,11 @@ def table(samples: xr.Dataset) -> str:
 
 def main() -> None:
     """Run what is not there yet, then the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("benchmarks/results/false_alarms"))
-    parser.add_argument("--seeds", type=int, default=20)
+    parser = chunks.options(__doc__, "false_alarms", 20)
     parser.add_argument("--minutes", type=int, default=60, help="of motion that each seed sees")
-    parser.add_argument("--scheduler", default="local")
-    parser.add_argument("--so-far", action="store_true", help="run nothing, show the minutes that are done")
     args = parser.parse_args()
-    work = Minutes(args.seeds, args.minutes)
-    store = Store(args.output, {"campaign": "false alarms", "seeds": args.seeds})
-    if not args.so_far:
-        account = run_campaign(work, store, executor_of(args.scheduler), lambda line: print(line, flush=True))
-        print(account.sentence())
-    parts = [p for k in range(work.chunks) if (p := store.load(k, *work.bounds(k))) is not None]
-    print(table(xr.concat(parts, dim="sample", data_vars="all", combine_attrs="override")))
+    work = Minutes(len(NAMES) * args.minutes, args.seeds)
+    print(table(chunks.samples(work, {"campaign": "false alarms", "seeds": args.seeds}, args)))
 
 
 if __name__ == "__main__":

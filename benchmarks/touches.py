@@ -12,21 +12,14 @@ motion by the same tail for the same rate of false alarms, one an hour (`false_a
 tuned on these seeds; whoever tunes does so on seeds 0 to 9 and tells 10 to 19.
 """
 
-# ruff: noqa: E402
 from __future__ import annotations
 
-import os
-
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import argparse
 import sys
 import time
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
+import chunks
 import numpy as np
 import xarray as xr
 from scipy.special import ndtri
@@ -39,8 +32,7 @@ from pliant.contact.moment_arms import moment_arms
 from pliant.estimation import estimate
 from pliant.estimation.measurement import Measurement, measurement_of
 from pliant.study.dense import body_of_fibre
-from pliant.sweep.scheduler import executor_of, run_campaign
-from pliant.sweep.store import Arrays, Store
+from pliant.sweep.store import Arrays
 from pliant.testbed.laboratory import RECORD, SUPPLY_STEP, Laboratory, record
 from pliant.testbed.rod import actuator
 from pliant.testbed.scenarios import Command
@@ -105,19 +97,8 @@ def touched(name: str, seed: int, run: int) -> tuple[Motion, int, np.ndarray]:
 
 
 @dataclass(frozen=True)
-class Touches:
-    """Chunks of one seed each, for the sweep engine."""
-
-    count: int
-
-    @property
-    def chunks(self) -> int:
-        """Number of seeds."""
-        return self.count
-
-    def bounds(self, chunk: int) -> tuple[int, int]:
-        """One seed a chunk."""
-        return chunk, chunk + 1
+class Touches(chunks.OneByOne):
+    """Chunks of one seed each."""
 
     def work(self, chunk: int) -> Arrays:
         """Delays, places and forces (1, runs, touches), and false alarms, of one seed."""
@@ -273,19 +254,8 @@ def main() -> None:
     if sys.argv[1:] == ["bound"]:
         bound()
         return
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("benchmarks/results/touches"))
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--scheduler", default="local")
-    parser.add_argument("--so-far", action="store_true", help="run nothing, show the seeds that are done")
-    args = parser.parse_args()
-    work = Touches(args.seeds)
-    store = Store(args.output, {"campaign": "touches"})
-    if not args.so_far:
-        account = run_campaign(work, store, executor_of(args.scheduler), lambda line: print(line, flush=True))
-        print(account.sentence())
-    parts = [p for k in range(work.chunks) if (p := store.load(k, *work.bounds(k))) is not None]
-    told(xr.concat(parts, dim="sample", data_vars="all", combine_attrs="override"))
+    args = chunks.options(__doc__, "touches", 20).parse_args()
+    told(chunks.samples(Touches(args.seeds), {"campaign": "touches"}, args))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,62 @@
+"""What resumable benchmarks share: one thread for each process, chunks of one sample, their options and their results.
+
+Import it before NumPy: libraries read how many threads they may start when they are loaded.
+"""
+
+# ruff: noqa: E402
+from __future__ import annotations
+
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from pliant.sweep.scheduler import executor_of, run_campaign
+from pliant.sweep.store import Store
+
+
+@dataclass(frozen=True)
+class OneByOne:
+    """Chunks of one sample each, for the sweep engine; `work(chunk)` is the benchmark's own."""
+
+    count: int
+
+    @property
+    def chunks(self) -> int:
+        """Number of samples."""
+        return self.count
+
+    def bounds(self, chunk: int) -> tuple[int, int]:
+        """One sample a chunk."""
+        return chunk, chunk + 1
+
+
+def options(document: str, name: str, seeds: int) -> argparse.ArgumentParser:
+    """The options that all of them have; results go to benchmarks/results/`name` unless asked otherwise."""
+    parser = argparse.ArgumentParser(description=document.splitlines()[0])
+    parser.add_argument("-o", "--output", type=Path, default=Path("benchmarks/results") / name)
+    parser.add_argument("--seeds", type=int, default=seeds)
+    parser.add_argument("--scheduler", default="local", help="local, processes, or tcp://host:port of Dask")
+    parser.add_argument("--so-far", action="store_true", help="run nothing, show what is done")
+    return parser
+
+
+def samples(work: Any, key: dict[str, Any], args: argparse.Namespace) -> xr.Dataset:
+    """All samples, those that were not there yet computed now unless `args.so_far`."""
+    store = Store(args.output, key)
+    if not args.so_far:
+        began = time.perf_counter()
+        account = run_campaign(work, store, executor_of(args.scheduler), lambda line: print(line, flush=True))
+        print(f"{account.sentence()}; {time.perf_counter() - began:.0f} s")
+    parts = [part for k in range(work.chunks) if (part := store.load(k, *work.bounds(k))) is not None]
+    if not parts:
+        raise SystemExit(f"nothing is done yet in {args.output}")
+    return xr.concat(parts, dim="sample", data_vars="all", combine_attrs="override")
