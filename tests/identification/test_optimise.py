@@ -24,8 +24,10 @@ def two_bowls() -> Any:
         return np.array([[2.0 * x[0]], [0.2], [0.0]])
 
     bounds = (np.array([-9.0]), np.array([9.0]))
-    return SimpleNamespace(residual=residual, jacobian=jacobian, free=[0], bounds=bounds, weighting="travel", unit=1.0,
-                           evaluations=0, asked=asked)  # fmt: skip
+    return SimpleNamespace(
+        residual=residual, jacobian=jacobian, free=[SimpleNamespace(name="x")], bounds=bounds, weighting="travel",
+        unit=1.0, evaluations=0, asked=asked,
+    )
 
 
 def starts(*values: float) -> list[np.ndarray]:
@@ -56,3 +58,28 @@ def test_a_start_on_its_way_to_a_known_minimum_stops(two_bowls: Any) -> None:
 def test_robust_losses_take_every_start_to_its_end(two_bowls: Any) -> None:
     best = solve_all(two_bowls, starts(2.0, -2.0, -3.0), "soft_l1", 100, None)
     assert best.x == pytest.approx([-1.0], abs=1e-4)
+
+
+@pytest.mark.parametrize(("names", "quick"), [(("stiffness", "creep_share_1"), True), (("damping", "torque_1"), False)])
+def test_a_valley_of_stiffness_and_creep_is_straight_in_logarithms(names: tuple[str, str], quick: bool) -> None:
+    """K (1 + s) is seen well, K hardly: from (1, 1) to (0.02, 99); numbers of other names take the bend in steps."""
+    asked: list[np.ndarray] = []
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        asked.append(x)
+        return np.array([x[0] * (1.0 + x[1]) - 2.0, 0.01 * (x[0] - 0.02)])
+
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        return np.array([[1.0 + x[1], x[0]], [0.01, 0.0]])
+
+    problem: Any = SimpleNamespace(
+        residual=residual, jacobian=jacobian, free=[SimpleNamespace(name=n) for n in names], weighting="travel",
+        bounds=(np.array([1e-9, 0.0]), np.array([np.inf, 1e3])), unit=1.0, scale=np.ones(2),
+        evaluations=0,
+    )
+    found = solve(problem, np.ones(2), "linear", 400)
+    evaluations = len(asked)
+    J = jacobian(found.x)
+    assert found.jac.T @ found.jac == pytest.approx(J.T @ J, rel=1e-6)
+    assert (evaluations < 25) == quick
+    assert (found.x == pytest.approx([0.02, 99.0], rel=1e-3)) or not quick

@@ -44,7 +44,8 @@ def solve(
     """Least squares from x0, with exact derivatives.
 
     The optimiser sees moves from x0 in sizes of the parameters, so that its first step is of one size at most: where
-    a start shows little of a parameter, a step scaled by the derivatives would leave all that is physical.
+    a start shows little of a parameter, a step scaled by the derivatives would leave all that is physical. Of some it
+    sees moves of their logarithm: `shifts`.
 
     Raises
     ------
@@ -55,24 +56,52 @@ def solve(
 
     residual, jacobian = condensed(problem) if loss == "linear" else (problem.residual, problem.jacobian)
     costs: dict[bytes, float] = {}
+    shift = shifts(problem)
+    logs = np.isfinite(shift)
+    lower, start, upper = (np.where(logs, np.log(np.where(logs, x + shift, 1.0)), x) for x in (
+        problem.bounds[0], x0, problem.bounds[1]))  # fmt: skip
+
+    def x_of(move: Array) -> Array:
+        y = start + move
+        return np.where(logs, np.exp(np.where(logs, y, 0.0)) - shift, y)
 
     def at(move: Array) -> Array:
-        r = residual(x0 + move)
+        r = residual(x_of(move))
         costs[move.tobytes()] = 0.5 * float(np.sum(r * r))
         return r
 
     def slopes(move: Array) -> Array:
-        if found is not None and loss == "linear" and runs_into(found, x0 + move, costs[move.tobytes()]):
+        x = x_of(move)
+        if found is not None and loss == "linear" and runs_into(found, x, costs[move.tobytes()]):
             raise SameMinimumError
-        return jacobian(x0 + move)
+        return jacobian(x) * np.where(logs, x + shift, 1.0)
 
     best = least_squares(
-        at, np.zeros_like(x0), slopes, bounds=(problem.bounds[0] - x0, problem.bounds[1] - x0), loss=loss,
+        at, np.zeros_like(x0), slopes, bounds=(lower - start, upper - start), loss=loss,
         f_scale=ROBUST_SIGMAS if problem.weighting == "noise" else ROBUST_FROM * problem.unit,
         max_nfev=max_evaluations, xtol=1e-9, ftol=1e-9, gtol=1e-10,
     )
-    best.x = np.clip(x0 + best.x, *problem.bounds)
+    x = x_of(best.x)
+    best.jac = best.jac / np.where(logs, x + shift, 1.0)
+    best.x = np.clip(x, *problem.bounds)
     return best
+
+
+def shifts(problem: Problem) -> Array:
+    """What is added to a free parameter before its logarithm is sought, in its size; NaN for those sought as they are.
+
+    Beside creep, fast motion shows K (1 + share) alone: K and share lie in a valley that bends, and is straight in
+    log K and log (1 + share).
+    """
+    kinds = [p.name.rpartition(".")[2] for p in problem.free]
+    shift = np.full(len(kinds), np.nan)
+    if any(kind.startswith("creep_share") for kind in kinds):
+        for k, kind in enumerate(kinds):
+            if kind.startswith("creep_share"):
+                shift[k] = 1.0 / problem.scale[k]
+            elif kind.startswith(("stiffness", "creep_time")):
+                shift[k] = 0.0
+    return shift
 
 
 def runs_into(found: OptimizeResult, x: Array, cost: float) -> bool:
