@@ -95,6 +95,20 @@ def test_chambers_that_were_never_driven_apart_are_named(body: Model) -> None:
     assert identifiability(apart, body, ["left.torque_1", "right.torque_1"], step=2e-3).identifiable
 
 
+def test_chambers_that_were_hardly_driven_or_hardly_apart_are_named(body: Model) -> None:
+    """As a transducer shows them: no command leaves a little noise, one command two edges that differ."""
+    idle = made(body, "i", {"left": [0, 9e4, 9e4, 0, 0], "right": [0, 8e2, 0, 8e2, 0]})
+    found = fit([idle], body, ["left.torque_1", "right.torque_1"], step=2e-3, starts=1)
+    assert any(n.startswith("Chamber right was hardly driven: its pressure moves by 0.89 % of that of left") for n in
+               found.notes)  # fmt: skip
+    same = made(body, "s", {"left": [0, 8e4, 8e4, 2e3, 0], "right": [0, 7.5e4, 8e4, 0, 0]})
+    apart = "Chambers left and right turn the same joints and were hardly driven apart"
+    found = fit([same], body, ["left.torque_1", "right.torque_1"], step=2e-3, starts=1)
+    assert any(n.startswith(apart) for n in found.notes)
+    again = fit([same, made(body, "l", ALONE["l"])], body, ["left.torque_1", "right.torque_1"], step=2e-3, starts=1)
+    assert not any("hardly" in n for n in again.notes)
+
+
 @pytest.mark.parametrize(
     "name", ["left.torque_1", "right.torque_2", "right.valve_rise", "left.joint_gain_2", "torque_1"]
 )

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 TOGETHER = 1e-3  # sine of the angle between two pressures, seen as vectors, below which they were never driven apart
 STILL = 0.1  # of the range of the pressure that moves most: others that move less leave it alone
+IDLE = 0.02  # of that range: what a transducer's noise, and a body that breathes through its tube, make of no command
+ALIKE = 0.2  # sine as above, below which chambers of the same joints were hardly driven apart
 
 
 def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
@@ -113,18 +115,49 @@ def pressures_at(model: Model, experiments: Sequence[Experiment]) -> Array:
     return np.concatenate(rows)
 
 
+def shared(a: Array, b: Array) -> float:
+    """Sine of the angle between two pressures (N,), seen as vectors."""
+    p, q = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    return float(np.linalg.norm(p - q * (p @ q)))
+
+
+def fitted_chambers(names: Sequence[str], model: Model) -> list[int]:
+    """Places of the chambers of which some of the parameters `names` are."""
+    return [k for k, c in enumerate(model.chambers) if any(n.startswith(f"{c.name}.") for n in names)]
+
+
+def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> list[str]:
+    """Sentences on chambers of the parameters `names` that hardly moved, or hardly apart: their laws rest on little."""
+    mine = fitted_chambers(names, model)
+    if len(model.chambers) == 1 or not mine:
+        return []
+    seen = pressures_at(model, experiments)
+    moves = np.ptp(seen, axis=0)
+    most = int(np.argmax(moves))
+    told = [
+        f"Chamber {model.chambers[k].name} was hardly driven: its pressure moves by "
+        f"{100 * moves[k] / moves[most]:.2g} % of that of {model.chambers[most].name}, and its law rests on that."
+        for k in mine if moves[k] <= IDLE * moves[most]
+    ]
+    driven = [k for k in mine if moves[k] > IDLE * moves[most]]
+    for a, b in combinations(driven, 2):
+        one, other = model.chambers[a], model.chambers[b]
+        if np.any((one.joint_gain != 0) & (other.joint_gain != 0)) and shared(seen[:, a], seen[:, b]) < ALIKE:
+            told.append(f"Chambers {one.name} and {other.name} turn the same joints and were hardly driven apart: "
+                        "their laws rest on how their edges differ; record one of them alone.")
+    return told
+
+
 def told_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
     """Why recordings do not tell the parameters `names` apart, where their chambers were never driven (apart)."""
-    mine = [c.name for c in model.chambers if any(n.startswith(f"{c.name}.") for n in names)]
+    mine = fitted_chambers(names, model)
     if len(model.chambers) == 1 or not mine:
         return ""
     seen = pressures_at(model, experiments)
-    length = np.linalg.norm(seen, axis=0)
-    column = {c.name: k for k, c in enumerate(model.chambers)}
-    if idle := [c for c in mine if length[column[c]] == 0.0]:
-        return f"chamber {idle[0]} is driven in no recording"
+    if idle := [k for k in mine if not seen[:, k].any()]:
+        return f"chamber {model.chambers[idle[0]].name} is driven in no recording"
     for a, b in combinations(mine, 2):
-        p, q = (seen[:, column[c]] / length[column[c]] for c in (a, b))
-        if np.linalg.norm(p - q * (p @ q)) < TOGETHER:
-            return f"chambers {a} and {b} were never driven apart: their gains cannot be told apart"
+        if shared(seen[:, a], seen[:, b]) < TOGETHER:
+            both = f"{model.chambers[a].name} and {model.chambers[b].name}"
+            return f"chambers {both} were never driven apart: their gains cannot be told apart"
     return ""

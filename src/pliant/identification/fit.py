@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.errors import FitError, InputError
 from pliant.identification.chamber_parameters import held_gains
-from pliant.identification.drives import at_rest
+from pliant.identification.drives import at_rest, hardly_driven
 from pliant.identification.experiment import Experiment, predict
 from pliant.identification.identifiability import combinations, examine
 from pliant.identification.initial_guess import prepare
@@ -190,6 +190,7 @@ def finished(
     if found.correlated:
         notes.append(f"Residuals are correlated over {found.correlated:.2g} s, which the standard errors count in.")
     notes += [told for e in problem.experiments if (told := at_rest(problem.model, e))]
+    notes += hardly_driven([p.name for p in problem.free], problem.model, problem.experiments)
     if held_gains(parameters, problem.model):
         notes.append("The mean of the joints' gains is held where it began: the torque law has a scale of its own.")
     r = problem.data_residual(best.x)

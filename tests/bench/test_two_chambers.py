@@ -1,0 +1,68 @@
+"""Bodies of two chambers: what one chamber at a time teaches of both, and intervals that hold the truth."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.identification import fit
+from pliant.testbed.rod import CHAMBERS
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+def loaded(name):
+    spec = importlib.util.spec_from_file_location(f"{name}_benchmark", BENCHMARKS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, spec.name, module)
+        spec.loader.exec_module(module)
+    return module
+
+
+two_chambers, intervals = loaded("two_chambers"), loaded("intervals")
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    return {body: two_chambers.recorded(body, seed=1) for body in CHAMBERS}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("body", list(CHAMBERS))
+def test_one_chamber_at_a_time_teaches_what_both_do(recorded, body):
+    experiments, model = recorded[body]
+    fitted = two_chambers.taught(body, experiments, model)
+    assert fitted.converged
+    assert not any("hardly driven" in note for note in fitted.notes)
+    for name in two_chambers.HELD_OUT:
+        assert two_chambers.missed(experiments[name], fitted) < 4.0, name
+    found, true = two_chambers.compliance(body, fitted)  # the rod's memory makes it stiffer than its springs are
+    assert np.all(np.abs(found / true - 1.0) < 0.12)
+    for p in fitted.parameters:
+        assert not p.free or p.std < 0.15 * abs(p.value) or p.name in ("start", "stiffening"), p
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("body", "second"), [("two_segment", "far"), ("antagonistic", "right")])
+def test_a_virtual_chamber_that_nothing_drove_is_named_and_its_interval_says_nothing(recorded, body, second):
+    """Its transducer shows a bias, noise, and what the bending body breathes through its tube."""
+    experiments, model = recorded[body]
+    free = [*two_chambers.PLAIN, *(f"{c.name}.torque_1" for c in CHAMBERS[body])]
+    found = fit([experiments["first_60"], experiments["first_150"]], model, free, starts=1)
+    assert any(note.startswith(f"Chamber {second} was hardly driven") for note in found.notes)
+    law = next(p for p in found.parameters if p.name == f"{second}.torque_1")
+    assert law.std > 0.5 * abs(law.value)
+    assert any(f"fix {second}.torque_1" in note for note in found.notes)
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth_of_bodies_drawn_anew():
+    z = np.array([intervals.errors("two segments", intervals.KEPT["white"], seed) for seed in range(8)])
+    assert np.mean(np.abs(z) < 1.96) > 0.85
+    assert 0.75 < np.sqrt(np.mean(z**2)) < 1.3
+    assert np.abs(z).max() < 4.5
