@@ -2,7 +2,8 @@
 
 Each body is recorded by the virtual fibre, with all its errors and by the transducers of both chambers, under pulses of
 60 and 150 kPa in one chamber at a time. A chain of six links learns from these and predicts pulses in both chambers.
-The last lines hold what was found of the chambers against the rod's own numbers, which share nothing with the chain.
+What is found of the chambers is held against the rod's own numbers, which share nothing with the chain; last, what
+recordings teach in which both chambers follow one command.
 Usage: python benchmarks/two_chambers.py [seeds of the sensors]
 """
 
@@ -26,6 +27,7 @@ from pliant.testbed.rod import CHAMBERS, actuator, build_body
 LINKS = 6
 TRAIN = {"first_60": "pulse_60+0_1500ms", "first_150": "pulse_150+0_1500ms", "second_60": "pulse_0+60_1500ms",
          "second_150": "pulse_0+150_1500ms"}  # fmt: skip
+TOGETHER = {"same_60": "pulse_60_1500ms", "same_150": "pulse_150_1500ms"}  # one command for both
 HELD_OUT = {"both": "pulse_100+130_1500ms", "overlapping": "overlapping", "in_turn": "in_turn"}
 PLAIN = ("stiffness", "damping", "stiffening", "start")
 MODELS = {"springs": (), "and creep": ("creep_share_1", "creep_time_1")}
@@ -44,7 +46,7 @@ def recorded(body: str, seed: int) -> tuple[dict[str, Experiment], Model]:
     """What the laboratory has of a body: its recordings, reduced to links, and the chain with guessed numbers."""
     with tempfile.TemporaryDirectory() as folder:
         recordings = {}
-        for name, case in {**TRAIN, **HELD_OUT}.items():
+        for name, case in {**TRAIN, **TOGETHER, **HELD_OUT}.items():
             write_netcdf(generate(case, body, seed).recording, Path(folder) / f"{name}.nc")
             recordings[name] = {"file": f"{name}.nc", "drive": {c.name: c.name for c in CHAMBERS[body]}}
         study = Study.model_validate({
@@ -57,10 +59,9 @@ def recorded(body: str, seed: int) -> tuple[dict[str, Experiment], Model]:
         return ready.experiments, ready.model
 
 
-def taught(body: str, experiments: dict[str, Experiment], model: Model, more: Sequence[str] = ()) -> FitResult:
-    """The fit to the recordings of one chamber at a time; one gain for each chamber."""
-    free = [*PLAIN, *(f"{c.name}.torque_1" for c in CHAMBERS[body]), *more]
-    return fit([experiments[name] for name in TRAIN], model, free, starts=1)
+def taught(body: str, train: Sequence[Experiment], model: Model, more: Sequence[str] = ()) -> FitResult:
+    """The fit to some recordings; one gain for each chamber."""
+    return fit(train, model, [*PLAIN, *(f"{c.name}.torque_1" for c in CHAMBERS[body]), *more], starts=1)
 
 
 def missed(exp: Experiment, fitted: FitResult) -> float:
@@ -78,19 +79,28 @@ def compliance(body: str, fitted: FitResult) -> tuple[np.ndarray, np.ndarray]:
     return c, (lever / rod.stiffness) @ rod.weight
 
 
+def told(body: str, fitted: FitResult) -> str:
+    """What was found of the chambers against the rod's own, with the standard errors of their gains."""
+    std = {p.name: 100.0 * p.std / abs(p.value) for p in fitted.parameters if p.free and p.std is not None}
+    return "bend per pressure against the rod's " + " and ".join(
+        f"{100 * (f / t - 1):+.1f} % (gain +- {std[f'{c.name}.torque_1']:.1f} %)"
+        for c, f, t in zip(CHAMBERS[body], *compliance(body, fitted), strict=True)
+    )
+
+
 def main(seeds: int) -> None:
     """Print a table for each body."""
     for body in CHAMBERS:
         for seed in range(1, seeds + 1):
             experiments, model = recorded(body, seed)
             for title, more in MODELS.items():
-                fitted = taught(body, experiments, model, more)
+                fitted = taught(body, [experiments[name] for name in TRAIN], model, more)
                 held = {name: experiments[name] for name in HELD_OUT}
                 errors = ", ".join(f"{name} {missed(exp, fitted):.2f} % of {1e3 * exp.travel:.0f} mm"
                                    for name, exp in held.items())  # fmt: skip
-                found, true = compliance(body, fitted)
-                off = " and ".join(f"{100 * (f / t - 1):+.1f} %" for f, t in zip(found, true, strict=True))
-                print(f"{body}, sensors {seed}, {title}: {errors}; bend per pressure {off} of the rod's", flush=True)
+                print(f"{body}, sensors {seed}, {title}: {errors}; {told(body, fitted)}", flush=True)
+            fitted = taught(body, [experiments[name] for name in TOGETHER], model)
+            print(f"{body}, sensors {seed}, springs, taught by both together: {told(body, fitted)}", flush=True)
 
 
 if __name__ == "__main__":

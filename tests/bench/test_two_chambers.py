@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pliant.identification import fit
 from pliant.testbed.rod import CHAMBERS
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -36,7 +35,7 @@ def recorded():
 @pytest.mark.parametrize("body", list(CHAMBERS))
 def test_one_chamber_at_a_time_teaches_what_both_do(recorded, body):
     experiments, model = recorded[body]
-    fitted = two_chambers.taught(body, experiments, model)
+    fitted = two_chambers.taught(body, [experiments[name] for name in two_chambers.TRAIN], model)
     assert fitted.converged
     assert not any("hardly driven" in note for note in fitted.notes)
     for name in two_chambers.HELD_OUT:
@@ -52,12 +51,17 @@ def test_one_chamber_at_a_time_teaches_what_both_do(recorded, body):
 def test_a_virtual_chamber_that_nothing_drove_is_named_and_its_interval_says_nothing(recorded, body, second):
     """Its transducer shows a bias, noise, and what the bending body breathes through its tube."""
     experiments, model = recorded[body]
-    free = [*two_chambers.PLAIN, *(f"{c.name}.torque_1" for c in CHAMBERS[body])]
-    found = fit([experiments["first_60"], experiments["first_150"]], model, free, starts=1)
+    found = two_chambers.taught(body, [experiments["first_60"], experiments["first_150"]], model)
     assert any(note.startswith(f"Chamber {second} was hardly driven") for note in found.notes)
     law = next(p for p in found.parameters if p.name == f"{second}.torque_1")
     assert law.std > 0.5 * abs(law.value)
     assert any(f"fix {second}.torque_1" in note for note in found.notes)
+
+
+def test_opposite_virtual_chambers_under_one_command_are_named(recorded):
+    experiments, model = recorded["antagonistic"]
+    found = two_chambers.taught("antagonistic", [experiments[name] for name in two_chambers.TOGETHER], model)
+    assert any("left and right turn the same joints and were hardly driven apart" in note for note in found.notes)
 
 
 @pytest.mark.slow
