@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,7 @@ TRAIN = {"first_60": "pulse_60+0_1500ms", "first_150": "pulse_150+0_1500ms", "se
          "second_150": "pulse_0+150_1500ms"}  # fmt: skip
 TOGETHER = {"same_60": "pulse_60_1500ms", "same_150": "pulse_150_1500ms"}  # one command for both
 HELD_OUT = {"both": "pulse_100+130_1500ms", "overlapping": "overlapping", "in_turn": "in_turn"}
+CASES = {**TRAIN, **TOGETHER, **HELD_OUT}
 PLAIN = ("stiffness", "damping", "stiffening", "start")
 MODELS = {"springs": (), "and creep": ("creep_share_1", "creep_time_1")}
 
@@ -42,12 +43,12 @@ def chambers(body: str) -> list[dict[str, object]]:
     return made
 
 
-def recorded(body: str, seed: int) -> tuple[dict[str, Experiment], Model]:
+def recorded(body: str, seed: int, names: Iterable[str] = CASES) -> tuple[dict[str, Experiment], Model]:
     """What the laboratory has of a body: its recordings, reduced to links, and the chain with guessed numbers."""
     with tempfile.TemporaryDirectory() as folder:
         recordings = {}
-        for name, case in {**TRAIN, **TOGETHER, **HELD_OUT}.items():
-            write_netcdf(generate(case, body, seed).recording, Path(folder) / f"{name}.nc")
+        for name in names:
+            write_netcdf(generate(CASES[name], body, seed).recording, Path(folder) / f"{name}.nc")
             recordings[name] = {"file": f"{name}.nc", "drive": {c.name: c.name for c in CHAMBERS[body]}}
         study = Study.model_validate({
             "name": body, "folder": folder, "fits": {}, "recordings": recordings,
