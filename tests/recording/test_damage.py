@@ -186,6 +186,20 @@ def test_one_bit_of_a_recording_of_ours_is_noticed(tmp_path, recording, share):
         read(path)
 
 
+def test_an_npz_whose_index_hides_an_array_is_refused(tmp_path, recording):
+    """A length in the index swallows the last entry: NumPy then reads the others without a word."""
+    path = tmp_path / "a.npz"
+    np.savez(path, time=recording["time"], position=recording["position"], pressure=np.arange(3.0))
+    data = bytearray(path.read_bytes())
+    last = data.rfind(b"PK\x01\x02")
+    before, end = data.rfind(b"PK\x01\x02", 0, last), data.rfind(b"PK\x05\x06")
+    data[before + 32 : before + 34] = (end - last).to_bytes(2, "little")
+    path.write_bytes(data)
+    assert np.load(path).files == ["time", "position"]
+    with pytest.raises(InputError, match="its index shows 2 arrays, its end says 3"):
+        read(path)
+
+
 @pytest.mark.parametrize("at", [-79, -70, -30, -1])
 def test_a_checksum_that_was_damaged_itself_is_no_missing_one(tmp_path, recording, at):
     path = write(recording, tmp_path / "a.nc")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 BROKEN = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, SyntaxError, MemoryError,
           zipfile.BadZipFile, zlib.error, OverflowError, TypeError)  # fmt: skip
+LONGEST_END = 22 + 65535  # bytes of the record at the end of an archive, with its comment
 
 
 def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -27,10 +28,25 @@ def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
+            told = entries_told(stream)
     except BROKEN as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise InputError(f"{path.name} is no readable .npz file, or it is damaged: {reason}") from None
+    if told != len(arrays):
+        raise InputError(f"{path.name} is damaged: its index shows {len(arrays)} arrays, its end says {told}")
     return recording_from_arrays(arrays, mapping, path.name)
+
+
+def entries_told(stream: BinaryIO) -> int:
+    """Number of entries of a zip archive, as its end says; `zipfile` lists what the index still shows.
+
+    Source: PKWARE APPNOTE.TXT, 4.3.16 (end of central directory record); an archive of 65,535 or more says so elsewhere
+    """
+    stream.seek(0, 2)
+    stream.seek(max(stream.tell() - LONGEST_END, 0))
+    tail = stream.read()
+    at = tail.rfind(b"PK\x05\x06")
+    return int.from_bytes(tail[at + 10 : at + 12], "little")
 
 
 READER = Reader("npz", (".npz",), read_npz, lambda head: head.startswith(b"PK"))
