@@ -50,8 +50,8 @@ def shown(kind, body, points, frames):
     return made, made.state(CLOCK[frames - 1])
 
 
-@pytest.mark.parametrize("name", registered.BUILT_IN)
-def test_every_estimator_finds_a_motion_under_two_pressures(name):
+@pytest.fixture(scope="module")
+def under_two_pressures():
     """Opposite chambers of the two halves of a body that pulls a tenth less than the model of it."""
     halves = [Chamber(torque=[1.2e-6], joint_gain=[1.0, 1.0, 0.0, 0.0], name="low"),
               Chamber(torque=[0.9e-6], joint_gain=[0.0, 0.0, -1.0, -0.8], name="high")]  # fmt: skip
@@ -60,7 +60,12 @@ def test_every_estimator_finds_a_motion_under_two_pressures(name):
     weaker = body.with_(chambers=[replace(c, torque=0.9 * c.torque) for c in halves])
     both = np.stack([PRESSURE, 6e4 * np.sin(2.5 * CLOCK) ** 2], axis=1)
     run = simulate(weaker, [Trace(CLOCK, row) for row in both.T], times=CLOCK, method="Radau")
-    points = np.concatenate([np.zeros((CLOCK.size, 1, 2)), run.tip_position.values], axis=1)
+    return body, both, run, np.concatenate([np.zeros((CLOCK.size, 1, 2)), run.tip_position.values], axis=1)
+
+
+@pytest.mark.parametrize("name", registered.BUILT_IN)
+def test_every_estimator_finds_a_motion_under_two_pressures(name, under_two_pressures):
+    body, both, run, points = under_two_pressures
     made, link_angles = estimators()[name].make(Setting(body, PERIOD, 0)), LinkAngles(body, ends(body))
     for time, pressures, shape in zip(CLOCK, both, points, strict=True):
         made.push_pressure(time, pressures)
