@@ -336,7 +336,7 @@ def prices() -> str:
         "a command packed with its hold": each(lambda: pack(sample("command", 1.0, 1, hold=0.02))),
         "a step watched for energy from nothing": watched,
         "the same step unwatched": each(lambda: stepper.step(1e4)),
-        "all numbers of a model judged": each(lambda: check_physical(model)),
+        "all numbers of a model judged": each(lambda: check_physical(model, vars(model))),
     }
     lines = ["", "| guard | us |", "|---|---|", *(f"| {name} | {1e6 * price:.2f} |" for name, price in rows.items())]
     lines += ["", "| file read whole | ms |", "|---|---|"]
