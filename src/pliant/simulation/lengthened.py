@@ -66,10 +66,8 @@ def dead_loads(model: Model, x: Array, load: Array) -> tuple[Array, Array]:
     In absolute angles; a load does not turn with the body: its potential is -sum_k (st_k L_k + R_k) . e(phi_k).
     """
     n, share = model.n, model.stretch_share
-    angle = np.append(model.base_angle, x[:n])
-    c, s = np.cos(angle), np.sin(angle)
+    c, s, whole = stretched_loads(x, load, share, model.base_angle)
     slope = np.zeros((x.size, x.size))
-    whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]
     slope[np.arange(n), np.arange(n)] = (whole[:, 0] * s - whole[:, 1] * c)[1:]
     slope[:n, n:] = (share * -(load[:, 0] * c + load[:, 1] * s)[:, None])[1:]
     slope[n:, :n] = slope[:n, n:].T
@@ -78,12 +76,17 @@ def dead_loads(model: Model, x: Array, load: Array) -> tuple[Array, Array]:
 
 def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
     """Generalised forces (n + S,) of loads (n + 1, 4) at x, in absolute angles; also of complex ones."""
-    n = x.size - share.shape[1]
-    angle = np.append(base_angle, x[:n])
-    c, s = np.cos(angle), np.sin(angle)
-    whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]
+    c, s, whole = stretched_loads(x, load, share, base_angle)
     turning = -(whole[:, 0] * c + whole[:, 1] * s)
     return np.concatenate([turning[1:], share.T @ (load[:, 1] * c - load[:, 0] * s)])
+
+
+def stretched_loads(x: Array, load: Array, share: Array, base_angle: Any) -> tuple[Array, Array, Array]:
+    """Cosines and sines (n + 1,) of the links at x, and their loads with the stretch counted (n + 1, 2), N m."""
+    n = x.size - share.shape[1]
+    angle = np.append(base_angle, x[:n])
+    whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]
+    return np.cos(angle), np.sin(angle), whole
 
 
 def forces_at_rest(x: Array, torque: Array, body: ExtensibleBody, joints: Joints) -> Array:
