@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmark_scripts import loaded
 
 from pliant.sweep.scheduler import Local, run_campaign
 from pliant.sweep.store import Store
 from pliant.testbed import family_member
 
-PATH = Path(__file__).parents[2] / "benchmarks" / "campaign.py"
-
 
 @pytest.fixture(scope="module")
 def campaign():
-    spec = importlib.util.spec_from_file_location("campaign_benchmark", PATH)
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(PATH.parent)  # beside it lies what benchmarks share
-        patch.setitem(sys.modules, spec.name, module)
-        spec.loader.exec_module(module)
-        yield module
+    return loaded("campaign")
 
 
 def coarse(seed):
