@@ -24,6 +24,8 @@ STRAIGHT_SOURCES = (
 )
 # Not the steps: side by side and alone, they give the same bits.
 FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian}
+# So long that each caller that took them in would take as long to compile again.
+CALLED: set[Any] = {linearised.step_jacobian, extension_linearised.step_jacobian}
 SOURCES = (  # of a twin whose steps are made here
     __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, *STRAIGHT_SOURCES,
 )
@@ -47,7 +49,7 @@ def made(kernel: FunctionType, links: int | None, segments: int) -> Any:
     if fast:
         tag = f"{links}_{segments}" if segments else f"{links}"
         return compiled_twin(kernel, tag, lambda callee: twin(callee, links, segments), SOURCES, replaced=fast)
-    return twin(kernel) if links else compiled_twin(kernel, "n", twin, ())
+    return twin(kernel) if links else compiled_twin(kernel, "n", twin, (), forceinline=kernel not in CALLED)
 
 
 @cache

@@ -17,7 +17,6 @@ from typing import Any, TypeGuard
 
 Kernel = Callable[..., Any]
 ALLOCATORS = {"zeros", "empty"}
-CALLED = {"step_jacobian"}  # so long that each of its callers would take as long to compile again
 
 
 def rebuild(kernel: FunctionType, wrap: Kernel, names: dict[str, Any] | None = None) -> Any:
@@ -72,8 +71,7 @@ def options(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> di
     is called. Where the caller owns every array the counting is idle, and with many arrays it takes longer than the
     mathematics. Kernels that are `replaced` by stand-ins do not matter here: those were compiled for themselves.
     """
-    return {"_nrt": any(map(makes_arrays, reached(kernel, replaced))),
-            "forceinline": kernel.__name__ not in CALLED}
+    return {"_nrt": any(map(makes_arrays, reached(kernel, replaced))), "forceinline": True}
 
 
 @cache
@@ -158,4 +156,4 @@ def compiled_twin(
     copy.__module__ = kernel.__module__
     digest = fingerprint(kernel, __file__, *sources)
     copy.__qualname__ = f"{kernel.__qualname__}_{tag}_{digest}"  # names the file of the cache
-    return kept(copy, **options(kernel, replaced), **more)
+    return kept(copy, **(options(kernel, replaced) | more))
