@@ -268,7 +268,7 @@ def test_work_in_a_pipe_tells_quarters_once_it_has_lasted_and_nothing_if_quiet(c
 
     def run(seconds: float) -> str:
         clock = iter(np.arange(100) * seconds)
-        monkeypatch.setattr("time.monotonic", lambda: next(clock))
+        monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
         with progress.counting("samples") as count:
             for done in (0.1, 0.3, 0.3, 0.8, 1.0):
                 count(done)

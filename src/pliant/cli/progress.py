@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
 from inspect import Parameter, signature
+from time import monotonic
 from typing import Annotated, Any
 
 import typer
@@ -102,19 +103,17 @@ def mention(line: str) -> None:
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[float], None]]:
     """Takes the share that is done, 0 to 1: a bar once a second has passed, quarters in a pipe, none if quiet."""
-    import time
-
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-    began = time.monotonic()
+    began = monotonic()
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     shown = sys.stderr.isatty() and not QUIET.get()
     bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False)
     task, told = bar.add_task(what, total=1.0), [0]
 
     def update(done: float) -> None:
-        late = time.monotonic() - began > 1.0
+        late = monotonic() - began > 1.0
         if late and shown and not bar.live.is_started:
             bar.start()
         if late and not shown and int(4 * done) > told[0]:
