@@ -30,6 +30,11 @@ BOTH = {
     "springpot, one release_time": {**SPRINGPOT, **free("release_time")},
     "springpot, each release_time": {**SPRINGPOT, **EACH},
     "the same, clamp gives way": {**SPRINGPOT, **EACH, **free("load52.base_turn")},
+    "viscous, creep, springs that soften, each release_time, clamp gives way":
+        {**VISCOUS, **EACH, **free("load52.base_turn", "creep_share_1", "creep_time_1", "stiffening")},
+    "springpot of order 0.1, dashpot, springs that soften, each release_time, clamp gives way":
+        {**VISCOUS, **EACH, **free("load52.base_turn", "stiffening", "fractional_share"),
+         "fractional_order": {"value": 0.1, "free": False}},
     "slip and dashpot, each release_time, clamp gives way":
         {**VISCOUS, **EACH, **free("load52.base_turn", "slip_share_1", "slip_angle_1")},
     "slip and springpot, each release_time, clamp gives way":

@@ -110,13 +110,13 @@ def test_pulses_last_about_three_seconds(arm: dict[str, Any]) -> None:
         assert 2.5 < found[f"{record}.stop"]["value"] - found[f"{record}.start"]["value"] < 3.5
 
 
-@pytest.mark.parametrize("fit", ["both", "giving"])
+@pytest.mark.parametrize("fit", ["hand", "both"])
 @pytest.mark.parametrize("record", ["alone", "load52"])
 def test_one_stiffness_and_damping_follow_both_loads(beam: dict[str, Any], record: str, fit: str) -> None:
     m = beam["fits"][fit]["records"][record]
     assert m["frequency_hz"]["modelled"] == pytest.approx(m["frequency_hz"]["measured"], rel=0.03)
     assert m["steady_state_mm"]["modelled"] == pytest.approx(m["steady_state_mm"]["measured"], rel=0.05)
-    assert m["rmse_percent_of_travel"] < 6
+    assert m["rmse_percent_of_travel"] < {"hand": 2, "both": 6}[fit]
 
 
 def test_the_lighter_beam_alone_predicts_the_heavier_one_roughly(beam: dict[str, Any]) -> None:
