@@ -17,7 +17,7 @@ from pliant.errors import InputError
 from pliant.identification import Parameter
 from pliant.loop.log import LoopLog, read_log
 from pliant.loop.run import log_columns
-from pliant.model import Chamber, chain_model, save_model
+from pliant.model import Chamber, Extension, chain_model, save_model
 from pliant.simulation import Stepper, equilibrium, state
 from pliant.view.live import Live, Played, Pull, Wish, sliders_of
 from pliant.view.played import played_from
@@ -180,6 +180,9 @@ def test_what_is_no_log_is_one_sentence(model, tmp_path):
     LoopLog(tmp_path / "b.csv", log_columns(5)).close()
     with pytest.raises(InputError, match="is of 5 links, the model has 3"):
         Watched(tmp_path / "b.csv", model)
+    LoopLog(tmp_path / "c.csv", log_columns(3)).close()
+    with pytest.raises(InputError, match="body of fixed length"):
+        Watched(tmp_path / "c.csv", model.with_(extensions=(Extension(100.0),)))
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from pliant.errors import InputError
 from pliant.estimation.measurement import measurement_of
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import estimate, input_of
-from pliant.model import Model, fixed_length
+from pliant.model import Model
 from pliant.simulation import simulate
 from pliant.version import __version__
 
@@ -65,7 +65,8 @@ def find_contact(
     Returns
     -------
     xarray.Dataset
-        statistic, in_contact, external_torque (time, joint) with the free part taken off, and while in contact
+        statistic, in_contact, external_torque (time, joint) with the free part taken off (of a body that lengthens also
+        external_axial_force (time, segment)), and while in contact
         contact_arc_length with arc_low and arc_high (95 %), contact_position, contact_normal, contact_force (time,
         axis), force_covariance, normal_force, tangential_force with `_sd`, hidden_tangential (time). attrs: threshold,
         alarm times, onset times, how the threshold was found.
@@ -107,7 +108,7 @@ def find_contact(
     for k in map(int, np.flatnonzero(touching)):
         covariance = scale[k] * learnt.change + np.diag((torque_error * left[k]) ** 2)
         pushes[k] = locate(model, seen.angle[k], left[k], covariance, friction=friction)
-    return described(seen, left, np.maximum(slow, fast), touching, pushes, learnt, events)
+    return described(seen, external(model, left), np.maximum(slow, fast), touching, pushes, learnt, events)
 
 
 def free_motion(
@@ -145,9 +146,9 @@ class Seen(NamedTuple):
     """A recording as the tests see it."""
 
     found: xr.Dataset
-    torque: Array  # (T, n) N m, disturbance
+    torque: Array  # (T, n) N m, disturbance; (T, n + S) of a body that lengthens, that of its strains behind
     features: Array  # (T, F), see `features_of`
-    angle: Array  # (T, n) rad, of the links
+    angle: Array  # (T, n) rad, of the links; strains behind them likewise
     motion: Array  # (T,) rad^2/s^2
 
     @property
@@ -160,16 +161,25 @@ def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict
     """Estimate of a recording with its disturbance torques, and the features of the free motion beside it."""
     if not noise.random_walk > 0:
         raise InputError("contact is seen in the disturbance torques: noise.random_walk must be positive")
-    found = estimate(recording, fixed_length(model), noise=noise, **options)
+    found = estimate(recording, model, noise=noise, **options)
     source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
                             options.get("drive"))
     times = found["time"].values - options.get("latency", 0.0)
     run = simulate(held, source, times=times, step=options.get("step", 5e-3))
+    q, torque = whole(found, "joint_angle", "axial_strain"), whole(found, "disturbance", "axial_disturbance")
+    torque[:, model.n :] *= model.segment_length
     features = features_of(
-        model, times, found["pressure"].values, run["joint_angle"].values, run["joint_rate"].values
+        model, times, found["pressure"].values, whole(run, "joint_angle", "axial_strain"),
+        whole(run, "joint_rate", "axial_strain_rate"),
     )
-    angle = np.cumsum(found["joint_angle"].values + model.rest_angle, axis=1) + model.base_angle
-    return Seen(found, found["disturbance"].values, features, angle, found["motion"].values)
+    q[:, : model.n] = np.cumsum(q[:, : model.n] + model.rest_angle, axis=1) + model.base_angle
+    return Seen(found, torque, features, q, found["motion"].values)
+
+
+def whole(found: xr.Dataset, of_joints: str, of_segments: str) -> Array:
+    """Values (T, n) of the joints; where segments lengthen, with theirs behind them (T, n + S)."""
+    names = [of_joints, of_segments] if of_segments in found else [of_joints]
+    return np.concatenate([found[name].values for name in names], axis=1)
 
 
 class Event(NamedTuple):
@@ -213,9 +223,18 @@ def last_zero(sums: Array, k: int) -> int:
     return int(at[-1]) + 1 if at.size else 0
 
 
+def external(model: Model, left: Array) -> dict[str, Any]:
+    """Torques of the joints (T, n), and forces along the segments that lengthen (T, S), for the dataset."""
+    made = {"external_torque": (("time", "joint"), left[:, : model.n], {"units": "N m"})}
+    if model.extensions:
+        force = left[:, model.n :] / model.segment_length
+        made["external_axial_force"] = (("time", "segment"), force, {"units": "N"})
+    return made
+
+
 def described(
-    seen: Seen, left: Array, statistic: Array, touching: Array, pushes: dict[int, Push], learnt: FreeMotion,
-    events: list[Event],
+    seen: Seen, left: dict[str, Any], statistic: Array, touching: Array, pushes: dict[int, Push],
+    learnt: FreeMotion, events: list[Event],
 ) -> xr.Dataset:
     """The dataset of `find_contact`."""
     found = seen.found
@@ -242,8 +261,8 @@ def described(
     data |= {
         "force_covariance": (("time", "axis", "axis_2"), covariance, {"units": "N2"}),
         "hidden_tangential": ("time", hidden), "in_contact": ("time", touching), "statistic": ("time", statistic),
-        "external_torque": (("time", "joint"), left, {"units": "N m"}), "tip_position": found["tip_position"],
-        "joint_angle": found["joint_angle"], "pressure": found["pressure"],
+        **left, "tip_position": found["tip_position"], "joint_angle": found["joint_angle"],
+        "pressure": found["pressure"],
     }
     return xr.Dataset(data, found.coords, {
         "schema": "pliant-contact", "source": f"pliant {__version__}", "model": found.attrs["model"],

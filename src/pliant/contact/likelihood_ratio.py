@@ -17,8 +17,8 @@ from pliant.estimation import kalman_loops
 from pliant.estimation.measurement import Measurement
 from pliant.estimation.measurement_loops import observe
 from pliant.estimation.noise import Noise
-from pliant.estimation.offline import chain_of
-from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
+from pliant.estimation.offline import chain_of, frame_of
+from pliant.estimation.symbols import FilterNoise, FilterState, Prediction
 from pliant.estimation.workspace import make_workspace
 from pliant.model import Model
 from pliant.simulation import state
@@ -39,7 +39,7 @@ class Answer:
     motion : (B,) array
         Mean square joint rates [rad^2/s^2] of the B cases.
     response : (B, W, m, n) array
-        1/(N m): of row m, so many frames after a unit step of torque n.
+        1/(N m): of row m, so many frames after a unit step of torque n; n + S of a body that lengthens.
     period : float
         s between two frames.
     """
@@ -80,23 +80,24 @@ def answer_of(model: Model, noise: Noise, measurement: Measurement, *, step: flo
 
 def response_of(model: Model, noise: Noise, measurement: Measurement, period: float, steps: int) -> Array:
     """Whitened innovations (W, m, n) after a unit step of each torque."""
-    n, rows = model.n, measurement.rows
+    n, rows = model.size, measurement.rows
     workspace = make_workspace(model, noise.states(model), len(rows))
     q = state.equilibrium(model)
     start = FilterState(
         state.absolute(model, q), np.zeros(n), np.zeros(n), noise.initial(model), state.relaxed(model, q)
     )
-    predict, update = twin(kalman_loops.predict_span, n), twin(kalman_loops.update)
+    predict = twin(kalman_loops.predict_span, model.n, len(model.extensions))
+    update = twin(kalman_loops.update)
     chain, densities = chain_of(model), FilterNoise(*noise.densities(model), np.zeros(1))
     still = Prediction(steps, period / steps, np.zeros(n), densities)
-    seen, slopes, innovation = np.empty(len(rows)), np.empty((len(rows), n)), np.empty(len(rows))
-    shown = FilterFrame(model.link_length, model.first_joint, rows, seen, measurement.variance, innovation)
+    seen, slopes = np.empty(len(rows)), np.empty((len(rows), n))
+    shown = frame_of(model, rows, seen, measurement.variance)
 
     def frame(own: FilterState, true: Array) -> Array:
         predict(own, chain, still, workspace)
         observe(true, shown, seen, slopes)
         update(own, chain, shown, workspace)
-        return innovation
+        return shown.innovation
 
     for _ in range(frames_of(SETTLED, period)):
         frame(start, start.angle.copy())
@@ -117,7 +118,8 @@ def likelihood_ratio(
 ) -> tuple[Array, Array]:
     """Statistic (T,) of a force across the body that set in within the last frames, and how many frames ago (T,).
 
-    For one place and onset it is a chi-square number of one degree of freedom where no force set in.
+    Of a body that lengthens, which shows it, also of a force along the body. For one place and onset it is a chi-square
+    number of one degree of freedom where no force set in.
 
     Parameters
     ----------
@@ -126,11 +128,12 @@ def likelihood_ratio(
     motion : array (T,)
         Mean square joint rates of late, rad^2/s^2.
     angle : array (T, n)
-        Absolute link angles, rad.
+        Absolute link angles, rad; strains behind them where segments lengthen.
     """
     e, case = np.nan_to_num(innovation), answer.case(motion)
     link, share = (a.ravel() for a in np.meshgrid(np.arange(min(1, model.n - 1), model.n), PLACES, indexing="ij"))
-    J = moment_arms(model, angle, link, share * model.link_length[link])[:, :, 0]
+    J = moment_arms(model, angle, link, share * model.link_length[link])
+    J = J.reshape(len(e), -1, model.size) if model.extensions else J[:, :, 0]
     best, since = np.zeros(len(e)), np.zeros(len(e), dtype=int)
     for b in np.unique(case):
         R, at = answer.response[b], case == b

@@ -25,7 +25,7 @@ class Push:
     Attributes
     ----------
     arc_length : float
-        Along the body from the origin to the point, m.
+        Along the body from the origin to the point, m; of one that lengthens, before it does.
     arc_interval : (float, float)
         Where the point lies at 95 %, m.
     end : float
@@ -40,7 +40,7 @@ class Push:
         Components of the force to the left of the body and towards its tip, N.
     normal_sd, tangential_sd : float
     chi_square : float
-        What the best point leaves unexplained, n - 3 expected.
+        What the best point leaves unexplained, n - 3 expected; n + S - 3 of a body that lengthens.
     hidden : tuple of str
         Components that the torques say nothing of: what is given of them is what friction makes likely.
     """
@@ -74,9 +74,9 @@ def locate(
     Parameters
     ----------
     angle : array (n,)
-        Absolute link angles, rad.
+        Absolute link angles, rad; of a body that lengthens (n + S,), its strains behind them.
     torque, covariance : array (n,), (n, n)
-        External joint torques [N m] and their covariance.
+        External joint torques [N m] and their covariance; behind them what works on the strains, N m.
     friction : float
         Coefficient of friction that is likely; large: no opinion.
     spacing : float
@@ -87,16 +87,21 @@ def locate(
     Returns
     -------
     Push
-        A straight body cannot show a force along itself, whatever its size: then "tangential" is among `hidden`.
+        A straight body cannot show a force along itself, whatever its size: then "tangential" is among `hidden`. One
+        that lengthens can.
 
     Raises
     ------
     InputError
         When shapes do not agree or the covariance is not positive definite.
     """
-    n = model.n
-    if np.shape(angle) != (n,) or np.shape(torque) != (n,) or np.shape(covariance) != (n, n) or not friction > 0:
-        raise InputError(f"a force is located from {n} angles, {n} torques and their covariance, friction above 0")
+    n, size = model.n, model.size
+    shapes = [np.shape(a) for a in (angle, torque, covariance)]
+    if shapes != [(size,), (size,), (size, size)] or not friction > 0:
+        strains = f" and {size - n} strains" if size > n else ""
+        raise InputError(
+            f"a force is located from {n} angles{strains}, {size} torques and their covariance, friction above 0"
+        )
     try:
         whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     except np.linalg.LinAlgError:
@@ -105,16 +110,16 @@ def locate(
     J = moment_arms(model, np.asarray(angle)[None], link, along, rigid=rigid)[0]
     A = J @ whiten.T  # (points, 2, n): torque per newton to the left and to the tip
     z = whiten @ torque
-    size = np.full(link.size, np.inf)
+    strength = np.full(link.size, np.inf)
     at_end = (link == n - 1) & (along > model.link_length[-1] - END)
     slope = np.where(at_end, ROUND, friction)
     for _ in range(3):  # the tangential prior follows the size of the normal force
         weight = np.zeros((link.size, 2, 2))
         weight[:, 0, 0] = NORMAL_PRIOR**-2
-        weight[:, 1, 1] = 1.0 / (slope * np.minimum(np.maximum(size, 1e-3), NORMAL_PRIOR)) ** 2
+        weight[:, 1, 1] = 1.0 / (slope * np.minimum(np.maximum(strength, 1e-3), NORMAL_PRIOR)) ** 2
         information = A @ np.swapaxes(A, 1, 2) + weight
         force = np.linalg.solve(information, (A @ z)[..., None])[..., 0]
-        size = np.where(at_end, np.linalg.norm(force, axis=1), np.abs(force[:, 0]))
+        strength = np.where(at_end, np.linalg.norm(force, axis=1), np.abs(force[:, 0]))
     misfit = np.sum((z - np.einsum("pa,pan->pn", force, A)) ** 2, axis=1)
     misfit += np.einsum("pa,pab,pb->p", force, weight, force)
     free = np.linalg.det(information) / information[:, 0, 0] / weight[:, 1, 1]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.model import Model, fixed_length
+from pliant.model import Model
 from pliant.numerics.spline import CLAMPED, spline_matrix
+from pliant.simulation import lengthened
 
 Array = np.ndarray
 
@@ -15,9 +16,9 @@ def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
 
     The angle between two links of a body weighs its curvature by a hat: up along the link before, or from the base at
     once, and down along the link behind. The mean of max(u, 0) under that hat is the arm, scaled to be the chain's
-    own at the tip, as the joint's stiffness was found with the chain.
+    own at the tip, as the joint's stiffness was found with the chain. Of a body that lengthens: before it does.
     """
-    l = fixed_length(model).link_length
+    l = model.link_length
     tip = np.cumsum(l[::-1])[::-1][joint]
     up, down = np.append(max(model.base_length, 1e-9), l[:-1])[joint], l[joint]
 
@@ -34,39 +35,66 @@ def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
 def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid: bool = False) -> Array:
     """Joint torques (T, P, 2, n) of a unit force to the left of the body and of one towards its tip, m.
 
+    Of a body that lengthens (T, P, 2, n + S): behind them what the force does to the strains of its segments.
+
     Parameters
     ----------
     angle : array (T, n)
-        Absolute link angles, rad.
+        Absolute link angles, rad; of a body that lengthens (T, n + S), its strains behind them.
     link, along : arrays (P,)
-        Of the points: link, and distance from its joint, m.
+        Of the points: link, and distance from its joint before the link stretches, m.
     rigid : bool
-        Whether the body bends at its joints alone. Otherwise `mean_moment_arm` holds at the joints beside the force.
+        Whether the body bends at its joints alone. Otherwise `mean_moment_arm` holds at the joints beside the force,
+        times the stretch of the force's link.
+
+    Source: virtual work, as `equations.extension.add_link_loads`
     """
-    l, n = fixed_length(model).link_length, model.n
-    ahead = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)  # (T, n, 2)
-    joint = np.concatenate([np.zeros((len(angle), 1, 2)), np.cumsum(l[:, None] * ahead, axis=1)], axis=1)[:, :n]
+    n, stretch, phi = model.n, lengthened.stretches(model, angle), angle[:, : model.n]
+    l, part = stretch[:, 1:] * model.link_length, stretch[:, 1 + link]  # (T, n), (T, P)
+    ahead = np.stack([-np.sin(phi), np.cos(phi)], axis=-1)  # (T, n, 2)
+    joint = np.concatenate([np.zeros((len(phi), 1, 2)), np.cumsum(l[..., None] * ahead, axis=1)], axis=1)[:, :n]
     own = ahead[:, link]
-    arm = (joint[:, link] + along[:, None] * own)[:, :, None] - joint[:, None]  # (T, P, n, 2)
+    arm = (joint[:, link] + (part * along)[..., None] * own)[:, :, None] - joint[:, None]  # (T, P, n, 2)
     arm = np.where((np.arange(n) <= link[:, None])[..., None], arm, 0.0)
     if not rigid:
-        for k, u in ((link, along), (link + 1, along - l[link])):
+        for k, u in ((link, along), (link + 1, along - model.link_length[link])):
             here = np.flatnonzero(k < n)
-            arm[:, here, k[here]] = mean_moment_arm(model, k[here], u[here])[:, None] * own[:, here]
+            lever = part[:, here] * mean_moment_arm(model, k[here], u[here])
+            arm[:, here, k[here]] = lever[..., None] * own[:, here]
     sides = (np.stack([-own[..., 1], own[..., 0]], axis=-1), own)
-    return np.stack([arm[..., 0] * d[:, :, None, 1] - arm[..., 1] * d[:, :, None, 0] for d in sides], axis=2)
+    turning = [arm[..., 0] * d[:, :, None, 1] - arm[..., 1] * d[:, :, None, 0] for d in sides]
+    if not model.extensions:
+        return np.stack(turning, axis=2)
+    grown = growth(model, ahead, link, along)
+    stretching = [np.einsum("tpsa,tpa->tps", grown, d) for d in sides]
+    return np.concatenate([np.stack(turning, axis=2), np.stack(stretching, axis=2)], axis=-1)
+
+
+def growth(model: Model, ahead: Array, link: Array, along: Array) -> Array:
+    """Way (T, P, S, 2) [m] of points by each strain: along every link before them; `ahead` (T, n, 2) its direction."""
+    rows, n = np.arange(-1, model.n), model.n
+    length = np.append(model.base_length, model.link_length)
+    way = np.where(rows < link[:, None], length, np.where(rows == link[:, None], along[:, None], 0.0))  # (P, n + 1)
+    base = np.broadcast_to([-np.sin(model.base_angle), np.cos(model.base_angle)], (len(ahead), 1, 2))
+    directions = np.concatenate([base, ahead], axis=1).reshape(len(ahead), n + 1, 2)
+    return np.einsum("pk,ks,tka->tpsa", way, model.stretch_share, directions)
 
 
 def curve_at(model: Model, angle: Array, arc_length: float) -> tuple[Array, Array]:
-    """Point and unit tangent (2,) at an arc length [m] of the cubic spline through the joints, before `bend_sign`."""
-    l = fixed_length(model).link_length
-    steps = np.concatenate([[[0.0, 0.0]], l[:, None] * np.stack([-np.sin(angle), np.cos(angle)], axis=1)])
-    nodes, arc = model.first_joint + np.cumsum(steps, axis=0), model.base_length + np.append(0.0, np.cumsum(l))
+    """Point and unit tangent (2,) at an arc length [m] of the cubic spline through the joints, before `bend_sign`.
+
+    Of a body that lengthens, with its strains behind the angles (n + S,), at that arc length before it does.
+    """
+    stretch, phi, l = lengthened.stretches(model, angle), angle[: model.n], model.link_length
+    grown = stretch[1:] * l
+    steps = np.concatenate([[[0.0, 0.0]], grown[:, None] * np.stack([-np.sin(phi), np.cos(phi)], axis=1)])
+    nodes = stretch[0] * model.first_joint + np.cumsum(steps, axis=0)
+    arc = model.base_length + np.append(0.0, np.cumsum(l))
     if model.base_length:
         nodes, arc = np.concatenate([[[0.0, 0.0]], nodes]), np.append(0.0, arc)
     if arc.size < 3:
-        return np.array([np.interp(arc_length, arc, x) for x in nodes.T]), steps[-1] / l[-1]
-    base = np.array([-np.sin(model.base_angle), np.cos(model.base_angle)])
+        return np.array([np.interp(arc_length, arc, x) for x in nodes.T]), steps[-1] / grown[-1]
+    base = stretch[0 if model.base_length else 1] * np.array([-np.sin(model.base_angle), np.cos(model.base_angle)])
     point, slope = (
         (B @ nodes + w[:, None] * base)[0]
         for B, w in (spline_matrix(arc, [arc_length], CLAMPED, order) for order in (0, 1))

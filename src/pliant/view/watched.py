@@ -11,7 +11,7 @@ import numpy as np
 from pliant.contact.locate import locate
 from pliant.errors import InputError
 from pliant.loop.log import MARK
-from pliant.model import Model
+from pliant.model import Model, fixed_length
 from pliant.simulation import state as chain
 from pliant.view.live import Wish
 
@@ -36,7 +36,8 @@ class Watched:
     Raises
     ------
     InputError
-        When the file cannot be read, is no log of a loop, or is of another body.
+        When the file cannot be read, is no log of a loop, or is of another body; and when the model lengthens, since
+        a log holds angles alone.
     """
 
     def __init__(self, path: Path, model: Model, touch: float = 0.0) -> None:
@@ -53,7 +54,7 @@ class Watched:
         self.angles = [k for k, n in enumerate(self.columns) if n.startswith("phi_")]
         if len(self.angles) != model.n:
             raise InputError(f"the log {path} is of {len(self.angles)} links, the model has {model.n}")
-        self.model, self.rows, self.rest = model, deque[list[float]](maxlen=KEPT), b""
+        self.model, self.rows, self.rest = fixed_length(model), deque[list[float]](maxlen=KEPT), b""
         self.shown, self.told, self.fault, self.touch = -np.inf, "", "", touch
         self.chambers = len(self.named("pressure"))
 
