@@ -49,14 +49,15 @@ class Stretching:
         by_x[np.arange(1, n + 1), :, np.arange(n)] = (stretch[:, None] * left)[1:]
         by_x[:, :, n:] = e[:, :, None] * self.part[:, None]
         turned = (2.0 * growth * w)[:, None] * left - (stretch * w**2)[:, None] * e
-        J = np.tensordot(self.W, by_x, 1)
-        q, rate = np.diff(x[:n], prepend=self.body.base_angle) - self.body.rest_angle, np.diff(v[:n], prepend=0.0)
+        J = (self.W @ by_x.reshape(n + 1, -1)).reshape(-1, x.size)  # x and y of every mass
+        heavy = np.repeat(self.mass, 2)[:, None] * J
+        q, rate = np.append(x[0] - self.body.base_angle, x[1:n] - x[: n - 1]) - self.body.rest_angle, w[1:] - w[:-1]
         push = pressure @ self.gain - self.K * np.append(q, x[n:]) - self.D * np.append(rate, v[n:])
         push[: n - 1] -= push[1:n]
-        push += np.einsum("i,iac,ia->c", self.mass, J, self.body.gravity - self.W @ turned)
+        push += heavy.T @ (self.body.gravity - self.W @ turned).ravel()
         if row is not None:
-            push += np.einsum("k,kac,a->c", row, by_x, force)
-        return np.linalg.solve(np.einsum("i,iab,iac->bc", self.mass, J, J), push)
+            push += np.asarray(force) @ np.tensordot(row, by_x, 1)
+        return np.linalg.solve(J.T @ heavy, push)
 
     def motion(self, time, start, pressure, force=lambda t: (0.0, 0.0), row=None):
         """States (T, 2 (n + S)) at times, from a start, under functions of time."""

@@ -59,21 +59,24 @@ class OutputLqr:
 
     def step(self, time: float, state: State, pressure: float | Array) -> float | Array:
         """Commands (C,) [Pa] for the period that begins at `time` [s], from a state and the readings [Pa]."""
-        design, scale, n = self.design, state.torque_scale, self.design.model.n
+        design, scale, n = self.design, state.torque_scale, self.design.model.size
         if math.isnan(self._began):
             self._began = time
         k = round((time - self._began - design.latency) / design.period)
         k = min(max(k, 0), len(design.at) - 1)
         made, seen = design.gains[design.at[k]], self._behind_valves(pressure)
-        turn = np.cumsum(state.rest_shift)
+        turn = np.concatenate([np.cumsum(state.rest_shift), state.strain_shift])
         more = -made.inverse @ (self._weight * (made.rest.row[:, :n] @ turn))
         hold = design.pressure[k] + more
         self.target = design.wanted[k]
-        self.error = output_values(design.model, state.angle, design.outputs) - design.still - self.target
         away = np.concatenate([
-            state.angle - design.angle[k] - turn - made.slope @ more, state.rate - design.rate[k],
+            state.angle, state.strain, state.rate, state.strain_rate,
             scale * np.concatenate([*seen, *self._waiting]) / KILO, self._integral,
-        ]) - design.resting @ (hold / KILO)  # fmt: skip
+        ])  # fmt: skip
+        self.error = output_values(design.model, away[:n], design.outputs) - design.still - self.target
+        away[:n] = away[:n] - design.angle[k] - turn - made.slope @ more
+        away[n : 2 * n] -= design.rate[k]
+        away -= design.resting @ (hold / KILO)
         wish = self._wish(k, away, hold / KILO, scale) * KILO / scale
         before = self.command
         low, high = np.maximum(before - self._reach, 0.0), np.minimum(before + self._reach, self._highest)

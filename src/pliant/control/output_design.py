@@ -18,7 +18,7 @@ from pliant.control.output_gains import Gains, loop_margins, regulator
 from pliant.control.steady_inputs import output_values, output_weights, steady_inputs
 from pliant.errors import InputError
 from pliant.linear.sampled import KILO, periods_late
-from pliant.model import Model, fixed_length
+from pliant.model import Model
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -44,7 +44,8 @@ class OutputDesign:
     wanted : array (K, m)
         Changes of the outputs from `still`.
     pressure, angle, rate : array (K, C), (K, n), (K, n)
-        Of the rest that is wanted, Pa and rad; how fast it turns, rad/s.
+        Of the rest that is wanted, Pa and rad; how fast it turns, rad/s. Of a body that lengthens (K, n + S), strains
+        and their rates behind.
     lead, ahead : array (K, C), (K + 1, N)
         Command beside the steady inputs, kPa, and slope of the cost of the state, both by what is wanted later.
     path : bool
@@ -83,7 +84,7 @@ class OutputDesign:
     @cached_property
     def resting(self) -> Array:
         """What the state (N, C) holds of valves and commands on their way under a constant kPa in each chamber."""
-        made, first = np.zeros((self.gains[0].A.shape[0], len(self.orders))), 2 * self.model.n
+        made, first = np.zeros((self.gains[0].A.shape[0], len(self.orders))), 2 * self.model.size
         for sizes, held in ((self.orders, 1), (self.waiting, None)):  # of a valve the pressure, not its rate
             for c, size in enumerate(sizes):
                 made[first : first + size, c][:held] = 1.0
@@ -96,7 +97,7 @@ class OutputDesign:
 
     def shift(self, k: int) -> Array:
         """Change (N,) of the deviation from what is wanted that time alone makes from period k to k + 1."""
-        then, n = min(k + 1, len(self.at) - 1), self.model.n
+        then, n = min(k + 1, len(self.at) - 1), self.model.size
         out = np.zeros(self.gains[0].A.shape[0])
         out[n : 2 * n] = self.rate[k]
         out = self.gains[self.at[k]].A @ out
@@ -122,7 +123,7 @@ def design_outputs(
     Parameters
     ----------
     model : Model
-        Of one chamber or several, without memory or frozen, with its valves.
+        Of one chamber or several, without memory or frozen, with its valves; it may lengthen.
     outputs : tuple of str
         Of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link.
     wanted : array (K, m)
@@ -144,7 +145,7 @@ def design_outputs(
     wanted = np.asarray(wanted, dtype=float)
     if wanted.ndim != 2 or wanted.shape[1] != len(outputs) or not len(wanted) or not np.isfinite(wanted).all():
         raise InputError(f"outputs are wanted as finite rows (K, {len(outputs)}), got shape {wanted.shape}")
-    tuning, highest = tuning or Tuning(), limits.each(len(fixed_length(model).chambers))
+    tuning, highest = tuning or Tuning(), limits.each(len(model.chambers))
     weight = output_weights(model, outputs)
     still = output_values(model, state.absolute(model, state.equilibrium(model, 0.0)), outputs)
     knots = posts(wanted, max(1, round(APART / period)))
@@ -158,7 +159,7 @@ def design_outputs(
             gains.append(regulator(rest, weight, highest, (period, latency), tuning))
     index, rows = np.array([known[row.tobytes()] for row in wanted[knots]]), np.arange(len(wanted))
     pressure = between(rows, knots, [gains[i].rest.pressure for i in index])
-    angle = between(rows, knots, [gains[i].rest.linear.angle for i in index])
+    angle = between(rows, knots, [gains[i].rest.linear.position for i in index])
     rate = np.gradient(angle, period, axis=0) if path and len(rows) > 1 else np.zeros_like(angle)
     lead, ahead = np.zeros_like(pressure), np.zeros((len(rows) + 1, gains[0].A.shape[0]))
     made = OutputDesign(

@@ -27,7 +27,7 @@ class Gains(NamedTuple):
     """
 
     rest: Rest
-    slope: Array  # (n, C) rad/Pa, of the angles at rest by the pressures
+    slope: Array  # (n, C) rad/Pa, of the angles at rest by the pressures; (n + S, C) where segments lengthen
     inverse: Array  # (C, m) Pa/m, least pressures for a change of the outputs at rest
     driven: Array  # (m, m) projection on what the pressures move
     A: Array  # (N, N)
@@ -57,7 +57,7 @@ def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, flo
     r = int(np.sum(size > DRIVEN * size[0])) if size[0] > 0 else 0
     if r == 0:
         raise InputError("the pressures do not move the wanted outputs: ask for others")
-    basis, n, N, m = U[:, :r], linear.n, plant.A.shape[0], len(weight)
+    basis, n, N, m = U[:, :r], linear.position.size, plant.A.shape[0], len(weight)
     unit = np.where(np.arange(N) < 2 * n, 1.0, KILO)
     A, B = plant.A * unit / unit[:, None], plant.B.reshape(N, -1) * KILO / unit[:, None]
     tip, move, size_of = np.zeros((m, N)), np.zeros((m, N)), np.linalg.norm(gain, axis=0)

@@ -99,7 +99,8 @@ def prepare_control(
     Raises
     ------
     InputError
-        When the task is out of reach, or the parts do not fit.
+        When the task is out of reach, or the parts do not fit; and for a body that lengthens, which a dense curve does
+        not show.
     TypeError
         For an unknown keyword.
 
@@ -111,6 +112,11 @@ def prepare_control(
     known = with_defaults(prepare_control, rig, RIG)
     late, supply = known["late"], known["supply"]
     seeing, law = estimator_kind(known["estimator"]), controller_kind(task.feedback)
+    if model.extensions:
+        raise InputError(
+            f"{model.name!r} lengthens, and a dense curve does not show which of its points belong to which link: make "
+            "a Pipeline of its stations, a KalmanFilter and an OutputLqr or OutputMpc of design_outputs"
+        )
     body = calibrated(model, arc_length, frames)
     if supply is not None and len(body.chambers) > 1:
         raise InputError("a rig's valve goes with a body of one chamber: the chambers of this model have their own")

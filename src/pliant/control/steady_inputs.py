@@ -29,9 +29,9 @@ class Rest(NamedTuple):
 
 
 def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array:
-    """Outputs (m,) of the body at absolute link angles (n,): tip_x, tip_y [m], angle_sum [rad]."""
+    """Outputs (m,) of the body at absolute link angles (n,), strains behind them: tip_x, tip_y [m], angle_sum [rad]."""
     x, y = state.tips(model, angle)[-1]
-    known = {"tip_x": x, "tip_y": y, "angle_sum": angle[-1]}
+    known = {"tip_x": x, "tip_y": y, "angle_sum": angle[model.n - 1]}
     if strange := [name for name in outputs if name not in known]:
         raise InputError(f"unknown output {strange[0]!r}: a controller follows {', '.join(known)}")
     return np.array([known[name] for name in outputs])
@@ -47,7 +47,8 @@ def rest_under(model: Model, pressure: Array, outputs: tuple[str, ...]) -> Rest:
     linear = linearise(model, pressure)
     row = np.array([linear.row(name) for name in outputs])
     return Rest(
-        pressure, linear, output_values(model, linear.angle, outputs), row, -row @ np.linalg.solve(linear.A, linear.B)
+        pressure, linear, output_values(model, linear.position, outputs), row,
+        -row @ np.linalg.solve(linear.A, linear.B),
     )
 
 

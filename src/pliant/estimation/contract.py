@@ -40,6 +40,8 @@ class State(NamedTuple):
     strain, strain_rate : array (S,)
         Of the segments that lengthen, and per second; the covariance then holds them behind the angles, and behind the
         rates, and what disturbs them [N m] behind the torques.
+    strain_shift : array (S,)
+        Of the strains at rest, by the axial force that the model does not explain.
     """
 
     time: float
@@ -52,6 +54,7 @@ class State(NamedTuple):
     fault: str = ""
     strain: Array = np.zeros(0)
     strain_rate: Array = np.zeros(0)
+    strain_shift: Array = np.zeros(0)
 
     @property
     def consistent(self) -> bool:

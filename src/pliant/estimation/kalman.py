@@ -177,6 +177,7 @@ class KalmanFilter:
         return State(
             self.time, angle, rate, shift, disturbance, self.covariance.copy(), fault=self.fault,
             strain=self.strain.copy(), strain_rate=self.strain_rate.copy(),
+            strain_shift=self._own.disturbance[n:] / self._chain.joints.K[n:],
         )
 
     def advance(self, time: float) -> None:

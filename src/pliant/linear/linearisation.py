@@ -78,6 +78,11 @@ class LinearModel:
         """Number of links."""
         return self.angle.size
 
+    @property
+    def position(self) -> Array:
+        """Angles at the rest, and the strains behind them (n + S,)."""
+        return np.concatenate([self.angle, self.strain])
+
     def row(self, output: str) -> Array:
         """Row (N,) of C that gives an output.
 

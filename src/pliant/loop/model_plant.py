@@ -110,7 +110,8 @@ class ModelPlant:
         """Points (S, 2) of the body along its links, m."""
         model = self._stepper.model
         tips = self._stepper.tips()
-        joint = model.first_joint * np.array([model.bend_sign, 1.0])
+        stretch = 1.0 + model.stretch_share[0] @ self._stepper.strain
+        joint = stretch * model.first_joint * np.array([model.bend_sign, 1.0])
         known = np.vstack([np.zeros(2), joint, tips])
         ends, first = np.unique(self._ends, return_index=True)
         return np.stack([np.interp(self.arc_length, ends, known[first, k]) for k in range(2)], axis=1)

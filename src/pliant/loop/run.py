@@ -53,9 +53,10 @@ def unexplained(state: State | None, links: int) -> tuple[Array, Array, Array]:
     none = np.full(links, np.nan)
     if state is None:
         return none, none, none
-    if len(state.covariance) < 3 * links:
+    first = 2 * (links + len(state.strain))  # strains stand behind the angles, and behind the rates
+    if len(state.covariance) <= first:
         return state.angle, none, none
-    return state.angle, state.disturbance, np.sqrt(np.diag(state.covariance)[2 * links : 3 * links])
+    return state.angle, state.disturbance, np.sqrt(np.diag(state.covariance)[first : first + links])
 
 
 def without_pressure(chambers: int) -> float | Array:

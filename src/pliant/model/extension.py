@@ -119,7 +119,7 @@ def fixed_length(model: Model) -> Model:
         names = ", ".join(e.name for e in model.extensions)
         raise InputError(
             f"this takes a body of fixed length, and {model.name!r} lengthens ({names}): use simulate, Stepper, fit, "
-            "linearise, estimate or find_contact, or leave its extensions out"
+            "linearise, design_outputs, estimate or find_contact, or leave its extensions out"
         )
     return model
 
