@@ -8,11 +8,15 @@ from numba.core.errors import NumbaError
 from oracles.chains import SIZES, random_chain, random_state, workspace
 
 from pliant.compiler.choose import straight, twin
-from pliant.compiler.twin import callees, compiled_twin, rebuild
+from pliant.compiler.twin import callees, compiled_twin, makes_arrays, reached, rebuild
 from pliant.equations import chain as chain_kernels
 from pliant.equations import coriolis, elastic, energy, inertia, section, velocity
 from pliant.equations.motion import acceleration, acceleration_jacobian, acceleration_recursive, step
 from pliant.equations.symbols import Slopes
+from pliant.estimation import kalman_loops
+from pliant.identification import follow_loops
+from pliant.simulation import march_loops
+from pliant.testbed.stepping import stepping_loops
 
 
 def arrays(rng, n):
@@ -119,6 +123,15 @@ def test_no_allocation(rng, loop):
         after = rtsys.get_allocation_stats()
         counts.append((after.alloc - before.alloc, after.mi_alloc - before.mi_alloc))
     assert counts[0] == counts[1]
+
+
+@pytest.mark.parametrize(
+    "loop", [march_loops.march, follow_loops.follow, kalman_loops.filter_record, stepping_loops.march],
+    ids=lambda loop: f"{loop.__module__}.{loop.__name__}",
+)
+def test_loops_over_records_make_no_arrays(loop):
+    """Writing whole arrays at once also takes Numba several times as long to compile as loops over them."""
+    assert not any(map(makes_arrays, reached(loop)))
 
 
 def test_callees_are_found_across_files():

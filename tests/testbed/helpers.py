@@ -18,7 +18,7 @@ def gradient_and_hessian(p, x, load, state=None, obstacles=NO_OBSTACLE):
     """Gradient (2V-2,) and Hessian of the static potential at the nodes `x`."""
     body = build_body(p)
     state = state or rest_state(body)
-    work = _work(x.shape[0], body.weight.size)
+    work = _work(body)
     clock = _clock(body, 1e6, static=True)
     assert twin(gather)(x, np.array(load, float), body, obstacles, state, clock, 1.0, work)
     n = work.gradient.size

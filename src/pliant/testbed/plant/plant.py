@@ -102,7 +102,7 @@ class Plant:
             transducer = replace(transducer, noise=0.0, bias=0.0, resolution=0.0)
         self._sensing = Sensing(fibre, transducer)
         self._clock = _clock(self._body, step, static=False)
-        self._work = _work(self._body.rest_length.size + 1, self._body.weight.size)
+        self._work = _work(self._body)
         self._out = _out(2, self._body.rest_length.size + 1, self._body)
         self._rest = settle(self.parameters, obstacles=self._rows)
         self._specimen = np.random.default_rng([seed, 1]).standard_normal(2)

@@ -108,7 +108,8 @@ def pressed(k, kappa, load, body):
 
 def add_bending(x, load, body, state, clock, band, torque, g):
     """Bending of all vertices: stiffness into `band`, net couple on each edge into `torque`."""
-    torque[:] = 0.0
+    for e in range(torque.size):
+        torque[e] = 0.0
     for k in range(body.weight.size):
         psi, ax, ay, bx, by = turning(x, k)
         kappa = psi / body.weight[k]
@@ -224,7 +225,8 @@ def friction(row, grip, nx, ny, x, v, state, clock):
 
 def add_contact(x, obstacles, body, state, clock, gradient, band, force):
     """Penalty contact and friction of all nodes with all obstacles; the forces on the nodes into `force`."""
-    force[:] = 0.0
+    for v in range(force.shape[0]):
+        force[v, 0] = force[v, 1] = 0.0
     for o in range(obstacles.shape[0]):
         row = obstacles[o]
         for v in range(1, x.shape[0]):

@@ -68,6 +68,7 @@ class Work(NamedTuple):
     torque: Array
     curvature: Array
     six: Array
+    load: Array
 
 
 class Out(NamedTuple):
@@ -126,12 +127,10 @@ def rest_state(body: Body) -> State:
     )  # fmt: skip
 
 
-def _work(nodes: int, vertices: int) -> Work:
-    freedom = 2 * (nodes - 1)
-    return Work(
-        np.zeros((nodes, 2)), np.zeros((nodes, 2)), np.zeros((nodes, 2)), np.zeros(freedom), np.zeros(freedom),
-        np.zeros((freedom, 6)), np.zeros(nodes - 1), np.zeros(vertices), np.zeros(6),
-    )  # fmt: skip
+def _work(body: Body) -> Work:
+    edges, (chambers, vertices) = body.rest_length.size, body.gain.shape
+    sizes = (2 * edges, 6), edges, vertices, 6, chambers + 3
+    return Work(*np.zeros((3, edges + 1, 2)), *np.zeros((2, 2 * edges)), *map(np.zeros, sizes))
 
 
 def _out(records: int, nodes: int, body: Body) -> Out:
@@ -181,7 +180,7 @@ def settle(
     whole = _loads(p, np.zeros((1, len(p.chambers) + 3)) if loads is None else [loads])
     state = rest_state(body)
     ramp = np.linspace(0.0, 1.0, increments + 1)[1:]
-    work = _work(state.x.shape[0], body.weight.size)
+    work = _work(body)
     out = _out(1, state.x.shape[0], body)
     clock = _clock(body, STATIC_STEP, static=True)
     rows = _obstacles(obstacles)
@@ -267,7 +266,7 @@ def simulate(
     out.position[0], out.velocity[0], out.curvature[0] = state.x, state.v, state.curvature
     out.volume[0] = state.chamber[:, 0]
     out.pressure[0] = table[0, :chambers] if steps else 0.0
-    work = _work(state.x.shape[0], body.weight.size)
+    work = _work(body)
     clock = _clock(body, STATIC_STEP if static else dt, static=static)
     _first_energy(body, rows, state, out)
     total = 0

@@ -53,10 +53,30 @@ def substitute(band, b):
         b[i] /= band[i, 0]
 
 
+def largest(values):
+    """Largest size of the numbers; NaN where one of them is none."""
+    found = 0.0
+    for i in range(values.size):
+        if not abs(values[i]) <= found:
+            found = abs(values[i])
+        if np.isnan(found):
+            break
+    return found
+
+
+def copy(values, out):
+    """Write the rows of `values` into `out`."""
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            out[i, j] = values[i, j]
+
+
 def gather(x, load, body, obstacles, state, clock, geometric, work):
     """Gradient and Hessian of the incremental potential at `x`; False when a value is not finite."""
-    work.gradient[:] = 0.0
-    work.band[:] = 0.0
+    for i in range(work.gradient.size):
+        work.gradient[i] = 0.0
+        for d in range(BAND + 1):
+            work.band[i, d] = 0.0
     add_bending(x, load, body, state, clock, work.band, work.torque, work.six)
     add_edges(x, body, state, clock, work.torque, geometric, work.gradient, work.band)
     add_inertia(x, load, body, work.drift, clock, work.gradient, work.band)
@@ -95,9 +115,10 @@ def newton(x, load, body, obstacles, state, clock, work):
             gather(x, load, body, obstacles, state, clock, 0.0, work)
             if not factor(work.band):
                 return NOT_CONVERGED, iteration, longest
-        work.step[:] = -work.gradient
+        for i in range(work.step.size):
+            work.step[i] = -work.gradient[i]
         substitute(work.band, work.step)
-        longest = np.max(np.abs(work.step))
+        longest = largest(work.step)
         scale = min(1.0, LONGEST / max(longest, 1e-300))
         slope = np.dot(work.gradient, work.step)
         move(x, work.step, scale)
@@ -119,8 +140,8 @@ def remember(x, body, state, clock, work):
             limit = body.slip_limit[k, j]
             trial = state.slip[k, j] + body.slip_stiffness[k, j] * (bend - before)
             state.slip[k, j] = max(-limit, min(limit, trial))
-    state.curvature_before[:] = state.curvature
-    state.curvature[:] = work.curvature
+    for k in range(work.curvature.size):
+        state.curvature_before[k], state.curvature[k] = state.curvature[k], work.curvature[k]
     for e in range(body.rest_length.size):
         state.length_before[e] = state.length[e]
         state.length[e] = np.sqrt((x[e + 1, 0] - x[e, 0]) ** 2 + (x[e + 1, 1] - x[e, 1]) ** 2)
@@ -137,7 +158,8 @@ def remember(x, body, state, clock, work):
 
 def energies(body, obstacles, state, out):
     """Kinetic, elastic, stored in memory, potential of weight, and of contact, into `out` (5,)."""
-    out[:] = 0.0
+    for i in range(out.size):
+        out[i] = 0.0
     last = state.x.shape[0] - 1
     for v in range(1, last + 1):
         out[0] += 0.5 * body.mass[v] * (state.v[v, 0] ** 2 + state.v[v, 1] ** 2)
@@ -169,10 +191,10 @@ def march(loads, span, body, obstacles, state, clock, work, out):
     Returns the status, the step that failed (or the end of the span), the last Newton update and all iterations.
     """
     total = 0
-    x = work.x
-    load = np.empty(loads.shape[1])
+    x, load = work.x, work.load
     for n in range(span.first, span.stop):
-        load[:] = loads[n]
+        for i in range(load.size):
+            load[i] = loads[n, i]
         for c in range(state.chamber.shape[0]):
             load[c] -= body.tube_resistance * state.chamber[c, 1]
         for v in range(x.shape[0]):
@@ -188,10 +210,11 @@ def march(loads, span, body, obstacles, state, clock, work, out):
         remember(x, body, state, clock, work)
         if (n + 1) % span.stride == 0:
             r = (n + 1) // span.stride
-            out.position[r] = state.x
-            out.velocity[r] = state.v
-            out.curvature[r] = state.curvature
-            out.force[r] = work.force
+            copy(state.x, out.position[r])
+            copy(state.v, out.velocity[r])
+            copy(work.force, out.force[r])
+            for k in range(state.curvature.size):
+                out.curvature[r, k] = state.curvature[k]
             for c in range(state.chamber.shape[0]):
                 out.pressure[r, c] = load[c]
                 out.volume[r, c] = state.chamber[c, 0]
