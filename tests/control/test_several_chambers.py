@@ -67,22 +67,22 @@ class Lsoda:
     def __init__(self, body):
         n, length, mass = body.n, body.link_length, body.link_mass
         levers = np.tril(np.tile(length, (n, 1)), -1) + 0.5 * np.diag(length)
-        self.inertia, self.rotary = levers.T @ (mass[:, None] * levers), mass * length**2 / 12.0
+        self.inertia, self.rotary = levers.T @ (mass[:, None] * levers), np.diag(mass * length**2 / 12.0)
         self.body, self.time, self.x = body, 0.0, np.zeros(2 * n + 4)
-        self.sent = np.zeros((0, 2))
+        self.sent, valves = np.zeros((0, 2)), [c.valve for c in body.chambers]
+        self.gain = np.array([c.joint_gain * c.torque[0] for c in body.chambers]).T
+        self.omega = 2 * np.pi * np.array([v.natural_frequency for v in valves])
+        self.zeta = np.array([v.damping_ratio for v in valves])
+        self.pull = np.eye(n) - np.eye(n, k=1)  # what the joints' torques are to the links
 
     def rates(self, x, asked):
-        body, n = self.body, self.body.n
-        phi, w, p, v = np.split(x, [n, 2 * n, 2 * n + 2])
+        n, omega = self.body.n, self.omega
+        phi, w, p, v = x[:n], x[n : 2 * n], x[2 * n : 2 * n + 2], x[2 * n + 2 :]
         between = np.subtract.outer(phi, phi)
-        torque = -body.stiffness * np.diff(phi, prepend=0.0) - body.damping * np.diff(w, prepend=0.0)
-        for chamber, pressure in zip(body.chambers, p, strict=True):
-            torque = torque + chamber.joint_gain * chamber.torque[0] * pressure
-        pull = torque - np.append(torque[1:], 0.0) - (self.inertia * np.sin(between)) @ w**2
-        turning = np.linalg.solve(self.inertia * np.cos(between) + np.diag(self.rotary), pull)
-        omega = 2 * np.pi * np.array([c.valve.natural_frequency for c in body.chambers])
-        zeta = np.array([c.valve.damping_ratio for c in body.chambers])
-        return np.concatenate([w, turning, v, omega**2 * (asked - p) - 2 * zeta * omega * v])
+        torque = self.gain @ p - self.body.stiffness * (self.pull.T @ phi) - self.body.damping * (self.pull.T @ w)
+        pull = self.pull @ torque - (self.inertia * np.sin(between)) @ w**2
+        turning = np.linalg.solve(self.inertia * np.cos(between) + self.rotary, pull)
+        return np.concatenate([w, turning, v, omega**2 * (asked - p) - 2 * self.zeta * omega * v])
 
     def advance(self, command):
         """Hold commands for a period."""
