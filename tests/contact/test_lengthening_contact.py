@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles.derivatives import complex_step
@@ -16,8 +18,8 @@ from pliant.model import Chamber, Extension, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Trace, equilibrium, state
 
-PERIOD, SECONDS = 1 / 75, 1.5
-NOISE = Noise(position=1e-4, torque=1e-5, random_walk=3e-3, initial_disturbance=0.01)
+PERIOD, SECONDS = 1 / 75, 1.5  # s; the noise is the default, but for the places
+NOISE = Noise(position=1e-4, torque=2e-5, random_walk=3e-3, motion_growth=30.0, initial_disturbance=0.01)
 OFFSETS, ALL = [0.02, -0.02], np.ones((2, 3))
 BEGIN, END = 0.6, 1.2  # s, of the touch
 
@@ -96,25 +98,31 @@ def seen(tips, traces, seed):
     )
 
 
+def softer(arm, share):
+    segments = [replace(e, stiffness=share * e.stiffness) for e in arm.extensions]
+    return arm.with_(stiffness=share * arm.stiffness, extensions=segments)
+
+
 def free(arm, seed):
     times = PERIOD * np.arange(400)
     run = pliant.simulate(arm, pulses(seed), times=times, step=1e-3)
     return seen(run.tip_position.values, pulses(seed), seed)
 
 
-@pytest.fixture(scope="module")
-def learnt(arm):
-    return free_motion([free(arm, seed) for seed in range(3)], arm, noise=NOISE)
-
-
 @pytest.mark.parametrize(
-    ("link", "along", "force"), [(1, 0.05, (0.3, 0.1)), (2, 0.19 / 3, (0.05, -0.4))], ids=["middle", "end"],
+    ("share", "link", "along", "force", "error"),
+    [(0.9, 1, 0.05, (0.3, 0.1), 0.06), (1.0, 2, 0.19 / 3, (0.05, -0.4), 0.05)], ids=["softer", "end"],
 )
-def test_a_force_on_a_moving_body_is_found(arm, learnt, link, along, force):
-    """Point masses under gravity, pressures and that force from 0.6 to 1.2 s; pressed at its end, along itself."""
-    own, traces, times = masses(arm), pulses(7), PERIOD * np.arange(round(SECONDS / PERIOD))
+def test_a_force_on_a_moving_body_is_found(arm, share, link, along, force, error):
+    """Point masses under gravity, pressures and that force from 0.6 to 1.2 s.
+
+    Pushed in the middle, all springs softer than the model's by a tenth; pressed at its end, nearly along itself.
+    """
+    body = softer(arm, share)
+    learnt = free_motion([free(body, seed) for seed in range(3)], arm, noise=NOISE)
+    own, traces, times = masses(body), pulses(7), PERIOD * np.arange(round(SECONDS / PERIOD))
     row = own.place(link + 1, along)
-    start = np.append(state.absolute(arm, equilibrium(arm)), np.zeros(5))
+    start = np.append(state.absolute(body, equilibrium(body)), np.zeros(5))
     moved = own.motion(
         times, start, lambda t: np.array([float(trace(t)) for trace in traces]),
         lambda t: np.array(force) * (BEGIN <= t < END), row,
@@ -126,13 +134,13 @@ def test_a_force_on_a_moving_body_is_found(arm, learnt, link, along, force):
     assert abs(found.attrs["onset_s"][0] - BEGIN) < 0.03
     steady = (times > BEGIN + 0.15) & (times < END)
     assert found.in_contact.values[steady].all()
-    held = found.isel(time=np.flatnonzero(steady)).median("time")
     held, x = found.isel(time=np.flatnonzero(steady)).median("time"), moved[steady][-1, :5]
-    assert abs(float(held.contact_arc_length) - row.sum()) < 0.008  # a body that bends everywhere is told
-    error, sd = held.contact_force.values - force, np.sqrt(np.diag(held.force_covariance))
-    assert (np.abs(error) < np.minimum(3.0 * sd, 0.05)).all(), (error, sd)
-    assert not held.hidden_tangential
+    off, sd = held.contact_force.values - force, np.sqrt(np.diag(held.force_covariance))
     pull = torques_of(arm, x, link, along, np.array(force))[3:] / arm.segment_length
+    assert abs(float(held.contact_arc_length) - row.sum()) < 0.01  # levers are those of a body that bends everywhere
+    assert (np.abs(off) < error).all(), (off, sd)
+    assert (np.abs(off) < 3.0 * sd).all(), (off, sd)
+    assert not held.hidden_tangential
     np.testing.assert_allclose(held.external_axial_force, pull, atol=0.06)
     assert held.external_torque.shape == (3,)
-    assert not find_contact(free(arm, 9), arm, free=learnt, noise=NOISE).in_contact.any()
+    assert not find_contact(free(body, 9), arm, free=learnt, noise=NOISE).in_contact.any()

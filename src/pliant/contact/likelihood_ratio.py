@@ -118,8 +118,9 @@ def likelihood_ratio(
 ) -> tuple[Array, Array]:
     """Statistic (T,) of a force across the body that set in within the last frames, and how many frames ago (T,).
 
-    Of a body that lengthens, which shows it, also of a force along the body. For one place and onset it is a chi-square
-    number of one degree of freedom where no force set in.
+    A body that lengthens shows forces along it too, but so does every change of pressure where the model errs in the
+    axial stiffness: they raise no alarm. For one place and onset it is a chi-square number of one degree of freedom
+    where no force set in.
 
     Parameters
     ----------
@@ -132,8 +133,7 @@ def likelihood_ratio(
     """
     e, case = np.nan_to_num(innovation), answer.case(motion)
     link, share = (a.ravel() for a in np.meshgrid(np.arange(min(1, model.n - 1), model.n), PLACES, indexing="ij"))
-    J = moment_arms(model, angle, link, share * model.link_length[link])
-    J = J.reshape(len(e), -1, model.size) if model.extensions else J[:, :, 0]
+    J = moment_arms(model, angle, link, share * model.link_length[link])[:, :, 0]
     best, since = np.zeros(len(e)), np.zeros(len(e), dtype=int)
     for b in np.unique(case):
         R, at = answer.response[b], case == b
