@@ -1,6 +1,6 @@
 """Fits of the examples with one term more, less or another: the tables of "Hysteresis and creep".
 
-Usage: python benchmarks/variants.py [beam|trunk|stiffening ...]; recordings come by `pliant data fetch`.
+Usage: python benchmarks/variants.py [beam|trunk|stiffening|creep ...]; recordings come by `pliant data fetch`.
 """
 
 from __future__ import annotations
@@ -82,6 +82,15 @@ def stiffening() -> None:
             show(study.model_copy(update={"fits": {"fit": fit}}))
 
 
+def creep() -> None:
+    """The demo's first fit, and the same with a creep branch."""
+    study = load_study(demo_study())
+    plain = study.fits["softening"]
+    creeping = {**plain.parameters, **free("creep_share_1", "creep_time_1")}
+    for fit in (plain, plain.model_copy(update={"title": "with creep", "parameters": creeping})):
+        show(study.model_copy(update={"fits": {"fit": fit}}))
+
+
 def show(study: object) -> None:
     """Run a study of one fit, and print a line for each record, parameter with its error, and forecast."""
     outcome = run_study(study).to_dict()
@@ -89,7 +98,8 @@ def show(study: object) -> None:
     print(fit["title"])
     for name, m in fit["records"].items():
         kept = {k: m.get(k) for k in ("rmse_percent_of_travel", "rmse_percent_of_length", "frequency_large_hz",
-                                      "frequency_small_hz", "frequency_hz", "damping_ratio", "steady_state_mm")}
+                                      "frequency_small_hz", "frequency_hz", "damping_ratio", "steady_state_mm",
+                                      "overshoot_percent", "max_mm")}
         print(f"  {m['role']:8} {name:10} {rounded(kept)}")
     print("  parameters", rounded({n: [p["value"], p["std"]] for n, p in fit["parameters"].items() if p["free"]}))
     for forecast in outcome.get("forecasts", {}).values():
@@ -103,5 +113,6 @@ def rounded(content: object) -> str:
 
 
 if __name__ == "__main__":
-    for asked in sys.argv[1:] or ("beam", "trunk", "stiffening"):
-        {"beam": beam, "trunk": trunk, "stiffening": stiffening}[asked]()
+    tables = {"beam": beam, "trunk": trunk, "stiffening": stiffening, "creep": creep}
+    for asked in sys.argv[1:] or tables:
+        tables[asked]()
