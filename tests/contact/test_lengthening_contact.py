@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from oracles.derivatives import complex_step
 from oracles.stretching import Stretching
+from scipy.optimize import root
 
 import pliant
-from pliant.contact import find_contact, free_motion, locate
+from pliant.contact import find_contact, free_motion, locate, static_residual
 from pliant.contact.moment_arms import curve_at, moment_arms
 from pliant.errors import InputError
 from pliant.estimation import Noise
@@ -79,6 +80,16 @@ def test_a_straight_body_that_lengthens_shows_the_force_along_itself(arm):
     assert locate(fixed, x[:3], torque[:3], 1e-10 * np.eye(3), rigid=True).hidden == ("tangential",)
     with pytest.raises(InputError, match="from 3 angles and 2 strains, 5 torques and their covariance"):
         locate(arm, x[:3], torque[:3], np.eye(3))
+
+
+def test_the_shape_at_rest_shows_a_force_at_the_tip(arm):
+    """Where point masses rest under pressures, gravity and a force, found by a root of their accelerations."""
+    own, force, pressure = masses(arm), np.array([0.2, -0.3]), np.array([3e4, 1e4])
+    rest = root(lambda x: 1e-3 * own.acceleration(x, np.zeros(5), pressure, force, own.length), np.zeros(5), tol=1e-13)
+    found = static_residual(arm, rest.x[None], pressure[None])
+    np.testing.assert_allclose(found[0], torques_of(arm, rest.x, 2, arm.link_length[2], force), atol=1e-9)
+    with pytest.raises(InputError, match=r"hold 3 angles and 2 strain\(s\), \(T, 5\), got \(1, 3\)"):
+        static_residual(arm, np.zeros((1, 3)), np.zeros((1, 2)))
 
 
 def pulses(seed):

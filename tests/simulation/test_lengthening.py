@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 import pliant
 from pliant.batch.stepper import batch_stepper
-from pliant.contact import static_residual
+from pliant.contact import momentum_residual
 from pliant.contact.moment_arms import moment_arms
 from pliant.control.equilibria import equilibria
 from pliant.errors import InputError, SimulationError
@@ -169,7 +169,7 @@ def test_what_cannot_follow_a_lengthening_body_says_so(arm):
         lambda m: AdaptiveObserver(m, 4e-3), lambda m: batch_stepper([m], 2, 1e-3),
         lambda m: equilibria(m, 1e4), lambda m: LinkAngles(m, [0.0, 0.2]), lambda m: pliant.export(m, "c99", "a.c"),
         lambda m: moment_arms(m, np.zeros((1, 2)), np.array([0]), np.array([0.1])),
-        lambda m: static_residual(m, np.zeros((1, 2)), np.zeros(1)),
+        lambda m: momentum_residual(m, np.zeros(3), np.zeros((3, 2)), np.zeros((3, 2)), np.zeros(3)),
     ],
 )  # fmt: skip
 def test_doors_that_cannot_follow_refuse(door):

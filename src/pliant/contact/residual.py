@@ -8,8 +8,9 @@ from pliant.compiler.choose import twin
 from pliant.equations import contact, elastic
 from pliant.errors import InputError
 from pliant.model import Model
+from pliant.model.extension import extensible_body
 from pliant.model.statics import joint_torques_over
-from pliant.simulation import state
+from pliant.simulation import lengthened, state
 
 Array = np.ndarray
 
@@ -59,10 +60,30 @@ def momentum_residual(
 
 
 def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
-    """External joint torques (T, n) of a body at rest: K q - tau and gravity, from its shape alone, N m."""
+    """External joint torques (T, n) of a body at rest: K q - tau and gravity, from its shape alone, N m.
+
+    Parameters
+    ----------
+    angle : array (T, n)
+        Absolute link angles, rad. Of a body that lengthens (T, n + S), its strains behind them: so is what is returned.
+    pressure : array (T,), (T, C) of several chambers
+        Pa.
+
+    Raises
+    ------
+    InputError
+        When a shape has other than n angles and S strains.
+    """
+    if np.shape(angle)[1:] != (model.size,):
+        strains = f" and {len(model.extensions)} strain(s)" if model.extensions else ""
+        raise InputError(f"shapes at rest hold {model.n} angles{strains}, (T, {model.size}), got {np.shape(angle)}")
+    tau = joint_torques_over(model.actuation, pressure)
+    if model.extensions:
+        stretching, joints = extensible_body(model), model.joints()
+        rows = [lengthened.forces_at_rest(x, t, stretching, joints).real for x, t in zip(angle, tau, strict=True)]
+        return np.asarray(-np.array(rows) @ lengthened.to_joints(model.n, model.size))
     q = state.joint_angles(model, angle)
     body, joints = model.body(), model.joints()
-    tau = joint_torques_over(model.actuation, pressure)
     gravity = body.h * (body.gx * np.cos(angle) + body.gy * np.sin(angle))
     weight = np.cumsum(gravity[:, ::-1], axis=1)[:, ::-1]
     return np.asarray((joints.K + (joints.K2 + joints.K3 * q) * q) * q - tau + weight)

@@ -88,6 +88,7 @@ def simulate(
     inputs_of(model, pressure)
     check_step(model, step, method)
     times = output_times(duration, times, step)
+    forces = [checked("simulate", force) for force in forces]
     plan = pulled(model, drive(model, pressure, times, step), forces, times, method)
     before = loads_before(model, forces, times)
     rest = initial_angle is None
@@ -127,8 +128,7 @@ def pulled(model: Model, plan: Drive, forces: Sequence[PointForce], times: Array
         return plan
     if method != "midpoint":
         raise InputError("forces pull at a body by method='midpoint' alone")
-    known = [checked("simulate", force) for force in forces]
-    return plan._replace(load=mean_loads(model, known, times[0] + np.append(0.0, np.cumsum(plan.h))))
+    return plan._replace(load=mean_loads(model, forces, times[0] + np.append(0.0, np.cumsum(plan.h))))
 
 
 def loads_before(model: Model, forces: Sequence[PointForce], times: Array) -> Array | None:
