@@ -116,12 +116,12 @@ class Trace:
 
     def __call__(self, t: Any) -> Array:
         t = np.asarray(t, dtype=float)
-        after = np.clip(np.searchsorted(self.time, t, side="right"), 1, max(self.time.size - 1, 1))
+        after = np.maximum(1, np.minimum(np.searchsorted(self.time, t, side="right"), self.time.size - 1))
         if self.time.size == 1:
             return np.full(t.shape, self.pressure[0])
         t0, t1 = self.time[after - 1], self.time[after]
         p0, p1 = self.pressure[after - 1], self.pressure[after]
-        share = np.clip((t - t0) / np.where(t1 > t0, t1 - t0, 1.0), 0.0, 1.0)
+        share = np.maximum(0.0, np.minimum((t - t0) / np.where(t1 > t0, t1 - t0, 1.0), 1.0))
         return np.where(t >= self.time[-1], self.pressure[-1], p0 + share * (p1 - p0))
 
 

@@ -13,11 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations import energy, extension, motion
+from pliant.equations import energy, extension, motion, symbols
 from pliant.equations.chamber import secant, share_out, slow_rates, torque_now
-from pliant.equations.symbols import Slopes
 from pliant.errors import InputError, SimulationError
-from pliant.model import Chamber, Model, Valve
+from pliant.model import Model, Valve
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation import lengthened
 from pliant.simulation.drive import inputs_of, merge
@@ -162,34 +161,36 @@ def right_hand_side(
     accelerate = twin(extension.acceleration if model.extensions else motion.acceleration)
     gain = model.actuation.gain
     share, tau = (np.array(row) for row in (model.memory.creep_share, model.memory.creep_time))
+    stiff = 1.0 + share.sum()  # creep seen as a stiffer spring with another rest angle
+    stiffer = joints._replace(K=stiffened(joints.K, model.n, stiff))
     a, torque = np.empty(model.size), np.empty(model.size)
+    chambers = [(c.kernel(), place) for c, place in zip(model.chambers, at.chambers, strict=True)]
+    plain = joints._replace(D=joints.D.tolist(), theta0=joints.theta0.tolist())  # for text that is not compiled
     slack = 1e-9 * (right - left)
 
     def valve(c: int, t: float, y: Array) -> tuple[float, Array, Array]:
         behind = model.chambers[c].valve
-        u = float(inputs[c](np.clip(t, left + slack, right - slack) - behind.dead_time))
+        u = float(inputs[c](min(max(t, left + slack), right - slack) - behind.dead_time))
         return behind_valve(behind, u, y[at.chambers[c].p : at.chambers[c].dp + 1])
 
     def rhs(t: float, y: Array) -> Array:
         phi, w = y[at.phi].copy(), y[at.w].copy()
         moved = []
-        for c, (chamber, place) in enumerate(zip(model.chambers, at.chambers, strict=True)):
+        for c, (own, place) in enumerate(chambers):
             p, rates, _ = valve(c, t, y)
-            made, slow_rates = torque_and_rates(chamber, p, y[place.slow], y[place.stretch])
+            made, slow_rates = torque_and_rates(own, p, y[place.slow], y[place.stretch])
             share_out(c, made, gain, torque)
             moved += [rates, *slow_rates]
-        xi = y[at.creep].reshape(model.n, -1)
-        stiff = 1.0 + share.sum()  # creep seen as a stiffer spring with another rest angle
-        seen = joints
+        seen, crept, lost = joints, [], []
         if at.remembers:
-            seen = joints._replace(K=stiffened(joints.K, model.n, stiff), theta0=joints.theta0 + xi @ share / stiff)
+            xi = y[at.creep].reshape(model.n, -1)
+            seen = stiffer._replace(theta0=joints.theta0 + xi @ share / stiff)
+            gap = joint_angles(model, phi)[:, None] - xi
+            crept, lost = (gap / tau).ravel(), [joints.K[: model.n] @ (gap**2 @ (share / tau))]
         accelerate(phi, w, torque, body, seen, scratch, a)
-        power = energy.input_power(w, torque, joints)
-        gap = joint_angles(model, phi)[:, None] - xi
-        lost = [joints.K[: model.n] @ (gap**2 @ (share / tau))] if at.remembers else []
-        return np.concatenate([
-            w, a, *moved, (gap / tau).ravel(), [power, energy.damping_power(w, joints), *lost],
-        ])
+        turning = w.tolist()
+        power = energy.input_power(turning, torque.tolist(), plain), energy.damping_power(turning, plain)
+        return np.concatenate([w, a, *moved, crept, [*power, *lost]])
 
     if at.remembers or model.actuation.remembers :
         return rhs, None
@@ -201,9 +202,8 @@ def stiffened(K: Array, joints: int, factor: float) -> Array:
     return np.append(K[:joints] * factor, K[joints:])
 
 
-def torque_and_rates(chamber: Chamber, p: float, slow: Array, wall: Array) -> tuple[float, tuple[Array, Array]]:
+def torque_and_rates(own: symbols.Chamber, p: float, slow: Array, wall: Array) -> tuple[float, tuple[Array, Array]]:
     """Torque [N m] of a chamber at the pressure p [Pa], and the rates of its slow states (none or one of each)."""
-    own = chamber.kernel()
     late, y = (slow[0] if slow.size else p), (wall[0] if wall.size else 1.0)
     slow_rate, growth = slow_rates(p, late, y, own)
     return float(torque_now(p, late, y, own)), (0.0 * slow + slow_rate, 0.0 * wall + growth)
@@ -215,7 +215,7 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
     body, joints, scratch = model.mechanics(), model.joints(), work_of(model)
     solve = twin(ldl_solve)
     differentiate = lengthened.slopes if model.extensions else twin(motion.acceleration_jacobian)
-    out = Slopes(np.empty(n), np.empty((n, n)), np.empty((n, n)))
+    out = symbols.Slopes(np.empty(n), np.empty((n, n)), np.empty((n, n)))
     T = lengthened.of_joints(model.n, n)  # to the angles and rates of joints
     share = gain @ T  # of a torque, on each absolute angle
 
