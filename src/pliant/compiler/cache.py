@@ -120,7 +120,8 @@ def kept(function: Any, **options: Any) -> Any:
     Where several processes ask for one kernel at once, one compiles it and the others wait for it. Where nothing can be
     written, it is compiled anew in every process, which is told once.
     """
-    made = njit(no_cfunc_wrapper=True, **options)(function)  # a door for C: nobody comes by it
+    options["no_cfunc_wrapper"] = True  # a door for C: nobody comes by it
+    made = njit(**options)(function)
     try:
         made._cache = KernelCache(made.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
     except RuntimeError:  # no folder takes a file: neither the shared one, nor those that Numba tries
