@@ -3,10 +3,10 @@
     python benchmarks/false_alarms.py -o results/false_alarms --seeds 20 --minutes 60     # 20 h; resumable
 
 A minute of motion of actuator a, b or c (pulses, ramps and pauses of random levels and lengths) is simulated once and
-seen by every seed of that actuator: seeds are sets of instruments (`benchmarks/touches.py`), each with the threshold
-that it learnt from four other minutes, for one alarm an hour. So the hours are those of the instruments; the motions
-differ from minute to minute, not from seed to seed. Beside the test stands the plain threshold on the same torques.
-Nothing was tuned on these motions or seeds.
+seen by every seed of that actuator: seeds are sets of instruments (`benchmarks/touches.py`), each with the thresholds
+that it learnt from four other minutes, for one alarm an hour and for fewer (`RATES`). So the hours are those of the
+instruments; the motions differ from minute to minute, not from seed to seed. Beside the test stands the plain threshold
+on the same torques, for one alarm an hour. Nothing was tuned on these motions or seeds.
 """
 
 from __future__ import annotations
@@ -26,15 +26,18 @@ from pliant.contact.free_motion import FreeMotion
 from pliant.sweep.store import Arrays
 
 NAMES = "abc"
+RATES = (1.0, 0.5, 0.25, 0.1)  # alarms asked for in an hour
 FIRST = 1000  # of the minutes that nobody learnt from
 
 
 @cache
-def learnt(name: str, seed: int) -> tuple[FreeMotion, Plain]:
-    """What both tests know of free motion, with the instruments of a seed."""
+def learnt(name: str, seed: int) -> tuple[FreeMotion, np.ndarray, Plain]:
+    """What both tests know of free motion, with the instruments of a seed; thresholds of all `RATES` in the first's."""
     bodies = [seen(free(name, k), name, seed, f"free_{k}") for k in range(LEARN)]
     chain, options = model(name), {"noise": NOISE, "latency": LATENCY[name]}
-    return free_motion(bodies, chain, **options), Plain.learnt(bodies, chain, options)
+    tests = [free_motion(bodies, chain, false_alarms_per_hour=rate, **options) for rate in RATES]
+    thresholds = np.array([t.sudden.threshold for t in tests])
+    return tests[0], thresholds / thresholds[0], Plain.learnt(bodies, chain, options)
 
 
 @dataclass(frozen=True)
@@ -44,16 +47,18 @@ class Minutes(chunks.OneByOne):
     seeds: int = 20
 
     def work(self, chunk: int) -> Arrays:
-        """Alarms (1, seeds) of both tests, NaN for the seeds of other actuators."""
+        """Alarms of both tests (1, seeds), whether there was one at each of `RATES`; NaN for other actuators' seeds."""
         began, name = time.process_time(), NAMES[chunk % len(NAMES)]
         k = FIRST + chunk // len(NAMES)
         motion, options = free_minute(name, k), {"noise": NOISE, "latency": LATENCY[name]}
         made = {what: np.full((1, self.seeds), np.nan) for what in ("alarms", "plain_alarms")}
+        made["heard"] = np.full((1, self.seeds, len(RATES)), np.nan)
         for seed in range(NAMES.index(name), self.seeds, len(NAMES)):
-            test, plain = learnt(name, seed)
+            test, thresholds, plain = learnt(name, seed)
             body = seen(motion, name, seed, f"minute_{k}")
             found = find_contact(body, model(name), free=test, **options)
             made["alarms"][0, seed] = len(found.attrs["alarm_s"])
+            made["heard"][0, seed] = float(found["statistic"].max()) > thresholds
             made["plain_alarms"][0, seed] = plain.alarms(body).size
         return {**made, "cpu_s": np.array([time.process_time() - began])}
 
@@ -66,7 +71,7 @@ def table(samples: xr.Dataset) -> str:
         hours = samples[what].notnull().sum("sample").values / 60.0
         every = by_seed.sum()
         lines.append(f"{words}: {every:.0f} alarms in {hours.sum():.1f} h, {every / hours.sum():.2f} an hour")
-        for name in NAMES:
+        for name in NAMES[: by_seed.size]:
             mine = slice(NAMES.index(name), None, len(NAMES))
             rate = by_seed[mine].sum() / max(hours[mine].sum(), 1e-9)
             each = ", ".join(f"{v:.0f}" for v in by_seed[mine])
@@ -75,6 +80,11 @@ def table(samples: xr.Dataset) -> str:
         for title, part in (("seeds 0 to 9", ~late), ("seeds 10 to 19", late)):
             if part.any():
                 lines.append(f"  {title}: {by_seed[part].sum():.0f} in {hours[part].sum():.1f} h")
+    heard, late = samples["heard"].values, np.arange(samples["heard"].shape[1]) >= 10
+    for r, rate in enumerate(RATES):
+        said = (f"{np.nansum(heard[:, part, r]):.0f} in {np.isfinite(heard[:, part, r]).sum() / 60.0:.1f} h"
+                for part in (~late, late) if part.any())  # fmt: skip
+        lines.append(f"asked for {rate:g} an hour, minutes with an alarm, seeds 0 to 9, 10 to 19: {', '.join(said)}")
     return "\n".join(lines)
 
 
