@@ -16,7 +16,7 @@ def test_every_figure_of_a_study_is_drawn_once(outcome, shape, tmp_path):
 
 @pytest.mark.parametrize("width", [88.0, 182.0])
 def test_the_width_is_that_of_the_column(outcome, tmp_path, width):
-    file, *_ = draw_figures(outcome, tmp_path, kinds=["svg"], width_mm=width, records=["low"])
+    file = next(draw_figures(outcome, tmp_path, kinds=["svg"], width_mm=width, records=["low"]))
     points = float(file.read_text(encoding="utf-8").split('width="')[1].split("pt")[0])
     assert points == pytest.approx(width / 25.4 * 72, abs=0.01)
 
