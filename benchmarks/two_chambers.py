@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pliant.identification import Experiment, FitResult, fit, predict_held_out
+from pliant.identification import Experiment, FitResult, Parameter, fit, predict_held_out
 from pliant.model import Model
 from pliant.recording.netcdf import write_netcdf
 from pliant.study.run import prepare_all
@@ -32,6 +32,7 @@ HELD_OUT = {"both": "pulse_100+130_1500ms", "overlapping": "overlapping", "in_tu
 CASES = {**TRAIN, **TOGETHER, **HELD_OUT}
 PLAIN = ("stiffness", "damping", "stiffening", "start")
 MODELS = {"springs": (), "and creep": ("creep_share_1", "creep_time_1")}
+UNEVEN = Parameter("stiffness_*", shrink=0.3)
 
 
 def chambers(body: str) -> list[dict[str, object]]:
@@ -60,9 +61,12 @@ def recorded(body: str, seed: int, names: Iterable[str] = CASES) -> tuple[dict[s
         return ready.experiments, ready.model
 
 
-def taught(body: str, train: Sequence[Experiment], model: Model, more: Sequence[str] = ()) -> FitResult:
-    """The fit to some recordings; one gain for each chamber."""
-    return fit(train, model, [*PLAIN, *(f"{c.name}.torque_1" for c in CHAMBERS[body]), *more], starts=1)
+def taught(
+    body: str, train: Sequence[Experiment], model: Model, more: Sequence[str | Parameter] = (),
+) -> FitResult:
+    """The fit to some recordings; one gain for each chamber, one stiffness unless `more` frees that of each joint."""
+    plain = PLAIN[UNEVEN in more:]
+    return fit(train, model, [*plain, *(f"{c.name}.torque_1" for c in CHAMBERS[body]), *more], starts=1)
 
 
 def missed(exp: Experiment, fitted: FitResult) -> float:
@@ -100,8 +104,9 @@ def main(seeds: int) -> None:
                 errors = ", ".join(f"{name} {missed(exp, fitted):.2f} % of {1e3 * exp.travel:.0f} mm"
                                    for name, exp in held.items())  # fmt: skip
                 print(f"{body}, sensors {seed}, {title}: {errors}; {told(body, fitted)}", flush=True)
-            fitted = taught(body, [experiments[name] for name in TOGETHER], model)
-            print(f"{body}, sensors {seed}, springs, taught by both together: {told(body, fitted)}", flush=True)
+            for title, more in {"springs": (), "K of each joint": (UNEVEN,)}.items():
+                fitted = taught(body, [experiments[name] for name in TOGETHER], model, more)
+                print(f"{body}, sensors {seed}, {title}, taught by both together: {told(body, fitted)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ Array = np.ndarray
 TOGETHER = 1e-3  # sine of the angle between two pressures, seen as vectors, below which they were never driven apart
 STILL = 0.1  # of the range of the pressure that moves most: others that move less leave it alone
 IDLE = 0.02  # of that range: what a transducer's noise, and a body that breathes through its tube, make of no command
-ALIKE = 0.2  # sine as above, below which chambers of the same joints were hardly driven apart
+ALIKE = 0.2  # sine as above, below which chambers were hardly driven apart
 
 
 def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
@@ -140,12 +140,25 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
         for k in mine if moves[k] <= IDLE * moves[most]
     ]
     driven = [k for k in mine if moves[k] > IDLE * moves[most]]
+    uneven = any(n.startswith("stiffness_") for n in names)
     for a, b in combinations(driven, 2):
         one, other = model.chambers[a], model.chambers[b]
-        if np.any((one.joint_gain != 0) & (other.joint_gain != 0)) and shared(seen[:, a], seen[:, b]) < ALIKE:
-            told.append(f"Chambers {one.name} and {other.name} turn the same joints and were hardly driven apart: "
-                        "their laws rest on how their edges differ; record one of them alone.")
+        if shared(seen[:, a], seen[:, b]) < ALIKE:
+            overlap = bool(np.any((one.joint_gain != 0) & (other.joint_gain != 0)))
+            told.append(f"Chambers {one.name} and {other.name} {hardly_apart(overlap, uneven)}")
     return told
+
+
+def hardly_apart(overlap: bool, uneven: bool) -> str:
+    """What the laws of two chambers rest on that hardly moved apart; `uneven`: the stiffness of joints is free."""
+    if overlap:
+        return ("turn the same joints and were hardly driven apart: their laws rest on how their edges differ; record "
+                "one of them alone.")
+    said = "were hardly driven apart: the shape alone tells their laws apart"
+    if uneven:
+        return f"{said}; record one of them alone."
+    return (f"{said}, and what an uneven stiffness does to it goes into them, beyond their standard errors; record one "
+            "of them alone, or free stiffness_*.")
 
 
 def told_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
