@@ -1,6 +1,7 @@
 """How far recordings let a model climb: the ladders of "Judging a fit", as tables.
 
-Usage: python benchmarks/ladders.py [demo|soften|short|no_lag|arm ...]; those of the `arm` come by `pliant data fetch`.
+Usage: python benchmarks/ladders.py [demo|soften|short|no_lag|arm|four ...]; recordings of the `arm` and of the one with
+`four` chambers come by `pliant data fetch`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from pliant.study import demo_study, load_study
 from pliant.study.run import prepare_all, run_ladder
 from pliant.study.schema import LadderEntry
 
-ARM = Path(__file__).parents[1] / "examples" / "pneumatic_arm_pulses.toml"
+EXAMPLES = Path(__file__).parents[1] / "examples"
+ARM, FOUR = EXAMPLES / "pneumatic_arm_pulses.toml", EXAMPLES / "planar_two_segment_arm_chambers.toml"
 PULSES = {"train": ["pulse_60", "pulse_180"], "held_out": ["pulse_119", "step_240"], "common": {"start": "free"}}
 PLACES = dict.fromkeys(("base_angle", "tip.along", "tip.across"), "free")
 LADDERS = {  # study, entries of its [ladder]
@@ -25,6 +27,9 @@ LADDERS = {  # study, entries of its [ladder]
     "short": (demo_study(), {**PULSES, "rungs": ["given", "elastic", "torque", "soften", "joints"]}),
     "no_lag": (demo_study(), {**PULSES, "rungs": ["given", "elastic", "torque", "joints", "creep", "hysteresis"]}),
     "arm": (ARM, {"train": ["p100", "p300"], "held_out": ["p200"], "common": PLACES}),
+    "four": (FOUR, {"train": ["first", "opposite"], "held_out": ["second", "third"],
+                    "common": {**PLACES, "mid.along": "free", "mid.across": "free"},
+                    "rungs": ["given", "elastic", "torque", "lag"]}),
 }  # fmt: skip
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pliant.errors import FitError, InputError
-from pliant.identification import Experiment, Parameter, design, fit, identifiability, ladder
+from pliant.identification import MORE_RUNGS, RUNGS, Experiment, Parameter, design, fit, identifiability, ladder
 from pliant.identification.design import Candidate, taught
 from pliant.identification.experiment import experiment, predict
 from pliant.identification.parameters import apply
@@ -226,6 +228,24 @@ def test_the_next_recording_drives_the_chamber_of_which_least_is_known(body: Mod
     np.testing.assert_allclose(taught(found, seen, again, sizes, 2e-3), exact, rtol=0.02, atol=1e-3 * exact.max())
 
 
-def test_a_ladder_says_that_it_takes_one_chamber(body: Model) -> None:
-    with pytest.raises(InputError, match=r"a ladder climbs models of one chamber, .* as left\.torque_1"):
-        ladder([made(body, "l", ALONE["l"])], [], body)
+def test_a_ladder_finds_the_law_and_the_valve_of_each_chamber(body: Model) -> None:
+    both = {"left": [0, 8e4, 8e4, 2e4, 0], "right": [0, 0, 9e4, 9e4, 0]}
+    train = [made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())]
+    named = {r.name: r._replace(scan=()) for r in (*RUNGS, *MORE_RUNGS)}
+    rungs = [named[n] for n in ("torque", "lag", "valves")]
+    guess = apply(body, {"stiffness": 0.7, "damping": 4e-3, "left.torque_1": 3e-7, "valve_rise": 0, "valve_fall": 0})
+    found = ladder(train, [made(body, "both", both, 5)], guess, rungs=rungs)
+    assert found.chosen == "valves"
+    assert [s.stands_on for s in found.steps] == ["", "torque", "lag"]
+    assert {"left.torque_1", "right.torque_1"} <= set(found.steps[0].freed)
+    assert {"valve_rise", "valve_fall"} <= set(found.steps[1].freed)
+    assert "valve_rise" not in found.step.freed
+    for name, true in {"left.torque_1": 6e-7, "right.torque_1": 4e-7, "left.valve_rise": 0.03, "right.valve_rise": 0.05,
+                       "left.valve_fall": 0.05, "right.valve_fall": 0.02}.items():  # fmt: skip
+        assert found.result.values[name] == pytest.approx(true, rel=0.1)
+
+
+def test_a_body_of_several_chambers_without_laws_has_one_of_each_on_every_rung(body: Model) -> None:
+    blank = body.with_(chambers=tuple(replace(c, torque=np.zeros(1)) for c in body.chambers))
+    found = ladder([made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())], [], blank, rungs=RUNGS[:1])
+    assert found.step.freed == ("left.torque_1", "right.torque_1")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.identification import RUNGS, Rung, ladder
+from pliant.identification import RUNGS, Experiment, Rung, ladder
 from pliant.model import Memory, Model, Valve
 
 STEP = 2e-3
@@ -73,6 +75,29 @@ def test_where_nothing_rings_stiffness_stays_simulable(truth: Model, traced: Any
     over = truth.with_(damping=0.5, valve=Valve(rise_time=0.1, fall_time=0.1))
     found = ladder([traced(over)], [], truth.with_(valve=Valve()), common=["torque_1"], step=STEP, rungs=RUNGS[1:2])
     assert found.result.model.stiffness.max() < 1e3
+
+
+def test_what_the_recordings_leave_open_stays_as_given(truth: Model, traced: Any) -> None:
+    """Nothing rings, and only K, D and torque as parts of each other show: K as given, the rest is determined."""
+    rng = np.random.default_rng(0)
+    over = truth.with_(damping=0.5, valve=Valve(rise_time=0.1, fall_time=0.1))
+
+    def noisy(name: str, level: float) -> Experiment:
+        exp = traced(over, name, level)
+        return replace(exp, position=exp.position + 5e-4 * rng.standard_normal(exp.position.shape))
+
+    train, held = [noisy("a", 6e4), noisy("c", 1.2e5)], [noisy("b", 9e4)]
+    guess = over.with_(stiffness=1.8, damping=0.1, torque=[1e-7])
+    found = ladder(train, held, guess, step=STEP, rungs=(RUNGS[0], RUNGS[2]))
+    assert found.chosen == "torque"
+    assert found.step.given == ("stiffness",)
+    assert "stiffness" not in found.step.freed
+    assert not found.step.open
+    assert found.result.model.stiffness.tolist() == [1.8] * 3
+    for name, scale in (("damping", 0.5), ("torque_1", 6e-7)):
+        assert found.result.values[name] == pytest.approx(2.0 * scale, rel=0.05)
+    assert found.reason.endswith("The recordings do not determine stiffness: as given.")
+    assert found.to_dict()["rungs"]["torque"]["as_given"] == ["stiffness"]
 
 
 def test_rungs_need_names(truth: Model, traced: Any) -> None:

@@ -15,7 +15,7 @@ from pliant.identification.fit import FIT_OPTIONS, FitOptions
 from pliant.identification.ladder_fit import LadderFit, Step, entry_name
 from pliant.identification.model_selection import DETERMINED, lead, shared_bic
 from pliant.identification.result import FitResult
-from pliant.identification.rungs import RUNGS, Entry, Rung
+from pliant.identification.rungs import RUNGS, Entry, Rung, each_chamber, of_chambers
 from pliant.model import Model
 from pliant.options import with_defaults
 
@@ -62,6 +62,7 @@ class Ladder(Shown):
                     "title": s.rung.title, "stands_on": s.stands_on, "free": list(s.freed), "train_percent": s.train,
                     "held_out_percent": s.held_out, "bic": s.bic, "fit_s": s.seconds,
                     "step_ns": s.step_ns if s.result else None, "told": s.told, "not_determined": s.open,
+                    "as_given": list(s.given),
                 } for s in self.steps
             },
         }
@@ -75,14 +76,15 @@ def ladder(
 
     A rung stands on the one below it, unless that one does not pay: has a higher BIC than the rung that it stands on
     itself, or parameters that the recordings do not determine, whose standard error is more than half of their value.
-    The held-out records have no say in that; they choose at the end, among the rungs that are determined.
+    Such a one that the given model has a value for stays as given, where the rung is determined without it. The
+    held-out records have no say in that; they choose at the end, among the rungs that are determined.
 
     Parameters
     ----------
     train, held_out : sequences of Experiment
     model : Model
-        As given: the lowest rung moves nothing of it but `common`. Where it has no torque law, torque_1 is free on
-        every rung.
+        As given: the lowest rung moves nothing of it but `common`. Where it has no torque law, torque_1 (of each
+        chamber) is free on every rung.
     common : sequence of Parameter or str
         What every rung frees, such as the place of a marker.
     rungs : sequence of Rung
@@ -102,24 +104,20 @@ def ladder(
     FitError
         When no rung can be fitted.
     InputError
-        As `fit`, and for a model of several chambers.
+        As `fit`.
     TypeError
         For an unknown keyword.
     """
     how = with_defaults(ladder, options, LADDER_OPTIONS)
     if not rungs or len({r.name for r in rungs}) < len(rungs):
         raise InputError("a ladder needs rungs whose names differ")
-    if len(model.chambers) > 1:
-        raise InputError(
-            f"a ladder climbs models of one chamber, since its rungs name one law and one valve: fit {model.name!r} by "
-            f"parameters of its chambers, as {model.chambers[0].name}.torque_1"
-        )
     free = {entry_name(e): e for e in common}
-    if not model.torque.any() and any(e.excitation != "release" for e in train):
-        free.setdefault("torque_1", "torque_1")
+    if "torque_1" not in free and any(e.excitation != "release" for e in train):
+        laws = zip(each_chamber("*.torque_1", model), model.chambers, strict=True)
+        free |= {entry_name(e): e for e, c in laws if not c.torque.any() and entry_name(e) not in free}
     climber = LadderFit(train, held_out, model, how, tuple(free))
     below, steps = Step(Rung("", "")), []
-    for rung in rungs:
+    for rung in (of_chambers(r, model) for r in rungs):
         made, taken = climber.climb(rung, below, free)
         if made.result and not made.open and pays(made, below):
             below, free = made, taken
@@ -160,6 +158,8 @@ def chosen(steps: Sequence[Step]) -> Ladder:
         said = f"{enough.rung.title}: {enough.error:.3g} % of travel on held-out records"
         said += f", against {below[-1].error:.3g} % one rung lower" if below else ""
         reason = f"{said}; {why}."
+    if enough.given:
+        reason += f" The recordings do not determine {' and '.join(enough.given)}: as given."
     told = tuple(replace(s, told=s.told or refusal(s, enough)) for s in steps)
     return Ladder(told, enough.rung.name, reason)
 

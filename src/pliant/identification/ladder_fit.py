@@ -14,8 +14,9 @@ from pliant.identification.experiment import Experiment, predict
 from pliant.identification.fit import FitOptions, fit
 from pliant.identification.forward_model import moved, set_up
 from pliant.identification.initial_guess import prepare
+from pliant.identification.memory_parameters import usual_start
 from pliant.identification.model_selection import Follows, error, follows, missed, shared_bic, undetermined
-from pliant.identification.parameters import Parameter
+from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.problem import root_mean_square
 from pliant.identification.result import FitResult, touches_bound
 from pliant.identification.rungs import Entry, Rung
@@ -55,6 +56,8 @@ class Step:
         Why it could not be fitted, or is not the chosen one.
     open : str
         Which parameters the recordings do not determine; empty where they determine all.
+    given : tuple of str
+        Parameters that stay as the given model has them, since the recordings do not determine them on this rung.
     """
 
     rung: Rung
@@ -70,6 +73,7 @@ class Step:
     bic: float | None = None
     told: str = ""
     open: str = ""
+    given: tuple[str, ...] = ()
 
     @property
     def error(self) -> float:
@@ -90,16 +94,13 @@ class LadderFit:
     def climb(self, rung: Rung, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
         """The rung on top of `below`, where `free` is free, and what is free on it."""
         began = clock.perf_counter()
-        ended = ends(below.result)
         told, found = "", []
         for choice in rung.frees or ((),):
             taken = {n: e for n, e in free.items() if n not in rung.drops} | {
                 entry_name(e): e for e in choice if entry_name(e) not in free
             }
             try:
-                result = self.scanned(list(taken.values()), rung, ended)
-                added = {p.name for p in result.parameters} - set(below.freed) - set(self.common)
-                found.append((replace(self.judged(rung, result), open=undetermined(result, added)), taken))
+                found.append(self.settled(rung, taken, below, {entry_name(e) for e in choice}))
             except PliantError as problem:
                 told = told or str(problem)
         if not found:
@@ -108,6 +109,46 @@ class LadderFit:
         best = int(np.argmin(shared_bic([s.follows for s, _ in found if s.follows])))
         step, taken = found[best]
         return replace(step, stands_on=below.rung.name, seconds=clock.perf_counter() - began), taken
+
+    def settled(
+        self, rung: Rung, taken: dict[str, Entry], below: Step, choice: set[str],
+    ) -> tuple[Step, dict[str, Entry]]:
+        """The fit of what is `taken`, where the recordings determine it; else of less.
+
+        What they leave open and the given model has a value for stays as given, the worst first, while something of the
+        rung's `choice` is left. Where that does not help, the rung is what it was with all of it, and open.
+        """
+        ended, before = ends(below.result), tuple(n for n in below.given if n not in {*taken, *rung.drops})
+        first = result, left = self.looked_at(rung, taken, below, ended)
+        less, given = taken, before
+        try:
+            while loose := [p for p in result.parameters if p.name in left and p.name in less and self.has_given(p)]:
+                worst = max(loose, key=doubt).name
+                less, given = {n: e for n, e in less.items() if n != worst}, (*given, worst)
+                if not choice & less.keys() - set(below.freed):
+                    break
+                result, left = self.looked_at(rung, less, below, ended)
+                if not left:
+                    return replace(self.judged(rung, result), given=given), less
+        except PliantError:
+            pass  # without it the rest cannot be fitted
+        result, left = first
+        return replace(self.judged(rung, result), open=", ".join(left.values()), given=before), taken
+
+    def looked_at(
+        self, rung: Rung, taken: dict[str, Entry], below: Step, ended: dict[str, Parameter],
+    ) -> tuple[FitResult, dict[str, str]]:
+        """The fit of what is `taken`, and what of it the recordings do not determine."""
+        result = self.scanned(list(taken.values()), rung, ended)
+        added = {p.name for p in result.parameters} - set(below.freed) - set(self.common)
+        return result, undetermined(result, added)
+
+    def has_given(self, p: Parameter) -> bool:
+        """Whether the given model has a value for a positive number of a rung: not for what memory or joints add to it.
+
+        Coefficients of a law are left to the choices of a rung.
+        """
+        return p.name not in self.common and not p.shrink and usual_start(p.name) is None and kind_of(p.name).lower >= 0
 
     def scanned(self, entries: Sequence[Entry], rung: Rung, ended: dict[str, Parameter]) -> FitResult:
         """The fit of some parameters from the best of several starts, each of which a short fit tries.
@@ -177,18 +218,23 @@ def step_cost(result: FitResult, exp: Experiment, step: float) -> float:
     return 1e9 * best / max(made.numbers.h.size, 1)
 
 
+def doubt(p: Parameter) -> float:
+    """Standard error of a parameter in shares of its value; without end where it lies at a bound or does not show."""
+    return float("inf") if p.std is None or not p.value or touches_bound(p) else p.std / abs(p.value)
+
+
 def entry_name(entry: Entry) -> str:
     """Name of a parameter, or of one given by its name alone."""
     return entry if isinstance(entry, str) else entry.name
 
 
 def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
-    """A parameter that starts where it `ended` on a lower rung; each joint's where that of all together did.
+    """A parameter that starts where it `ended` on a lower rung; each joint's or chamber's where that of all did.
 
     What ended on a bound starts afresh. The size stays that of the first start.
     """
     p = Parameter(entry) if isinstance(entry, str) else entry
-    found = ended.get(p.name, ended.get(p.name.removesuffix("_*")))
+    found = next((ended[n] for n in (p.name, p.name.removesuffix("_*"), p.name.rpartition(".")[2]) if n in ended), None)
     if found is None or found.value is None or not p.free or touches_bound(found):
         return p
     return p.with_(value=float(np.clip(found.value, p.lower, p.upper)), scale=p.scale or found.scale)

@@ -94,13 +94,13 @@ def lead(one: dict[str, Array], other: dict[str, Array]) -> tuple[float, float]:
     return float(np.mean(gaps)), float(max(within, across))
 
 
-def undetermined(result: FitResult, added: Collection[str]) -> str:
-    """Which parameters of a fit the recordings do not determine, in words; empty where they determine all.
+def undetermined(result: FitResult, added: Collection[str]) -> dict[str, str]:
+    """Which parameters of a fit the recordings do not determine, by name, each in words.
 
     Looked at are those `added` by a model and every other one that is positive by its kind, but for what belongs to a
     recording or a station, rests on a prior, or lies at a bound.
     """
-    found = []
+    found = {}
     for p in result.parameters:
         if not p.free or p.value is None or p.prior_std is not None or p.name.partition(".")[0] in result.rmse:
             continue
@@ -108,12 +108,12 @@ def undetermined(result: FitResult, added: Collection[str]) -> str:
         if not own and (kind_of(p.name).lower < 0 or touches_bound(p)):
             continue
         if own and touches_bound(p):
-            found.append(f"{p.name} ends at its bound of {p.value:.4g} {p.unit}")
+            found[p.name] = f"{p.name} ends at its bound of {p.value:.4g} {p.unit}"
         elif p.std is None:
-            found.append(f"{p.name} is not shown by the recordings")
+            found[p.name] = f"{p.name} is not shown by the recordings"
         elif p.std > DETERMINED * abs(p.value):
-            found.append(f"{p.name} is known as {of_size(p)}")
-    return ", ".join(found)
+            found[p.name] = f"{p.name} is known as {of_size(p)}"
+    return found
 
 
 def of_size(p: Parameter) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
+from pliant.identification.chamber_parameters import prefixes
 from pliant.identification.parameters import Parameter
+from pliant.model import Model
 
 Entry = Parameter | str
 Scan = tuple[tuple[str, tuple[float, ...]], ...]  # names, and the values [SI] that they begin at, one after another
@@ -15,7 +18,7 @@ class Rung(NamedTuple):
 
     `frees` lists choices: of those that the recordings can tell, the one of the lowest BIC is taken. `drops` names
     parameters of lower rungs that this one replaces. Times and thresholds in `scan` are tried from values far apart,
-    since a fit finds what is near its start.
+    since a fit finds what is near its start. A name that begins with ``*.`` means one for each chamber.
     """
 
     name: str
@@ -25,6 +28,28 @@ class Rung(NamedTuple):
     scan: Scan = ()
 
 
+def each_chamber(entry: Entry, model: Model) -> tuple[Entry, ...]:
+    """The parameters of all chambers that an entry ``*.name`` means, plain ones where there is one; others alone."""
+    name = entry if isinstance(entry, str) else entry.name
+    if not name.startswith("*."):
+        return (entry,)
+    names = [f"{start}{name[2:]}" for start in (prefixes(model) if len(model.chambers) > 1 else ("",))]
+    return tuple(n if isinstance(entry, str) else replace(entry, name=n) for n in names)
+
+
+def of_chambers(rung: Rung, model: Model) -> Rung:
+    """The rung with the parameters of a model's chambers written out."""
+
+    def out(name: str) -> list[str]:
+        return [n for n in each_chamber(name, model) if isinstance(n, str)]
+
+    return rung._replace(
+        frees=tuple(tuple(e for entry in choice for e in each_chamber(entry, model)) for choice in rung.frees),
+        drops=tuple(n for name in rung.drops for n in out(name)),
+        scan=tuple((n, row) for name, row in rung.scan for n in out(name)),
+    )
+
+
 LAGS = (0.02, 0.1, 0.4, 1.5)
 ELASTIC = ("stiffness", "damping")
 CREEP = ("creep_share_1", "creep_time_1")
@@ -32,7 +57,7 @@ BOUC_WEN = ("boucwen_share", "boucwen_beta", Parameter("boucwen_gamma", 0.0, fre
 RUNGS: tuple[Rung, ...] = (
     Rung("given", "as given"),
     Rung("elastic", "K and D", (ELASTIC,)),
-    Rung("torque", "+ torque law", ((*ELASTIC, "torque_1", "torque_2"), (*ELASTIC, "torque_1"))),
+    Rung("torque", "+ torque law", ((*ELASTIC, "*.torque_1", "*.torque_2"), (*ELASTIC, "*.torque_1"))),
     Rung("lag", "+ lag of the pressure", (("valve_rise", "valve_fall"), ("valve_rise",)),
          scan=(("valve_rise", LAGS), ("valve_fall", LAGS))),
     Rung("joints", "+ K of each joint", ((Parameter("stiffness_*", shrink=0.3),),), drops=("stiffness",)),
@@ -41,9 +66,11 @@ RUNGS: tuple[Rung, ...] = (
          scan=(("slip_angle_1", (0.003, 0.02, 0.1)), ("boucwen_beta", (300.0, 50.0, 10.0)))),
 )
 MORE_RUNGS: tuple[Rung, ...] = (  # taken where a study names them
-    Rung("odd", "odd cubic torque law", (("torque_1", "torque_3"),), drops=("torque_2",)),
+    Rung("odd", "odd cubic torque law", (("*.torque_1", "*.torque_3"),), drops=("*.torque_2",)),
     Rung("soften", "+ springs that soften", (("stiffening",),)),
     Rung("stiffen", "+ springs that stiffen again", (("cubic_stiffening",),)),
+    Rung("valves", "+ a lag of each chamber", (("*.valve_rise", "*.valve_fall"), ("*.valve_rise",)),
+         drops=("valve_rise", "valve_fall"), scan=(("*.valve_rise", LAGS), ("*.valve_fall", LAGS))),
     Rung("vent", "+ limited fall", (("valve_fall_rate",),), scan=(("valve_fall_rate", (1e4, 1e5, 1e6)),)),
     Rung("swell", "+ late swelling", (("swell_share", "swell_time"),), scan=(("swell_time", (0.1, 0.5, 2.0)),)),
     Rung("creep_2", "+ second creep branch", ((*CREEP, "creep_share_2", "creep_time_2"),),
