@@ -142,6 +142,7 @@ class Rung(Entry):
     step_ns: float | None = Field(description="time of one step of that model")
     told: str = Field(description="why it has no numbers, or why it is not the chosen one")
     not_determined: str = Field("", description="the parameters that the recordings do not determine, in words")
+    as_given: list[str] = Field([], description="parameters left as the given model has them, since not determined")
 
 
 class LadderTable(Entry):

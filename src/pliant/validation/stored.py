@@ -184,7 +184,8 @@ def ladder_of(told: dict[str, Any] | None, result: FitResult) -> Ladder | None:
     steps = [
         Step(Rung(name, r["title"]), None if r["step_ns"] is None else result, tuple(r["free"]), r["train_percent"],
              r["held_out_percent"], r["fit_s"], float("nan") if r["step_ns"] is None else r["step_ns"], r["stands_on"],
-             bic=r["bic"], told=r["told"], open=r.get("not_determined", ""))
+             bic=r["bic"], told=r["told"], open=r.get("not_determined", ""),
+             given=tuple(r.get("as_given", ())))
         for name, r in told["rungs"].items()
     ]
     return Ladder(tuple(steps), told["chosen"], told["reason"])
