@@ -16,7 +16,7 @@ import numpy as np
 import pliant
 from pliant.control import TaskFile
 from pliant.loop.model_plant import ModelPlant
-from pliant.loop.task import run_task
+from pliant.loop.task import Done, run_task
 
 PERIOD = 4e-3  # s
 HIGHEST = np.array([200e3, 180e3])  # Pa
@@ -53,25 +53,35 @@ def loop_of_the_tip(model: pliant.Model, duration: float) -> dict[str, list[floa
     return {"time_s": clock.tolist(), "tip_x_mm": tip[0].tolist(), "tip_y_mm": tip[1].tolist()}
 
 
+def follow(output: Path, feedback: str = "lqr", estimator: str = "observer", duration: float = 3.6) -> Done:
+    """Follow the path for a while [s], the files into a folder, which is made."""
+    output.mkdir(parents=True, exist_ok=True)
+    model = two_segments()
+    body = unlike(model)
+    pliant.save_model(model, output / "model.json")
+    pliant.save_model(body, output / "body.json")
+    task = TaskFile.model_validate({
+        "duration_s": duration, "highest_kpa": (1e-3 * HIGHEST).tolist(), "feedback": feedback,
+        "path": loop_of_the_tip(model, duration),
+    })
+    return run_task(model, ModelPlant(body), task, output, estimator=estimator)
+
+
+def off_path(done: Done) -> np.ndarray:
+    """Distance [mm] of the tip, as estimated, from where it is wanted, at each period from 0.6 s on."""
+    return 1e3 * np.hypot(done.log["error_tip_x_m"], done.log["error_tip_y_m"]).to_numpy()[round(0.6 / PERIOD) :]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("results/two_segments"))
     parser.add_argument("--feedback", choices=["lqr", "mpc"], default="lqr")
     parser.add_argument("--estimator", choices=["observer", "filter", "differences"], default="observer")
     args = parser.parse_args()
-    args.output.mkdir(parents=True, exist_ok=True)
-    model, duration = two_segments(), 3.6
-    body = unlike(model)
-    pliant.save_model(model, args.output / "model.json")
-    pliant.save_model(body, args.output / "body.json")
-    task = TaskFile.model_validate({
-        "duration_s": duration, "highest_kpa": (1e-3 * HIGHEST).tolist(), "feedback": args.feedback,
-        "path": loop_of_the_tip(model, duration),
-    })
-    done = run_task(model, ModelPlant(body), task, args.output, estimator=args.estimator)
-    error = 1e3 * np.hypot(done.log["error_tip_x_m"], done.log["error_tip_y_m"]).to_numpy()[150:]
+    done = follow(args.output, args.feedback, args.estimator)
+    off = off_path(done)
     print(f"{done.summary['fault'] or 'no fault'}; from 0.6 s on the tip, as estimated, is "
-          f"{np.sqrt(np.mean(error**2)):.2f} mm rms and {error.max():.2f} mm at most from where it is wanted")
+          f"{np.sqrt(np.mean(off**2)):.2f} mm rms and {off.max():.2f} mm at most from where it is wanted")
 
 
 if __name__ == "__main__":

@@ -118,9 +118,23 @@ def test_a_loop_is_watched_by_its_log(model, tmp_path):
     late = watched.frame()
     assert early["t"] < late["t"] == pytest.approx(1.99)
     assert late["kpa"] == [1.0]
-    assert "in control" in late["told"]
+    assert "in control; target 0.00 mm, error 0.00 mm" in late["told"]
     turn = np.arctan2(-np.diff(late["body"], axis=0)[-1, 0], np.diff(late["body"], axis=0)[-1, 1])
     assert turn == pytest.approx(0.1 + 0.199, abs=1e-4)
+
+
+def test_every_output_that_a_loop_brings_to_its_place_is_told(model, tmp_path):
+    columns = log_columns(3, chambers=2, outputs=["tip_x", "angle_sum"])
+    log = LoopLog(tmp_path / "loop.csv", columns)
+    wanted = {"target_tip_x_m": 0.03, "error_tip_x_m": -2e-4, "target_angle_sum_rad": np.pi / 6, "pressure_2_pa": 4e3}
+    for second in (0.0, 3.0):
+        log.write([(dict.fromkeys(columns, 0.0) | wanted | {"time_s": second})[c] for c in columns])
+    log.close()
+    watched = Watched(tmp_path / "loop.csv", model)
+    watched.advance(0.016)
+    frame = watched.frame()
+    assert "tip x target 30.00 mm, error -0.20 mm; angle sum target 30.00 deg, error 0.00 deg" in frame["told"]
+    assert frame["kpa"] == [0.0, 4.0]
 
 
 def test_a_touch_is_shown_where_it_is_and_a_fault_is_told(model, tmp_path):

@@ -95,8 +95,7 @@ class Watched:
         joints = np.concatenate([[[0.0, 0.0], m.first_joint * [m.bend_sign, 1]], chain.tips(m, phi)])
         value = dict(zip(self.columns, row, strict=True))
         vented = f"VENTED, {self.fault or 'by a fault'}" if value.get("vented") else "in control"
-        target, error = (1e3 * value.get(n, np.nan) for n in ("target_m", "error_m"))
-        told = f"{vented}; target {target:.2f} mm, error {error:.2f} mm; a period's work took {value['work_us']:.0f} us"
+        told = f"{vented}; {self.wanted(value)}; a period's work took {value['work_us']:.0f} us"
         return {
             "t": round(row[0], 6), "body": np.nan_to_num(np.round(1e3 * joints, 3)).tolist(), "told": told,
             "measured": None, "force": [0, 0],
@@ -104,6 +103,16 @@ class Watched:
             "command": [round(float(np.nan_to_num(1e-3 * row[k])), 4) for k in self.named("command")],
             "touch": self.touching(value),
         }
+
+    def wanted(self, value: dict[str, float]) -> str:
+        """Target and error of each output that the loop brings to its place."""
+        said = []
+        for name in (c.removeprefix("target_") for c in self.columns if c.startswith("target_")):
+            output, unit = name.rpartition("_")[::2]
+            size, shown = (1e3, "mm") if unit == "m" else (np.rad2deg(1.0), "deg")
+            target, error = size * value[f"target_{name}"], size * value[f"error_{name}"]
+            said.append(f"{output.replace('_', ' ')} target {target:.2f} {shown}, error {error:.2f} {shown}".lstrip())
+        return "; ".join(said)
 
     def touching(self, value: dict[str, float]) -> list[float] | None:
         """Where the one force pushes that explains the torques [mm], and that force [N]; None where none is."""
