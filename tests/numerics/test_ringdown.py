@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.numerics.ringdown import ring_down
+from pliant.numerics.ringdown import decay_jacobian, decay_residual, ring_down
 
 RATE = 100.0
 
@@ -87,3 +87,14 @@ def test_an_over_damped_return_has_no_frequency(rates: tuple[float, float, float
         np.exp(-k * t) * p * q / ((p - k) * (q - k)) for k, p, q in ((a, b, c), (b, a, c), (c, a, b))
     )
     assert ring_down(t, y + 2e-3 * np.random.default_rng(0).standard_normal(t.size)) is None
+
+
+@pytest.mark.parametrize("lag", [0.1, 0.7, 30.0])
+def test_the_jacobian_of_the_residual_against_differences(rng, lag):
+    t = np.arange(0.0, 3.0, 0.01)
+    y = np.exp(-0.8 * t) * np.cos(30.0 * t + 0.3) + 0.4 * np.exp(-t / 0.9) + 0.01 * rng.normal(size=t.size)
+    x, step = np.log([28.0, 1.1, lag]), 1e-6
+    found = decay_jacobian(x, t, y)
+    for k, move in enumerate(step * np.eye(3)):
+        numeric = (decay_residual(x + move, t, y) - decay_residual(x - move, t, y)) / (2 * step)
+        np.testing.assert_allclose(found[:, k], numeric, atol=1e-7)

@@ -46,7 +46,7 @@ def ring_down(time: Array, signal: Array) -> RingDown | None:
     fits = []
     for f in peak_frequencies(t, y):
         start = [np.log(2 * np.pi * f), np.log(0.1 * 2 * np.pi * f), np.log(0.3 * span)]
-        fits.append(least_squares(decay_residual, start, args=(t, y), method="lm", max_nfev=200))
+        fits.append(least_squares(decay_residual, start, decay_jacobian, args=(t, y), method="lm", max_nfev=200))
     for fit in sorted(fits, key=lambda fit: fit.cost):  # the best may be a slow part that bends twice
         ring = oscillation(fit.x, t, y)
         if ring is not None:
@@ -95,5 +95,31 @@ def decay_basis(x: Array, t: Array) -> Array:
 
 def decay_residual(x: Array, t: Array, y: Array) -> Array:
     """Residual after the best linear weights (variable projection)."""
+    left, _, _ = directions(decay_basis(x, t))
+    return np.asarray(y - left @ (left.T @ y))
+
+
+def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
+    """Derivatives (T, 3) of `decay_residual`.
+
+    Source: Golub and Pereyra (1973), The differentiation of pseudo-inverses and nonlinear least squares problems
+    """
     basis = decay_basis(x, t)
-    return y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
+    left, size, right = directions(basis)
+    seen = left.T @ y
+    weights, remaining = right.T @ (seen / size), y - left @ seen
+    wave, constant, slow = basis[:, :2] * t[:, None], np.zeros((t.size, 2)), basis[:, 3:] * t[:, None]
+    omega, sigma, lag = np.exp(np.clip(x, -20, 20))
+    moved = np.stack([  # of the basis, (3, T, 4)
+        np.hstack([omega * wave[:, ::-1] * [-1.0, 1.0], constant]), np.hstack([-sigma * wave, constant]),
+        np.hstack([constant, constant[:, :1], slow / lag]),
+    ])
+    along = (moved @ weights).T
+    return np.asarray(left @ (left.T @ along - right @ (remaining @ moved).T / size[:, None]) - along)
+
+
+def directions(basis: Array) -> tuple[Array, Array, Array]:
+    """Singular value decomposition of a basis without what rounding makes of columns that say the same."""
+    left, size, right = np.linalg.svd(basis, full_matrices=False)
+    kept = size > len(basis) * np.finfo(float).eps * size[0]
+    return left[:, kept], size[kept], right[kept]
