@@ -1,6 +1,6 @@
 """How far recordings let a model climb: the ladders of "Judging a fit", as tables.
 
-Usage: python benchmarks/ladders.py [demo|soften|short|no_lag|arm|four ...]; recordings of the `arm` and of the one with
+Usage: python benchmarks/ladders.py [demo|short|arm|four ...]; recordings of the `arm` and of the one with
 `four` chambers come by `pliant data fetch`.
 """
 
@@ -22,10 +22,7 @@ PULSES = {"train": ["pulse_60", "pulse_180"], "held_out": ["pulse_119", "step_24
 PLACES = dict.fromkeys(("base_angle", "tip.along", "tip.across"), "free")
 LADDERS = {  # study, entries of its [ladder]
     "demo": (demo_study(), PULSES),
-    "soften": (demo_study(),
-               {**PULSES, "rungs": ["given", "elastic", "torque", "lag", "soften", "joints", "creep"]}),
     "short": (demo_study(), {**PULSES, "rungs": ["given", "elastic", "torque", "soften", "joints"]}),
-    "no_lag": (demo_study(), {**PULSES, "rungs": ["given", "elastic", "torque", "joints", "creep", "hysteresis"]}),
     "arm": (ARM, {"train": ["p100", "p300"], "held_out": ["p200"], "common": PLACES}),
     "four": (FOUR, {"train": ["first", "opposite"], "held_out": ["second", "third"],
                     "common": {**PLACES, "mid.along": "free", "mid.across": "free"},

@@ -60,6 +60,7 @@ RUNGS: tuple[Rung, ...] = (
     Rung("torque", "+ torque law", ((*ELASTIC, "*.torque_1", "*.torque_2"), (*ELASTIC, "*.torque_1"))),
     Rung("lag", "+ lag of the pressure", (("valve_rise", "valve_fall"), ("valve_rise",)),
          scan=(("valve_rise", LAGS), ("valve_fall", LAGS))),
+    Rung("soften", "+ springs that soften", (("stiffening",),)),
     Rung("joints", "+ K of each joint", ((Parameter("stiffness_*", shrink=0.3),),), drops=("stiffness",)),
     Rung("creep", "+ creep", (CREEP,), scan=(("creep_time_1", (0.1, 0.7, 5.0)),)),
     Rung("hysteresis", "+ hysteresis", (("slip_share_1", "slip_angle_1"), BOUC_WEN),
@@ -67,7 +68,6 @@ RUNGS: tuple[Rung, ...] = (
 )
 MORE_RUNGS: tuple[Rung, ...] = (  # taken where a study names them
     Rung("odd", "odd cubic torque law", (("*.torque_1", "*.torque_3"),), drops=("*.torque_2",)),
-    Rung("soften", "+ springs that soften", (("stiffening",),)),
     Rung("stiffen", "+ springs that stiffen again", (("cubic_stiffening",),)),
     Rung("valves", "+ a lag of each chamber", (("*.valve_rise", "*.valve_fall"), ("*.valve_rise",)),
          drops=("valve_rise", "valve_fall"), scan=(("*.valve_rise", LAGS), ("*.valve_fall", LAGS))),
