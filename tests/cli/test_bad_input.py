@@ -7,12 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from command_line import invoke, program
 from small_study import HEADER, STUDY, body, changed, table, write_recording, write_study
 
 from pliant.errors import PliantError
-from pliant.model import save_model
+from pliant.model import Chamber, save_model
 
 
 def refused(*arguments: str | Path) -> str:
@@ -113,6 +114,23 @@ def trace_of_two_chambers(folder: Path) -> tuple[tuple[str | Path, ...], str]:
     return ("simulate", model, "--trace", path), "has several pressures (left, right)"
 
 
+def model_of_two_chambers(folder: Path) -> Path:
+    chambers = tuple(Chamber([1e-7], np.ones(body().n), name=name) for name in ("left", "right"))
+    return save_model(body().with_(chambers=chambers), folder / "model.json")
+
+
+def one_pressure_for_two_chambers(folder: Path) -> tuple[tuple[str | Path, ...], str]:
+    return ("simulate", model_of_two_chambers(folder), "--level-kpa", "20"), "has 2 chambers, left, right"
+
+
+def two_chambers_on_a_plant_of_one(folder: Path) -> tuple[tuple[str | Path, ...], str]:
+    task = folder / "task.toml"
+    limits = "duration_s = 1.0\nperiod_ms = 4.0\nhighest_kpa = 100.0\n"
+    task.write_text(limits + "[[setpoint]]\ntime_s = 0.1\ntip_x_mm = -5.0\n")
+    arguments = ("control", "--model", model_of_two_chambers(folder), "--task", task, "-o", folder / "results")
+    return arguments, "the virtual actuator has one chamber, got 2 commands"
+
+
 def simulate_with(says: str, *options: str) -> Case:
     """A simulation with options that cannot be."""
 
@@ -143,6 +161,8 @@ BAD: dict[str, Case] = {
     "figure of no known kind": figure_without_a_kind,
     "trace without pressure": trace_without_pressure,
     "trace of two chambers": trace_of_two_chambers,
+    "one pressure for two chambers": one_pressure_for_two_chambers,
+    "two chambers on a plant of one": two_chambers_on_a_plant_of_one,
     "trace and level": simulate_with("not both", "--trace", "any.csv", "--level-kpa", "30"),
     "trajectory in another format": simulate_with("ends in .nc or .csv", "--duration", "0.1", "-o", "no-such-file.txt"),
     "time that runs backwards": simulate_with("positive time in seconds", "--duration", "-1"),

@@ -17,6 +17,7 @@ from command_line import invoke, program
 from small_study import HEADER, body, changed, table, write_recording, write_study
 
 from pliant.cli import app
+from pliant.errors import InputError
 from pliant.model import load_model, save_model
 from pliant.recording import make_recording, write
 from pliant.simulation import Pulse, equilibrium, simulate
@@ -255,6 +256,18 @@ def test_the_demo_hands_its_options_on_by_name(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(sys.modules["pliant.cli.run"], "run", run)
     assert invoke("demo", "-o", tmp_path, "--json", "--quiet").exit_code == 0
     assert asked == {"json": True, "output": tmp_path}
+
+
+def test_a_run_without_a_folder_goes_where_the_study_is_called(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Path] = []
+
+    def stopped(_study: object, output: Path, **_options: object) -> None:
+        asked.append(output)
+        raise InputError("asked enough")
+
+    monkeypatch.setattr("pliant.study.run_study", stopped)
+    invoke("run", study)
+    assert asked == [Path("results") / study.stem]
 
 
 def test_a_quiet_run_tells_nothing_but_the_result(study: Path, tmp_path: Path) -> None:

@@ -16,7 +16,8 @@ NO_VALVE = "The model holds no valve: these margins leave its lag out. Identify 
 MEANING = {
     "settling_s": "of the tip as estimated, of each set-point: stays within 2 % of the step until the next one",
     "command_change_rest_kpa": "root mean square from period to period, half a second after the last change",
-    "command_change_motion_kpa": "the same before", "command_sd_rest_kpa": "standard deviation at rest",
+    "command_change_motion_kpa": "root mean square from period to period, sooner after a change",
+    "command_sd_rest_kpa": "standard deviation at rest",
     "mean_error_mm": "of the tip as estimated, over the last fifth", "largest_error_mm": "the same, the largest",
     "overruns": "periods whose work took longer than a period", "skipped": "periods left out after one that overran",
     "worst_lateness_us": "of the beginning of a period; 0 off the clock",
@@ -37,7 +38,9 @@ def print_task(wanted: bool) -> None:
 
 def control(
     model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
-    task: Annotated[Path | None, typer.Option("--task", help="Task (.toml): set-points and limits.")] = None,
+    task: Annotated[
+        Path | None, typer.Option("--task", help="Task (.toml): set-points and limits.", show_default="the example")
+    ] = None,
     plant: Annotated[
         str, typer.Option("--plant", help="testbed:a, testbed:b, testbed:c, model:FILE, or an installed plant.")
     ] = "testbed:a",

@@ -12,7 +12,13 @@ from pliant.cli.progress import telling
 
 def run(
     study: Annotated[Path, typer.Argument(help="Study file (TOML), or the study.json of an earlier run.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for model, metrics, results and report.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", help="Folder for model, metrics, results and report.",
+            show_default="results/, named as the study file",
+        ),
+    ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a target of the study is missed.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
@@ -22,6 +28,7 @@ def run(
     """
     from pliant.study import load_study, run_study
 
+    output = output or Path("results") / study.stem
     with telling() as tell:
         outcome = run_study(load_study(study), output, progress=tell)
     if json:

@@ -51,7 +51,7 @@ def simulate(
     from pliant.simulation import Pulse
     from pliant.simulation import simulate as solve
 
-    loaded = with_load(load_model(model), load_g)
+    loaded = with_load(driven_by_one(load_model(model)), load_g)
     pull = point_forces(loaded, force, start, start + width)
     if trace is None:
         pulse = Pulse(1e3 * level_kpa if level_kpa is not None else own_level(loaded), start, width)
@@ -73,6 +73,17 @@ def simulate(
     if film is not None:
         write_film(result, loaded, film)
     print_numbers(summary(result), as_json=json)
+
+
+def driven_by_one(model: Model) -> Model:
+    """The model, when one pressure drives it."""
+    if len(model.chambers) > 1:
+        named = ", ".join(c.name for c in model.chambers)
+        raise InputError(
+            f"pliant simulate gives one pressure and {model.name!r} has {len(model.chambers)} chambers, {named}: use "
+            "pliant.simulate from Python, with one pressure for each, or pliant view"
+        )
+    return model
 
 
 def with_load(model: Model, grams: float) -> Model:

@@ -96,7 +96,7 @@ class Quality(Shown):
             noise = [v for v in noises.values() if np.isfinite(v)]
             if seen:
                 told = f", noise {factor * float(np.median(noise)):.2g} {unit} (median station)" if noise else ""
-                lines.append(f"largest {what} {factor * max(seen):.3g} {unit}{told}")
+                lines.append(f"largest {what} from the median {factor * max(seen):.3g} {unit}{told}")
         if np.isfinite(self.out_of_plane_share):
             lines.append(f"out of the plane of bending: {100 * self.out_of_plane_share:.2g} % of the motion")
         for name, (low, high) in self.pressure_kpa.items():

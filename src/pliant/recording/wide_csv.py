@@ -128,7 +128,7 @@ def _check_names(names: list[str], file: str) -> None:
     if len(clocks) != 1:
         found = ", ".join(names[:8])[:200]
         raise InputError(
-            f"{file} must have one column t (seconds) or t_ms in its first row, but that row is: {found}; "
+            f"{file} must have one column t (seconds), t_ms or t_us in its first row, but that row is: {found}; "
             "a table without such a header needs a mapping"
         )
 

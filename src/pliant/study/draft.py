@@ -229,7 +229,7 @@ def recording(out: Lines, look: Look, folder: Path, level: float | None) -> None
     if look.log is not None:
         out.put("pressure_file", relative(look.log, folder), "its clock is brought onto that of the shape")
     if look.chamber:
-        out.say(f"of several pressures a model takes one: {look.chamber} moves most, the mapping reads no other")
+        out.say(f"of several pressures a draft takes one: {look.chamber} moves most, the mapping reads no other")
     if look.mapping:
         out.put("mapping", look.mapping)
     if (moving := moving_beside(look)) is not None:

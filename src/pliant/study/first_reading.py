@@ -60,8 +60,9 @@ def narrowed(
     key = next((k for k in ("columns", "channels") if k in told), None)
     if mapping is None or key is None:
         raise InputError(
-            f"{name} has several pressures ({', '.join(chambers)}) and a model has one: write a file, or a mapping, "
-            f"with the one that bends the body (that of {chosen} moves most)"
+            f"{name} has several pressures ({', '.join(chambers)}) and a draft takes one: write a file, or a mapping, "
+            f"with the one that bends the body (that of {chosen} moves most), or the study by hand, with "
+            "[[actuator.chambers]] and drive (docs/chambers.md)"
         )
     told[key] = [told[key][chambers.index(chosen)]]
     told.pop("chamber", None)

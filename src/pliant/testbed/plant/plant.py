@@ -143,7 +143,7 @@ class Plant:
         Raises
         ------
         InputError
-            When the command is not finite or negative.
+            When the command is not one number, not finite or negative.
         SimulationError
             When the rod cannot follow.
         """
@@ -151,6 +151,11 @@ class Plant:
         from pliant.testbed.plant.plant_loops import regulate_on
         from pliant.testbed.stepping.stepping_loops import march
 
+        if np.size(command) != 1:
+            raise InputError(
+                f"the virtual actuator has one chamber, got {np.size(command)} commands: a model of several moves by "
+                "--plant model:FILE"
+            )
         if not (np.isfinite(command) and command >= 0.0):
             raise InputError(f"the commanded gauge pressure must be finite and >= 0 Pa, got {command}")
         m = self._substeps
