@@ -75,7 +75,8 @@ def report(found: xr.Dataset) -> dict[str, float | int | str]:
     ratio, correlation, bound = a["nis_ratio"], a["innovation_correlation"], a["innovation_correlation_bound"]
     consistent = "as large as claimed"
     if not low <= ratio <= high:
-        consistent = "larger than claimed (noise set too low)" if ratio > high else "smaller than claimed (too high)"
+        said, noise = ("larger", "low") if ratio > high else ("smaller", "high")
+        consistent = f"{said} than claimed (noise set too {noise})"
     white = "white" if abs(correlation) <= bound else "not white: the model errs from frame to frame in the same way"
     made: dict[str, float | int | str] = {
         "frames": a["frames"], "frames_skipped": a["frames_skipped"], "frames_in_part": a["frames_in_part"],
