@@ -18,7 +18,7 @@ from pliant.identification.discrepancy import (
     taught_levels,
 )
 from pliant.identification.experiment import predict
-from pliant.model import Model, Valve
+from pliant.model import Chamber, Extension, Model, Valve
 from pliant.simulation import equilibrium, state
 
 LAW = (3e-7, 3e-12)
@@ -53,6 +53,23 @@ def test_what_the_model_curves_off_the_line_through_the_taught_levels(body: Mode
         for q, found in ((equilibrium(body, p), row), (equilibrium(body, p) - off, line)):
             assert found == pytest.approx(state.stations(body, state.absolute(body, q))[0], abs=1e-12)
     assert between(np.array([1e5]), grid, rests)[0] == pytest.approx(rests[3])
+
+
+def test_a_body_that_lengthens_rests_where_angles_and_strain_put_it(body: Model, traced: Any) -> None:
+    """q = p A r / K and e = p A / EA, both straight in p: the tip by hand, and nothing that the model curves."""
+    area, offset, axial = 2e-4, 2e-3, 300.0
+    still = body.with_(rest_angle=np.zeros(body.n), gravity=(0.0, 0.0), base_angle=0.0)
+    long = still.with_(chambers=(Chamber.at_offset(area, offset, np.ones(body.n)),), extensions=(Extension(axial),))
+    held, grid = traced(body, "held", 1e5), np.array([0.0, 5e4, 1e5])
+    rests, straight = rest_places(long, held, grid, np.array([0.0, 6e4, 1.4e5]))
+    assert rests == pytest.approx(straight, abs=1e-9)
+    for p, row in zip(grid, rests, strict=True):
+        turns, stretch = np.cumsum(p * area * offset / body.stiffness), 1 + p * area / axial
+        tip = body.points[-1]
+        sides = stretch * np.append(body.link_length[:-1], tip.along)
+        x = -(sides * np.sin(turns)).sum() - tip.across * np.cos(turns[-1])
+        y = stretch * body.first_joint[1] + (sides * np.cos(turns)).sum() - tip.across * np.sin(turns[-1])
+        assert row[-1] == pytest.approx([body.bend_sign * x, y], abs=1e-8)
 
 
 def test_a_band_is_as_it_was_where_the_level_was_taught_and_grows_beyond(body: Model, traced: Any) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, fit, identifiability, predict
-from pliant.identification.extension_parameters import grown
+from pliant.identification.extension_parameters import extension_starts, grown
 from pliant.identification.sensitivity import sensitivities
 from pliant.model import Chamber, Extension, Model, Valve, chain_model
 from pliant.simulation import Trace, simulate
@@ -57,6 +59,9 @@ def test_the_truth_is_found_again(body: Model, seen: Experiment) -> None:
 
 def test_a_gain_begins_where_the_body_lengthens_as_it_was_seen_to(body: Model, seen: Experiment) -> None:
     assert grown(seen) == pytest.approx(8e4 * 2e-6 * 60.0 / 90.0, rel=0.3)  # arcs through two points beside the body
+    named = body.with_(chambers=(replace(body.chamber, name="left"),))
+    starts = extension_starts(named, [seen], {})
+    assert starts["axial_gain"] == starts["left.axial_gain"] == pytest.approx(60.0, rel=0.3)  # said of all, or of one
 
 
 def test_places_off_the_first_frames(body: Model, seen: Experiment) -> None:

@@ -100,7 +100,8 @@ def peak(exp: Experiment) -> float:
 def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:
     """What is observed (G, S, 2 or 1) at rest at the pressures `grid`, and what straight lines would make it.
 
-    The lines go through the joint angles at the two nearest taught `levels`. Both end where no rest is found.
+    The lines go through the joint angles, and strains, at the two nearest taught `levels`. Both end where no rest is
+    found.
     """
     angles: list[Array] = []
     known = [equilibrium(model, float(p)) for p in levels]
@@ -117,7 +118,9 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
     shown = model.with_(stations=tuple(observed(model, exp)))
 
     def places(q: list[Array]) -> Array:
-        at, angle = state.stations(shown, model.base_angle + np.cumsum(np.array(q) + model.rest_angle, axis=1))
+        turned, strains = np.split(np.array(q), [model.n], axis=1)
+        phi = model.base_angle + np.cumsum(turned + model.rest_angle, axis=1)
+        at, angle = state.stations(shown, np.hstack([phi, strains]))
         base = model.bend_sign * model.base_angle if exp.angle_reference in ("base", "joint") else 0.0
         return compared_of(exp, np.concatenate([at, (angle - base)[..., None]], axis=2))
 

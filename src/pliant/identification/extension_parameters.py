@@ -75,7 +75,7 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
         level = max([float(t.pressure.max()) for e in experiments for t in pressures(e, chamber.name)], default=0.0)
         torque = sum(v * level**k for k, v in law.items()) or float(chamber.torque_at(level))
         found[f"{start}axial_gain"] = strain * force / torque if torque > 0 else 0.0
-    return found
+    return {"axial_gain": float(np.mean([found[f"{s}axial_gain"] for s in prefixes(model)]))} | found
 
 
 def pressures(exp: Experiment, chamber: str) -> list[Any]:
