@@ -292,7 +292,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "gravity of one number": (changed("actuator", gravity=[9.81]), "gravity is (x, y)"),
     "unknown option of the alignment": (changed("alignment", "options", tangnt="chord"), "option 'tangnt' is unknown"),
     "unknown marker": (changed("alignment", stations={"base": ["bse"], "tip": ["tip"]}), "bse"),
-    "level like a trace": (changed("forecasts", more={"like": "low", "level": 1e5}), "a level goes with a pulse"),
+    "level like a trace": (changed("forecasts", more={"like": "low", "level": 1e5}), "give pressures = { chamber = "),
     "nothing free": (
         changed("fits", "linear", "parameters", value={"stiffness": {"value": 1.0, "free": False}}), "nothing to fit",
     ),

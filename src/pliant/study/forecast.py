@@ -27,8 +27,10 @@ def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None
     for name, entry in study.forecasts.items():
         excitation = experiments[entry.like].excitation
         if entry.level is not None and excitation not in ("pulse", "step"):
+            driven = ", ".join(f"{c.name} = ..." for c in study.actuator.chambers) or "chamber = ..."
             raise InputError(
                 f"forecast {name}: a level goes with a pulse or a step, but {entry.like!r} is a {excitation}"
+                + (f": give pressures = {{ {driven} }} instead" if excitation == "trace" else "")
             )
         if entry.pressures and excitation != "trace":
             raise InputError(
