@@ -227,9 +227,10 @@ def main() -> None:
     """Run what is not there yet; table, worst five and figure of all."""
     parser = chunks.options(__doc__, "campaign", 40)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--rungs", nargs="+", default=RUNG_NAMES, help="of the ladder, from the lowest up")
     parser.add_argument("--figure", type=Path, help="path without ending")
     args = parser.parse_args()
-    seeds = Seeds(args.seeds, args.first)
+    seeds = Seeds(args.seeds, args.first, rungs=tuple(args.rungs))
     key = {"campaign": "family", "first": args.first, "elements": seeds.elements, "rungs": seeds.rungs}
     samples = chunks.samples(seeds, key, args)
     print(f"{samples.sizes['sample']} seeds, {int(samples['failed'].sum())} with a prediction that was refused, "

@@ -98,3 +98,10 @@ def test_the_jacobian_of_the_residual_against_differences(rng, lag):
     for k, move in enumerate(step * np.eye(3)):
         numeric = (decay_residual(x + move, t, y) - decay_residual(x - move, t, y)) / (2 * step)
         np.testing.assert_allclose(found[:, k], numeric, atol=1e-7)
+
+
+def test_noise_in_which_a_column_of_the_jacobian_vanishes_tells_nothing() -> None:
+    """The slow exponential of this record shrinks to nothing on the way, where MINPACK steps to what is no number."""
+    rng = np.random.default_rng(2328)
+    t = 0.013 * np.arange(int(rng.integers(16, 200)))
+    assert ring_down(t, rng.normal(size=t.size)) is None

@@ -9,6 +9,8 @@ import numpy as np
 Array = np.ndarray
 SHARE_NEEDED = 0.5  # of the variance of the detrended signal that the damped sine must explain
 PERIODS_NEEDED = 2.0
+NOWHERE = 1e6  # deviations of the signal: a residual that is never taken
+FAR = 20.0  # of the logarithms that a fit seeks
 RETURN_NEEDED = 0.01  # of the range: an over-damped motion, fitted by a sine and an exponential, turns back by less
 
 
@@ -86,7 +88,7 @@ def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:
 
 def decay_basis(x: Array, t: Array) -> Array:
     """Columns that enter linearly: damped cosine and sine, constant, slow exponential."""
-    omega, sigma, lag = np.exp(np.clip(x, -20, 20))
+    omega, sigma, lag = np.exp(np.clip(x, -FAR, FAR))
     envelope = np.exp(-np.minimum(sigma * t, 700.0))
     return np.stack(
         [envelope * np.cos(omega * t), envelope * np.sin(omega * t), np.ones_like(t), np.exp(-t / lag)], axis=1
@@ -95,6 +97,8 @@ def decay_basis(x: Array, t: Array) -> Array:
 
 def decay_residual(x: Array, t: Array, y: Array) -> Array:
     """Residual after the best linear weights (variable projection)."""
+    if not np.isfinite(x).all():  # MINPACK steps so where a column of the Jacobian vanishes
+        return np.full_like(y, NOWHERE)
     left, _, _ = directions(decay_basis(x, t))
     return np.asarray(y - left @ (left.T @ y))
 
@@ -109,11 +113,12 @@ def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
     seen = left.T @ y
     weights, remaining = right.T @ (seen / size), y - left @ seen
     wave, constant, slow = basis[:, :2] * t[:, None], np.zeros((t.size, 2)), basis[:, 3:] * t[:, None]
-    omega, sigma, lag = np.exp(np.clip(x, -20, 20))
+    omega, sigma, lag = np.exp(np.clip(x, -FAR, FAR))
     moved = np.stack([  # of the basis, (3, T, 4)
         np.hstack([omega * wave[:, ::-1] * [-1.0, 1.0], constant]), np.hstack([-sigma * wave, constant]),
         np.hstack([constant, constant[:, :1], slow / lag]),
     ])
+    moved[np.abs(x) >= FAR] = 0.0  # where the basis does not follow
     along = (moved @ weights).T
     return np.asarray(left @ (left.T @ along - right @ (remaining @ moved).T / size[:, None]) - along)
 
