@@ -6,9 +6,9 @@
 
 Each seed is another virtual laboratory (`pliant.testbed.family_member`): body, valve and sensors. It records pulses of
 1.5 s at 60, 119, 180, 234 and 360 on the scale where 180 is its working pressure. Those at 60 and 180 teach a ladder of
-models (K, D and torque law; springs that soften; that stiffen again; lag of the pressure; K of each joint; creep), which
-takes the rung of the lowest BIC among those that the recordings determine; the others are held out from fit and choice
-alike, and only their edge times are fitted. The rod has 60 elements.
+models (K, D and torque law; springs that soften; that stiffen again; lag of the pressure; K of each joint; creep),
+which takes the rung of the lowest BIC among those that the recordings determine; the others are held out from fit and
+choice alike, and only their edge times are fitted. The rod has 60 elements.
 """
 
 from __future__ import annotations
