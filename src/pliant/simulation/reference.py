@@ -192,7 +192,7 @@ def right_hand_side(
         power = energy.input_power(turning, torque.tolist(), plain), energy.damping_power(turning, plain)
         return np.concatenate([w, a, *moved, crept, [*power, *lost]])
 
-    if at.remembers or model.actuation.remembers :
+    if at.remembers or model.actuation.remembers:
         return rhs, None
     return rhs, jacobian_of(model, valve)
 
