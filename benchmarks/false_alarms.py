@@ -21,7 +21,8 @@ import xarray as xr
 from state import LATENCY, NOISE, model
 from touches import LEARN, Plain, free, free_minute, seen
 
-from pliant.contact import find_contact, free_motion
+from pliant.contact import find_contact
+from pliant.contact.contact import learnt_from, shown_by
 from pliant.contact.free_motion import FreeMotion
 from pliant.sweep.store import Arrays
 
@@ -35,7 +36,8 @@ def learnt(name: str, seed: int) -> tuple[FreeMotion, np.ndarray, Plain]:
     """What both tests know of free motion, with the instruments of a seed; thresholds of all `RATES` in the first's."""
     bodies = [seen(free(name, k), name, seed, f"free_{k}") for k in range(LEARN)]
     chain, options = model(name), {"noise": NOISE, "latency": LATENCY[name]}
-    tests = [free_motion(bodies, chain, false_alarms_per_hour=rate, **options) for rate in RATES]
+    shown = shown_by(bodies, chain, **options)
+    tests = [learnt_from(shown, rate) for rate in RATES]
     thresholds = np.array([t.sudden.threshold for t in tests])
     return tests[0], thresholds / thresholds[0], Plain.learnt(bodies, chain, options)
 

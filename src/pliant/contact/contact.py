@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.contact.free_motion import FreeMotion, features_of, learn_free, learn_sudden, normalised, running_mean
-from pliant.contact.likelihood_ratio import answer_of, frames_of, likelihood_ratio
+from pliant.contact.likelihood_ratio import Answer, answer_of, frames_of, likelihood_ratio
 from pliant.contact.locate import END, Push, locate
 from pliant.errors import InputError
 from pliant.estimation.measurement import measurement_of
@@ -121,14 +121,32 @@ def free_motion(
     """
     if not recordings:
         raise InputError("the threshold comes from free motion: give at least one recording without contact")
-    settings, rate = noise or default_noise(model, disturbance=True), false_alarms_per_hour
-    parts = [unexplained(r, model, settings, options) for r in recordings]
-    measurement = measurement_of(recordings[0], model, settings, options.get("stations"))
-    answer = answer_of(model, settings, measurement, step=options.get("step", 5e-3))
+    return learnt_from(shown_by(recordings, model, noise or default_noise(model, disturbance=True), **options),
+                       false_alarms_per_hour)
+
+
+class ShownFree(NamedTuple):
+    """Recordings in which nothing touches, as the tests see them: what thresholds of any rate are learnt from."""
+
+    parts: list[Seen]
+    answer: Answer
+    ratios: list[Array]  # (T,) of each recording
+
+
+def shown_by(recordings: Sequence[xr.Dataset], model: Model, noise: Noise, **options: Any) -> ShownFree:
+    """Run the filter over recordings in which nothing touches."""
+    parts = [unexplained(r, model, noise, options) for r in recordings]
+    measurement = measurement_of(recordings[0], model, noise, options.get("stations"))
+    answer = answer_of(model, noise, measurement, step=options.get("step", 5e-3))
     for part in parts:
         check_pace(part.found, answer.period)
-    ratios = [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts]
-    sudden = learn_sudden(answer, ratios, [p.motion for p in parts], rate)
+    return ShownFree(parts, answer, [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts])
+
+
+def learnt_from(shown: ShownFree, rate: float) -> FreeMotion:
+    """Both tests, for so many false alarms an hour."""
+    parts = shown.parts
+    sudden = learn_sudden(shown.answer, shown.ratios, [p.motion for p in parts], rate)
     return learn_free([p.torque for p in parts], [p.features for p in parts], sudden, rate=rate)
 
 
