@@ -17,6 +17,7 @@ from command_line import invoke, program
 from small_study import HEADER, body, changed, table, write_recording, write_study
 
 from pliant.cli import app
+from pliant.cli.progress import QUIET
 from pliant.errors import InputError
 from pliant.model import load_model, save_model
 from pliant.recording import make_recording, write
@@ -256,6 +257,7 @@ def test_the_demo_hands_its_options_on_by_name(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(sys.modules["pliant.cli.run"], "run", run)
     assert invoke("demo", "-o", tmp_path, "--json", "--quiet").exit_code == 0
     assert asked == {"json": True, "output": tmp_path}
+    assert not QUIET.get(), "what one command was asked is not asked of the next"
 
 
 def test_a_run_without_a_folder_goes_where_the_study_is_called(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,8 +23,11 @@ def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def run(*args: Any, quiet: bool = False, **options: Any) -> None:
-        QUIET.set(quiet)
-        command(*args, **options)
+        before = QUIET.set(quiet)
+        try:
+            command(*args, **options)
+        finally:
+            QUIET.reset(before)
 
     own = signature(command, eval_str=True)
     taken = list(own.parameters.values())
