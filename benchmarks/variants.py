@@ -1,6 +1,6 @@
 """Fits of the examples with one term more, less or another: the tables of "Hysteresis and creep".
 
-Usage: python benchmarks/variants.py [beam|trunk|stiffening|creep ...]; recordings come by `pliant data fetch`.
+Usage: python benchmarks/variants.py [beam|trunk|stiffening|creep|levels ...]; recordings come by `pliant data fetch`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,10 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from pliant.study import demo_study, load_study, run_study
+from pliant.study.prepare import all_planar
 from pliant.study.schema import Alignment, Fit
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -91,6 +94,24 @@ def creep() -> None:
         show(study.model_copy(update={"fits": {"fit": fit}}))
 
 
+def levels() -> None:
+    """What no model at all misses of the eight levels: the tip's measured curves, interpolated over the pressure."""
+    bodies = [one.body for one in all_planar(load_study(EXAMPLES / "pneumatic_arm_levels.toml")).values()]
+    level = np.array([b.attrs["nominal_pressure"] for b in bodies])
+    tips = np.stack([b.position.sel(station="tip").to_numpy() for b in bodies])
+    tips = tips - tips[:, :5].mean(axis=1, keepdims=True)
+    for nearest, degree in ((2, 1), (4, 2), (4, 3), (7, 3), (7, 4)):
+        missed = []
+        for k in range(1, len(level) - 1):
+            others = np.delete(np.arange(len(level)), k)
+            others = np.sort(others[np.argsort(abs(level[others] - level[k]), kind="stable")[:nearest]])
+            law = np.polyfit(level[others] / level[-1], tips[others].reshape(nearest, -1), degree)
+            made = (np.vander([level[k] / level[-1]], degree + 1) @ law).reshape(tips[k].shape)
+            error, travel = np.linalg.norm(made - tips[k], axis=1), np.linalg.norm(tips[k], axis=1).max()
+            missed.append(100.0 * np.sqrt(np.mean(error**2)) / travel)
+        print(f"degree {degree}, {nearest} levels: % of travel {np.round(missed, 1)}, mean {np.mean(missed):.1f}")
+
+
 def show(study: object) -> None:
     """Run a study of one fit, and print a line for each record, parameter with its error, and forecast."""
     outcome = run_study(study).to_dict()
@@ -113,6 +134,6 @@ def rounded(content: object) -> str:
 
 
 if __name__ == "__main__":
-    tables = {"beam": beam, "trunk": trunk, "stiffening": stiffening, "creep": creep}
+    tables = {"beam": beam, "trunk": trunk, "stiffening": stiffening, "creep": creep, "levels": levels}
     for asked in sys.argv[1:] or tables:
         tables[asked]()
