@@ -120,7 +120,7 @@ def model_of_two_chambers(folder: Path) -> Path:
 
 
 def one_pressure_for_two_chambers(folder: Path) -> tuple[tuple[str | Path, ...], str]:
-    return ("simulate", model_of_two_chambers(folder), "--level-kpa", "20"), "has 2 chambers, left, right"
+    return ("simulate", model_of_two_chambers(folder), "--level-kpa", "20"), "the model has 2 chamber(s), left, right"
 
 
 def two_chambers_on_a_plant_of_one(folder: Path) -> tuple[tuple[str | Path, ...], str]:

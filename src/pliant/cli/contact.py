@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from pliant.cli.pressures import DRIVE, drives
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,6 +31,7 @@ def contact(
     false_alarms_per_hour: Annotated[
         float, typer.Option("--false-alarms-per-hour", help="What the threshold allows.")
     ] = 1.0,
+    drive: Annotated[str, typer.Option(help=DRIVE)] = "",
     latency_ms: Annotated[float, typer.Option("--latency-ms", help="Delay of the shape's stamps, ms.")] = 0.0,
     half_width_mm: Annotated[float, typer.Option("--half-width-mm", help="From centreline to surface, mm.")] = 0.0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Contacts of the first one (.nc).")] = None,
@@ -46,11 +49,11 @@ def contact(
     from pliant.contact import find_contact, free_motion, map_contacts
     from pliant.model import load_model
 
-    loaded, latency = load_model(model), latency_ms * 1e-3
+    loaded, options = load_model(model), dict[str, Any](latency=latency_ms * 1e-3, drive=drives(drive))
     quiet, touched = ([read_with_mapping(f, None) for f in files] for files in (free, recordings))
     with busy("finding contact"):
-        learnt = free_motion(quiet, loaded, false_alarms_per_hour=false_alarms_per_hour, latency=latency)
-        found = [find_contact(ds, loaded, free=learnt, latency=latency) for ds in touched]
+        learnt = free_motion(quiet, loaded, false_alarms_per_hour=false_alarms_per_hour, **options)
+        found = [find_contact(ds, loaded, free=learnt, **options) for ds in touched]
     if output is not None:
         save_trajectory(found[0], output)
     if figure is not None:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pliant.cli.pressures import DRIVE, LEVELS, drives, levels
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -32,10 +34,11 @@ def estimate(
     model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
     disturbance: Annotated[bool, typer.Option(help="Estimate an unknown torque of each joint too.")] = True,
     level_kpa: Annotated[
-        float | None, typer.Option("--level-kpa", help="Commanded pulse, kPa; default: the measured pressure.")
+        str | None, typer.Option("--level-kpa", help=f"Commanded pulse, {LEVELS}; default: the measured pressure.")
     ] = None,
     start: Annotated[float, typer.Option(help="Start of that pulse, s.")] = 0.12,
     width: Annotated[float, typer.Option(help="Width of that pulse, s.")] = 2.76,
+    drive: Annotated[str, typer.Option(help=DRIVE)] = "",
     latency_ms: Annotated[float, typer.Option("--latency-ms", help="Delay of the shape's stamps, ms.")] = 0.0,
     lag: Annotated[int, typer.Option(help="Frames that smoothed states wait for.")] = 10,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="States and covariances (.nc).")] = None,
@@ -53,11 +56,14 @@ def estimate(
     from pliant.model import load_model
     from pliant.simulation import Pulse
 
-    pressure: Input | None = None if level_kpa is None else Pulse(level_kpa * 1e3, start, width)
     recorded, body = read_with_mapping(recording, None), load_model(model)
+    pressure: list[Input] | None = None
+    if level_kpa is not None:
+        pressure = [Pulse(level, start, width) for level in levels(body, level_kpa)]
     with busy("estimating"):
         found = filter_recording(
-            recorded, body, pressure=pressure, disturbance=disturbance, latency=latency_ms * 1e-3, lag=lag
+            recorded, body, pressure=pressure, disturbance=disturbance, latency=latency_ms * 1e-3, lag=lag,
+            drive=drives(drive),
         )
     if output is not None:
         save_trajectory(found, output)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from pliant.cli.progress import busy
+from pliant.cli.progress import busy, mention
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.units import quantity
@@ -34,6 +34,7 @@ def save_trajectory(trajectory: xr.Dataset, path: Path) -> None:
             trajectory.to_netcdf(draft, engine="h5netcdf")
         else:
             table(trajectory).to_csv(draft, index=False)
+    mention(f"wrote {path}")
 
 
 def table(trajectory: xr.Dataset) -> pd.DataFrame:
@@ -62,6 +63,7 @@ def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
         made = Path(folder) / f"film{path.suffix}"  # its writers go by the ending
         body_film(made, time, base, tips, pressure)
         draft.write_bytes(made.read_bytes())
+    mention(f"wrote {path}")
 
 
 def base_of(model: Model) -> list[list[float]]:
@@ -76,11 +78,12 @@ def write_figure(figure: Figure, path: Path) -> None:
         raise InputError(f"a figure ends in .png, .svg or .pdf, not {path.name!r}")
     with whole(path) as draft:
         figure.savefig(draft, dpi=200, format=path.suffix[1:])
+    mention(f"wrote {path}")
 
 
 def largest(pressure: np.ndarray) -> float:
     """The value of the largest size, with its sign: a vacuum is no pressure of zero."""
-    return float(pressure[abs(pressure).argmax()])
+    return float(pressure.flat[abs(pressure).argmax()])
 
 
 def summary(trajectory: xr.Dataset) -> dict[str, Any]:

@@ -8,23 +8,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pliant.cli.pressures import DRIVE, LEVELS, drives, levels
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
     from pliant.model import Model
-    from pliant.simulation import Trace
     from pliant.simulation.forces import PointForce
+    from pliant.simulation.inputs import Input
 
 
 def simulate(
     model: Annotated[Path, typer.Argument(help="Model file, as `pliant run` writes it.")],
     level_kpa: Annotated[
-        float | None,
-        typer.Option("--level-kpa", help="Pressure of a pulse, kPa gauge.", show_default="bends the body by 0.5 rad"),
+        str | None,
+        typer.Option("--level-kpa", help=f"Pressure of a pulse, {LEVELS}.", show_default="bends the body by 0.5 rad"),
     ] = None,
     start: Annotated[float, typer.Option(help="Start of the pulse, s.")] = 0.12,
     width: Annotated[float, typer.Option(help="Width of the pulse, s.")] = 2.76,
     trace: Annotated[Path | None, typer.Option(help="Recording whose measured pressure is used instead.")] = None,
+    drive: Annotated[str, typer.Option(help=DRIVE)] = "",
     duration: Annotated[
         float | None, typer.Option(help="Simulated time, s.", show_default="4, or the length of the trace")
     ] = None,
@@ -51,19 +53,19 @@ def simulate(
     from pliant.simulation import Pulse
     from pliant.simulation import simulate as solve
 
-    loaded = with_load(driven_by_one(load_model(model)), load_g)
+    loaded = with_load(load_model(model), load_g)
     pull = point_forces(loaded, force, start, start + width)
+    options: dict[str, Any] = {"step": step_ms * 1e-3, "method": method, "forces": pull}
     if trace is None:
-        pulse = Pulse(1e3 * level_kpa if level_kpa is not None else own_level(loaded), start, width)
-        seconds = 4.0 if duration is None else duration
-        with busy("simulating"):
-            result = solve(loaded, pulse, duration=seconds, step=step_ms * 1e-3, method=method, forces=pull)
+        high = own_levels(loaded) if level_kpa is None else levels(loaded, level_kpa)
+        pressure: list[Input] = [Pulse(level, start, width) for level in high]
+        options["duration"] = 4.0 if duration is None else duration
     elif level_kpa is not None:
         raise InputError("give either --level-kpa for a pulse or --trace for a measured pressure, not both")
     else:
-        measured, times = measured_pressure(trace, duration, step_ms * 1e-3)
-        with busy("simulating"):
-            result = solve(loaded, measured, times=times, step=step_ms * 1e-3, method=method, forces=pull)
+        pressure, options["times"] = measured_pressures(trace, loaded, drive, duration, step_ms * 1e-3)
+    with busy("simulating"):
+        result = solve(loaded, pressure, **options)
     if output is not None:
         save_trajectory(result, output)
     if figure is not None:
@@ -73,17 +75,6 @@ def simulate(
     if film is not None:
         write_film(result, loaded, film)
     print_numbers(summary(result), as_json=json)
-
-
-def driven_by_one(model: Model) -> Model:
-    """The model, when one pressure drives it."""
-    if len(model.chambers) > 1:
-        named = ", ".join(c.name for c in model.chambers)
-        raise InputError(
-            f"pliant simulate gives one pressure and {model.name!r} has {len(model.chambers)} chambers, {named}: use "
-            "pliant.simulate from Python, with one pressure for each, or pliant view"
-        )
-    return model
 
 
 def with_load(model: Model, grams: float) -> Model:
@@ -110,19 +101,21 @@ def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[Po
     return (PointForce(time, force, point or model.points[-1].name),)
 
 
-def own_level(model: Model) -> float:
-    """A pressure [Pa] for a model that is given none."""
+def own_levels(model: Model) -> list[float]:
+    """Pressures [Pa] for a model that is given none: the first chamber alone."""
     from pliant.simulation.levels import typical_pressure
 
     level = typical_pressure(model)
     if not level:
         raise InputError(f"no pressure bends the model {model.name!r} by half a radian: give --level-kpa")
-    return level
+    return [level] + [0.0] * (len(model.chambers) - 1)
 
 
-def measured_pressure(path: Path, duration: float | None, step: float) -> tuple[Trace, Any]:
-    """The pressure of a recording and the output times (T,) [s] from its first sample on."""
-    from pliant.identification.recorded import one_chamber
+def measured_pressures(
+    path: Path, model: Model, drive: str, duration: float | None, step: float
+) -> tuple[list[Input], Any]:
+    """The pressure of a recording for each chamber, and the output times (T,) [s] from its first sample on."""
+    from pliant.identification.drives import measured
     from pliant.recording import read
     from pliant.simulation import Trace
     from pliant.simulation.solve import output_times
@@ -130,6 +123,7 @@ def measured_pressure(path: Path, duration: float | None, step: float) -> tuple[
     recorded = read(path)
     if "pressure" not in recorded:
         raise InputError(f"{path} holds no measured pressure: give a pulse by --level-kpa instead")
-    trace = Trace(recorded["pressure_time"].values, one_chamber(path.name, recorded["pressure"]))
-    first, last = float(trace.time[0]), float(trace.time[-1])
-    return trace, first + output_times(last - first if duration is None else duration, None, step)
+    time = recorded["pressure_time"].values
+    traces: list[Input] = [Trace(time, p) for p in measured(path.name, recorded, model, drives(drive))]
+    first, last = float(time[0]), float(time[-1])
+    return traces, first + output_times(last - first if duration is None else duration, None, step)

@@ -18,8 +18,7 @@ from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.smoother import smooth
 from pliant.estimation.symbols import FilterFrame, FilterModel, FilterNoise, FilterOutput, FilterState
 from pliant.estimation.workspace import make_output, make_workspace
-from pliant.identification.drives import drives_of
-from pliant.identification.recorded import one_chamber
+from pliant.identification.drives import measured
 from pliant.model import Model, Valve
 from pliant.simulation import Trace, state
 from pliant.simulation.drive import Drive
@@ -123,22 +122,9 @@ def input_of(
     if not (np.isfinite(window) and window >= 0):
         raise InputError(f"the window of the pressure is a time in seconds, at least 0, got {window}")
     clock = recording["pressure_time"].values.astype(float)
-    sources = tuple(Trace(*averaged(clock, values, window)) for values in measured(recording, model, drive))
+    samples = measured("to estimate", recording, model, drive)
+    sources = tuple(Trace(*averaged(clock, values, window)) for values in samples)
     return sources, model.with_(chambers=tuple(replace(c, valve=Valve()) for c in model.chambers))
-
-
-def measured(recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None) -> list[Array]:
-    """The recorded samples (P,) [Pa] that drive each chamber of the model; zeros where nothing does."""
-    pressure = recording["pressure"]
-    if lost := int((~np.isfinite(pressure.values)).sum()):
-        raise InputError(f"{lost} samples of the pressure are missing: repair it first")
-    if drive is None and len(model.chambers) == 1:
-        return [one_chamber("to estimate", pressure)]
-    named = {c.name: c.name for c in model.chambers} if drive is None else drive
-    if strange := [name for name in named if name not in {c.name for c in model.chambers}]:
-        raise InputError(f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.names}")
-    driven = drives_of("to estimate", recording, named)
-    return [driven[c.name].pressure if c.name in driven else np.zeros(pressure.shape[0]) for c in model.chambers]
 
 
 def averaged(clock: Array, values: Array, window: float) -> tuple[Array, Array]:

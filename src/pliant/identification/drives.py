@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
+from pliant.identification.recorded import one_chamber
 from pliant.model import Model
 from pliant.simulation import Pulse, Trace
 from pliant.simulation.inputs import Input
@@ -47,6 +48,23 @@ def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int])
             )
         found[chamber] = Trace(recording["pressure_time"].values, samples[:, k])
     return found
+
+
+def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None) -> list[Array]:
+    """The recorded samples (P,) [Pa] that drive each chamber of a model; zeros where nothing does.
+
+    `drive` as in `drives_of`; without it, pressures drive the chambers of their names.
+    """
+    pressure = recording["pressure"]
+    if lost := int((~np.isfinite(pressure.values)).sum()):
+        raise InputError(f"recording {name}: {lost} samples of the pressure are missing: repair it first")
+    if drive is None and len(model.chambers) == 1:
+        return [one_chamber(name, pressure)]
+    wanted = {c.name: c.name for c in model.chambers} if drive is None else drive
+    if strange := [one for one in wanted if one not in {c.name for c in model.chambers}]:
+        raise InputError(f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.names}")
+    driven = drives_of(name, recording, wanted)
+    return [driven[c.name].pressure if c.name in driven else np.zeros(pressure.shape[0]) for c in model.chambers]
 
 
 def check_drives(exp: Experiment) -> None:

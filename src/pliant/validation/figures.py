@@ -198,8 +198,11 @@ def demo_figure(trajectory: xr.Dataset) -> Figure:
     Parameters
     ----------
     trajectory : xarray.Dataset
-        From `pliant.simulate`: tip_position (time, link, axis) in m, pressure (time) in Pa.
+        From `pliant.simulate`: tip_position (time, link, axis) in m, pressure (time) or (time, chamber) in Pa.
     """
+    pressure = 1e-3 * trajectory["pressure"].values.reshape(trajectory.sizes["time"], -1)
+    several = "chamber" in trajectory.coords
+    names = [f"pressure, {c}" for c in trajectory["chamber"].values] if several else [None]
     time, tips = trajectory["time"].values, trajectory["tip_position"].transpose("time", "link", "axis").values
     greys = [f"{grey:.2f}" for grey in np.linspace(0.6, 0.0, 6)]
     with drawing():
@@ -210,11 +213,12 @@ def demo_figure(trajectory: xr.Dataset) -> Figure:
                 ax.plot(*thin(time, 1e3 * tips[:, i, axis]), **line)
             ax.set_ylabel(f"{'XY'[axis]} of the link tips (mm)")
         for ax in axes[1]:
-            ax.plot(*thin(time, 1e-3 * trajectory["pressure"].values), color="black", linestyle="-", linewidth=0.9)
+            for name, dash, p in zip(names, cycle(DASHES), pressure.T):
+                ax.plot(*thin(time, p), color="black", linestyle=dash, linewidth=0.9, label=name)
             ax.set_ylabel("pressure (kPa)")
         model = clip(str(trajectory.attrs.get("model", "model")))
         figure.suptitle(f"{model}: simulated motion of the link tips", fontsize="medium", wrap=True)
-        legend(figure, axes[:1, 0])
+        legend(figure, axes[:, 0])
     return figure
 
 

@@ -23,7 +23,8 @@ def body_film(
     ----------
     path : Path
         Ends in .gif or .mp4.
-    time, pressure : (T,) arrays, s and kPa
+    time : (T,) array, s
+    pressure : (T,) or (T, C) array, kPa
     base : (2, 2) array, m
         Origin and first joint.
     tips : (T, n, 2) array, m
@@ -36,6 +37,7 @@ def body_film(
     if path.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
         raise InputError("an .mp4 needs ffmpeg, which is not on the path: take .gif, or install ffmpeg")
     t, p, moving = (np.asarray(a, dtype=float) for a in (time, pressure, tips))
+    p = p.reshape(t.size, -1)
     body = 1e3 * np.concatenate([np.broadcast_to(base, (t.size, 2, 2)), moving], axis=1)
     frames = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], 1.0 / rate)).clip(0, t.size - 1))
     with style():
@@ -49,13 +51,13 @@ def body_film(
             [], [], color="black", linestyle="-", linewidth=3.0, marker="o", markersize=3, markerfacecolor="white"
         )
         side.plot(t, p, color="black", linestyle="-", linewidth=0.9)
-        (now,) = side.plot([], [], marker="o", color="black")
+        (now,) = side.plot([], [], linestyle="", marker="o", color="black")
         side.set(xlabel="time (s)", ylabel="gauge pressure (kPa)")
 
         def draw(k: int) -> list[Any]:
             line.set_data(*body[k].T)
             way.set_data(*body[: k + 1, -1].T)
-            now.set_data([t[k]], [p[k]])
+            now.set_data(np.full(p[k].shape, t[k]), p[k])
             return [line, way, now]
 
         made = animation.FuncAnimation(figure, draw, frames=frames)
