@@ -33,7 +33,7 @@ DOORS = {  # functions of more than eight parameters, and why
     "cli/shape.py::shape": "typer makes each option of a command from a parameter",
     "cli/simulate.py::simulate": "typer makes each option of a command from a parameter",
 }
-PLOTS = {"plotting.py", "validation/figures.py", "validation/film.py"}
+PLOTS = {"plotting.py", "validation/figures.py", "validation/motion.py"}
 
 
 @cache

@@ -9,7 +9,7 @@ from pathlib import Path
 import pliant
 from pliant.actuators import chen2018
 from pliant.plotting import save_figure
-from pliant.validation.figures import demo_figure
+from pliant.validation.motion import motion_figure
 
 
 def main(path: Path) -> None:
@@ -17,7 +17,7 @@ def main(path: Path) -> None:
     model = chen2018.model()
     pulse = pliant.Pulse(chen2018.PULSE_PRESSURE, chen2018.PULSE_START, chen2018.PULSE_WIDTH)
     motion = pliant.simulate(model, pulse, duration=4.5)
-    save_figure(demo_figure(motion), path)
+    save_figure(motion_figure(motion), path)
 
 
 if __name__ == "__main__":

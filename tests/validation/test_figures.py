@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from pliant.errors import InputError
 from pliant.simulation import Pulse, simulate
 from pliant.validation import curves, figures
+from pliant.validation.motion import motion_figure
 from pliant.validation.wording import digits
 
 
@@ -84,8 +85,8 @@ def test_a_name_in_any_script_is_drawn(outcome, tmp_path):
     figures.save(figures.forecast_figure(copy), tmp_path, "f")
 
 
-def test_demo_figure_draws_every_link_and_the_pressure(outcome):
-    figure = figures.demo_figure(simulate(outcome.model, Pulse(1e4, 0.05, 0.2), duration=0.4, step=2e-3))
+def test_motion_figure_draws_every_link_and_the_pressure(outcome):
+    figure = motion_figure(simulate(outcome.model, Pulse(1e4, 0.05, 0.2), duration=0.4, step=2e-3))
     assert labels(figure) == {"tip of link 1", "tip of link 2", "tip of link 3"}
     assert len(figure.axes) == 4
 

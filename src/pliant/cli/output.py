@@ -55,7 +55,7 @@ def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
     """Write a film of the moving body, whole or not at all."""
     if path.suffix not in (".gif", ".mp4"):
         raise InputError(f"a film ends in .gif or .mp4, not {path.name!r}")
-    from pliant.validation.film import body_film
+    from pliant.validation.motion import body_film
 
     base, pressure = base_of(model), 1e-3 * trajectory["pressure"].to_numpy()
     time, tips = trajectory["time"].to_numpy(), trajectory["tip_position"].to_numpy()

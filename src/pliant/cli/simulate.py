@@ -69,9 +69,9 @@ def simulate(
     if output is not None:
         save_trajectory(result, output)
     if figure is not None:
-        from pliant.validation.figures import demo_figure
+        from pliant.validation.motion import motion_figure
 
-        write_figure(demo_figure(result), figure)
+        write_figure(motion_figure(result), figure)
     if film is not None:
         write_film(result, loaded, film)
     print_numbers(summary(result), as_json=json)

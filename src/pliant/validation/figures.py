@@ -12,13 +12,12 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pliant.errors import InputError
 from pliant.files import whole
-from pliant.plotting import DASHES, NARROW, WIDTH, side_by_side, style
+from pliant.plotting import NARROW, WIDTH, side_by_side, style
 from pliant.validation.curves import autocorrelation, axes_of, evenly_spaced, instants, laws_of, slenderness, thin
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome
 from pliant.validation.wording import ROLE, clip, digits, heading, sized
@@ -188,36 +187,6 @@ def forecast_figure(forecast: Forecast) -> Figure:
                 ax.fill_between(forecast.time, tip - half, tip + half, color="0.8", linewidth=0, label="95 % band")
             ax.set_ylabel(f"tip {names[axis]} ({unit})")
         figure.suptitle(f"Forecast: {clip(forecast.title)}", fontsize="medium", wrap=True)
-        legend(figure, axes[:, 0])
-    return figure
-
-
-def demo_figure(trajectory: xr.Dataset) -> Figure:
-    """Simulated X_i and Y_i of the link tips in time with the pressure below, as the paper draws them.
-
-    Parameters
-    ----------
-    trajectory : xarray.Dataset
-        From `pliant.simulate`: tip_position (time, link, axis) in m, pressure (time) or (time, chamber) in Pa.
-    """
-    pressure = 1e-3 * trajectory["pressure"].values.reshape(trajectory.sizes["time"], -1)
-    several = "chamber" in trajectory.coords
-    names = [f"pressure, {c}" for c in trajectory["chamber"].values] if several else [None]
-    time, tips = trajectory["time"].values, trajectory["tip_position"].transpose("time", "link", "axis").values
-    greys = [f"{grey:.2f}" for grey in np.linspace(0.6, 0.0, 6)]
-    with drawing():
-        figure, axes = columns_in_time([2.6, 1.0])
-        for axis, ax in enumerate(axes[0]):
-            for i, colour, dash in zip(evenly_spaced(tips.shape[1]), greys, DASHES, strict=False):
-                line: dict[str, Any] = {"color": colour, "linestyle": dash, "label": f"tip of link {i + 1}"}
-                ax.plot(*thin(time, 1e3 * tips[:, i, axis]), **line)
-            ax.set_ylabel(f"{'XY'[axis]} of the link tips (mm)")
-        for ax in axes[1]:
-            for name, dash, p in zip(names, cycle(DASHES), pressure.T):
-                ax.plot(*thin(time, p), color="black", linestyle=dash, linewidth=0.9, label=name)
-            ax.set_ylabel("pressure (kPa)")
-        model = clip(str(trajectory.attrs.get("model", "model")))
-        figure.suptitle(f"{model}: simulated motion of the link tips", fontsize="medium", wrap=True)
         legend(figure, axes[:, 0])
     return figure
 
