@@ -51,14 +51,14 @@ class Schedule:
 
     def initial(self, i: int) -> float:
         """Pressure of sample `i` before anything happens at the first time, Pa."""
-        return before(self.pressure(i), self.samples.valves[i], self.times)
+        return before(self.pressure(i), self.samples.valves[i].dead_time, self.times)
 
     def grid(self, i: int) -> LaneGrid:
         """The steps of sample `i`, as `simulation.drive` lays them."""
         source, dead = self.pressure(i), self.samples.valves[i].dead_time
         key = (source.jumps.tobytes(), source.breakpoints.tobytes(), dead)
         if key not in self._grids:
-            corners, fine, keep = grid([source], [self.samples.valves[i]], self.times, self.step)
+            corners, fine, keep = grid([source], [dead], self.times, self.step)
             intervals, steps = aligned((fine.size - 1, WIDTH)), aligned((keep.size, WIDTH))
             intervals[:], steps[:] = np.diff(fine)[:, None], np.diff(corners)[:, None]
             made = LaneGrid(fine, np.searchsorted(fine, corners), intervals, steps, keep)

@@ -15,7 +15,6 @@ import numpy as np
 
 from pliant.errors import SimulationError
 from pliant.identification.experiment import compared_of
-from pliant.identification.forward_model import observed
 from pliant.identification.parameters import apply, for_record
 from pliant.simulation import equilibrium, modes, state
 
@@ -115,7 +114,8 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
         k = int(np.clip(np.searchsorted(levels, p), 1, len(levels) - 1))
         share = (p - levels[k - 1]) / (levels[k] - levels[k - 1])
         lines.append(known[k - 1] + share * (known[k] - known[k - 1]))
-    shown = model.with_(stations=tuple(observed(model, exp)))
+    points = {p.name: p for p in model.points}
+    shown = model.with_(stations=tuple(points[name] for name in exp.stations))
 
     def places(q: list[Array]) -> Array:
         turned, strains = np.split(np.array(q), [model.n], axis=1)

@@ -19,9 +19,9 @@ from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.pose import beside_links, posed
 from pliant.identification.sensor import behind_sensors, between_frames, lags_of
-from pliant.model import Model
+from pliant.model import Model, Station
 from pliant.simulation import Pulse, Trace, equilibrium, lengthened, state
-from pliant.simulation.drive import Drive, drive
+from pliant.simulation.drive import Drive, drive, driven, laid_out
 from pliant.simulation.forces import joint_loads, loads_at, mean_loads
 from pliant.simulation.inputs import Input
 
@@ -60,9 +60,9 @@ def set_up(
     numbers = gathered(here, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
     if exp.own_places:
-        numbers = as_first_seen(numbers, m, exp)
+        numbers = as_first_seen(numbers, here, exp)
     acting = plan.pressure if between is None else plan.pressure[between[1]]
-    return SetUp(numbers, plan.keep, 1, carriers(m, exp), m, shown(acting), True, between=between)
+    return SetUp(numbers, plan.keep, 1, carriers(here, exp), m, shown(acting), True, between=between)
 
 
 def let_go(
@@ -71,7 +71,7 @@ def let_go(
     """The set-up of a body that is held, then let go; the clamp may give way by ``base_turn`` at that moment."""
     model = here.model
     base = (model.base_angle, model.base_angle + own.get("base_turn", 0.0))
-    angles = state.absolute(model, held_angles(model, exp, own))
+    angles = state.absolute(model, held_angles(here, exp, own))
     free = times[times > own["release"]]
     plan = no_drive(model)
     if free.size:
@@ -82,7 +82,7 @@ def let_go(
         plan = plans.drives[key]
     numbers = with_loads(gathered(here, exp, own, plan, (angles, angles), base), model, exp, own["release"])
     still, none = times.size - free.size, np.zeros((exp.time.size, len(model.chambers)))
-    made = SetUp(numbers, plan.keep, still, carriers(model, exp), model, shown(none), from_rest=False,
+    made = SetUp(numbers, plan.keep, still, carriers(here, exp), model, shown(none), from_rest=False,
                  pulled=exp.held is not None)
     return fading(made, exp, own) if "release_time" in own else made
 
@@ -121,11 +121,12 @@ def holding_torques(made: SetUp, loads: Array) -> Array:
     return np.asarray(np.cumsum(missing[::-1])[::-1] - joint_loads(phi, loads))
 
 
-def held_angles(model: Model, exp: Experiment, own: Mapping[str, float]) -> Array:
+def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float]) -> Array:
     """Joint angles (n,) of a body that is held: as measured, by a force at the tip, or in its unloaded shape."""
+    model = here.model
     if exp.held is not None:
         shift = np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)])
-        return posed(model, carriers(model, exp), observed(model, exp), exp.held - shift)
+        return posed(model, carriers(here, exp), observed(here, exp), exp.held - shift)
     if "hold_force" in own:
         return equilibrium(model, 0.0, np.array([own["hold_force"], 0.0]))
     return np.zeros(model.size)
@@ -148,18 +149,24 @@ def planned(
 ) -> Drive:
     """Steps and torques under a measured or nominal pressure, at the frames' `times` on its clock, s."""
     start, stop = own.get("start", 0.0), own.get("stop", 0.0)
-    key = (exp.name, times[0], start, stop, *(c.key for c in model.chambers))
+    dead_times = [c.valve.dead_time for c in model.chambers]
+    where = (exp.name, times[0], start, stop, *dead_times)
+    key = (where, *(c.key for c in model.chambers))
     if key not in plans.drives:
-        pressure: Input | tuple[Input, ...]
-        if exp.drives or len(model.chambers) > 1:
-            pressure = inputs_to(model, exp, start)
-        elif exp.pressure is not None:
-            pressure = Trace(exp.pressure.time + start, exp.pressure.pressure)
-        else:
-            width = np.inf if exp.excitation == "step" else max(stop - start, 1e-6)
-            pressure = Pulse(exp.level, start, width)
-        plans.drives[key] = drive(model, pressure, times, step)
+        if where not in plans.layouts:
+            plans.layouts[where] = laid_out(pressures(model, exp, start, stop), dead_times, times, step)
+        plans.drives[key] = driven(model, plans.layouts[where])
     return plans.drives[key]
+
+
+def pressures(model: Model, exp: Experiment, start: float, stop: float) -> tuple[Input, ...]:
+    """What drives each chamber of the model in an experiment that begins and ends at `start` and `stop`, s."""
+    if exp.drives or len(model.chambers) > 1:
+        return inputs_to(model, exp, start)
+    if exp.pressure is not None:
+        return (Trace(exp.pressure.time + start, exp.pressure.pressure),)
+    width = np.inf if exp.excitation == "step" else max(stop - start, 1e-6)
+    return (Pulse(exp.level, start, width),)
 
 
 def gathered(
@@ -167,7 +174,7 @@ def gathered(
     base: tuple[float, float],
 ) -> Numbers:
     """The numbers of a set-up: angles and base angle while held, and at the start of the motion."""
-    model, chosen = here.model, observed(here.model, exp)
+    model, chosen = here.model, observed(here, exp)
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
         gain=model.actuation.gain, torque_before=model.actuation.joint_torques(plan.initial),
@@ -181,10 +188,11 @@ def gathered(
     )
 
 
-def as_first_seen(numbers: Numbers, model: Model, exp: Experiment) -> Numbers:
+def as_first_seen(numbers: Numbers, here: ModelAt, exp: Experiment) -> Numbers:
     """The numbers with each observed point where the first frames show it, beside its link at the start."""
+    model = here.model
     seen = (exp.first_places - numbers.shift) * [model.bend_sign, 1]
-    links = carriers(model, exp) + 1
+    links = carriers(here, exp) + 1
     along, across = (row[np.arange(links.size), links] for row in beside_links(model, numbers.phi, seen))
     return numbers._replace(along=along, across=across)
 
@@ -198,15 +206,14 @@ def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, be
     return numbers._replace(load=loads, load_before=numbers.load_before if before is None else before)
 
 
-def observed(model: Model, exp: Experiment) -> list[Any]:
+def observed(here: ModelAt, exp: Experiment) -> list[Station]:
     """The model's points that the experiment observed."""
-    points = {p.name: p for p in model.points}
-    return [points[s] for s in exp.stations]
+    return [here.points[name] for name in exp.stations]
 
 
-def carriers(model: Model, exp: Experiment) -> Array:
+def carriers(here: ModelAt, exp: Experiment) -> Array:
     """Index (S,) of the link that carries each observed point."""
-    return np.array([p.link for p in observed(model, exp)])
+    return np.array([p.link for p in observed(here, exp)])
 
 
 def moved(made: SetUp, numbers: Numbers, kind: type[Any], rows: int) -> Array:
@@ -218,13 +225,14 @@ def moved(made: SetUp, numbers: Numbers, kind: type[Any], rows: int) -> Array:
         Where a link turns by more than a radian in one step.
     """
     def cast(a: Any) -> Any:
-        return np.array(a, dtype=kind) if np.ndim(a) else kind(a)
+        if isinstance(a, Array):  # kernels are compiled anew for arrays that may not be written to
+            return a if a.dtype == np.complex128 else np.array(a, dtype=kind)
+        return kind(a)
 
     n, S = made.model.n, len(made.model.extensions)
     rows = rows if made.between is None else made.between[0].size
     body, joints = type(numbers.body)(*map(cast, numbers.body)), Joints(*map(cast, numbers.joints))
-    scratch = state.work_of(made.model)
-    work = type(scratch)(*map(cast, scratch))
+    work = state.work_of(made.model, kind)
     places = Places(
         cast(numbers.length), cast(numbers.base_length), made.carrier, cast(numbers.along), cast(numbers.across),
         cast(numbers.share), cast(made.model.bend_sign), cast(numbers.shift[0]), cast(numbers.shift[1]),
@@ -233,7 +241,7 @@ def moved(made: SetUp, numbers: Numbers, kind: type[Any], rows: int) -> Array:
     out: Array = np.empty((rows, made.carrier.size, 3), dtype=kind)
     course = Course(cast(numbers.h), cast(numbers.torque), cast(numbers.gain), made.keep, cast(numbers.load))
     before = Before(made.still, cast(numbers.held), cast(numbers.held_base))
-    start: tuple[Array, Array] = (cast(numbers.phi), np.zeros(n + S, dtype=kind))
+    start: tuple[Array, Array] = (np.array(numbers.phi, dtype=kind), np.zeros(n + S, dtype=kind))
     if made.model.memory:
         memory = Memory(*map(cast, numbers.memory))
         past = Past(memory, slipped(made, numbers, kind), held_of(made.model, kind, joints))

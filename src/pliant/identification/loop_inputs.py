@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from pliant.equations.symbols import Body, ExtensibleBody, Joints, Memory
 from pliant.model import Model
 
 Array = np.ndarray
+LONG = ("h", "torque", "load")  # entries of `Numbers` as long as the motion, which most set-ups of a fit share
 
 
 class Numbers(NamedTuple):
@@ -49,3 +51,32 @@ class SetUp(NamedTuple):
     from_rest: bool  # whether the start is the equilibrium under `torque_before`
     pulled: bool = False  # whether a hand took the body to its pose from its unloaded shape
     between: tuple[Array, Array] | None = None  # times of the rows and where the frames stand, where a sensor lags
+
+
+def in_one_row(numbers: Numbers) -> Array:
+    """All numbers but the `LONG` ones, one behind the other."""
+    return np.concatenate([np.ravel(v) for v in leaves(numbers)])
+
+
+def from_one_row(row: Array, like: Numbers) -> Numbers:
+    """The numbers that `in_one_row` would give `row`, each as `like` has it; the `LONG` ones as they are there."""
+    first = 0
+
+    def taken(entry: Any) -> Any:
+        nonlocal first
+        if isinstance(entry, tuple):
+            return type(entry)(*map(taken, entry))
+        size = entry.size if isinstance(entry, Array) else 1
+        part, first = row[first : first + size], first + size
+        return part.reshape(entry.shape) if isinstance(entry, Array) else part.item()
+
+    return Numbers(*(e if n in LONG else taken(e) for n, e in zip(Numbers._fields, like, strict=True)))
+
+
+def leaves(numbers: Numbers) -> Iterator[Any]:
+    """Every array and number but the `LONG` ones, those of nested tuples one by one."""
+    for name, entry in zip(Numbers._fields, numbers, strict=True):
+        if isinstance(entry, tuple):
+            yield from entry
+        elif name not in LONG:
+            yield entry

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from pliant.equations.symbols import Body, ExtensibleBody, Joints, Memory
 from pliant.identification.parameters import apply, of_the_model
-from pliant.model import Model
-from pliant.simulation.drive import Drive
+from pliant.model import Model, Station
+from pliant.simulation.drive import Drive, Layout
 
 
 class ModelAt(NamedTuple):
@@ -18,28 +18,33 @@ class ModelAt(NamedTuple):
     body: Body | ExtensibleBody
     joints: Joints
     memory: Memory
+    points: dict[str, Station]  # that can be observed, by name
 
 
 class Plans:
-    """What set-ups share: the model at some values, and steps and torques under some pressure.
+    """What set-ups share: the model at some values, steps under some command, and torques in them.
 
-    Recordings ask for the same model one after the other, and derivatives by what moves no pressure for the same drive.
+    Recordings ask for the same model one after the other, derivatives by what moves no pressure for the same drive, and
+    those by valves and laws for the same steps.
     """
 
     def __init__(self) -> None:
         self.models: dict[Any, ModelAt] = {}
         self.drives: dict[Any, Drive] = {}
+        self.layouts: dict[Any, Layout] = {}
 
     def at(self, model: Model, values: Mapping[str, float]) -> ModelAt:
         """The `model` with the values of one recording put in; always the same model."""
         key = of_the_model(values)
         if key not in self.models:
             m = apply(model, dict(key))
-            self.models[key] = ModelAt(m, m.mechanics(), m.joints(), m.memory.law())
+            self.models[key] = ModelAt(m, m.mechanics(), m.joints(), m.memory.law(), {p.name: p for p in m.points})
         return self.models[key]
 
     def forget(self, most: int) -> None:
         """Drop everything of a kind of which there are more than so many."""
-        for kept in (self.models, self.drives):
-            if len(kept) > most:
-                kept.clear()
+        if len(self.models) > most:
+            self.models.clear()
+        if len(self.drives) > most:
+            self.drives.clear()
+            self.layouts.clear()  # each keeps what its drives were made of

@@ -8,16 +8,16 @@ complex numbers, so no difference is taken of two motions and no equation is wri
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import motion
-from pliant.equations.symbols import Body, ExtensibleBody, Joints, Slopes
+from pliant.equations.symbols import Body, ExtensibleBody, Slopes
 from pliant.errors import FitError, PliantError
 from pliant.identification.forward_model import moved, set_up
-from pliant.identification.loop_inputs import Numbers, SetUp
+from pliant.identification.loop_inputs import LONG, Numbers, SetUp, from_one_row, in_one_row
 from pliant.identification.plans import Plans
 from pliant.model import Model
 from pliant.simulation import lengthened, state
@@ -30,6 +30,15 @@ Array = np.ndarray
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 SHARE = 1e-5  # step of the differences of the inputs, in sizes of the parameter
 STENCILS = (((-1.0, -0.5), (1.0, 0.5)), ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5)), ((0.0, 1.5), (-1.0, -2.0), (-2.0, 0.5)))
+
+
+class Slope(NamedTuple):
+    """Derivative of `Numbers`: of all but the long ones in one row, and of these; 0 where they do not change."""
+
+    row: Any
+    h: Any
+    torque: Any
+    load: Any
 
 
 def sensitivities(
@@ -70,6 +79,7 @@ def slopes_of(
     here = set_up(model, exp, values, step, plans)
     slopes = np.zeros((len(sizes), rows, len(exp.stations), 3))
     rest = state.relative(here.model, here.numbers.phi) if here.from_rest else None
+    stiffness = rest_stiffness(here) if here.from_rest else None
     for k, (name, size) in enumerate(sizes.items()):
         owner, dot, own = name.partition(".")
         if (own if dot and owner == exp.name else name) in exp.known:
@@ -79,17 +89,18 @@ def slopes_of(
             return set_up(model, exp, {**values, name: value}, step, plans, rest)
 
         base, slope = input_slopes(at, here, values[name], SHARE * max(abs(values[name]), size))
-        if all(not np.any(v) for v in leaves(slope)):
+        if not any(np.any(v) for v in slope):
             continue
-        if here.from_rest:
-            tilt = equilibrium_slope(base.numbers, slope)
-            slope = slope._replace(held=tilt, phi=tilt)
-        tilted = Numbers(*join(base.numbers, slope))
+        tilted = joined(base.numbers, slope)
+        if stiffness is not None:
+            turned = equilibrium_slope(tilted, base, stiffness if base is here else rest_stiffness(base))
+            start = base.numbers.phi + 1j * TINY * turned
+            tilted = tilted._replace(held=start, phi=start)
         slopes[k] = moved(base, tilted, np.complex128, rows).imag / TINY
     return slopes
 
 
-def input_slopes(at: Callable[[float], SetUp], here: SetUp, value: float, size: float) -> tuple[SetUp, Numbers]:
+def input_slopes(at: Callable[[float], SetUp], here: SetUp, value: float, size: float) -> tuple[SetUp, Slope]:
     """A set-up and the derivative of its numbers: at `value`, or where the steps change there, close beside it."""
     for stencil in STENCILS:
         made = tried(at, value, size, stencil)
@@ -115,67 +126,67 @@ def same_steps(a: SetUp, b: SetUp) -> bool:
     return a.still == b.still and np.array_equal(a.keep, b.keep)
 
 
-def combined(made: list[SetUp], stencil: Any, size: float) -> Numbers:
+def combined(made: list[SetUp], stencil: Any, size: float) -> Slope:
     """The weighted sum of the numbers of some set-ups, over `size`."""
     weights = [weight / size for _, weight in stencil]
 
-    def mix(*entries: Any) -> Any:
-        if isinstance(entries[0], tuple):
-            return type(entries[0])(*(mix(*parts) for parts in zip(*entries, strict=True)))
+    def mix(*entries: Array) -> Any:
+        if all(e is entries[0] for e in entries):  # as set-ups that share their steps do
+            return 0.0
         return sum(w * e for w, e in zip(weights, entries, strict=True))
 
-    return mix(*(m.numbers for m in made))
+    numbers = [m.numbers for m in made]
+    return Slope(mix(*map(in_one_row, numbers)), *(mix(*(getattr(m, name) for m in numbers)) for name in LONG))
 
 
-def join(real: Any, slope: Any) -> list[Any]:
-    """Numbers with their derivatives, times the imaginary step, as imaginary parts."""
-    return [
-        type(a)(*join(a, b)) if isinstance(a, tuple) else a + 1j * TINY * b for a, b in zip(real, slope, strict=True)
-    ]
+def joined(numbers: Numbers, slope: Slope) -> Numbers:
+    """Numbers with their derivatives, times the imaginary step, as imaginary parts; real where none changes them."""
+    made = from_one_row(in_one_row(numbers) + 1j * TINY * slope.row, numbers)
+    bent = {name: getattr(slope, name) for name in LONG}
+    return made._replace(**{n: getattr(numbers, n) + 1j * TINY * v for n, v in bent.items() if np.ndim(v)})
 
 
-def leaves(numbers: Any) -> list[Any]:
-    """Every array and number of nested tuples."""
-    return [leaf for part in numbers for leaf in (leaves(part) if isinstance(part, tuple) else [part])]
-
-
-def equilibrium_slope(numbers: Numbers, slope: Numbers) -> Array:
-    """Derivative (n,) of the absolute angles at rest: those at which the acceleration stays zero."""
+def rest_stiffness(made: SetUp) -> Array:
+    """How fast what pulls at the angles at rest (and strains) grows with each of them, row by variable, negative."""
+    numbers = made.numbers
+    x = numbers.phi
     if isinstance(numbers.body, ExtensibleBody):
-        return lengthened_slope(numbers, slope, numbers.body)
-    n = len(numbers.phi)
-    loaded = bool(np.any(numbers.load_before) or np.any(slope.load_before))
-    still, out = np.zeros(n), Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
-    real = beside_loads(numbers, numbers.phi) if loaded else numbers
+        around = x + 1j * TINY * np.eye(x.size)
+        return np.stack([push_at_rest(at, numbers) for at in around], axis=1).imag / TINY
+    n = len(x)
+    out = Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
+    loaded = bool(np.any(numbers.load_before))
+    real = beside_loads(numbers, x) if loaded else numbers
     twin(motion.acceleration_jacobian)(
-        numbers.phi, still, real.torque_before, real.body, real.joints, state.workspace(n), out
+        x, np.zeros(n), real.torque_before, real.body, real.joints, state.workspace(n), out
     )
-    tilted = Numbers(*join(numbers._replace(held=0.0, phi=0.0), slope._replace(held=0.0, phi=0.0)))
     if loaded:
         out.a_phi[:] += load_stiffness(numbers)
-        tilted = beside_loads(tilted, numbers.phi)
-    scratch = state.workspace(n)
-    work = type(scratch)(*(w.astype(complex) for w in scratch))
-    push = np.zeros(n, dtype=complex)
+    return out.a_phi.T
+
+
+def equilibrium_slope(tilted: Numbers, made: SetUp, stiffness: Array) -> Array:
+    """Derivative (n,) of the absolute angles at rest: those at which the acceleration (or what pulls) stays zero.
+
+    `tilted` holds the numbers of a set-up with their derivatives beside them, `stiffness` is its `rest_stiffness`.
+    """
+    x = made.numbers.phi
+    if isinstance(tilted.body, ExtensibleBody):
+        push = push_at_rest(x, tilted)
+        return -np.linalg.solve(stiffness, push.imag / TINY)
+    if np.any(tilted.load_before):
+        tilted = beside_loads(tilted, x)
+    push = np.zeros(x.size, dtype=complex)
     twin(motion.acceleration)(
-        numbers.phi.astype(complex), still.astype(complex), complex_of(tilted.torque_before),
-        Body(*(complex_of(v) for v in tilted.body)), Joints(*(complex_of(v) for v in tilted.joints)), work, push,
+        x.astype(complex), np.zeros(x.size, dtype=complex), tilted.torque_before, tilted.body, tilted.joints,
+        state.workspace(x.size, complex), push,
     )
-    return -np.linalg.solve(out.a_phi.T, push.imag / TINY)
+    return -np.linalg.solve(stiffness, push.imag / TINY)
 
 
-def lengthened_slope(numbers: Numbers, slope: Numbers, body: ExtensibleBody) -> Array:
-    """As `equilibrium_slope`, of a body that lengthens, by complex steps through the text of its kernel."""
-    x = numbers.phi
-    around = x + 1j * TINY * np.eye(x.size)
-    stiffness = -np.stack([push_at_rest(at, numbers, body) for at in around], axis=1).imag / TINY
-    tilted = Numbers(*join(numbers._replace(held=0.0, phi=0.0), slope._replace(held=0.0, phi=0.0)))
-    push = push_at_rest(x, tilted, ExtensibleBody(*tilted.body))
-    return np.asarray(np.linalg.solve(stiffness, push.imag / TINY))
-
-
-def push_at_rest(x: Array, numbers: Numbers, body: ExtensibleBody) -> Array:
+def push_at_rest(x: Array, numbers: Numbers) -> Array:
     """What drive, springs, weight and loads do to angles and strains x (n + S,) of a body at rest, N m."""
+    body = ExtensibleBody(*numbers.body)
     push = lengthened.forces_at_rest(x, numbers.torque_before, body, numbers.joints)
     return push + lengthened.pull_of(x, numbers.load_before, body.share, numbers.joints.base_angle)
 
@@ -191,7 +202,3 @@ def load_stiffness(numbers: Numbers) -> Array:
     M = body.B * np.cos(phi[:, None] - phi) + np.diag(body.I)
     return np.linalg.solve(M, np.diag(load[:, 0] * np.sin(phi) - load[:, 1] * np.cos(phi))).T
 
-
-def complex_of(value: Any) -> Any:
-    """A number or an array made complex."""
-    return np.asarray(value, dtype=complex) if np.ndim(value) else complex(value)

@@ -58,6 +58,53 @@ class Grid(NamedTuple):
     keep: Array  # (steps,) row of the output after the step, or -1
 
 
+class Driven(NamedTuple):
+    """What one chamber does in the steps of a drive."""
+
+    torque: Array  # (steps,) N m, mean over each step
+    pressure: Array  # (rows,) Pa, behind the valve, at the output times
+    stretch: Array  # (rows,) hoop stretch, at the output times
+
+
+class Layout:
+    """The steps of a drive and what its inputs command in them: of the chambers only the dead times decide them.
+
+    It keeps what lies behind valves and what chambers made of it, for drives that differ in the other one or none.
+    """
+
+    def __init__(self, inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> None:
+        made = grid(inputs, dead_times, times, step)
+        self.keep, self.h, self.lengths = made.keep, np.diff(made.nodes), np.diff(made.fine)
+        self.bent = made.fine.size > made.nodes.size  # the inputs bend within steps
+        self.at = np.searchsorted(made.fine if self.bent else made.nodes, times)
+        self.first = np.searchsorted(made.fine, made.nodes[:-1])
+        pairs = list(zip(inputs, dead_times, strict=True))
+        self.commands = [commanded(source, made.fine, dead) for source, dead in pairs]
+        self.initial = np.array([before(source, dead, times) for source, dead in pairs])
+        self._behind: dict[tuple[int, Valve], Array] = {}
+        self._driven: dict[tuple[Any, ...], Driven] = {}
+
+    def behind(self, c: int, valve: Valve) -> Array:
+        """Pressure (m, 4) behind the valve of chamber `c`, Pa; see `through_valve`."""
+        if (c, valve) not in self._behind:
+            self._behind[c, valve] = lagging(valve, self.lengths, self.commands[c], float(self.initial[c]))
+        return self._behind[c, valve]
+
+    def driven(self, c: int, chamber: Chamber) -> Driven:
+        """What chamber `c` does."""
+        key = (c, chamber.key)
+        if key not in self._driven:
+            behind = self.behind(c, chamber.valve)
+            mean, growth = mean_torques(chamber, self.lengths, behind, float(self.initial[c]))
+            impulse = self.lengths * mean
+            torque = (np.add.reduceat(impulse, self.first) if self.bent else impulse) / self.h
+            shown = np.append(behind[self.at[:-1], 0], behind[-1, 2])
+            grows = chamber.grows
+            stretch = np.append(growth[self.at[:-1], 0], growth[-1, 2]) ** 0.25 if grows else np.ones_like(shown)
+            self._driven[key] = Driven(torque, shown, stretch)
+        return self._driven[key]
+
+
 def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
     """One input for each chamber: a single one is enough where there is one chamber.
 
@@ -92,6 +139,12 @@ def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: f
     InputError
         When the times do not increase or the step is not positive.
     """
+    inputs = inputs_of(model, pressure)
+    return driven(model, laid_out(inputs, [c.valve.dead_time for c in model.chambers], times, step))
+
+
+def laid_out(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Layout:
+    """The layout of a drive by one input for each chamber; arguments and errors as of `drive`."""
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0):
         raise InputError("simulation times must be at least two, strictly increasing, in seconds")
@@ -99,42 +152,33 @@ def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: f
         raise InputError(f"the step must be a positive time in seconds, got {step}")
     if (times[-1] - times[0]) / step > LONGEST:
         raise InputError(f"{times[-1] - times[0]:.6g} s in steps of {step:.3g} s are too many steps: use a longer step")
-    inputs, chambers = inputs_of(model, pressure), model.chambers
-    made = grid(inputs, [c.valve for c in chambers], times, step)
-    h, lengths = np.diff(made.nodes), np.diff(made.fine)
-    bent = made.fine.size > made.nodes.size  # the inputs bend within steps
-    at = np.searchsorted(made.fine if bent else made.nodes, times)
-    first = np.searchsorted(made.fine, made.nodes[:-1])
-    torque, shown = np.empty((h.size, len(chambers))), np.empty((times.size, len(chambers)))
-    stretch, initial = np.ones_like(shown), np.empty(len(chambers))
-    for c, (chamber, source) in enumerate(zip(chambers, inputs, strict=True)):
-        initial[c] = before(source, chamber.valve, times)
-        behind = through_valve(chamber.valve, source, made.fine, float(initial[c]))
-        mean, growth = mean_torques(chamber, lengths, behind, float(initial[c]))
-        impulse = lengths * mean
-        torque[:, c] = (np.add.reduceat(impulse, first) if bent else impulse) / h
-        shown[:, c] = np.append(behind[at[:-1], 0], behind[-1, 2])
-        if chamber.grows:
-            stretch[:, c] = np.append(growth[at[:-1], 0], growth[-1, 2]) ** 0.25
-    grows = any(c.grows for c in chambers)
-    return Drive(h, torque, np.array(model.actuation.gain), made.keep, shown, initial, stretch if grows else None)
+    return Layout(inputs, dead_times, times, step)
 
 
-def grid(inputs: Sequence[Input], valves: Sequence[Valve], times: Array, step: float) -> Grid:
-    """The steps and intervals of `drive` for inputs behind their valves."""
+def driven(model: Model, layout: Layout) -> Drive:
+    """What a march takes of the chambers of a model in steps that were laid out."""
+    columns = [layout.driven(c, chamber) for c, chamber in enumerate(model.chambers)]
+    torque, shown, stretch = (np.column_stack(rows) for rows in zip(*columns, strict=True))
+    grows = any(c.grows for c in model.chambers)
+    gain = np.array(model.actuation.gain)
+    return Drive(layout.h, torque, gain, layout.keep, shown, layout.initial, stretch if grows else None)
+
+
+def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Grid:
+    """The steps and intervals of `drive` for inputs that valves follow after their dead times [s]."""
     same = max(_SAME * step, 16.0 * float(np.spacing(np.abs(times).max())))
-    pairs = list(zip(inputs, valves, strict=True))
-    jumps = np.concatenate([p.jumps + v.dead_time for p, v in pairs])
-    bends = np.concatenate([p.breakpoints + v.dead_time for p, v in pairs])
+    pairs = list(zip(inputs, dead_times, strict=True))
+    jumps = np.concatenate([p.jumps + dead for p, dead in pairs])
+    bends = np.concatenate([p.breakpoints + dead for p, dead in pairs])
     nodes = subdivide(merge(times, jumps, same), step)
     keep = np.full(nodes.size - 1, -1)
     keep[np.searchsorted(nodes, times)[1:] - 1] = np.arange(1, times.size)
     return Grid(nodes, merge(nodes, bends, same), keep)
 
 
-def before(pressure: Input, valve: Valve, times: Array) -> float:
+def before(pressure: Input, dead_time: float, times: Array) -> float:
     """Pressure before anything happens at the first time, Pa."""
-    return float(pressure(np.nextafter(times[0] - valve.dead_time, -np.inf)))
+    return float(pressure(np.nextafter(times[0] - dead_time, -np.inf)))
 
 
 def mean_torques(chamber: Chamber, h: Array, behind: Array, initial: float) -> tuple[Array, Array]:
@@ -171,17 +215,31 @@ def subdivide(corners: Array, step: float) -> Array:
 def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) -> Array:
     """Pressure behind the valve at the start, middle and end of each interval of `nodes`, and its mean; (m, 4), Pa.
 
-    The valve starts at rest at the pressure `before` [Pa]. The command is taken as straight within an interval, from
-    two inner points, so that a jump at a node is seen from its proper side.
+    The valve starts at rest at the pressure `before` [Pa].
+    """
+    return lagging(valve, np.diff(nodes), commanded(pressure, nodes, valve.dead_time), before)
+
+
+def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
+    """What is commanded at the start, middle and end of each interval of `nodes`, and its mean; (m, 4), Pa.
+
+    The command is taken as straight within an interval, from two inner points, so that a jump at a node is seen from
+    its proper side.
     """
     h = np.diff(nodes)
-    middle = 0.5 * (nodes[:-1] + nodes[1:]) - valve.dead_time
+    middle = 0.5 * (nodes[:-1] + nodes[1:]) - dead_time
     u = np.asarray(pressure(np.stack([middle - _GAUSS * h, middle + _GAUSS * h])), dtype=float)
     mean = 0.5 * (u[0] + u[1])
     half = 0.5 * (u[1] - u[0]) / (2 * _GAUSS)
     out = np.stack([mean - half, mean, mean + half, mean], axis=1)
     if not np.isfinite(out).all():
         raise InputError("the pressure input is not finite everywhere between the first and the last time")
+    return out
+
+
+def lagging(valve: Valve, h: Array, commands: Array, before: float) -> Array:
+    """As `through_valve`, of `commands` (m, 4) [Pa] in intervals of h (m,) [s]."""
+    out = commands.copy()
     command, lag = (h, out[:, 0].copy(), out[:, 2].copy()), lag_of(valve)
     if valve.natural_frequency:
         omega = 2 * np.pi * valve.natural_frequency

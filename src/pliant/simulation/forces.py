@@ -91,6 +91,8 @@ def at_time(force: PointForce, time: Array) -> Array:
 
 def loads_at(model: Model, forces: Sequence[PointForce], time: float) -> Array:
     """Loads (n, 2) of the links at one time, N m; of a body that lengthens (n + 1, 4)."""
+    if not forces:
+        return np.zeros((model.n + 1, 4) if model.extensions else (model.n, 2))
     values = np.reshape([at_time(force, np.array(time)) for force in forces], (1, -1, 2))
     return np.asarray(link_loads(model, forces, values)[0])
 

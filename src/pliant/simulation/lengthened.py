@@ -18,11 +18,11 @@ Array = np.ndarray
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
-def workspace(n: int, segments: int) -> ExtensibleWorkspace:
-    """Scratch arrays for the kernels of n links, so many segments of which lengthen."""
+def workspace(n: int, segments: int, kind: type = float) -> ExtensibleWorkspace:
+    """Scratch arrays of a `kind` of numbers for the kernels of n links, so many segments of which lengthen."""
     N = n + segments
     shapes = {"A": (N, N), "t": (N + 1,), **dict.fromkeys(("stretch", "ax", "ay", "bx", "by"), (n + 1,))}
-    return ExtensibleWorkspace(*(np.zeros(shapes.get(f, (N,))) for f in ExtensibleWorkspace._fields))
+    return ExtensibleWorkspace(*(np.zeros(shapes.get(f, (N,)), dtype=kind) for f in ExtensibleWorkspace._fields))
 
 
 def of_rows(model: Model, rows: int) -> ExtensibleWorkspace:

@@ -15,17 +15,15 @@ from pliant.simulation import lengthened
 Array = np.ndarray
 
 
-def workspace(n: int) -> Workspace:
-    """Scratch arrays for the kernels of an n-link chain."""
-    return Workspace(
-        np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n + 1), np.zeros(n), np.zeros(n),
-        np.zeros(n),
-    )
+def workspace(n: int, kind: type = float) -> Workspace:
+    """Scratch arrays of a `kind` of numbers for the kernels of an n-link chain."""
+    shapes = ((n, n), (n, n), n, n, n + 1, n, n, n)
+    return Workspace(*(np.zeros(shape, dtype=kind) for shape in shapes))
 
 
-def work_of(model: Model) -> Workspace | ExtensibleWorkspace:
+def work_of(model: Model, kind: type = float) -> Workspace | ExtensibleWorkspace:
     """Scratch arrays for the kernels of a model, whether it lengthens or not."""
-    return lengthened.workspace(model.n, len(model.extensions)) if model.extensions else workspace(model.n)
+    return lengthened.workspace(model.n, len(model.extensions), kind) if model.extensions else workspace(model.n, kind)
 
 
 def held(model: Model) -> Held:
