@@ -7,7 +7,9 @@ import pytest
 from bodies import LATENCY, NOISE, fitted, free, made
 
 from pliant.contact import find_contact, free_motion, locate
-from pliant.contact.free_motion import cumulative, excursions, tail
+from pliant.contact.contact import episodes
+from pliant.contact.free_motion import FreeMotion, Sudden, cumulative, excursions, tail
+from pliant.contact.likelihood_ratio import Answer
 from pliant.contact.occupancy_map import poke_of
 from pliant.contact.residual import momentum_residual, static_residual
 from pliant.equations.contact import point_force
@@ -98,6 +100,22 @@ def test_the_threshold_keeps_its_promise_on_known_noise(rng):
     assert 20 < alarms < 180
     assert tail(excursions(learnt), 600.0, 1.0)[1]
     assert period * 75 == 1
+
+
+@pytest.mark.parametrize(("stays", "over"), [(1.6, True), (3.0, False)])
+def test_a_contact_is_over_when_what_is_left_is_what_free_motion_drifts(stays, over):
+    """Changes of 1 within 0.53 s, a scatter of 2: 1.6 is drift after 0.7 s, 3 is never."""
+    period, one = 1 / 75, np.eye(5)
+    sudden = Sudden(Answer(np.zeros(1), np.zeros((1, 13, 5, 5)), period), np.ones(1), 1.0)
+    free_of = FreeMotion(np.zeros((1, 5)), 4.0 * one, 0.0, 1.8, 1.0, 0.9, one, sudden, 60.0, period, 1.0, True)
+    np.testing.assert_allclose(free_of.drift(np.array([0, 40, 80, 10**6])), [1.0, 1.0, 2.0, 4.0])
+    left = np.zeros((600, 5))
+    left[75:150], left[150:] = 10.0, stays
+    fast, since = np.zeros(600), np.full(600, 3)
+    fast[77] = 2.0
+    (event,) = episodes(np.zeros(600), fast, since, left, free_of, np.ones(600))
+    assert (event.onset, event.alarm) == (75, 77)
+    assert event.end == (157 if over else 600)
 
 
 @pytest.fixture(scope="module")

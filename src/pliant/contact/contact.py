@@ -20,7 +20,7 @@ from pliant.simulation import simulate
 from pliant.version import __version__
 
 Array = np.ndarray
-GONE = 2.0  # mean normalised square of the torques below which a contact is over
+GONE = 2.0  # mean normalised square of the torques, over that of their drift, below which a contact is over
 STAYS = 0.01  # of the largest mean square of a contact: what the material remembers of it
 CALM = 0.107  # s for which it must stay there
 SHY = 0.2  # s after a contact in which its end raises no alarm
@@ -214,8 +214,9 @@ def episodes(
 ) -> list[Event]:
     """Contacts, one after the other: each begins with an alarm and ends when its torques have gone for some frames.
 
-    What was left of the torques before the onset is taken off, as far as it lasts. A body that was bent hard remembers
-    it: a small share of the largest torques counts as gone.
+    What was left of the torques before the onset is taken off, as far as it lasts; the longer ago, the farther free
+    motion itself has drifted from it. A body that was bent hard remembers it: a small share of the largest torques
+    counts as gone.
     """
     mean, events, k = running_mean(left, learnt.period), [], 0
     calm, shy = frames_of(CALM, learnt.period), frames_of(SHY, learnt.period)
@@ -226,7 +227,8 @@ def episodes(
         onset = max(k + 1 - int(since[k]), 0) if fast[k] > 1.0 else last_zero(slow, k)
         before = learnt.kept * mean[max(onset - 2, 0)] if onset > 2 else np.zeros(left.shape[1])
         power = normalised(left[k:] - before, learnt.change) / scale[k:]
-        there = power > np.maximum(GONE, STAYS * np.maximum.accumulate(power))
+        drifted = GONE * learnt.drift(np.arange(k, len(left)) - onset)
+        there = power > np.maximum(drifted, STAYS * np.maximum.accumulate(power))
         quiet = np.convolve(~there, np.ones(calm), mode="full")[: len(there)]
         gone = np.flatnonzero(quiet[calm:] >= calm) + calm
         end = k + int(gone[0]) if gone.size else len(left)

@@ -97,6 +97,14 @@ class FreeMotion:
         """Factor (T,) on the covariance at each frame: the model errs more in fast motion."""
         return np.asarray(1.0 + self.growth * activity(features, self.covariance.shape[0], self.period))
 
+    def drift(self, frames: Array) -> Array:
+        """How far the torques of free motion drift within so many frames, squared, in units of `change`.
+
+        As a random walk would, at least `change` itself, and at most as much as they scatter at all.
+        """
+        most = float(np.trace(np.linalg.solve(self.change, self.covariance))) / len(self.change)
+        return np.clip(frames / frames_of(LATER, self.period), 1.0, max(most, 1.0))
+
     def statistic(self, left: Array, features: Array) -> Array:
         """Cumulative sum (T,) of the normalised squares of `left` (T, n) above the slack."""
         gain = normalised(left, self.covariance) / self.scale(features) - self.slack
