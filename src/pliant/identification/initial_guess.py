@@ -12,10 +12,10 @@ from pliant.identification.drives import check_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.extension_parameters import extension_starts, segments
+from pliant.identification.layout_bands import bands_of_layouts
 from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name
 from pliant.identification.pose import beside_links
-from pliant.identification.springpot_band import band_of_springpot
 from pliant.identification.torque_start import highest_level, torque_starts, typical_sizes
 from pliant.model import Model, Station
 from pliant.model.torque_law import unfinished_law
@@ -183,7 +183,7 @@ def prepare(
             Parameter(n, lower=float(exp.time[0]) - span, upper=float(exp.time[-1]) + span)
             for n in exp.own_parameters if n not in names
         ]
-    listed += band_of_springpot(listed, experiments)
+    listed += bands_of_layouts(listed, experiments, model)
     stations = {s for e in experiments for s in e.stations} | {s.name for s in model.points}
     others = {p.name.partition(".")[0] for p in listed if "." in p.name and not p.free}  # of an earlier fit
     others -= stations | {*owners(model), *segments(model)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.identification.chamber_parameters import fits
 from pliant.model import Model
-from pliant.model.memory import springpot
+from pliant.model.memory import Payne, Springpot, payne, springpot
 
 # name: (unit, lower, upper, scale, meaning)
 ROWS: dict[str, tuple[str, float, float, float, str]] = {
@@ -24,6 +24,11 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     "fractional_order": ("1", 0.02, 0.9, 0.1, "order of the springpot: 0 a spring, 1 a dashpot"),
     "fractional_low": ("Hz", 1e-6, 1e6, 0.0, "slow end of the band in which the springpot holds, never free"),
     "fractional_high": ("Hz", 1e-6, 1e6, 0.0, "its fast end"),
+    "payne_share": ("1", 0.0, 1e4, 0.5, "what small swings are stiffer by than large ones, in parts of each joint's"),
+    "payne_angle": ("rad", 1e-6, 10.0, 0.0, "amplitude of a joint's swings at which half of it is left"),
+    "payne_exponent": ("1", 0.05, 0.5, 0.1, "Kraus' m: how fast it is lost as swings grow, at most 0.5"),
+    "payne_low": ("rad", 1e-6, 10.0, 0.0, "small end of the amplitudes in which Payne's curve holds, never free"),
+    "payne_high": ("rad", 1e-6, 10.0, 0.0, "its large end"),
     "boucwen_share": ("1", 1e-9, 50.0, 0.1, "stiffness of the Bouc-Wen branch in parts of each joint's"),
     "boucwen_beta": ("1/rad^n", 1e-6, 1e8, 0.0, "Bouc-Wen beta"),
     "boucwen_gamma": ("1/rad^n", -1e8, 1e8, 10.0, "Bouc-Wen gamma, at most beta in size"),
@@ -39,7 +44,11 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     "inflation_limit": ("Pa", 1e3, 1e9, 0.0, "pressure towards which the chamber's wall gives way without end"),
     "inflation_time": ("s", 1e-4, 1e3, 0.0, "time that the wall takes at low pressure"),
 }
-FRACTIONAL = ("share", "order", "low", "high")
+LAYOUTS: dict[str, tuple[Callable[..., Springpot | Payne], tuple[str, ...], str]] = {
+    # laws of few numbers: what lays them out, its numbers, the kind of branch that it lays
+    "fractional": (springpot, ("share", "order", "low", "high"), "creep"),
+    "payne": (payne, ("share", "angle", "exponent", "low", "high"), "slip"),
+}
 PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle")}
 
 
@@ -50,6 +59,7 @@ def usual_start(name: str) -> float | None:
     """
     own = name.rpartition(".")[2]
     single = {"fractional_share": 0.05, "fractional_order": 0.25,
+              "payne_share": 3.0, "payne_angle": 0.02, "payne_exponent": 0.4,
               "boucwen_share": 0.1, "boucwen_beta": 20.0, "boucwen_gamma": 10.0, "boucwen_exponent": 1.5,
               "stiffening": 0.0, "cubic_stiffening": 0.0, "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05,
               "valve_settle_share": 0.1, "valve_settle_time": 2.0,
@@ -67,17 +77,20 @@ def chamber_guess(highest: float) -> dict[str, float]:
     return {"inflation_limit": 2.0 * highest}
 
 
-def laid_springpot(values: Mapping[str, float]) -> dict[str, Any]:
-    """The creep branches that the springpot of `values` is laid out in; empty without one."""
-    given = {field: values[f"fractional_{field}"] for field in FRACTIONAL if f"fractional_{field}" in values}
-    if not {"share", "order"} & given.keys():
-        return {}
-    if missing := [f"fractional_{field}" for field in FRACTIONAL if field not in given]:
-        raise InputError(f"a springpot needs all of its four numbers: {', '.join(missing)} is missing")
-    if any(fits("creep_(share|time)_[1-9]", name) for name in values):
-        raise InputError("a springpot lays out all creep branches itself: leave out either fractional_* or creep_*")
-    made = springpot(*(given[field] for field in FRACTIONAL))
-    return {"creep_share": made.creep_share, "creep_time": made.creep_time}
+def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
+    """The branches that the springpot and Payne's curve of `values` are laid out in; empty without one."""
+    entries: dict[str, Any] = {}
+    for law, (lay, fields, kind) in LAYOUTS.items():
+        given = {field: values[f"{law}_{field}"] for field in fields if f"{law}_{field}" in values}
+        if not given.keys() - {"low", "high"}:
+            continue
+        if missing := [f"{law}_{field}" for field in fields if field not in given]:
+            raise InputError(f"{law}_* needs all of its {len(fields)} numbers: {', '.join(missing)} is missing")
+        if any(fits(f"{kind}_(share|time|angle)_[1-9]", name) for name in values):
+            raise InputError(f"{law}_* lays out all {kind} branches itself: leave out either {law}_* or {kind}_*")
+        made = lay(*(given[field] for field in fields))._asdict()
+        entries |= {name: row for name, row in made.items() if name != "spring"}
+    return entries
 
 
 def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
@@ -87,7 +100,7 @@ def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
         if field in values:
             changes[field] = np.full(model.n, values[field])
     entries: dict[str, Any] = {k: v for k, v in values.items() if fits("boucwen_[a-z]+", k)}
-    entries |= laid_springpot(values)
+    entries |= laid_out(values)
     for kind, fields in PAIRS.items():
         for field in fields:
             row = list(entries.get(f"{kind}_{field}", getattr(model.memory, f"{kind}_{field}")))

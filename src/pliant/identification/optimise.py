@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # an optimiser is imported when one runs
 Array = np.ndarray
 ROBUST_FROM = 0.01  # of the travel: beyond, a robust loss bounds the pull of a residual
 ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
+SHARES = ("creep_share", "payne_share")
 SAME = 1e-4  # of the least cost: what a start may lie above it, and its way down to it change, to be on that way
 
 
@@ -90,16 +91,16 @@ def solve(
 def shifts(problem: Problem) -> Array:
     """What is added to a free parameter before its logarithm is sought, in its size; NaN for those sought as they are.
 
-    Beside creep, fast motion shows K (1 + share) alone: K and share lie in a valley that bends, and is straight in
-    log K and log (1 + share).
+    Beside creep, fast motion shows K (1 + share) alone, and beside Payne's curve small swings do: K and share lie in a
+    valley that bends, and is straight in log K and log (1 + share).
     """
     kinds = [p.name.rpartition(".")[2] for p in problem.free]
     shift = np.full(len(kinds), np.nan)
-    if any(kind.startswith("creep_share") for kind in kinds):
+    if any(kind.startswith(SHARES) for kind in kinds):
         for k, kind in enumerate(kinds):
-            if kind.startswith("creep_share"):
+            if kind.startswith(SHARES):
                 shift[k] = 1.0 / problem.scale[k]
-            elif kind.startswith(("stiffness", "creep_time")):
+            elif kind.startswith(("stiffness", "creep_time", "payne_angle")):
                 shift[k] = 0.0
     return shift
 

@@ -73,6 +73,9 @@ MORE_RUNGS: tuple[Rung, ...] = (  # taken where a study names them
          drops=("valve_rise", "valve_fall"), scan=(("*.valve_rise", LAGS), ("*.valve_fall", LAGS))),
     Rung("vent", "+ limited fall", (("valve_fall_rate",),), scan=(("valve_fall_rate", (1e4, 1e5, 1e6)),)),
     Rung("swell", "+ late swelling", (("swell_share", "swell_time"),), scan=(("swell_time", (0.1, 0.5, 2.0)),)),
+    Rung("payne", "+ stiffness that falls with amplitude", (("payne_share", "payne_angle", "payne_exponent"),),
+         drops=("slip_share_1", "slip_angle_1"),
+         scan=(("payne_share", (0.3, 3.0, 30.0)), ("payne_angle", (0.05, 0.02, 0.01)))),
     Rung("creep_2", "+ second creep branch", ((*CREEP, "creep_share_2", "creep_time_2"),),
          scan=(("creep_time_2", (0.5, 2.0, 10.0)),)),
 )

@@ -6,7 +6,7 @@ from pliant.model.actuation import Actuation
 from pliant.model.build import chain_model
 from pliant.model.chamber import Chamber
 from pliant.model.extension import Extension, fixed_length
-from pliant.model.memory import Memory, springpot
+from pliant.model.memory import Memory, payne, springpot
 from pliant.model.model import Model
 from pliant.model.station import Station
 from pliant.model.valve import Valve
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Actuation", "Chamber", "Extension", "Memory", "Model", "Station", "Valve", "chain_model", "fixed_length",
-    "load_model", "save_model", "springpot",
+    "load_model", "payne", "save_model", "springpot",
 ]
 
 

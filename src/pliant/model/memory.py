@@ -13,6 +13,7 @@ from pliant.errors import InputError
 from pliant.model.limits import MOST_TERMS, check_limit
 
 PER_DECADE = 2  # branches of a springpot
+SLIP_PER_DECADE = 3  # slip elements of Payne's curve
 PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"))
 
 
@@ -149,6 +150,67 @@ def springpot(share: float, order: float, low: float, high: float) -> Springpot:
     times = [*(1.0 / rates), (1.0 - order) / ((2.0 - order) * ends[1])]
     spring = float(size * ends[0] ** order / order)
     return Springpot(tuple(map(float, shares)), tuple(map(float, times)), spring)
+
+
+class Payne(NamedTuple):
+    """Payne's curve laid out in slip elements: shares and angles for `Memory`, and the spring that never slips."""
+
+    slip_share: tuple[float, ...]
+    slip_angle: tuple[float, ...]  # rad
+    spring: float  # in parts of the joint's own stiffness
+
+
+def payne(share: float, angle: float, exponent: float, low: float, high: float) -> Payne:
+    """Slip elements that swings of amplitude A see as a stiffness ``share / (1 + (A / angle)^(2 m))``, m the exponent.
+
+    Times A that is the torque of first loading. The elements make a polygon of it, and by Masing's rule every later
+    branch is the same curve twice as large, so that it rules loops and their loss too. Torque and slope agree at 0 and
+    at three amplitudes a decade from `low` to `high`. With v = 1 / (1 + (x / angle)^(2 m)), elements that slip beyond x
+    are together as stiff as ``share v (1 - 2 m + 2 m v)``, those that slip before hold the torque ``share 2 m x v
+    (1 - v)``; those between two amplitudes are one. What slips beyond the band is a spring: within it that cannot be
+    told from the joint's own, so it is handed back and not laid out.
+
+    Parameters
+    ----------
+    share : float
+        Stiffness of the smallest swings less that of the largest, in parts of the joint's own.
+    angle : float
+        Amplitude at which half of it is left, rad.
+    exponent : float
+        Above 0 and at most 1/2, a hyperbola whose torque is bounded; beyond it the torque would fall.
+    low, high : float
+        Ends of the band of amplitudes, rad.
+
+    Raises
+    ------
+    InputError
+        When the band is none, or too wide for the elements that a memory has, or another number makes no sense.
+
+    Source: Kraus (1984), J. Appl. Polym. Sci.: Appl. Polym. Symp. 39, 75; in slip elements after Iwan (1966), J. Appl.
+    Mech. 33, 893
+    """
+    if not (0 < low < high < np.inf and 0 < angle < np.inf and 0 < exponent <= 0.5 and 0 <= share < np.inf):
+        raise InputError(
+            "Payne's curve needs a share that is not negative, a positive angle, an exponent above 0 and at most 0.5 "
+            f"and a band of rising positive angles in rad, got share {share}, angle {angle}, exponent {exponent} and "
+            f"{low} to {high} rad"
+        )
+    for size in (angle, low, high):
+        check_limit("Payne's curve", "slip_angle", size)
+    count = int(np.ceil(SLIP_PER_DECADE * np.log10(high / low) - 1e-9))
+    if count + 1 > MOST_TERMS:
+        raise InputError(
+            f"Payne's curve from {low:g} to {high:g} rad takes {count + 1} slip elements, a memory has at most "
+            f"{MOST_TERMS}: choose a narrower band"
+        )
+    x = low * (high / low) ** (np.arange(count + 1) / count)
+    rise, power = (x / angle) ** (2.0 * exponent), 2.0 * exponent
+    left = 1.0 / (1.0 + rise)
+    before = np.append(1.0, left[:-1])
+    parts = np.diff(rise, prepend=0.0) * left * before * (1.0 - power + power * (left + before))
+    angles = power * np.diff(x * rise * left**2, prepend=0.0) / parts
+    spring = share * left[-1] * (1.0 - power + power * left[-1])
+    return Payne(tuple(map(float, share * parts)), tuple(map(float, angles)), float(spring))
 
 
 def checked(name: str, value: float | Sequence[float], row: bool) -> float | tuple[float, ...]:
