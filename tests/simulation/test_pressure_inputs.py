@@ -54,6 +54,19 @@ def test_trace_keeps_a_copy_and_cannot_be_changed():
         trace.pressure[0] = 5.0
 
 
+@pytest.mark.parametrize(
+    "made", [Pulse(119e3, 0.12, 2.76), step(1e5, 0.3), ramp(1e5, 0.2, 0.5), Trace([3.0], [7.0]),
+             Trace([0.0, 1.0, 1.0, 2.0], [0.0, 10.0, 50.0, 70.0]), Trace([0.0, 0.0], [1.0, 2.0])],
+)  # fmt: skip
+def test_one_time_is_told_as_many_are(made, rng):
+    """To the last bit, on either side of every corner: solvers ask one by one, drives for all at once."""
+    corners = made.breakpoints
+    corners = np.concatenate([corners, np.nextafter(corners, -9.0), np.nextafter(corners, 9.0)])
+    times = np.concatenate([corners, rng.uniform(-1.0, 4.0, 200), [-np.inf, np.inf]])
+    np.testing.assert_array_equal([made(t) for t in times.tolist()], made(times))
+    assert made(0.5).shape == made(np.float64(0.5)).shape == ()
+
+
 def test_trace_agrees_with_numpy_on_random_points(rng):
     t = np.sort(rng.uniform(0, 3, 200))
     p = rng.normal(size=200)

@@ -26,9 +26,9 @@ OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER))
 
 
 @lru_cache(4096)
-def fits(pattern: str, name: str) -> bool:
-    """Whether a whole parameter name fits a pattern; a fit asks the same thousands of times."""
-    return re.fullmatch(pattern, name) is not None
+def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of the parameter names that fit a pattern as a whole; a fit asks the same thousands of times."""
+    return tuple(name for name in names if re.fullmatch(pattern, name))
 
 
 class Named(Protocol):
@@ -61,7 +61,8 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
     named, made = owners(model), []
     shared = values
     if len(model.chambers) > 1:
-        shared = {k: v for k, v in values.items() if not fits(GAINS, k)}
+        gains = matching(GAINS, tuple(values))
+        shared = {k: v for k, v in values.items() if k not in gains}
     for chamber in model.chambers:
         own = shared
         if named:
@@ -75,15 +76,16 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
 def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Any]:
     """What `values` change of a chamber: its law, its joints' gains with their mean at its gain, valve and rubber."""
     changes: dict[str, Any] = {k: values[k] for k in RUBBER if k in values}
+    names = tuple(values)
     if "axial_gain" in values:
         pushed = chamber.axial_gain != 0
         changes["axial_gain"] = np.where(pushed if pushed.any() else True, values["axial_gain"], 0.0)
-    if joint := {int(k.rpartition("_")[2]): v for k, v in values.items() if fits(r"joint_gain_\d+", k)}:
+    if joint := {int(k.rpartition("_")[2]): values[k] for k in matching(r"joint_gain_\d+", names)}:
         gains = chamber.joint_gain.copy()
         for i, value in joint.items():
             gains[i - 1] = value
         changes["joint_gain"] = gains
-    if powers := {int(k[-1]): v for k, v in values.items() if fits("torque_[1-9]", k)}:
+    if powers := {int(k[-1]): values[k] for k in matching("torque_[1-9]", names)}:
         law = np.zeros(max([chamber.torque.size, *powers]))
         law[: chamber.torque.size] = chamber.torque
         for k, value in powers.items():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,29 +53,30 @@ class SetUp(NamedTuple):
 
 
 def in_one_row(numbers: Numbers) -> Array:
-    """All numbers but the `LONG` ones, one behind the other."""
-    return np.concatenate([np.ravel(v) for v in leaves(numbers)])
+    """All numbers but the `LONG` ones, one behind the other: those of arrays first."""
+    entries = leaves(numbers)
+    arrays = [e.ravel() for e in entries if isinstance(e, Array)]
+    return np.concatenate([*arrays, np.array([e for e in entries if not isinstance(e, Array)])])
 
 
 def from_one_row(row: Array, like: Numbers) -> Numbers:
     """The numbers that `in_one_row` would give `row`, each as `like` has it; the `LONG` ones as they are there."""
+    alone = iter(row[sum(e.size for e in leaves(like) if isinstance(e, Array)) :].tolist())
     first = 0
 
     def taken(entry: Any) -> Any:
         nonlocal first
         if isinstance(entry, tuple):
             return type(entry)(*map(taken, entry))
-        size = entry.size if isinstance(entry, Array) else 1
-        part, first = row[first : first + size], first + size
-        return part.reshape(entry.shape) if isinstance(entry, Array) else part.item()
+        if not isinstance(entry, Array):
+            return next(alone)
+        part, first = row[first : first + entry.size], first + entry.size
+        return part if entry.ndim == 1 else part.reshape(entry.shape)
 
     return Numbers(*(e if n in LONG else taken(e) for n, e in zip(Numbers._fields, like, strict=True)))
 
 
-def leaves(numbers: Numbers) -> Iterator[Any]:
+def leaves(numbers: Numbers) -> list[Any]:
     """Every array and number but the `LONG` ones, those of nested tuples one by one."""
-    for name, entry in zip(Numbers._fields, numbers, strict=True):
-        if isinstance(entry, tuple):
-            yield from entry
-        elif name not in LONG:
-            yield entry
+    short = (e for n, e in zip(Numbers._fields, numbers, strict=True) if n not in LONG)
+    return [leaf for e in short for leaf in (e if isinstance(e, tuple) else (e,))]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.identification.chamber_parameters import fits
+from pliant.identification.chamber_parameters import matching
 from pliant.model import Model
 from pliant.model.memory import Payne, Springpot, payne, springpot
 
@@ -86,7 +86,7 @@ def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
             continue
         if missing := [f"{law}_{field}" for field in fields if field not in given]:
             raise InputError(f"{law}_* needs all of its {len(fields)} numbers: {', '.join(missing)} is missing")
-        if any(fits(f"{kind}_(share|time|angle)_[1-9]", name) for name in values):
+        if matching(f"{kind}_(share|time|angle)_[1-9]", tuple(values)):
             raise InputError(f"{law}_* lays out all {kind} branches itself: leave out either {law}_* or {kind}_*")
         made = lay(*(given[field] for field in fields))._asdict()
         entries |= {name: row for name, row in made.items() if name != "spring"}
@@ -99,12 +99,13 @@ def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     for field in ("stiffening", "cubic_stiffening"):
         if field in values:
             changes[field] = np.full(model.n, values[field])
-    entries: dict[str, Any] = {k: v for k, v in values.items() if fits("boucwen_[a-z]+", k)}
+    names = tuple(values)
+    entries: dict[str, Any] = {k: values[k] for k in matching("boucwen_[a-z]+", names)}
     entries |= laid_out(values)
     for kind, fields in PAIRS.items():
         for field in fields:
             row = list(entries.get(f"{kind}_{field}", getattr(model.memory, f"{kind}_{field}")))
-            given = {int(k[-1]): v for k, v in values.items() if fits(f"{kind}_{field}_[1-9]", k)}
+            given = {int(k[-1]): values[k] for k in matching(f"{kind}_{field}_[1-9]", names)}
             for j in sorted(given):
                 if j > len(row) + 1:
                     raise InputError(f"parameter {kind}_{field}_{j}: number branches 1, 2, ... without a gap")

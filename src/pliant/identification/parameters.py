@@ -12,7 +12,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.identification import extension_parameters
-from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, fits, owners
+from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, matching, owners
 from pliant.identification.memory_parameters import ROWS, memory_changes, usual_start
 from pliant.model import Model
 from pliant.model.torque_law import law_parameters
@@ -186,8 +186,9 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
     if "joint_share" in values:
         model = moved_joints(model, values["joint_share"])
     changes: dict[str, Any] = {k: values[k] for k in ("tip_mass", "base_angle") if k in values}
+    names = tuple(values)
     for field in PER_JOINT:
-        joint = {int(k.rpartition("_")[2]): v for k, v in values.items() if fits(rf"{field}_\d+", k)}
+        joint = {int(k.rpartition("_")[2]): values[k] for k in matching(rf"{field}_\d+", names)}
         if field in values or joint:
             array = np.full(model.n, values[field]) if field in values else getattr(model, field).copy()
             for i, value in joint.items():

@@ -27,6 +27,8 @@ def numbers(name: str, value: Any) -> Array:
 
 def one_number(name: str, value: Any) -> float:
     """`value` as a number."""
+    if type(value) is float:
+        return value
     a = numbers(name, value)
     if a.size != 1:
         raise InputError(f"model {name} must be one number, got {a.size}")

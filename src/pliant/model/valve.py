@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-
-import numpy as np
+from math import isfinite
 
 from pliant.errors import InputError
 from pliant.model.limits import check_limit
@@ -49,7 +48,7 @@ class Valve:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if not np.isfinite(value) or value < 0:
+            if not isfinite(value) or value < 0:
                 raise InputError(f"valve {field.name} must be finite and not negative, got {value}")
             if field.name not in ("settle_share", "settle_time"):
                 check_limit("valve", field.name, value)
