@@ -60,9 +60,23 @@ def probe(folder, kernels):
     return found
 
 
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """A folder with a copy of the package, and the kernels that a first process compiled there; what it found."""
+    place = tmp_path_factory.mktemp("compiled")
+    shutil.copytree(SOURCE, place / "one" / "pliant", ignore=shutil.ignore_patterns("__pycache__"))
+    return place, probe(place / "one", place / "kernels")
+
+
 @pytest.fixture
-def package(tmp_path):
-    shutil.copytree(SOURCE, tmp_path / "one" / "pliant", ignore=shutil.ignore_patterns("__pycache__"))
+def first(compiled):
+    return compiled[1]
+
+
+@pytest.fixture
+def package(compiled, tmp_path):
+    """A copy of both for one test to edit, bytecode and all, with the kernels in `tmp_path` / "kernels"."""
+    shutil.copytree(compiled[0], tmp_path, dirs_exist_ok=True)
     return tmp_path / "one"
 
 
@@ -73,9 +87,8 @@ def replace(package, file, old, new):
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
-def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(package, tmp_path):
+def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(first, package, tmp_path):
     kernels = tmp_path / "kernels"
-    first = probe(package, kernels)
     assert (first["hits"], first["misses"], first["callee"]) == (0, 1, 1)
     again = probe(package, kernels)
     assert (again["hits"], again["misses"], again["value"]) == (1, 0, first["value"])
@@ -91,7 +104,6 @@ def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(package, tmp_
 
 
 def test_another_checkout_and_another_comment_find_what_was_compiled(package, tmp_path):
-    probe(package, tmp_path / "kernels")
     other = shutil.copytree(package, tmp_path / "two")
     path = other / "pliant" / "equations" / "energy.py"
     path.write_text("# a remark\n" + path.read_text(encoding="utf-8"), encoding="utf-8")
@@ -100,7 +112,6 @@ def test_another_checkout_and_another_comment_find_what_was_compiled(package, tm
 
 
 def test_an_edit_elsewhere_leaves_the_callees_compiled(package, tmp_path):
-    probe(package, tmp_path / "kernels")
     replace(package, "energy.py", "def add_step_work(", "LATER = 1\n\n\ndef add_step_work(")
     assert probe(package, tmp_path / "kernels")["hits"] == 1, "a name that no kernel reads"
     path = package / "pliant" / "equations" / "energy.py"
@@ -111,9 +122,8 @@ def test_an_edit_elsewhere_leaves_the_callees_compiled(package, tmp_path):
     assert (found["misses"], found["callee"]) == (1, 0), "input_power is what it was"
 
 
-def test_fields_that_trade_places_are_seen(package, tmp_path):
+def test_fields_that_trade_places_are_seen(first, package, tmp_path):
     """Numba compiles the places of a NamedTuple's fields: two that trade places must not meet an old twin."""
-    before = probe(package, tmp_path / "kernels")
     symbols = package / "pliant" / "equations" / "symbols.py"
     lines = symbols.read_text(encoding="utf-8").splitlines()
     spring = next(i for i, line in enumerate(lines) if line.startswith("    K2:"))
@@ -121,11 +131,11 @@ def test_fields_that_trade_places_are_seen(package, tmp_path):
     lines[spring], lines[damper] = lines[damper], lines[spring]
     symbols.write_text("\n".join(lines), encoding="utf-8")
     after = probe(package, tmp_path / "kernels")
-    assert (after["hits"], after["misses"], after["value"]) == (0, 1, before["value"])
+    assert (after["hits"], after["misses"], after["value"]) == (0, 1, first["value"])
 
 
 def test_processes_that_start_together_compile_once(package, tmp_path):
-    running = [start(package, tmp_path / "kernels") for _ in range(3)]
+    running = [start(package, tmp_path / "none yet") for _ in range(3)]
     found = [json.loads(p.communicate()[0]) for p in running]
     assert [p.returncode for p in running] == [0, 0, 0]
     assert sorted(f["misses"] for f in found) == [0, 0, 1]
