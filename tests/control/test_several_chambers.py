@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize, root
 
@@ -75,7 +75,7 @@ class Lsoda:
         self.zeta = np.array([v.damping_ratio for v in valves])
         self.pull = np.eye(n) - np.eye(n, k=1)  # what the joints' torques are to the links
 
-    def rates(self, x, asked):
+    def rates(self, x, _time, asked):
         n, omega = self.body.n, self.omega
         phi, w, p, v = x[:n], x[n : 2 * n], x[2 * n : 2 * n + 2], x[2 * n + 2 :]
         between = np.subtract.outer(phi, phi)
@@ -94,9 +94,7 @@ class Lsoda:
                 continue
             which = [int(np.floor((0.5 * (a + b) - d) / PERIOD)) for d in late]
             asked = np.array([self.sent[k, c] if k >= 0 else 0.0 for c, k in enumerate(which)])
-            self.x = solve_ivp(
-                lambda _t, x, u=asked: self.rates(x, u), (a, b), self.x, method="LSODA", rtol=1e-6, atol=1e-9
-            ).y[:, -1]
+            self.x = odeint(self.rates, self.x, (a, b), args=(asked,), rtol=1e-6, atol=1e-9)[-1]  # by LSODA
         self.time = begin + PERIOD
 
     @property
