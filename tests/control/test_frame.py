@@ -126,6 +126,13 @@ def test_the_observer_is_its_formula(body):
     assert (found.consistent, follower.missed) == (True, 0)
 
 
+def test_a_law_that_begins_with_the_square_is_observed(body):
+    """What a torque does to angles and rests is the chain's, whatever law gives it."""
+    square = AdaptiveObserver(body.with_(torque=np.array([0.0, 1e-11])), PERIOD).gains
+    for one, other in zip(square, AdaptiveObserver(body, PERIOD).gains, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+
+
 def test_filter_and_regulator_in_one_frame(body, design):
     """The plain text of the one call: what filter and regulator do one after the other."""
     n, noise = body.n, default_noise(body)

@@ -30,6 +30,7 @@ from pliant.options import with_defaults
 from pliant.simulation import state
 
 Array = np.ndarray
+UNIT = 1e-6  # N m/Pa, of a law in place of the chamber's own, which may begin with the square: torques are asked for
 
 
 class ObserverNoise(TypedDict, total=False):
@@ -208,13 +209,13 @@ def without_valves(model: Model) -> Model:
 
 def with_shifts(model: Model) -> tuple[Array, Array]:
     """State matrix (3 n, 3 n) of angles, rates and rest shifts at rest; what the chambers' torques do (3 n, C)."""
-    linear, laws = linearise(model, 0.0), [float(c.torque[0]) for c in model.chambers]
-    n = model.n
+    linear = linearise(model.with_(chambers=tuple(replace(c, torque=np.array([UNIT])) for c in model.chambers)), 0.0)
+    n, count = model.n, model.actuation.count
     chain = np.zeros((3 * n, 3 * n))
     chain[: 2 * n, : 2 * n] = linear.A
     chain[n : 2 * n, 2 * n :] = -linear.A[n:, :n] @ np.tril(np.ones((n, n)))  # a rest shift pulls as the opposite bend
-    drive = np.zeros((3 * n, len(laws)))
-    drive[: 2 * n] = linear.B / laws
+    drive = np.zeros((3 * n, count))
+    drive[: 2 * n] = linear.B / UNIT
     return chain, drive
 
 
