@@ -12,6 +12,7 @@ from pliant.control.frame_loops import filter_and_steer
 from pliant.equations.chamber import advance
 from pliant.equations.memory import step_with_memory
 from pliant.equations.symbols import Interval, Past
+from pliant.errors import InputError
 from pliant.estimation import AdaptiveObserver, LinkAngles, State, default_noise, frozen
 from pliant.estimation import kalman_loops as filter_loops
 from pliant.estimation.measurement_loops import ANGLE
@@ -131,6 +132,11 @@ def test_a_law_that_begins_with_the_square_is_observed(body):
     square = AdaptiveObserver(body.with_(torque=np.array([0.0, 1e-11])), PERIOD).gains
     for one, other in zip(square, AdaptiveObserver(body, PERIOD).gains, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+
+
+def test_a_regulator_of_what_no_small_pressure_moves_is_refused(body):
+    with pytest.raises(InputError, match="no small pressure moves the tip"):
+        design_lqr(frozen(body.with_(torque=np.array([0.0, 1e-11]))), 6e4, PERIOD)
 
 
 def test_filter_and_regulator_in_one_frame(body, design):

@@ -121,7 +121,7 @@ def design_lqr(
     Raises
     ------
     InputError
-        When the numbers make no sense.
+        When the numbers make no sense, or no small pressure moves the tip at rest.
 
     Examples
     --------
@@ -131,6 +131,12 @@ def design_lqr(
     """
     tuning = tuning or Tuning()
     family = equilibria(model, highest)
+    rest = linearise(model)
+    if rest.static_gain("tip_x") == rest.static_gain("tip_y") == 0.0:
+        raise InputError(
+            f"at rest no small pressure moves the tip of model {model.name!r}, as where its torque law begins with the "
+            "square: feedback has nothing to hold it with there; fit it with a linear term, torque_1"
+        )
     pressures = np.linspace(0.0, highest, grid)
     gains, found, slowest = [], [], []
     for p in pressures:
@@ -140,7 +146,7 @@ def design_lqr(
         gains.append(K)
         found.append(margins(loop_curve(plant, K, period)))
         slowest.append(np.abs(np.linalg.eigvals(plant.A - np.outer(plant.B, K))).max())
-    waiting = sample(linearise(model), period, latency).waiting
+    waiting = sample(rest, period, latency).waiting
     return LqrDesign(
         model, family, pressures, np.array(gains), tuple(found), np.array(slowest), period, latency, waiting, tuning
     )
