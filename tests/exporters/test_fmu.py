@@ -23,10 +23,20 @@ if shutil.which("cc") is None:
 VERSIONS = ["2.0", "3.0"]
 
 
-def made(model, path, version, **options):
-    done = pliant.export(model, "fmu", path / "arm.fmu", fmi=version, **options)
-    assert done.notes == ()
-    return str(done.files[0])
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The FMU of a model, built once for all tests: they read it."""
+    files = {}
+
+    def make(model, version):
+        key = (model.name, *(c.valve for c in model.chambers), version)
+        if key not in files:
+            done = pliant.export(model, "fmu", tmp_path_factory.mktemp("fmu") / "arm.fmu", fmi=version)
+            assert done.notes == ()
+            files[key] = str(done.files[0])
+        return files[key]
+
+    return make
 
 
 def without_dead_time(model):
@@ -34,16 +44,16 @@ def without_dead_time(model):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_valid(model, version, tmp_path):
+def test_valid(model, version, made):
     from fmpy.validation import validate_fmu
 
-    assert validate_fmu(made(model, tmp_path, version)) == []
+    assert validate_fmu(made(model, version)) == []
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_motion_of_the_stepper(model, version, tmp_path):
+def test_the_motion_of_the_stepper(model, version, made):
     model = without_dead_time(model)
-    file = made(model, tmp_path, version)
+    file = made(model, version)
     n, h = model.n, 1e-3
     levels = np.repeat([0.0, 8e4, 2e4, 1e5], 100)
     table = np.array(
@@ -116,9 +126,9 @@ class Session:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_two_chambers_and_creep(branched, version, tmp_path):
+def test_two_chambers_and_creep(branched, version, made, tmp_path):
     model = branched.with_(chambers=tuple(replace(c, valve=replace(c.valve, dead_time=0.0)) for c in branched.chambers))
-    run, stepper = Session(made(model, tmp_path, version), version, tmp_path), Stepper(model, 1e-3, [0.0, 0.0])
+    run, stepper = Session(made(model, version), version, tmp_path), Stepper(model, 1e-3, [0.0, 0.0])
     worst = 0.0
     for near, far in ((0.0, 5e4), (8e4, 2e4), (3e4, 0.0)):
         run.set("pressure_1", near)
@@ -134,9 +144,9 @@ def test_two_chambers_and_creep(branched, version, tmp_path):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_state_saved_parameters_tuned(model, version, tmp_path):
+def test_state_saved_parameters_tuned(model, version, made, tmp_path):
     model = without_dead_time(model)
-    run = Session(made(model, tmp_path, version), version, tmp_path)
+    run = Session(made(model, version), version, tmp_path)
     tip = f"{model.points[-1].name}.x"
     run.set("pressure", 9e4)
     run.go(80)
@@ -165,13 +175,13 @@ def test_state_saved_parameters_tuned(model, version, tmp_path):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_types_of_the_standard(version, tmp_path):
+def test_the_types_of_the_standard(version, made, tmp_path):
     """The official headers, which fmpy carries, agree with every function that the FMU defines."""
     headers = Path(fmpy.__file__).parent / "c-code"
     number = version[0]
     if not (headers / f"fmi{number}Functions.h").is_file():
         pytest.skip("this fmpy carries no headers of the standard")
-    file = made(chen2018.model(), tmp_path, version)
+    file = made(chen2018.model(), version)
     with zipfile.ZipFile(file) as archive:
         text = archive.read("sources/all.c").decode()
     declared = text[text.index("#include <stdarg.h>") :].split("FMI ")
@@ -223,8 +233,8 @@ def test_bad_input(tmp_path):
         pliant.export(chen2018.model(), "fmu", tmp_path / "a.fmu", fmi="1.0")
 
 
-def test_sources_compile_alone(tmp_path):
-    file = made(chen2018.model(), tmp_path, "3.0")
+def test_sources_compile_alone(made, tmp_path):
+    file = made(chen2018.model(), "3.0")
     with zipfile.ZipFile(file) as archive:
         archive.extractall(tmp_path / "out")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror", "-c"]
