@@ -19,6 +19,7 @@ from pliant.identification import (
     prediction_band,
     residual_noise,
 )
+from pliant.identification.prediction_bands import motion_traits, variance_by
 from pliant.identification.result import cautions
 from pliant.model import Model, Valve
 
@@ -178,5 +179,19 @@ def test_a_band_with_the_residuals_noise_holds_what_was_measured(clean: tuple[Mo
                    for n in ("a", "b"))
     found = fit([train], model, list(TRUE), step=STEP, starts=1)
     noise = residual_noise([train], found, held, predict(found.model, held, found.values, STEP)["position"], step=STEP)
-    assert noise == pytest.approx(np.full((2, 2), 3e-4), rel=0.25)
+    assert noise.shape == held.position.shape
+    assert np.sqrt(np.mean(noise**2, axis=0)) == pytest.approx(np.full((2, 2), 3e-4), rel=0.25)
     assert 0.9 < prediction_band(held, found, step=STEP, noise=noise).holds(held.position) < 0.99
+
+
+def test_residuals_that_grow_with_way_and_speed_are_found_as_they_are() -> None:
+    time = np.linspace(0.0, 2.0, 400)
+    rows = 0.08 * np.stack([np.sin(3 * time) ** 2, 1 - np.cos(2 * time)], axis=1)[:, None]
+    traits, law = motion_traits(time, rows, 0.1), np.array([[2.0, 1.0], [3.0, 0.0], [0.5, 4.0]])
+    way, speed = (rows[:, 0] - rows[0, 0]) / 0.1, np.gradient(rows[:, 0] / 0.1, time, axis=0)
+    np.testing.assert_allclose(traits, np.stack([np.ones(400), (way**2).sum(1), (speed**2).sum(1)], axis=1))
+    square = traits @ law
+    square[7, 0] = np.nan  # not seen
+    np.testing.assert_allclose(variance_by(2.0 * traits, traits, square), 2.0 * traits @ law, rtol=1e-9)
+    alone = variance_by(traits, traits, traits[:, 1:2])  # no residual at rest: a tenth of the mean is left
+    assert alone.min() == pytest.approx(0.1 * traits[:, 1].mean())

@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
-from pliant.identification.discrepancy import discrepancy
+from pliant.identification.discrepancy import discrepancy, speed
 from pliant.identification.experiment import Experiment, compared_of, predict
 from pliant.identification.fit import predict_held_out
 from pliant.identification.result import FitResult
@@ -18,6 +18,7 @@ from pliant.identification.sensitivity import sensitivities
 from pliant.identification.uncertainty import HIDDEN
 
 Array = np.ndarray
+LEAST = 0.1  # of the mean squared residual: what is left of it anywhere
 
 
 @dataclass(frozen=True, repr=False)
@@ -74,7 +75,7 @@ def prediction_band(
         Longest step of the integration, s.
     level : float
         Share of cases in which the band shall hold each coordinate.
-    noise : float or array (S, 2 or 1)
+    noise : float or array (T, S, 2 or 1)
         Standard deviation of the measurement, m, for a band that holds the measured points; 0: the motion itself.
         `residual_noise` takes it from the training records.
     own : FitResult, optional
@@ -127,20 +128,44 @@ def residual_noise(
     train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *, step: float = 2e-3,
     weighting: str = "travel",
 ) -> Array:
-    """Standard deviation (S, 2 or 1) of what the model leaves of a record, m, as the training records have it.
+    """Standard deviation (T, S, 2 or 1) of what the model leaves of a record, m, as the training records have it.
 
-    With the weighting by travel, residuals are taken in shares of each record's travel, and come back as shares of the
-    `modelled` (T, S, ...) travel of the experiment. A station that no training record shows gets the mean of all.
+    Squared residuals of each coordinate are a constant, a part with the square of the tip's way from where it began and
+    one with the square of its speed, none negative: a model errs otherwise where a body rests, is held, and moves.
+
+    With the weighting by travel, residuals and ways are taken in shares of each record's travel, and come back as
+    shares of the `modelled` (T, S, ...) travel of the experiment. A station that no training record sees gets the mean
+    of all.
     """
-    left: dict[str, list[Array]] = {}
+    shares, left = weighting == "travel", dict[str, list[tuple[Array, Array]]]()
     for exp in train:
-        away = predict(fitted.model, exp, fitted.values, step)["compared"] - exp.compared
-        square = np.nanmean(away**2, axis=0) / (exp.travel if weighting == "travel" else 1.0) ** 2
-        for name, row in zip(exp.stations, square, strict=True):
-            left.setdefault(name, []).append(row)
-    mean = {name: np.mean(rows, axis=0) for name, rows in left.items()}
-    usual = np.mean(list(mean.values()), axis=0)
+        rows, unit = predict(fitted.model, exp, fitted.values, step)["compared"], exp.travel if shares else 1.0
+        square, traits = ((rows - exp.compared) / unit) ** 2, motion_traits(exp.time, rows, unit)
+        for k, name in enumerate(exp.stations):
+            if np.isfinite(square[:, k]).any(axis=0).all():
+                left.setdefault(name, []).append((traits, square[:, k]))
     path = modelled[:, -1]
-    reach = float(np.linalg.norm(path - path[0], axis=1).max()) if weighting == "travel" else 1.0
-    rows = np.array([mean.get(name, usual) for name in experiment.stations])
-    return np.asarray(reach * np.sqrt(rows))
+    unit = max(float(np.linalg.norm(path - path[0], axis=1).max()), 1e-12) if shares else 1.0
+    own = motion_traits(experiment.time, modelled, unit)
+    made = {name: variance_by(own, *map(np.concatenate, zip(*parts, strict=True))) for name, parts in left.items()}
+    usual: Array = np.mean(list(made.values()), axis=0)
+    return np.asarray(unit * np.sqrt(np.stack([made.get(n, usual) for n in experiment.stations], axis=1)))
+
+
+def motion_traits(time: Array, rows: Array, unit: float) -> Array:
+    """Columns (T, 3) of a motion `rows` (T, S, ...): 1, the tip's way from its start and its speed, both squared."""
+    path = rows[:, -1] / unit
+    return np.stack([np.ones(time.size), np.sum((path - path[0]) ** 2, axis=1), speed(time, path) ** 2], axis=1)
+
+
+def variance_by(own: Array, traits: Array, square: Array) -> Array:
+    """Expected squares (T, C) of a motion of traits `own` (T, 3), after those (M, C) of motions of `traits` (M, 3)."""
+    from scipy.optimize import nnls
+
+    size = np.sqrt(np.mean(traits**2, axis=0)) + 1e-300
+    columns = []
+    for column in square.T:
+        seen = np.isfinite(column)
+        parts = nnls(traits[seen] / size, column[seen])[0]
+        columns.append(np.maximum(own / size @ parts, LEAST * column[seen].mean()))
+    return np.stack(columns, axis=1)
