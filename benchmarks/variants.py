@@ -1,6 +1,7 @@
 """Fits of the examples with one term more, less or another: the tables of "Hysteresis and creep".
 
-Usage: python benchmarks/variants.py [beam|trunk|stiffening|creep|levels ...]; recordings come by `pliant data fetch`.
+Usage: python benchmarks/variants.py [beam|trunk|swings|pulses|stiffening|creep|levels ...]; recordings come by
+`pliant data fetch`.
 """
 
 from __future__ import annotations
@@ -11,8 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from pliant.identification.initial_guess import last_edge
+from pliant.numerics.swings import turning_points
 from pliant.study import demo_study, load_study, run_study
-from pliant.study.prepare import all_planar
+from pliant.study.prepare import all_planar, load_recording
+from pliant.study.run import prepare_all
 from pliant.study.schema import Alignment, Fit
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -26,6 +30,7 @@ FRAME = free("stiffness", "base_angle", "tip.along", "tip.across")
 VISCOUS, SPRINGPOT = free("damping"), {"damping": {"value": 0.0, "free": False},
                                        **free("fractional_share", "fractional_order")}  # fmt: skip
 EACH = free("alone.release_time", "load52.release_time")
+PAYNE = free("payne_share", "payne_angle", "payne_exponent")
 BOTH = {
     "viscous, at once": VISCOUS,
     "viscous, each release_time": {**VISCOUS, **EACH},
@@ -40,6 +45,13 @@ BOTH = {
          "fractional_order": {"value": 0.1, "free": False}},
     "slip and dashpot, each release_time, clamp gives way":
         {**VISCOUS, **EACH, **free("load52.base_turn", "slip_share_1", "slip_angle_1")},
+    "Payne and dashpot, each release_time, clamp gives way":
+        {**VISCOUS, **PAYNE, **EACH, **free("load52.base_turn")},
+    "Payne and springpot, each release_time, clamp gives way":
+        {**SPRINGPOT, **PAYNE, **EACH, **free("load52.base_turn")},
+    "Payne of the loaded beam alone and dashpot, each release_time, clamp gives way":
+        {**VISCOUS, **EACH, **free("load52.base_turn"), "payne_share": {"value": 0.0, "free": False},
+         "load52.payne_share": {"value": 0.3}, "payne_angle": {"value": 0.0015}, "payne_exponent": {"value": 0.45}},
     "slip and springpot, each release_time, clamp gives way":
         {**SPRINGPOT, **EACH, **free("load52.base_turn", "slip_share_1", "slip_angle_1")},
 }
@@ -48,6 +60,12 @@ PULSES = free("damping", "torque_1", "torque_2", "start", "stiffening")
 DETAIL = {
     "one K": free("stiffness"), "K of each joint": free("stiffness_*"),
     "and one creep branch": free("stiffness_*", "creep_share_1", "creep_time_1"),
+}
+STIFF_WHEN_SMALL = {"stiffness": {"value": 0.1}, "damping": {"value": 0.005}, "payne_share": {"value": 30.0},
+                    "payne_angle": {"value": 0.009}, "payne_exponent": "free"}  # from elsewhere a fit ends higher
+BEYOND = {
+    "as it is": {}, "springs that soften": free("stiffening"), "K of each joint": free("stiffness_*"), "Payne": PAYNE,
+    "springs that soften, then stiffen": free("stiffening", "cubic_stiffening"),
 }
 SLIP = free("slip_share_1", "slip_angle_1", "slip_share_2", "slip_angle_2")
 
@@ -65,7 +83,7 @@ def beam() -> None:
 
 
 def trunk() -> None:
-    """The hanging trunk: with friction, and with all trials moved to one rest."""
+    """The hanging trunk: with friction, with all trials moved to one rest, and with Payne's curve there."""
     study = load_study(EXAMPLES / "trunk_free_decay.toml")
     plain = study.fits["unknown_mass"]
     slipping = plain.model_copy(update={"title": "two slip elements", "parameters": {**plain.parameters, **SLIP}})
@@ -74,6 +92,47 @@ def trunk() -> None:
     one_rest = slipping.model_copy(update={"title": "two slip elements, all trials moved to one rest"})
     rest = Alignment.model_validate({**study.alignment.model_dump(), "common_rest": True})
     show(study.model_copy(update={"fits": {"slip": one_rest}, "forecasts": {}, "alignment": rest}))
+    near = {"stiffness": {"value": 0.3}, "damping": {"value": 0.01}, "payne_share": {"value": 10.0},
+            "payne_angle": {"value": 0.01}, "payne_exponent": "free"}
+    own = plain.model_copy(update={"title": "Payne, each trial its rest", "parameters": {**plain.parameters, **near}})
+    show(study.model_copy(update={"fits": {"fit": own}, "forecasts": {}}))
+    for name, more in (("viscous", {}), ("Payne", STIFF_WHEN_SMALL)):
+        entries = {**plain.parameters, **more, **free("rest_angle_*")}
+        fit = plain.model_copy(update={"title": f"{name}, one rest, rest angles free", "parameters": entries})
+        show(study.model_copy(update={"fits": {"fit": fit}, "forecasts": {}, "alignment": rest}))
+
+
+def swings() -> None:
+    """Half swings of the free decays, each with its frequency and damping ratio; where the trunk comes to rest."""
+    for name, least in (("silicone_cantilever", 0.25), ("trunk_free_decay", 2.0)):  # mm that a swing must span
+        study = load_study(EXAMPLES / f"{name}.toml")
+        for exp in prepare_all(study, lambda _line: None).experiments.values():
+            after = (exp.time > last_edge(exp) + 0.03) & np.isfinite(exp.last_station).all(axis=1)
+            place = exp.last_station[after]
+            along = 1e3 * place @ np.linalg.svd(place - place.mean(axis=0), full_matrices=False)[2][0]
+            at, value = turning_points(exp.time[after], along, least)
+            way = np.abs(np.diff(value))
+            decrement = np.append(np.log(way[:-1] / way[1:]) / np.pi, np.nan)
+            print(f"{exp.name}: half swing mm, Hz, damping ratio to the next")
+            for half, hz, ratio in zip(0.5 * way, 0.5 / np.diff(at), decrement / np.hypot(1.0, decrement), strict=True):
+                print(f"  {half:6.2f} {hz:5.2f} {ratio:6.3f}")
+    trials = [load_recording(study, name).position.values[:, -1][:, [0, 2]] for name in study.recordings]
+    rests = 1e3 * np.array([t[-50:].mean(axis=0) for t in trials])
+    pulls = 1e3 * np.array([t[:3].mean(axis=0) for t in trials]) - rests
+    away, pull = rests - rests.mean(axis=0), pulls - pulls.mean(axis=0)
+    share = np.sum(away * pull) / np.sum(pull**2)
+    left = [float(np.sqrt(np.mean(np.sum(a**2, axis=1)))) for a in (away, away - share * pull)]
+    print("trunk's tip at rest, mm rms about its mean, and with a share of the pull off:", np.round(left, 2), share)
+
+
+def pulses() -> None:
+    """The pneumatic arm at 400 mbar from 100, 200, 300: creep in the place of the settling, and one term more."""
+    study = load_study(EXAMPLES / "pneumatic_arm_pulses.toml")
+    plain = study.fits["no_settling_beyond"]
+    for name, more in BEYOND.items():
+        kept = {k: v for k, v in plain.parameters.items() if not (k == "stiffness" and "stiffness_*" in more)}
+        fit = plain.model_copy(update={"title": f"400 beyond, {name}", "parameters": {**kept, **more}})
+        show(study.model_copy(update={"fits": {"fit": fit}}))
 
 
 def stiffening() -> None:
@@ -134,6 +193,7 @@ def rounded(content: object) -> str:
 
 
 if __name__ == "__main__":
-    tables = {"beam": beam, "trunk": trunk, "stiffening": stiffening, "creep": creep, "levels": levels}
+    tables = {"beam": beam, "trunk": trunk, "swings": swings, "pulses": pulses, "stiffening": stiffening,
+              "creep": creep, "levels": levels}
     for asked in sys.argv[1:] or tables:
         tables[asked]()
