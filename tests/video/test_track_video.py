@@ -45,6 +45,22 @@ def test_silhouette_against_the_truth(tmp_path: Path, case: str) -> None:
     assert np.sqrt(np.mean(error[:, -1] ** 2)) < most_tip_px
 
 
+def test_tracking_that_is_stopped_leaves_nothing_behind(tmp_path: Path) -> None:
+    filmed(tmp_path / "f.mp4")
+    done = []
+
+    def stop(share: float) -> None:
+        done.append(share)
+        if share > 0.6:
+            raise KeyboardInterrupt
+
+    overlays = (tmp_path / "over.mp4", tmp_path / "over.png")
+    with pytest.raises(KeyboardInterrupt):
+        track_video(tmp_path / "f.mp4", camera_of(), Tracking(overlays=overlays), progress=stop)
+    assert len(done) > 1
+    assert [path.name for path in tmp_path.iterdir()] == ["f.mp4"]
+
+
 def test_hand_and_lost_and_doubled_frames_are_gaps_and_told(tmp_path: Path) -> None:
     shutter = Shutter(dropped=(10, 11, 30), doubled=(17,), noise=2)
     at = filmed(tmp_path / "f.mp4", Look(hand=(0.45, 0.6)), shutter)
