@@ -103,12 +103,14 @@ def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[Po
 
 def own_levels(model: Model) -> list[float]:
     """Pressures [Pa] for a model that is given none: the first chamber alone."""
-    from pliant.simulation.levels import typical_pressure
+    import numpy as np
+
+    from pliant.simulation.levels import first_alone, typical_pressure
 
     level = typical_pressure(model)
     if not level:
         raise InputError(f"no pressure bends the model {model.name!r} by half a radian: give --level-kpa")
-    return [level] + [0.0] * (len(model.chambers) - 1)
+    return [float(p) for p in np.atleast_1d(first_alone(model, level))]
 
 
 def measured_pressures(
