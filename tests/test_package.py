@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pliant.plugins import installed
+
 ROOT = Path(__file__).resolve().parents[1]
 TRY = """
 import sys
@@ -67,3 +69,16 @@ def test_the_sdist_makes_the_same_wheel(built, tmp_path):
         assert {i.filename: i.CRC for i in one.infolist()} == {i.filename: i.CRC for i in two.infolist()}
     for name in ("README.md", "LICENSE", "CITATION.cff", "constraints.txt", "docs/index.md", "tests/test_package.py"):
         assert (source / name).is_file(), name
+
+
+def test_entry_points_are_those_of_what_is_installed(tmp_path, monkeypatch):
+    about = tmp_path / "theirs-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[pliant.nothing_yet]\nbench = their_package:Plant\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    installed.cache_clear()
+    try:
+        assert installed("pliant.nothing_yet") == {"bench": "their_package:Plant"}
+    finally:
+        installed.cache_clear()

@@ -6,6 +6,7 @@ Another package adds one by an entry point of the list's group that leads to an 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TypeVar
@@ -14,6 +15,12 @@ from pliant.errors import InputError
 from pliant.heavy import show_dask
 
 T = TypeVar("T")
+
+
+@cache
+def installed(group: str) -> Mapping[str, str]:
+    """Entry points of a group, name to ``module:attribute``; looked up once: every package is asked."""
+    return {point.name: point.value for point in entry_points(group=group)}
 
 
 def offered(group: str, built_in: Mapping[str, str], kind: type[T]) -> dict[str, T]:
@@ -33,7 +40,7 @@ def offered(group: str, built_in: Mapping[str, str], kind: type[T]) -> dict[str,
     InputError
         When one cannot be loaded, or leads to something else.
     """
-    targets = {point.name: point.value for point in entry_points(group=group)} | dict(built_in)
+    targets = {**installed(group), **built_in}
     names = [*built_in, *(name for name in targets if name not in built_in)]
     return {name: _load(group, name, targets[name], kind) for name in names}
 

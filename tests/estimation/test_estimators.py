@@ -182,15 +182,13 @@ def test_every_built_in_estimator_and_controller_loads():
 
 
 def test_an_installed_package_brings_an_estimator(monkeypatch):
-    class Point:
-        name, value = "mine", f"{__name__}:MINE"
-
-    monkeypatch.setattr(plugins, "entry_points", lambda group: [Point()] * (group == registered.GROUP))
+    point = {"mine": f"{__name__}:MINE"}
+    monkeypatch.setattr(plugins, "installed", lambda group: point if group == registered.GROUP else {})
     assert registered.estimator_kind("mine") is MINE
-    Point.value = f"{__name__}:PERIOD"
+    point["mine"] = f"{__name__}:PERIOD"
     with pytest.raises(InputError, match="must lead to a pliant EstimatorKind"):
         registered.estimator_kind("mine")
-    Point.value = "nowhere:MINE"
+    point["mine"] = "nowhere:MINE"
     with pytest.raises(InputError, match="cannot be loaded"):
         registered.estimator_kind("mine")
 

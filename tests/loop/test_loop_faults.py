@@ -384,9 +384,9 @@ def test_zmq_loopback():
 
 def test_a_plant_of_another_package(monkeypatch):
     """An entry point of the group pliant.plants is found by its name."""
-    point = SimpleNamespace(name="bench", value="their_package:Plant")
     monkeypatch.setitem(sys.modules, "their_package", SimpleNamespace(Plant=Plant))
-    monkeypatch.setattr(plugins, "entry_points", lambda group: [point] * (group == "pliant.plants"))
+    plants = {"pliant.plants": {"bench": "their_package:Plant"}}
+    monkeypatch.setattr(plugins, "installed", lambda group: plants.get(group, {}))
     assert make_plant("bench").period == PERIOD
     with pytest.raises(InputError, match="unknown plant 'other': use one of bench"):
         make_plant("other")

@@ -77,8 +77,8 @@ def test_another_package_brings_a_law(monkeypatch):
         "cubic", {"size": torque_law.LawParameter("N m/Pa^3", 0.0, 1.0, 0.0, "of the cube")},
         lambda size: np.array([0.0, 0.0, size]), lambda p, tau: {"size": float(np.mean(tau / p**3))}, scale="size",
     )
-    point = SimpleNamespace(name="cubic", value="elsewhere.cubic:LAW")
-    monkeypatch.setattr(plugins, "entry_points", lambda group: [point] * (group == torque_law.GROUP))
+    laws = {torque_law.GROUP: {"cubic": "elsewhere.cubic:LAW"}}
+    monkeypatch.setattr(plugins, "installed", lambda group: laws.get(group, {}))
     known = plugins.import_module
     monkeypatch.setattr(
         plugins, "import_module", lambda name: SimpleNamespace(LAW=cubic) if name == "elsewhere.cubic" else known(name)
