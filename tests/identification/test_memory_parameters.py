@@ -7,7 +7,8 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, fit, predict
-from pliant.identification.forward_model import moved, set_up
+from pliant.identification.following import moved
+from pliant.identification.forward_model import set_up
 from pliant.identification.memory_parameters import ROWS
 from pliant.identification.parameters import apply
 from pliant.identification.sensitivity import sensitivities
@@ -78,7 +79,7 @@ def test_derivatives_are_exact(arm):
 
     def at(changed):
         made = set_up(arm, exp, changed, 2e-3)
-        return moved(made, made.numbers, np.float64, exp.time.size)
+        return moved(made, made.numbers, exp.time.size)
 
     for name, slope in zip(values, slopes, strict=True):
         size = 1e-5 * abs(values[name])

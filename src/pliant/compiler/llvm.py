@@ -53,12 +53,13 @@ class Writer:
             return kind, self.builder.extract_value(both, int(what == "sin"))
         values = [self.values[o.row] if isinstance(o, Mark) else self.constant(o) for o in operands]
         kind = next((k for k, _ in values if k != types.float64), types.float64)
-        made = [self.cast(v, kind) for v in values]
-        if len(made) == 1:
-            made = [self.cast(self.constant(-0.0), kind), *made]
+        if len(values) == 1:
+            values = [self.constant(-0.0), *values]
+        kinds = [k for k, _ in values] if getattr(kind, "mixes", False) else [kind, kind]
+        made = [self.cast(v, k) for v, k in zip(values, kinds, strict=True)]
         if kind == types.float64:
             return kind, getattr(self.builder, FLOATS[what])(*made, flags=self.flags)
-        done = self.context.get_function(OPERATORS[what], signature(kind, kind, kind))
+        done = self.context.get_function(OPERATORS[what], signature(kind, *kinds))
         return kind, done(self.builder, made)
 
     def constant(self, value: float) -> Value:

@@ -27,7 +27,7 @@ def _complex_pair(x):
 def _choose(x):
     if isinstance(x, types.Complex):
         return _complex_pair
-    return lambda x: _real(x)  # noqa: PLW0108  Numba wants a function of its own
+    return getattr(x, "cos_sin", None) or (lambda x: _real(x))  # noqa: PLW0108  Numba wants a function of its own
 
 
 def pair(x):

@@ -15,7 +15,8 @@ from pliant.errors import InputError
 from pliant.identification.drives import check_drives, drives_of, leading
 from pliant.identification.edges import held_pose, steady
 from pliant.identification.experiment_checks import check_extras
-from pliant.identification.forward_model import moved, set_up
+from pliant.identification.following import moved
+from pliant.identification.forward_model import set_up
 from pliant.identification.parameters import Parameter, for_record
 from pliant.identification.recorded import (
     Excitation,
@@ -264,7 +265,7 @@ def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: fl
     integration, s.
     """
     made = set_up(model, exp, values, step)
-    rows = moved(made, made.numbers, np.float64, exp.time.size)
+    rows = moved(made, made.numbers, exp.time.size)
     return {"position": rows[..., :2], "angle": turned(exp, rows), "compared": compared_of(exp, rows),
             "pressure": made.pressure, "model": made.model}  # fmt: skip
 
@@ -276,7 +277,7 @@ def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], ste
     carrier = np.concatenate([[-1, -1], np.arange(made.model.n)])
     chain = made._replace(carrier=carrier)
     own = made.numbers._replace(along=along, across=0 * along, sensor_lag=np.zeros(0))  # no sensor sees the chain
-    return moved(chain, own, np.float64, exp.time.size)[..., :2]
+    return moved(chain, own, exp.time.size)[..., :2]
 
 
 def compared_of(exp: Experiment, rows: Array) -> Array:

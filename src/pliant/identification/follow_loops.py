@@ -1,7 +1,7 @@
 """The loop that a fit runs compiled: the chain's motion, seen at the observed points.
 
-Plain text here; `pliant.compiler.choose.twin` makes what runs, on real numbers for the motion and on complex
-numbers for its derivatives: what is put into the imaginary parts of the inputs comes out as a derivative, exactly.
+Plain text here; `pliant.compiler.choose.twin` makes what runs on real numbers for the motion, and
+`pliant.compiler.duals.dual_twin` on dual numbers, which carry several derivatives beside it, exactly.
 """
 
 from __future__ import annotations

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import extension, motion
-from pliant.equations.symbols import Body, Held, Joints, Memory, Past
-from pliant.errors import SimulationError
-from pliant.identification import follow_loops
+from pliant.equations.symbols import Body
 from pliant.identification.drives import inputs_to
-from pliant.identification.follow_loops import Before, Course, Places, Seen
+from pliant.identification.following import REAL, slipped
 from pliant.identification.loop_inputs import Numbers, SetUp
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.pose import beside_links, posed
-from pliant.identification.sensor import behind_sensors, between_frames, lags_of
+from pliant.identification.sensor import between_frames, lags_of
 from pliant.model import Model, Station
 from pliant.simulation import Pulse, Trace, equilibrium, lengthened, state
 from pliant.simulation.drive import Drive, drive, driven, laid_out
@@ -71,7 +69,7 @@ def let_go(
     """The set-up of a body that is held, then let go; the clamp may give way by ``base_turn`` at that moment."""
     model = here.model
     base = (model.base_angle, model.base_angle + own.get("base_turn", 0.0))
-    angles = state.absolute(model, held_angles(here, exp, own))
+    angles = state.absolute(model, held_angles(here, exp, own, plans))
     free = times[times > own["release"]]
     plan = no_drive(model)
     if free.size:
@@ -107,7 +105,7 @@ def holding_torques(made: SetUp, loads: Array) -> Array:
     """Torques (n,) that hold the body still where it is let go, beside loads of its links, N m."""
     numbers, n = made.numbers, made.model.n
     phi, push = numbers.phi, np.zeros(made.model.size)
-    stretched = slipped(made, numbers, float)[:, len(numbers.memory.creep_time) :]
+    stretched = slipped(made, numbers, REAL)[:, len(numbers.memory.creep_time) :]
     own = numbers.joints.K[:n] * (stretched[:, : numbers.memory.slip_share.size] @ numbers.memory.slip_share)
     if made.model.extensions:
         still, drive = np.zeros_like(phi), np.append(-own, np.zeros(phi.size - n))
@@ -121,12 +119,12 @@ def holding_torques(made: SetUp, loads: Array) -> Array:
     return np.asarray(np.cumsum(missing[::-1])[::-1] - joint_loads(phi, loads))
 
 
-def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float]) -> Array:
+def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans: Plans) -> Array:
     """Joint angles (n,) of a body that is held: as measured, by a force at the tip, or in its unloaded shape."""
     model = here.model
     if exp.held is not None:
         shift = np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)])
-        return posed(model, carriers(here, exp), observed(here, exp), exp.held - shift)
+        return posed(model, carriers(here, exp), observed(here, exp), exp.held - shift, plans.poses)
     if "hold_force" in own:
         return equilibrium(model, 0.0, np.array([own["hold_force"], 0.0]))
     return np.zeros(model.size)
@@ -214,67 +212,3 @@ def observed(here: ModelAt, exp: Experiment) -> list[Station]:
 def carriers(here: ModelAt, exp: Experiment) -> Array:
     """Index (S,) of the link that carries each observed point."""
     return np.array([p.link for p in observed(here, exp)])
-
-
-def moved(made: SetUp, numbers: Numbers, kind: type[Any], rows: int) -> Array:
-    """Observed rows (T, S, 3), on real or on complex numbers: x [m], y [m], angle [rad].
-
-    Raises
-    ------
-    SimulationError
-        Where a link turns by more than a radian in one step.
-    """
-    def cast(a: Any) -> Any:
-        if isinstance(a, Array):  # kernels are compiled anew for arrays that may not be written to
-            return a if a.dtype == np.complex128 else np.array(a, dtype=kind)
-        return kind(a)
-
-    n, S = made.model.n, len(made.model.extensions)
-    rows = rows if made.between is None else made.between[0].size
-    body, joints = type(numbers.body)(*map(cast, numbers.body)), Joints(*map(cast, numbers.joints))
-    work = state.work_of(made.model, kind)
-    places = Places(
-        cast(numbers.length), cast(numbers.base_length), made.carrier, cast(numbers.along), cast(numbers.across),
-        cast(numbers.share), cast(made.model.bend_sign), cast(numbers.shift[0]), cast(numbers.shift[1]),
-        cast(numbers.reference),
-    )
-    out: Array = np.empty((rows, made.carrier.size, 3), dtype=kind)
-    course = Course(cast(numbers.h), cast(numbers.torque), cast(numbers.gain), made.keep, cast(numbers.load))
-    before = Before(made.still, cast(numbers.held), cast(numbers.held_base))
-    start: tuple[Array, Array] = (np.array(numbers.phi, dtype=kind), np.zeros(n + S, dtype=kind))
-    if made.model.memory:
-        memory = Memory(*map(cast, numbers.memory))
-        past = Past(memory, slipped(made, numbers, kind), held_of(made.model, kind, joints))
-        failed = twin(follow_loops.follow_with_memory, n if S else None, S)(
-            *start, course, before, (body, joints), past, work, Seen(places, out)
-        )
-    else:
-        failed = twin(follow_loops.follow, n, S)(*start, course, before, body, joints, work, Seen(places, out))
-    if failed >= 0:
-        after, length = np.sum(numbers.h[: failed + 1]).real, np.real(numbers.h[failed])
-        if lost := state.given_way(made.model, start[0].real):
-            raise SimulationError(f"{after:.6g} s after the start {lost}")
-        raise SimulationError(
-            f"{after:.6g} s after the start a link turns by more than a radian within the step of {length * 1e3:.3g} "
-            "ms, faster than the step can follow; use a shorter step or a smaller pressure"
-        )
-    return out if made.between is None else behind_sensors(out, made.between, cast(numbers.sensor_lag))
-
-
-def slipped(made: SetUp, numbers: Numbers, kind: type[Any]) -> Array:
-    """States (n, branches) of the memory at the start: unstretched, or as the way into a measured pose left them."""
-    states: Array = state.relaxed(made.model, np.zeros(made.model.n)).astype(kind)
-    if not made.pulled:
-        return states
-    q = np.diff(numbers.phi[: made.model.n], prepend=numbers.joints.base_angle) - numbers.joints.theta0
-    for j, limit in enumerate(numbers.memory.slip_angle, len(made.model.memory.creep_share)):
-        beyond = np.abs(q.real) > np.real(limit)
-        states[:, j] = np.where(beyond, np.sign(q.real) * limit, q)
-    return states
-
-
-def held_of(model: Model, kind: type, joints: Joints) -> Held:
-    """Scratch arrays for the steps of a model with memory, on real or on complex numbers."""
-    rows = {name: row.astype(kind) for name, row in state.held(model)._asdict().items() if name != "springs"}
-    rows["K"] = joints.K.copy()  # the step writes those of the joints alone
-    return Held(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)

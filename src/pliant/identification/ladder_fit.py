@@ -12,7 +12,8 @@ import numpy as np
 from pliant.errors import FitError, PliantError
 from pliant.identification.experiment import Experiment, predict
 from pliant.identification.fit import FitOptions, fit
-from pliant.identification.forward_model import moved, set_up
+from pliant.identification.following import moved
+from pliant.identification.forward_model import set_up
 from pliant.identification.initial_guess import prepare
 from pliant.identification.memory_parameters import usual_start
 from pliant.identification.model_selection import Follows, error, follows, missed, shared_bic, undetermined
@@ -213,7 +214,7 @@ def step_cost(result: FitResult, exp: Experiment, step: float) -> float:
     best = float("inf")
     for _ in range(5):
         began = clock.perf_counter()
-        moved(made, made.numbers, np.float64, exp.time.size)
+        moved(made, made.numbers, exp.time.size)
         best = min(best, clock.perf_counter() - began)
     return 1e9 * best / max(made.numbers.h.size, 1)
 

@@ -60,8 +60,12 @@ def in_one_row(numbers: Numbers) -> Array:
 
 
 def from_one_row(row: Array, like: Numbers) -> Numbers:
-    """The numbers that `in_one_row` would give `row`, each as `like` has it; the `LONG` ones as they are there."""
-    alone = iter(row[sum(e.size for e in leaves(like) if isinstance(e, Array)) :].tolist())
+    """The numbers that `in_one_row` would give `row`, each as `like` has it; the `LONG` ones as they are there.
+
+    A row of rows (N, W) gives arrays of rows.
+    """
+    single = row[sum(e.size for e in leaves(like) if isinstance(e, Array)) :]
+    alone = iter(single.tolist() if row.ndim == 1 else single)
     first = 0
 
     def taken(entry: Any) -> Any:
@@ -71,7 +75,7 @@ def from_one_row(row: Array, like: Numbers) -> Numbers:
         if not isinstance(entry, Array):
             return next(alone)
         part, first = row[first : first + entry.size], first + entry.size
-        return part if entry.ndim == 1 else part.reshape(entry.shape)
+        return part if entry.ndim == 1 else part.reshape(*entry.shape, *row.shape[1:])
 
     return Numbers(*(e if n in LONG else taken(e) for n, e in zip(Numbers._fields, like, strict=True)))
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from pliant.equations.symbols import Body, ExtensibleBody, Joints, Memory
 from pliant.identification.parameters import apply, of_the_model
 from pliant.model import Model, Station
 from pliant.simulation.drive import Drive, Layout
+
+Array = np.ndarray
 
 
 class ModelAt(NamedTuple):
@@ -32,6 +36,7 @@ class Plans:
         self.models: dict[Any, ModelAt] = {}
         self.drives: dict[Any, Drive] = {}
         self.layouts: dict[Any, Layout] = {}
+        self.poses: dict[Any, Array] = {}  # joint angles of a body that is held
 
     def at(self, model: Model, values: Mapping[str, float]) -> ModelAt:
         """The `model` with the values of one recording put in; always the same model."""
@@ -48,3 +53,5 @@ class Plans:
         if len(self.drives) > most:
             self.drives.clear()
             self.layouts.clear()  # each keeps what its drives were made of
+        if len(self.poses) > most:
+            self.poses.clear()

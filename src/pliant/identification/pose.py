@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.model import Model, fixed_length
+from pliant.model import Model, Station, fixed_length
 from pliant.simulation import lengthened, state
 
 Array = np.ndarray
@@ -29,12 +29,23 @@ def beside_links(model: Model, x: Array, points: Array) -> tuple[Array, Array]:
     return along / stretch, across
 
 
-def posed(model: Model, carrier: Array, chosen: list[Any], seen: Array) -> Array:
+def posed(model: Model, carrier: Array, chosen: list[Station], seen: Array, found: dict[Any, Array]) -> Array:
     """Joint angles (n,) that bring the points `chosen` closest to the places `seen` (S, 2), m.
 
     Gauss-Newton in absolute angles. Where the points leave a joint open, it turns least: a pull towards the unloaded
-    shape, a millionth of a point's, decides.
+    shape, a millionth of a point's, decides. Lengths and places alone decide the pose: it is kept in `found`, for
+    models that differ in what moves them.
     """
+    points = tuple((p.link, p.along, p.across) for p in chosen)
+    base = (model.base_length, model.base_angle, model.bend_sign, points)
+    key = (*base, *(a.tobytes() for a in (model.link_length, model.rest_angle, seen)))
+    if key not in found:
+        found[key] = sought(model, carrier, chosen, seen)
+    return found[key].copy()
+
+
+def sought(model: Model, carrier: Array, chosen: list[Station], seen: Array) -> Array:
+    """As `posed`."""
     there = fixed_length(model).with_(stations=tuple(chosen))
     links = np.arange(model.n)
     along = np.where(links < carrier[:, None], model.link_length, 0.0)

@@ -10,7 +10,8 @@ import numpy as np
 from pliant.errors import PliantError
 from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.experiment import Experiment
-from pliant.identification.forward_model import moved, set_up
+from pliant.identification.following import moved
+from pliant.identification.forward_model import set_up
 from pliant.identification.parameters import Parameter
 from pliant.identification.plans import Plans
 from pliant.identification.residuals import Observations, correlated_frames
@@ -89,7 +90,7 @@ class Problem:
         for o in self.observed:
             try:
                 made = set_up(self.model, o.exp, values, self.step, self.plans)
-                parts.append(o.residual(moved(made, made.numbers, np.float64, o.exp.time.size)))
+                parts.append(o.residual(moved(made, made.numbers, o.exp.time.size)))
             except PliantError as error:
                 self.broken = str(error)
                 parts.append(FAR * o.exp.travel * o.flat_weight)

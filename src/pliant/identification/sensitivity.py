@@ -1,13 +1,13 @@
 """Exact derivatives of a simulated experiment with respect to its parameters, propagated with the steps.
 
 The inputs of the compiled loop are closed forms of the parameters; their derivatives come from central differences,
-good to ten digits, since they are smooth and cheap. They are carried through the steps in the imaginary parts of
-complex numbers, so no difference is taken of two motions and no equation is written twice.
+good to ten digits, since they are smooth and cheap. They are carried through the steps as dual numbers, several beside
+one motion, so no difference is taken of two motions and no equation is written twice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,8 @@ from pliant.compiler.choose import twin
 from pliant.equations import motion
 from pliant.equations.symbols import Body, ExtensibleBody, Slopes
 from pliant.errors import FitError, PliantError
-from pliant.identification.forward_model import moved, set_up
+from pliant.identification.following import TINY, moved, moved_slopes
+from pliant.identification.forward_model import set_up
 from pliant.identification.loop_inputs import LONG, Numbers, SetUp, from_one_row, in_one_row
 from pliant.identification.plans import Plans
 from pliant.model import Model
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-TINY = 1e-20  # imaginary step: its square vanishes beside 1
+WIDTH = 8  # derivatives beside one motion: `pliant.compiler.duals`
 SHARE = 1e-5  # step of the differences of the inputs, in sizes of the parameter
 STENCILS = (((-1.0, -0.5), (1.0, 0.5)), ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5)), ((0.0, 1.5), (-1.0, -2.0), (-2.0, 0.5)))
 
@@ -66,7 +67,7 @@ def sensitivities(
         When a derivative exists on neither side of a value.
     """
     here = set_up(model, exp, values, step)
-    return moved(here, here.numbers, np.float64, exp.time.size), slopes_of(model, exp, values, sizes, step)
+    return moved(here, here.numbers, exp.time.size), slopes_of(model, exp, values, sizes, step)
 
 
 def slopes_of(
@@ -80,6 +81,7 @@ def slopes_of(
     slopes = np.zeros((len(sizes), rows, len(exp.stations), 3))
     rest = state.relative(here.model, here.numbers.phi) if here.from_rest else None
     stiffness = rest_stiffness(here) if here.from_rest else None
+    beside: list[tuple[int, Slope]] = []
     for k, (name, size) in enumerate(sizes.items()):
         owner, dot, own = name.partition(".")
         if (own if dot and owner == exp.name else name) in exp.known:
@@ -91,13 +93,32 @@ def slopes_of(
         base, slope = input_slopes(at, here, values[name], SHARE * max(abs(values[name]), size))
         if not any(np.any(v) for v in slope):
             continue
-        tilted = joined(base.numbers, slope)
         if stiffness is not None:
-            turned = equilibrium_slope(tilted, base, stiffness if base is here else rest_stiffness(base))
-            start = base.numbers.phi + 1j * TINY * turned
-            tilted = tilted._replace(held=start, phi=start)
-        slopes[k] = moved(base, tilted, np.complex128, rows).imag / TINY
+            turned = equilibrium_slope(base, slope, stiffness if base is here else rest_stiffness(base))
+            slope.row[: 2 * turned.size] = np.tile(turned, 2)  # held and phi, the first of all numbers
+        if base is here:
+            beside.append((k, slope))
+        else:
+            slopes[k] = carried(base, [slope], rows)[0]
+    for first in range(0, len(beside), WIDTH):
+        places, together = zip(*beside[first : first + WIDTH], strict=True)
+        slopes[list(places)] = carried(here, together, rows)
     return slopes
+
+
+def carried(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
+    """Derivatives (P, T, S, 3) of the observed rows from those of the numbers of a set-up."""
+    from pliant.compiler.duals import duals  # loads the compiler
+
+    numbers = made.numbers
+    row = duals(in_one_row(numbers), np.stack([s.row for s in slopes], axis=-1))
+    bent: dict[str, Any] = {}
+    for name in LONG:
+        value = getattr(numbers, name)
+        own = [getattr(s, name) for s in slopes]
+        rates = np.stack([np.broadcast_to(v, value.shape) for v in own], axis=-1) if any(map(np.ndim, own)) else 0.0
+        bent[name] = duals(value, rates)
+    return moved_slopes(made, from_one_row(row, numbers)._replace(**bent), rows, len(slopes))
 
 
 def input_slopes(at: Callable[[float], SetUp], here: SetUp, value: float, size: float) -> tuple[SetUp, Slope]:
@@ -139,13 +160,6 @@ def combined(made: list[SetUp], stencil: Any, size: float) -> Slope:
     return Slope(mix(*map(in_one_row, numbers)), *(mix(*(getattr(m, name) for m in numbers)) for name in LONG))
 
 
-def joined(numbers: Numbers, slope: Slope) -> Numbers:
-    """Numbers with their derivatives, times the imaginary step, as imaginary parts; real where none changes them."""
-    made = from_one_row(in_one_row(numbers) + 1j * TINY * slope.row, numbers)
-    bent = {name: getattr(slope, name) for name in LONG}
-    return made._replace(**{n: getattr(numbers, n) + 1j * TINY * v for n, v in bent.items() if np.ndim(v)})
-
-
 def rest_stiffness(made: SetUp) -> Array:
     """How fast what pulls at the angles at rest (and strains) grows with each of them, row by variable, negative."""
     numbers = made.numbers
@@ -165,12 +179,13 @@ def rest_stiffness(made: SetUp) -> Array:
     return out.a_phi.T
 
 
-def equilibrium_slope(tilted: Numbers, made: SetUp, stiffness: Array) -> Array:
+def equilibrium_slope(made: SetUp, slope: Slope, stiffness: Array) -> Array:
     """Derivative (n,) of the absolute angles at rest: those at which the acceleration (or what pulls) stays zero.
 
-    `tilted` holds the numbers of a set-up with their derivatives beside them, `stiffness` is its `rest_stiffness`.
+    `slope` is that of the numbers of a set-up, `stiffness` its `rest_stiffness`.
     """
     x = made.numbers.phi
+    tilted = from_one_row(in_one_row(made.numbers) + 1j * TINY * slope.row, made.numbers)
     if isinstance(tilted.body, ExtensibleBody):
         push = push_at_rest(x, tilted)
         return -np.linalg.solve(stiffness, push.imag / TINY)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -40,8 +41,15 @@ def ring_down(time: Array, signal: Array) -> RingDown | None:
     y = np.asarray(signal, dtype=float)
     if t.size < 16 or not np.isfinite(t + y).all() or np.ptp(y) == 0:
         return None
+    return found(t.tobytes(), y.tobytes())
+
+
+@lru_cache(maxsize=256)
+def found(time: bytes, signal: bytes) -> RingDown | None:
+    """As `ring_down`, of finite floats; each fit of a study asks for that of every record again."""
     from scipy.optimize import least_squares
 
+    t, y = np.frombuffer(time), np.frombuffer(signal)
     scale = float(np.std(y))
     y = y / scale
     span = float(t[-1])

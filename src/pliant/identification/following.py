@@ -1,0 +1,134 @@
+"""The motion of a set-up, seen at its observed points: on floats, and on dual numbers with its derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.compiler.choose import twin
+from pliant.equations.symbols import Held, Joints, Memory, Past
+from pliant.errors import SimulationError
+from pliant.identification import follow_loops
+from pliant.identification.follow_loops import Before, Course, Places, Seen
+from pliant.identification.loop_inputs import Numbers, SetUp
+from pliant.identification.sensor import behind_sensors
+from pliant.simulation import state
+
+Array = np.ndarray
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
+
+
+class Kind(NamedTuple):
+    """A kind of numbers that the compiled loops run on."""
+
+    of: Callable[[Any], Any]  # a float, or an array of floats, as such numbers, in memory of their own
+    value: Callable[[Any], Any]  # the floats of such numbers
+    twin: Callable[..., Any]  # of a kernel, for so many links and segments that lengthen
+
+
+def copied(a: Any) -> Any:
+    """A float, or an array that may be written to: kernels are compiled anew for those that may not."""
+    return np.array(a, dtype=float) if isinstance(a, Array) else float(a)
+
+
+REAL = Kind(copied, lambda a: a, twin)
+
+
+def dual_kind() -> Kind:
+    """Dual numbers (`pliant.compiler.duals`)."""
+    from pliant.compiler.duals import dual_twin, duals  # loads the compiler
+
+    return Kind(duals, lambda a: a[..., 0], dual_twin)
+
+
+def moved(made: SetUp, numbers: Numbers, rows: int) -> Array:
+    """Observed rows (T, S, 3): x [m], y [m], angle [rad].
+
+    Raises
+    ------
+    SimulationError
+        Where a link turns by more than a radian in one step.
+    """
+    out = followed(made, in_kind(numbers, REAL), REAL, rows)
+    return out if made.between is None else behind_sensors(out, made.between, numbers.sensor_lag)
+
+
+def moved_slopes(made: SetUp, numbers: Numbers, rows: int, count: int) -> Array:
+    """Derivatives (count, T, S, 3) of `moved` that the first of those beside the dual `numbers` lead to."""
+    out = followed(made, numbers, dual_kind(), rows)
+    value, slopes = out[..., 0], np.moveaxis(out[..., out.shape[-1] // 2 :][..., :count], -1, 0)
+    if made.between is None:
+        return slopes
+    lag = numbers.sensor_lag
+    tilted = zip(slopes, lag[:, lag.shape[-1] // 2 :].T, strict=False)
+    return np.stack([
+        behind_sensors(value + 1j * TINY * rate, made.between, lag[:, 0] + 1j * TINY * late).imag / TINY
+        for rate, late in tilted
+    ])
+
+
+def in_kind(record: Any, kind: Kind) -> Any:
+    """A record of floats, arrays of them and records, as numbers of a kind."""
+    return type(record)(*(in_kind(e, kind) if isinstance(e, tuple) else kind.of(e) for e in record))
+
+
+def followed(made: SetUp, numbers: Numbers, kind: Kind, rows: int) -> Array:
+    """Rows of the motion as the compiled loop shows them, before sensors, of numbers of a kind."""
+    model = made.model
+    n, S = model.n, len(model.extensions)
+    rows = rows if made.between is None else made.between[0].size
+    work = in_kind(state.work_of(model), kind)
+    places = Places(
+        numbers.length, numbers.base_length, made.carrier, numbers.along, numbers.across, numbers.share,
+        kind.of(model.bend_sign), numbers.shift[0], numbers.shift[1], numbers.reference,
+    )
+    out: Array = kind.of(np.zeros((rows, made.carrier.size, 3)))
+    course = Course(numbers.h, numbers.torque, numbers.gain, made.keep, numbers.load)
+    before = Before(made.still, numbers.held, numbers.held_base)
+    start = numbers.phi, kind.of(np.zeros(n + S))
+    if model.memory:
+        past = Past(Memory(*numbers.memory), slipped(made, numbers, kind), held_of(made, numbers.joints, kind))
+        failed = kind.twin(follow_loops.follow_with_memory, n if S else None, S)(
+            *start, course, before, (numbers.body, numbers.joints), past, work, Seen(places, out)
+        )
+    else:
+        failed = kind.twin(follow_loops.follow, n, S)(
+            *start, course, before, numbers.body, numbers.joints, work, Seen(places, out)
+        )
+    if failed >= 0:
+        h, phi = kind.value(numbers.h), kind.value(numbers.phi)
+        raise lost(made, float(np.sum(h[: failed + 1])), float(h[failed]), phi)
+    return out
+
+
+def lost(made: SetUp, after: float, length: float, phi: Array) -> SimulationError:
+    """What to say of a step of `length` [s] that fails `after` [s] with the links at phi (n,)."""
+    if gone := state.given_way(made.model, phi):
+        return SimulationError(f"{after:.6g} s after the start {gone}")
+    return SimulationError(
+        f"{after:.6g} s after the start a link turns by more than a radian within the step of {length * 1e3:.3g} "
+        "ms, faster than the step can follow; use a shorter step or a smaller pressure"
+    )
+
+
+def slipped(made: SetUp, numbers: Numbers, kind: Kind) -> Array:
+    """States (n, branches) of the memory at the start: unstretched, or as the way into a measured pose left them."""
+    states: Array = kind.of(state.relaxed(made.model, np.zeros(made.model.n)))
+    if not made.pulled:
+        return states
+    last = numbers.joints.base_angle
+    for i in range(made.model.n):
+        q, last = numbers.phi[i] - last - numbers.joints.theta0[i], numbers.phi[i]
+        for j, limit in enumerate(numbers.memory.slip_angle, len(made.model.memory.creep_share)):
+            turn = float(kind.value(q))
+            states[i, j] = np.sign(turn) * limit if abs(turn) > kind.value(limit) else q
+    return states
+
+
+def held_of(made: SetUp, joints: Joints, kind: Kind) -> Held:
+    """Scratch arrays for the steps of a model with memory."""
+    rows = {name: kind.of(row) for name, row in state.held(made.model)._asdict().items() if name != "springs"}
+    rows["K"][:] = joints.K  # with axial ones: the step writes those of the joints alone
+    return Held(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
