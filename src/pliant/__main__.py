@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import gc
 import os
+
+GARBAGE = 100_000  # new objects between two searches for garbage: of those that an import makes none is any
 
 
 def main() -> None:
     """Run the command line."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads that wait cost more than they bring
+    gc.set_threshold(GARBAGE)
     from pliant.cli import run
-    from pliant.heavy import hide_dask
+    from pliant.heavy import hide_heavy
 
-    hide_dask()
+    hide_heavy()
     run()
 
 

@@ -12,7 +12,7 @@ from importlib.metadata import entry_points
 from typing import TypeVar
 
 from pliant.errors import InputError
-from pliant.heavy import show_dask
+from pliant.heavy import show_heavy
 
 T = TypeVar("T")
 
@@ -69,7 +69,7 @@ def _noun(group: str) -> str:
 def _load(group: str, name: str, target: str, kind: type[T]) -> T:
     module, _, attribute = target.partition(":")
     if not module.startswith("pliant."):
-        show_dask()
+        show_heavy()
     try:
         found = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:

@@ -68,11 +68,11 @@ def test_commands_that_need_no_dask_import_none(model: Path, tmp_path: Path) -> 
     code = (
         f"import sys; sys.argv = ['pliant', 'simulate', {str(model)!r}, '-o', {str(tmp_path / 'run.nc')!r}]\n"
         "from pliant.__main__ import main\n"
-        "from pliant.heavy import show_dask\n"
+        "from pliant.heavy import show_heavy\n"
         "try: main()\n"
         "except SystemExit: pass\n"
         "print([m for m in sys.modules if m.partition('.')[0] in ('dask', 'distributed') and sys.modules[m]])\n"
-        "show_dask()\n"
+        "show_heavy()\n"
         "print('dask' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

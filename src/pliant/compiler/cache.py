@@ -22,6 +22,7 @@ import numba
 from numba import njit, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.runtime.nrt import rtsys
 from numba.misc.appdirs import AppDirs
 
 try:
@@ -85,6 +86,15 @@ class KernelCache(FunctionCache):
     def index(self) -> Path:
         """The file that lists what is kept of this kernel."""
         return Path(self.cache_path) / f"{self._impl.filename_base}.nbi"
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What is kept for a signature, or None, without all that Numba learns first of how each thing is compiled.
+
+        To load takes only the runtime that counts references; what is to be compiled makes Numba learn the rest.
+        """
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what was compiled, and remove what nobody has asked for in a long time."""

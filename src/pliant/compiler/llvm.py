@@ -15,7 +15,6 @@ from numba import types
 from numba.core import cgutils
 from numba.core.extending import intrinsic
 from numba.core.typing.templates import signature
-from numba.np.arrayobj import make_array
 
 from pliant.compiler.cache import kept
 from pliant.compiler.trace import Mark, Recording
@@ -100,6 +99,8 @@ class Writer:
         """Type of an array's numbers, and where one of them lies: ``body.B[2, 1]``."""
         path, _, numbers = where.removesuffix("]").partition("[")
         if path not in self.arrays:
+            from numba.np.arrayobj import make_array  # all that compiles arrays: not for code from the cache
+
             kind, value = self.argument(path)
             self.arrays[path] = kind, make_array(kind)(self.context, self.builder, value)
         kind, array = self.arrays[path]

@@ -25,7 +25,7 @@ from os import cpu_count
 from typing import Any, Protocol
 
 from pliant.errors import InputError, PliantError
-from pliant.heavy import show_dask
+from pliant.heavy import show_heavy
 from pliant.sweep.store import Arrays, Store
 
 Tell = Callable[[str], None]
@@ -115,7 +115,7 @@ def executor_of(scheduler: str, workers: int | None = None) -> Callable[[], Any]
 @contextmanager
 def dask_executor(address: str) -> Iterator[Any]:
     """An executor on a Dask cluster; a scheduler that is just restarting is waited for."""
-    show_dask()
+    show_heavy()
     from distributed import Client
 
     began = time.monotonic()
