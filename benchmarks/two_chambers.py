@@ -25,6 +25,7 @@ from pliant.testbed import generate
 from pliant.testbed.rod import CHAMBERS, actuator, build_body
 
 LINKS = 6
+BODIES = ("two_segment", "antagonistic")
 TRAIN = {"first_60": "pulse_60+0_1500ms", "first_150": "pulse_150+0_1500ms", "second_60": "pulse_0+60_1500ms",
          "second_150": "pulse_0+150_1500ms"}  # fmt: skip
 TOGETHER = {"same_60": "pulse_60_1500ms", "same_150": "pulse_150_1500ms"}  # one command for both
@@ -95,7 +96,7 @@ def told(body: str, fitted: FitResult) -> str:
 
 def main(seeds: int) -> None:
     """Print a table for each body."""
-    for body in CHAMBERS:
+    for body in BODIES:
         for seed in range(1, seeds + 1):
             experiments, model = recorded(body, seed)
             for title, more in MODELS.items():

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from benchmark_scripts import loaded
 
-from pliant.testbed.rod import CHAMBERS
-
 two_chambers, intervals = loaded("two_chambers"), loaded("intervals")
 
 
@@ -15,7 +13,7 @@ two_chambers, intervals = loaded("two_chambers"), loaded("intervals")
 def recorded():
     both = ["first_150", *two_chambers.TOGETHER]
     names = {"two_segment": [*two_chambers.TRAIN, *two_chambers.TOGETHER, "both"], "antagonistic": both}
-    return {body: two_chambers.recorded(body, 1, names[body]) for body in CHAMBERS}
+    return {body: two_chambers.recorded(body, 1, names[body]) for body in two_chambers.BODIES}
 
 
 @pytest.mark.slow

@@ -133,7 +133,7 @@ def test_pressure_forces_are_the_gradient_of_the_volume(rng):
     def chamber(nodes):
         kappa = np.zeros(body.weight.size)
         curvatures(nodes, body, kappa)
-        return volume(0, kappa, body)
+        return volume(0, kappa, body.rest_length, body)
 
     force = gradient_and_hessian(p, x, (0.0, 0, 0, 0))[0] - gradient_and_hessian(p, x, (1e5, 0, 0, 0))[0]
     for _ in range(5):

@@ -17,7 +17,7 @@ def run_testbed(
     ] = None,
     *,
     actuator: Annotated[
-        str, typer.Option(help="virtual actuator: a, b, c, two_segment, antagonistic, or a seed of the family, e.g. 7")
+        str, typer.Option(help="a, b, c, two_segment, antagonistic, lengthening, or a seed of the family, e.g. 7")
     ] = "a",
     seed: Annotated[int, typer.Option(min=0, help="seed of the sensors")] = 1,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="recording to write (.nc)")] = None,
@@ -31,7 +31,8 @@ def run_testbed(
     The recording looks like any laboratory's: raw sensor frame, its own pressure clock, noise and
     drop-outs. A file that already holds this content is left as it is. A number in place of a, b or c is another
     laboratory, drawn by that seed: body, valve and sensors; its working pressure is what the scenarios call 180 kPa.
-    two_segment and antagonistic have two chambers, each behind its own valve; pulse_120+60_500ms gives each its level.
+    two_segment, antagonistic and lengthening have two chambers, each behind its own valve, which lengthen the last;
+    pulse_120+60_500ms gives each its level.
 
     Example: pliant testbed pulse_119 --actuator b --seed 7 -o pulse.nc --truth truth.nc
     """

@@ -232,8 +232,8 @@ def instruments(
 def member(name: str | int) -> Member:
     """A named actuator in the usual laboratory, or the member of a seed (7 or "7").
 
-    One chamber have "a", "b" and "c", two have "two_segment" and "antagonistic", the second behind a longer tube: its
-    valve is slower.
+    One chamber have "a", "b" and "c", two have "two_segment", "antagonistic" and "lengthening", the second behind a
+    longer tube: its valve is slower.
 
     Raises
     ------

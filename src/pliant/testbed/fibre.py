@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.testbed.truth import node_positions
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -81,6 +82,16 @@ def body_angle(
     return s, np.concatenate([np.zeros((at.size, 1)), np.cumsum(steps, axis=1)], axis=1)
 
 
+def stretched(motion: Motion, p: RodParameters, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Arc length (T, F) of the places of `body_angle` along the body as it is stretched at the times `at`, m."""
+    s = np.linspace(0.0, p.length, FINE + 1)
+    if not any(c.push for c in p.chambers):
+        return np.tile(s, (at.size, 1))
+    edge = np.linalg.norm(np.diff(node_positions(motion, at)[:, : p.elements + 1], axis=1), axis=2)
+    grown = np.concatenate([np.zeros((at.size, 1)), np.cumsum(edge, axis=1)], axis=1)
+    return np.stack([np.interp(s, motion.arc_length[: p.elements + 1], row) for row in grown])
+
+
 def gauge_curvature(
     motion: Motion, p: RodParameters, sensor: FibreSensor, at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -89,13 +100,13 @@ def gauge_curvature(
     The fibre is held at the base and slides in its lumen: it needs ``(1 + offset kappa) ds`` of itself
     for ``ds`` of body, so the body's tip wanders along it.
     """
-    s, theta = body_angle(motion, p, at)
+    theta, along = body_angle(motion, p, at)[1], stretched(motion, p, at)
     station = station_position(p, sensor)
     half = 0.5 * sensor.gauge
     out = np.empty((at.size, station.size))
     far = 2.0 * p.length
     for frame in range(at.size):
-        sigma = s + sensor.offset * theta[frame]
+        sigma = along[frame] + sensor.offset * theta[frame]
         tip, angle = sigma[-1], theta[frame, -1]
         hook = angle + p.cap_curvature * p.cap_length
         knots = np.concatenate([[-far], sigma, [tip + p.cap_length, tip + far]])

@@ -136,9 +136,9 @@ def generate(
         Name from `pliant.testbed.scenarios.SCENARIOS`, or ``pulse_<kPa>_<ms>ms``; ``pulse_120+60_<ms>ms`` is a
         level for each chamber. Where a scenario has one command, every chamber follows it.
     body : str, int, Member or RodParameters
-        Actuator "a", "b" or "c"; "two_segment" or "antagonistic", with two chambers; a seed of the family (7 or "7"),
-        whose own valve and sensors record and whose working pressure is what the scenario calls 180 kPa; or parameters
-        of your own.
+        Actuator "a", "b" or "c"; "two_segment", "antagonistic" or "lengthening", with two chambers; a seed of the
+        family (7 or "7"), whose own valve and sensors record and whose working pressure is what the scenario calls
+        180 kPa; or parameters of your own.
     seed : int
         Of the sensors: their systematic errors belong to the seed, their noise to seed and scenario.
     lab : Laboratory, optional

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pliant.testbed.fibre import body_angle
+from pliant.testbed.fibre import body_angle, stretched
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,10 +40,10 @@ def marker_positions(
     """True marker positions (T, M, 3) in the actuator's frame, m."""
     s, theta = body_angle(motion, p, at)
     half = 0.5 * (theta[:, 1:] + theta[:, :-1])
-    step = p.length / (s.size - 1)
+    step = np.diff(stretched(motion, p, at), axis=1)
     zero = np.zeros((at.size, 1))
-    x = np.concatenate([zero, np.cumsum(-np.sin(half), axis=1) * step], axis=1)
-    y = np.concatenate([zero, np.cumsum(np.cos(half), axis=1) * step], axis=1)
+    x = np.concatenate([zero, np.cumsum(-np.sin(half) * step, axis=1)], axis=1)
+    y = np.concatenate([zero, np.cumsum(np.cos(half) * step, axis=1)], axis=1)
     on = np.round(np.arange(1, mocap.markers + 1) / mocap.markers * (s.size - 1)).astype(int)
     out = np.zeros((at.size, len(BASE) + mocap.markers, 3))
     out[:, : len(BASE)] = BASE

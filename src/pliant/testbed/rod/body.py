@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pliant.testbed.rod.parameters import RodParameters
 
 CAP_EDGE = 0.01  # m, length of the edge that carries the rigid cap
+CAP_STIFFNESS = 2.0e4  # N, EA of that edge at least: the cap does not stretch with the body
 FEATURES = 64  # cosines of a random field
 CONTACT_LENGTH = 0.005  # m of body over which an obstacle's stiffness is spread
 
@@ -28,6 +29,7 @@ class Body(NamedTuple):
     rest_curvature: NDArray[np.float64]  # (B,) 1/m
     gain: NDArray[np.float64]  # (C, B) N m/Pa, of each chamber
     gain_slope: NDArray[np.float64]  # (C,) m
+    thrust: NDArray[np.float64]  # (C, E) m2, tension per pressure that each chamber takes off each edge
     loss_time: float  # s
     fibre_height: NDArray[np.float64]  # (F,) m; empty: linear
     fibre_share: NDArray[np.float64]  # (F,) 1/m2, so that the initial slope is 1
@@ -87,6 +89,16 @@ def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.flo
     return out
 
 
+def chamber_thrusts(p: RodParameters, edges: int) -> NDArray[np.float64]:
+    """Axial force per pressure (C, E) [m2] of each chamber on the edges, in the share of them that it lies along."""
+    end = np.arange(p.elements + 1) / p.elements
+    out = np.zeros((len(p.chambers), edges))
+    for c, chamber in enumerate(p.chambers):
+        inside = np.minimum(end[1:], chamber.stop) - np.maximum(end[:-1], chamber.start)
+        out[c, : p.elements] = chamber.push * p.chamber_area * p.elements * np.maximum(inside, 0.0)
+    return out
+
+
 def section_fibres(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Heights and shares of the section's fibres: Gauss points, scaled to unit initial stiffness."""
     if p.linear:
@@ -140,13 +152,16 @@ def build_body(p: RodParameters) -> Body:
     mass[p.elements + 1 :] = 0.0
     cap_mass, cap_weight = cap_terms(p)
     height, share = section_fibres(p)
+    axial = np.full(s.size - 1, p.axial_stiffness)
+    axial[p.elements :] = max(p.axial_stiffness, CAP_STIFFNESS)
     touch = mass / p.mass * p.length / CONTACT_LENGTH
     if capped:
         touch[p.elements] += 1.0  # the cap's rim
     return Body(
-        rest_length=np.diff(s), axial=np.full(s.size - 1, p.axial_stiffness), weight=weight,
+        rest_length=np.diff(s), axial=axial, weight=weight,
         stiffness=fields["stiffness"], rest_curvature=fields["rest_curvature"], gain=chamber_gains(p, fields["gain"]),
-        gain_slope=p.gain_slope * np.sign([c.gain for c in p.chambers]), loss_time=p.loss_time,
+        gain_slope=p.gain_slope * np.sign([c.gain for c in p.chambers]), thrust=chamber_thrusts(p, s.size - 1),
+        loss_time=p.loss_time,
         fibre_height=height, fibre_share=share, locking=p.locking, prony_share=np.array(p.prony_share, dtype=float),
         prony_time=np.array(p.prony_time, dtype=float), slip_stiffness=slip_stiffness,
         slip_limit=slip_stiffness * thresholds, mass=mass, cap_mass=cap_mass, cap_weight=cap_weight,

@@ -16,13 +16,15 @@ class ChamberParameters:
     """One chamber of the body: the part that it turns, `start` to `stop` in shares of the length, and its gain there.
 
     The moment per pressure is `gain` times that of `RodParameters`. Below 0 the chamber lies on the other side of the
-    layer that does not stretch and bends the body that way; its lever grows as the body bends that way.
+    layer that does not stretch and bends the body that way; its lever grows as the body bends that way. The axial force
+    per pressure is `push` times the chamber's area: 0 where the body takes it up, 1 where all of it lengthens its part.
     """
 
     name: str = "chamber"
     start: float = 0.0
     stop: float = 1.0
     gain: float = 1.0
+    push: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what no chamber can be."""
@@ -31,12 +33,15 @@ class ChamberParameters:
                              f"got {self.start} to {self.stop}")
         if not np.isfinite(self.gain) or self.gain == 0.0:
             raise InputError(f"the gain of chamber {self.name!r} must be finite and not 0, got {self.gain}")
+        if not (np.isfinite(self.push) and self.push >= 0.0):
+            raise InputError(f"the push of chamber {self.name!r} must be finite and >= 0, got {self.push}")
 
 
 PLAIN = (ChamberParameters(),)  # one chamber along the whole body
 CHAMBERS = {
     "two_segment": (ChamberParameters("near", 0.0, 0.5), ChamberParameters("far", 0.5, 1.0, gain=0.85)),
     "antagonistic": (ChamberParameters("left"), ChamberParameters("right", gain=-0.85)),
+    "lengthening": (ChamberParameters("left", push=1.0), ChamberParameters("right", gain=-0.85, push=1.0)),
 }
 
 
@@ -74,7 +79,7 @@ class RodParameters:
     section_height: float = 0.014  # m
     locking: float = 0.25  # 1 / limit of the invariant
     linear: bool = False
-    axial_stiffness: float = 2.0e4  # N, the inextensible layer
+    axial_stiffness: float = 2.0e4  # N, EA; so much of it that the middle layer does not stretch
     loss_time: float = 0.0036  # s, Kelvin-Voigt
     prony_share: tuple[float, ...] = (0.06, 0.05, 0.06)
     prony_time: tuple[float, ...] = (0.05, 0.6, 8.0)  # s
@@ -129,7 +134,7 @@ def actuator(name: str = "a") -> RodParameters:
     """One of the three actuators of one chamber, means and fields drawn from the seed of its name, or of those of two.
 
     "two_segment" is actuator "a" with a chamber in each half, "antagonistic" one that is straight at rest, with a
-    chamber along each side of the layer that does not stretch.
+    chamber along each side of the layer that does not stretch. "lengthening" is that with a middle layer that does.
 
     Raises
     ------
@@ -137,8 +142,9 @@ def actuator(name: str = "a") -> RodParameters:
         For an unknown name.
     """
     if name in CHAMBERS:
-        sides = {"two_sided": True, "rest_curvature": 0.0} if name == "antagonistic" else {}
-        return replace(actuator("a"), chambers=CHAMBERS[name], **sides)  # type: ignore[arg-type]
+        sides = {} if name == "two_segment" else {"two_sided": True, "rest_curvature": 0.0}
+        soft = {"axial_stiffness": 200.0} if name == "lengthening" else {}
+        return replace(actuator("a"), chambers=CHAMBERS[name], **sides, **soft)  # type: ignore[arg-type]
     if name not in ACTUATORS:
         raise InputError(f"unknown actuator {name!r}: use one of {', '.join((*ACTUATORS, *CHAMBERS))}")
     seed = ACTUATORS[name]

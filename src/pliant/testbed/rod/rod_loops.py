@@ -88,11 +88,13 @@ def curvatures(x, body, out):
         out[k] = turning(x, k)[0] / body.weight[k]
 
 
-def volume(c, kappa, body):
-    """Volume of chamber `c` above the straight shape: the gain integrates the curvature."""
+def volume(c, kappa, length, body):
+    """Volume of chamber `c` above the straight shape: the gain integrates the curvature, the thrust the stretch."""
     total = 0.0
     for k in range(kappa.size):
         total += body.gain[c, k] * body.weight[k] * (kappa[k] + 0.5 * body.gain_slope[c] * kappa[k] * kappa[k])
+    for e in range(length.size):
+        total += body.thrust[c, e] * (length[e] - body.rest_length[e])
     return total
 
 
@@ -173,6 +175,21 @@ def add_edges(x, body, state, clock, torque, geometric, gradient, band):
         kyy = stiff * ty * ty + side * tx * tx - 2.0 * c * dx * dy
         kxy = (stiff - side) * tx * ty + c * (dy * dy - dx * dx)
         scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band)
+
+
+def add_thrust(x, load, body, geometric, gradient, band):
+    """What the chambers push the edges apart with; `geometric` as in `add_edges`."""
+    for e in range(body.rest_length.size):
+        push = 0.0
+        for c in range(body.thrust.shape[0]):
+            push += load[c] * body.thrust[c, e]
+        if push == 0.0:
+            continue
+        dx, dy = x[e + 1, 0] - x[e, 0], x[e + 1, 1] - x[e, 1]
+        length = np.sqrt(dx * dx + dy * dy)
+        tx, ty = dx / length, dy / length
+        side = -geometric * push / length
+        scatter_edge(e, -push * tx, -push * ty, side * ty * ty, -side * tx * ty, side * tx * tx, gradient, band)
 
 
 def add_inertia(x, load, body, guess, clock, gradient, band):

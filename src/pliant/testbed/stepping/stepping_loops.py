@@ -9,6 +9,7 @@ from pliant.testbed.rod.rod_loops import (
     add_contact,
     add_edges,
     add_inertia,
+    add_thrust,
     curvatures,
     gap_to,
     penalty,
@@ -79,6 +80,7 @@ def gather(x, load, body, obstacles, state, clock, geometric, work):
             work.band[i, d] = 0.0
     add_bending(x, load, body, state, clock, work.band, work.torque, work.six)
     add_edges(x, body, state, clock, work.torque, geometric, work.gradient, work.band)
+    add_thrust(x, load, body, geometric, work.gradient, work.band)
     add_inertia(x, load, body, work.drift, clock, work.gradient, work.band)
     add_contact(x, obstacles, body, state, clock, work.gradient, work.band, work.force)
     for i in range(work.gradient.size):
@@ -151,7 +153,7 @@ def remember(x, body, state, clock, work):
             state.v_before[v, a], state.v[v, a] = state.v[v, a], speed
             state.x_before[v, a], state.x[v, a] = state.x[v, a], x[v, a]
     for c in range(state.chamber.shape[0]):
-        now = volume(c, state.curvature, body)
+        now = volume(c, state.curvature, state.length, body)
         state.chamber[c, 1] = (now - state.chamber[c, 0]) / clock.dt
         state.chamber[c, 0] = now
 
