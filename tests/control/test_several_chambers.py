@@ -302,6 +302,30 @@ def test_the_loop_brings_an_unlike_body_to_its_place(feedback, estimator):
     assert loop.command.shape == (2,)
 
 
+def test_a_rig_s_valve_of_one_chamber_is_followed_by_its_own_equation():
+    """Without a gauge: x'' = w^2 (u - x) - 2 z w x', w by whether u lies above x, by SciPy; the other as modelled."""
+    body, rig = segments(late=(8e-3, 0.0)), SupplyValve(9.0, 5.0, 0.7, 2 * PERIOD)
+    plant = ModelPlant(body)
+    frames = np.array([plant.advance(0.0)[1] for _ in range(8)])
+    task = Task(np.zeros(1), np.array([[-0.02]]), 0.1, outputs=("tip_x",))
+    made = prepare_control(model=body, arc_length=plant.arc_length, frames=frames, task=task, limits=LIMITS,
+                           period=PERIOD, supply={"low": rig})  # fmt: skip
+    assert [c.valve for c in made.body.chambers] == [rig.mean, body.chambers[1].valve]
+    assert made.design.supply == (rig, None)
+    command = np.repeat([8e4, 2e4, 5e4], 25)
+    seen = np.array([made.control._valves[0].update(u, np.nan)[0] for u in command])
+
+    def rates(x, t):
+        u = command[min(int(t / PERIOD + 1e-9), 74)]
+        w = 2 * np.pi * (9.0 if u > x[0] else 5.0)
+        return [x[1], w * w * (u - x[0]) - 2 * 0.7 * w * x[1]]
+
+    times = PERIOD * np.arange(76)
+    true = odeint(rates, [0.0, 0.0], times, hmax=5e-4)[1:, 0]
+    assert seen[:2] == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(seen[2:], true[:-2], atol=200.0)
+
+
 def test_what_does_not_fit_is_refused(tmp_path):
     body = segments()
     plant = ModelPlant(body)
@@ -315,8 +339,15 @@ def test_what_does_not_fit_is_refused(tmp_path):
         ready(feedback="pid")
     with pytest.raises(InputError, match=r"several chambers \(low, high\) names its outputs"):
         ready(displacement=np.zeros(1), outputs=())
-    with pytest.raises(InputError, match="valve goes with a body of one chamber"):
-        ready(supply=SupplyValve(9.0, 6.0, 0.7))
+    with pytest.raises(InputError, match=r"valves name 'mid', the model's chambers are low, high"):
+        ready(supply={"mid": SupplyValve(9.0, 6.0, 0.7)})
+    valve = "rise_hz = 9\nfall_hz = 6\ndamping_ratio = 0.7\ndead_time_ms = 8\n"
+    point = "[[setpoint]]\ntime_s = 0\ntip_x_mm = -20\n"
+    (tmp_path / "v.toml").write_text(f"{point}[valves.low]\n{valve}")
+    assert read_task(tmp_path / "v.toml").supply == {"low": SupplyValve(9.0, 6.0, 0.7, 8e-3)}
+    (tmp_path / "v.toml").write_text(f"{point}[valve]\n{valve}[valves.low]\n{valve}")
+    with pytest.raises(InputError, match=r"every chamber or \[valves.NAME\] for each, not both"):
+        read_task(tmp_path / "v.toml")
     with pytest.raises(InputError, match="limits name 3 chambers, the model has 2"):
         ready(limits=Limits(2e5, chambers=(1e5, 1e5, 1e5)))
     with pytest.raises(InputError, match="unknown output 'tip_z'"):

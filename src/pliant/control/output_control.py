@@ -45,7 +45,8 @@ class OutputLqr:
         self._highest, self._reach = limits.each(self.chambers), limits.slew * design.period
         self._weight = output_weights(design.model, design.outputs)
         late = round(design.latency / design.period)
-        self._valves = [ValveObserver(c.valve, design.period, late=late) for c in design.model.chambers]
+        each = zip(design.model.chambers, design.supply or (None,) * self.chambers, strict=True)
+        self._valves = [ValveObserver(c.valve, design.period, late=late, supply=s) for c, s in each]
         self.reset()
 
     def reset(self) -> None:

@@ -16,6 +16,7 @@ from pliant.control.limits import Limits
 from pliant.control.lqr import Tuning
 from pliant.control.output_gains import Gains, loop_margins, regulator
 from pliant.control.steady_inputs import output_values, output_weights, steady_inputs
+from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
 from pliant.linear.sampled import KILO, periods_late
 from pliant.model import Model
@@ -51,6 +52,8 @@ class OutputDesign:
     path : bool
         Whether what is wanted later is known ahead.
     tuning : Tuning
+    supply : tuple of SupplyValve or None
+        The rig's valve of each chamber, where more is known of it than the model holds; empty: of none.
     """
 
     model: Model
@@ -68,6 +71,7 @@ class OutputDesign:
     ahead: Array
     path: bool
     tuning: Tuning
+    supply: tuple[SupplyValve | None, ...] = ()
 
     @cached_property
     def waiting(self) -> tuple[int, ...]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TypedDict, Unpack
 
 import numpy as np
@@ -60,7 +61,7 @@ class Rig(TypedDict, total=False):
     """What is known of a rig, and how its state is estimated, for `prepare_control`."""
 
     late: int
-    supply: SupplyValve | None
+    supply: SupplyValve | Mapping[str, SupplyValve] | None
     estimator: str
 
 
@@ -87,8 +88,8 @@ def prepare_control(
         Of frames and control, s.
     late : int
         Periods by which a frame is old when it arrives; default: 0.
-    supply : SupplyValve, optional
-        The rig's valve; default: the model's.
+    supply : SupplyValve or mapping, optional
+        The rig's valve, that of every chamber, or by the names of chambers; default: the model's.
     estimator : str
         "observer" (the default), "filter", "differences", or one that an installed package offers.
 
@@ -118,9 +119,8 @@ def prepare_control(
             "a Pipeline of its stations, a KalmanFilter and an OutputLqr or OutputMpc of design_outputs"
         )
     body = calibrated(model, arc_length, frames)
-    if supply is not None and len(body.chambers) > 1:
-        raise InputError("a rig's valve goes with a body of one chamber: the chambers of this model have their own")
-    body = body if supply is None else body.with_(valve=supply.mean)
+    each = supplies(body, supply)
+    body = behind_rig(body, each)
     old = 0 if seeing.predicts else late  # a state that is predicted to the present is not late
     setting, link_angles = Setting(body, period, late), LinkAngles(body, arc_length)
     design: LqrDesign | OutputDesign
@@ -129,15 +129,31 @@ def prepare_control(
         design = output_design(task, body, limits, period, old * period)
         if law.outputs is None:
             raise InputError(f"the controller {law.name!r} takes a body of one chamber: use lqr or mpc")
+        design = replace(design, supply=each)
         control = law.outputs(design, task, limits)
     else:
         design = design_lqr(frozen(body), highest_of(task, limits), period, tuning=task.tuning, latency=old * period)
-        course = course_of(task, design, body, limits, supply, planned=law.follows and task.planned)
-        control = law.make(Plan(task, body, design, limits, period, old, course, supply))
+        course = course_of(task, design, body, limits, each[0], planned=law.follows and task.planned)
+        control = law.make(Plan(task, body, design, limits, period, old, course, each[0]))
         trajectory = course.trajectory
     rest = frames[np.isfinite(frames).all(axis=(1, 2))][0]
     warm_up(Pipeline(link_angles.frame, seeing.make(setting), control), rest, period)
     return Prepared(body, link_angles, seeing.make(setting), control, design, trajectory)
+
+
+def supplies(model: Model, supply: SupplyValve | Mapping[str, SupplyValve] | None) -> tuple[SupplyValve | None, ...]:
+    """The rig's valve of each chamber, None where the model's counts; InputError for a chamber that nobody has."""
+    if not isinstance(supply, Mapping):
+        return (supply,) * len(model.chambers)
+    if unknown := set(supply) - {c.name for c in model.chambers}:
+        raise InputError(f"the rig's valves name {min(unknown)!r}, the model's chambers are {model.actuation.names}")
+    return tuple(supply.get(c.name) for c in model.chambers)
+
+
+def behind_rig(model: Model, each: tuple[SupplyValve | None, ...]) -> Model:
+    """The model with the valves of a rig, each by the one frequency that a linear design takes."""
+    made = (c if s is None else replace(c, valve=s.mean) for c, s in zip(model.chambers, each, strict=True))
+    return model.with_(chambers=tuple(made))
 
 
 def course_of(

@@ -152,7 +152,8 @@ class TaskFile(Entry):
     integral_time_s: Positive = Field(0.3, description="weight of the error that lasts")
     setpoint: list[SetPointEntry] = Field([], description="where the tip shall be, from when on")
     path: PathEntry | None = Field(None, description="in place of set-points")
-    valve: ValveEntry | None = Field(None, description="the rig's; default: the model's")
+    valve: ValveEntry | None = Field(None, description="the rig's, of every chamber; default: the model's")
+    valves: dict[str, ValveEntry] = Field({}, description="the rig's, in place of `valve`: by the names of chambers")
 
     @field_validator("feedback")
     @classmethod
@@ -164,6 +165,8 @@ class TaskFile(Entry):
     def _wants_something(self) -> TaskFile:
         if not self.setpoint and self.path is None:
             raise ValueError("needs at least one [[setpoint]] with time_s and displacement_mm, or a [path]")
+        if self.valve and self.valves:
+            raise ValueError("takes [valve] for every chamber or [valves.NAME] for each, not both")
         if len({wanted(p) for p in self.setpoint}) > 1:
             raise ValueError("every [[setpoint]] gives the same of " + ", ".join(OUTPUTS))
         return self
@@ -182,8 +185,10 @@ class TaskFile(Entry):
         return Limits(1e3 * each, slew)
 
     @property
-    def supply(self) -> SupplyValve | None:
-        """The rig's valve, where the task tells of it."""
+    def supply(self) -> SupplyValve | dict[str, SupplyValve] | None:
+        """The rig's valve, or those of its chambers by their names, where the task tells of them."""
+        if self.valves:
+            return {name: entry.supply for name, entry in self.valves.items()}
         return None if self.valve is None else self.valve.supply
 
     @property
