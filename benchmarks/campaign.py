@@ -7,7 +7,8 @@
 Each seed is another virtual laboratory (`pliant.testbed.family_member`): body, valve and sensors. It records pulses of
 1.5 s at 60, 119, 180, 234 and 360 on the scale where 180 is its working pressure. Those at 60 and 180 teach a ladder of
 models (K, D and torque law; springs that soften; that stiffen again; lag of the pressure; K of each joint; creep),
-which takes the rung of the lowest BIC among those that the recordings determine; the others are held out from fit and
+which takes the rung of the lowest BIC among those that the recordings determine; with ``--late`` rungs that were passed
+over are tried once more at its end, as a study's ladder does. The others are held out from fit and
 choice alike, and only their edge times are fitted. The rod has 60 elements.
 """
 
@@ -62,6 +63,7 @@ class Seeds(chunks.OneByOne):
     elements: int = 60
     links: int = 5
     rungs: tuple[str, ...] = RUNG_NAMES
+    late: bool = False
 
     def work(self, chunk: int) -> Arrays:
         """All numbers of one seed; what could not be had is not a number, and `told` says why."""
@@ -71,7 +73,7 @@ class Seeds(chunks.OneByOne):
         found: dict[str, Any] = {f"{case}_{m}": np.nan for case in HELD_OUT for m in METRICS} | {"told": "", "rung": ""}
         found |= {f"{case}_normalised": np.full((COMMON.size, 2 * self.links), np.nan) for case in HELD_OUT}
         try:
-            found |= judged(who, self.links, self.rungs)
+            found |= judged(who, self.links, self.rungs, late=self.late)
         except PliantError as problem:
             found["told"] = str(problem)
         body = who.body
@@ -104,7 +106,7 @@ def recorded(who: Member, folder: Path, links: int) -> tuple[Study, dict[str, xr
     return study, {name: a.body for name, a in aligned.items()}, shape
 
 
-def judged(who: Member, links: int, rungs: Sequence[str]) -> dict[str, Any]:
+def judged(who: Member, links: int, rungs: Sequence[str], *, late: bool = False) -> dict[str, Any]:
     """Rung, training error, and every metric of every held-out pulse of a member."""
     with tempfile.TemporaryDirectory() as folder:
         study, bodies, shape = recorded(who, Path(folder), links)
@@ -112,7 +114,7 @@ def judged(who: Member, links: int, rungs: Sequence[str]) -> dict[str, Any]:
         model = study_model(study.actuator, None, shape.links)
     known = {r.name: r for r in (*RUNGS, *MORE_RUNGS)}
     train = [experiments[n] for n in TRAIN]
-    climbed = ladder(train, [], model, rungs=[known[n]._replace(scan=()) for n in rungs])
+    climbed = ladder(train, [], model, rungs=[known[n]._replace(scan=()) for n in rungs], late=late)
     found: dict[str, Any] = {"rung": climbed.chosen, "train_percent": climbed.step.error, "told": ""}
     for case in HELD_OUT:
         try:
@@ -260,10 +262,12 @@ def main() -> None:
     parser = chunks.options(__doc__, "campaign", 40)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--rungs", nargs="+", default=RUNG_NAMES, help="of the ladder, from the lowest up")
+    parser.add_argument("--late", action="store_true", help="try rungs that were passed over once more at the end")
     parser.add_argument("--figure", type=Path, help="path without ending")
     args = parser.parse_args()
-    seeds = Seeds(args.seeds, args.first, rungs=tuple(args.rungs))
+    seeds = Seeds(args.seeds, args.first, rungs=tuple(args.rungs), late=args.late)
     key = {"campaign": "family", "first": args.first, "elements": seeds.elements, "rungs": seeds.rungs}
+    key |= {"late": True} if args.late else {}
     samples = chunks.samples(seeds, key, args)
     print(f"{samples.sizes['sample']} seeds, {int(samples['failed'].sum())} with a prediction that was refused, "
           f"{float(samples['cpu_s'].median()):.0f} s of processor a seed (median)")

@@ -10,6 +10,9 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.identification import RUNGS, Experiment, Rung, ladder
+from pliant.identification.ladder import climbed
+from pliant.identification.ladder_fit import Step
+from pliant.identification.model_selection import Follows
 from pliant.model import Memory, Model, Valve
 
 STEP = 2e-3
@@ -103,3 +106,33 @@ def test_what_the_recordings_leave_open_stays_as_given(truth: Model, traced: Any
 def test_rungs_need_names(truth: Model, traced: Any) -> None:
     with pytest.raises(InputError, match="names differ"):
         ladder([traced(truth)], [], truth, rungs=(RUNGS[0], RUNGS[0]))
+
+
+class Told:
+    """A climber whose fits are as good as `follows` says of what is free; no record is simulated."""
+
+    def __init__(self, follows: dict[frozenset[str], float]) -> None:
+        self.follows = follows
+
+    def climb(self, rung: Rung, below: Step, free: dict[str, Any]) -> tuple[Step, dict[str, Any]]:
+        taken = {n: e for n, e in free.items() if n not in rung.drops} | {str(n): n for n in rung.frees[0]}
+        square = self.follows[frozenset(taken)]
+        fitted = Step(rung, result=object(), stands_on=below.rung.name)  # type: ignore[arg-type]
+        return replace(fitted, follows=Follows(square, 1000.0, len(taken))), taken
+
+
+def test_a_finer_rung_that_pays_only_on_a_later_one_is_tried_again_once() -> None:
+    """Each joint's stiffness pays where creep is free; a lag that paid nowhere, and one that joints replace, do not."""
+    k, d, j, c, v = "stiffness", "damping", "stiffness_*", "creep_time_1", "valve_rise"
+    rungs = [Rung("elastic", "", ((k, d),)), Rung("lag", "", ((v,),)), Rung("joints", "", ((j,),), drops=(k,)),
+             Rung("creep", "", ((c,),)), Rung("coarse", "", ((k,),), drops=(v,))]  # fmt: skip
+    squares = {(k, d): 1.0, (k, d, v): 1.0, (j, d): 1.0, (k, d, c): 0.5, (j, d, c): 0.3}
+    climber: Any = Told({frozenset(n): s for n, s in squares.items()})
+    said: list[str] = []
+    found = climbed(climber, rungs, {}, late=True, progress=said.append)
+    assert [(s.rung.name, s.stands_on) for s in found] == [
+        ("elastic", ""), ("lag", "elastic"), ("joints", "elastic"), ("creep", "elastic"), ("coarse", "creep"),
+        ("joints_late", "creep"),
+    ]  # fmt: skip
+    assert len(said) == len(found)
+    assert len(climbed(climber, rungs, {}, late=False, progress=said.append)) == len(rungs)

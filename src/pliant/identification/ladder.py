@@ -70,7 +70,8 @@ class Ladder(Shown):
 
 def ladder(
     train: Sequence[Experiment], held_out: Sequence[Experiment], model: Model, *, common: Sequence[Entry] = (),
-    rungs: Sequence[Rung] = RUNGS, progress: Callable[[str], None] | None = None, **options: Unpack[FitOptions],
+    rungs: Sequence[Rung] = RUNGS, late: bool = True, progress: Callable[[str], None] | None = None,
+    **options: Unpack[FitOptions],
 ) -> Ladder:
     """Fit every rung, each from where a lower one ended, and judge it on records that it has not seen.
 
@@ -88,6 +89,9 @@ def ladder(
     common : sequence of Parameter or str
         What every rung frees, such as the place of a marker.
     rungs : sequence of Rung
+    late : bool
+        Whether a rung that puts finer numbers in the place of others, as `joints` does, is tried once more at the end,
+        as ``NAME_late``, where it was passed over and others have been taken after it.
     step : float, s
         Longest step of the integration; default: 2e-3.
     weighting, loss, starts, rng
@@ -116,15 +120,37 @@ def ladder(
         laws = zip(each_chamber("*.torque_1", model), model.chambers, strict=True)
         free |= {entry_name(e): e for e, c in laws if not c.torque.any() and entry_name(e) not in free}
     climber = LadderFit(train, held_out, model, how, tuple(free))
-    below, steps = Step(Rung("", "")), []
-    for rung in (of_chambers(r, model) for r in rungs):
+    each = [of_chambers(r, model) for r in rungs]
+    return chosen(climbed(climber, each, free, late=late, progress=progress or (lambda _line: None)))
+
+
+def climbed(
+    climber: LadderFit, rungs: Sequence[Rung], free: dict[str, Entry], *, late: bool,
+    progress: Callable[[str], None],
+) -> list[Step]:
+    """All rungs, fitted; then, if `late`, once more those passed over that refine others.
+
+    Not those that add something of their own: a law of springs tried so late earned it on training records alone.
+    """
+    below, steps, replaced = Step(Rung("", "")), list[Step](), set[str]()
+
+    def paid(rung: Rung) -> bool:
+        nonlocal below, free
         made, taken = climber.climb(rung, below, free)
-        if made.result and not made.open and pays(made, below):
-            below, free = made, taken
         steps.append(made)
-        if progress:
-            progress(f"rung {rung.title}: {made.told or f'{made.error:.3g} % of travel'}")
-    return chosen(steps)
+        progress(f"rung {rung.title}: {made.told or f'{made.error:.3g} % of travel'}")
+        if not made.result or made.open or not pays(made, below):
+            return False
+        below, free = made, taken
+        replaced.update(rung.drops)
+        return True
+
+    passed = [(rung, below.rung.name) for rung in rungs if not paid(rung)]
+    for rung, on in passed if late else ():
+        names = {entry_name(e) for choice in rung.frees for e in choice}
+        if rung.drops and on != below.rung.name and not replaced & names:
+            paid(rung._replace(name=f"{rung.name}_late", title=f"{rung.title}, late"))
+    return steps
 
 
 def pays(step: Step, below: Step) -> bool:
