@@ -46,21 +46,35 @@ def set_up(
     plans = Plans() if plans is None else plans
     here = plans.at(model, own)
     m = here.model
-    times, between = exp.time - own.get("latency", 0.0), None
-    if lags_of(own, exp.stations).size:
-        between = between_frames(times)
-        times = between[0]
+    times, between = moments(exp, own)
     if exp.excitation == "release":
         return let_go(here, exp, own, times, step, plans)._replace(between=between)
     plan = planned(m, exp, own, times, step, plans)
     before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
-    start = state.absolute(m, equilibrium(m, plan.initial, link_load=before) if rest is None else rest)
+    if rest is not None:
+        start = state.absolute(m, rest)
+    else:
+        start = here.at_rest(plan.initial) if before is None else state.absolute(
+            m, equilibrium(m, plan.initial, link_load=before))
     numbers = gathered(here, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
     if exp.own_places:
         numbers = as_first_seen(numbers, here, exp)
     acting = plan.pressure if between is None else plan.pressure[between[1]]
     return SetUp(numbers, plan.keep, 1, carriers(here, exp), m, shown(acting), True, between=between)
+
+
+def moments(exp: Experiment, own: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
+    """Times that a march shows, on the clock of the pressure, s; where a sensor lags, with those between the frames."""
+    times = exp.time - own.get("latency", 0.0)
+    between = between_frames(times) if lags_of(own, exp.stations).size else None
+    return times if between is None else between[0], between
+
+
+def drive_of(model: Model, exp: Experiment, values: Mapping[str, float], step: float, plans: Plans) -> Drive:
+    """What drives the steps of `set_up` of a body that is not let go."""
+    own = {**for_record(values, exp.name), **exp.known}
+    return planned(plans.at(model, own).model, exp, own, moments(exp, own)[0], step, plans)
 
 
 def let_go(
@@ -172,13 +186,13 @@ def gathered(
     base: tuple[float, float],
 ) -> Numbers:
     """The numbers of a set-up: angles and base angle while held, and at the start of the motion."""
-    model, chosen = here.model, observed(here, exp)
+    model, (along, across) = here.model, here.places(exp.stations)
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
-        gain=model.actuation.gain, torque_before=model.actuation.joint_torques(plan.initial),
+        gain=model.actuation.gain, torque_before=here.torque_before(plan.initial),
         load=np.zeros((0, model.n, 2)), load_before=loads_at(model, (), 0.0), body=here.body,
         joints=here.joints._replace(base_angle=base[1]), memory=here.memory,
-        along=np.array([p.along for p in chosen]), across=np.array([p.across for p in chosen]),
+        along=along, across=across,
         shift=np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)]),
         sensor_lag=lags_of(own, exp.stations),
         reference=model.base_angle if exp.angle_reference in ("base", "joint") else 0.0,

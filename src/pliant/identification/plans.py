@@ -10,7 +10,9 @@ import numpy as np
 from pliant.equations.symbols import Body, ExtensibleBody, Joints, Memory
 from pliant.identification.parameters import apply, of_the_model
 from pliant.model import Model, Station
+from pliant.simulation import equilibrium
 from pliant.simulation.drive import Drive, Layout
+from pliant.simulation.state import absolute
 
 Array = np.ndarray
 
@@ -23,6 +25,29 @@ class ModelAt(NamedTuple):
     joints: Joints
     memory: Memory
     points: dict[str, Station]  # that can be observed, by name
+    resting: dict[bytes, Array]  # joint torques, and angles at rest, under pressures: recordings share them
+    beside: dict[tuple[str, ...], tuple[Array, Array]]  # along and across (S,) of stations, likewise
+
+    def torque_before(self, pressure: Array) -> Array:
+        """Torques (n + S,) of joints and strains long at rest at `pressure` (C,) [Pa], N m."""
+        key = pressure.tobytes()
+        if key not in self.resting:
+            self.resting[key] = self.model.actuation.joint_torques(pressure)
+        return self.resting[key]
+
+    def places(self, stations: tuple[str, ...]) -> tuple[Array, Array]:
+        """Along and across (S,) the links that carry them of some stations, m."""
+        if stations not in self.beside:
+            chosen = [self.points[name] for name in stations]
+            self.beside[stations] = np.array([p.along for p in chosen]), np.array([p.across for p in chosen])
+        return self.beside[stations]
+
+    def at_rest(self, pressure: Array) -> Array:
+        """Absolute angles (n,), with strains behind them, at rest under `pressure` (C,) [Pa] and no other load."""
+        key = b"rest" + pressure.tobytes()
+        if key not in self.resting:
+            self.resting[key] = absolute(self.model, equilibrium(self.model, pressure))
+        return self.resting[key]
 
 
 class Plans:
@@ -36,6 +61,7 @@ class Plans:
         self.models: dict[Any, ModelAt] = {}
         self.drives: dict[Any, Drive] = {}
         self.layouts: dict[Any, Layout] = {}
+        self.rows: dict[Any, Any] = {}  # derivatives that recordings share, at one set of values: `sensitivity`
         self.poses: dict[Any, Array] = {}  # joint angles of a body that is held
 
     def at(self, model: Model, values: Mapping[str, float]) -> ModelAt:
@@ -43,7 +69,8 @@ class Plans:
         key = of_the_model(values)
         if key not in self.models:
             m = apply(model, dict(key))
-            self.models[key] = ModelAt(m, m.mechanics(), m.joints(), m.memory.law(), {p.name: p for p in m.points})
+            points = {p.name: p for p in m.points}
+            self.models[key] = ModelAt(m, m.mechanics(), m.joints(), m.memory.law(), points, {}, {})
         return self.models[key]
 
     def forget(self, most: int) -> None:

@@ -43,6 +43,7 @@ class Problem:
         self, experiments: list[Experiment], model: Model, parameters: list[Parameter], step: float, weighting: str,
     ) -> None:
         self.experiments = experiments
+        self.names = {e.name for e in experiments}
         self.model = model
         self.parameters = parameters
         self.step = step
@@ -107,14 +108,23 @@ class Problem:
         values = self.values(x)
         sizes = {p.name: float(s) for p, s in zip(self.free, self.scale, strict=True)}
         self.plans.forget(MOST_PLANS)
-        parts = [
-            o.slopes(slopes_of(self.model, o.exp, values, sizes, self.step, self.plans)) for o in self.observed
-        ]
-        J = np.concatenate(parts, axis=1).T * self.scale
+        self.plans.rows.clear()
+        J = np.zeros((self.ends[-1], len(self.free)))
+        for o, end in zip(self.observed, self.ends, strict=True):
+            mine = [k for k, p in enumerate(self.free) if self.acts_on(p, o.exp)]
+            asked = {self.free[k].name: sizes[self.free[k].name] for k in mine}
+            slopes = slopes_of(self.model, o.exp, values, asked, self.step, self.plans)
+            J[end - o.count : end, mine] = o.slopes(slopes).T
+        J *= self.scale
         length = np.linalg.norm(J, axis=0)
         J[:, length < BLIND * length.max(initial=0.0)] = 0.0  # rounding alone: it would send the optimiser far off
         self.latest = (x.tobytes(), J)
         return np.asarray(J)
+
+    def acts_on(self, p: Parameter, exp: Experiment) -> bool:
+        """Whether a parameter can move an experiment: one of another recording alone cannot."""
+        owner = p.name.partition(".")[0]
+        return owner == exp.name or owner not in self.names
 
     @property
     def learns(self) -> bool:

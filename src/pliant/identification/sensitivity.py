@@ -17,8 +17,9 @@ from pliant.equations import motion
 from pliant.equations.symbols import Body, ExtensibleBody, Slopes
 from pliant.errors import FitError, PliantError
 from pliant.identification.following import TINY, moved, moved_slopes
-from pliant.identification.forward_model import set_up
+from pliant.identification.forward_model import drive_of, set_up
 from pliant.identification.loop_inputs import LONG, Numbers, SetUp, from_one_row, in_one_row
+from pliant.identification.parameters import OF_A_RECORD
 from pliant.identification.plans import Plans
 from pliant.model import Model
 from pliant.simulation import lengthened, state
@@ -82,6 +83,7 @@ def slopes_of(
     rest = state.relative(here.model, here.numbers.phi) if here.from_rest else None
     stiffness = rest_stiffness(here) if here.from_rest else None
     beside: list[tuple[int, Slope]] = []
+    alike = shares(exp, values, here)
     for k, (name, size) in enumerate(sizes.items()):
         owner, dot, own = name.partition(".")
         if (own if dot and owner == exp.name else name) in exp.known:
@@ -90,12 +92,18 @@ def slopes_of(
         def at(value: float, name: str = name) -> SetUp:
             return set_up(model, exp, {**values, name: value}, step, plans, rest)
 
-        base, slope = input_slopes(at, here, values[name], SHARE * max(abs(values[name]), size))
+        away = SHARE * max(abs(values[name]), size)
+        key = (name, *alike) if alike and own not in OF_A_RECORD else None
+        base, slope = here, shared_slope(model, exp, values, (name, away), step, plans, key)
+        if slope is None:
+            base, slope = input_slopes(at, here, values[name], away)
+            if stiffness is not None and any(np.any(v) for v in slope):
+                turned = equilibrium_slope(base, slope, stiffness if base is here else rest_stiffness(base))
+                slope.row[: 2 * turned.size] = np.tile(turned, 2)  # held and phi, the first of all numbers
+            if base is here and key:
+                plans.rows[key] = slope.row
         if not any(np.any(v) for v in slope):
             continue
-        if stiffness is not None:
-            turned = equilibrium_slope(base, slope, stiffness if base is here else rest_stiffness(base))
-            slope.row[: 2 * turned.size] = np.tile(turned, 2)  # held and phi, the first of all numbers
         if base is here:
             beside.append((k, slope))
         else:
@@ -104,6 +112,35 @@ def slopes_of(
         places, together = zip(*beside[first : first + WIDTH], strict=True)
         slopes[list(places)] = carried(here, together, rows)
     return slopes
+
+
+def shares(exp: Experiment, values: Mapping[str, float], here: SetUp) -> tuple[Any, ...]:
+    """What recordings have alike whose numbers, but the long ones, have the same derivatives; empty for one alone."""
+    own = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
+    if not here.from_rest or exp.forces or exp.own_places or exp.known or own - {"start", "stop"}:
+        return ()
+    return (exp.stations, exp.angle_reference, here.numbers.torque_before.tobytes(), here.numbers.phi.tobytes())
+
+
+def shared_slope(
+    model: Model, exp: Experiment, values: Mapping[str, float], by: tuple[str, float], step: float, plans: Plans,
+    key: tuple[Any, ...] | None,
+) -> Slope | None:
+    """The derivative by a parameter, `by` its name with a step, where a recording alike (`shares`) has found it before.
+
+    Only the torques over the steps are this recording's own. None where there is none yet, or the steps change.
+    """
+    if key is None or key not in plans.rows:
+        return None
+    name, away = by
+    try:
+        made = [drive_of(model, exp, {**values, name: values[name] + side}, step, plans) for side in (-away, away)]
+    except PliantError:
+        return None
+    if made[0].h is not made[1].h:
+        return None
+    rate = 0.0 if made[0].torque is made[1].torque else (made[1].torque - made[0].torque) * (0.5 / away)
+    return Slope(plans.rows[key].copy(), 0.0, rate, 0.0)
 
 
 def carried(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
