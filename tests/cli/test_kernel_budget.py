@@ -13,8 +13,8 @@ from pliant.model import save_model
 from pliant.testbed.bundle import FOLDER
 
 SIMULATE = {
-    "march_loops.march_5": 1, "llvm.step_5": 1, "elastic.follows_n": 1, "elastic.tangent_n": 1,
-    "llvm.add_step_work_5": 1, "contact.add_link_loads_n": 1, "chamber.share_out_n": 1,
+    "march_loops.march_5": 1, "llvm.step_5_part": 1, "elastic.follows_n_part": 1, "elastic.tangent_n_part": 1,
+    "llvm.add_step_work_5_part": 1, "contact.add_link_loads_n_part": 1, "chamber.share_out_n_part": 1,
 }
 
 

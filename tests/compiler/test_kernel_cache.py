@@ -26,6 +26,7 @@ import json
 import numpy as np
 import pliant
 from oracles.chains import paper_chain, workspace
+from pliant.compiler.cache import part
 from pliant.compiler.choose import twin
 from pliant.equations.energy import add_step_work, input_power
 chain = paper_chain()
@@ -35,7 +36,7 @@ compiled(np.arange(5.0), 1e-3, chain.drive(0.08), chain.joints(), workspace(5), 
 count = lambda c: sum(c.values())
 print(json.dumps({
     "hits": count(compiled.stats.cache_hits), "misses": count(compiled.stats.cache_misses),
-    "callee": count(twin(input_power).stats.cache_misses), "value": total.tolist(),
+    "callee": count(part(twin(input_power)).stats.cache_misses), "value": total.tolist(),
     "name": compiled.py_func.__qualname__, "file": pliant.__file__,
 }))
 """

@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from time import monotonic, sleep, time
+from types import FunctionType
 from typing import IO, Any
 from warnings import warn
 
@@ -21,6 +22,8 @@ import llvmlite
 import numba
 from numba import njit, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.runtime.nrt import rtsys
 from numba.misc.appdirs import AppDirs
@@ -132,6 +135,7 @@ def kept(function: Any, **options: Any) -> Any:
     """
     options["no_cfunc_wrapper"] = True  # a door for C: nobody comes by it
     made = njit(**options)(function)
+    made.given = options
     try:
         made._cache = KernelCache(made.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
     except RuntimeError:  # no folder takes a file: neither the shared one, nor those that Numba tries
@@ -161,6 +165,39 @@ def kept(function: Any, **options: Any) -> Any:
 
     made.compile = compile_alone
     return made
+
+
+class Part(Compiler):
+    """Compiles what others take in: inlined and simplified; the rest is done where it ends up."""
+
+    def define_pipelines(self) -> Any:
+        """Numba's steps, into a library of little optimisation."""
+        self.state.library = _PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        self.state.library.enable_object_caching()
+        return super().define_pipelines()
+
+
+class _PartLibrary(JITCodeLibrary):
+    def _optimize_final_module(self) -> None:
+        """The first of the two rounds that Numba makes of a library."""
+        made = self._codegen
+        passes, builder = made._module_pass_manager(opt=made._opt_level, cost="cheap")  # noqa: SLF001  as Numba does
+        passes.run(self._final_module, builder)
+
+
+@cache
+def part(whole: Any) -> Any:
+    """A kernel of `kept` as those take it that call it and are compiled themselves: cheap, and of no use to Python.
+
+    A third of the time that compiling takes goes into doors for Python, which nobody opens there, and into optimising
+    what is optimised again in its callers.
+    """
+    function = whole.py_func
+    copy = FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
+    copy.__module__ = function.__module__
+    kernel, _, digest = function.__qualname__.rpartition("_")
+    copy.__qualname__ = f"{kernel}_part_{digest}"
+    return kept(copy, **whole.given, no_cpython_wrapper=True, pipeline_class=Part)
 
 
 @cache

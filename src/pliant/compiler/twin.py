@@ -149,9 +149,9 @@ def compiled_twin(
     `made` gives the twin of a kernel that it calls, `sources` are the files that made stand-ins for those `replaced`,
     `more` holds further options of Numba; `tag` tells twins of one kernel apart.
     """
-    from pliant.compiler.cache import kept
+    from pliant.compiler.cache import kept, part
 
-    scope = {**kernel.__globals__, **{f.__name__: made(f) for f in callees(kernel)}}
+    scope = {**kernel.__globals__, **{f.__name__: part(made(f)) for f in callees(kernel)}}
     copy = FunctionType(kernel.__code__, scope, kernel.__name__, kernel.__defaults__)
     copy.__module__ = kernel.__module__
     digest = fingerprint(kernel, __file__, *sources)
