@@ -8,11 +8,23 @@ from oracles.stretching import Stretching
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from pliant.control import Limits, OutputLqr, OutputMpc, Pipeline, Task, design_outputs, prepare_control, steady_inputs
+from pliant.control import (
+    Limits,
+    OutputLqr,
+    OutputMpc,
+    Pipeline,
+    Task,
+    design_outputs,
+    prepare_control,
+    read_task,
+    steady_inputs,
+)
 from pliant.errors import InputError
 from pliant.estimation import Frame, KalmanFilter, State, rows_of
+from pliant.estimation.link_tips import rested
 from pliant.loop import Bounds, ControlLoop, LoopLog, VirtualActuator, VirtualClock, Watchdog, log_columns
 from pliant.loop.model_plant import ModelPlant
+from pliant.loop.task import run_task
 from pliant.model import Chamber, Extension, Valve, chain_model
 
 PERIOD, LATE, LAG = 4e-3, 2, 0.02  # s, periods, s
@@ -144,3 +156,39 @@ def test_commands_that_see_a_dense_curve_refuse():
     task = Task(np.zeros(1), np.zeros((1, 2)), 0.1, outputs=BOTH)
     with pytest.raises(InputError, match="make a Pipeline of its stations"):
         prepare_control(pair(), np.linspace(0.0, 0.2, 20), np.zeros((6, 20, 2)), task, LIMITS, PERIOD)
+
+
+def test_a_task_brings_a_body_that_lengthens_there_from_a_plant_whose_markers_ride_on_it(tmp_path):
+    """Point masses softer than the model by 8 %, their tips as markers; what a task file asks of `pliant control`."""
+    model, plant = pair(), Masses(pair(0.92), noise=2e-4)
+    plant.arc_length, plant.rides = model.base_length + np.cumsum(model.link_length), True
+    wanted = tip_at(model, [8e4, 3e4]) - tip_at(model, [0.0, 0.0])
+    (tmp_path / "t.toml").write_text(
+        f"highest_kpa = 100.0\nduration_s = 1.0\n[[setpoint]]\ntime_s = 0.1\ntip_x_mm = {1e3 * wanted[0]}\n"
+        f"tip_y_mm = {1e3 * wanted[1]}\n"
+    )
+    task = read_task(tmp_path / "t.toml")
+    with pytest.raises(InputError, match="estimator 'observer' does not follow: use filter"):
+        run_task(model, plant, task, tmp_path)
+    start = plant.tip
+    done = run_task(model, plant, task, tmp_path, estimator="filter")
+    assert done.summary["fault"] == ""
+    assert np.linalg.norm(plant.tip - start - wanted) < 1e-3
+    assert plant.tip[1] > start[1] + 0.005
+
+
+def test_rest_angles_are_found_from_points_that_ride(rng):
+    """Turned rest angles of a hanging body, whose springs and segments its weight moves, from noisy points."""
+    turned = pair().with_(rest_angle=[0.05, -0.04, 0.03])
+    plant = ModelPlant(turned, noise=1e-5)
+    frames = np.array([plant.advance(np.zeros(2))[1] for _ in range(20)])
+    body, places = rested(pair(), plant.arc_length, frames)
+    assert body.rest_angle == pytest.approx(turned.rest_angle, abs=2e-3)  # points 5 mm apart cut the joints' corners
+    assert places.frame(frames[0]).values.reshape(-1, 2)[-1] == pytest.approx(plant.tip, abs=2e-4)
+    frames[:16] = np.nan
+    with pytest.raises(InputError, match="at least 5 whole frames, got 4 of 20"):
+        rested(pair(), plant.arc_length, frames)
+    with pytest.raises(InputError, match="must lie along the body"):
+        rested(pair(), plant.arc_length[:20], frames[:, :20])
+    with pytest.raises(InputError, match="41 points in the plane"):
+        places.frame(np.zeros((3, 2)))

@@ -335,9 +335,9 @@ def test_what_does_not_fit_is_refused(tmp_path):
         wanted = {"time": np.zeros(1), "displacement": np.zeros((1, 2)), "duration": 0.1, "outputs": BOTH} | task
         return prepare_control(model, plant.arc_length, frames, Task(**wanted), limits, PERIOD, supply=supply)
 
-    with pytest.raises(InputError, match="'pid' takes a body of one chamber: use lqr or mpc"):
+    with pytest.raises(InputError, match="'pid' takes one chamber and a fixed length: use lqr or mpc"):
         ready(feedback="pid")
-    with pytest.raises(InputError, match=r"several chambers \(low, high\) names its outputs"):
+    with pytest.raises(InputError, match=r"several chambers \(low, high\) or a body that lengthens names its outputs"):
         ready(displacement=np.zeros(1), outputs=())
     with pytest.raises(InputError, match=r"valves name 'mid', the model's chambers are low, high"):
         ready(supply={"mid": SupplyValve(9.0, 6.0, 0.7)})

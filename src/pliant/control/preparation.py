@@ -20,6 +20,7 @@ from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import frozen
 from pliant.estimation.contract import Estimator, Setting
 from pliant.estimation.link_angles import LinkAngles, calibrated
+from pliant.estimation.link_tips import LinkTips, rested
 from pliant.estimation.registry import estimator_kind
 from pliant.model import Model
 from pliant.options import with_defaults
@@ -35,7 +36,7 @@ class Prepared:
     ----------
     body : Model
         With the rest shape of the body at hand.
-    link_angles : LinkAngles
+    link_angles : LinkAngles or LinkTips
         What its shapes are measured by.
     estimator : Estimator
     control : Controller
@@ -45,7 +46,7 @@ class Prepared:
     """
 
     body: Model
-    link_angles: LinkAngles
+    link_angles: LinkAngles | LinkTips
     estimator: Estimator
     control: Controller
     design: LqrDesign | OutputDesign
@@ -63,9 +64,10 @@ class Rig(TypedDict, total=False):
     late: int
     supply: SupplyValve | Mapping[str, SupplyValve] | None
     estimator: str
+    rides: bool
 
 
-RIG: Rig = {"late": 0, "supply": None, "estimator": "observer"}
+RIG: Rig = {"late": 0, "supply": None, "estimator": "observer", "rides": False}
 
 
 def prepare_control(
@@ -91,7 +93,10 @@ def prepare_control(
     supply : SupplyValve or mapping, optional
         The rig's valve, that of every chamber, or by the names of chambers; default: the model's.
     estimator : str
-        "observer" (the default), "filter", "differences", or one that an installed package offers.
+        "observer" (the default), "filter", "differences", or one that an installed package offers. A body that
+        lengthens takes "filter".
+    rides : bool
+        Whether the points ride on the body as it stretches, as markers do; default: False, a dense curve.
 
     Returns
     -------
@@ -100,8 +105,8 @@ def prepare_control(
     Raises
     ------
     InputError
-        When the task is out of reach, or the parts do not fit; and for a body that lengthens, which a dense curve does
-        not show.
+        When the task is out of reach, or the parts do not fit; and for a body that lengthens where the points do not
+        ride on it: a dense curve does not show how it does.
     TypeError
         For an unknown keyword.
 
@@ -113,22 +118,17 @@ def prepare_control(
     known = with_defaults(prepare_control, rig, RIG)
     late, supply = known["late"], known["supply"]
     seeing, law = estimator_kind(known["estimator"]), controller_kind(task.feedback)
-    if model.extensions:
-        raise InputError(
-            f"{model.name!r} lengthens, and a dense curve does not show which of its points belong to which link: make "
-            "a Pipeline of its stations, a KalmanFilter and an OutputLqr or OutputMpc of design_outputs"
-        )
-    body = calibrated(model, arc_length, frames)
+    body, link_angles = calibration(model, arc_length, frames, known["estimator"], rides=known["rides"])
     each = supplies(body, supply)
     body = behind_rig(body, each)
     old = 0 if seeing.predicts else late  # a state that is predicted to the present is not late
-    setting, link_angles = Setting(body, period, late), LinkAngles(body, arc_length)
+    setting = Setting(body, period, late)
     design: LqrDesign | OutputDesign
     trajectory = None
-    if len(body.chambers) > 1:
+    if len(body.chambers) > 1 or body.extensions:
         design = output_design(task, body, limits, period, old * period)
         if law.outputs is None:
-            raise InputError(f"the controller {law.name!r} takes a body of one chamber: use lqr or mpc")
+            raise InputError(f"the controller {law.name!r} takes one chamber and a fixed length: use lqr or mpc")
         design = replace(design, supply=each)
         control = law.outputs(design, task, limits)
     else:
@@ -139,6 +139,24 @@ def prepare_control(
     rest = frames[np.isfinite(frames).all(axis=(1, 2))][0]
     warm_up(Pipeline(link_angles.frame, seeing.make(setting), control), rest, period)
     return Prepared(body, link_angles, seeing.make(setting), control, design, trajectory)
+
+
+def calibration(
+    model: Model, arc_length: Array, frames: Array, estimator: str, *, rides: bool,
+) -> tuple[Model, LinkAngles | LinkTips]:
+    """The model with the rest shape of the body at hand, and what its shapes are measured by."""
+    if not model.extensions:
+        body = calibrated(model, arc_length, frames)
+        return body, LinkAngles(body, arc_length)
+    if not rides:
+        raise InputError(
+            f"{model.name!r} lengthens, and a dense curve does not show which of its points belong to which link: take "
+            "a plant whose points ride on the body (`rides`), or make a Pipeline of its stations, a KalmanFilter and "
+            "an OutputLqr or OutputMpc of design_outputs"
+        )
+    if estimator in ("observer", "differences"):
+        raise InputError(f"{model.name!r} lengthens, which the estimator {estimator!r} does not follow: use filter")
+    return rested(model, arc_length, frames)
 
 
 def supplies(model: Model, supply: SupplyValve | Mapping[str, SupplyValve] | None) -> tuple[SupplyValve | None, ...]:
@@ -185,8 +203,8 @@ def output_design(task: Task, body: Model, limits: Limits, period: float, latenc
     if not task.outputs or levels.ndim != 2 or levels.shape[1] != len(task.outputs):
         names = body.actuation.names
         raise InputError(
-            f"a task for several chambers ({names}) names its outputs and gives a value of each (tip_x_mm, tip_y_mm, "
-            "angle_deg in a task file)"
+            f"a task for several chambers ({names}) or a body that lengthens names its outputs and gives a value of "
+            "each (tip_x_mm, tip_y_mm, angle_deg in a task file)"
         )
     clock = np.arange(max(round(task.duration / period), 1)) * period
     courses = (

@@ -42,6 +42,8 @@ class ModelPlant:
         When a period is no whole number of steps.
     """
 
+    rides = True  # its points stay where they are on the links
+
     def __init__(
         self, model: Model, *, period: float = 4e-3, step: float = 1e-3, noise: float = 1e-4,
         pressure_noise: float = 300.0, seed: int = 1,

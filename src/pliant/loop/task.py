@@ -73,7 +73,7 @@ def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "
     shapes = np.array([shape for _, shape, _ in frames])
     return prepare_control(
         model, plant.arc_length, shapes, wanted.task, wanted.limits, wanted.period, late=late, supply=wanted.supply,
-        estimator=estimator,
+        estimator=estimator, rides=getattr(plant, "rides", False),
     )
 
 

@@ -20,6 +20,7 @@ class PlantLike(Protocol):
     period: float  # s, of its frames
     time: float  # s, on its own clock
     arc_length: Any  # (S,) m, of the points along the body; for `prepare_plant`
+    # rides: bool, may be left out: whether its points ride on the body as it stretches, as markers do
 
     def advance(self, command: Any) -> Any:
         """Hold a command [Pa], a number or an array (C,), for a period.

@@ -1,0 +1,120 @@
+"""What a chain that lengthens finds again of a virtual rod that does, and how well it predicts both chambers together.
+
+The body `lengthening` is recorded by motion capture, with its noise and lost markers and by the transducers of both
+chambers: pulses of 50 and 120 kPa in one chamber, then in the other, and one of 60 kPa in both. The three markers of
+the base, whose places on it are known, give the frame. A chain of six links with one axial strain learns from these,
+places of its markers from the first frames, and predicts pulses in both chambers. What is found is held against the
+rod's own numbers, which share nothing with the chain.
+Usage: python benchmarks/lengthening.py [seeds of the sensors]
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from scipy.spatial.transform import Rotation
+
+from pliant.identification import Experiment, FitResult, fit, predict_held_out
+from pliant.model import Model
+from pliant.recording import make_recording
+from pliant.recording.netcdf import write_netcdf
+from pliant.study.run import prepare_all
+from pliant.study.schema import Study
+from pliant.testbed import Laboratory, generate
+from pliant.testbed.mocap import BASE
+from pliant.testbed.rod import CHAMBERS, RodParameters, actuator, build_body
+
+LINKS = 6
+TRAIN = {"left_50": "pulse_50+0_1500ms", "left_120": "pulse_120+0_1500ms", "right_50": "pulse_0+50_1500ms",
+         "right_120": "pulse_0+120_1500ms", "both_60": "pulse_60+60_1500ms"}  # fmt: skip
+HELD_OUT = {"both_100": "pulse_100+100_1500ms", "uneven": "pulse_130+60_1500ms", "overlapping": "overlapping"}
+RUBBER = ("stiffness", "damping", "stiffening", "axial_stiffness", "axial_damping")
+MODELS = {"springs": (), "and creep": ("creep_share_1", "creep_time_1")}
+
+
+def planar(recording: xr.Dataset) -> xr.Dataset:
+    """The recording in the frame of its base, whose markers' mean places are laid on the known ones (Kabsch)."""
+    position, known = recording["position"].values, np.array(BASE)
+    seen = np.nanmean(position[:, : len(BASE)], axis=0)
+    turn, _ = Rotation.align_vectors(known - known.mean(axis=0), seen - seen.mean(axis=0))
+    placed = turn.apply((position - seen.mean(axis=0)).reshape(-1, 3)).reshape(position.shape) + known.mean(axis=0)
+    return make_recording(
+        recording["time"].values, placed[:, len(BASE) :, :2], frame="planar",
+        station=recording["station"].values[len(BASE) :].tolist(), pressure=recording["pressure"].values,
+        pressure_time=recording["pressure_time"].values, chamber=recording["chamber"].values.tolist(),
+        source=recording.attrs["source"],
+    )
+
+
+def recorded(seed: int, names: Iterable[str], rod: RodParameters | None = None) -> tuple[dict[str, Experiment], Model]:
+    """What the laboratory has of the body, and the chain with guessed numbers."""
+    rod = rod or actuator("lengthening")
+    cases, chambers = {**TRAIN, **HELD_OUT}, [c.name for c in CHAMBERS["lengthening"]]
+    with tempfile.TemporaryDirectory() as folder:
+        recordings = {}
+        for name in names:
+            made = generate(cases[name], replace(rod, gravity=(0.0, 0.0)), seed, lab=Laboratory(output="markers"))
+            write_netcdf(planar(made.recording), Path(folder) / f"{name}.nc")
+            recordings[name] = {"file": f"{name}.nc", "drive": {c: c for c in chambers}, "own_places": True}
+        joints = list(range(1, LINKS + 1))
+        study = Study.model_validate({
+            "name": "lengthening", "folder": folder, "fits": {}, "recordings": recordings,
+            "actuator": {
+                "length": rod.length, "mass": rod.mass, "tip_mass": rod.cap_mass, "links": LINKS,
+                "joint_placement": "midsegment", "extensions": [{"stiffness": 400.0, "damping": 1.0}],
+                "chambers": [{"name": name, "joints": joints, "gain": sign}
+                             for name, sign in zip(chambers, (1.0, -1.0), strict=True)],
+            },
+        })  # fmt: skip
+        ready = prepare_all(study, lambda _line: None)
+        return ready.experiments, ready.model
+
+
+def taught(train: Iterable[Experiment], model: Model, more: Iterable[str] = ()) -> FitResult:
+    """The fit to some recordings: one law, one axial gain and one pair of edges for each chamber."""
+    own = [f"{c.name}.{name}" for c in model.chambers for name in ("torque_1", "axial_gain", "valve_rise")]
+    return fit(list(train), model, [*RUBBER, *own, "base_angle", *more], starts=1)
+
+
+def truth(rod: RodParameters) -> dict[str, float]:
+    """The rod's own numbers: EA, its viscosity, and thrust over moment per pressure of each chamber."""
+    body = build_body(rod)
+    found = {"axial_stiffness": rod.axial_stiffness, "axial_damping": rod.loss_time * rod.axial_stiffness}
+    lever = np.abs(body.gain @ body.weight) / rod.length
+    return found | {f"{c.name}.axial_gain": c.push * rod.chamber_area / g
+                    for c, g in zip(rod.chambers, lever, strict=True)}  # fmt: skip
+
+
+def missed(exp: Experiment, fitted: FitResult) -> tuple[float, float, float]:
+    """RMS error of all markers in % of the travel, and the growth of base to tip, modelled and measured, mm."""
+    made = predict_held_out(exp, fitted)[0]["position"]
+    error = 100.0 * float(np.sqrt(np.nanmean(np.sum((made - exp.position) ** 2, axis=-1)))) / exp.travel
+    far = [np.linalg.norm(rows[:, -1], axis=-1) for rows in (made, exp.position)]
+    return error, *(1e3 * float(np.nanmax(f) - np.nanmedian(f[:5])) for f in far)
+
+
+def main(seeds: int) -> None:
+    """Print what was found and how well it predicts."""
+    true = truth(actuator("lengthening"))
+    for seed in range(1, seeds + 1):
+        experiments, model = recorded(seed, {**TRAIN, **HELD_OUT})
+        for title, more in MODELS.items():
+            fitted = taught((experiments[n] for n in TRAIN), model, more)
+            print(f"sensors {seed}, {title}: {fitted.status}")
+            for p in fitted.parameters:
+                if p.name in true and p.std is not None:
+                    print(f"  {p.name} {p.value:.4g} +- {p.std:.2g} {p.unit}, the rod's {true[p.name]:.4g}")
+            for name in HELD_OUT:
+                error, made, seen = missed(experiments[name], fitted)
+                print(f"  {name}: {error:.2f} % of {1e3 * experiments[name].travel:.0f} mm; base to tip "
+                      f"{made:+.2f} mm, measured {seen:+.2f} mm", flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 3)
