@@ -11,6 +11,7 @@ from pliant.errors import InputError
 from pliant.linear.linearisation import LinearModel
 
 Array = np.ndarray
+BLOCK = 500  # frequencies at once: their matrices stay within a few MB
 KILO = 1e3  # pressures enter a Riccati equation in kPa, so that its numbers are of one size
 
 
@@ -107,8 +108,11 @@ def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -
         left, right = gain @ V, np.linalg.solve(V, plant.B.astype(complex))
         z = np.exp(1j * omega * period)
         return LoopCurve(omega, ((left * right)[None, :] / (z[:, None] - values[None, :])).sum(axis=1))
-    eye = np.eye(plant.A.shape[0])
-    curve = [gain @ np.linalg.solve(np.exp(1j * w * period) * eye - plant.A, plant.B.astype(complex)) for w in omega]
+    eye, B = np.eye(plant.A.shape[0]), plant.B.astype(complex)[:, None]
+    curve = []
+    for few in np.split(omega, range(BLOCK, points, BLOCK)):
+        states = np.linalg.solve(np.exp(1j * few * period)[:, None, None] * eye - plant.A, B)[..., 0]
+        curve += [gain @ x for x in states]
     return LoopCurve(omega, np.array(curve))
 
 

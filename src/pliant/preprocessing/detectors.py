@@ -25,13 +25,15 @@ GRID_SHARE, OFF_GRID = 0.5, 0.2  # distinct values in parts of all; how far off 
 FLOOR_SHARE = 3e-3  # faults below this share of the station's travel are no faults
 
 
-def by_blocks(detector: Callable[[NDArray], NDArray], position: NDArray, overlap: int = 0) -> NDArray:
+def by_blocks(detector: Callable[..., NDArray], position: NDArray, *known: NDArray, overlap: int = 0) -> NDArray:
     """A detector of single stations on a few stations at a time: its intermediate arrays stay small.
 
-    Its result has the stations last; with `overlap` = 1 one for each pair of neighbours.
+    It is given the stations' share of `known` arrays (S,) too. Its result has the stations last; with `overlap` = 1 one
+    for each pair of neighbours.
     """
-    blocks = range(0, max(position.shape[1] - overlap, 1), BLOCK_STATIONS)
-    return np.concatenate([detector(position[:, i : i + BLOCK_STATIONS + overlap]) for i in blocks], axis=-1)
+    first = range(0, max(position.shape[1] - overlap, 1), BLOCK_STATIONS)
+    blocks = [slice(i, i + BLOCK_STATIONS + overlap) for i in first]
+    return np.concatenate([detector(position[:, b], *(values[b] for values in known)) for b in blocks], axis=-1)
 
 
 def seen_points(position: NDArray, about: NDArray) -> Iterator[NDArray]:
@@ -96,7 +98,7 @@ def quantum(values: NDArray) -> float:
 
 def travel(position: NDArray) -> NDArray:
     """(S,) largest distance in metres between a station and its median place; NaN where never seen."""
-    distance = np.linalg.norm(position - _nanmedian(position), axis=-1)
+    distance = _lengths(position - _nanmedian(position))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.nanmax(distance, axis=0)
@@ -109,8 +111,8 @@ def rms_deviation(position: NDArray) -> NDArray:
         return np.sqrt(np.nansum(np.nanvar(position, axis=0), axis=-1))
 
 
-def spikes(position: NDArray) -> NDArray:
-    """(T, S) bool: single frames in which a station is elsewhere and back again.
+def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
+    """(T, S) bool: single frames in which a station is elsewhere and back again; `floor` is the `fault_floor` if known.
 
     The residual against the cubic through two neighbours on each side must stand out of its surroundings,
     and the steps to and from the frame must oppose each other.
@@ -121,13 +123,13 @@ def spikes(position: NDArray) -> NDArray:
     x = position
     residual = np.zeros_like(x)
     residual[2:-2] = x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6
-    size = np.linalg.norm(residual, axis=-1)
+    size = _lengths(residual)
     step = np.diff(x, axis=0)
     opposed = (step[:-1] * step[1:]).sum(-1) < 0
-    returned = np.linalg.norm(x[2:] - x[:-2], axis=-1) < 0.5 * size[1:-1]
+    returned = _lengths(x[2:] - x[:-2]) < 0.5 * size[1:-1]
     largest = (size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:])
     found[1:-1] = opposed & returned & largest
-    return found & _stands_out(size, 3, _floor(position))
+    return found & _stands_out(size, 3, _floor_of(position) if floor is None else floor)
 
 
 def without_spikes(position: NDArray) -> NDArray:
@@ -146,7 +148,7 @@ def spikes_bridged(position: NDArray) -> NDArray:
     return result
 
 
-def jumps(position: NDArray, time: NDArray) -> NDArray:
+def jumps(position: NDArray, time: NDArray, floor: NDArray | None = None) -> NDArray:
     """(T, S) bool: frames at which a station has jumped and stays; a step over a gap in time is none.
 
     The step is compared with what the velocities before and after it make plausible.
@@ -160,9 +162,9 @@ def jumps(position: NDArray, time: NDArray) -> NDArray:
     # step k leads from frame k to k + 1; its neighbours are the steps k - 1 and k + 1
     expected = 0.5 * (velocity[:-2] + velocity[2:]) * dt[1:-1, None, None]
     excess = np.zeros(step.shape[:2])
-    excess[1:-1] = np.linalg.norm(step[1:-1] - expected, axis=-1)
-    neighbours = np.linalg.norm(velocity[:-2], axis=-1) + np.linalg.norm(velocity[2:], axis=-1)
-    sudden = _stands_out(excess, 2, _floor(position))
+    excess[1:-1] = _lengths(step[1:-1] - expected)
+    neighbours = _lengths(velocity[:-2]) + _lengths(velocity[2:])
+    sudden = _stands_out(excess, 2, _floor_of(position) if floor is None else floor)
     sudden[1:-1] &= excess[1:-1] > 2.0 * neighbours * dt[1:-1, None]
     sudden &= (dt < 1.5 * np.median(dt))[:, None]
     found[1:] = sudden
@@ -190,7 +192,7 @@ def orientation_jumps(quaternion: NDArray) -> NDArray:
 
 def stretched(position: NDArray, share: float) -> NDArray:
     """(T, S - 1) bool: spacing between neighbours that differs from its median by more than `share`."""
-    spacing = np.linalg.norm(np.diff(position, axis=1), axis=-1)
+    spacing = _lengths(np.diff(position, axis=1))
     middle = _nanmedian(spacing)
     return np.abs(spacing - middle) > share * middle
 
@@ -216,10 +218,18 @@ def out_of_plane_share(position: NDArray) -> float:
     return float(np.sqrt(max(values[0], 0.0) / max(whole, 1e-300)))
 
 
-def _floor(position: NDArray) -> NDArray:
-    """(1, S) least size of a fault, from noise and travel."""
-    noise = np.nan_to_num(noise_level(position))
-    return (SPIKE_RATIO * noise + FLOOR_SHARE * np.nan_to_num(travel(position)))[None]
+def fault_floor(noise: NDArray, travel: NDArray) -> NDArray:
+    """(S,) least size of a fault in metres, from `noise_level` and `travel`."""
+    return SPIKE_RATIO * np.nan_to_num(noise) + FLOOR_SHARE * np.nan_to_num(travel)
+
+
+def _lengths(vectors: NDArray) -> NDArray:
+    """(...) of vectors (..., 2 or 3): NumPy takes six times as long to add up so few."""
+    return np.sqrt(sum(vectors[..., k] ** 2 for k in range(vectors.shape[-1])))
+
+
+def _floor_of(position: NDArray) -> NDArray:
+    return fault_floor(noise_level(position), travel(position))
 
 
 def _stands_out(size: NDArray, hole: int, floor: NDArray) -> NDArray:
@@ -233,7 +243,7 @@ def _stands_out(size: NDArray, hole: int, floor: NDArray) -> NDArray:
     offsets = np.array([k for k in range(-WINDOW, WINDOW + 1) if abs(k) >= hole])
     around = np.clip(rows[:, None] + offsets, 0, len(size) - 1)
     level = np.nan_to_num(_nanmedian(size[around, columns[:, None]].T))
-    found[rows, columns] = size[rows, columns] > SPIKE_RATIO * level + floor[0, columns]
+    found[rows, columns] = size[rows, columns] > SPIKE_RATIO * level + floor[columns]
     return found
 
 

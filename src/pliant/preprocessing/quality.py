@@ -173,15 +173,16 @@ def _positions(ds: xr.Dataset) -> dict[str, Any]:
     quaternion = ds["quaternion"].values if "quaternion" in ds else None
     repeated = detectors.repeated_frames(position, quaternion)
     fresh, clock = (position[~repeated], time[~repeated]) if repeated.any() else (position, time)
-    jumped = by_blocks(lambda part: detectors.jumps(part, clock), fresh)
-    whole = jumped.mean(1) > 0.5
-    single = jumped & ~whole[:, None]
     measures = (detectors.noise_level, detectors.rms_deviation, detectors.travel)
     noise, deviation, travel = (by_blocks(f, fresh) for f in measures)
+    floor = detectors.fault_floor(noise, travel)
+    jumped = by_blocks(lambda part, least: detectors.jumps(part, clock, least), fresh, floor)
+    whole = jumped.mean(1) > 0.5
+    single = jumped & ~whole[:, None]
     found = {
         "stations": len(names), "repeated_frames": int(repeated.sum()),
         "missing": _counts(names, by_blocks(lambda part: np.isnan(part).any(-1).sum(0), position)),
-        "spikes": _counts(names, by_blocks(lambda part: detectors.spikes(part).sum(0), fresh)),
+        "spikes": _counts(names, by_blocks(lambda part, least: detectors.spikes(part, least).sum(0), fresh, floor)),
         "station_jumps": _counts(names, single.sum(0)), "frame_jumps_s": tuple(clock[whole].tolist()),
         "noise_m": dict(zip(names, noise.tolist(), strict=True)),
         "travel_m": dict(zip(names, travel.tolist(), strict=True)),
