@@ -52,7 +52,7 @@ def test_joint_angles_of_a_chain_are_those_that_laid_it(campaign, rng):
 
 
 def test_a_prediction_that_is_refused_is_told_and_counted(campaign, monkeypatch):
-    def refuse(*_args):
+    def refuse(*_args, **_late):
         raise campaign.PliantError("no such body")
 
     monkeypatch.setattr(campaign, "judged", refuse)
