@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from pliant.identification import Experiment, Parameter, fit, plans, predict, sensitivities
+from pliant.identification.initial_guess import prepare
 from pliant.identification.parameters import apply
 from pliant.identification.problem import Problem
+from pliant.identification.sensitivity import slopes_of
 from pliant.model import Model, Valve
 from pliant.simulation import Pulse, simulate
 
@@ -137,3 +140,21 @@ def test_all_records_share_the_models_that_derivatives_ask_for(
     problem.residual(problem.start)
     problem.jacobian(problem.start)
     assert len(made) == 1 + 2 * 2  # here, and to both sides in stiffness and in damping
+
+
+def test_recordings_that_begin_alike_share_what_is_not_their_own(truth: Model, pulse: Any) -> None:
+    """A Jacobian of several recordings has for each the derivatives that it has alone, though most are found once."""
+    tame = truth.with_(torque=[6e-7], valve=Valve(rise_time=0.03, fall_time=0.05), stations=truth.points[-1:])
+    exps = [replace(pulse(tame, level=level), name=f"r{k}") for k, level in enumerate((4e4, 6e4, 8e4))]
+    names = ["stiffness", "damping", "torque_1", "valve_rise", "base_angle", "creep_share_1", "creep_time_1"]
+    model, filled = prepare(exps, tame, names)
+    problem = Problem(exps, model, filled, STEP, "travel")
+    J = problem.data_jacobian(problem.start)
+    assert len(problem.plans.rows) == len(names)
+    values, sizes = problem.values(problem.start), {p.name: s for p, s in zip(problem.free, problem.scale, strict=True)}
+    alone = [o.slopes(slopes_of(model, o.exp, values, sizes, STEP)) for o in problem.observed]
+    np.testing.assert_array_equal(J, np.concatenate(alone, axis=1).T * problem.scale)
+    own = [k for k, p in enumerate(problem.free) if p.name.startswith("r1.")]
+    assert own
+    assert not J[: problem.ends[0], own].any()
+    assert J[problem.ends[0] : problem.ends[1], own].any()

@@ -139,7 +139,8 @@ def shared_slope(
         return None
     if made[0].h is not made[1].h:
         return None
-    rate = 0.0 if made[0].torque is made[1].torque else (made[1].torque - made[0].torque) * (0.5 / away)
+    low, high = (m.torque for m in made)
+    rate = 0.0 if low is high else -0.5 / away * low + 0.5 / away * high
     return Slope(plans.rows[key].copy(), 0.0, rate, 0.0)
 
 
