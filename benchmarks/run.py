@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -60,10 +61,14 @@ def main() -> None:
     """Everything, or what is named."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, before NumPy loads
     began = perf_counter()
-    asked = sys.argv[1:]
-    named = [n for n in asked if n in NAMES or n not in SCRIPTS]
-    if named or not asked:
-        parts(named or list(NAMES))
+    parser = argparse.ArgumentParser(description=__doc__)
+    known = ", ".join(dict.fromkeys([*NAMES, *SCRIPTS]))
+    parser.add_argument("names", nargs="*", help=f"of {known}; default: all")
+    asked = parser.parse_args().names
+    if unknown := [n for n in asked if n not in NAMES and n not in SCRIPTS]:
+        parser.error(f"there is no part {unknown[0]!r}: use some of {known}")
+    if named := [n for n in NAMES if n in asked or not asked]:
+        parts(named)
     for name in SCRIPTS:
         if not asked or (name in asked and name not in NAMES):
             script(name)
