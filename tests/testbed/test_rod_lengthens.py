@@ -10,6 +10,8 @@ from helpers import gradient_and_hessian, mass_matrix
 from scipy.linalg import eigh
 
 from pliant.errors import InputError
+from pliant.model import Chamber, Extension, chain_model
+from pliant.simulation import equilibrium, modes, state
 from pliant.testbed import Laboratory, generate
 from pliant.testbed.mocap import MotionCapture
 from pliant.testbed.rod import ChamberParameters, actuator, build_body
@@ -81,6 +83,30 @@ def test_hessian_and_the_work_of_both_pressures(rng):
     energy = m.energy.sum(axis=1)
     assert np.abs(work - (energy[1:] - energy[0])).max() < 2e-3 * np.ptp(energy)
     assert np.ptp(m.position[:, 9, 1]) > 0.01
+
+
+def test_a_chain_that_lengthens_rests_and_rings_as_the_rod():
+    """Under uneven pressures, slanted weight and a force at the tip; first two modes bent by pressure: within 1 %."""
+    p, n, parts = replace(BAR, gravity=(3.0, -9.0)), 12, 3
+    cuts = np.linspace(0.0, LENGTH, parts + 1)
+    sides = (("left", p.chamber_height), ("right", -0.85 * p.chamber_height))
+    chain = chain_model(
+        length=LENGTH, mass=p.mass, links=n, joint_placement="midsegment", gravity=p.gravity, damping=0.0,
+        stiffness=p.bending_stiffness * n / LENGTH,
+        extensions=tuple(Extension(EA, 0.0, *cuts[k : k + 2], f"part_{k}") for k in range(parts)),
+        chambers=tuple(Chamber.at_offset(AREA, offset, np.ones(n), name=name) for name, offset in sides),
+    )
+    still, pressures = np.array([0.0, LENGTH]), (1.2e5, 4e4)
+    for force in ((0.0, 0.0), (0.1, -0.15)):
+        rod = settle(p, (*pressures, *force, 0.0)).x
+        tip = state.tips(chain, state.absolute(chain, equilibrium(chain, pressures, np.array(force))))[-1]
+        assert np.linalg.norm(tip - rod[-1]) < 0.01 * np.linalg.norm(rod[-1] - still)
+        bent, straight = np.linalg.norm(np.diff(rod, axis=0), axis=1).sum(), settle(p, (0.0,) * 5).x
+        assert bent > 1.05 * np.linalg.norm(np.diff(straight, axis=0), axis=1).sum()  # it does lengthen
+    rod = settle(p, (*pressures, 0.0, 0.0, 0.0)).x
+    _, stiffness = gradient_and_hessian(p, rod.copy(), (*pressures, 0.0, 0.0, 0.0))
+    exact = np.sqrt(eigh(stiffness, mass_matrix(p), eigvals_only=True)[:2]) / (2 * np.pi)
+    assert modes(chain, equilibrium(chain, pressures))[0][:2] == pytest.approx(exact, rel=0.01)
 
 
 def test_markers_ride_on_the_stretched_body():
