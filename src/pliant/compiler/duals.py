@@ -29,29 +29,26 @@ from numba.core.extending import (
     register_model,
 )
 from numba.core.imputils import impl_ret_borrowed
-from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.np.arrayobj import populate_array
 
 from pliant.compiler import choose
 from pliant.compiler.cache import kept
-from pliant.compiler.simd import WIDTH, aligned, lanes
+from pliant.compiler.simd import NUMBERS, WIDTH, Wide, aligned, lanes
 from pliant.compiler.twin import compiled_twin
 from pliant.numerics.trig import cos_sin
 
 __all__ = ["WIDTH", "dual_twin", "duals"]
 Array = np.ndarray
 SLOTS = 2 * WIDTH  # floats in memory: the value, a gap up to where a register may be loaded from, the derivatives
-_NUMBERS = (types.Float, types.Integer)
 _CONTRACT = ("contract",)  # of derivatives: a product and a sum may be rounded once
 
 
-class Dual(types.Type):
+class Dual(Wide):
     """A double with `WIDTH` derivatives; a float mixes in as one without."""
 
     def __init__(self) -> None:
-        super().__init__(name=f"dual({WIDTH})")
-        self.bitwidth = 64 * SLOTS
+        super().__init__("dual", SLOTS)
 
     @property
     def cos_sin(self) -> Any:
@@ -59,14 +56,6 @@ class Dual(types.Type):
         return lambda x: _cos_sin(x)  # noqa: PLW0108  Numba takes Python functions here
 
     mixes = True  # `llvm` leaves the floats among operands as they are
-
-    def can_convert_from(self, _context: Any, other: Any) -> Any:
-        """A number becomes a dual without derivatives."""
-        return Conversion.safe if isinstance(other, _NUMBERS) else None
-
-    def unify(self, _context: Any, other: Any) -> Any:
-        """A variable that is a number on one path and a dual on another is a dual."""
-        return self if isinstance(other, _NUMBERS) else None
 
 
 dual = Dual()
@@ -152,7 +141,7 @@ def _define(operation: Any, rule: str) -> None:
     @infer_global(operation)
     class _Typed(AbstractTemplate):
         def generic(self, args: Any, _kws: Any) -> Any:
-            if len(args) == 2 and dual in args and all(a == dual or isinstance(a, _NUMBERS) for a in args):
+            if len(args) == 2 and dual in args and all(a == dual or isinstance(a, NUMBERS) for a in args):
                 return signature(dual, *(a if a == dual else types.float64 for a in args))
             return None
 

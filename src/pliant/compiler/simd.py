@@ -38,23 +38,30 @@ WIDTH = 8  # one AVX-512 register of doubles; LLVM splits it where registers are
 _ALIGN = 8 * WIDTH  # bytes
 _DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
 _INDICES = ir.VectorType(ir.IntType(32), WIDTH)
-_NUMBERS = (types.Float, types.Integer)
+NUMBERS = (types.Float, types.Integer)
 
 
-class Lanes(types.Type):
+class Wide(types.Type):
+    """Several doubles that stand for one number; a float or an integer becomes such where it meets one."""
+
+    def __init__(self, name: str, doubles: int) -> None:
+        super().__init__(name=f"{name}({WIDTH})")
+        self.bitwidth = 64 * doubles
+
+    def can_convert_from(self, _context: Any, other: Any) -> Any:
+        """A number becomes one."""
+        return Conversion.safe if isinstance(other, NUMBERS) else None
+
+    def unify(self, _context: Any, other: Any) -> Any:
+        """A variable that is a number on one path and such on another is such."""
+        return self if isinstance(other, NUMBERS) else None
+
+
+class Lanes(Wide):
     """`WIDTH` doubles; a float mixes in as `WIDTH` equal ones."""
 
     def __init__(self) -> None:
-        super().__init__(name=f"lanes({WIDTH})")
-        self.bitwidth = 64 * WIDTH
-
-    def can_convert_from(self, _context: Any, other: Any) -> Any:
-        """A number becomes lanes by repetition."""
-        return Conversion.safe if isinstance(other, _NUMBERS) else None
-
-    def unify(self, _context: Any, other: Any) -> Any:
-        """A variable that is a number on one path and lanes on another is lanes."""
-        return self if isinstance(other, _NUMBERS) else None
+        super().__init__("lanes", WIDTH)
 
 
 lanes = Lanes()
@@ -82,7 +89,7 @@ def _define(operation: Any, instruction: str, operands: int) -> None:
     class _Typed(AbstractTemplate):
         def generic(self, args: Any, _kws: Any) -> Any:
             fits = len(args) == operands and lanes in args
-            if fits and all(a == lanes or isinstance(a, _NUMBERS) for a in args):
+            if fits and all(a == lanes or isinstance(a, NUMBERS) for a in args):
                 return signature(lanes, *[lanes] * operands)
             return None
 
