@@ -25,15 +25,16 @@ class ModelAt(NamedTuple):
     joints: Joints
     memory: Memory
     points: dict[str, Station]  # that can be observed, by name
-    resting: dict[bytes, Array]  # joint torques, and angles at rest, under pressures: recordings share them
+    torques: dict[bytes, Array]  # of joints under pressures: recordings share them
+    resting: dict[bytes, Array]  # angles at rest, likewise
     beside: dict[tuple[str, ...], tuple[Array, Array]]  # along and across (S,) of stations, likewise
 
     def torque_before(self, pressure: Array) -> Array:
         """Torques (n + S,) of joints and strains long at rest at `pressure` (C,) [Pa], N m."""
         key = pressure.tobytes()
-        if key not in self.resting:
-            self.resting[key] = self.model.actuation.joint_torques(pressure)
-        return self.resting[key]
+        if key not in self.torques:
+            self.torques[key] = self.model.actuation.joint_torques(pressure)
+        return self.torques[key]
 
     def places(self, stations: tuple[str, ...]) -> tuple[Array, Array]:
         """Along and across (S,) the links that carry them of some stations, m."""
@@ -44,7 +45,7 @@ class ModelAt(NamedTuple):
 
     def at_rest(self, pressure: Array) -> Array:
         """Absolute angles (n,), with strains behind them, at rest under `pressure` (C,) [Pa] and no other load."""
-        key = b"rest" + pressure.tobytes()
+        key = pressure.tobytes()
         if key not in self.resting:
             self.resting[key] = absolute(self.model, equilibrium(self.model, pressure))
         return self.resting[key]
@@ -70,7 +71,7 @@ class Plans:
         if key not in self.models:
             m = apply(model, dict(key))
             points = {p.name: p for p in m.points}
-            self.models[key] = ModelAt(m, m.mechanics(), m.joints(), m.memory.law(), points, {}, {})
+            self.models[key] = ModelAt(m, m.mechanics(), m.joints(), m.memory.law(), points, {}, {}, {})
         return self.models[key]
 
     def forget(self, most: int) -> None:

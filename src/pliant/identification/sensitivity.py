@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-WIDTH = 8  # derivatives beside one motion: `pliant.compiler.duals`
 SHARE = 1e-5  # step of the differences of the inputs, in sizes of the parameter
 STENCILS = (((-1.0, -0.5), (1.0, 0.5)), ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5)), ((0.0, 1.5), (-1.0, -2.0), (-2.0, 0.5)))
 
@@ -108,9 +107,8 @@ def slopes_of(
             beside.append((k, slope))
         else:
             slopes[k] = carried(base, [slope], rows)[0]
-    for first in range(0, len(beside), WIDTH):
-        places, together = zip(*beside[first : first + WIDTH], strict=True)
-        slopes[list(places)] = carried(here, together, rows)
+    if beside:
+        slopes[[k for k, _ in beside]] = carried(here, [slope for _, slope in beside], rows)
     return slopes
 
 
@@ -145,8 +143,16 @@ def shared_slope(
 
 
 def carried(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
-    """Derivatives (P, T, S, 3) of the observed rows from those of the numbers of a set-up."""
-    from pliant.compiler.duals import duals  # loads the compiler
+    """Derivatives (P, T, S, 3) of the observed rows from those of the numbers of a set-up, some beside each motion."""
+    from pliant.compiler.duals import WIDTH  # loads the compiler
+
+    blocks = [slopes[first : first + WIDTH] for first in range(0, len(slopes), WIDTH)]
+    return np.concatenate([carried_together(made, some, rows) for some in blocks])
+
+
+def carried_together(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
+    """As `carried`, of no more than one motion carries."""
+    from pliant.compiler.duals import duals
 
     numbers = made.numbers
     row = duals(in_one_row(numbers), np.stack([s.row for s in slopes], axis=-1))

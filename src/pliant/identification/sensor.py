@@ -14,7 +14,7 @@ LEAST_LAG = 1e-9  # s: a shorter one is none
 
 def lags_of(own: Mapping[str, float], stations: Sequence[str]) -> Array:
     """Time constant (S,) of each station's sensor, s, from parameters by name; empty where none has one."""
-    if not any(name.endswith("sensor_lag") and name.rpartition(".")[2] == "sensor_lag" for name in own):
+    if not any(name.rpartition(".")[2] == "sensor_lag" for name in own):
         return np.zeros(0)
     return np.array([own.get(f"{s}.sensor_lag", own.get("sensor_lag", 0.0)) for s in stations])
 
