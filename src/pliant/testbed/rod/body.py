@@ -11,7 +11,7 @@ from pliant.testbed.memory import slip_thresholds
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pliant.testbed.rod.parameters import RodParameters
+    from pliant.testbed.rod.parameters import ChamberParameters, RodParameters
 
 CAP_EDGE = 0.01  # m, length of the edge that carries the rigid cap
 CAP_STIFFNESS = 2.0e4  # N, EA of that edge at least: the cap does not stretch with the body
@@ -82,21 +82,23 @@ def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.flo
     edge = np.arange(p.elements + 1) / p.elements
     middle = 0.5 * (edge[1:] + edge[:-1])
     low, high = np.append(0.0, middle), np.append(middle, 1.0)
-    out = np.empty((len(p.chambers), gain.size))
-    for c, chamber in enumerate(p.chambers):
-        inside = np.minimum(high, chamber.stop) - np.maximum(low, chamber.start)
-        out[c] = chamber.gain * (np.maximum(inside, 0.0) / (high - low))[: gain.size] * gain
-    return out
+    return np.array([c.gain * covered(c, low, high)[: gain.size] * gain for c in p.chambers])
 
 
 def chamber_thrusts(p: RodParameters, edges: int) -> NDArray[np.float64]:
     """Axial force per pressure (C, E) [m2] of each chamber on the edges, in the share of them that it lies along."""
     end = np.arange(p.elements + 1) / p.elements
     out = np.zeros((len(p.chambers), edges))
-    for c, chamber in enumerate(p.chambers):
-        inside = np.minimum(end[1:], chamber.stop) - np.maximum(end[:-1], chamber.start)
-        out[c, : p.elements] = chamber.push * p.chamber_area * p.elements * np.maximum(inside, 0.0)
+    out[:, : p.elements] = [c.push * p.chamber_area * covered(c, end[:-1], end[1:]) for c in p.chambers]
     return out
+
+
+def covered(
+    chamber: ChamberParameters, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Share of each part from `low` to `high` (in shares of the length) that the chamber lies along."""
+    inside = np.minimum(high, chamber.stop) - np.maximum(low, chamber.start)
+    return np.maximum(inside, 0.0) / (high - low)
 
 
 def section_fibres(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
