@@ -18,7 +18,7 @@ from pliant.control.trajectory import Planner, Trajectory
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import frozen
-from pliant.estimation.contract import Estimator, Setting
+from pliant.estimation.contract import Estimator, EstimatorKind, Setting
 from pliant.estimation.link_angles import LinkAngles, calibrated
 from pliant.estimation.link_tips import LinkTips, rested
 from pliant.estimation.registry import estimator_kind
@@ -118,7 +118,7 @@ def prepare_control(
     known = with_defaults(prepare_control, rig, RIG)
     late, supply = known["late"], known["supply"]
     seeing, law = estimator_kind(known["estimator"]), controller_kind(task.feedback)
-    body, link_angles = calibration(model, arc_length, frames, known["estimator"], rides=known["rides"])
+    body, link_angles = calibration(model, arc_length, frames, seeing, rides=known["rides"])
     each = supplies(body, supply)
     body = behind_rig(body, each)
     old = 0 if seeing.predicts else late  # a state that is predicted to the present is not late
@@ -142,7 +142,7 @@ def prepare_control(
 
 
 def calibration(
-    model: Model, arc_length: Array, frames: Array, estimator: str, *, rides: bool,
+    model: Model, arc_length: Array, frames: Array, seeing: EstimatorKind, *, rides: bool,
 ) -> tuple[Model, LinkAngles | LinkTips]:
     """The model with the rest shape of the body at hand, and what its shapes are measured by."""
     if not model.extensions:
@@ -154,8 +154,8 @@ def calibration(
             "a plant whose points ride on the body (`rides`), or make a Pipeline of its stations, a KalmanFilter and "
             "an OutputLqr or OutputMpc of design_outputs"
         )
-    if estimator in ("observer", "differences"):
-        raise InputError(f"{model.name!r} lengthens, which the estimator {estimator!r} does not follow: use filter")
+    if seeing.fixed_length:
+        raise InputError(f"{model.name!r} lengthens, which the estimator {seeing.name!r} does not follow: use filter")
     return rested(model, arc_length, frames)
 
 

@@ -190,7 +190,7 @@ def make(setting: Setting) -> AdaptiveObserver:
     return AdaptiveObserver(setting.model, setting.period, late=setting.late)
 
 
-ESTIMATOR = EstimatorKind("observer", make)
+ESTIMATOR = EstimatorKind("observer", make, fixed_length=True)
 
 
 def frozen(model: Model, share: float = 1.0) -> Model:

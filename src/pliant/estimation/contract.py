@@ -105,11 +105,14 @@ class EstimatorKind:
     predicts : bool
         Whether its state is that of the time asked for. Otherwise it is as old as the last frame, and a control design
         counts that as dead time.
+    fixed_length : bool
+        Whether it follows bodies of fixed length alone.
     """
 
     name: str
     make: Callable[[Setting], Estimator]
     predicts: bool = False
+    fixed_length: bool = False
 
 
 def chamber_pressures(pressure: float | Array, count: int) -> float | Array:

@@ -93,4 +93,4 @@ def make(setting: Setting) -> Differences:
     return Differences(setting.model)
 
 
-ESTIMATOR = EstimatorKind("differences", make)
+ESTIMATOR = EstimatorKind("differences", make, fixed_length=True)
