@@ -56,6 +56,17 @@ def test_help_is_quick_and_imports_nothing_heavy() -> None:
     assert seconds < 0.6  # 0.25 where nothing else runs
 
 
+def test_a_command_ends_without_a_search_for_garbage() -> None:
+    """At the end of a process that has loaded xarray it takes a quarter of `pliant inspect`."""
+    code = (
+        "import atexit, gc, sys; sys.argv = ['pliant', '--version']\n"
+        "atexit.register(lambda: print(gc.get_freeze_count() > 1000))\n"
+        "from pliant.__main__ import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "True"
+
+
 def test_the_rooms_of_a_study_import_no_scipy() -> None:
     """An optimiser, a solver, a filter: each is imported when one runs, and spares the others half a second."""
     code = "import sys, pliant.study, pliant.simulation; print(sorted(m for m in sys.modules if m.startswith('scipy')))"
