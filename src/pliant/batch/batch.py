@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict, Unpack
 
@@ -14,6 +13,7 @@ from pliant.batch.one_by_one import STRAINS, VARIABLES, run_alone, samples_alone
 from pliant.batch.samples import Samples, gather
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd import run_lanes
+from pliant.cores import cores
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
 from pliant.options import with_defaults
@@ -113,11 +113,6 @@ def simulate_batch(
     else:
         made = run_lanes(samples, schedule, start, variables, how["threads"] or cores())
     return labelled(samples.template, times, made, failures, {"step_s": step, "device": device})
-
-
-def cores() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def one_by_one(models: Model | Sequence[Model]) -> bool:

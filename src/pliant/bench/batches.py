@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import partial
 from time import process_time
 from typing import Any
@@ -14,6 +13,7 @@ from pliant.batch.batch import simulate_batch
 from pliant.bench.floor import floor
 from pliant.bench.kernels import TORQUE
 from pliant.bench.timing import best, best_in_turn, processor_flags
+from pliant.cores import cores
 from pliant.simulation import Pulse, simulate, state
 from pliant.simulation.drive import drive
 from pliant.simulation.solve import march
@@ -57,10 +57,10 @@ def batches() -> dict[str, Any]:
     one = best(lambda: march(model, plan, start, times.size), clock=process_time)
     single = best(lambda: simulate(model, pressure, times=times, step=STEP))
     work = best(lambda: batch(1), seconds=2.0, clock=process_time) / SAMPLES
-    cores = max(2, len(os.sched_getaffinity(0)))
-    counts = sorted({1, 2, cores})
+    most = max(2, cores())
+    counts = sorted({1, 2, most})
     took = dict(zip(counts, best_in_turn([partial(batch, c) for c in counts]), strict=True))
-    lanes, pair, everything = (took[c] / SAMPLES for c in (1, 2, cores))
+    lanes, pair, everything = (took[c] / SAMPLES for c in (1, 2, most))
     made, difference = batch(2), 0.0
     for i in range(0, SAMPLES, 73):
         alone = simulate(
@@ -74,7 +74,7 @@ def batches() -> dict[str, Any]:
     return {
         **beside, "memory_gb_s": 1e-9 * memory, "batch_memory_share": written / work / memory,
         "batch_speedup_simd": one / work, "batch_speedup_cores": lanes / pair, "batch_cores": 2,
-        "batch_speedup_all_cores": lanes / everything, "batch_all_cores": cores,
+        "batch_speedup_all_cores": lanes / everything, "batch_all_cores": most,
         "batch_speedup_over_simulate": single / pair, "batch_us_per_sample": 1e6 * everything,
         "batch_ns_per_step_one_core": ns, "batch_difference_mm": 1e3 * difference,
         "batch_times_real_time": float(times[-1]) / everything,

@@ -9,6 +9,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from pliant.cores import cores
+
 
 def best(
     job: Callable[[], Any], seconds: float = 0.5, repeats: int = 5, clock: Callable[[], float] = perf_counter,
@@ -51,10 +53,9 @@ def machine() -> dict[str, Any]:
             versions[name] = version(name)
         except PackageNotFoundError:
             versions[name] = "absent"
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
     return {
-        "processor": processor(), "cores": cores, "load_before": load, "python": platform.python_version(),
+        "processor": processor(), "cores": cores(), "load_before": load, "python": platform.python_version(),
         "system": platform.system(), **versions,
     }
 

@@ -20,6 +20,9 @@ def run(
         ),
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a target of the study is missed.")] = False,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes that fit side by side; default one for each core.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
     """Check, align, fit, predict and report: the whole chain from recordings to a validated model.
@@ -30,7 +33,7 @@ def run(
 
     output = output or Path("results") / study.stem
     with telling() as tell:
-        outcome = run_study(load_study(study), output, progress=tell)
+        outcome = run_study(load_study(study), output, progress=tell, workers=workers)
     if json:
         typer.echo((output / "metrics.json").read_text(encoding="utf-8"))
     else:

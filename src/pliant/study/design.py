@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pliant.identification.design import Design, design
+from pliant.study.fits import ladder_fit, run_fit, run_ladder
 from pliant.study.prepare import without
-from pliant.study.run import ladder_fit, prepare_all, run_fit, run_ladder
+from pliant.study.run import prepare_all
 from pliant.study.schema import Study
 
 

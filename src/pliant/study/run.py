@@ -13,36 +13,29 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.files import whole, write_text
-from pliant.identification import (
-    MORE_RUNGS,
-    RUNGS,
-    Experiment,
-    FitResult,
-    Ladder,
-    bootstrapped,
-    fit,
-    ladder,
-)
+from pliant.identification import Experiment
 from pliant.identification.drives import at_rest
-from pliant.identification.fit import parameters_from
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.angles import supported_links
 from pliant.study.dense import link_experiment, shape_of
+from pliant.study.fits import ladder_fit, run_ladder
 from pliant.study.forecast import check_forecasts, run_forecast
 from pliant.study.headline import headline
 from pliant.study.prepare import all_planar, hardly_moved, study_experiment, study_model, without
-from pliant.study.record_outcomes import records_of
-from pliant.study.schema import Fit, LadderEntry, Study
+from pliant.study.schema import Study
+from pliant.study.side_by_side import run_fits
 from pliant.study.verdict import verdict
-from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome
+from pliant.validation.outcome import Clocks, Shape, StudyOutcome
 from pliant.validation.store import save_results
 from pliant.version import __version__
 
 Tell = Callable[[str], None]
 
 
-def run_study(study: Study, folder: str | Path | None = None, *, progress: Tell | None = None) -> StudyOutcome:
+def run_study(
+    study: Study, folder: str | Path | None = None, *, progress: Tell | None = None, workers: int | None = None,
+) -> StudyOutcome:
     """Run a study and, with a folder, write what it found.
 
     Parameters
@@ -54,6 +47,9 @@ def run_study(study: Study, folder: str | Path | None = None, *, progress: Tell 
         are replaced one by one, each whole.
     progress : callable, optional
         Called with one line for each thing done.
+    workers : int, optional
+        Processes that make fits side by side where they take longer than a moment; default: one for each core. What is
+        found does not depend on it.
 
     Returns
     -------
@@ -76,7 +72,7 @@ def run_study(study: Study, folder: str | Path | None = None, *, progress: Tell 
     model = ready.model
     climbed = run_ladder(study, ready.experiments, model, tell)
     fits = [ladder_fit(study, climbed, ready.experiments, tell)] if climbed else []
-    fits += [run_fit(study, name, entry, ready.experiments, model, tell) for name, entry in study.fits.items()]
+    fits += run_fits(study, ready.experiments, model, tell, workers)
     fitted = clock.perf_counter()
     first = fits[0].result
     forecasts = tuple(run_forecast(study, n, e, ready.experiments, first) for n, e in study.forecasts.items())
@@ -148,61 +144,6 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
     findings = {n: (*a.findings, *(s[n] for s in (dropped, idle) if n in s)) for n, a in aligned.items()}
     found_clocks = {n: a.clocks for n, a in aligned.items() if a.clocks is not None}
     return Prepared(experiments, model, findings, provenance, shape, dropped, found_clocks)
-
-
-def run_fit(
-    study: Study, name: str, entry: Fit, experiments: Mapping[str, Experiment], model: Model, tell: Tell,
-) -> FitOutcome:
-    """Fit on the training records, predict the held-out ones with everything frozen but their edge times."""
-    began = clock.perf_counter()
-    training = [experiments[r] for r in entry.train]
-    result = fit(
-        training, model, parameters_from(entry.parameters), step=study.step, loss=entry.loss, starts=entry.starts,
-        weighting=entry.weighting, regularise=entry.regularise, section_area=study.actuator.section_area,
-        rng=study.seed, progress=lambda line: tell(f"fit {name}: {line}"),
-    )
-    seconds = clock.perf_counter() - began
-    return whole_fit(study, name, entry.title or name, entry, result, seconds, experiments, tell)
-
-
-def whole_fit(
-    study: Study, name: str, title: str, entry: Fit | LadderEntry, result: FitResult, seconds: float,
-    experiments: Mapping[str, Experiment], tell: Tell,
-) -> FitOutcome:
-    """A fit with its records, its standard errors from a bootstrap where the study asks for one."""
-    train, held_out = ([experiments[r] for r in names] for names in (entry.train, entry.held_out))
-    if entry.bootstrap and result.covariance is not None:
-        tell(f"fit {name}: {entry.bootstrap} replicates of a block bootstrap")
-        result = bootstrapped(train, result, replicates=entry.bootstrap, step=study.step, weighting=entry.weighting,
-                              loss=entry.loss, rng=study.seed)
-    records = records_of(train, held_out, result, study.step, entry.weighting)
-    tell(f"fit {name}: {result.status}")
-    return FitOutcome(name, title, result, records, seconds)
-
-
-def run_ladder(study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell) -> Ladder | None:
-    """The study's ladder, climbed; None where it has none."""
-    entry = study.ladder
-    if entry is None:
-        return None
-    known = {r.name: r for r in (*RUNGS, *MORE_RUNGS)}
-    if unknown := [n for n in entry.rungs if n not in known]:
-        raise InputError(f"[ladder] has a rung {unknown[0]!r}: use some of {', '.join(known)}")
-    return ladder(
-        [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
-        common=parameters_from(entry.common), rungs=[known[n] for n in entry.rungs] or RUNGS, step=study.step,
-        weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
-        progress=lambda line: tell(f"ladder: {line}"),
-    )
-
-
-def ladder_fit(study: Study, climbed: Ladder, experiments: Mapping[str, Experiment], tell: Tell) -> FitOutcome:
-    """The rung that was chosen, as a fit of the study."""
-    entry = study.ladder or LadderEntry(train=[], starts=1)
-    step = climbed.step
-    return whole_fit(
-        study, "ladder", f"Ladder, {step.rung.title}", entry, climbed.result, step.seconds, experiments, tell
-    )
 
 
 def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:

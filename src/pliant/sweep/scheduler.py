@@ -21,9 +21,9 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import get_context
-from os import cpu_count
 from typing import Any, Protocol
 
+from pliant.cores import cores
 from pliant.errors import InputError, PliantError
 from pliant.heavy import show_heavy
 from pliant.sweep.store import Arrays, Store
@@ -102,7 +102,7 @@ def executor_of(scheduler: str, workers: int | None = None) -> Callable[[], Any]
     if scheduler == "local":
         return Local
     if scheduler == "processes":
-        return lambda: ProcessPoolExecutor(workers or cpu_count() or 1, mp_context=get_context("spawn"))
+        return lambda: ProcessPoolExecutor(workers or cores(), mp_context=get_context("spawn"))
     if not scheduler.startswith(("tcp://", "tls://")):
         raise InputError(f"scheduler is local, processes or tcp://host:port, got {scheduler!r}")
     try:

@@ -1,0 +1,71 @@
+"""A study's fits and its ladder: fit, then predict the records that were held out."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping
+
+from pliant.errors import InputError
+from pliant.identification import MORE_RUNGS, RUNGS, Experiment, FitResult, Ladder, bootstrapped, fit, ladder
+from pliant.identification.fit import parameters_from
+from pliant.model import Model
+from pliant.study.record_outcomes import records_of
+from pliant.study.schema import Fit, LadderEntry, Study
+from pliant.validation.outcome import FitOutcome
+
+Tell = Callable[[str], None]
+
+
+def run_fit(
+    study: Study, name: str, entry: Fit, experiments: Mapping[str, Experiment], model: Model, tell: Tell,
+) -> FitOutcome:
+    """Fit on the training records, predict the held-out ones with everything frozen but their edge times."""
+    began = clock.perf_counter()
+    training = [experiments[r] for r in entry.train]
+    result = fit(
+        training, model, parameters_from(entry.parameters), step=study.step, loss=entry.loss, starts=entry.starts,
+        weighting=entry.weighting, regularise=entry.regularise, section_area=study.actuator.section_area,
+        rng=study.seed, progress=lambda line: tell(f"fit {name}: {line}"),
+    )
+    seconds = clock.perf_counter() - began
+    return whole_fit(study, name, entry.title or name, entry, result, seconds, experiments, tell)
+
+
+def whole_fit(
+    study: Study, name: str, title: str, entry: Fit | LadderEntry, result: FitResult, seconds: float,
+    experiments: Mapping[str, Experiment], tell: Tell,
+) -> FitOutcome:
+    """A fit with its records, its standard errors from a bootstrap where the study asks for one."""
+    train, held_out = ([experiments[r] for r in names] for names in (entry.train, entry.held_out))
+    if entry.bootstrap and result.covariance is not None:
+        tell(f"fit {name}: {entry.bootstrap} replicates of a block bootstrap")
+        result = bootstrapped(train, result, replicates=entry.bootstrap, step=study.step, weighting=entry.weighting,
+                              loss=entry.loss, rng=study.seed)
+    records = records_of(train, held_out, result, study.step, entry.weighting)
+    tell(f"fit {name}: {result.status}")
+    return FitOutcome(name, title, result, records, seconds)
+
+
+def run_ladder(study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell) -> Ladder | None:
+    """The study's ladder, climbed; None where it has none."""
+    entry = study.ladder
+    if entry is None:
+        return None
+    known = {r.name: r for r in (*RUNGS, *MORE_RUNGS)}
+    if unknown := [n for n in entry.rungs if n not in known]:
+        raise InputError(f"[ladder] has a rung {unknown[0]!r}: use some of {', '.join(known)}")
+    return ladder(
+        [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
+        common=parameters_from(entry.common), rungs=[known[n] for n in entry.rungs] or RUNGS, step=study.step,
+        weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
+        progress=lambda line: tell(f"ladder: {line}"),
+    )
+
+
+def ladder_fit(study: Study, climbed: Ladder, experiments: Mapping[str, Experiment], tell: Tell) -> FitOutcome:
+    """The rung that was chosen, as a fit of the study."""
+    entry = study.ladder or LadderEntry(train=[], starts=1)
+    step = climbed.step
+    return whole_fit(
+        study, "ladder", f"Ladder, {step.rung.title}", entry, climbed.result, step.seconds, experiments, tell
+    )

@@ -1,0 +1,124 @@
+"""Fits made by helper processes: the same numbers, every fit, one sentence, and nobody left behind."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import pytest
+from small_study import STUDY, changed, write_study
+
+from pliant.errors import PliantError
+from pliant.study import load_study, side_by_side
+from pliant.study.run import prepare_all
+from pliant.validation.outcome import FitOutcome
+
+FIT = STUDY["fits"]["linear"]
+NAMES = ["linear", "other", "third"]
+MINUTE = 60.0
+
+
+def line_of(folder: Path, told: list[str], **fits: Any) -> Any:
+    """Study, experiments and model of the small study with more fits."""
+    study = load_study(write_study(folder, changed("fits", **(fits or dict.fromkeys(NAMES[1:], FIT)))))
+    ready = prepare_all(study, told.append)
+    return study, ready.experiments, ready.model
+
+
+def held_up(monkeypatch: pytest.MonkeyPatch, until: Event) -> None:
+    """Let helpers start at once, and let this process begin its fits only when something has come to pass."""
+    own = side_by_side.ended
+
+    def ended(*arguments: Any) -> Any:
+        assert until.wait(MINUTE)
+        return own(*arguments)
+
+    monkeypatch.setattr(side_by_side, "HEAD_START", 0.0)
+    monkeypatch.setattr(side_by_side, "ended", ended)
+
+
+def test_a_helper_finds_the_same_numbers_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    line = line_of(tmp_path, told)
+    alone = side_by_side.run_fits(*line, told.append, workers=1)
+    helped, by_helper = Event(), []
+
+    def tell(text: str) -> None:
+        by_helper.append(text)
+        helped.set()
+
+    held_up(monkeypatch, helped)
+    together = side_by_side.run_fits(*line, tell, workers=2)
+    assert [fit.name for fit in together] == [fit.name for fit in alone] == NAMES
+    assert by_helper[0].startswith("fit other: ")  # while the first waited here
+    for one, other in zip(alone, together, strict=True):
+        assert one.result.values == other.result.values
+        assert [r.metrics for r in one.records] == [r.metrics for r in other.records]
+
+
+def test_what_a_helper_had_when_it_ended_is_made_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    line = line_of(tmp_path, told)
+    gone = Event()
+    held_up(monkeypatch, gone)
+    ready = side_by_side.send
+
+    def send(pipe: Any, what: Any) -> None:
+        ready(pipe, what)
+        if isinstance(what, str):  # the name of a fit
+            helper.process.kill()
+
+    class Watched(side_by_side.Helper):
+        def __init__(self, *arguments: Any) -> None:
+            nonlocal helper
+            super().__init__(*arguments)
+            helper = self
+
+        def run(self) -> None:
+            super().run()
+            gone.set()
+
+    helper: Any = None
+    monkeypatch.setattr(side_by_side, "send", send)
+    monkeypatch.setattr(side_by_side, "Helper", Watched)
+    made = side_by_side.run_fits(*line, told.append, workers=2)
+    assert [fit.name for fit in made] == NAMES
+    assert all(isinstance(fit, FitOutcome) for fit in made)
+    assert sum("a process that made fits beside this one ended" in text for text in told) == 1
+
+
+def test_the_first_fit_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    fixed = {"stiffness": 0.5, "damping": 3e-3, "torque_1": 6e-7}
+    bad = {**FIT, "parameters": {name: {"value": value, "free": False} for name, value in fixed.items()}}
+    line = line_of(tmp_path, [], other=bad, third=FIT)
+    told: list[str] = []
+    with pytest.raises(PliantError, match="nothing to fit"):
+        side_by_side.run_fits(*line, told.append, workers=1)
+    assert any(text.startswith("fit linear") for text in told)
+    assert not any(text.startswith("fit third") for text in told)  # after an error no more is begun
+
+
+def test_an_interrupt_ends_the_helpers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    line = line_of(tmp_path, [])
+    helpers: list[side_by_side.Helper] = []
+
+    class Watched(side_by_side.Helper):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            helpers.append(self)
+
+    def stopped(*_: object) -> None:
+        while helpers[0].process is None:
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(side_by_side, "HEAD_START", 0.0)
+    monkeypatch.setattr(side_by_side, "Helper", Watched)
+    monkeypatch.setattr(side_by_side, "ended", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side.run_fits(*line, lambda _line: None, workers=2)
+    helpers[0].join(MINUTE)
+    assert helpers[0].process is not None
+    assert helpers[0].process.poll() is not None
