@@ -264,6 +264,7 @@ NEEDED_BY_FEW = ("numba", *SCIPY, "matplotlib", "h5py", "rich")
     ("import pliant", HEAVY),
     ("import pliant.__main__, pliant.cli", HEAVY),
     ("import pliant.errors, pliant.units", HEAVY),
+    ("from pliant.recording import readers; readers()", HEAVY),
     ("import pliant.recording, pliant.simulation, pliant.study", NEEDED_BY_FEW),
 ])  # fmt: skip
 def test_light_doors(statement, heavy):

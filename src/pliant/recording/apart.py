@@ -11,6 +11,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -51,23 +52,34 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     command.append(str(int(MEMORY + MEMORY_FACTOR * size)))
     damaged = f"{path.name} is no readable {what} file, or it is damaged"
     try:
-        done = subprocess.run(  # noqa: S603  our own worker, no shell
-            command, check=False, capture_output=True, stdin=subprocess.DEVNULL, timeout=WAIT_FACTOR * seconds,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "HDF5_USE_FILE_LOCKING": "FALSE"},
-        )  # fmt: skip
+        code, answer = _run(command, WAIT_FACTOR * seconds)
     except subprocess.TimeoutExpired:
         raise InputError(f"{damaged}: its library did not come to an end within {WAIT_FACTOR * seconds} s") from None
     except OSError as error:
         raise InputError(f"no helper process can be started to read {path.name}: {error.strerror or error}") from None
-    if done.returncode or not done.stdout.startswith(MAGIC):
-        raise InputError(f"{damaged}: {_end(done.returncode, seconds)}")
-    answer = done.stdout[len(MAGIC) :]
+    if code or not answer.startswith(MAGIC):
+        raise InputError(f"{damaged}: {_end(code, seconds)}")
+    answer = answer[len(MAGIC) :]
     if answer.startswith(b"{"):
         raise InputError(f"{damaged}: {json.loads(answer)['reason']}")
     with np.load(io.BytesIO(answer), allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     told: dict[str, Any] = json.loads(arrays.pop("told").tobytes())
     return arrays, told
+
+
+def _run(command: list[str], seconds: int) -> tuple[int, bytes]:
+    """Exit code and output of the helper; what every recording is made of is imported while it works."""
+    with subprocess.Popen(  # noqa: S603  our own worker, no shell
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "HDF5_USE_FILE_LOCKING": "FALSE"},
+    ) as helper:  # fmt: skip
+        try:
+            import_module("xarray")
+            answer, _ = helper.communicate(timeout=seconds)
+        finally:
+            helper.kill()  # one that has not come to an end by now never may
+    return helper.returncode, answer
 
 
 def _end(code: int, seconds: int) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from pliant.errors import InputError
 from pliant.recording.registry import Reader
@@ -68,6 +67,8 @@ def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray]:
 
 def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray]:
     """The same of the HDF5 file."""
+    import pandas as pd
+
     try:
         table = pd.read_hdf(path)
     except ImportError:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 class FileMapping(BaseModel):
     """What a file does not say about itself; frozen, and no other keys than its own."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     @classmethod
     def load(cls, mapping: Mapping[str, Any] | None, name: str) -> Self:

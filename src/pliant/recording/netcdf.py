@@ -9,7 +9,6 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from pliant.errors import InputError
 from pliant.files import is_sealed, seal, whole
@@ -20,6 +19,8 @@ from pliant.recording.schema import COORDINATES, VARIABLES, check_recording
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
+
+    import xarray as xr
 
 BROKEN_FILE = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, NotImplementedError,
                ArithmeticError, MemoryError)  # fmt: skip
@@ -42,6 +43,8 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
 
 
 def _own(path: Path) -> xr.Dataset:
+    import xarray as xr
+
     try:
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as ds:
             return ds.load()
@@ -53,6 +56,8 @@ def _own(path: Path) -> xr.Dataset:
 def _foreign(kind: str, path: Path) -> xr.Dataset:
     """A file whose bytes nobody vouches for, through the helper process."""
     arrays, told = read_apart(kind, path, "netCDF")
+    import xarray as xr  # not before: it is imported while the helper reads
+
     try:
         variables = {name: xr.Variable(dims, arrays[key], _attributes(attrs))
                      for name, (key, dims, attrs) in told["variables"].items()}  # fmt: skip

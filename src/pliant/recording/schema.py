@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from pliant.errors import InputError
 from pliant.recording.rules import COMPONENTS, COORDINATES, SCHEMA, SCHEMA_VERSION, VARIABLES, check_recording
@@ -16,6 +15,7 @@ from pliant.recording.rules import COMPONENTS, COORDINATES, SCHEMA, SCHEMA_VERSI
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import xarray as xr
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["COMPONENTS", "COORDINATES", "VARIABLES", "append_history", "check_recording", "make_recording"]
@@ -182,6 +182,8 @@ def _add_strain(variables: dict, coords: dict, strain: Any, gauge_position: Any,
 
 
 def _assemble(variables: dict, coords: dict) -> xr.Dataset:
+    import xarray as xr
+
     try:
         ds = xr.Dataset(variables, coords)
     except ValueError as error:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import h5py  # type: ignore[import-untyped]
 import numpy as np
 
 from pliant.errors import InputError
@@ -24,6 +23,8 @@ if TYPE_CHECKING:
 
 def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read one track; options are those of `TrackerMapping`. Points whose score is low are gaps."""
+    import h5py  # type: ignore[import-untyped]
+
     options = TrackerMapping.load(mapping, path.name)
     try:
         with h5py.File(path) as file:

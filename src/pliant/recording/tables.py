@@ -8,7 +8,6 @@ import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from pliant.errors import InputError
 
@@ -118,6 +117,8 @@ def parse_numbers(
     InputError
         For a row with another number of cells or a cell that is not a number.
     """
+    import pandas as pd
+
     rows = [(first_line + i, line) for i, line in enumerate(lines) if line.strip()]
     if not rows:
         raise InputError(f"{name} holds no row of numbers")
