@@ -7,8 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pliant.control import Limits, SupplyValve, Task, Tuning, prepare_control
+from pliant.actuators import chen2018
+from pliant.control import Limits, SupplyValve, Task, Tuning, design_lqr, prepare_control
+from pliant.control.lqr import with_integral
 from pliant.estimation import frozen
+from pliant.linear import linearise
+from pliant.linear.sampled import loop_curve, sample
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.model import load_model
 from pliant.testbed.plant import Plant
@@ -166,3 +170,20 @@ def test_margins_are_told(reached):
     assert "phase margin" in str(design)
     assert all(m.phase_deg > 40 and m.modulus > 0.6 for m in design.margins)
     assert (design.slowest < 1.0).all()
+
+
+@pytest.mark.parametrize("latency", [0.0, PERIOD, 2.25 * PERIOD])
+def test_a_loop_ends_where_its_margins_say(latency):
+    """The curve against direct solves; and the gain upwards that makes the loop unstable, often at half the rate."""
+    design = design_lqr(chen2018.model(), 190e3, PERIOD, latency=latency, grid=5)
+    for p, gain, told in zip(design.pressure, design.gain, design.margins, strict=True):
+        linear = linearise(design.model, float(p))
+        plant = with_integral(linear, sample(linear, PERIOD, latency), design.equilibria.at(p)[2], PERIOD)
+        curve = loop_curve(plant, gain, PERIOD, 50)
+        z = np.exp(1j * curve.omega * PERIOD)[:, None, None]
+        states = np.linalg.solve(z * np.eye(len(gain)) - plant.A, plant.B[:, None].astype(complex))[..., 0]
+        np.testing.assert_allclose(curve.value, states @ gain, rtol=1e-9)
+        bound = 10 ** (told.gain_db / 20)
+        for factor, holds in ((0.99, True), (1.01, False)):
+            closed = plant.A - factor * bound * np.outer(plant.B, gain)
+            assert (np.abs(np.linalg.eigvals(closed)).max() < 1.0) == holds

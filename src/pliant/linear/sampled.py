@@ -11,7 +11,6 @@ from pliant.errors import InputError
 from pliant.linear.linearisation import LinearModel
 
 Array = np.ndarray
-BLOCK = 500  # frequencies at once: their matrices stay within a few MB
 KILO = 1e3  # pressures enter a Riccati equation in kPa, so that its numbers are of one size
 
 
@@ -101,27 +100,28 @@ def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:
 
 
 def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -> LoopCurve:
-    """L = gain (z - A)^{-1} B of a state feedback u = -gain x, from 0.01 Hz to half the sampling rate."""
+    """L = gain (z - A)^{-1} B of a state feedback u = -gain x, from 0.01 Hz to half the sampling rate.
+
+    A is made triangular once, by a unitary matrix; then the states at all frequencies follow, the last one first.
+    """
+    from scipy.linalg import schur
+
     omega = np.geomspace(2 * np.pi * 0.01, np.pi / period, points)
-    values, V = np.linalg.eig(plant.A)
-    if np.linalg.cond(V) < 1e10:
-        left, right = gain @ V, np.linalg.solve(V, plant.B.astype(complex))
-        z = np.exp(1j * omega * period)
-        return LoopCurve(omega, ((left * right)[None, :] / (z[:, None] - values[None, :])).sum(axis=1))
-    eye, B = np.eye(plant.A.shape[0]), plant.B.astype(complex)[:, None]
-    curve = []
-    for few in np.split(omega, range(BLOCK, points, BLOCK)):
-        states = np.linalg.solve(np.exp(1j * few * period)[:, None, None] * eye - plant.A, B)[..., 0]
-        curve += [gain @ x for x in states]
-    return LoopCurve(omega, np.array(curve))
+    T, U = schur(plant.A, output="complex")
+    z, b = np.exp(1j * omega * period), U.conj().T @ plant.B
+    states = np.empty((b.size, points), dtype=complex)
+    for k in reversed(range(b.size)):
+        states[k] = (b[k] + T[k, k + 1 :] @ states[k + 1 :]) / (z - T[k, k])
+    return LoopCurve(omega, gain @ U @ states)
 
 
 def margins(curve: LoopCurve) -> Margins:
-    """Margins of a closed loop that is stable, from its open-loop curve."""
+    """Margins of a closed loop that is stable, from its open-loop curve up to half the sampling rate."""
     L, omega = curve.value, curve.omega
     phase = np.unwrap(np.angle(L))
     turned = np.mod(phase, 2 * np.pi) - np.pi
     at = np.flatnonzero((turned[1:] * turned[:-1] <= 0) & (np.abs(np.diff(turned)) < np.pi))
+    at = np.append(at, [L.size - 1] * bool(L[-1].real < 0))  # the curve ends on the real axis, but for rounding
     factors = [1.0 / abs(L[k]) for k in at if abs(L[k]) > 0]
     above = [f for f in factors if f > 1.0]
     gain = 20 * np.log10(min(above)) if above else np.inf
