@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import savgol_filter
 
 from pliant.errors import InputError
-from pliant.preprocessing.curvature import curvature_of, savgol_curvature
+from pliant.preprocessing.curvature import curvature_of, differences, savgol_curvature
 from pliant.recording import make_recording
 
 LENGTH = 0.1688
@@ -90,6 +91,14 @@ def test_unevenly_spaced_sparse_stations():
     np.testing.assert_allclose(curvature_of(recording).values[0], kappa, atol=0.05)
     with pytest.raises(InputError, match="evenly spaced"):
         curvature_of(recording, method="savgol", window=7)
+
+
+@pytest.mark.parametrize(("stations", "window"), [(296, 15), (120, 51), (51, 51), (9, 5)])
+def test_differences_are_those_of_scipy(stations, window):
+    values = np.cumsum(np.random.default_rng(window).standard_normal((3, stations, 2)), axis=1)
+    for order, rows in enumerate(differences(stations, window, 1.3e-3), start=1):
+        wanted = savgol_filter(values, window, 4, deriv=order, delta=1.3e-3, axis=1)
+        np.testing.assert_allclose(rows @ values, wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
 
 
 def test_magnitude_in_three_dimensions():

@@ -95,8 +95,6 @@ def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], wind
     InputError
         When the stations are unevenly spaced or fewer than the window.
     """
-    from scipy.signal import savgol_filter
-
     if window % 2 == 0 or not POLYNOMIAL < window <= s.size:
         raise InputError(f"the window must be odd, above {POLYNOMIAL} and at most {s.size} stations, not {window}")
     spacing = np.diff(s)
@@ -107,10 +105,7 @@ def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], wind
             "resample along arc length first, or use method='basis'"
         )
     near = position - position[:, s.size // 2, None]  # where the body lies is no matter, and costs digits
-    first, second = (
-        savgol_filter(near, window, POLYNOMIAL, deriv=order, delta=float(spacing.mean()), axis=1)
-        for order in (1, 2)
-    )
+    first, second = (rows @ near for rows in differences(s.size, window, float(spacing.mean())))
     speed = np.linalg.norm(first, axis=2)
     if position.shape[2] == 2:
         turning = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
@@ -118,3 +113,24 @@ def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], wind
         turning = np.linalg.norm(np.cross(first, second), axis=2)
     curvature: NDArray[np.float64] = turning / speed**3
     return curvature
+
+
+def differences(stations: int, window: int, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rows (S, S) that give the first and the second derivative, 1/m and 1/m^2, of numbers at evenly spaced stations.
+
+    They are those of the polynomial that fits the `window` stations about each one best; near the ends, of the last
+    whole window. SciPy's own takes 0.4 s to import.
+
+    Source: Savitzky, Golay, Analytical Chemistry 36(8), 1964
+    """
+    half = window // 2
+    near, power = np.arange(-half, half + 1), np.arange(POLYNOMIAL + 1)
+    fit = np.linalg.pinv((near[:, None] / half) ** power)
+    middle = np.clip(np.arange(stations), half, stations - 1 - half)
+    x = (np.arange(stations) - middle)[:, None] / half
+    found = []
+    for slope in (power * x ** np.maximum(power - 1, 0), power * (power - 1) * x ** np.maximum(power - 2, 0)):
+        rows = np.zeros((stations, stations))
+        np.put_along_axis(rows, middle[:, None] + near, slope @ fit, axis=1)
+        found.append(rows)
+    return found[0] / (half * spacing), found[1] / (half * spacing) ** 2
