@@ -90,6 +90,7 @@ class _Model:
         self.points_per_station = 2 * fold
         self.weights = np.repeat(half, 2)
         self.integrals = legendre_integrals(gauss.ravel(), length, terms)
+        self.turns = np.concatenate((np.ones((gauss.size, 1)), self.integrals), axis=1)  # by phi_0 and c
         self.roughness = np.zeros((terms + 3, terms + 3))
         self.roughness[3:, 3:] = legendre_roughness(length, terms)
 
@@ -119,10 +120,9 @@ class _Model:
         jacobian = np.zeros((frames, 2, stations, parameters.shape[1]))
         residual = parameters[:, :2, None] - position.transpose(0, 2, 1)
         for axis, tangent, normal in ((0, -w, -c), (1, c, -w)):
-            residual[:, axis, 1:] += self._sums(tangent[..., None])[..., 0]
+            residual[:, axis, 1:] += self._sums(tangent, self.turns[:, :1])[..., 0]
             jacobian[:, axis, :, axis] = 1.0
-            jacobian[:, axis, 1:, 2] = self._sums(normal[..., None])[..., 0]
-            jacobian[:, axis, 1:, 3:] = self._sums(normal[..., None] * self.integrals)
+            jacobian[:, axis, 1:, 2:] = self._sums(normal, self.turns)
         return residual.reshape(frames, -1), jacobian.reshape(frames, 2 * stations, -1)
 
     def solve(
@@ -163,8 +163,10 @@ class _Model:
                 best, best_score = float(smoothing), score
         return best
 
-    def _sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Running integrals (T, S - 1, m) at the stations after the first, of values (T, G, m)."""
-        frames, _, columns = values.shape
-        cells = values.reshape(frames, self.s.size - 1, self.points_per_station, columns).sum(axis=2)
-        return np.cumsum(cells, axis=1)
+    def _sums(self, values: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Running integrals (T, S - 1, m) at the stations after the first, of values (T, G) times columns (G, m)."""
+        many = self.points_per_station
+        cells = values[:, ::many, None] * columns[::many]
+        for k in range(1, many):
+            cells += values[:, k::many, None] * columns[k::many]
+        return np.cumsum(cells, axis=1, out=cells)
