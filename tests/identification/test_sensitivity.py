@@ -30,9 +30,11 @@ def hanging(truth: Model) -> Model:
     return truth.with_(gravity=[3.0, -6.0], base_length=0.01)
 
 
-def differences(model: Model, exp: Experiment, values: dict[str, float], name: str, size: float) -> np.ndarray:
+def differences(
+    model: Model, exp: Experiment, values: dict[str, float], name: str, size: float, step: float = STEP,
+) -> np.ndarray:
     """Central differences (T, S, 2) of the predicted positions."""
-    high, low = (predict(model, exp, {**values, name: values[name] + d}, STEP)["position"] for d in (size, -size))
+    high, low = (predict(model, exp, {**values, name: values[name] + d}, step)["position"] for d in (size, -size))
     return (high - low) / (2 * size)
 
 
@@ -83,6 +85,18 @@ def test_an_edge_on_a_frame_or_on_a_step_has_a_derivative(hanging: Model, pulse:
     _, here = sensitivities(hanging, exp, values, {"p.start": 0.01}, 2e-3)
     _, beside = sensitivities(hanging, exp, {**values, "p.start": edge + 1e-4}, {"p.start": 0.01}, 2e-3)
     assert np.abs(here - beside).max() < 0.05 * np.abs(here).max()
+
+
+@pytest.mark.parametrize("name", ["p.stop", "valve_dead_time"])
+def test_an_edge_that_hands_a_step_from_one_side_to_the_other_has_a_derivative(
+    hanging: Model, pulse: Any, name: str
+) -> None:
+    """A hair before, the steps of the frame are as many, but four of them lie behind the edge instead of two."""
+    exp = pulse(hanging)
+    values = {**VALUES, "p.start": 0.1234, "p.stop": 0.599 + 1e-7, "latency": 0.0}  # acts 2 ms after a frame
+    _, slopes = sensitivities(hanging, exp, values, {name: 0.01}, 2e-3)
+    expected = differences(hanging, exp, values, name, 5e-8, 2e-3)
+    assert np.abs(slopes[0, ..., :2] - expected).max() < 1e-5 * np.abs(expected).max()
 
 
 def test_a_zero_on_its_bound_has_a_derivative(hanging: Model, pulse: Any) -> None:

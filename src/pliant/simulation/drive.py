@@ -33,7 +33,7 @@ class Drive(NamedTuple):
     h: Array  # (steps,) s
     torque: Array  # (steps, C) N m, mean of each chamber over each step
     gain: Array  # (C, n) share of it that each joint feels
-    keep: Array  # (steps,) row of the output after the step, -1: none
+    keep: Array  # (steps,) row of the output after the step, negative: none
     pressure: Array  # (rows, C) Pa, behind the valves, at the output times
     initial: Array  # (C,) Pa, before anything happens at the first time: a jump there is part of the motion
     stretch: Array | None = None  # (rows, C) hoop stretch, at the output times, where a chamber inflates
@@ -55,7 +55,7 @@ class Grid(NamedTuple):
 
     nodes: Array  # (steps + 1,) s
     fine: Array  # (m + 1,) s, with the breakpoints of the inputs between the nodes
-    keep: Array  # (steps,) row of the output after the step, or -1
+    keep: Array  # (steps,) row of the output after the step, or -1; -2 where a jump ends it
 
 
 class Driven(NamedTuple):
@@ -170,8 +170,10 @@ def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, ste
     pairs = list(zip(inputs, dead_times, strict=True))
     jumps = np.concatenate([p.jumps + dead for p, dead in pairs])
     bends = np.concatenate([p.breakpoints + dead for p, dead in pairs])
-    nodes = subdivide(merge(times, jumps, same), step)
+    corners = merge(times, jumps, same)
+    nodes = subdivide(corners, step)
     keep = np.full(nodes.size - 1, -1)
+    keep[np.searchsorted(nodes, corners)[1:] - 1] = -2
     keep[np.searchsorted(nodes, times)[1:] - 1] = np.arange(1, times.size)
     return Grid(nodes, merge(nodes, bends, same), keep)
 
