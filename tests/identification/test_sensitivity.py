@@ -58,6 +58,39 @@ def test_gains_of_joints_and_latency_agree_with_differences(hanging: Model, trac
     assert np.abs(slopes[0, ..., :2] - expected).max() < 3e-6 * np.abs(expected).max()
 
 
+RUBBER = {"torque_1": 4e-7, "torque_2": 2e-12, "swell_share": 0.3, "swell_time": 0.2, "inflation_limit": 1.7e5,
+          "inflation_time": 0.04}  # fmt: skip
+SLOW_VALVE = {"valve_rise": 0.03, "valve_fall": 0.05, "valve_rise_rate": 1.5e6, "valve_fall_rate": 9e5,
+              "valve_settle_share": 0.2, "valve_settle_time": 0.3}  # fmt: skip
+
+
+@pytest.mark.parametrize("values", [RUBBER | SLOW_VALVE, RUBBER, SLOW_VALVE | {"torque_2": 2e-12}])
+@pytest.mark.parametrize("kind", ["pulse", "traced"])
+def test_all_of_a_chamber_agrees_with_differences(
+    hanging: Model, request: pytest.FixtureRequest, kind: str, values: dict[str, float]
+) -> None:
+    exp = request.getfixturevalue(kind)(hanging)
+    edges = {"p.start": 0.1234, "p.stop": 0.6012} if kind == "pulse" else {"t.start": 0.0017}
+    values = {**values, **edges}
+    _, slopes = sensitivities(hanging, exp, values, {n: abs(v) for n, v in values.items()}, STEP)
+    for slope, (name, value) in zip(slopes, values.items(), strict=True):
+        expected = differences(hanging, exp, values, name, 2e-5 * abs(value))
+        assert np.abs(slope[..., :2] - expected).max() < 3e-6 * np.abs(expected).max(), name
+
+
+@pytest.mark.parametrize("damping_ratio", [0.4, 1.0, 3.0])
+def test_a_law_behind_a_valve_of_second_order_agrees_with_differences(
+    hanging: Model, pulse: Any, damping_ratio: float
+) -> None:
+    model = hanging.with_(valve=Valve(natural_frequency=6.0, damping_ratio=damping_ratio), torque=[4e-7, 2e-12])
+    exp = pulse(model)
+    values = {"p.start": 0.1234, "p.stop": 0.6012, "torque_1": 4e-7, "torque_2": 2e-12}
+    _, slopes = sensitivities(model, exp, values, {n: abs(v) for n, v in values.items()}, STEP)
+    for slope, (name, value) in zip(slopes, values.items(), strict=True):
+        expected = differences(model, exp, values, name, 2e-5 * abs(value))
+        assert np.abs(slope[..., :2] - expected).max() < 3e-6 * np.abs(expected).max(), name
+
+
 @pytest.mark.parametrize("name", ["stiffness", "damping", "torque_1", "valve_rise"])
 def test_sensitivities_are_those_of_an_adaptive_solver(truth: Model, pulse: Any, name: str) -> None:
     field = {"stiffness": "stiffness", "damping": "damping", "torque_1": "torque"}
@@ -164,7 +197,7 @@ def test_recordings_that_begin_alike_share_what_is_not_their_own(truth: Model, p
     model, filled = prepare(exps, tame, names)
     problem = Problem(exps, model, filled, STEP, "travel")
     J = problem.data_jacobian(problem.start)
-    assert len(problem.plans.rows) == len(names)
+    assert len(problem.plans.slopes) == len(names)
     values, sizes = problem.values(problem.start), {p.name: s for p, s in zip(problem.free, problem.scale, strict=True)}
     alone = [o.slopes(slopes_of(model, o.exp, values, sizes, STEP)) for o in problem.observed]
     np.testing.assert_array_equal(J, np.concatenate(alone, axis=1).T * problem.scale)

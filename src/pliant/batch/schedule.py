@@ -58,7 +58,7 @@ class Schedule:
         source, dead = self.pressure(i), self.samples.valves[i].dead_time
         key = (source.jumps.tobytes(), source.breakpoints.tobytes(), dead)
         if key not in self._grids:
-            corners, fine, keep = grid([source], [dead], self.times, self.step)
+            _, corners, fine, keep = grid([source], [dead], self.times, self.step)
             intervals, steps = aligned((fine.size - 1, WIDTH)), aligned((keep.size, WIDTH))
             intervals[:], steps[:] = np.diff(fine)[:, None], np.diff(corners)[:, None]
             made = LaneGrid(fine, np.searchsorted(fine, corners), intervals, steps, keep)

@@ -13,7 +13,7 @@ from pliant.compiler.simd import WIDTH, aligned, lane_twin
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model, fixed_length
 from pliant.simulation import Stepper, state
-from pliant.simulation.drive import lag_of
+from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.solve import check_step
 
 Array = np.ndarray

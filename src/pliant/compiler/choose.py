@@ -20,8 +20,8 @@ MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies take less time,
 STRAIGHT_LINKS = 64  # a straight line of so many articulated bodies compiles in about 2 s
 JACOBIAN_LINKS = 8  # so does the Jacobian of a step
 STRAIGHT_SOURCES = (
-    trace.__file__, *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "simd", "duals")),
-    trig.__file__,
+    trace.__file__, trig.__file__,
+    *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "simd", "dual_numbers", "duals")),
 )
 # Not the steps: side by side and alone, they give the same bits.
 FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian}

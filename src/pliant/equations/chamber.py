@@ -1,9 +1,9 @@
 """One pressure -> one torque, over an interval of time: laws, chambers that swell, chambers whose wall gives way.
 
 A chamber makes the torque of its law (`section.torque`), or, where its rubber takes time, one that depends on two slow
-states: a pressure that lags (swelling) and the fourth power of the hoop stretch (inflation). `mean_torque` averages the
-torque over an interval, `advance` moves the slow states too, `share_out` gives it to the joints: whoever takes steps
-takes its torques from here.
+states: a pressure that lags (swelling) and the fourth power of the hoop stretch (inflation). `advance` averages the
+torque over an interval and moves the slow states on, `share_out` gives it to the joints: whoever takes steps takes its
+torques from here.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def inflated(h, p, y, limit, time):
     """Fourth power of the hoop stretch after h [s] at the pressure p [Pa]; see `inflated_interval`."""
     x = (1.0 - p / limit) * h / time
     late = 1.0 - 0.5 * x  # mean of the decay: its series where the difference below would lose its digits
-    if abs(x) > 1e-8:
+    if abs(x.real) > 1e-8:
         late = -np.expm1(-x) / x
     return np.exp(-x) * y + h / time * late
 
@@ -142,7 +142,7 @@ def mean_inflated(p, slow, y, chamber):
 def torque_now(p, slow, y, chamber):
     """Torque [N m] of a chamber at the pressure p [Pa] and its slow states."""
     made = swollen_torque(p, slow, chamber.swell_share, chamber.law)
-    if chamber.inflation_limit > 0.0:
+    if chamber.inflation_limit.real > 0.0:
         return made * lever_growth(y)
     return made
 
@@ -150,38 +150,9 @@ def torque_now(p, slow, y, chamber):
 def slow_rates(p, slow, y, chamber):
     """Rates of the slow states at the pressure p [Pa]: of the slow pressure, Pa/s, and of y, 1/s."""
     growing = 0.0 * y
-    if chamber.inflation_limit > 0.0:
+    if chamber.inflation_limit.real > 0.0:
         growing = (1.0 - (1.0 - p / chamber.inflation_limit) * y) / chamber.inflation_time
     return (p - slow) / chamber.swell_time, growing
-
-
-def slow_states(h, behind, chamber, state, slow, y):
-    """Slow states at the start, middle and end of each interval, slow and y (m, 3), from `behind` (m, 4) the valve.
-
-    `state` (2,) holds them at the start of the first.
-    """
-    before = state[0]
-    grown = state[1]
-    for k in range(len(h)):
-        p = Interval(behind[k, 0], behind[k, 1], behind[k, 2], behind[k, 3])
-        slow[k, 0] = before
-        slow[k, 1], slow[k, 2] = slow_interval(h[k], p, before, chamber.swell_time)
-        before = slow[k, 2]
-        y[k, 0] = grown
-        y[k, 1] = grown
-        y[k, 2] = grown
-        if chamber.inflation_limit > 0.0:
-            y[k, 1], y[k, 2] = inflated_interval(h[k], p, grown, chamber.inflation_limit, chamber.inflation_time)
-            grown = y[k, 2]
-
-
-def mean_torque(p, slow, y, chamber):
-    """Mean torque [N m] of a chamber in an `Interval` p, with its slow states at the start, middle and end."""
-    if chamber.inflation_limit > 0.0:
-        return mean_inflated(p, slow, y, chamber)
-    if chamber.swell_share > 0.0:
-        return mean_swollen(p, slow, chamber)
-    return mean_of_law(p, chamber.law)
 
 
 def advance(h, p, chamber, state):
@@ -190,12 +161,12 @@ def advance(h, p, chamber, state):
     The state is the slow pressure [Pa] and the fourth power of the hoop stretch; a chamber without rubber that takes
     time leaves it as it is.
     """
-    if not (chamber.swell_share > 0.0 or chamber.inflation_limit > 0.0):
+    if not (chamber.swell_share.real > 0.0 or chamber.inflation_limit.real > 0.0):
         return mean_of_law(p, chamber.law)
     before = state[0]
     half, last = slow_interval(h, p, before, chamber.swell_time)
     state[0] = last
-    if not chamber.inflation_limit > 0.0:
+    if not chamber.inflation_limit.real > 0.0:
         return mean_swollen(p, (before, half, last), chamber)
     y = state[1]
     y_half, y_last = inflated_interval(h, p, y, chamber.inflation_limit, chamber.inflation_time)

@@ -12,7 +12,7 @@ from pliant.equations import energy, inertia, motion, symbols
 from pliant.model import Model
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation import march_loops, state
-from pliant.simulation.drive import lag_of
+from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray

@@ -19,7 +19,8 @@ from pliant.identification.pose import beside_links, posed
 from pliant.identification.sensor import between_frames, lags_of
 from pliant.model import Model, Station
 from pliant.simulation import Pulse, Trace, equilibrium, lengthened, state
-from pliant.simulation.drive import Drive, drive, driven, laid_out
+from pliant.simulation.drive import Drive, driven, laid_out
+from pliant.simulation.drive import drive as drive_of
 from pliant.simulation.forces import joint_loads, loads_at, mean_loads
 from pliant.simulation.inputs import Input
 
@@ -27,11 +28,12 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
+SHORTEST = 1e-6  # s, of a pulse
 
 
 def set_up(
     model: Model, exp: Experiment, values: Mapping[str, float], step: float,
-    plans: Plans | None = None, rest: Array | None = None,
+    plans: Plans | None = None, rest: Array | None = None, drive: Drive | None = None,
 ) -> SetUp:
     """The numbers behind an experiment at the parameter `values`.
 
@@ -41,6 +43,8 @@ def set_up(
         What earlier calls for the same model have found.
     rest : array (n,), optional
         Joint angles at the start, where a search for the equilibrium can be spared.
+    drive : Drive, optional
+        What drives the steps of a body that is not let go, whatever the values say.
     """
     own = {**for_record(values, exp.name), **exp.known}
     plans = Plans() if plans is None else plans
@@ -49,7 +53,7 @@ def set_up(
     times, between = moments(exp, own)
     if exp.excitation == "release":
         return let_go(here, exp, own, times, step, plans)._replace(between=between)
-    plan = planned(m, exp, own, times, step, plans)
+    plan = planned(m, exp, own, times, step, plans) if drive is None else drive
     before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
     if rest is not None:
         start = state.absolute(m, rest)
@@ -57,11 +61,12 @@ def set_up(
         start = here.at_rest(plan.initial) if before is None else state.absolute(
             m, equilibrium(m, plan.initial, link_load=before))
     numbers = gathered(here, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
+    numbers = numbers._replace(chambers=here.chambers(plan.initial))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
     if exp.own_places:
         numbers = as_first_seen(numbers, here, exp)
     acting = plan.pressure if between is None else plan.pressure[between[1]]
-    return SetUp(numbers, plan.keep, 1, carriers(here, exp), m, shown(acting), True, between=between)
+    return SetUp(numbers, plan.keep, 1, carriers(here, exp), m, shown(acting), True, drive=plan, between=between)
 
 
 def moments(exp: Experiment, own: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
@@ -69,12 +74,6 @@ def moments(exp: Experiment, own: Mapping[str, float]) -> tuple[Array, tuple[Arr
     times = exp.time - own.get("latency", 0.0)
     between = between_frames(times) if lags_of(own, exp.stations).size else None
     return times if between is None else between[0], between
-
-
-def drive_of(model: Model, exp: Experiment, values: Mapping[str, float], step: float, plans: Plans) -> Drive:
-    """What drives the steps of `set_up` of a body that is not let go."""
-    own = {**for_record(values, exp.name), **exp.known}
-    return planned(plans.at(model, own).model, exp, own, moments(exp, own)[0], step, plans)
 
 
 def let_go(
@@ -90,7 +89,7 @@ def let_go(
         key = ("release", exp.name, own["release"], times[0])
         if key not in plans.drives:
             still_air = [Pulse(0.0)] * len(model.chambers)
-            plans.drives[key] = drive(model, still_air, np.concatenate([[own["release"]], free]), step)
+            plans.drives[key] = drive_of(model, still_air, np.concatenate([[own["release"]], free]), step)
         plan = plans.drives[key]
     numbers = with_loads(gathered(here, exp, own, plan, (angles, angles), base), model, exp, own["release"])
     still, none = times.size - free.size, np.zeros((exp.time.size, len(model.chambers)))
@@ -177,7 +176,7 @@ def pressures(model: Model, exp: Experiment, start: float, stop: float) -> tuple
         return inputs_to(model, exp, start)
     if exp.pressure is not None:
         return (Trace(exp.pressure.time + start, exp.pressure.pressure),)
-    width = np.inf if exp.excitation == "step" else max(stop - start, 1e-6)
+    width = np.inf if exp.excitation == "step" else max(stop - start, SHORTEST)
     return (Pulse(exp.level, start, width),)
 
 
@@ -189,7 +188,7 @@ def gathered(
     model, (along, across) = here.model, here.places(exp.stations)
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
-        gain=model.actuation.gain, torque_before=here.torque_before(plan.initial),
+        gain=model.actuation.gain, chambers=np.zeros((0, 0)), torque_before=here.torque_before(plan.initial),
         load=np.zeros((0, model.n, 2)), load_before=loads_at(model, (), 0.0), body=here.body,
         joints=here.joints._replace(base_angle=base[1]), memory=here.memory,
         along=along, across=across,

@@ -8,9 +8,10 @@ import numpy as np
 
 from pliant.equations.symbols import Body, ExtensibleBody, Joints, Memory
 from pliant.model import Model
+from pliant.simulation.drive import Drive
 
 Array = np.ndarray
-LONG = ("h", "torque", "load")  # entries of `Numbers` as long as the motion, which most set-ups of a fit share
+APART = ("h", "torque", "load", "chambers")  # entries of `Numbers` that most set-ups of a fit share
 
 
 class Numbers(NamedTuple):
@@ -22,6 +23,7 @@ class Numbers(NamedTuple):
     h: Any  # (steps,) s
     torque: Any  # (steps, C) N m, of the chambers; one more column for a hand that lets go
     gain: Any  # (C, n) share of it that each joint feels
+    chambers: Any  # (C, k) what the torques depend on beside the steps and commands, a row of each (`row_of`)
     torque_before: Any  # (n,) N m, under which the chain rests at the start
     load: Any  # (steps, n, 2) N m, of known forces; no rows where there are none
     load_before: Any  # (n, 2) N m, under which the chain rests at the start; (n + 1, 4) of a body that lengthens
@@ -49,18 +51,19 @@ class SetUp(NamedTuple):
     pressure: Array  # (T,) Pa, behind the valve; (T, C) of several
     from_rest: bool  # whether the start is the equilibrium under `torque_before`
     pulled: bool = False  # whether a hand took the body to its pose from its unloaded shape
+    drive: Drive | None = None  # what drives the steps of a body that is not let go
     between: tuple[Array, Array] | None = None  # times of the rows and where the frames stand, where a sensor lags
 
 
 def in_one_row(numbers: Numbers) -> Array:
-    """All numbers but the `LONG` ones, one behind the other: those of arrays first."""
+    """All numbers but the `APART` ones, one behind the other: those of arrays first."""
     entries = leaves(numbers)
     arrays = [e.ravel() for e in entries if isinstance(e, Array)]
     return np.concatenate([*arrays, np.array([e for e in entries if not isinstance(e, Array)])])
 
 
 def from_one_row(row: Array, like: Numbers) -> Numbers:
-    """The numbers that `in_one_row` would give `row`, each as `like` has it; the `LONG` ones as they are there.
+    """The numbers that `in_one_row` would give `row`, each as `like` has it; the `APART` ones as they are there.
 
     A row of rows (N, W) gives arrays of rows.
     """
@@ -77,10 +80,10 @@ def from_one_row(row: Array, like: Numbers) -> Numbers:
         part, first = row[first : first + entry.size], first + entry.size
         return part if entry.ndim == 1 else part.reshape(*entry.shape, *row.shape[1:])
 
-    return Numbers(*(e if n in LONG else taken(e) for n, e in zip(Numbers._fields, like, strict=True)))
+    return Numbers(*(e if n in APART else taken(e) for n, e in zip(Numbers._fields, like, strict=True)))
 
 
 def leaves(numbers: Numbers) -> list[Any]:
-    """Every array and number but the `LONG` ones, those of nested tuples one by one."""
-    short = (e for n, e in zip(Numbers._fields, numbers, strict=True) if n not in LONG)
+    """Every array and number but the `APART` ones, those of nested tuples one by one."""
+    short = (e for n, e in zip(Numbers._fields, numbers, strict=True) if n not in APART)
     return [leaf for e in short for leaf in (e if isinstance(e, tuple) else (e,))]

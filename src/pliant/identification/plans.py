@@ -11,6 +11,7 @@ from pliant.equations.symbols import Body, ExtensibleBody, Joints, Memory
 from pliant.identification.parameters import apply, of_the_model
 from pliant.model import Model, Station
 from pliant.simulation import equilibrium
+from pliant.simulation.chamber_course import row_of
 from pliant.simulation.drive import Drive, Layout
 from pliant.simulation.state import absolute
 
@@ -26,6 +27,7 @@ class ModelAt(NamedTuple):
     memory: Memory
     points: dict[str, Station]  # that can be observed, by name
     torques: dict[bytes, Array]  # of joints under pressures: recordings share them
+    rows: dict[bytes, Array]  # of chambers, likewise
     resting: dict[bytes, Array]  # angles at rest, likewise
     beside: dict[tuple[str, ...], tuple[Array, Array]]  # along and across (S,) of stations, likewise
 
@@ -35,6 +37,15 @@ class ModelAt(NamedTuple):
         if key not in self.torques:
             self.torques[key] = self.model.actuation.joint_torques(pressure)
         return self.torques[key]
+
+    def chambers(self, pressure: Array) -> Array:
+        """Rows (C, k) of the chambers, `pressure` (C,) [Pa] behind their valves at first, as long as the longest."""
+        key = pressure.tobytes()
+        if key not in self.rows:
+            rows = [row_of(c, float(p)) for c, p in zip(self.model.chambers, pressure, strict=True)]
+            length = max(row.size for row in rows)
+            self.rows[key] = np.stack([np.pad(row, (0, length - row.size)) for row in rows])
+        return self.rows[key]
 
     def places(self, stations: tuple[str, ...]) -> tuple[Array, Array]:
         """Along and across (S,) the links that carry them of some stations, m."""
@@ -62,7 +73,7 @@ class Plans:
         self.models: dict[Any, ModelAt] = {}
         self.drives: dict[Any, Drive] = {}
         self.layouts: dict[Any, Layout] = {}
-        self.rows: dict[Any, Any] = {}  # derivatives that recordings share, at one set of values: `sensitivity`
+        self.slopes: dict[Any, Any] = {}  # derivatives that recordings share, at one set of values: `sensitivity`
         self.poses: dict[Any, Array] = {}  # joint angles of a body that is held
 
     def at(self, model: Model, values: Mapping[str, float]) -> ModelAt:
@@ -71,7 +82,7 @@ class Plans:
         if key not in self.models:
             m = apply(model, dict(key))
             points = {p.name: p for p in m.points}
-            self.models[key] = ModelAt(m, m.mechanics(), m.joints(), m.memory.law(), points, {}, {}, {})
+            self.models[key] = ModelAt(m, m.mechanics(), m.joints(), m.memory.law(), points, {}, {}, {}, {})
         return self.models[key]
 
     def forget(self, most: int) -> None:

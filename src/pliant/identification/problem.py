@@ -108,7 +108,7 @@ class Problem:
         values = self.values(x)
         sizes = {p.name: float(s) for p, s in zip(self.free, self.scale, strict=True)}
         self.plans.forget(MOST_PLANS)
-        self.plans.rows.clear()
+        self.plans.slopes.clear()
         J = np.zeros((self.ends[-1], len(self.free)))
         for o, end in zip(self.observed, self.ends, strict=True):
             mine = [k for k, p in enumerate(self.free) if self.acts_on(p, o.exp)]

@@ -1,8 +1,8 @@
 """Exact derivatives of a simulated experiment with respect to its parameters, propagated with the steps.
 
-The inputs of the compiled loop are closed forms of the parameters; their derivatives come from central differences,
-good to ten digits, since they are smooth and cheap. They are carried through the steps as dual numbers, several beside
-one motion, so no difference is taken of two motions and no equation is written twice.
+The constants of body, chambers and places are closed forms of the parameters; their derivatives come from central
+differences, good to ten digits, since they are smooth and cheap. They are carried through valves, chambers and steps as
+dual numbers, several beside one motion, so no difference is taken of two motions and no equation is written twice.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from pliant.equations import motion
 from pliant.equations.symbols import Body, ExtensibleBody, Slopes
 from pliant.errors import FitError, PliantError
 from pliant.identification.following import TINY, moved, moved_slopes
-from pliant.identification.forward_model import drive_of, set_up
-from pliant.identification.loop_inputs import LONG, Numbers, SetUp, from_one_row, in_one_row
+from pliant.identification.forward_model import SHORTEST, set_up
+from pliant.identification.loop_inputs import APART, Numbers, SetUp, from_one_row, in_one_row
 from pliant.identification.parameters import OF_A_RECORD
 from pliant.identification.plans import Plans
 from pliant.model import Model
 from pliant.simulation import lengthened, state
+from pliant.simulation.drive import Drive
 from pliant.simulation.forces import joint_loads
 
 if TYPE_CHECKING:
@@ -30,16 +31,22 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 SHARE = 1e-5  # step of the differences of the inputs, in sizes of the parameter
+EDGES = ("start", "stop")
+MOVE_STEPS = OF_A_RECORD | {"valve_dead_time"}  # parameters by which more of a drive may change than its torques
 STENCILS = (((-1.0, -0.5), (1.0, 0.5)), ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5)), ((0.0, 1.5), (-1.0, -2.0), (-2.0, 0.5)))
 
 
 class Slope(NamedTuple):
-    """Derivative of `Numbers`: of all but the long ones in one row, and of these; 0 where they do not change."""
+    """Derivative of `Numbers`: of all but those that stand apart in one row, and of these; 0 where they stay.
+
+    A torque of None is left to what `h` and `chambers` say of it.
+    """
 
     row: Any
     h: Any
     torque: Any
     load: Any
+    chambers: Any
 
 
 def sensitivities(
@@ -79,67 +86,74 @@ def slopes_of(
     rows = exp.time.size
     here = set_up(model, exp, values, step, plans)
     slopes = np.zeros((len(sizes), rows, len(exp.stations), 3))
-    rest = state.relative(here.model, here.numbers.phi) if here.from_rest else None
-    stiffness = rest_stiffness(here) if here.from_rest else None
-    beside: list[tuple[int, Slope]] = []
+    resting = (state.relative(here.model, here.numbers.phi), rest_stiffness(here)) if here.from_rest else None
     alike = shares(exp, values, here)
+    found: list[tuple[int, Slope]] = []
     for k, (name, size) in enumerate(sizes.items()):
         owner, dot, own = name.partition(".")
         if (own if dot and owner == exp.name else name) in exp.known:
             continue
+        drive = here.drive if name.rpartition(".")[2] not in MOVE_STEPS else None
+        key = (name, *alike) if alike and drive else None
 
-        def at(value: float, name: str = name) -> SetUp:
-            return set_up(model, exp, {**values, name: value}, step, plans, rest)
+        def at(value: float, drive: Drive | None, name: str = name) -> SetUp:
+            rest = resting[0] if resting else None
+            return set_up(model, exp, {**values, name: value}, step, plans, rest, drive)
 
-        away = SHARE * max(abs(values[name]), size)
-        key = (name, *alike) if alike and own not in OF_A_RECORD else None
-        base, slope = here, shared_slope(model, exp, values, (name, away), step, plans, key)
+        base, slope = here, plans.slopes.get(key) or edge_slope(here, exp, values, name)
         if slope is None:
-            base, slope = input_slopes(at, here, values[name], away)
-            if stiffness is not None and any(np.any(v) for v in slope):
-                turned = equilibrium_slope(base, slope, stiffness if base is here else rest_stiffness(base))
+            base, slope = input_slopes(at, here, values[name], SHARE * max(abs(values[name]), size), drive)
+            if resting and np.any(slope.row):
+                turned = equilibrium_slope(base, slope, resting[1] if base is here else rest_stiffness(base))
                 slope.row[: 2 * turned.size] = np.tile(turned, 2)  # held and phi, the first of all numbers
-            if base is here and key:
-                plans.rows[key] = slope.row
-        if not any(np.any(v) for v in slope):
-            continue
+            if key and slope.torque is None:
+                plans.slopes[key] = slope
         if base is here:
-            beside.append((k, slope))
+            found.append((k, slope))
         else:
             slopes[k] = carried(base, [slope], rows)[0]
-    if beside:
-        slopes[[k for k, _ in beside]] = carried(here, [slope for _, slope in beside], rows)
+    found = [(k, slope) for k, slope in with_torques(here, found) if any(np.any(v) for v in slope)]
+    if found:
+        slopes[[k for k, _ in found]] = carried(here, [slope for _, slope in found], rows)
     return slopes
 
 
 def shares(exp: Experiment, values: Mapping[str, float], here: SetUp) -> tuple[Any, ...]:
-    """What recordings have alike whose numbers, but the long ones, have the same derivatives; empty for one alone."""
+    """What recordings have alike whose numbers have the same derivatives, but for the torques; empty for one alone."""
     own = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
     if not here.from_rest or exp.forces or exp.own_places or exp.known or own - {"start", "stop"}:
         return ()
-    return (exp.stations, exp.angle_reference, here.numbers.torque_before.tobytes(), here.numbers.phi.tobytes())
+    same = (here.numbers.torque_before, here.numbers.phi, here.numbers.chambers)
+    return (exp.stations, exp.angle_reference, *(a.tobytes() for a in same))
 
 
-def shared_slope(
-    model: Model, exp: Experiment, values: Mapping[str, float], by: tuple[str, float], step: float, plans: Plans,
-    key: tuple[Any, ...] | None,
-) -> Slope | None:
-    """The derivative by a parameter, `by` its name with a step, where a recording alike (`shares`) has found it before.
+def with_torques(made: SetUp, slopes: Sequence[tuple[int, Slope]]) -> list[tuple[int, Slope]]:
+    """The numbered slopes, with those of the torques that are left to the steps and the chambers."""
+    done = {k: s if s.torque is not None else s._replace(torque=0.0, chambers=0.0) for k, s in slopes}
+    left = [(k, s) for k, s in slopes if s.torque is None and (np.any(s.chambers) or np.any(s.h))]
+    if not (left and made.drive and made.drive.layout):
+        return list(done.items())
+    from pliant.compiler.duals import WIDTH  # loads the compiler
 
-    Only the torques over the steps are this recording's own. None where there is none yet, or the steps change.
-    """
-    if key is None or key not in plans.rows:
+    for some in (left[first : first + WIDTH] for first in range(0, len(left), WIDTH)):
+        rows = beside(made.numbers.chambers, [s.chambers for _, s in some])
+        h = beside(made.numbers.h, [s.h for _, s in some])
+        rates = made.drive.layout.torque_slopes(made.model.chambers, rows, h)
+        for j, (k, _) in enumerate(some):
+            done[k] = done[k]._replace(torque=rates[..., j])
+    return list(done.items())
+
+
+def edge_slope(made: SetUp, exp: Experiment, values: Mapping[str, float], name: str) -> Slope | None:
+    """Derivative by a moment at which a nominal pressure jumps; None of other parameters, or on the edge of a step."""
+    kind, laid = name.removeprefix(f"{exp.name}."), made.drive.layout if made.drive else None
+    if laid is None or kind not in EDGES or (name == kind and f"{exp.name}.{kind}" in values):
         return None
-    name, away = by
-    try:
-        made = [drive_of(model, exp, {**values, name: values[name] + side}, step, plans) for side in (-away, away)]
-    except PliantError:
+    moved = exp.pressure is not None or len(made.model.chambers) > 1 or exp.forces  # more than these steps
+    if moved or (laid.jumps[0].size > 1 and np.ptp(laid.jumps[0]) < 2.0 * SHORTEST):  # one edge may push the other
         return None
-    if made[0].h is not made[1].h:
-        return None
-    low, high = (m.torque for m in made)
-    rate = 0.0 if low is high else -0.5 / away * low + 0.5 / away * high
-    return Slope(plans.rows[key].copy(), 0.0, rate, 0.0)
+    h = laid.jump_slope(0, EDGES.index(kind))
+    return None if h is None else Slope(np.zeros(in_one_row(made.numbers).size), h, None, 0.0, 0.0)
 
 
 def carried(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
@@ -156,32 +170,47 @@ def carried_together(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
 
     numbers = made.numbers
     row = duals(in_one_row(numbers), np.stack([s.row for s in slopes], axis=-1))
-    bent: dict[str, Any] = {}
-    for name in LONG:
-        value = getattr(numbers, name)
-        own = [getattr(s, name) for s in slopes]
-        rates = np.stack([np.broadcast_to(v, value.shape) for v in own], axis=-1) if any(map(np.ndim, own)) else 0.0
-        bent[name] = duals(value, rates)
+    bent: dict[str, Any] = {name: beside(getattr(numbers, name), [getattr(s, name) for s in slopes]) for name in APART}
     return moved_slopes(made, from_one_row(row, numbers)._replace(**bent), rows, len(slopes))
 
 
-def input_slopes(at: Callable[[float], SetUp], here: SetUp, value: float, size: float) -> tuple[SetUp, Slope]:
-    """A set-up and the derivative of its numbers: at `value`, or where the steps change there, close beside it."""
+def beside(value: Array, rates: Sequence[Any]) -> Array:
+    """A dual array of a value (...) and of rates (...), any of which may be 0."""
+    from pliant.compiler.duals import WIDTH, duals  # loads the compiler
+
+    made = duals(value)
+    for k, rate in enumerate(rates):
+        if np.ndim(rate):
+            made[..., WIDTH + k] = rate
+    return made
+
+
+def input_slopes(
+    at: Callable[[float, Drive | None], SetUp], here: SetUp, value: float, size: float, drive: Drive | None,
+) -> tuple[SetUp, Slope]:
+    """A set-up and the derivative of its numbers: at `value`, or where the steps change there, close beside it.
+
+    Where a `drive` is given and has numbers to both sides, its torques are left to those of the chambers.
+    """
+    if drive and (made := tried(at, value, size, STENCILS[0], drive)):
+        return here, combined(made, STENCILS[0], size)._replace(torque=None)
     for stencil in STENCILS:
         made = tried(at, value, size, stencil)
         if made and all(same_steps(here, m) for m in made):
-            return here, combined(made, stencil, size)
+            return here, combined(made, stencil, size)._replace(chambers=0.0)
     for side, stencil in zip((1.0, -1.0), STENCILS[1:], strict=True):  # an edge exactly on a frame: look beside it
         made = tried(at, value + side * size, size, stencil)
         if made and all(same_steps(made[0], m) for m in made):
-            return made[0], combined(made, stencil, size)
+            return made[0], combined(made, stencil, size)._replace(chambers=0.0)
     raise FitError(f"no derivative exists at the value {value:.6g}: move the start value or its bounds")
 
 
-def tried(at: Callable[[float], SetUp], value: float, size: float, stencil: Any) -> list[SetUp] | None:
+def tried(
+    at: Callable[[float, Drive | None], SetUp], value: float, size: float, stencil: Any, drive: Drive | None = None,
+) -> list[SetUp] | None:
     """The set-ups of a stencil; None where one of them is not possible."""
     try:
-        return [at(value + offset * size) for offset, _ in stencil]
+        return [at(value + offset * size, drive) for offset, _ in stencil]
     except PliantError:
         return None
 
@@ -201,7 +230,7 @@ def combined(made: list[SetUp], stencil: Any, size: float) -> Slope:
         return sum(w * e for w, e in zip(weights, entries, strict=True))
 
     numbers = [m.numbers for m in made]
-    return Slope(mix(*map(in_one_row, numbers)), *(mix(*(getattr(m, name) for m in numbers)) for name in LONG))
+    return Slope(mix(*map(in_one_row, numbers)), *(mix(*(getattr(m, name) for m in numbers)) for name in APART))
 
 
 def rest_stiffness(made: SetUp) -> Array:

@@ -12,14 +12,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations.chamber import mean_torque, slow_states
-from pliant.equations.symbols import Interval, Lag
 from pliant.errors import InputError, SimulationError
 from pliant.model import Chamber, Model, Valve
-from pliant.simulation import pressure_loops
+from pliant.simulation.chamber_course import (
+    Intervals,
+    pass_valve,
+    row_of,
+    take_torques,
+    torque_slopes,
+    valve_constants,
+    valve_row,
+)
 from pliant.simulation.inputs import Input
 from pliant.simulation.march_loops import Steps
-from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
 _GAUSS = 0.5 / np.sqrt(3.0)
@@ -38,6 +43,7 @@ class Drive(NamedTuple):
     initial: Array  # (C,) Pa, before anything happens at the first time: a jump there is part of the motion
     stretch: Array | None = None  # (rows, C) hoop stretch, at the output times, where a chamber inflates
     load: Array = np.zeros((0, 0, 2))  # (steps, n, 2) N m, mean loads of the links over each step, where forces pull
+    layout: Layout | None = None  # of its steps
 
     @property
     def steps(self) -> Steps:
@@ -53,6 +59,7 @@ class Drive(NamedTuple):
 class Grid(NamedTuple):
     """The steps between the output times, and the intervals that they are made of."""
 
+    corners: Array  # s, the output times and the jumps, between which steps are of one length
     nodes: Array  # (steps + 1,) s
     fine: Array  # (m + 1,) s, with the breakpoints of the inputs between the nodes
     keep: Array  # (steps,) row of the output after the step, or -1; -2 where a jump ends it
@@ -73,13 +80,12 @@ class Layout:
     """
 
     def __init__(self, inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> None:
-        made = grid(inputs, dead_times, times, step)
-        self.keep, self.h, self.lengths = made.keep, np.diff(made.nodes), np.diff(made.fine)
-        self.bent = made.fine.size > made.nodes.size  # the inputs bend within steps
-        self.at = np.searchsorted(made.fine if self.bent else made.nodes, times)
-        self.first = np.searchsorted(made.fine, made.nodes[:-1])
+        self.grid = made = grid(inputs, dead_times, times, step)
+        self.keep, self.at = made.keep, np.searchsorted(made.fine, times)
+        self.intervals = Intervals(np.diff(made.nodes), np.diff(made.fine), np.searchsorted(made.fine, made.nodes))
         pairs = list(zip(inputs, dead_times, strict=True))
         self.commands = [commanded(source, made.fine, dead) for source, dead in pairs]
+        self.jumps = [source.jumps + dead for source, dead in pairs]
         self.initial = np.array([before(source, dead, times) for source, dead in pairs])
         self._behind: dict[tuple[int, Valve], Array] = {}
         self._driven: dict[tuple[Any, ...], Driven] = {}
@@ -87,7 +93,7 @@ class Layout:
     def behind(self, c: int, valve: Valve) -> Array:
         """Pressure (m, 4) behind the valve of chamber `c`, Pa; see `through_valve`."""
         if (c, valve) not in self._behind:
-            self._behind[c, valve] = lagging(valve, self.lengths, self.commands[c], float(self.initial[c]))
+            self._behind[c, valve] = lagging(valve, self.intervals.lengths, self.commands[c], float(self.initial[c]))
         return self._behind[c, valve]
 
     def driven(self, c: int, chamber: Chamber) -> Driven:
@@ -95,14 +101,38 @@ class Layout:
         key = (c, chamber.key)
         if key not in self._driven:
             behind = self.behind(c, chamber.valve)
-            mean, growth = mean_torques(chamber, self.lengths, behind, float(self.initial[c]))
-            impulse = self.lengths * mean
-            torque = (np.add.reduceat(impulse, self.first) if self.bent else impulse) / self.h
+            torque, grown = np.empty(self.intervals.h.size), np.ones(self.intervals.lengths.size + 1)
+            row = row_of(chamber, float(self.initial[c]))
+            take_torques(twin, chamber, row, self.intervals, behind, torque, grown)
             shown = np.append(behind[self.at[:-1], 0], behind[-1, 2])
-            grows = chamber.grows
-            stretch = np.append(growth[self.at[:-1], 0], growth[-1, 2]) ** 0.25 if grows else np.ones_like(shown)
+            stretch = grown[self.at] ** 0.25 if chamber.grows else np.ones_like(shown)
             self._driven[key] = Driven(torque, shown, stretch)
         return self._driven[key]
+
+    def jump_slope(self, c: int, k: int) -> Array | None:
+        """Derivative (steps,) of the steps' lengths by the moment of jump `k` of chamber `c`: those beside it change.
+
+        None where there is none or it is no end of a step by itself, or where inputs bend within steps.
+        """
+        corners, nodes = self.grid.corners, self.grid.nodes
+        if k >= self.jumps[c].size or self.grid.fine.size > nodes.size:
+            return None
+        moment = self.jumps[c][k]
+        i = int(np.searchsorted(corners, moment))
+        if not (0 < i < corners.size - 1 and corners[i] == moment):
+            return None
+        first, at, last = np.searchsorted(nodes, corners[i - 1 : i + 2])
+        slope = np.zeros(nodes.size - 1)
+        slope[first:at], slope[at:last] = 1.0 / (at - first), -1.0 / (last - at)
+        return slope
+
+    def torque_slopes(self, chambers: Sequence[Chamber], rows: Array, h: Array) -> Array:
+        """Derivatives (steps, C, WIDTH) of the mean torques, from those beside rows of duals, one of each chamber.
+
+        h (steps,) are the steps' lengths, duals too; where inputs bend within steps, nothing changes these.
+        """
+        pairs = zip(chambers, rows, self.commands, strict=True)
+        return np.stack([torque_slopes(c, row, self.intervals._replace(h=h), u) for c, row, u in pairs], axis=1)
 
 
 def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
@@ -161,7 +191,8 @@ def driven(model: Model, layout: Layout) -> Drive:
     torque, shown, stretch = (np.column_stack(rows) for rows in zip(*columns, strict=True))
     grows = any(c.grows for c in model.chambers)
     gain = np.array(model.actuation.gain)
-    return Drive(layout.h, torque, gain, layout.keep, shown, layout.initial, stretch if grows else None)
+    return Drive(layout.intervals.h, torque, gain, layout.keep, shown, layout.initial, stretch if grows else None,
+                 layout=layout)  # fmt: skip
 
 
 def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Grid:
@@ -175,23 +206,12 @@ def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, ste
     keep = np.full(nodes.size - 1, -1)
     keep[np.searchsorted(nodes, corners)[1:] - 1] = -2
     keep[np.searchsorted(nodes, times)[1:] - 1] = np.arange(1, times.size)
-    return Grid(nodes, merge(nodes, bends, same), keep)
+    return Grid(corners, nodes, merge(nodes, bends, same), keep)
 
 
 def before(pressure: Input, dead_time: float, times: Array) -> float:
     """Pressure before anything happens at the first time, Pa."""
     return float(pressure(np.nextafter(times[0] - dead_time, -np.inf)))
-
-
-def mean_torques(chamber: Chamber, h: Array, behind: Array, initial: float) -> tuple[Array, Array]:
-    """Mean torque (m,) [N m] of each interval, and the fourth power of the hoop stretch (m, 3) at its three times.
-
-    `behind` (m, 4) is the pressure, which was `initial` [Pa] long before.
-    """
-    slow, y = np.empty((h.size, 3)), np.empty((h.size, 3))
-    if chamber.remembers:
-        twin(slow_states)(h, behind, chamber.kernel(), chamber.rest_state(initial), slow, y)
-    return np.asarray(mean_torque(Interval(*behind.T), slow.T, y.T, chamber.kernel())), y
 
 
 def merge(times: Array, moments: Array, same: float) -> Array:
@@ -242,30 +262,8 @@ def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
 def lagging(valve: Valve, h: Array, commands: Array, before: float) -> Array:
     """As `through_valve`, of `commands` (m, 4) [Pa] in intervals of h (m,) [s]."""
     out = commands.copy()
-    command, lag = (h, out[:, 0].copy(), out[:, 2].copy()), lag_of(valve)
-    if valve.natural_frequency:
-        omega = 2 * np.pi * valve.natural_frequency
-        twin(pressure_loops.second_order_valve)(*command, omega, valve.damping_ratio, before, out)
-    elif valve.rise_rate or valve.fall_rate:
-        twin(pressure_loops.rate_limited_valve)(*command, lag, before, out)
-    elif valve.rise_time or valve.fall_time:
-        twin(pressure_loops.first_order_valve)(*command, lag.rise, lag.fall, before, out)
-    return settled(valve, h, out, before) if valve.settle_share else out
-
-
-def lag_of(valve: Valve) -> Lag:
-    """The first-order part of a valve, for the loops."""
-    return Lag(
-        float(valve.rise_time), float(valve.fall_time), valve.rise_rate or UNLIMITED, valve.fall_rate or UNLIMITED
-    )
-
-
-def settled(valve: Valve, h: Array, behind: Array, before: float) -> Array:
-    """As `behind` (m, 4), Pa, with the share of the pressure that comes late; at rest at `before` [Pa] long before."""
-    late = np.empty((h.size, 3))
-    twin(pressure_loops.slow_pressure)(h, behind, before, valve.settle_time, late)
-    mean = behind[:, 3] - valve.settle_time * (late[:, 2] - late[:, 0]) / h  # of the late one, from its own equation
-    return np.asarray(behind + valve.settle_share * (np.column_stack([late, mean]) - behind))
+    pass_valve(twin, valve, valve_constants(valve_row(valve, before)), h, out)
+    return out
 
 
 def too_fast(plan: Drive, failed: int, given_way: str = "") -> SimulationError:

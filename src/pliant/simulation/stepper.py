@@ -12,7 +12,7 @@ from pliant.errors import InputError, SimulationError
 from pliant.model import Model, Station
 from pliant.simulation import march_loops, state
 from pliant.simulation.balance import EnergyWatch
-from pliant.simulation.drive import lag_of
+from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.forces import PointForce, checked, link_loads
 from pliant.simulation.solve import check_step
 

@@ -1,0 +1,215 @@
+"""The scalar type of `compiler.duals` for Numba: a float and its derivatives, how they add, multiply and divide.
+
+Source: Griewank and Walther, Evaluating Derivatives (2008), Sec. 3.1, the vector forward mode
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.core.extending import (
+    intrinsic,
+    lower_builtin,
+    lower_cast,
+    make_attribute_wrapper,
+    models,
+    overload,
+    register_jitable,
+    register_model,
+)
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+
+from pliant.compiler.simd import NUMBERS, WIDTH, Wide, lanes
+from pliant.numerics.trig import cos_sin
+
+SLOTS = 2 * WIDTH  # floats in memory: the value, a gap up to where a register may be loaded from, the derivatives
+_CONTRACT = ("contract",)  # of derivatives: a product and a sum may be rounded once
+
+
+class Dual(Wide):
+    """A double with `WIDTH` derivatives; a float mixes in as one without."""
+
+    def __init__(self) -> None:
+        super().__init__("dual", SLOTS)
+
+    @property
+    def cos_sin(self) -> Any:
+        """What `trig.pair` compiles of it."""
+        return lambda x: _cos_sin(x)  # noqa: PLW0108  Numba takes Python functions here
+
+    mixes = True  # `llvm` leaves the floats among operands as they are
+
+
+dual = Dual()
+
+
+@register_model(Dual)
+class _Model(models.StructModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, [("real", types.float64), ("slopes", lanes)])
+
+
+make_attribute_wrapper(Dual, "real", "real")
+make_attribute_wrapper(Dual, "slopes", "slopes")
+
+
+def parts(context: Any, builder: Any, kind: Any, value: Any) -> tuple[Any, Any]:
+    """Value and derivatives; None for those of a float."""
+    if kind == dual:
+        return builder.extract_value(value, 0), builder.extract_value(value, 1)
+    return context.cast(builder, value, kind, types.float64), None
+
+
+def _made(context: Any, builder: Any, real: Any, slopes: Any) -> Any:
+    made = cgutils.create_struct_proxy(dual)(context, builder)
+    made.real, made.slopes = real, slopes
+    return made._getvalue()  # noqa: SLF001  Numba's own way
+
+
+@intrinsic
+def _joined(_context: Any, real: Any, slopes: Any) -> Any:
+    """The dual of a value and its derivatives."""
+
+    def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return _made(context, builder, *args)
+
+    return dual(types.float64, lanes), generate
+
+
+@lower_cast(types.Float, Dual)  # type: ignore[untyped-decorator]
+@lower_cast(types.Integer, Dual)  # type: ignore[untyped-decorator]
+def _constant(context: Any, builder: Any, kind: Any, _dual: Any, value: Any) -> Any:
+    real = context.cast(builder, value, kind, types.float64)
+    return _made(context, builder, real, context.get_constant_null(lanes))
+
+
+class _Rules:
+    """Value and derivatives (in LLVM) of an operation on a, with derivatives da, and b; None are those of a float."""
+
+    def __init__(self, context: Any, builder: Any) -> None:
+        self.context, self.builder = context, builder
+
+    def scaled(self, da: Any, x: Any) -> Any:
+        """Derivatives times a float; None without any."""
+        build, cast = self.builder, self.context.cast
+        return None if da is None else build.fmul(da, cast(build, x, types.float64, lanes), flags=_CONTRACT)
+
+    def sum(self, da: Any, db: Any) -> Any:
+        """Of derivatives, either of which may be None."""
+        if da is None or db is None:
+            return da if db is None else db
+        return self.builder.fadd(da, db, flags=_CONTRACT)
+
+    def add(self, a: Any, da: Any, b: Any, db: Any) -> tuple[Any, Any]:
+        return self.builder.fadd(a, b), self.sum(da, db)
+
+    def sub(self, a: Any, da: Any, b: Any, db: Any) -> tuple[Any, Any]:
+        if da is not None and db is not None:
+            return self.builder.fsub(a, b), self.builder.fsub(da, db, flags=_CONTRACT)
+        return self.builder.fsub(a, b), da if db is None else self.builder.fneg(db)
+
+    def mul(self, a: Any, da: Any, b: Any, db: Any) -> tuple[Any, Any]:
+        return self.builder.fmul(a, b), self.sum(self.scaled(da, b), self.scaled(db, a))
+
+    def truediv(self, a: Any, da: Any, b: Any, db: Any) -> tuple[Any, Any]:  # (da - (a / b) db) / b
+        quotient, one = self.builder.fdiv(a, b), self.context.get_constant(types.float64, 1.0)
+        less = None if db is None else self.builder.fneg(self.scaled(db, quotient))
+        return quotient, self.scaled(self.sum(da, less), self.builder.fdiv(one, b))
+
+
+def _define(operation: Any, rule: str) -> None:
+    """Teach Numba an operator of two numbers, of which one at least is a dual."""
+
+    @infer_global(operation)
+    class _Typed(AbstractTemplate):
+        def generic(self, args: Any, _kws: Any) -> Any:
+            if len(args) == 2 and dual in args and all(a == dual or isinstance(a, NUMBERS) for a in args):
+                return signature(dual, *(a if a == dual else types.float64 for a in args))
+            return None
+
+    def lowered(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        (a, da), (b, db) = (parts(context, builder, k, v) for k, v in zip(sig.args, args, strict=True))
+        return _made(context, builder, *getattr(_Rules(context, builder), rule)(a, da, b, db))
+
+    for kinds in ((Dual, Dual), (Dual, types.Float), (types.Float, Dual)):
+        lower_builtin(operation, *kinds)(lowered)
+
+
+for _name in ("add", "sub", "mul", "truediv"):
+    _define(getattr(operator, _name), _name)
+    _define(getattr(operator, f"i{_name}"), _name)
+
+
+@infer_global(operator.neg)
+class _Negative(AbstractTemplate):
+    def generic(self, args: Any, _kws: Any) -> Any:
+        return signature(dual, dual) if args == (dual,) else None
+
+
+@lower_builtin(operator.neg, Dual)  # type: ignore[untyped-decorator]
+def _negated(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+    real, slopes = parts(context, builder, dual, args[0])
+    return _made(context, builder, builder.fneg(real), builder.fneg(slopes))
+
+
+_real_pair = register_jitable(cos_sin)
+
+
+@register_jitable
+def _cos_sin(x):
+    c, s = _real_pair(x.real)
+    return _joined(c, -s * x.slopes), _joined(s, c * x.slopes)
+
+
+@overload(np.sin)
+def _np_sin(x):
+    return (lambda x: _cos_sin(x)[1]) if x == dual else None
+
+
+@overload(np.cos)
+def _np_cos(x):
+    return (lambda x: _cos_sin(x)[0]) if x == dual else None
+
+
+def _define_function(function: Any, slope: Any) -> None:
+    """Teach Numba a function of one dual: `slope` gives its derivative from x and from its value there."""
+    slope = register_jitable(slope)
+
+    def on_dual(x):
+        z = function(x.real)
+        return _joined(z, slope(x.real, z) * x.slopes)
+
+    overload(function)(lambda x: on_dual if x == dual else None)
+
+
+_define_function(np.exp, lambda _x, z: z)
+_define_function(np.expm1, lambda _x, z: z + 1.0)
+_define_function(np.sqrt, lambda _x, z: 0.5 / z)
+
+
+@overload(min)
+def _min(x, y):
+    return (lambda x, y: y + 0.0 * x if y.real < x.real else x + 0.0 * y) if dual in (x, y) else None
+
+
+def _power(x, y):
+    """x^y of a positive x."""
+    z = x.real**y.real
+    return _joined(z, (y.real * z / x.real) * x.slopes + (np.log(x.real) * z) * y.slopes)
+
+
+def _fixed_power(x, y):
+    """x^y of a positive x, y a float."""
+    z = x.real**y
+    return _joined(z, (y * z / x.real) * x.slopes)
+
+
+@overload(operator.pow)
+def _pow(x, y):
+    if x == dual and isinstance(y, types.Float):
+        return _fixed_power
+    return _power if x == dual and y == dual else None
