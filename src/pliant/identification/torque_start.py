@@ -87,11 +87,11 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Ch
         phi = state.absolute(model, q)
         return phi[last.link] if exp.placeless else state.stations(model, phi)[0][k]
 
-    rest = shown(equilibrium(model))
+    unbent = equilibrium(model)
+    rest = shown(unbent)
 
     def gap(torque: float) -> float:
-        q = equilibrium(model) + share * torque / joints.K
-        return float(np.linalg.norm(shown(q) - rest)) - target
+        return float(np.linalg.norm(shown(unbent + share * torque / joints.K) - rest)) - target
 
     from scipy.optimize import brentq
 

@@ -15,6 +15,7 @@ from pliant.model import Model, fixed_length
 from pliant.model.extension import extensible_body
 
 Array = np.ndarray
+NEAR = 1e-6  # rad and strains: where a rest under part of a load is near enough to go on from
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
@@ -156,8 +157,9 @@ def loaded_rest(residual: Callable[[Array, float], tuple[Array, Array]], q: Arra
         for _ in range(50):
             r, K = residual(q, share)
             move = np.linalg.lstsq(K, r)[0]  # at the very load that buckles, K is singular
-            q = q + move * min(1.0, 0.5 / max(np.abs(move).max(), 1e-300))
-            if np.abs(move).max() < 1e-13:
+            size = np.abs(move).max()
+            q = q + move * min(1.0, 0.5 / max(size, 1e-300))
+            if size < (1e-13 if share == 1.0 else NEAR):
                 break
     r, K = residual(q, 1.0)
     if not np.isfinite(q).all() or np.abs(r).max() > 1e-9 * stiffest or np.linalg.eigvalsh(K).min() <= 0:
