@@ -63,10 +63,10 @@ def slow_interval(h, p, slow, time):
     first = p.mean - 0.5 * (p.end - p.start)
     rise = p.end - p.start
     x = h / time
-    late = -np.expm1(-0.5 * x) / (0.5 * x)  # mean of the decay over half the interval
-    middle = np.exp(-0.5 * x) * slow + 0.5 * x * late * first + 0.5 * (1.0 - late) * rise
-    late = -np.expm1(-x) / x
-    last = np.exp(-x) * slow + x * late * first + (1.0 - late) * rise
+    gone = -np.expm1(-0.5 * x)  # share of the way that half the interval goes
+    middle = slow + gone * (first - slow) + 0.5 * (1.0 - gone / (0.5 * x)) * rise
+    gone = -np.expm1(-x)
+    last = slow + gone * (first - slow) + (1.0 - gone / x) * rise
     return middle, last
 
 
@@ -115,7 +115,7 @@ def inflated(h, p, y, limit, time):
     late = 1.0 - 0.5 * x  # mean of the decay: its series where the difference below would lose its digits
     if abs(x.real) > 1e-8:
         late = -np.expm1(-x) / x
-    return np.exp(-x) * y + h / time * late
+    return y + h / time * late * (1.0 - (1.0 - p / limit) * y)
 
 
 def lever_growth(y):
