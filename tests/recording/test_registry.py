@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 import xarray as xr
 
@@ -9,6 +12,7 @@ from pliant.errors import InputError
 from pliant.recording import read, readers, write
 from pliant.recording.backend import RecordingBackend
 from pliant.recording.registry import BUILT_IN
+from pliant.testbed.bundle import FOLDER
 
 
 def test_xarray_opens_recordings(recording, tmp_path):
@@ -22,6 +26,16 @@ def test_every_built_in_reader_loads():
     assert {name: reader.name for name, reader in readers().items() if name in BUILT_IN} == {
         name: name for name in BUILT_IN
     }
+
+
+def test_a_reader_of_another_ending_is_not_loaded():
+    code = (
+        "import sys; from pliant.recording import read\n"
+        f"print(read({str(FOLDER / 'pulse_119.nc')!r}).sizes['station'])\n"
+        "print([m for m in ('camera', 'c3d', 'tables') if f'pliant.recording.{m}' in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split("\n")[:2] == ["296", "[]"]
 
 
 def test_files_that_are_absent_or_unknown_are_named(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import typer
@@ -36,7 +37,6 @@ from pliant.version import __version__
 INTERRUPTED = 130
 
 
-
 class Panels(TyperGroup):
     """Commands under the headings of their panels, in plain text: drawing boxes takes longer than all else here."""
 
@@ -48,16 +48,6 @@ class Panels(TyperGroup):
                 formatter.write_dl([(n.ljust(widest), str(self.commands[n].help).partition("\n")[0]) for n in names])
 
 
-app = typer.Typer(
-    name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False, cls=Panels,
-    rich_markup_mode=None,
-    help="From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.",
-    epilog="The journey: inspect a recording, draft a study, run it, use its model. Every command takes --json and "
-    "--quiet, and `pliant COMMAND --help` ends in an example. Exit codes: 0 good, 1 the job failed, 2 bad usage or bad "
-    "input.",
-)
-
-
 def version(asked: bool) -> None:
     """Print the version and leave."""
     if asked:
@@ -65,7 +55,6 @@ def version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def common(
     _version: bool = typer.Option(False, "--version", callback=version, is_eager=True, help="Show the version."),
 ) -> None:
@@ -83,15 +72,37 @@ JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # panels of the help, in
     "The model at work": {"estimate": estimate, "contact": contact, "control": control, "export": export},
     "The laboratory and the machine": {"testbed": run_testbed, "bench": bench},
 }
-for commands in JOURNEY.values():
-    for name, command in commands.items():
-        app.command(name, cls=Command)(can_be_quiet(command))
+COMMANDS = {name: command for panel in JOURNEY.values() for name, command in panel.items()}
+
+
+@cache
+def app_of(*names: str) -> typer.Typer:
+    """The command line with these commands."""
+    made = typer.Typer(
+        name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False, cls=Panels,
+        rich_markup_mode=None,
+        help="From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.",
+        epilog="The journey: inspect a recording, draft a study, run it, use its model. Every command takes --json and "
+        "--quiet, and `pliant COMMAND --help` ends in an example. Exit codes: 0 good, 1 the job failed, 2 bad usage or "
+        "bad input.",
+    )
+    made.callback()(common)
+    for name in names:
+        made.command(name, cls=Command)(can_be_quiet(COMMANDS[name]))
+    return made
+
+
+def __getattr__(name: str) -> Any:
+    if name == "app":  # with all commands, for who asks: one that runs does not wait for the options of the others
+        return app_of(*COMMANDS)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def run() -> None:
     """Run the command line; a known error becomes one sentence and its exit code."""
+    asked = sys.argv[1:2]
     try:
-        app()
+        app_of(*(asked if set(asked) & set(COMMANDS) else COMMANDS))()
     except PliantError as error:
         typer.echo(f"pliant: {error}", err=True)
         sys.exit(error.exit_code)

@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.recording.clock import SECONDS
 from pliant.recording.columns import read_columns
 from pliant.recording.mapping import FileMapping
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.tables import find_delimiter, read_text, split_cells
 from pliant.units import PASCAL, RADIAN
 
@@ -149,4 +149,4 @@ def recognises(head: bytes) -> bool:
     return kinds.count("time") == 1 and "angle" in kinds
 
 
-READER = Reader("angles", (".csv", ".txt", ".tsv", ".log", ".dat"), read_angle_log, recognises)
+READER = Reader("angles", ENDINGS["angles"], read_angle_log, recognises)

@@ -9,7 +9,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.recording.c3d_sections import decode_c3d
 from pliant.recording.mapping import FileMapping, PressureChannels, shorten
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
 from pliant.units import metre_per, pascal_per
 
@@ -126,4 +126,4 @@ def _analog_pressure(content: C3dContent, options: C3dMapping, name: str) -> dic
     return {"pressure": values, "pressure_time": clock, "chamber": chamber}
 
 
-READER = Reader("c3d", (".c3d",), read_c3d)
+READER = Reader("c3d", ENDINGS["c3d"], read_c3d)

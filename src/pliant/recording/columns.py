@@ -22,7 +22,7 @@ from pliant.recording.camera import in_plane
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_mapping import Column, ColumnMapping, StationColumns
 from pliant.recording.mapping import shorten
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
 from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
 from pliant.units import metre_per, pascal_per, radian_per
@@ -231,4 +231,4 @@ def _pressure(table: NDArray, names: list[str], options: ColumnMapping, file: st
     return {"pressure": values, "chamber": chamber}
 
 
-READER = Reader("columns", (".txt", ".dat"), read_columns, needs_mapping=True)
+READER = Reader("columns", ENDINGS["columns"], read_columns, needs_mapping=True)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.tables import parse_numbers, read_text, split_cells
 from pliant.recording.trackers import TrackerMapping, tracked
 
@@ -111,4 +111,4 @@ def recognises(head: bytes) -> bool:
     return start.startswith(b"scorer,") and b"\nbodyparts," in start and b"\ncoords," in start
 
 
-READER = Reader("deeplabcut", (".csv", ".h5", ".hdf5"), read_deeplabcut, recognises)
+READER = Reader("deeplabcut", ENDINGS["deeplabcut"], read_deeplabcut, recognises)

@@ -14,7 +14,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.mapping import FileMapping
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import append_history, make_recording
 from pliant.recording.tables import judge_end, parse_numbers, read_text
 
@@ -166,4 +166,4 @@ def _recognises(head: bytes) -> bool:
     return start.startswith((b"test name:", b"\xef\xbb\xbftest name:")) or b"odisi" in start
 
 
-READER = Reader("luna", (".tsv", ".txt"), read_luna, _recognises)
+READER = Reader("luna", ENDINGS["luna"], read_luna, _recognises)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pliant.errors import InputError
 from pliant.recording.apart import read_apart
 from pliant.recording.arrays import recording_from_arrays
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,4 +34,4 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     return recording_from_arrays(arrays, mapping, path.name, others=told["others"])
 
 
-READER = Reader("mat", (".mat",), read_mat)
+READER = Reader("mat", ENDINGS["mat"], read_mat)

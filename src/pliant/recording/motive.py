@@ -14,7 +14,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.recording.columns import unit_quaternions
 from pliant.recording.mapping import FileMapping, shorten
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
 from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
 from pliant.units import metre_per
@@ -163,4 +163,4 @@ def _recognises(head: bytes) -> bool:
     return head.startswith((b"Format Version", b"\xef\xbb\xbfFormat Version"))
 
 
-READER = Reader("motive", (".csv",), read_motive, _recognises)
+READER = Reader("motive", ENDINGS["motive"], read_motive, _recognises)

@@ -13,7 +13,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.files import is_sealed, seal, whole
 from pliant.recording.apart import read_apart
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COORDINATES, VARIABLES, check_recording
 
 if TYPE_CHECKING:
@@ -132,4 +132,4 @@ def _recognises(head: bytes) -> bool:
     return head.startswith((b"\x89HDF\r\n\x1a\n", b"CDF"))
 
 
-READER = Reader("netcdf", (".nc", ".nc4", ".cdf", ".h5", ".hdf5"), read_netcdf, _recognises)
+READER = Reader("netcdf", ENDINGS["netcdf"], read_netcdf, _recognises)

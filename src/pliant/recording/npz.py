@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.arrays import recording_from_arrays
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,4 +49,4 @@ def entries_told(stream: BinaryIO) -> int:
     return int.from_bytes(tail[at + 10 : at + 12], "little")
 
 
-READER = Reader("npz", (".npz",), read_npz, lambda head: head.startswith(b"PK"))
+READER = Reader("npz", ENDINGS["npz"], read_npz, lambda head: head.startswith(b"PK"))

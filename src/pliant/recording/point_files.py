@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.tables import parse_numbers, read_text, split_cells
 from pliant.recording.trackers import TrackerMapping, seconds, tracked
 
@@ -98,5 +98,7 @@ def is_tracker(head: bytes) -> bool:
     return any(header_of(line) for line in lines[1:4]) and header_of(lines[0]) is None
 
 
-TRACKER = Reader("tracker", (".txt", ".csv", ".tsv"), read_tracker, is_tracker)
-KINOVEA = Reader("kinovea", (".txt",), read_kinovea, lambda head: head.lstrip(b"\xef\xbb\xbf").startswith(b"#Kinovea"))
+TRACKER = Reader("tracker", ENDINGS["tracker"], read_tracker, is_tracker)
+KINOVEA = Reader(
+    "kinovea", ENDINGS["kinovea"], read_kinovea, lambda head: head.lstrip(b"\xef\xbb\xbf").startswith(b"#Kinovea")
+)

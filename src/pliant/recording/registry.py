@@ -39,6 +39,22 @@ BUILT_IN = {
     "csv": "pliant.recording.wide_csv:READER",  # last: it takes any table that no other reader knows
 }
 
+ENDINGS = {  # of file names: a reader whose endings do not fit is not loaded
+    "deeplabcut": (".csv", ".h5", ".hdf5"),
+    "sleap": (".h5", ".hdf5"),
+    "netcdf": (".nc", ".nc4", ".cdf", ".h5", ".hdf5"),
+    "c3d": (".c3d",),
+    "columns": (".txt", ".dat"),
+    "npz": (".npz",),
+    "mat": (".mat",),
+    "luna": (".tsv", ".txt"),
+    "motive": (".csv",),
+    "tracker": (".txt", ".csv", ".tsv"),
+    "kinovea": (".txt",),
+    "angles": (".csv", ".txt", ".tsv", ".log", ".dat"),
+    "csv": (".csv", ".tsv"),
+}
+
 MARKS = {  # words by which a person would know what wrote a file, wherever in its head they stand
     "deeplabcut": (b"scorer", b"bodyparts", b"coords"),
     "kinovea": (b"#kinovea",),
@@ -161,18 +177,19 @@ def describes_columns(mapping: Mapping[str, Any]) -> bool:
 
 
 def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: str | None) -> Reader:
-    known = readers()
+    if name is None and mapping is not None and describes_columns(mapping):
+        name = "columns"
     if name is not None:
+        known = readers()
         if name not in known:
             raise InputError(f"unknown format {name!r}: use one of {', '.join(known)}")
         return known[name]
-    if mapping is not None and describes_columns(mapping):
-        return known["columns"]
     suffix = path.suffix.lower()
-    fitting = [r for r in known.values() if suffix in r.suffixes and r.recognises(head)]
+    ours = {own: target for own, target in BUILT_IN.items() if suffix in ENDINGS[own]}
+    fitting = [r for r in offered(GROUP, ours, Reader).values() if suffix in r.suffixes and r.recognises(head)]
     ready = [r for r in fitting if not r.needs_mapping] or fitting
     if not ready:
-        formats = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in known.values())
+        formats = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in readers().values())
         raise InputError(
             f"{path.name} is of no known format: the ending or the first bytes fit none of {formats}; "
             f"a plain table can be described by a mapping with stations or points{looks_like(head)}"

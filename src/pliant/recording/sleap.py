@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.trackers import TrackerMapping, tracked
 
 if TYPE_CHECKING:
@@ -53,4 +53,4 @@ def texts(values: Any) -> list[str]:
     return [v.decode() if isinstance(v, bytes) else str(v) for v in np.ravel(values[()])]
 
 
-READER = Reader("sleap", (".h5", ".hdf5"), read_sleap, lambda head: b"track_occupancy" in head)
+READER = Reader("sleap", ENDINGS["sleap"], read_sleap, lambda head: b"track_occupancy" in head)

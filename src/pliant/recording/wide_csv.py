@@ -19,7 +19,7 @@ from pliant.errors import InputError
 from pliant.files import whole
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.mapping import shorten
-from pliant.recording.registry import Reader
+from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
 from pliant.recording.tables import find_delimiter, judge_end, parse_numbers, read_text, split_cells
 from pliant.units import PASCAL, metre_per, pascal_per
@@ -267,4 +267,4 @@ def _recognises(head: bytes) -> bool:
     return not (head.startswith((b"Format Version", b"\xef\xbb\xbfFormat Version")) or b"\0" in head[:512])
 
 
-READER = Reader("csv", (".csv", ".tsv"), read_wide_csv, _recognises)
+READER = Reader("csv", ENDINGS["csv"], read_wide_csv, _recognises)
