@@ -27,6 +27,7 @@ def written(folder: Path, **ladder: Any) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_chosen_rung_is_the_model_and_the_page_shows_all(tmp_path: Path) -> None:
     study = load_study(written(tmp_path, rungs=["given", "elastic"], bootstrap=20))
     outcome = run_study(study, tmp_path / "out")
@@ -45,9 +46,11 @@ def test_the_chosen_rung_is_the_model_and_the_page_shows_all(tmp_path: Path) -> 
     assert "uncertainty (block bootstrap)" in page
 
 
-def test_a_rung_that_nobody_knows_is_refused(tmp_path: Path) -> None:
+def test_a_rung_that_nobody_knows_is_refused_before_any_work(tmp_path: Path) -> None:
+    told: list[str] = []
     with pytest.raises(InputError, match="has a rung 'moon'"):
-        run_study(load_study(written(tmp_path, rungs=["moon"])))
+        run_study(load_study(written(tmp_path, rungs=["moon"])), progress=told.append)
+    assert told == []
 
 
 def test_a_ladder_s_records_must_be_listed(tmp_path: Path) -> None:

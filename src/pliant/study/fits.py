@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from pliant.errors import InputError
-from pliant.identification import MORE_RUNGS, RUNGS, Experiment, FitResult, Ladder, bootstrapped, fit, ladder
+from pliant.identification import MORE_RUNGS, RUNGS, Experiment, FitResult, Ladder, Rung, bootstrapped, fit, ladder
 from pliant.identification.fit import parameters_from
 from pliant.model import Model
 from pliant.study.record_outcomes import records_of
@@ -46,17 +46,22 @@ def whole_fit(
     return FitOutcome(name, title, result, records, seconds)
 
 
+def rungs_of(entry: LadderEntry) -> Sequence[Rung]:
+    """The rungs of a ladder; InputError where it names one that nobody knows."""
+    known = {r.name: r for r in (*RUNGS, *MORE_RUNGS)}
+    if unknown := [n for n in entry.rungs if n not in known]:
+        raise InputError(f"[ladder] has a rung {unknown[0]!r}: use some of {', '.join(known)}")
+    return [known[n] for n in entry.rungs] or RUNGS
+
+
 def run_ladder(study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell) -> Ladder | None:
     """The study's ladder, climbed; None where it has none."""
     entry = study.ladder
     if entry is None:
         return None
-    known = {r.name: r for r in (*RUNGS, *MORE_RUNGS)}
-    if unknown := [n for n in entry.rungs if n not in known]:
-        raise InputError(f"[ladder] has a rung {unknown[0]!r}: use some of {', '.join(known)}")
     return ladder(
         [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
-        common=parameters_from(entry.common), rungs=[known[n] for n in entry.rungs] or RUNGS, step=study.step,
+        common=parameters_from(entry.common), rungs=rungs_of(entry), step=study.step,
         weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
         progress=lambda line: tell(f"ladder: {line}"),
     )

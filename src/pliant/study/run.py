@@ -19,7 +19,7 @@ from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.angles import supported_links
 from pliant.study.dense import link_experiment, shape_of
-from pliant.study.fits import ladder_fit, run_ladder
+from pliant.study.fits import ladder_fit, run_ladder, rungs_of
 from pliant.study.forecast import check_forecasts, run_forecast
 from pliant.study.headline import headline
 from pliant.study.prepare import all_planar, hardly_moved, study_experiment, study_model, without
@@ -117,6 +117,8 @@ class Prepared(NamedTuple):
 
 def prepare_all(study: Study, tell: Tell) -> Prepared:
     """Read, align and, where the shape is dense, reduce every recording."""
+    if study.ladder:
+        rungs_of(study.ladder)  # refused before any work is done
     aligned = all_planar(study)
     shape = None
     if study.reduction:
