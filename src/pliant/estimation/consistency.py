@@ -20,12 +20,12 @@ def mean_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float]:
     A mean of normalised squares, divided by its mean degree, lies between them with probability `level` when the
     covariances are right: 1 is what it should be.
     """
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv  # as chi2.ppf does, without a third of a second for scipy.stats
 
     total = float(np.sum(degrees))
     if total <= 0:
         raise InputError("consistency needs at least one degree of freedom: no row of any frame was used")
-    low, high = chi2.ppf([0.5 - 0.5 * level, 0.5 + 0.5 * level], total)
+    low, high = 2.0 * gammaincinv(0.5 * total, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
     return float(low) / total, float(high) / total
 
 
