@@ -11,7 +11,7 @@ demo: $(VENV)/.run
 	$(BIN)/pliant demo -o results/demo
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --tell-skips
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --tell-skips $(if $(SLOW),,-m "not slow")
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections import Counter
@@ -12,6 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: small matrices, and tests share the cores
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # the suite starts a hundred processes: without bytecode each of them
 sys.dont_write_bytecode = False  # compiles the package again, and each worker all tests
+gc.set_threshold(100_000)  # as the program itself does: of all that imports and pytest make, hardly anything is garbage
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
@@ -35,6 +37,8 @@ MAY_BE_SKIPPED = {  # what a reason holds -> why a run without that test is comp
     "signals of another kind": "a system other than POSIX",
 }
 DURATIONS = "pliant/seconds_by_file"
+LONG, LONG_TESTS = 1.5, "pliant/long_tests"  # s of the processor; from one on a test is `slow`, but machines differ
+PROCESSOR, LEFT = "processor_s", "slow_left"
 
 
 def pytest_addoption(parser):
@@ -45,11 +49,18 @@ class Controller:
     """What is counted over the whole run, on all workers."""
 
     def __init__(self, config):
-        self.config, self.seconds, self.untold = config, Counter(), []
+        self.config, self.seconds, self.untold, self.long, self.left = config, Counter(), [], {}, 0
 
     def pytest_runtest_logreport(self, report):
         self.seconds[report.nodeid.partition("::")[0]] += report.duration
+        used = dict(report.user_properties).get(PROCESSOR, 0.0)
+        if report.when == "call" and used > LONG and "slow" not in report.keywords:
+            self.long[report.nodeid] = used
         self.note(report)
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node):
+        self.left = getattr(node, "workeroutput", {}).get(LEFT, self.left)
 
     def pytest_collectreport(self, report):
         self.note(report)
@@ -63,6 +74,9 @@ class Controller:
     def pytest_sessionfinish(self, session):
         if cache := getattr(self.config, "cache", None):  # pytest may run without its cache
             cache.set(DURATIONS, {**cache.get(DURATIONS, {}), **self.seconds})
+            before = cache.get(LONG_TESTS, {})  # whoever is first compiles for the others: once says nothing
+            cache.set(LONG_TESTS, self.long)
+            self.long = {test: min(used, before[test]) for test, used in self.long.items() if test in before}
         if self.untold and self.config.getoption("--tell-skips") and not session.exitstatus:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
@@ -70,11 +84,31 @@ class Controller:
         if self.untold and self.config.getoption("--tell-skips"):
             terminalreporter.section("skipped for a reason not in MAY_BE_SKIPPED of tests/conftest.py", red=True)
             terminalreporter.write_line("\n".join(self.untold))
+        for test, used in sorted(self.long.items()):
+            terminalreporter.write_line(f"{test} took {used:.1f} s of the processor, twice: cheaper, or marked slow?")
+        if self.left:
+            terminalreporter.write_line(f"{self.left} slow proofs left for CI; make test SLOW=1 runs them too")
 
 
 def pytest_configure(config):
     if not hasattr(config, "workerinput"):
         config.pluginmanager.register(Controller(config), "pliant-controller")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """Note what a test takes of the processor, in this process and in those that it waits for."""
+    began = sum(os.times()[:4])
+    try:
+        return (yield)
+    finally:
+        item.user_properties.append((PROCESSOR, sum(os.times()[:4]) - began))
+
+
+def pytest_deselected(items):
+    """Let the controller tell what its workers leave by `-m "not slow"`; without workers pytest counts it."""
+    if hasattr(items[0].config, "workeroutput") and all(item.get_closest_marker("slow") for item in items):
+        items[0].config.workeroutput[LEFT] = len(items)
 
 
 @pytest.hookimpl(trylast=True)

@@ -43,6 +43,7 @@ def built(tmp_path_factory):
     return next(folder.glob("*.whl")), next(folder.glob("*.tar.gz"))
 
 
+@pytest.mark.slow
 def test_the_wheel_works_where_the_source_is_not(built, tmp_path):
     """In an environment of its own that has the dependencies, and pliant by this wheel alone."""
     venv.create(tmp_path / "clean")
@@ -60,6 +61,7 @@ def test_the_wheel_works_where_the_source_is_not(built, tmp_path):
     assert "pliant = pliant.__main__:main" in scripts
 
 
+@pytest.mark.slow
 def test_the_sdist_makes_the_same_wheel(built, tmp_path):
     with tarfile.open(built[1]) as sdist:
         sdist.extractall(tmp_path, filter="data")

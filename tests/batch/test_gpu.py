@@ -39,6 +39,7 @@ def everything(device):
     return [run[name].values for run in runs for name in (*EVERYTHING, "failed_at")]
 
 
+@pytest.mark.slow
 @needs_cuda
 def test_the_simulator_gives_the_processors_numbers(tmp_path):
     script = f"import test_gpu, numpy; numpy.savez(r'{tmp_path / 'gpu.npz'}', *test_gpu.everything('gpu'))"

@@ -24,6 +24,7 @@ def coarse(seed):
     return replace(who, rate=30.0, fibre=replace(who.fibre, spacing=1.6e-3))
 
 
+@pytest.mark.slow
 def test_one_seed_is_predicted_worse_the_farther_from_what_was_taught(campaign, tmp_path, monkeypatch):
     monkeypatch.setattr(campaign, "family_member", coarse)
     seeds = campaign.Seeds(1, first=1, elements=20, links=5, rungs=("torque",))

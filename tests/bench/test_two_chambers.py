@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from benchmark_scripts import loaded
 
+pytestmark = pytest.mark.slow
 two_chambers, intervals = loaded("two_chambers"), loaded("intervals")
 
 
@@ -16,7 +17,6 @@ def recorded():
     return {body: two_chambers.recorded(body, 1, names[body]) for body in two_chambers.BODIES}
 
 
-@pytest.mark.slow
 def test_one_chamber_at_a_time_teaches_what_both_do(recorded):
     body = "two_segment"
     experiments, model = recorded[body]
@@ -30,7 +30,6 @@ def test_one_chamber_at_a_time_teaches_what_both_do(recorded):
         assert not p.free or p.std < 0.15 * abs(p.value) or p.name in ("start", "stiffening"), p
 
 
-@pytest.mark.slow
 def test_a_virtual_chamber_that_nothing_drove_is_named_and_its_interval_says_nothing(recorded):
     """Its transducer shows a bias, noise, and what the bending body breathes through its tube."""
     body, second = "two_segment", "far"
@@ -69,7 +68,6 @@ def test_segments_under_one_command_rest_on_how_even_the_stiffness_is_and_say_so
     assert mended < 1.5 * wide
 
 
-@pytest.mark.slow
 def test_intervals_hold_the_truth_of_bodies_drawn_anew():
     z = np.array([intervals.errors("two segments", intervals.KEPT["white"], seed) for seed in range(6)])
     assert np.mean(np.abs(z) < 1.96) > 0.85

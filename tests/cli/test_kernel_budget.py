@@ -8,6 +8,8 @@ import subprocess
 import sys
 from collections import Counter
 
+import pytest
+
 from pliant.actuators import chen2018
 from pliant.model import save_model
 from pliant.testbed.bundle import FOLDER
@@ -30,6 +32,7 @@ def compiled_by(folder, *command):
     return Counter(names)
 
 
+@pytest.mark.slow
 def test_a_first_simulation_compiles_the_march_and_what_it_calls(tmp_path):
     save_model(chen2018.model(), tmp_path / "model.json")
     assert compiled_by(tmp_path, "simulate", str(tmp_path / "model.json")) == SIMULATE

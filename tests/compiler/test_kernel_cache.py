@@ -88,6 +88,7 @@ def replace(package, file, old, new):
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(first, package, tmp_path):
     kernels = tmp_path / "kernels"
     assert (first["hits"], first["misses"], first["callee"]) == (0, 1, 1)
@@ -104,6 +105,7 @@ def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(first, packag
     assert not any(file.exists() for file in kept), "nobody will look for it"
 
 
+@pytest.mark.slow
 def test_another_checkout_and_another_comment_find_what_was_compiled(package, tmp_path):
     other = shutil.copytree(package, tmp_path / "two")
     path = other / "pliant" / "equations" / "energy.py"
@@ -112,6 +114,7 @@ def test_another_checkout_and_another_comment_find_what_was_compiled(package, tm
     assert (found["hits"], found["misses"]) == (1, 0)
 
 
+@pytest.mark.slow
 def test_an_edit_elsewhere_leaves_the_callees_compiled(package, tmp_path):
     replace(package, "energy.py", "def add_step_work(", "LATER = 1\n\n\ndef add_step_work(")
     assert probe(package, tmp_path / "kernels")["hits"] == 1, "a name that no kernel reads"
@@ -123,6 +126,7 @@ def test_an_edit_elsewhere_leaves_the_callees_compiled(package, tmp_path):
     assert (found["misses"], found["callee"]) == (1, 0), "input_power is what it was"
 
 
+@pytest.mark.slow
 def test_fields_that_trade_places_are_seen(first, package, tmp_path):
     """Numba compiles the places of a NamedTuple's fields: two that trade places must not meet an old twin."""
     symbols = package / "pliant" / "equations" / "symbols.py"
@@ -135,6 +139,7 @@ def test_fields_that_trade_places_are_seen(first, package, tmp_path):
     assert (after["hits"], after["misses"], after["value"]) == (0, 1, first["value"])
 
 
+@pytest.mark.slow
 def test_processes_that_start_together_compile_once(package, tmp_path):
     running = [start(package, tmp_path / "none yet") for _ in range(3)]
     found = [json.loads(p.communicate()[0]) for p in running]
@@ -212,6 +217,7 @@ print([str(w.message) for w in caught])
 """
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_written_it_compiles_and_says_so_once():
     done = subprocess.run([sys.executable, "-c", READ_ONLY], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]

@@ -113,6 +113,7 @@ def test_cosine_and_sine_to_the_last_bits(rng):
     assert np.isnan(cos_sin(np.nan)).all()
 
 
+@pytest.mark.slow
 def test_straight_line_is_cached_for_a_fresh_process():
     script = (
         "from pliant.actuators import chen2018\n"

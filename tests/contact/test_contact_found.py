@@ -145,6 +145,7 @@ def test_contact_on_the_virtual_actuator(learnt, scenario):
     assert np.median(error) < 0.3 * np.median(np.linalg.norm(force.sum(axis=1)[hold], axis=1))
 
 
+@pytest.mark.slow
 def test_free_motion_raises_no_alarm(learnt):
     for recording in (free("pulse_119"), made("pulse_90_1000ms", "a")[0]):
         assert not find_contact(recording, fitted("a"), free=learnt, noise=NOISE, latency=LATENCY).in_contact.any()

@@ -120,6 +120,7 @@ def free(arm, seed):
     return seen(run.tip_position.values, pulses(seed), seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "link", "along", "force", "error"),
     [(0.9, 1, 0.05, (0.3, 0.1), 0.06), (1.0, 2, 0.19 / 3, (0.05, -0.4), 0.05)], ids=["softer", "end"],

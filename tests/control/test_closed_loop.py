@@ -106,6 +106,7 @@ def test_another_actuator_with_all_errors():
     assert abs(moved[-100:].mean() - 0.025) < 1.2e-3
 
 
+@pytest.mark.slow
 def test_predictive_control_follows_the_trajectory():
     pytest.importorskip("casadi", reason="the extra mpc is not installed")
     run = Run("a", perfect=True, feedback="mpc", duration=0.6)

@@ -16,6 +16,7 @@ from pliant.loop import read_log
 MODEL = Path(__file__).parents[2] / "examples" / "control" / "model_a.json"
 
 
+@pytest.mark.slow
 def test_a_task_is_done(tmp_path, capsys):
     task = tmp_path / "task.toml"
     valve = "[valve]\nrise_hz = 9.01\nfall_hz = 6.46\ndamping_ratio = 0.765\ndead_time_ms = 8.12\n"

@@ -96,6 +96,7 @@ def test_steady_inputs_bend_and_lengthen():
         steady_inputs(body, BOTH, np.array([0.0, 0.3]), np.full(2, 1.5e5), np.zeros(2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [OutputLqr, OutputMpc])
 def test_the_tip_goes_where_bending_alone_does_not_lead(kind):
     """From rest to 12 mm further out, then to the side at that length; the state is known."""
@@ -120,6 +121,7 @@ def test_the_tip_goes_where_bending_alone_does_not_lead(kind):
     assert law.saturated + getattr(law, "solved", 0) > 0
 
 
+@pytest.mark.slow
 def test_a_filter_and_a_regulator_make_up_for_an_unlike_body(tmp_path):
     """Stiffness of joints and segment smaller by 8 %, noise on three link tips: in the loop, to 1 mm."""
     model, plant, clock = pair(), Masses(pair(0.92), noise=2e-4), VirtualClock()
@@ -158,6 +160,7 @@ def test_commands_that_see_a_dense_curve_refuse():
         prepare_control(pair(), np.linspace(0.0, 0.2, 20), np.zeros((6, 20, 2)), task, LIMITS, PERIOD)
 
 
+@pytest.mark.slow
 def test_a_task_brings_a_body_that_lengthens_there_from_a_plant_whose_markers_ride_on_it(tmp_path):
     """Point masses softer than the model by 8 %, their tips as markers; what a task file asks of `pliant control`."""
     model, plant = pair(), Masses(pair(0.92), noise=2e-4)

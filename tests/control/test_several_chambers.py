@@ -190,6 +190,7 @@ def course():
     return wanted, design_outputs(segments(), BOTH, wanted, LIMITS, PERIOD, path=True)
 
 
+@pytest.mark.slow
 def test_two_segments_follow_a_path_of_the_tip(course):
     """72 mm wide, 20 mm high, a turn in 1.5 s, on the body integrated by LSODA."""
     wanted, design = course
@@ -206,6 +207,7 @@ def test_two_segments_follow_a_path_of_the_tip(course):
     assert np.sqrt(np.mean(late**2)) > 2 * np.sqrt(np.mean(off**2))  # what looking ahead is worth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [OutputLqr, OutputMpc])
 def test_limits_of_each_chamber_hold_and_the_tip_settles(kind):
     """A level just within the second chamber's limit, with a slew limit: the body comes to rest without windup."""

@@ -60,6 +60,7 @@ def test_every_page_is_in_the_site():
     assert listed == {p.stem for p in (ROOT / "docs").glob("*.md")} - {"index"}
 
 
+@pytest.mark.slow
 def test_the_readme_s_python_runs(tmp_path):
     code = "\n".join(blocks(ROOT / "README.md", "python"))
     environment = {**os.environ, "MPLBACKEND": "Agg"}

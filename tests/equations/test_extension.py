@@ -46,6 +46,7 @@ def potential(chain, x):
     return -sum(m * (chain.gravity[0] * px + chain.gravity[1] * py) for m, px, py in chain.masses(x))
 
 
+@pytest.mark.slow
 def test_lagrange_two_links_one_segment():
     """n = 2, S = 1 on symbols: M and all forces from the places of the masses alone, exactly."""
     n, size = 2, 3

@@ -221,6 +221,7 @@ def test_accurate_integration_keeps_the_energy(rng):
     assert np.ptp(energies) < 1e-8 * np.abs(energies).max()
 
 
+@pytest.mark.slow
 def test_radau_and_the_step_meet_the_explicit_reference():
     """Radau by its own error control; the step by Richardson extrapolation of two step lengths."""
     chain, times = paper_chain(), [0.05, 0.1]
@@ -231,6 +232,7 @@ def test_radau_and_the_step_meet_the_explicit_reference():
     assert (4 * fine - coarse) / 3 == pytest.approx(expected[1], abs=1e-8)
 
 
+@pytest.mark.slow
 def test_pulse_of_the_readable_twin():
     """The paper's pulse by pliant.basic (LSODA, the paper's recursion in spirit) and by the compiled step."""
     chain = paper_chain()

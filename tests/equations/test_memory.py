@@ -79,7 +79,9 @@ def test_one_slip_element_closes_the_loop_of_its_formula(amplitude):
     assert lost[cycle].sum() == pytest.approx(area, abs=1e-15)
 
 
-@pytest.mark.parametrize(("frequency", "time"), [(0.2, 1.0), (2.0, 0.1), (5.0, 3.0)])
+@pytest.mark.parametrize(("frequency", "time"), [
+    (0.2, 1.0), (2.0, 0.1), pytest.param(5.0, 3.0, marks=pytest.mark.slow),
+])
 def test_a_creep_branch_closes_the_loop_of_its_formula(frequency, time):
     """pi X^2 K w tau / (1 + w^2 tau^2) once the start has died out, to the square of the step."""
     share, amplitude, w = 0.4, 0.1, 2 * np.pi * frequency

@@ -92,6 +92,7 @@ def test_forward_kinematics():
     assert all(zero(x) for x in sp.Matrix(out[3][1]) - L[0] * along[0] - L[1] * along[1])
 
 
+@pytest.mark.slow
 def test_whole_equation_of_motion(absolute, rng):
     """The accelerations, LDL^T and all, put back into Lagrange's equations; exact numbers keep it quick."""
     phi, w, _, _, body = absolute

@@ -59,7 +59,7 @@ def under_two_pressures():
     body = body.with_(chambers=halves)
     weaker = body.with_(chambers=[replace(c, torque=0.9 * c.torque) for c in halves])
     both = np.stack([PRESSURE, 6e4 * np.sin(2.5 * CLOCK) ** 2], axis=1)
-    run = simulate(weaker, [Trace(CLOCK, row) for row in both.T], times=CLOCK, method="Radau")
+    run = simulate(weaker, [Trace(CLOCK, row) for row in both.T], times=CLOCK, method="LSODA")
     return body, both, run, np.concatenate([np.zeros((CLOCK.size, 1, 2)), run.tip_position.values], axis=1)
 
 

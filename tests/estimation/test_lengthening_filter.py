@@ -46,6 +46,7 @@ def seen(run, rng, noise=NOISE.position):
     )
 
 
+@pytest.mark.slow
 def test_errors_of_strains_are_as_large_as_the_filter_says(arm):
     """30 motions of LSODA from starts drawn as the noise says: squared errors over variances, and innovations, are 1.
 

@@ -191,6 +191,7 @@ int main(void)
 """
 
 
+@pytest.mark.slow
 def test_sanitizers_find_nothing(model, tmp_path):
     arm = Arm(model, tmp_path)
     (tmp_path / "main.c").write_text(MAIN, encoding="utf-8")

@@ -219,6 +219,7 @@ def test_without_a_compiler_the_sources_alone(tmp_path, monkeypatch):
     assert not [n for n in names if n.startswith("binaries")]
 
 
+@pytest.mark.slow
 def test_the_same_model_gives_the_same_bytes(tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()

@@ -204,6 +204,7 @@ def test_no_closed_cycle_of_two_pressures_gains_energy(body: Model, seed: int) -
     assert put_in > 0
 
 
+@pytest.mark.slow
 def test_the_next_recording_drives_the_chamber_of_which_least_is_known(body: Model) -> None:
     """One chamber pressed hard, the other hardly. What a recording adds is that of LSODA's differences."""
     weak = {"left": [0, 9e4, 9e4, 0, 0], "right": [0, 6e3, 6e3, 0, 0]}
@@ -228,6 +229,7 @@ def test_the_next_recording_drives_the_chamber_of_which_least_is_known(body: Mod
     np.testing.assert_allclose(taught(found, seen, again, sizes, 2e-3), exact, rtol=0.02, atol=1e-3 * exact.max())
 
 
+@pytest.mark.slow
 def test_a_ladder_finds_the_law_and_the_valve_of_each_chamber(body: Model) -> None:
     both = {"left": [0, 8e4, 8e4, 2e4, 0], "right": [0, 0, 9e4, 9e4, 0]}
     train = [made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())]

@@ -18,6 +18,7 @@ from pliant.model import Memory, Model, Valve
 STEP = 2e-3
 
 
+@pytest.mark.slow
 def test_the_rung_of_the_truth_is_picked(truth: Model, traced: Any) -> None:
     real = truth.with_(torque=[3e-7, 3e-12])
     train = [traced(real, "low", 6e4), traced(real, "high", 1.4e5)]
@@ -52,6 +53,7 @@ def test_a_rung_that_the_records_cannot_tell_says_so(truth: Model, traced: Any) 
     assert found.chosen == "elastic"
 
 
+@pytest.mark.slow
 def test_a_lag_far_from_the_first_guess_is_found(truth: Model, traced: Any) -> None:
     """Without a lag the damping takes it up; a fit from there stays there, so the ladder begins afresh as well."""
     slow = truth.with_(valve=Valve(rise_time=0.6, fall_time=0.6))
@@ -61,6 +63,7 @@ def test_a_lag_far_from_the_first_guess_is_found(truth: Model, traced: Any) -> N
     assert found.result.values["valve_fall"] == pytest.approx(0.6, rel=0.02)
 
 
+@pytest.mark.slow
 def test_creep_is_found(truth: Model, traced: Any) -> None:
     soft = truth.with_(valve=Valve(), memory=Memory(creep_share=(0.4,), creep_time=(0.15,)))
     rungs = (RUNGS[1], RUNGS[6])

@@ -127,6 +127,7 @@ def noisy(exp: Experiment, size: float, seed: int) -> Experiment:
     return replace(exp, position=exp.position + noise)
 
 
+@pytest.mark.slow
 def test_under_noise_the_truth_lies_within_a_few_standard_errors(truth: Model, pulse: Any) -> None:
     names = ["stiffness", "damping", "gain", "valve_rise"]
     model = wrong_model(truth).with_(valve=Valve(fall_time=0.05))

@@ -60,6 +60,7 @@ def test_intervals_cover_as_often_as_they_say(clean: tuple[Model, Experiment]) -
     assert 0.93 <= covered <= 0.97
 
 
+@pytest.mark.slow
 def test_coloured_residuals_widen_the_intervals(clean: tuple[Model, Experiment]) -> None:
     def noise(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
         return coloured(rng, shape, 3e-4, 0.8)
@@ -76,6 +77,7 @@ def test_coloured_residuals_widen_the_intervals(clean: tuple[Model, Experiment])
     assert any("correlated over" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_block_bootstrap_agrees_with_the_sandwich(clean: tuple[Model, Experiment]) -> None:
     model, exp = clean
     shaken = replace(exp, position=exp.position + 3e-4 * np.random.default_rng(2).standard_normal(exp.position.shape))
@@ -86,6 +88,7 @@ def test_a_block_bootstrap_agrees_with_the_sandwich(clean: tuple[Model, Experime
         assert column.std() == pytest.approx(errors[name], rel=0.35)
 
 
+@pytest.mark.slow
 def test_a_band_holds_the_true_motion_of_a_held_out_record(clean: tuple[Model, Experiment], pulse: Any) -> None:
     model, exp = clean
     other = pulse(model, "held", 1.4e5)

@@ -78,6 +78,7 @@ def test_results_come_back_and_are_drawn_without_a_path(ran):
     assert names == ["first-angle_pulse_119-motion", "first-angle_pulse_119-residual"]
 
 
+@pytest.mark.slow
 def test_the_bundled_logs_are_those_of_the_virtual_laboratory():
     assert bundled_log("pulse_60").read_bytes().decode() == angle_log("pulse_60")
     study = load_study(angles_study())

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import program
+from command_line import invoke
 from typer.testing import CliRunner
 
 from pliant.cli import app
@@ -18,6 +18,7 @@ from pliant.study.prepare import planar
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.stored import load_outcome
 
+pytestmark = pytest.mark.slow
 PIXELS_PER_MM, RATE, LATE_S = 4.2, 60.0, 0.7
 TARGET = "rmse_percent_of_travel = 3.0"
 PLACES = {"base": 0.0, "third": 0.06, "middle": 0.11, "tip": 0.17}  # m along the body
@@ -54,8 +55,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for seed, (name, recorded) in enumerate({"low": "pulse_60", "middle": "pulse_119", "high": "pulse_180"}.items()):
         film(folder, name, recorded, seed)
     files = [f"--from={folder / name}{log}.csv" for name in ("low", "middle", "high") for log in ("", "_log")]
-    drafted = program("new", folder / "phone.toml", *files, "--length", 0.17, "--mass", 0.069)
-    assert drafted.returncode == 0, drafted.stderr
+    drafted = invoke("new", folder / "phone.toml", *files, "--length", 0.17, "--mass", 0.069)
+    assert drafted.exit_code == 0, drafted.output
     assert [line.split(":")[0] for line in drafted.stdout.splitlines() if line[0] == "?"] == ["? rate_hz",
                                                                                              "? pixels_per_mm"]
     text = (folder / "phone.toml").read_text(encoding="utf-8").replace("rmse_percent_of_travel = 5.0", TARGET)
@@ -69,8 +70,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def ran(folder: Path) -> Path:
     """The folder that the second command leaves."""
-    done = program("run", folder / "phone.toml", "-o", folder / "out", "--strict")
-    assert done.returncode == 0, done.stderr + done.stdout
+    done = invoke("run", folder / "phone.toml", "-o", folder / "out", "--strict")
+    assert done.exit_code == 0, done.output
     return folder / "out"
 
 
@@ -78,9 +79,9 @@ def test_a_camera_is_enough(folder: Path, ran: Path) -> None:
     mapping = 'header = true\ntime = "t_ms"\ntime_unit = "ms"\npressure = { columns = ["psi"], unit = "psi" }\n'
     (folder / "log.toml").write_text(mapping, encoding="utf-8")
     (folder / "camera.toml").write_text("[camera]\nrate_hz = 60.0\npixels_per_mm = 4.2\n", encoding="utf-8")
-    seen = program("sync", folder / "middle.csv", folder / "middle_log.csv", "--mapping", folder / "camera.toml",
-                   "--pressure-mapping", folder / "log.toml", "--json")  # fmt: skip
-    assert seen.returncode == 0, seen.stderr
+    seen = invoke("sync", folder / "middle.csv", folder / "middle_log.csv", "--mapping", folder / "camera.toml",
+                  "--pressure-mapping", folder / "log.toml", "--json")  # fmt: skip
+    assert seen.exit_code == 0, seen.output
     assert json.loads(seen.stdout)["delay_s"] == pytest.approx(-LATE_S, abs=0.01)
     metrics = json.loads((ran / "metrics.json").read_text(encoding="utf-8"))
     MetricsFile.model_validate(metrics)

@@ -16,6 +16,7 @@ from pliant.testbed.rod import actuator
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.outcome import StudyOutcome
 
+pytestmark = pytest.mark.slow
 LINK = 0.17 / 5
 
 

@@ -13,6 +13,7 @@ from pliant.study import camera_study, load_study, run_study
 from pliant.testbed.bundle import FOLDER
 
 
+@pytest.mark.slow
 def test_from_film_to_prediction(tmp_path: Path) -> None:
     study = load_study(filmed(tmp_path))
     followed, bundled = read(tmp_path / "film.nc"), read(FOLDER / "film.csv")

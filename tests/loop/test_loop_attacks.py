@@ -304,7 +304,9 @@ CAUGHT = ["SIGTERM", "SIGHUP", "SIGINT", "SIGQUIT", "SIGUSR1", "SIGALRM", "SIGTS
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
-@pytest.mark.parametrize("name", [*CAUGHT, "SIGKILL", "SIGSTOP"])
+@pytest.mark.parametrize("name", [
+    "SIGTERM", "SIGKILL", *(pytest.param(name, marks=pytest.mark.slow) for name in (*CAUGHT[1:], "SIGSTOP")),
+])
 def test_whatever_signal_ends_the_loop_the_valve_is_let_go(name):
     """A loop in another process drives a valve here; what is caught vents by its last command, the rest by silence."""
     source, valve = UdpSource(), []

@@ -10,6 +10,7 @@ import pytest
 from pliant.study import load_study, run_study
 from pliant.validation.outcome import FitOutcome
 
+pytestmark = pytest.mark.slow
 STUDY = Path(__file__).resolve().parents[2] / "examples" / "planar_two_segment_arm_chambers.toml"
 
 

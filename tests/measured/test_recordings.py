@@ -105,6 +105,7 @@ def test_a_logged_arm_shows_its_traps(shared_data):
     assert angle[:, 2].max() == pytest.approx(70, abs=3)
 
 
+@pytest.mark.slow
 def test_the_arm_without_pressure_does_not_move(shared_data):
     ds = read(shared_data / "planar_two_segment_arm" / "jan10-1_no_pressure_1.txt", mapping=ARM)
     assert "no station moves beyond its noise" in quality(ds).findings
@@ -112,6 +113,7 @@ def test_the_arm_without_pressure_does_not_move(shared_data):
         sync(ds)
 
 
+@pytest.mark.slow
 def test_the_lag_of_an_over_damped_arm_is_not_taken_for_an_offset(shared_data):
     ds = read(shared_data / "planar_two_segment_arm" / "jan10-4_steps_chamber1_2.txt", mapping=ARM)
     found = sync(ds)

@@ -13,6 +13,7 @@ from pliant.errors import InputError
 from pliant.study import load_study, run_study
 
 ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.slow
 
 
 SHOWN_ONLY = {  # fits that no test asks for: half a minute of them

@@ -102,6 +102,7 @@ print("survived")
 """
 
 
+@pytest.mark.slow
 def test_damaged_bytes_never_end_the_process(c3d_file):
     path, _ = c3d_file(analog=("p1",))
     command = [sys.executable, "-c", FLIP, str(path)]

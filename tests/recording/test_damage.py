@@ -217,6 +217,7 @@ def test_a_file_that_another_program_changed_is_read(tmp_path, recording):
     assert read(path)["position"].values[0, 0, 0] == 3.0
 
 
+@pytest.mark.slow
 def test_damaged_libraries_never_end_the_process(tmp_path):
     """MATLAB 5 and HDF5 hold lengths and addresses: a run of wrong ones ends or holds a reader."""
     savemat(tmp_path / "a.mat", {"time": TIME, "position": POSITION})

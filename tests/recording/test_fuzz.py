@@ -72,6 +72,7 @@ def test_bytes_changed_at_random(originals, tmp_path, data):
     attempt(tmp_path, bytes(broken), ending, mapping)
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(data=st.data())
 def test_files_cut_anywhere(originals, tmp_path, data):

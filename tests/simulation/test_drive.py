@@ -93,6 +93,7 @@ def test_an_output_time_that_is_the_edge_but_for_rounding(paper, valve, ulps):
     assert np.abs(near.tip_position - exact.tip_position).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("valve", VALVES[:2])
 def test_measured_trace_at_750_hz(paper, errors_mm, valve):
     t = np.arange(0, 0.6, 1 / 750)

@@ -31,8 +31,8 @@ def energy_gap(run: xr.Dataset) -> np.ndarray:
 @pytest.mark.parametrize(
     "valve",
     [
-        Valve(), Valve(rise_time=0.03, fall_time=0.05), Valve(natural_frequency=9.0), Valve(rise_time=1e-3),
-        Valve(fall_time=0.03),
+        Valve(), Valve(rise_time=0.03, fall_time=0.05), Valve(natural_frequency=9.0), Valve(fall_time=0.03),
+        pytest.param(Valve(rise_time=1e-3), marks=pytest.mark.slow),
     ],
 )
 def test_the_three_references_agree(paper, valve):
@@ -45,6 +45,7 @@ def test_the_three_references_agree(paper, valve):
     assert np.abs(marched.tip_position - runs[0].tip_position).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_the_reference_agrees_with_the_readable_page(paper):
     t, q = basic.pulse(basic.paper(), start=0.12, duration=0.1, end=0.3, rtol=1e-9)
     keep = np.append(np.diff(t) > 0, True)
@@ -52,6 +53,7 @@ def test_the_reference_agrees_with_the_readable_page(paper):
     assert np.abs(run.joint_angle.values - q[keep]).max() < 1e-7
 
 
+@pytest.mark.slow
 def test_the_reference_agrees_with_newton_euler_by_finite_differences(awkward):
     """An awkward chain: virtual work and Lagrange's equation from energies alone, nothing of the kernels."""
     l, m, n = awkward.link_length, awkward.link_mass, awkward.n
@@ -143,6 +145,7 @@ def test_energy_balances_at_the_order_of_the_rule(request, which, damping):
     assert energy_gap(simulate(model, PULSE, times=TIMES[:31], method="LSODA", rtol=1e-10)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_without_damping_nothing_is_lost(paper):
     free = simulate(
         paper.with_(damping=0.0), Trace([0], [0.0]), times=TIMES[:31], method="LSODA", rtol=1e-12,

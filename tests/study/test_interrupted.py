@@ -14,6 +14,7 @@ from small_study import STUDY, write_study
 from pliant.study import load_study, run_study
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
 def test_ctrl_c_ends_a_run_with_its_sentence(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pliant", "run", str(write_study(tmp_path, STUDY)), "-o", str(tmp_path / "out")]

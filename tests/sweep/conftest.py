@@ -14,7 +14,7 @@ def paper() -> Model:
     return chen2018.model()
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def monte_carlo() -> Sweep:
     return sweep_from({
         "kind": "monte_carlo", "samples": 22, "chunk": 4, "seed": 5, "duration": 0.3, "rate": 50.0, "step": 2e-3,

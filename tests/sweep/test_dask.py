@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 
 import pytest
 
@@ -14,8 +15,10 @@ from pliant.sweep import scheduler
 from pliant.sweep.spec import sweep_from
 from pliant.sweep.sweep import run_sweep
 
-Client = pytest.importorskip("distributed", reason="the extra 'scale' is not installed").Client
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]  # what Dask says of its own is not ours
+pytestmark = [
+    pytest.mark.slow, pytest.mark.filterwarnings("ignore"),  # what Dask says of its own is not ours
+    pytest.mark.skipif(find_spec("distributed") is None, reason="the extra 'scale' is not installed"),
+]
 
 
 def free_port():
@@ -44,6 +47,8 @@ class Cluster:
         self.workers = [w for w in self.workers if w.poll() is None]
         while len(self.workers) < 2:
             self.workers.append(self.start_worker())
+        from distributed import Client
+
         with Client(self.address, timeout=60) as client:
             client.wait_for_workers(2, timeout=60)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import shutil
 import signal
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
@@ -23,15 +24,27 @@ from pliant.sweep.spec import fixed, sweep_from, table
 from pliant.sweep.sweep import run_sweep
 
 
-def test_local_runs_give_the_simulations_of_their_parameters(monte_carlo, paper, tmp_path):
-    result = run_sweep(monte_carlo, paper, tmp_path)
-    samples = result.samples
+@pytest.fixture(scope="module")
+def done(monte_carlo, paper, tmp_path_factory):
+    """The sweep, and the folder that it left."""
+    folder = tmp_path_factory.mktemp("whole")
+    return run_sweep(monte_carlo, paper, folder), folder
+
+
+@pytest.fixture(scope="module")
+def whole(done):
+    """Its samples."""
+    return done[0].samples
+
+
+def test_local_runs_give_the_simulations_of_their_parameters(done, whole, paper):
+    (result, folder), samples = done, whole
     assert samples.sizes["sample"] == 22
     for i in (0, 3, 4, 21):
         changes = {k: float(samples[f"parameter_{k}"][i]) for k in ("stiffness", "damping")}
         alone = simulate(paper.with_(**changes), Pulse(5e4), times=samples["time"].values, step=2e-3)
         assert samples["tip"].values[i] == pytest.approx(alone["tip_position"].values[:, -1], abs=1e-12)
-    assert xr.load_dataset(tmp_path / "samples.nc").equals(samples)
+    assert xr.load_dataset(folder / "samples.nc").equals(samples)
     summary = result.summary()
     assert summary["failed_samples"] == 0
     assert summary["numbers"]["parameter_stiffness"]["median"] == pytest.approx(1.6, abs=0.1)
@@ -58,10 +71,8 @@ def test_a_design_is_every_combination(paper, tmp_path):
     assert pairs == [(k, p) for k in (1.2, 1.6) for p in (1e4, 2e4, 3e4)]
 
 
-def test_it_goes_on_where_it_stopped(monte_carlo, paper, tmp_path):
-    whole = run_sweep(monte_carlo, paper, tmp_path / "whole").samples
-    folder = tmp_path / "parts"
-    run_sweep(monte_carlo, paper, folder)
+def test_it_goes_on_where_it_stopped(done, whole, monte_carlo, paper, tmp_path):
+    folder = shutil.copytree(done[1], tmp_path / "parts")
     (folder / "chunks" / "chunk_000002.nc").unlink()
     damaged = folder / "chunks" / "chunk_000004.nc"
     damaged.write_bytes(damaged.read_bytes()[:1000])
@@ -80,10 +91,10 @@ def test_how_many_samples_make_a_chunk():
     assert sweep_from({"kind": "bootstrap", "samples": 50}).together == 1
 
 
-def test_another_campaign_is_not_mixed_in(monte_carlo, paper, tmp_path):
-    run_sweep(monte_carlo, paper, tmp_path)
+def test_another_campaign_is_not_mixed_in(done, monte_carlo, paper, tmp_path):
+    folder = shutil.copytree(done[1], tmp_path / "other")
     with pytest.raises(InputError, match="another campaign"):
-        run_sweep(monte_carlo.model_copy(update={"seed": 9}), paper, tmp_path)
+        run_sweep(monte_carlo.model_copy(update={"seed": 9}), paper, folder)
 
 
 def kill_once(campaign, chunk):
@@ -96,8 +107,7 @@ def kill_once(campaign, chunk):
 
 
 @pytest.mark.slow
-def test_processes_and_a_killed_worker_give_the_same_bits(monte_carlo, paper, tmp_path, monkeypatch):
-    whole = run_sweep(monte_carlo, paper, tmp_path / "whole").samples
+def test_processes_and_a_killed_worker_give_the_same_bits(whole, monte_carlo, paper, tmp_path, monkeypatch):
     monkeypatch.setenv("PLIANT_TEST_MARK", str(tmp_path / "killed"))
     monkeypatch.setattr(scheduler, "work", kill_once)
     told = []
@@ -125,7 +135,7 @@ def test_workers_that_always_die_end_the_sweep(monte_carlo, paper, tmp_path):
         run_sweep(monte_carlo, paper, tmp_path, make_executor=Dying)
 
 
-def test_a_disk_that_takes_no_more_is_told_and_loses_nothing(monte_carlo, paper, tmp_path):
+def test_a_disk_that_takes_no_more_is_told_and_loses_nothing(whole, monte_carlo, paper, tmp_path):
     """The system itself refuses the fourth file, as a full disk does."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
 
@@ -142,7 +152,7 @@ def test_a_disk_that_takes_no_more_is_told_and_loses_nothing(monte_carlo, paper,
     assert names == [f"chunk_{k:06d}.nc" for k in range(3)]
     again = run_sweep(monte_carlo, paper, tmp_path / "a")
     assert again.account.found == 3
-    assert again.samples.equals(run_sweep(monte_carlo, paper, tmp_path / "whole").samples)
+    assert again.samples.equals(whole)
 
 
 def test_failed_samples_are_counted(paper, tmp_path):
@@ -255,6 +265,7 @@ def arms():
     return body.with_(chambers=halves)
 
 
+@pytest.mark.slow
 def test_a_sweep_of_two_chambers_is_its_simulations(tmp_path):
     """Levels and laws of single chambers, against the reference solver; a chamber that is not named rests."""
     sweep = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,11 +15,22 @@ from pliant.testbed.rod import actuator
 from pliant.testbed.scenarios import SCENARIOS
 
 
+@cache
+def moved(name):
+    """The motion of a in the first 1.6 s of a scenario."""
+    return run_rod(replace(SCENARIOS[name], duration=1.6), actuator("a"), Laboratory())
+
+
+@cache
+def free():
+    """The same without an obstacle: the scenarios differ in theirs alone."""
+    case = SCENARIOS["contact_wall"]
+    return run_rod(replace(case, duration=1.6, obstacles=()), actuator("a"), Laboratory())
+
+
 @pytest.mark.parametrize("name", ["contact_circle", "contact_wall", "contact_spring"])
 def test_contact_pushes_away_from_the_obstacle_and_stops_the_body(name):
-    case, p = replace(SCENARIOS[name], duration=1.6), actuator("a")
-    m = run_rod(case, p, Laboratory())
-    free = run_rod(replace(case, obstacles=()), p, Laboratory())
+    m, case = moved(name), SCENARIOS[name]
     force = m.force[-1]
     touched = np.flatnonzero(np.linalg.norm(force, axis=1) > 1e-6)
     assert touched.size > 0
@@ -31,14 +43,13 @@ def test_contact_pushes_away_from_the_obstacle_and_stops_the_body(name):
         assert normal > 0
         assert along <= item.friction * normal * 1.02 + 1e-9
     assert 0.2 < np.linalg.norm(force.sum(axis=0)) < 3.0
-    assert np.linalg.norm(m.position[-1] - free.position[-1], axis=1).max() > 5e-3
+    assert np.linalg.norm(m.position[-1] - free().position[-1], axis=1).max() > 5e-3
     assert np.linalg.norm(m.force[:100], axis=2).max() == 0.0  # nothing touches at rest
 
 
 def test_spring_force_is_its_stiffness_times_the_depth():
-    case, p = replace(SCENARIOS["contact_spring"], duration=1.6), actuator("a")
-    m = run_rod(case, p, Laboratory())
-    item = case.obstacles[0]
+    m, p = moved("contact_spring"), actuator("a")
+    item = SCENARIOS["contact_spring"].obstacles[0]
     depth = item.radius + p.half_width - np.linalg.norm(m.position[-1] - item.centre, axis=1)
     inside = (depth > 3e-4) & (m.arc_length > 0.002) & (m.arc_length < 0.165)
     share = p.length / p.elements / 0.005

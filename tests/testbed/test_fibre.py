@@ -100,6 +100,7 @@ def test_bias_is_smooth_along_the_fibre_and_wanders_slowly(rng):
     assert along == pytest.approx(np.exp(-0.5), abs=0.12)
 
 
+@pytest.mark.slow
 def test_systematic_errors_have_their_spread_and_stay_within_a_specimen():
     seeds = range(150)
     gain = [sense(replace(IDEAL, gain_error=0.01), seed=s)[0, 0, 100] / 8.0 - 1 for s in seeds]

@@ -167,6 +167,7 @@ def test_energy_never_grows_without_input():
     assert energy[-1] > 0.95 * energy[0]  # the undamped rod keeps swinging
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pulse_119", "step_240"])
 def test_halving_step_and_elements_moves_the_tip_path_by_less_than_50_um(name):
     case, p, lab = replace(SCENARIOS[name], duration=1.6), actuator("a"), Laboratory()
@@ -177,6 +178,7 @@ def test_halving_step_and_elements_moves_the_tip_path_by_less_than_50_um(name):
     assert np.linalg.norm(finer_rod - tip, axis=1).max() < 5e-5
 
 
+@pytest.mark.slow
 def test_actuator_resembles_the_papers():
     """Rest bend about 30 degrees, ringing near 5 Hz with a damping ratio near 0.08, below the cap's curvature."""
     p = actuator("a")

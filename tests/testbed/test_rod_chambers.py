@@ -126,6 +126,7 @@ def test_gains_do_not_depend_on_where_elements_end():
         assert body.gain @ body.weight == pytest.approx(0.5 * p.length * LEVER * np.array([1.0, 0.85]), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_each_chamber_follows_its_own_command_through_its_own_valve():
     truth = generate("in_turn", "two_segment").truth
     time, pressure = truth["record_time"].values, truth["pressure"].values

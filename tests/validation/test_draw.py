@@ -8,6 +8,7 @@ from pliant.errors import InputError
 from pliant.validation.draw import draw_figures, file_name
 
 
+@pytest.mark.slow
 def test_every_figure_of_a_study_is_drawn_once(outcome, shape, tmp_path):
     files = list(draw_figures(replace(outcome, shape=shape), tmp_path, kinds=["svg"]))
     assert len(files) == len(set(files)) == 3 * 5 + 2 + 1 + 2 + 1  # records, compared, torque law, shape, forecast
@@ -21,6 +22,7 @@ def test_the_width_is_that_of_the_column(outcome, tmp_path, width):
     assert points == pytest.approx(width / 25.4 * 72, abs=0.01)
 
 
+@pytest.mark.slow
 def test_wanted_records_alone(outcome, tmp_path):
     files = list(draw_figures(outcome, tmp_path, kinds=["pdf"], records=["let go/"]))
     assert [f.name for f in files] == [f"linear-let-go--{what}.pdf" for what in ("motion", "residual", "path")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -14,12 +15,13 @@ from pliant.validation.store import save_results
 from pliant.validation.stored import load_outcome
 
 
-@pytest.fixture
-def kept(outcome, shape, tmp_path):
-    whole = replace(outcome, shape=shape)
-    save_results(whole, tmp_path)
-    (tmp_path / "metrics.json").write_text(json.dumps(whole.to_dict()).replace("NaN", "null"), encoding="utf-8")
-    return whole, tmp_path
+@pytest.fixture(scope="module")
+def kept(outcome, shape, tmp_path_factory):
+    """A study, and the folder that it is written into once."""
+    whole, folder = replace(outcome, shape=shape), tmp_path_factory.mktemp("kept")
+    save_results(whole, folder)
+    (folder / "metrics.json").write_text(json.dumps(whole.to_dict()).replace("NaN", "null"), encoding="utf-8")
+    return whole, folder
 
 
 def test_the_report_of_what_was_read_back_is_the_same_page(kept):
@@ -57,8 +59,8 @@ def test_others_can_read_it_with_names_and_units(kept):
     (lambda f: (f / "results.nc").write_bytes(b"nonsense"), "cannot be read"),
     (lambda f: (f / "metrics.json").write_text(json.dumps({"schema": "pliant-metrics", "fits": {}})), "do not belong"),
 ])
-def test_what_is_no_result_is_one_sentence(kept, damage, sentence):
-    damage(kept[1])
+def test_what_is_no_result_is_one_sentence(kept, tmp_path, damage, sentence):
+    damage(shutil.copytree(kept[1], tmp_path, dirs_exist_ok=True))
     with pytest.raises(InputError, match=sentence) as caught:
-        load_outcome(kept[1])
+        load_outcome(tmp_path)
     assert "\n" not in str(caught.value)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import program
+from command_line import invoke
 from filming import LENGTH, VIEW, bent, filmed, true_stations
 
 from pliant.errors import InputError
@@ -31,7 +31,7 @@ def camera_of(view=VIEW, exposure=1e-3):
     return {**view.table(), "exposure_ms": 1e3 * exposure, "readout_ms": 0.0}
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ["side_and_lens", "blur", pytest.param("poor", marks=pytest.mark.slow)])
 def test_silhouette_against_the_truth(tmp_path: Path, case: str) -> None:
     view, look, shutter, most_px, most_tip_px = CASES[case]
     at = filmed(tmp_path / "f.mp4", look, shutter, view, 0.5)
@@ -61,6 +61,7 @@ def test_tracking_that_is_stopped_leaves_nothing_behind(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["f.mp4"]
 
 
+@pytest.mark.slow
 def test_hand_and_lost_and_doubled_frames_are_gaps_and_told(tmp_path: Path) -> None:
     shutter = Shutter(dropped=(10, 11, 30), doubled=(17,), noise=2)
     at = filmed(tmp_path / "f.mp4", Look(hand=(0.45, 0.6)), shutter)
@@ -101,6 +102,7 @@ def still(at: np.ndarray) -> np.ndarray:
     return bent(np.zeros_like(at))
 
 
+@pytest.mark.slow
 def test_what_cannot_be_followed_is_refused_in_a_sentence(tmp_path: Path) -> None:
     path = tmp_path / "f.mp4"
     film_motion(still, 0.3, path, Scene(VIEW.scaled(320), Look(), Shutter(), np.random.default_rng(1)))
@@ -144,8 +146,8 @@ def test_command_writes_recording_sheet_and_film(tmp_path: Path) -> None:
     lines = [f"{key} = {json.dumps(value)}" for key, value in VIEW.scaled(480).table()["plane"].items()]
     (tmp_path / "camera.toml").write_text("[camera.plane]\n" + "\n".join(lines) + "\n")
     arguments = ("track", tmp_path / "f.mp4", "-o", tmp_path / "f.csv", "--camera", tmp_path / "camera.toml")
-    done = program(*arguments, "--overlay", tmp_path / "s.png", "--overlay", tmp_path / "o.mp4", "--json")
-    assert done.returncode == 0, done.stderr
+    done = invoke(*arguments, "--overlay", tmp_path / "s.png", "--overlay", tmp_path / "o.mp4", "--json")
+    assert done.exit_code == 0, done.output
     assert len(json.loads(done.stdout)["written"]) == 3
     ds = read(tmp_path / "f.csv")
     assert ds.sizes["station"] == 25

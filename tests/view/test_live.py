@@ -58,7 +58,7 @@ def test_a_hand_that_holds_still_ends_in_the_equilibrium_of_its_force(played, mo
     """Against the equilibrium under a tip force, which comes from a root search."""
     live = Live(played)
     live.ask(Wish(pull=Pull(link=2, share=1.0, x_mm=40.0, y_mm=90.0)))
-    for _ in range(100):
+    for _ in range(30):
         live.advance(0.1)
     assert np.linalg.norm(live.force) > 0.05
     q = equilibrium(model, 0.0, live.force)
@@ -287,6 +287,7 @@ def until(page, true):
     pytest.fail(f"never: {true}")
 
 
+@pytest.mark.slow
 def test_two_pages_follow_their_own_steps(browser, served, model):
     pages, asked, complaints = [], [], []
     for _ in range(2):
@@ -311,6 +312,7 @@ def test_two_pages_follow_their_own_steps(browser, served, model):
         page.close()
 
 
+@pytest.mark.slow
 def test_the_body_is_dragged_and_ten_minutes_of_frames_do_not_grow(browser, served):
     page = browser.new_page(viewport={"width": 1280, "height": 900})
     page.goto(served)
