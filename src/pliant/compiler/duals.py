@@ -110,11 +110,11 @@ def _inner(kernel: FunctionType, links: int | None, segments: int) -> Any:
     return compiled_twin(kernel, tag, lambda callee: _inner(callee, links, segments), choose.SOURCES, replaced=fast)
 
 
-def duals(values: Any, slopes: Any = 0.0) -> Array:
+def duals(values: Any, slopes: Array | None = None) -> Array:
     """Floats (..., SLOTS) for `dual_twin`: `values` (...) and their derivatives, (..., P) with P up to `WIDTH`."""
     values = np.asarray(values, dtype=float)
-    made = aligned((*values.shape, SLOTS))
-    made[..., 0], made[..., 1:] = values, 0.0
-    slopes = np.asarray(slopes, dtype=float)
-    made[..., WIDTH : WIDTH + (slopes.shape[-1] if slopes.ndim else WIDTH)] = slopes
+    made = aligned((*values.shape, SLOTS), np.zeros)
+    made[..., 0] = values
+    if slopes is not None:
+        made[..., WIDTH : WIDTH + slopes.shape[-1]] = slopes
     return made

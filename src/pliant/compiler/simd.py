@@ -8,6 +8,7 @@ written twice. An array of lanes is a float array whose last axis has `WIDTH` en
 from __future__ import annotations
 
 import operator
+from collections.abc import Callable
 from functools import cache
 from math import prod
 from types import FunctionType
@@ -179,10 +180,10 @@ def as_lanes(_context: Any, array: Any) -> Any:
     return result(array), generate
 
 
-def aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """An empty float array (..., WIDTH) that begins where a register may be loaded from."""
+def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty) -> np.ndarray:
+    """A float array (..., WIDTH), empty unless `made` fills it, that begins where a register may be loaded from."""
     size = prod(shape)
-    raw = np.empty(size + WIDTH)
+    raw = made(size + WIDTH)
     skip = -(raw.__array_interface__["data"][0] // 8) % WIDTH
     return raw[skip : skip + size].reshape(shape)
 
