@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import demo
+from target_models import demo
 
 import pliant
 from pliant.model import Station
