@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.compiler import cache, choose, simd
+from pliant.compiler import cache, choose, duals, simd, twin
 from pliant.compiler.twin import fingerprint, reached, stable
-from pliant.equations import linearised, motion
+from pliant.equations import extension_linearised, linearised, motion
 from pliant.estimation import kalman_loops
 from pliant.simulation import march_loops
 from pliant.testbed.stepping import stepping_loops
@@ -171,6 +171,13 @@ def test_everything_that_machine_code_comes_from_is_in_its_digest():
     assert all(Path(f).is_file() for f in choose.SOURCES)
     digests = {fingerprint(motion.step), fingerprint(motion.step, simd.__file__), fingerprint(motion.acceleration)}
     assert len(digests) == 3
+
+
+def test_a_twin_that_takes_duals_too_has_their_rules_in_its_digest():
+    jacobian = extension_linearised.step_jacobian
+    shared = duals._inner(linearised.step_jacobian, 5, 1)
+    assert shared is choose.twin(jacobian)
+    assert shared.__qualname__.endswith(fingerprint(jacobian, twin.__file__, *choose.STRAIGHT_SOURCES))
 
 
 def test_constants_and_expressions_are_in_the_digest(monkeypatch):

@@ -50,7 +50,9 @@ def made(kernel: FunctionType, links: int | None, segments: int) -> Any:
     if fast:
         tag = f"{links}_{segments}" if segments else f"{links}"
         return compiled_twin(kernel, tag, lambda callee: twin(callee, links, segments), SOURCES, replaced=fast)
-    return twin(kernel) if links else compiled_twin(kernel, "n", twin, (), forceinline=kernel not in CALLED)
+    if links:
+        return twin(kernel)
+    return compiled_twin(kernel, "n", twin, STRAIGHT_SOURCES, forceinline=kernel not in CALLED)  # duals come by too
 
 
 @cache
