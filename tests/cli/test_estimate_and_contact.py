@@ -33,6 +33,7 @@ def run(command, *words):
     return CliRunner().invoke(app, [str(w) for w in words])
 
 
+@pytest.mark.slow
 def test_estimate_writes_states_figure_and_report(bench):
     done = run(
         estimate, bench / "pulse_119.nc", "--model", bench / "model.json", "--latency-ms", 7.6, "--json",

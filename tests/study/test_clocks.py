@@ -43,6 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_study_brings_each_log_onto_the_clock_of_its_shape(folder: Path) -> None:
     told: list[str] = []
     outcome = run_study(load_study(folder / "study.json"), folder / "out", progress=told.append)

@@ -39,6 +39,7 @@ def held_up(monkeypatch: pytest.MonkeyPatch, until: Event) -> None:
     monkeypatch.setattr(side_by_side, "ended", ended)
 
 
+@pytest.mark.slow
 def test_a_helper_finds_the_same_numbers_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
     line = line_of(tmp_path, told)

@@ -197,6 +197,7 @@ def test_truth_is_written_whole_and_read_back(tmp_path):
     assert float(back["force"].max()) > 0
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path):
     app = typer.Typer()
     app.command()(run_testbed)
