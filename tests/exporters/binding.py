@@ -22,10 +22,8 @@ ROOM = 65536  # numbers; more than any state or struct of parameters here
 LIBRARIES: dict[tuple[str, str], Path] = {}  # by header and source: a text is compiled once, it holds no state
 
 
-def compiled(header: str, source: str, folder: Path) -> Path:
-    """The library of a C text, without a warning."""
-    (folder / "arm.h").write_text(header, encoding="utf-8")
-    (folder / "arm.c").write_text(source, encoding="utf-8")
+def compiled(folder: Path) -> Path:
+    """The library of the C in a folder, without a warning."""
     library = folder / "arm.so"
     command = [str(COMPILER), *STRICT, "-O2", "-fPIC", "-shared", str(folder / "arm.c"), "-o", str(library), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -40,9 +38,11 @@ class Arm:
         if COMPILER is None:
             pytest.skip("no C compiler (cc) is on the path: the C is not compiled")
         made = code(model, Told(model, "c99", "test"), step=step, precision=precision, pressure=0.0, prefix="arm")
+        (folder / "arm.h").write_text(made.header, encoding="utf-8")
+        (folder / "arm.c").write_text(made.source, encoding="utf-8")
         text = (made.header, made.source)
         if text not in LIBRARIES:
-            LIBRARIES[text] = compiled(*text, folder)
+            LIBRARIES[text] = compiled(folder)
         self.library, self.model = ctypes.CDLL(str(LIBRARIES[text])), model
         self.kind = ctypes.c_float if precision == "single" else ctypes.c_double
         self.state, self.parameters = (self.kind * ROOM)(), (self.kind * ROOM)()

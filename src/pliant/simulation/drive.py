@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
+from pliant.equations.chamber import mean_of_law
+from pliant.equations.symbols import Interval
 from pliant.errors import InputError, SimulationError
 from pliant.model import Chamber, Model, Valve
 from pliant.simulation.chamber_course import (
@@ -102,8 +104,12 @@ class Layout:
         if key not in self._driven:
             behind = self.behind(c, chamber.valve)
             torque, grown = np.empty(self.intervals.h.size), np.ones(self.intervals.lengths.size + 1)
-            row = row_of(chamber, float(self.initial[c]))
-            take_torques(twin, chamber, row, self.intervals, behind, torque, grown)
+            if chamber.remembers:
+                row = row_of(chamber, float(self.initial[c]))
+                take_torques(twin, chamber, row, self.intervals, behind, torque, grown)
+            else:  # arithmetic on whole arrays: nothing that a first simulation would have to compile
+                impulse = self.intervals.lengths * mean_of_law(Interval(*behind.T), chamber.kernel().law)
+                torque = np.add.reduceat(impulse, self.intervals.first[:-1]) / self.intervals.h
             shown = np.append(behind[self.at[:-1], 0], behind[-1, 2])
             stretch = grown[self.at] ** 0.25 if chamber.grows else np.ones_like(shown)
             self._driven[key] = Driven(torque, shown, stretch)
