@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: small matrices, and tests share the cores
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # the suite starts a hundred processes: without bytecode each of them
 sys.dont_write_bytecode = False  # compiles the package again, and each worker all tests
-gc.set_threshold(100_000)  # as the program itself does: of all that imports and pytest make, hardly anything is garbage
+gc.set_threshold(100_000)  # as seldom as pays: of all that imports and pytest make, hardly anything is garbage
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402

@@ -28,7 +28,7 @@ class LaneGrid(NamedTuple):
     parts: Array  # (steps + 1,) first interval of each step
     intervals: Array  # (m, W) s, the same for every lane
     steps: Array  # (steps, W) s
-    keep: Array  # (steps,) row of the output after the step, or -1
+    keep: Array  # (steps,) row of the output after the step, negative: none
 
 
 class Schedule:

@@ -79,7 +79,7 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
     """Take len(h) steps of `WIDTH` chains side by side, as `simulation.march_loops.march` takes them of one.
 
     Every array has the lanes last: state (2, n, W) the angles and rates, advanced in place; h and torque (steps, W);
-    keep (steps,) the row of the output after the step, or -1, row 0 being the start; `samples` (`Lane`); scratch
+    keep (steps,) the row of the output after each, negative: none, row 0 being the start; `samples` (`Lane`); scratch
     (n, n, W) twice and (6, n + 1, W); `out` (`Output`).
     A lane that fails has its step written to out.failed, and goes on as it may; the others do not feel it. Returns the
     bits of the lanes that are good.

@@ -23,7 +23,7 @@ class Course(NamedTuple):
     h: np.ndarray  # (steps,) s
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
     gain: np.ndarray  # (C, n) share of it that each joint feels
-    keep: np.ndarray  # (steps,) row of the output after the step, -1: none
+    keep: np.ndarray  # (steps,) row of the output after the step, negative: none
     load: np.ndarray  # (steps, n, 2) N m, mean loads of the links by known forces; no rows where there are none
 
 

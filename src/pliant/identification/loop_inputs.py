@@ -44,7 +44,7 @@ class SetUp(NamedTuple):
     """Numbers of one simulated experiment, with what no derivative acts on."""
 
     numbers: Numbers
-    keep: Array  # (steps,) row of the output after the step, -1: none
+    keep: Array  # (steps,) row of the output after the step, negative: none
     still: int  # rows before the motion begins
     carrier: Array  # (S,)
     model: Model

@@ -37,7 +37,7 @@ class Steps(NamedTuple):
     h: np.ndarray  # (steps,) s
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
     gain: np.ndarray  # (C, n) share of it that each joint feels
-    keep: np.ndarray  # (steps,) row of the output after the step, -1: none
+    keep: np.ndarray  # (steps,) row of the output after the step, negative: none
     load: np.ndarray  # (steps, n, 2) N m of `contact.add_link_loads`; (0, ., .) where no force pulls
 
 
