@@ -26,6 +26,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import PliantError
+from pliant.failures import Failures
 from pliant.identification import Experiment, predict, predict_held_out
 from pliant.identification.ladder import ladder
 from pliant.identification.rungs import MORE_RUNGS, RUNGS
@@ -118,7 +119,12 @@ def judged(who: Member, links: int, rungs: Sequence[str], *, late: bool = False)
     found: dict[str, Any] = {"rung": climbed.chosen, "train_percent": climbed.step.error, "told": ""}
     for case in HELD_OUT:
         try:
-            (record,) = records_of(train, [experiments[case]], climbed.result, study.step, "travel")[len(TRAIN):]
+            failures = Failures("hierarchy")
+            records = records_of(train, [experiments[case]], climbed.result, study.step, "travel", failures)
+            if failures:
+                found["told"] += " ".join(f.sentence for f in failures)
+                continue
+            record = records[-1]
             held = predict_held_out(experiments[case], climbed.result, step=study.step)[1]
             rows = predict(held.model, experiments[case], held.values, study.step)["position"]
         except PliantError as problem:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pliant.control import Limits, SupplyValve, Task, prepare_control
+from pliant.control import Limits, SupplyValve, Task, Tuning, prepare_control
 from pliant.control.activity import command_activity, settling_time
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.model import load_model
@@ -34,6 +34,7 @@ KINDS = {
     "LQR": {"planned": False, "ramp": 0.0},
     "LQR on a planned reference": {},
     "MPC on a planned reference": {"feedback": "mpc"},
+    "MPC, a tenth of the effort": {"feedback": "mpc", "tuning": Tuning(effort=0.03, damping_time=0.05)},
 }
 SEEDS = range(1, 6)  # of the fibre and the gauge
 
@@ -175,7 +176,7 @@ def speed():
 def figure(traces, path):
     from pliant.plotting import new_figure, style
 
-    kinds = ((":", 0.9, "0.45"), ("--", 0.9, "0.35"), ("-", 1.4, "0.0"), ("-.", 1.0, "0.0"))
+    kinds = ((":", 0.9, "0.45"), ("--", 0.9, "0.35"), ("-", 1.4, "0.0"), ("-.", 1.0, "0.0"), ((0, (1, 1)), 1.2, "0.2"))
     looks = dict(zip(KINDS, kinds, strict=True))
     with style():
         made, panels = new_figure(2, 3, height=3.8, sharex=True, sharey="row")

@@ -2,11 +2,14 @@
 
     python benchmarks/hardness.py --files 100000 --models 20000 --loop --minutes 300     # the full size
     python benchmarks/hardness.py --files 2000 --models 500                              # a look
+    python benchmarks/hardness.py --hdf5 20000                                           # HDF5 alone
     python benchmarks/hardness.py --prices                                               # what the guards cost
 
-Every attempt runs in a helper process that is watched: one that ends by a signal or takes longer than `--patience` is
-counted and named by its seed, and the work goes on behind it. `silent` are changes that the format could show and that
-nobody told; `unseen` those that it cannot show (one number that became another, in a format without a checksum).
+Formats with a helper process of their own are read in one forked for each file (`forked.py`), under the limits of
+`pliant.recording.apart`. Every attempt runs in a process that is watched: one that ends by a signal or takes longer
+than `--patience` is counted and named by its seed, and the work goes on behind it. `silent` are changes that the
+format could show and that nobody told; `unseen` those that it cannot show (one number that became another, in a format
+without a checksum).
 """
 
 from __future__ import annotations
@@ -27,15 +30,15 @@ import numpy as np
 from pliant.errors import PliantError
 
 OUTCOMES = ("right", "refused", "told", "unseen", "silent", "crash", "signal", "hang")
-SLOW = ("nc, foreign", "nc, classic", "mat, plain", "mat, packed")  # a helper process for each file
-SLOW_SHARE = 0.005  # of the files
 START = 60.0  # s, for the start of a helper, compilation included
 BAD = ("silent", "crash", "signal", "hang")
 
 
 def work(kind: str, first: int, last: int, seed: int) -> None:
     """In the helper: attempts first to last - 1 of a kind, one line of JSON each."""
-    with tempfile.TemporaryDirectory() as name:
+    import forked
+
+    with tempfile.TemporaryDirectory() as name, forked.forked():
         attempt = attempts(kind, Path(name))
         for number in range(first, last):
             result, sentence = attempt(np.random.default_rng([seed, number]))
@@ -113,21 +116,21 @@ def table(rows: dict[str, Counter]) -> str:
     return "\n".join(lines)
 
 
-def shares(files: int) -> dict[str, int]:
-    """Attempts for each format: those that start a process for each file get fewer."""
+def shares(files: int, hdf5: int = 0) -> dict[str, int]:
+    """Attempts for each format: `files` over all of them, or `hdf5` over those that are HDF5."""
     import mutations
 
     with tempfile.TemporaryDirectory() as name:
         names = [o.name for o in mutations.originals(Path(name))]
-    slow = max(1, round(SLOW_SHARE * files))
-    fast = (files - slow * len(SLOW)) // (len(names) - len(SLOW))
-    return {n: slow if n in SLOW else max(1, fast) for n in names}
+    names = list(mutations.HDF5) if hdf5 else names
+    return {n: max(1, (hdf5 or files) // len(names)) for n in names}
 
 
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--files", type=int, default=0)
+    parser.add_argument("--hdf5", type=int, default=0, help="files of the HDF5 readers alone")
     parser.add_argument("--models", type=int, default=0)
     parser.add_argument("--loop", action="store_true")
     parser.add_argument("--prices", action="store_true")
@@ -137,13 +140,13 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
     until = time.monotonic() + 60 * asked.minutes
-    kinds = shares(asked.files) if asked.files else {}
+    kinds = shares(asked.files, asked.hdf5) if asked.files or asked.hdf5 else {}
     if asked.models:
         kinds |= {"model files": asked.models // 4, "studies": asked.models // 4, "packets": asked.models,
                   "free motions": asked.models // 2}  # fmt: skip
     rows, bad = {}, []
     for kind, count in kinds.items():
-        longer = 6 if kind in (*SLOW, "model files", "free motions") else 1  # they start a process, or compile
+        longer = 6 if kind in ("model files", "free motions") else 1  # they compile
         rows[kind], more = watched(kind, count, asked.seed, longer * asked.patience, until)
         bad += more
         print(f"{kind}: {dict(rows[kind])}", file=sys.stderr, flush=True)

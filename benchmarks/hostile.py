@@ -18,7 +18,7 @@ import numpy as np
 import pliant
 from pliant.actuators import chen2018
 from pliant.errors import PliantError
-from pliant.loop import Bounds, SystemClock, UdpSource, ValveReceiver, Watchdog, sample
+from pliant.loop import Bounds, SystemClock, UdpSink, UdpSource, ValveReceiver, Watchdog, sample
 from pliant.loop.intake import streams
 from pliant.loop.packet import pack, unpack
 from pliant.model import Model, load_model, save_model
@@ -322,6 +322,23 @@ def each(function: Callable[[], object], seconds: float = 0.5) -> float:
     return float(best)
 
 
+def sent_and_obeyed(key: bytes | None) -> float:
+    """Time of one command, s, from the loop's socket to the drive of the valve."""
+    source, clock = UdpSource(key=key), SystemClock(shared=True)
+    sink, valve = UdpSink(source.address, key), ValveReceiver(source, lambda _p: None, 1e5, clock)
+
+    def once() -> None:
+        sink.write(sample("command", 3e4, clock.now(), hold=0.4))
+        valve.poll()
+
+    price = each(once)
+    if valve.command != 3e4:
+        raise RuntimeError("the valve did not obey")
+    sink.close()
+    source.close()
+    return price
+
+
 def prices() -> str:
     """What the guards cost: microseconds a period and a step, milliseconds a file."""
     import mutations
@@ -334,6 +351,8 @@ def prices() -> str:
         "a shape of 212 points judged": each(lambda: stream.take(_frame(shape, next(numbers)), 10**15)),
         "repeats looked at": each(lambda: dog.frozen(0, 1, 1)),
         "a command packed with its hold": each(lambda: pack(sample("command", 1.0, 1, hold=0.02))),
+        "a command sent and obeyed at the valve": sent_and_obeyed(None),
+        "the same under a key": sent_and_obeyed(bytes(range(32))),
         "a step watched for energy from nothing": watched,
         "the same step unwatched": each(lambda: stepper.step(1e4)),
         "all numbers of a model judged": each(lambda: check_physical(model, vars(model))),

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import struct
+import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import h5py
+import hdf5_files
 import numpy as np
 import xarray as xr
 from scipy.io import savemat
 
 from pliant.errors import InputError
+from pliant.files import seal
 from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording, read, write
 
@@ -20,6 +24,13 @@ GENTLE = np.random.default_rng(0).normal(size=(FRAMES, POINTS, 3)) * 1e-3 + np.a
 NUMBERS = (b"", b"nan", b"inf", b"-0", b"1e999", b"-1e308", b"1e308", b"5e-324", b"0x10", b"1_000", b"999", b"-", b'"')
 UNITS = ((b"mm", b"m"), (b"Meters", b"Millimeters"), (b"kpa", b"psi"), (b"microstrain", b"strain"), (b"x_", b"y_"),
          (b"POINT", b"PAINT"), (b"time", b"tame"), (b"position", b"positiom"), (b"Strain", b"GHz"))  # fmt: skip
+HDF5 = {  # originals that are HDF5 -> a data set of theirs that an attack replaces
+    "nc, foreign": "position", "nc, resealed": "position", "mat, 7.3": "position", "h5, SLEAP": "tracks",
+    "h5, DeepLabCut table": "df_with_missing/table", "h5, DeepLabCut fixed": "df_with_missing/block0_values",
+}  # fmt: skip
+HDF5_KINDS = ("attack", "attack", "pickle", "attribute", "size", "size")
+CAMERA = {"camera": {"rate_hz": 50.0, "pixels_per_mm": 4.0}}
+MARKER = Path(tempfile.gettempdir()) / "pliant_pickle_was_run"
 KINDS = ("bits", "bytes", "cut", "lose", "double", "swap", "number", "unit", "encoding", "append", "lines", "zeros")
 
 
@@ -89,6 +100,22 @@ def motive() -> str:
     return "\n".join([*head, *rows, ""])
 
 
+def hdf5_originals(folder: Path) -> list[Original]:
+    """One whole file of each layout of HDF5 beside netCDF."""
+    pixels = 500.0 + 1e3 * GENTLE[..., :2]
+    columns, values = hdf5_files.columns_of(), hdf5_files.values_of(pixels)
+    paths = {
+        "h5, DeepLabCut table": hdf5_files.write_table(folder / "table.h5", columns, values),
+        "h5, DeepLabCut fixed": hdf5_files.write_fixed(folder / "fixed.h5", columns, values),
+        "h5, SLEAP": hdf5_files.write_sleap(folder / "sleap.h5", pixels),
+        "mat, 7.3": hdf5_files.write_mat73(folder / "a.mat", {"time": TIME[None], "position": GENTLE}),
+        "nc, resealed": folder / "foreign.nc",
+    }
+    cameras = {name: CAMERA if path.suffix == ".h5" else None for name, path in paths.items()}
+    return [Original(name, path.suffix, path.read_bytes(), cameras[name], sealed=False, framed=False, text=False)
+            for name, path in paths.items()]  # fmt: skip
+
+
 def originals(folder: Path) -> list[Original]:
     """One whole file of each format, made in `folder`."""
     pressure = np.linspace(0, 5e4, FRAMES)
@@ -124,13 +151,63 @@ def originals(folder: Path) -> list[Original]:
         Original("nc, classic", ".nc", of("classic.nc"), None, False, False, False),
         Original("mat, plain", ".mat", of("plain.mat"), None, False, False, False),
         Original("mat, packed", ".mat", of("packed.mat"), None, True, False, False),
+        *hdf5_originals(folder),
     ]
 
 
 def damaged(original: Original, rng: np.random.Generator) -> tuple[bytes, str, int]:
     """A damaged copy, what was done to it, and the first byte that was touched."""
     kinds = KINDS if original.text else ("bits", "bytes", "cut", "lose", "double", "unit", "append", "zeros")
+    kinds = (*kinds, *HDF5_KINDS) if original.name in HDF5 else kinds
     kind = str(rng.choice(kinds))
+    data, what, at = _hostile(original, kind, rng) if kind in HDF5_KINDS else _broken(original, kind, rng)
+    return (resealed(data) if original.name == "nc, resealed" else data), what, at
+
+
+def resealed(data: bytes) -> bytes:
+    """The same with a checksum that is right: anybody can write one."""
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "a.nc"
+        path.write_bytes(data)
+        seal(path)
+        return path.read_bytes()
+
+
+def _hostile(original: Original, kind: str, rng: np.random.Generator) -> tuple[bytes, str, int]:
+    """A well-formed HDF5 file that leads out of itself, announces too much, or holds a pickle or an odd attribute."""
+    if kind == "size":  # a count of rows or bytes, wherever one lies, becomes huge
+        small = [at for at in range(0, len(original.data) - 8, 4)
+                 if 0 < int.from_bytes(original.data[at : at + 8], "little") < 10_000]  # fmt: skip
+        at = int(rng.choice(small))
+        huge = int(rng.choice([2**20, 2**31, 2**32 + 1, 2**40, 2**62, -1])) % 2**64
+        return original.data[:at] + huge.to_bytes(8, "little") + original.data[at + 8 :], kind, at
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "a.h5"
+        path.write_bytes(original.data)
+        what = kind
+        if kind == "attack":
+            attack = list(hdf5_files.ATTACKS)[int(rng.integers(len(hdf5_files.ATTACKS)))]
+            attack(path, HDF5[original.name], Path(name) / "secret")
+            what = f"attack, {attack.__name__}"
+        else:
+            _odd_attribute(path, kind, rng)
+        return path.read_bytes(), what, 0
+
+
+def _odd_attribute(path: Path, kind: str, rng: np.random.Generator) -> None:
+    """Replace one attribute by a pickle that creates a file, or by a value of another type."""
+    with h5py.File(path, "r+") as file:
+        holders = [(file, "TITLE")]
+        file.visititems(lambda _, item: holders.extend((item, key) for key in (*item.attrs, "TITLE")))
+        item, key = holders[int(rng.integers(len(holders)))]
+        values = [np.float64(np.nan), "x" * 5000, np.arange(7), h5py.Empty("S1"), np.bytes_(b"\x1b[2J\xff"), item.ref]
+        is_pickle = kind == "pickle"
+        value = hdf5_files.text_pickle(hdf5_files.Creates(MARKER)) if is_pickle else values[int(rng.integers(6))]
+        item.attrs[key] = value
+
+
+def _broken(original: Original, kind: str, rng: np.random.Generator) -> tuple[bytes, str, int]:
+    """Bytes changed, lost or doubled."""
     data, size = original.data, len(original.data)
     at, length = int(rng.integers(0, size)), int(rng.choice([1, 1, 2, 3, 4, 7, 16, 100, 512]))
     if kind in ("bits", "bytes"):
@@ -196,11 +273,21 @@ def can_show(original: Original, kind: str, at: int, data: bytes) -> bool:
 
 def outcome(original: Original, data: bytes, kind: str, at: int, whole: Whole, folder: Path) -> tuple[str, str]:
     """Read a damaged file: (right, refused, told, unseen, silent or crash; the sentence)."""
+    result = _outcome(original, data, kind, at, whole, folder)
+    if MARKER.exists():
+        MARKER.unlink()
+        return "crash", "a pickle was run"
+    return result
+
+
+def _outcome(original: Original, data: bytes, kind: str, at: int, whole: Whole, folder: Path) -> tuple[str, str]:
     path = folder / f"damaged{original.suffix}"
     path.write_bytes(data)
     try:
         ds = read(path, mapping=original.mapping)
         found = quality(ds).findings
+        if kind.startswith("attack"):
+            return "silent", f"{kind} was read"
     except InputError as error:
         return ("crash" if "\n" in str(error) or "Traceback" in str(error) else "refused"), str(error)
     except BaseException as error:  # noqa: BLE001  whatever it is, it is what is looked for

@@ -1,13 +1,13 @@
-"""Peers beyond those of `pliant bench`: CVODE, IDA and IDAS on the same equations, a step by hand on Pinocchio."""
+"""More peers: CVODE, IDA and IDAS on the same equations, a step by hand on Pinocchio."""
 
 from __future__ import annotations
 
 from importlib.util import find_spec
 
 import numpy as np
+from speed.methods import STEPS, TOLERANCES, Method, in_pieces
+from speed.problem import Problem
 
-from pliant.bench.methods import STEPS, TOLERANCES, Method, in_pieces
-from pliant.bench.problem import Problem
 from pliant.compiler.twin import rebuild
 from pliant.equations import motion
 from pliant.equations.symbols import Workspace

@@ -12,9 +12,18 @@ import sys
 from pathlib import Path
 from time import perf_counter
 
-from pliant.bench.run import NAMES, measure, write
+from speed import batches, fitting, race, realtime
+from speed.meaning import MEANING
+
+from pliant.bench.run import PARTS, measure, write
 
 HERE = Path(__file__).parent
+REAL_TIME_S = 30.0
+JOBS = {
+    **PARTS, "experiment": race.experiment, "fit": fitting.fitting, "batch": batches.batches,
+    "realtime": lambda: realtime.realtime(REAL_TIME_S),
+}
+NAMES = tuple(JOBS)
 SCRIPTS = {  # with what they are given, and after how long they are stopped, s
     "fit": (("--quick",), 90), "growth": ((), 150), "work_precision": (("--seconds", "3"), 150),
     "accuracy": (("a",), 60),
@@ -30,7 +39,7 @@ TARGETS = {
 
 def parts(names: list[str]) -> None:
     """Measure, print, judge and write."""
-    found = measure(names, seconds=30.0, tell=lambda text: print(text, flush=True))
+    found = measure({n: JOBS[n] for n in names}, MEANING, message=lambda text: print(text, flush=True))
     if "realtime_missed" in found:
         found["realtime_missed_more"] = found["realtime_missed"] - found["realtime_missed_by_an_empty_loop"]
     print("targets")

@@ -14,10 +14,10 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 from peers import all_peers
+from speed.methods import mujoco_methods, pliant_extrapolated, pliant_midpoint, scipy_methods, solved
+from speed.problem import TARGET_MM, Problem
+from speed.race import curve
 
-from pliant.bench.methods import mujoco_methods, pliant_extrapolated, pliant_midpoint, scipy_methods, solved
-from pliant.bench.problem import TARGET_MM, Problem
-from pliant.bench.race import curve
 from pliant.bench.timing import machine
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
+import tempfile
+import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from hashlib import file_digest, sha256
 from pathlib import Path
@@ -13,8 +17,17 @@ from typing import Any
 
 from pliant.errors import InputError, clipped
 
+try:
+    import fcntl
+except ImportError:  # a system without such locks
+    fcntl = None  # type: ignore[assignment]
+
 DEEPEST, LONGEST_TEXT, LARGEST_FILE = 32, 4000, 20_000_000  # levels, characters, bytes
 LARGEST_NUMBER = 1e300
+PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""  # of a dotted key of TOML
+LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{DEEPEST}}}")
+DRAFTS = ".pliant-draft-"  # what the names of draft folders begin with
+ABANDONED = 86400.0  # s, after which a draft folder belongs to no process any more
 SEAL = b"pliant-sha256 "
 SEAL_BYTES = len(SEAL) + 64 + 1  # the digest and a line end
 
@@ -31,6 +44,70 @@ def whole(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
+
+
+def writable(folder: str | Path) -> Path:
+    """Return the folder, made where it is absent; InputError where no file can be written into it."""
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()  # a name of its own: other runs may try the same folder
+    except OSError as error:
+        raise InputError(f"cannot write into the output folder {folder}: {error.strerror or error}") from None
+    return folder
+
+
+@contextmanager
+def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
+    """Yield a draft folder whose files replace those of the same names in `folder`, as one set.
+
+    The file of the last name marks a whole set: it is removed first and put in place last, so that a process killed at
+    any moment leaves the old set, the new one, or no file of that name. No other file in `folder` is touched.
+
+    Parameters
+    ----------
+    folder : Path
+        Exists and can be written.
+    names : sequence of str
+        What will be in the draft folder.
+    """
+    for old in folder.glob(f"{DRAFTS}*"):  # of processes that were killed
+        with suppress(OSError):
+            if time.time() - old.stat().st_mtime > ABANDONED:
+                shutil.rmtree(old)
+    try:
+        with tempfile.TemporaryDirectory(prefix=DRAFTS, dir=folder, ignore_cleanup_errors=True) as made:
+            draft = Path(made)
+            yield draft
+            for name in names:
+                on_disk(draft / name)
+            with alone_in(folder):
+                (folder / names[-1]).unlink(missing_ok=True)
+                for name in names:
+                    (draft / name).replace(folder / name)
+    except OSError as error:
+        raise InputError(f"cannot write into {folder}: {error.strerror or error}") from None
+
+
+def on_disk(path: Path) -> None:
+    """Wait until a file's content is on the disk: else a power cut may leave its name without its content."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold a lock on a folder, where the system has such locks: two processes do not mix their files."""
+    if fcntl is None:
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def seal(path: Path) -> None:
@@ -102,6 +179,8 @@ def read_entries(path: str | Path, what: str) -> Any:
         if path.stat().st_size > LARGEST_FILE:
             raise InputError(f"{what} {path} has {path.stat().st_size} bytes: no {what} is so large")
         text = path.read_text(encoding="utf-8")
+        if kind == "TOML" and (key := LONG_KEY.search(text)):  # its reader takes the square of the parts in time
+            raise InputError(f"{what} {path} has a key of more than {DEEPEST} parts: '{clipped(key.group(), 60)}'")
         content = json.loads(text) if kind == "JSON" else tomllib.loads(text)
     except OSError as error:
         raise InputError(f"cannot read the {what} {path}: {error.strerror or error}") from None

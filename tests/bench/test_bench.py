@@ -4,26 +4,33 @@ from __future__ import annotations
 
 import gc
 import json
+import sys
 
 import numpy as np
 import pytest
 import typer
+from benchmark_scripts import loaded
 from typer.testing import CliRunner
 
 from pliant.actuators import chen2018
-from pliant.bench import batches, realtime
 from pliant.bench.floor import Floor
-from pliant.bench.meaning import MEANING
-from pliant.bench.methods import Method, pliant_extrapolated, pliant_midpoint, scipy_methods
-from pliant.bench.problem import TARGET_MM, Problem
-from pliant.bench.race import error_of, to_target
-from pliant.bench.run import NAMES, lines, measure, part, write
+from pliant.bench.run import PARTS, chosen, lines, measure, write
 from pliant.cli.bench import bench
 from pliant.compiler.choose import twin
 from pliant.equations import motion
 from pliant.equations.symbols import Slopes
 from pliant.errors import InputError
 from pliant.simulation.state import workspace
+
+run = loaded("run")
+batches, methods, problems, race, realtime = (
+    sys.modules[f"speed.{name}"] for name in ("batches", "methods", "problem", "race", "realtime")
+)
+MEANING, TARGET_MM, Problem = run.MEANING, problems.TARGET_MM, problems.Problem
+Method, pliant_extrapolated, pliant_midpoint, scipy_methods = (
+    methods.Method, methods.pliant_extrapolated, methods.pliant_midpoint, methods.scipy_methods
+)
+error_of, to_target = race.error_of, race.to_target
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +82,7 @@ def test_a_method_that_fails_is_never_within(problem):
 
 def test_mujoco_solves_the_same_problem(problem):
     pytest.importorskip("mujoco", reason="the extra 'bench' is not installed")
-    from pliant.bench.methods import mujoco_methods
-
-    by_name = {m.name: m for m in mujoco_methods(problem)}
+    by_name = {m.name: m for m in methods.mujoco_methods(problem)}
     assert error_of(problem, by_name["MuJoCo RK4"], 4e-4) < 1e-3
     assert error_of(problem, by_name["MuJoCo implicitfast"], 1e-3) < 0.5
 
@@ -98,7 +103,7 @@ def test_real_time_keeps_count_and_leaves_the_collector_on():
 
 @pytest.mark.slow
 def test_kernels_and_the_file(tmp_path):
-    found = measure(("kernels",))
+    found = measure(chosen("kernels"))
     assert {"step_ns", "rhs_ns", "rhs_jacobian_ns", "machine", "pliant"} <= set(found)
     path = write(found, tmp_path / "results" / "bench.json")
     assert json.loads(path.read_text(encoding="utf-8"))["step_ns"] == found["step_ns"]
@@ -135,15 +140,16 @@ def test_registers_and_memory_are_those_of_the_machine():
 
 
 def test_unknown_parts_are_refused():
-    with pytest.raises(InputError, match="kernels, experiment, fit, batch, realtime, startup"):
-        part("speed", 1.0)
-    assert NAMES[0] == "kernels"
+    with pytest.raises(InputError, match="kernels, startup"):
+        chosen("speed")
+    assert chosen(None) == PARTS
+    assert set(PARTS) < set(run.NAMES)
 
 
 def test_the_command_prints_json(monkeypatch):
-    monkeypatch.setattr(realtime, "left_behind", lambda _stepper: 0)  # its forty thousand steps are another test's
+    monkeypatch.setitem(PARTS, "startup", lambda: {"help_s": 0.25})  # fresh processes are another test's
     app = typer.Typer()
     app.command()(bench)
-    done = CliRunner().invoke(app, ["realtime", "--seconds", "0.1", "--json"])
+    done = CliRunner().invoke(app, ["startup", "--json"])
     assert done.exit_code == 0, done.output
-    assert json.loads(done.stdout.strip().splitlines()[-1])["realtime_steps"] == 100
+    assert json.loads(done.stdout.strip().splitlines()[-1])["help_s"] == 0.25

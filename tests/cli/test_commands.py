@@ -249,7 +249,7 @@ def test_a_job_that_fails_leaves_with_one(tmp_path: Path) -> None:
     study = write_study(tmp_path, changed("fits", "linear", "parameters", value=fixed))
     done = program("run", study, "-o", tmp_path / "out")
     assert done.returncode == 1
-    assert done.stderr.strip().splitlines()[-1].startswith("pliant: nothing to fit")
+    assert done.stderr.strip().splitlines()[-1].startswith("pliant: fit linear: nothing to fit")
     assert "Traceback" not in done.stderr
     assert list((tmp_path / "out").iterdir()) == []
 

@@ -106,6 +106,22 @@ def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(first, packag
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[: len(b) // 2], lambda b: b[:-1] + bytes([b[-1] ^ 1])])
+def test_damage_to_every_file_costs_a_compilation_and_a_line(first, package, tmp_path, damage):
+    files = list((tmp_path / "kernels").rglob("*.nb[ci]"))
+    assert len(files) >= 4
+    for file in files:
+        file.write_bytes(damage(file.read_bytes()))
+    running = start(package, tmp_path / "kernels")
+    out, err = running.communicate()
+    assert running.returncode == 0, err
+    found = json.loads(out)
+    assert (found["hits"], found["misses"], found["value"]) == (0, 1, first["value"])
+    assert err.count("are removed and compiled again") == 1
+    assert probe(package, tmp_path / "kernels")["hits"] == 1
+
+
+@pytest.mark.slow
 def test_another_checkout_and_another_comment_find_what_was_compiled(package, tmp_path):
     other = shutil.copytree(package, tmp_path / "two")
     path = other / "pliant" / "equations" / "energy.py"

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pliant.actuators import chen2018
-from pliant.control import Limits, SupplyValve, Task, Tuning, design_lqr, prepare_control
+from pliant.control import Limits, SupplyValve, Task, Tuning, design_lqr, equilibria, prepare_control
 from pliant.control.lqr import with_integral
-from pliant.estimation import frozen
 from pliant.linear import linearise
 from pliant.linear.sampled import loop_curve, sample
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
+from pliant.loop.model_plant import ModelPlant
 from pliant.model import load_model
 from pliant.testbed.plant import Plant
 
@@ -108,7 +108,7 @@ def test_another_actuator_with_all_errors():
 
 @pytest.mark.slow
 def test_predictive_control_follows_the_trajectory():
-    pytest.importorskip("casadi", reason="the extra mpc is not installed")
+    pytest.importorskip("osqp", reason="the extra mpc is not installed")
     run = Run("a", perfect=True, feedback="mpc", duration=0.6)
     moved, command = run.go(0.6)
     law = run.ready.control.law
@@ -118,19 +118,38 @@ def test_predictive_control_follows_the_trajectory():
     assert command.max() <= HIGHEST
 
 
-def test_the_symbolic_step_is_the_models():
-    """The equations' text on CasADi symbols against the compiled twin with its exact Jacobian."""
-    pytest.importorskip("casadi", reason="the extra mpc is not installed")
-    from pliant.control import Mpc, symbolic_step
+def on_its_model(body, limits, **task):
+    """A controller of the paper's actuator on the model itself; tips' displacements and commands of a run."""
+    plant = ModelPlant(body, noise=1e-6, pressure_noise=10.0)
+    frames = np.array([plant.advance(0.0)[1] for _ in range(20)])
+    ready = prepare_control(body, plant.arc_length, frames, Task(**task), limits, PERIOD)
+    arm, rest = VirtualActuator(plant, clock := VirtualClock()), plant.tip
+    loop = ControlLoop([arm], arm, ready.pipeline, Watchdog(Bounds(1.15 * HIGHEST)), PERIOD, clock)
+    moved, command, deadline = [], [], clock.now()
+    for _ in range(round(task["duration"] / PERIOD)):
+        clock.sleep_until(deadline)
+        loop.period(deadline, deadline)
+        deadline += round(PERIOD * 1e9)
+        moved.append(np.linalg.norm(plant.tip - rest))
+        command.append(loop.command)
+    return ready, loop, np.array(moved), np.array(command)
 
-    model = frozen(load_model(MODEL))
-    law = Mpc(model, Limits(HIGHEST), PERIOD)
-    x = np.concatenate([np.linspace(0.1, 0.6, model.n), np.linspace(1.0, -2.0, model.n)])
-    ahead, by_x, _ = law._step(x, 6e-3, 1, 5e4, 5e4, 1.0)
-    step = symbolic_step(model, 6e-3)
-    np.testing.assert_allclose(np.asarray(step(x, float(model.torque_at(5e4)))).ravel(), ahead, rtol=1e-12, atol=1e-13)
-    slope = np.asarray(step.jacobian()(x, float(model.torque_at(5e4)), 0)[0])
-    np.testing.assert_allclose(slope, by_x, rtol=1e-9, atol=1e-9 * np.abs(by_x).max())
+
+@pytest.mark.parametrize("planned", [True, False])
+@pytest.mark.parametrize("slew", [0.4e6, 2e6, np.inf])
+def test_prediction_finds_a_command_in_every_period(slew, planned):
+    """The paper's actuator from rest to where 20 kPa brings it: no program is left unsolved, under no slew limit."""
+    body = chen2018.model()
+    family = equilibria(body, HIGHEST)
+    level = float(np.interp(20e3, family.pressure, family.displacement))
+    ready, loop, moved, command = on_its_model(
+        body, Limits(HIGHEST, slew), feedback="mpc", time=[0.1], displacement=[level], duration=0.8, planned=planned,
+    )
+    assert (ready.control.failed, ready.control.fault, loop.watchdog.fault) == (0, "", "")
+    assert ready.control.law.solved == 199  # no frame has come in the first period
+    assert np.abs(moved[-50:] - level).max() < 1.5e-4
+    assert np.abs(np.diff(command, prepend=0.0)).max() <= slew * PERIOD * (1 + 1e-9)
+    assert command.min() >= 0.0
 
 
 def test_feedforward_with_pid_holds_the_tip():
@@ -182,9 +201,9 @@ def test_a_loop_ends_where_its_margins_say(latency):
         plant = with_integral(linear, sample(linear, PERIOD, latency), design.equilibria.at(p)[2], PERIOD)
         curve = loop_curve(plant, gain, PERIOD, 50)
         z = np.exp(1j * curve.omega * PERIOD)[:, None, None]
-        states = np.linalg.solve(z * np.eye(len(gain)) - plant.A, plant.B[:, None].astype(complex))[..., 0]
+        states = np.linalg.solve(z * np.eye(len(gain)) - plant.A, plant.B.astype(complex))[..., 0]
         np.testing.assert_allclose(curve.value, states @ gain, rtol=1e-9)
         bound = 10 ** (told.gain_db / 20)
         for factor, holds in ((0.99, True), (1.01, False)):
-            closed = plant.A - factor * bound * np.outer(plant.B, gain)
+            closed = plant.A - factor * bound * plant.B * gain
             assert (np.abs(np.linalg.eigvals(closed)).max() < 1.0) == holds

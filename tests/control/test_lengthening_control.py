@@ -10,8 +10,8 @@ from scipy.optimize import root
 
 from pliant.control import (
     Limits,
+    Mpc,
     OutputLqr,
-    OutputMpc,
     Pipeline,
     Task,
     design_outputs,
@@ -97,7 +97,7 @@ def test_steady_inputs_bend_and_lengthen():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [OutputLqr, OutputMpc])
+@pytest.mark.parametrize("kind", [OutputLqr, Mpc])
 def test_the_tip_goes_where_bending_alone_does_not_lead(kind):
     """From rest to 12 mm further out, then to the side at that length; the state is known."""
     body = pair()

@@ -11,10 +11,12 @@ from scipy.integrate import odeint
 from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize, root
 
+from pliant.cli.control import reached
 from pliant.control import (
     Limits,
+    Mpc,
+    MpcTuning,
     OutputLqr,
-    OutputMpc,
     SupplyValve,
     Task,
     Tuning,
@@ -24,12 +26,15 @@ from pliant.control import (
     read_task,
     steady_inputs,
 )
+from pliant.control.horizon import Horizon
+from pliant.control.quadratic_program import QuadraticProgram
 from pliant.errors import InputError
 from pliant.estimation import State
 from pliant.linear import linearise
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.loop.model_plant import ModelPlant
-from pliant.model import Chamber, Memory, Valve, chain_model
+from pliant.loop.task import run_task
+from pliant.model import Chamber, Extension, Memory, Valve, chain_model
 
 PERIOD = 4e-3
 BOTH = ("tip_x", "tip_y")
@@ -44,6 +49,17 @@ def segments(late=(8e-3, 5e-3)):
     high = Chamber(torque=[3e-6], joint_gain=[0.0, 0.0, -1.0, -1.0], valve=valves[1], name="high")
     body = chain_model(length=0.16, mass=0.06, links=4, stiffness=1.2, damping=15e-3, torque=[0.0])
     return body.with_(chambers=(low, high))
+
+
+def lengthening():
+    """Three links that lengthen, hanging, between two chambers."""
+    lag = Valve(rise_time=0.02, fall_time=0.02, dead_time=6e-3)
+    pair = [Chamber.at_offset(2e-4, r, np.ones(3), name=n, valve=lag) for r, n in ((0.02, "a"), (-0.02, "b"))]
+    return chain_model(
+        length=0.2, mass=0.1, links=3, joint_placement="midsegment", stiffness=1.0, damping=0.015, chambers=pair,
+        gravity=[0.0, 9.81], base_angle=0.1,
+        extensions=(Extension(130.0, 0.6, 0.0, 0.1, "near"), Extension(110.0, 0.6, 0.1, name="far")),
+    )
 
 
 def antagonists():
@@ -195,7 +211,7 @@ def test_two_segments_follow_a_path_of_the_tip(course):
     """72 mm wide, 20 mm high, a turn in 1.5 s, on the body integrated by LSODA."""
     wanted, design = course
     assert (np.ptp(wanted[150:], axis=0) > [0.07, 0.019]).all()
-    for law in (OutputLqr(design, LIMITS), OutputMpc(design, LIMITS)):
+    for law in (OutputLqr(design, LIMITS), Mpc(design, LIMITS)):
         tips, commands = closed(law, segments(), len(wanted))
         off = np.linalg.norm(tips - wanted, axis=1)[150:]
         assert np.sqrt(np.mean(off**2)) < 1e-3
@@ -208,7 +224,7 @@ def test_two_segments_follow_a_path_of_the_tip(course):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [OutputLqr, OutputMpc])
+@pytest.mark.parametrize("kind", [OutputLqr, Mpc])
 def test_limits_of_each_chamber_hold_and_the_tip_settles(kind):
     """A level just within the second chamber's limit, with a slew limit: the body comes to rest without windup."""
     body, limits = segments(), Limits(2e5, slew=2e6, chambers=(2e5, 1e5))
@@ -226,49 +242,180 @@ def test_limits_of_each_chamber_hold_and_the_tip_settles(kind):
     assert off[355:].max() < 5e-4
 
 
-def test_prediction_without_limits_is_the_regulator(course):
-    """The quadratic program over the horizon, solved without its box, gives the Riccati solution, path included."""
-    wanted, design = course
-    still = replace(design, at=np.full_like(design.at, 40), ahead=design.ahead.copy(), lead=design.lead.copy())
-    made = still.gains[40]
-    for k in range(len(wanted) - 1, -1, -1):  # one set of gains throughout, so that horizon and regulator agree
-        later = made.P @ still.shift(k) + still.ahead[k + 1]
-        still.lead[k], still.ahead[k] = -made.answer @ later, (made.A - made.B @ made.K).T @ later
-    law, rng = OutputMpc(still, LIMITS), np.random.default_rng(3)
-    answer, weighed, H = law._program(made)
-    away, k = rng.normal(0.0, 1e-2, made.A.shape[0]), 200
-    free, frees = away, []
-    for j in range(law.stages):
-        free = made.A @ free + still.shift(k + j)
-        frees.append(free)
-    slope = weighed.T @ np.ravel(frees) + answer.T @ still.ahead[k + law.stages]
-    found = np.linalg.solve(H, -slope)[:2]
-    np.testing.assert_allclose(found, still.lead[k] - made.K @ away, rtol=1e-6, atol=1e-6)
+def put_at_rest(law, pressure):
+    """A law that has long commanded what it reads."""
+    law.command = np.array(pressure)
+    for waiting, valve, p in zip(law._waiting, law._valves, pressure, strict=True):
+        waiting[:], valve._queue = p, [p] * len(valve._queue)
+        valve.value[:1] = p
+    if isinstance(law, Mpc):
+        law.plan[:] = pressure
 
 
-def test_prediction_within_limits_is_the_least_cost():
-    """Against a search of the same cost by SciPy, written as a sum over the horizon."""
-    body = segments()
-    design = design_outputs(body, BOTH, tip_at(body, [1e5, 9e4])[None], LIMITS, PERIOD)
-    law, made = OutputMpc(design, LIMITS, stages=5), design.gains[0]
-    away = np.zeros(made.A.shape[0])
-    away[:4] = [0.3, 0.5, 0.3, -0.1]
-    hold = design.pressure[0] / 1e3
-    command = law._wish(0, away, hold, 1.0)
-    assert law.solved == 1
+def known(angle, rate=0.0, **more):
+    n = len(angle)
+    return State(0.0, angle, rate * np.ones(n), *np.zeros((2, n)), np.zeros((2 * n, 2 * n)), **more)
 
-    def cost(flat):
-        x, total = away, 0.0
-        for k, v in enumerate(flat.reshape(5, 2)):
-            x = made.A @ x + made.B @ v
-            total += v @ made.R @ v + x @ (made.P if k == 4 else made.Q) @ x
-        return 1e-3 * total
 
-    box = [(-h, top - h) for h, top in zip(hold, (200.0, 180.0), strict=True)] * 5
-    fine = {"ftol": 1e-15, "gtol": 1e-10, "maxfun": 1e5}
-    best = minimize(cost, np.zeros(10), method="L-BFGS-B", bounds=box, options=fine)
-    np.testing.assert_allclose(command - hold, best.x[:2], atol=0.05)
-    assert np.isclose(command, [0.0, 0.0], atol=1e-9).any() or np.isclose(command, [200.0, 180.0]).any()
+def test_prediction_without_limits_is_the_regulator():
+    """Near a rest and far from limits the program's first command is the regulator's, nearer for short periods."""
+    body, far = segments(late=(6e-3, 3e-3)), []
+    level = tip_at(body, [1e5, 9e4])[None]
+    for period in (4e-3, 1e-3):
+        design = design_outputs(body, BOTH, level, LIMITS, period)
+        laws = OutputLqr(design, LIMITS), Mpc(design, LIMITS, MpcTuning(period, 12))
+        for law in laws:
+            put_at_rest(law, design.pressure[0])
+        off = known(design.angle[0] + 1e-3 * np.array([1.0, -0.5, 0.2, 0.7]), 5e-3, torque_scale=1.1)
+        one, other = (law.step(0.0, off, design.pressure[0]) - design.pressure[0] for law in laws)
+        assert laws[1].solved == 1
+        far.append(np.abs(one - other).max() / np.abs(one).max())
+    assert far[0] < 0.05
+    assert far[1] < 0.012
+
+
+def test_a_prediction_is_the_integrated_body():
+    """Commands straight between nodes, through valves and dead times, the first of them on their way: against LSODA."""
+    body, rng = segments(), np.random.default_rng(4)
+    design, exact = design_outputs(body, BOTH, np.zeros((1, 2)), LIMITS, PERIOD), Lsoda(body)
+    horizon, sent = Horizon(design, 3, 6), rng.uniform(0.0, 1e5, (20, 2))
+    for asked in sent:
+        exact.advance(asked)
+    valves = list(exact.x[8:].reshape(2, 2).T.copy())
+    start, waiting = known(exact.x[:4].copy(), exact.x[4:8].copy()), [sent[-1:-3:-1, 0], sent[-1:-3:-1, 1]]
+    nodes = rng.uniform(0.0, 1.5e5, (6, 2))
+    ahead = horizon.predict(start, valves, waiting, nodes)
+    assert horizon.periods == 16
+    for k, asked in enumerate(ahead.command):
+        node, share = divmod(k, 3)
+        np.testing.assert_allclose(asked, nodes[node] + share / 3 * (nodes[min(node + 1, 5)] - nodes[node]))
+        exact.advance(asked)
+        np.testing.assert_allclose(ahead.position[k], exact.x[:4], atol=3e-3)
+    np.testing.assert_allclose(ahead.valve, exact.x[8:].reshape(2, 2).T.ravel(), rtol=1e-4)
+    np.testing.assert_allclose(ahead.waiting, [*ahead.command[:-3:-1, 0], *ahead.command[:-3:-1, 1]])
+
+
+@pytest.mark.parametrize(("body", "strains"), [(segments(), 0), (lengthening(), 2)], ids=["fixed", "lengthens"])
+def test_slopes_of_a_prediction_are_differences(body, strains):
+    """By every node, at a state that moves, with shifts of the rests and a factor on the torque."""
+    rng, C = np.random.default_rng(1), 2
+    design = design_outputs(body, BOTH, np.zeros((1, 2)), LIMITS, PERIOD, latency=3e-3)
+    horizon, n = Horizon(design, 3, 4), body.n
+    small = {name: 0.03 * rng.standard_normal(strains) for name in ("strain", "strain_rate", "strain_shift")}
+    start = known(0.2 * rng.standard_normal(n), rng.standard_normal(n), torque_scale=1.1, **small)
+    start = start._replace(rest_shift=0.05 * rng.standard_normal(n))
+    valves = [np.append(rng.uniform(2e4, 6e4, 1), np.zeros(order - 1)) for order in design.orders]
+    waiting, nodes = [rng.uniform(1e4, 9e4, w) for w in design.waiting], rng.uniform(2e4, 1e5, (4, C))
+    ahead = horizon.predict(start, valves, waiting, nodes)
+    for j in range(4 * C):
+        step = 20.0 * np.eye(4 * C)[j].reshape(4, C)
+        up, down = (horizon.predict(start, valves, waiting, nodes + side * step) for side in (1.0, -1.0))
+        for value, slope in (("position", ahead.slope[:, : body.size, j]), ("rate", ahead.slope[:, body.size :, j]),
+                             ("valve", ahead.valve_slope[:, j]), ("waiting", ahead.waiting_slope[:, j])):  # fmt: skip
+            found = (getattr(up, value) - getattr(down, value)) / 40.0
+            np.testing.assert_allclose(found, slope, atol=1e-7 * max(np.abs(slope).max(), 1e-9))
+
+
+def cost_of(law, design, start, valves, waiting, nodes):
+    """The regulator's errors summed over the horizon, as `Tuning` has them, and its cost of the last state; SI."""
+    made, tuning = design.gains[0], design.tuning
+    ahead = law.horizon.predict(start, valves, waiting, nodes)
+    phi, length = np.vstack([start.angle, ahead.position]), design.model.link_length
+    error = np.stack([-np.sin(phi) @ length, (np.cos(phi) - 1.0) @ length], axis=1) - design.wanted[0]
+    z = np.cumsum(PERIOD * error[:-1], axis=0)
+    speed = [(-np.cos(p) * w @ length, -np.sin(p) * w @ length) for p, w in zip(phi[1:], ahead.rate, strict=True)]
+    total = np.sum(error[1:-1] ** 2) + tuning.damping_time**2 * np.sum(np.square(speed[:-1]))
+    total += np.sum(z[:-1] ** 2) / tuning.integral_time**2
+    v = (ahead.command - design.pressure[0]) / 1e3
+    pressures = np.append(ahead.valve, ahead.waiting) / 1e3
+    full = np.concatenate([phi[-1] - design.angle[0], ahead.rate[-1], pressures, z[-1]])
+    full -= design.resting @ design.pressure[0] / 1e3
+    return total + 1e-6 * (np.sum((v @ made.R) * v) + full @ made.P @ full)
+
+
+class Seen:
+    """A quadratic program that remembers the last problem and its solution."""
+
+    def __init__(self, program):
+        self.program = program
+
+    def solve(self, *problem):
+        self.problem, self.found = [np.array(part) for part in problem], self.program.solve(*problem)
+        return self.found
+
+
+def test_the_program_is_the_cost_s_own_and_its_solution_the_least():
+    """Slope against differences of the sum written out; the solution against SciPy's SLSQP, box and slew limits met."""
+    body, limits = segments(), Limits(2e5, slew=1e6, chambers=(2e5, 1.2e5))
+    design = design_outputs(body, BOTH, tip_at(body, [1.6e5, 1.1e5])[None], limits, PERIOD)
+    law = Mpc(design, limits, MpcTuning(3 * PERIOD, 5))
+    put_at_rest(law, np.array([1.5e5, 1e5]))
+    law.program = seen = Seen(law.program)
+    start = known(np.array([0.3, 0.5, 0.3, -0.1]), 0.4)
+    valves, waiting, plan = [v.value.copy() for v in law._valves], [w.copy() for w in law._waiting], law.plan.copy()
+    law.step(0.0, start, np.array([1.5e5, 1e5]))
+    H, g, low, high, guess = seen.problem
+    np.testing.assert_allclose(guess, plan.ravel() / 1e3)
+    slope = np.empty(10)
+    for j in range(10):
+        nodes = [plan + side * 50.0 * np.eye(10)[j].reshape(5, 2) for side in (1, -1)]
+        up, down = (cost_of(law, design, start, valves, waiting, made) for made in nodes)
+        slope[j] = 0.5 * 1e6 * (up - down) / 0.1  # the program's cost is half the sum, in mm and kPa
+    np.testing.assert_allclose(g + H @ guess, slope, atol=1e-5 * np.abs(slope).max())
+    change = np.kron(np.eye(5) - np.eye(5, k=-1), np.eye(2))
+    inside = [{"type": "ineq", "fun": lambda z: change @ z - low}, {"type": "ineq", "fun": lambda z: high - change @ z}]
+    best = minimize(
+        lambda z: 1e-3 * (0.5 * z @ H @ z + g @ z), guess, jac=lambda z: 1e-3 * (H @ z + g), method="SLSQP",
+        bounds=[(0.0, 200.0), (0.0, 120.0)] * 5, constraints=inside, options={"ftol": 1e-14, "maxiter": 500},
+    )
+    np.testing.assert_allclose(seen.found, best.x, atol=2e-2)
+    met = np.isclose(change @ best.x, high, atol=1e-6) | np.isclose(change @ best.x, low, atol=1e-6)
+    assert met.any()
+    assert (np.abs(best.x - np.tile([200.0, 120.0], 5)) < 1e-6).any()
+
+
+def test_a_program_that_is_not_solved_is_a_fault_and_the_last_plan_goes_on():
+    """Two periods without a solution: the commands are the last plan's, straight between its nodes, within limits."""
+    body, limits = segments(), Limits(2e5, slew=2e6, chambers=(2e5, 1.8e5))
+    law = Mpc(design_outputs(body, BOTH, tip_at(body, [1e5, 9e4])[None], limits, PERIOD), limits, MpcTuning(3 * PERIOD))
+    still = known(np.zeros(4))
+    for k in range(4):
+        law.step(k * PERIOD, still, law.command)
+    assert (law.failed, law.fault) == (0, "")
+    plan, program = law.plan.copy(), law.program
+    law.program = type("Unsolved", (), {"status": "maximum iterations reached", "solve": lambda *_: None})()
+    for k in (1, 2):
+        command = law.step((3 + k) * PERIOD, still, law.command)
+        np.testing.assert_allclose(command, plan[0] + k / 3 * (plan[1] - plan[0]), rtol=1e-12)
+    assert np.abs(plan[1] - plan[0]).max() > 1e4
+    assert law.failed == 2
+    assert "not solved (maximum iterations reached): the last plan is followed" in law.fault
+    law.program = program
+    law.step(6 * PERIOD, still, law.command)
+    assert (law.failed, law.fault) == (2, "")
+    bad = known(np.full(4, np.nan))
+    assert np.isfinite(law.step(7 * PERIOD, bad, law.command)).all()
+    assert "the prediction is not finite" in law.fault
+
+
+def test_unsolved_periods_are_in_the_summary_of_a_task(tmp_path):
+    (tmp_path / "t.toml").write_text(
+        'feedback = "mpc"\nhighest_kpa = [200, 180]\nduration_s = 0.2\n[[setpoint]]\ntime_s = 0\ntip_x_mm = -20\n'
+    )
+    solve, calls = QuadraticProgram.solve, []
+
+    def now_and_then(self, *problem):
+        calls.append(problem)
+        return None if len(calls) in (20, 21) else solve(self, *problem)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(QuadraticProgram, "solve", now_and_then)
+        done = run_task(segments(), ModelPlant(segments()), read_task(tmp_path / "t.toml"), tmp_path)
+    assert done.summary["controller_faults"] == 2
+    assert str(done.summary["fault"]).startswith("in 2 periods the quadratic program of the predictive control was not")
+    assert len(done.log.attrs["remarks"]) == 1
+    assert not done.log["vented"].any()
+    assert "in 2 periods the quadratic program" in str(reached(done)["fault"])
 
 
 def test_the_model_as_a_plant_is_the_integrated_body():

@@ -19,7 +19,7 @@ def start(rng, n):
     return chain, chain.phi(q), np.cumsum(dq)
 
 
-@pytest.mark.parametrize("n", [4, 5, 8, 13, 30, 50])
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8, 13, 30, 50])
 @pytest.mark.parametrize("h", [1e-5, 1e-3, 1e-2])
 def test_one_step(rng, n, h):
     chain, phi, w = start(rng, n)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import shutil
 import subprocess
 
@@ -12,7 +13,7 @@ from binding import COMPILER, STRICT, Arm
 import pliant
 from pliant.actuators import chen2018
 from pliant.errors import InputError
-from pliant.exporters.c99 import code, identifier
+from pliant.exporters.c99 import code
 from pliant.exporters.provenance import Told
 from pliant.model import Chamber, Memory, Model, Valve
 from pliant.simulation import Stepper, simulate, state
@@ -169,9 +170,57 @@ def test_single_precision_follows_double(tmp_path):
 
 def test_a_step_that_fails_says_so(tmp_path):
     arm = Arm(chen2018.model(), tmp_path)
-    assert arm.step(float("nan")) == -1
+    assert arm.step(1e9) == -1
     arm.library.arm_init(arm.state)
     assert arm.step(1e5) == 0
+
+
+@pytest.mark.parametrize("dead", [0.0, 0.0037])
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
+def test_a_command_that_is_not_finite_is_refused_and_leaves_no_trace(dead, bad, tmp_path):
+    """`Stepper` refuses it at once; here the state goes on as if it had not been given, in the dead time too."""
+    model = chen2018.model(valve=Valve(rise_time=0.01, fall_time=0.01, dead_time=dead))
+    arm, other = Arm(model, tmp_path), Arm(model, tmp_path)
+    for k in range(40):
+        if k % 3 == 0:
+            before = bytes(arm.state)
+            assert arm.step(bad) == -2
+            assert bytes(arm.state) == before
+        assert (arm.step(8e4), other.step(8e4)) == (0, 0)
+    assert bytes(arm.state) == bytes(other.state)
+    assert np.abs(arm.angle).max() > 0.01
+
+
+CPP = """
+#include "finger.h"
+#include "finger.h"
+extern "C" int run(double *tip)
+{
+    finger_parameters p; finger_state s; finger_real pressure[FINGER_CHAMBERS] = {5e4}, tips[FINGER_LINKS][2];
+    finger_defaults(&p); finger_init(&s);
+    for (int k = 0; k < 100; k++) if (finger_step(&s, &p, pressure) < 0) return 1;
+    finger_tips(&s, &p, tips);
+    *tip = tips[FINGER_LINKS - 1][0];
+    return 0;
+}
+"""
+
+
+def test_a_program_in_cpp_links_with_it(tmp_path):
+    compiler = shutil.which("c++") or shutil.which("g++")
+    if COMPILER is None or compiler is None:
+        pytest.skip("no C++ compiler (c++ or g++) is on the path")
+    pliant.export(chen2018.model(), "c99", tmp_path / "finger.c")
+    (tmp_path / "main.cpp").write_text(CPP, encoding="utf-8")
+    subprocess.run([COMPILER, *STRICT, "-fPIC", "-c", "finger.c", "-o", "finger.o"], cwd=tmp_path, check=True)
+    flags = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fPIC", "-shared", "-Wl,-z,defs"]
+    subprocess.run([compiler, *flags, "main.cpp", "finger.o", "-o", "run.so", "-lm"], cwd=tmp_path, check=True)
+    tip = ctypes.c_double()
+    assert ctypes.CDLL(str(tmp_path / "run.so")).run(ctypes.byref(tip)) == 0
+    stepper = Stepper(chen2018.model(), 1e-3)
+    for _ in range(100):
+        stepper.step(5e4)
+    assert tip.value == pytest.approx(stepper.tips()[-1, 0], abs=1e-12)
 
 
 MAIN = """
@@ -248,8 +297,10 @@ def test_bad_input(tmp_path):
     with pytest.raises(InputError):
         pliant.export(model, "c99", tmp_path / "a.c", step=1.0)
     assert not list(tmp_path.iterdir())
-    assert identifier("Fig. 3: arm") == "fig_3_arm"
-    assert identifier("3 links") == "m_3_links"
+    for name in ('a"b.c', "a\nb.c", "a/*b.c".replace("/", "?"), "é.c"):
+        with pytest.raises(InputError, match="name the file with letters, digits"):
+            pliant.export(model, "c99", tmp_path / name)
+    assert not list(tmp_path.iterdir())
 
 
 def test_two_files_that_find_each_other(tmp_path):

@@ -37,6 +37,8 @@ def test_a_model_without_a_feature_has_none_of_it(key):
         model = model.with_(valve=Valve(natural_frequency=9.0))
     if key == "lengthening":
         model = model.with_(extensions=(Extension(500.0),))
+    if key == "points":
+        model = model.with_(stations=[("middle", 2, 0.01)])
     if key == "chambers":
         model = model.with_(chambers=(model.chamber, Chamber(torque=[-1e-7], name="other")))
         assert FEATURES[key].names(model) == ("chamber other",)
@@ -115,9 +117,9 @@ def test_the_command(tmp_path):
     file = save_model(EVERYTHING, tmp_path / "model.json")
     fit = tmp_path / "metrics.json"
     fit.write_text(json.dumps({"fits": {"first": {"parameters": {"damping": {"std": 2e-4}, "x": {"std": None}}}}}))
-    refused = invoke("export", file, "--to", "urdf", "-o", tmp_path / "a.urdf")
+    refused = invoke("export", file, "--to", "mjcf", "-o", tmp_path / "a.xml")
     assert isinstance(refused.exception, pliant.InputError)
-    assert "creep branch 2" in str(refused.exception)
+    assert "Bouc-Wen" in str(refused.exception)
     done = invoke(
         "export", file, "--to", "mjcf", "-o", tmp_path / "a.xml", "--approximate", "--json", "--fit", fit,
         "--set", "prefix=left_",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import zipfile
@@ -14,7 +15,8 @@ import pytest
 import pliant
 from pliant.actuators import chen2018
 from pliant.exporters import fmu
-from pliant.model import Valve
+from pliant.exporters.fmu_variables import base_units, variables
+from pliant.model import Memory, Valve
 from pliant.simulation import Stepper, state
 
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install 'pliant[export]'")
@@ -32,7 +34,7 @@ def made(tmp_path_factory):
         key = (model.name, *(c.valve for c in model.chambers), version)
         if key not in files:
             done = pliant.export(model, "fmu", tmp_path_factory.mktemp("fmu") / "arm.fmu", fmi=version)
-            assert done.notes == ()
+            assert all(" is named " in note for note in done.notes)
             files[key] = str(done.files[0])
         return files[key]
 
@@ -131,8 +133,8 @@ def test_two_chambers_and_creep(branched, version, made, tmp_path):
     run, stepper = Session(made(model, version), version, tmp_path), Stepper(model, 1e-3, [0.0, 0.0])
     worst = 0.0
     for near, far in ((0.0, 5e4), (8e4, 2e4), (3e4, 0.0)):
-        run.set("pressure_1", near)
-        run.set("pressure_2", far)
+        run.set("pressure_near", near)
+        run.set("pressure_far", far)
         for _ in range(100):
             run.go(1)
             stepper.step(np.array([near, far]))
@@ -188,19 +190,86 @@ def test_the_types_of_the_standard(version, made, tmp_path):
     functions = [part.split("(")[0].split()[-1].lstrip("*") for part in declared[1:] if "(" in part]
     names = [f for f in functions if f.startswith(f"fmi{number}")]
     assert len(names) > 20
-    library = fmu.compiled(text, tmp_path)
+    library = fmu.compiled(text, tmp_path, number)
     assert library[1] == ""
     from ctypes import CDLL
 
     loaded = CDLL(str(tmp_path / "all.so"))
-    import re
-
     header = (headers / f"fmi{number}Functions.h").read_text(encoding="utf-8")
     wanted = set(re.findall(rf"FMI{number}_Export fmi{number}\w+TYPE\s+(fmi{number}\w+);", header))
     wanted -= {w for w in wanted if version == "2.0" and any(k in w for k in MODEL_EXCHANGE)}
     missing = [w for w in sorted(wanted) if not hasattr(loaded, w)]
     assert not missing
     assert len(wanted) > 20
+
+
+NAME = r"(?:[A-Za-z_][A-Za-z0-9_]*|'(?:[\w!#$%&()*+,\-./:;<>=?@\[\]^{}|~ ]|\\['\"?\\abfnrtv])+')"
+PART = rf"{NAME}(?:\[[0-9]+(?:,[0-9]+)*\])?"
+STRUCTURED = re.compile(rf"(?:der\()?{PART}(?:\.{PART})*(?:,[0-9]+)?\)?", re.ASCII)  # FMI 2.0.4, 2.2.9
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_names_are_structured_and_differ_and_units_are_si(version, branched, made):
+    stations = [("left tip", 1, 0.0), ("q_1", 2, 0.0), ("3", 2, 0.01), ("3.5 kPa", 1, 0.01), ("stiffness", 0, 0.01)]
+    chambers = tuple(
+        replace(c, name=name, valve=replace(c.valve, dead_time=0.0))
+        for c, name in zip(branched.chambers, ("near end", "far"), strict=True)
+    )
+    model = branched.with_(stations=stations, chambers=chambers, name="odd names")
+    from fmpy.validation import validate_fmu
+
+    file = made(model, version)
+    assert validate_fmu(file) == []
+    described = fmpy.read_model_description(file)
+    names = [v.name for v in described.modelVariables]
+    assert len(set(names)) == len(names)
+    assert all(STRUCTURED.fullmatch(name) for name in names)
+    records = {name.partition(".")[0] for name in names if "." in name}
+    assert not records & {name.partition("[")[0] for name in names if "." not in name}
+    assert {"left_tip.x", "pressure_near_end", "pressure_far_behind_valve", "_3_5_kPa.angle"} <= set(names)
+    units = {v.name: v.unit or "" for v in described.modelVariables}
+    assert [units[f"valve[1,{k}]"] for k in (1, 2, 3, 4)] == ["s", "s", "Pa/s", "Pa/s"]
+    assert [units[f"rubber[2,{k}]"] for k in (1, 2, 3, 4)] == ["", "s", "Pa", "s"]
+    bases = {u.name: u.baseUnit for u in described.unitDefinitions}
+    torque = bases[units["torque[1,1]"]]
+    assert (torque.kg, torque.m, torque.s, torque.rad) == (0, 3, 0, 0)  # N m/Pa is m^3
+    stiff = bases[units["stiffness[1]"]]
+    assert (stiff.kg, stiff.m, stiff.s, stiff.rad) == (1, 2, -2, -1)
+
+
+def test_units_of_every_parameter_are_known():
+    """A parameter that is added to the C needs a unit here, one for each column where they differ."""
+    model = chen2018.model(
+        torque=[6e-7, 1e-13, 1e-19], memory=Memory((0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.1),
+        swell_share=0.1, inflation_limit=1e6,
+    )
+    units = {v.name: v.unit for v in variables(model, 0.0)}
+    assert [units[f"torque[1,{k}]"] for k in (1, 2, 3)] == ["N.m/Pa", "N.m/Pa2", "N.m/Pa3"]
+    assert base_units("N.m/Pa3") == (-2, 5, 4, 0)
+    assert {u for u in units.values() if u and base_units(u) is None} == {"1/rad^n"}
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_sources_in_a_program_carry_the_name_of_the_fmu(version, tmp_path):
+    """Two FMUs in one program; compiled with the standard's macro, the names are those of the standard."""
+    number = version[0]
+    for name in ("left", "right"):
+        file = pliant.export(chen2018.model(links=1), "fmu", tmp_path / f"{name}.fmu", fmi=version).files[0]
+        with zipfile.ZipFile(file) as archive:
+            (tmp_path / f"{name}.c").write_bytes(archive.read("sources/all.c"))
+        assert fmpy.read_model_description(str(file)).coSimulation.modelIdentifier == name
+    flags = ["cc", "-std=c99", "-O0", "-fPIC", "-shared"]
+    compile_plain = [*flags, f"-DFMI{number}_OVERRIDE_FUNCTION_PREFIX", "left.c", "-o", "one.so", "-lm"]
+    subprocess.run([*flags, "left.c", "right.c", "-o", "both.so", "-lm"], cwd=tmp_path, check=True)
+    subprocess.run(compile_plain, cwd=tmp_path, check=True)
+    symbols = []
+    for library in ("both.so", "one.so"):
+        listed = subprocess.check_output(["nm", "-D", "--defined-only", library], cwd=tmp_path, text=True)
+        symbols.append({line.split()[-1] for line in listed.splitlines()})
+    plain = {name for name in symbols[1] if name.startswith("fmi")}
+    assert len(plain) > 30
+    prefixed = {f"{who}_{name}" for who in ("left", "right") for name in plain}
+    assert {name for name in symbols[0] if "fmi" in name} == prefixed
 
 
 MODEL_EXCHANGE = (

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import invoke
 from target_models import demo
 
 import pliant
@@ -80,8 +81,23 @@ def test_the_crawler_goes_where_its_wave_goes():
     from hand import bodies
 
     rear, front = bodies(demo(), ERRORS, 2)
-    assert crawler.crawl(rear, front, "forward", 1).way > 5e-3
-    assert crawler.crawl(rear, front, "backward", 1).way < -5e-3
+    assert crawler.crawl(rear, front, "forward", 1, step=5e-4).way > 5e-3
+    assert crawler.crawl(rear, front, "backward", 1, step=5e-4).way < -5e-3
+
+
+@pytest.mark.slow
+def test_the_crawlers_step_is_short_enough(tmp_path):
+    """A gait whose way is a small difference: half the step changes it by little, and a step of 1 ms by far more."""
+    import crawler
+    from hand import bodies
+
+    assert invoke("demo", "-o", tmp_path / "demo", "--quiet").exit_code == 0
+    rear, front = bodies(pliant.load_model(tmp_path / "demo" / "model.json"), tmp_path / "demo" / "metrics.json", 2)
+    long, chosen, half = (
+        crawler.crawl(rear, front, "together", 1, step=step).way for step in (1e-3, crawler.STEP, 0.5 * crawler.STEP)
+    )
+    assert abs(chosen - half) < 0.3e-3
+    assert abs(long - half) > 3e-3
 
 
 def test_a_film_moves(tmp_path):

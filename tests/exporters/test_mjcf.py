@@ -6,12 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from target_models import MODELS
 
 import pliant
-from pliant.exporters.mjcf import branches, control, controls, mjcf
+from pliant.exporters.mjcf import ARMATURE, branches, control, controls, mjcf
+from pliant.exporters.mjcf_step import Hidden, bounded_by, checked_step, linear_chain
 from pliant.exporters.provenance import Told
+from pliant.mechanics import springs
 from pliant.model import Memory, load_model
 from pliant.simulation import equilibrium, simulate, state
+from pliant.simulation.levels import typical_pressure
 
 KINDS = Path(__file__).parents[2] / "examples" / "state"
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'pliant[bench]'")
@@ -19,7 +23,7 @@ STEP = 1e-4  # s
 
 
 def compiled(model, **options):
-    xml = mjcf(model, Told(model, "mjcf", "test"), timestep=STEP, **options)
+    xml = mjcf(model, Told(model, "mjcf", "test"), **{"timestep": STEP, "highest": 1e6, **options})
     loaded = mujoco.MjModel.from_xml_string(xml)
     return loaded, mujoco.MjData(loaded)
 
@@ -59,6 +63,97 @@ def test_pulses_within_a_tenth_of_a_millimetre(model, level, integrator, bound):
     apart = np.abs(np.array(path) - run.station_position.values[:, -1])
     assert np.abs(run.station_position.values[:, -1] - path[0]).max() > 0.02
     assert apart.max() < bound
+
+
+def stiff():
+    """Natural frequencies up to 3 kHz, hardly damped: at 1 ms every integrator of MuJoCo diverges."""
+    from pliant.actuators import chen2018
+
+    return chen2018.model(stiffness=500.0, damping=1e-3, torque=[2e-4])
+
+
+def grows(model, integrator, step, steps=3000):
+    """Whether joints let go from 0.2 rad leave all bounds under MuJoCo."""
+    m = mujoco.MjModel.from_xml_string(mjcf(model, Told(model, "mjcf", "test"), highest=1e5))
+    m.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")  # past the check of the exporter
+    m.opt.timestep = step
+    d = mujoco.MjData(m)
+    d.qpos[:] = 0.2
+    mujoco.mj_step(m, d, steps)
+    return not np.abs(d.qpos).max() < 0.5 or bool(d.warning[mujoco.mjtWarning.mjWARN_BADQACC].number)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("integrator", ["implicitfast", "Euler", "RK4"])
+@pytest.mark.parametrize("which", ["demo", "creeping", "stiff"])
+def test_the_longest_step_is_the_longest(which, integrator, tmp_path, monkeypatch):
+    """A tenth below the limit the motion stays bounded, a half above it it does not; the step chosen is well below."""
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log into the working folder
+    model = stiff() if which == "stiff" else MODELS[which]()
+    chain = linear_chain(model, [Hidden(b.share, b.time, ARMATURE) for b in branches(model)])
+    stays = bounded_by(chain, integrator)
+    low, high = 1e-8, 1.0
+    for _ in range(60):
+        middle = (low * high) ** 0.5
+        low, high = (middle, high) if stays(middle) else (low, middle)
+    assert not grows(model, integrator, 0.9 * low)
+    assert grows(model, integrator, 1.5 * low)
+    if (which, integrator) == ("creeping", "RK4"):
+        assert low < 1e-6
+        with pytest.raises(pliant.InputError, match=r"at any step down to 7\.8 us: take integrator=implicitfast"):
+            checked_step(chain, integrator, 0.0)
+    else:
+        assert checked_step(chain, integrator, 0.0) <= min(0.5 * low, 1e-3)
+        with pytest.raises(pliant.InputError, match="s this chain grows without bound: take timestep="):
+            checked_step(chain, integrator, 1.01 * low)
+
+
+@pytest.mark.parametrize(("which", "integrator", "step", "bound"), [
+    ("paper", "RK4", 1.25e-4, 1e-6), ("demo", "implicitfast", 1e-3, 1e-3), ("stiff", "implicitfast", 3.125e-5, 5e-4),
+])
+def test_the_step_that_is_chosen_stays_near_the_model(which, integrator, step, bound):
+    model = stiff() if which == "stiff" else MODELS[which]()
+    m, d = compiled(model, timestep=0.0, integrator=integrator)
+    assert m.opt.timestep == step
+    mujoco.mj_resetDataKeyframe(m, d, m.key("rest").id)
+    times, level = np.arange(0.0, 0.2, step), 8e4
+    tip, path = m.site(model.points[-1].name).id, []
+    for _ in times:
+        mujoco.mj_kinematics(m, d)
+        path.append(d.site_xpos[tip, :2].copy())
+        drive(m, d, level)
+        mujoco.mj_step(m, d)
+    run = simulate(model, pliant.Pulse(level, 0.0, 9.0), times=times, step=min(step, 1e-4))
+    seen = run.station_position.values[:, -1]
+    assert np.ptp(seen, axis=0).max() > 0.02
+    assert np.abs(np.array(path) - seen).max() < bound
+
+
+def test_a_step_that_diverges_is_refused(tmp_path):
+    """RK4 at 1 ms, which was written before; creep, whose hidden hinges no explicit method follows."""
+    with pytest.raises(pliant.InputError, match=r"timestep=0\.001 s this chain grows .*take timestep=0\.000125"):
+        pliant.export(MODELS["paper"](), "mjcf", tmp_path / "a.xml", integrator="RK4", timestep=1e-3)
+    with pytest.raises(pliant.InputError, match="take integrator=implicitfast"):
+        pliant.export(MODELS["creeping"](), "mjcf", tmp_path / "a.xml", integrator="RK4")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_keyframe_is_the_rest_and_controls_have_a_range(model):
+    m, d = compiled(model, highest=0.0)
+    mujoco.mj_resetDataKeyframe(m, d, m.key("rest").id)
+    rest = equilibrium(model)
+    for i in range(model.n):
+        for name in ("q", *(branch.name for branch in branches(model))):
+            assert d.joint(f"{name}_{i + 1}").qpos[0] == rest[i]
+    mujoco.mj_step(m, d, 200)
+    assert np.abs(d.qvel).max() < 1e-6
+    assert m.actuator_ctrllimited.all()
+    highest = 2.0 * typical_pressure(model)
+    named = {m.actuator(a).name: m.actuator_ctrlrange[a] for a in range(m.nu)}
+    for name, _, power in controls(model):
+        assert named[name] == pytest.approx([0.0, control(highest, power)])
+    text = mjcf(model, Told(model, "mjcf", "test"), prefix="left_")
+    assert "keyframe" not in text
 
 
 def test_two_chambers_and_creep(branched):
@@ -116,7 +211,7 @@ def test_static_to_a_millionth_of_a_radian(model):
     if m.na:
         d.act[:] = level
     put(model, m, d, q)
-    slopes = state.tangents(model, q)
+    slopes = springs.slopes(model, q)
     joints = [m.joint(f"q_{i + 1}").dofadr[0] for i in range(model.n)]
     history = d.qfrc_actuator[joints] if not model.valve.dead_time else model.joint_gain * model.torque_at(level)
     residual = history + d.qfrc_passive[joints] - d.qfrc_bias[joints]

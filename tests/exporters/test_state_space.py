@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import pliant
 from pliant.actuators import chen2018
-from pliant.exporters.state_space import control_system, linear_model
+from pliant.exporters.state_space import control_system, linear_model, matrices
 from pliant.model import Chamber, Extension, Memory, Valve, chain_model
 from pliant.simulation import Stepper, state
 
@@ -125,6 +126,72 @@ def test_python_control_takes_it():
     assert sampled.dcgain()[0, 0] == pytest.approx(system.dcgain()[0, 0])
     assert sampled.state_labels[-1] == "command_3_periods_ago"
     assert control.isdtime(sampled, strict=True)
+
+
+LAG = Valve(rise_time=0.02, fall_time=0.02)
+DEAD = (6e-3, 2e-3, 0.0)  # s: one and a half periods, half a period, none
+
+
+def body_of(chambers, lengthens):
+    """Four links under so many chambers, every one behind another dead time; two segments may lengthen."""
+    valves = replace(LAG, dead_time=DEAD[0]), Valve(dead_time=DEAD[1]), replace(LAG, dead_time=DEAD[2])
+    gains = ([1, 1, 0, 0], [-1, -1, -0.5, 0], [0, 0, 1, 1])
+    extensions = (Extension(150.0, 0.4, 0.0, 0.1, "near"), Extension(120.0, 0.3, 0.1, None, "far"))
+    if lengthens:
+        each = [Chamber.at_offset(2e-4, 0.02 * np.sign(g[0] + g[3]), np.abs(g) > 0, valve=v, name=f"c.{k}")
+                for k, (g, v) in enumerate(zip(gains, valves, strict=True))]  # fmt: skip
+    else:
+        each = [Chamber([4e-6], joint_gain=g, valve=v, name=f"c.{k}")
+                for k, (g, v) in enumerate(zip(gains, valves, strict=True))]  # fmt: skip
+    return chain_model(
+        length=0.2, mass=0.2, links=4, joint_placement="midsegment", stiffness=1.0, damping=0.02,
+        chambers=each[:chambers], gravity=[1.0, -9.0], extensions=extensions if lengthens else (),
+    )
+
+
+def stepped(body, at, commands, period, fine=40):
+    """Outputs of the nonlinear model, against its rest, under commands (K, C), delayed by hand."""
+    bare = body.with_(chambers=tuple(replace(c, valve=replace(c.valve, dead_time=0.0)) for c in body.chambers))
+    stepper, late = Stepper(bare, period / fine, at), [round(fine * c.valve.dead_time / period) for c in body.chambers]
+
+    def outputs():
+        x = np.append(stepper.angle, stepper.strain)
+        return np.concatenate([stepper.tips()[-1], [x[body.n - 1]], state.relative(bare, x)])
+
+    rest, rows = outputs(), []
+    for k in range(len(commands)):
+        rows.append(outputs() - rest)
+        for j in range(k * fine, (k + 1) * fine):
+            sent = [(j - d) // fine for d in late]
+            stepper.step(at + np.array([commands[s, c] if s >= 0 else 0.0 for c, s in enumerate(sent)]))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("lengthens", [False, True], ids=["fixed", "lengthens"])
+@pytest.mark.parametrize("chambers", [1, 2, 3])
+def test_python_control_steps_every_chamber_as_the_model_moves(chambers, lengthens):
+    """Steps of 20 Pa of one chamber after the other, by python-control and on the whole model."""
+    control = pytest.importorskip("control", reason="python-control is not installed: pip install 'pliant[export]'")
+    body, at, period = body_of(chambers, lengthens), np.array([3e4, 1e4, 2e4])[:chambers], 4e-3
+    system = control_system(body, at, period)
+    names = [f"pressure_c_{k}" for k in range(chambers)] if chambers > 1 else ["pressure"]
+    assert (system.ninputs, system.input_labels) == (chambers, names)
+    assert np.shape(system.B) == (len(system.state_labels), chambers)
+    waiting = [name for name in system.state_labels if name.startswith("command")]
+    assert len(waiting) == [2, 3, 3][chambers - 1]
+    assert len(set(system.state_labels)) == len(system.state_labels)
+    continuous = control_system(body, at)
+    np.testing.assert_allclose(system.dcgain(), continuous.dcgain(), rtol=1e-8, atol=1e-12)
+    told = matrices(body, at, period)
+    assert told["dead_time"] == 0.0 if chambers == 1 else not np.any(told["dead_time"])
+    held = dict(zip(told["state"], told["operating_state"], strict=True))
+    assert [held[name] for name in held if name.startswith("command")] == [3e4, 3e4, 1e4][: len(waiting)]
+    count = 20
+    commands = 20.0 * (np.arange(count * chambers)[:, None] >= count * np.arange(chambers))
+    clock = period * np.arange(len(commands))
+    found = control.forced_response(system, clock, commands.T).outputs.reshape(len(system.output_labels), -1).T
+    real = stepped(body, at, commands, period)
+    assert (np.abs(found - real).max(axis=0) <= 5e-3 * np.abs(real).max(axis=0)).all()
 
 
 def test_every_chamber_is_an_input(tmp_path):

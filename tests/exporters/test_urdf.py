@@ -6,17 +6,12 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.exporters.features import MEMORY, without
+from pliant.model import Extension
 from pliant.simulation import state
-
-
-def reduced(model):
-    return without(model, (*MEMORY, "softening", "law", "dead_time", "lag"))
 
 
 def test_places_of_links_and_points(model, tmp_path):
     yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed: pip install 'pliant[export]'")
-    model = reduced(model)
     done = pliant.export(model, "urdf", tmp_path / "arm.urdf")
     robot = yourdfpy.URDF.load(str(done.files[0]), build_scene_graph=True, load_meshes=False)
     assert robot.validate()
@@ -37,3 +32,17 @@ def test_it_says_what_is_lost(tmp_path):
     done = pliant.export(chen2018.model(), "urdf", tmp_path / "arm.urdf")
     assert "no springs and no pressure" in done.notes[0]
     assert "no springs and no pressure" in done.files[0].read_text(encoding="utf-8")
+
+
+def test_no_difference_of_a_motion_that_it_does_not_hold(tmp_path):
+    """What is left out of springs and pressures is told, never measured; a length that changes is refused."""
+    from pliant.actuators import chen2018
+
+    model = chen2018.model(torque=[6e-7, 1e-13], stiffening=-0.1)
+    done = pliant.export(model, "urdf", tmp_path / "arm.urdf", approximate=True)
+    assert (done.difference, done.left_out) == (None, ())
+    longer = model.with_(extensions=(Extension(300.0, name="arm"),))
+    for approximate in (False, True):
+        with pytest.raises(pliant.InputError, match="segment arm that lengthens: not expressible in urdf, which"):
+            pliant.export(longer, "urdf", tmp_path / "longer.urdf", approximate=approximate)
+    assert [f.name for f in tmp_path.iterdir()] == ["arm.urdf"]

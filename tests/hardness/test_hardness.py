@@ -17,12 +17,14 @@ BENCHMARKS = str(Path(__file__).parents[2] / "benchmarks")
 def tools():
     sys.path.insert(0, BENCHMARKS)
     try:
+        import forked
         import hardness
         import hostile
         import mutations
     finally:
         sys.path.remove(BENCHMARKS)
-    return hardness, hostile, mutations
+    with forked.forked():
+        yield hardness, hostile, mutations
 
 
 @pytest.fixture(scope="module")
@@ -30,18 +32,19 @@ def originals(tools, tmp_path_factory):
     return {o.name: o for o in tools[2].originals(tmp_path_factory.mktemp("originals"))}
 
 
-FAST = ("csv, own", "csv, wide", "csv, Motive", "tsv, Luna", "txt, mapped", "c3d", "npz", "nc, own")
-SLOW = ("nc, foreign", "nc, classic", "mat, plain", "mat, packed")
+FAST = ("csv, own", "csv, wide", "csv, Motive", "tsv, Luna", "txt, mapped", "npz")
+HELPED = ("c3d", "nc, own", "nc, foreign", "nc, classic", "mat, plain", "mat, packed", "nc, resealed", "mat, 7.3",
+          "h5, SLEAP", "h5, DeepLabCut table", "h5, DeepLabCut fixed")  # fmt: skip
 
 
 def test_every_format_is_here(originals, tools):
-    assert set(originals) == {*FAST, *SLOW}
-    assert tools[0].SLOW == SLOW
+    assert set(originals) == {*FAST, *HELPED}
+    assert set(tools[2].HDF5) < set(originals)
 
 
 @pytest.mark.parametrize(("name", "count"), [
-    *((n, 60) for n in FAST[:-1]), pytest.param(FAST[-1], 60, marks=pytest.mark.slow),
-    *(pytest.param(n, 3, marks=pytest.mark.slow) for n in SLOW),
+    *((n, 60) for n in FAST), *((n, 15) for n in HELPED),
+    *(pytest.param(n, 150, marks=pytest.mark.slow) for n in HELPED),
 ])
 def test_damaged_files_are_right_refused_or_told(tools, originals, tmp_path, name, count):
     mutations, original = tools[2], originals[name]
@@ -96,4 +99,15 @@ for k in range(int(sys.argv[3]), int(sys.argv[4])):
 def test_the_files_are_shared_among_the_formats(tools):
     shares = tools[0].shares(10_000)
     assert 9_900 < sum(shares.values()) <= 10_000
-    assert shares["mat, plain"] == 50
+    hdf5 = tools[0].shares(0, 6_000)
+    assert sum(hdf5.values()) == 6_000
+    assert set(hdf5) == set(tools[2].HDF5)
+
+
+def test_a_pickle_that_is_run_is_seen(tools, originals, tmp_path, monkeypatch):
+    mutations, original = tools[2], originals["h5, DeepLabCut table"]
+    whole = mutations.read_whole(original, tmp_path)
+    monkeypatch.setattr(mutations, "read", lambda *_, **__: mutations.MARKER.touch() or whole.recording)
+    assert mutations.outcome(original, original.data, "pickle", 0, whole, tmp_path) == ("crash", "a pickle was run")
+    monkeypatch.setattr(mutations, "read", lambda *_, **__: whole.recording)
+    assert mutations.outcome(original, original.data, "attack, virtual", 0, whole, tmp_path)[0] == "silent"

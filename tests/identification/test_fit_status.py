@@ -193,3 +193,15 @@ def test_values_put_in_twice_change_nothing(truth: Model) -> None:
     assert once.torque_at(1e5) * once.joint_gain[0] == pytest.approx(1.7 * (6e-7 * 1e5 + 1e-12 * 1e10))
     assert twice.stations == once.stations
     assert once.mass == pytest.approx(0.06)
+
+
+def test_an_optimum_far_from_its_recording_is_no_success(exp: Experiment, truth: Model) -> None:
+    """The optimiser ends at its optimum; the body bends the other way."""
+    mirrored = replace(exp, position=exp.position * [-1.0, 1.0])
+    found = run(mirrored, truth, "damping")
+    assert not found.converged
+    assert found.status.startswith("The fit failed: the model does not follow what it was fitted to (p by ")
+    assert "signs and units" in found.status
+    good = run(exp, truth, "damping")
+    assert good.converged
+    assert "failed" not in good.status

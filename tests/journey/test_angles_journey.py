@@ -75,7 +75,7 @@ def test_results_come_back_and_are_drawn_without_a_path(ran):
     assert repr(again) == repr(outcome)
     MetricsFile.model_validate(json.loads((folder / "out" / "metrics.json").read_text(encoding="utf-8")))
     names = [name for name, figure in figures_of(again, ["angle_pulse_119"], only=True)]
-    assert names == ["first-angle_pulse_119-motion", "first-angle_pulse_119-residual"]
+    assert names[:2] == ["first-angle_pulse_119-motion", "first-angle_pulse_119-residual"]
 
 
 @pytest.mark.slow

@@ -94,7 +94,7 @@ def test_two_pressures_are_sampled_behind_their_dead_times(arm):
                                 replace(high, valve=Valve(dead_time=2e-3))))  # fmt: skip
     linear = linearise(body, np.array([8e4, 3e4]))
     plant, commands = sample(linear, period), np.random.default_rng(2).normal(0.0, 1e3, (50, 2))
-    assert (plant.waiting, plant.B.shape) == (3, (14, 2))
+    assert (plant.waiting, plant.B.shape) == ((2, 1), (14, 2))
     move, drive = hold(linear.A, linear.B, period / fine)
     x, z, late = np.zeros(14), np.zeros(11), np.array([60, 20])
     for k, command in enumerate(commands):
@@ -178,7 +178,7 @@ def test_sampling_with_dead_time(arm, dead):
     plant = sample(linearise(arm), period, dead)
     x = np.zeros(plant.A.shape[0])
     for k in range(1, 26):
-        x = plant.A @ x + plant.B * 100.0
+        x = plant.A @ x + plant.B @ [100.0]
         for j in range(40):
             stepper.step(100.0 if (k - 1) * 40 + j >= late else 0.0)
         assert x[:5] == pytest.approx(stepper.angle - start, rel=2e-3, abs=2e-8)

@@ -86,7 +86,7 @@ class Estimator:
 
 class Controller:
     target = error = 0.0
-    saturated = 0
+    saturated, fault = 0, ""
 
     def __init__(self, chambers=1):
         self.answer, self.wrong, self.chambers, self.seen = 3e4, False, chambers, []
@@ -212,6 +212,15 @@ def test_a_controller_of_several_chambers(tmp_path):
     assert "pressures of 1 chambers, the controller drives 2" in bench.loop.watchdog.fault
 
 
+def test_a_controller_that_commands_another_number_of_chambers_vents():
+    bench = Bench()
+    bench.periods(5)
+    bench.controller.answer = np.array([3e4, 2e4])
+    bench.periods(1)
+    assert "the controller commands 2 chambers, it drives 1" in bench.loop.watchdog.fault
+    assert (bench.loop.command, bench.arm._command) == (0.0, 0.0)
+
+
 def test_one_lost_frame_is_borne():
     bench = Bench()
     bench.periods(5)
@@ -254,6 +263,41 @@ def test_run_ends_vented_and_counts(tmp_path):
     table = read_log(tmp_path / "run.csv")
     assert len(table) == 100
     assert table["command_pa"].iloc[-1] == 3e4
+
+
+def test_a_fault_of_the_controller_is_told_and_vents_when_it_lasts(tmp_path):
+    """Three periods without a command of its own are named; the 26th in a row vents, and the first reason stays."""
+    log = LoopLog(tmp_path / "run.csv", [*COLUMNS, "phi_1", "phi_2", "phi_3"])
+    bench = Bench(log)
+    bench.periods(10)
+    for count, fault in ((3, "no solution"), (2, ""), (1, "no solution"), (4, "")):
+        bench.controller.fault = fault
+        bench.periods(count)
+    assert (bench.loop.command, bench.loop.watchdog.fault) == (3e4, "")
+    summary = bench.loop.summary()
+    assert (summary["fault"], summary["controller_faults"]) == ("in 4 periods no solution", 4)
+    assert summary["fault_time_s"] == pytest.approx(10 * PERIOD)
+    bench.controller.fault = "no solution"
+    bench.periods(25)
+    assert bench.loop.command == 3e4
+    bench.periods(1)
+    log.close()
+    assert bench.loop.command == 0.0
+    assert bench.loop.summary()["fault"] == "in 26 periods in a row no solution"
+    remarks = read_log(tmp_path / "run.csv").attrs["remarks"]
+    assert [r.split(": ")[1] for r in remarks] == ["no solution"] * 3 + ["in 26 periods in a row no solution"]
+    bench.loop.watchdog.reset()
+    assert bench.loop.summary()["fault"] == ""
+
+
+def test_rows_that_the_log_lost_are_told(tmp_path):
+    log = LoopLog(tmp_path / "run.csv", [*COLUMNS, "phi_1", "phi_2", "phi_3"])
+    bench = Bench(log)
+    bench.periods(2)
+    log.dropped = 3
+    log.close()
+    assert bench.loop.summary()["log_rows_missing"] == 3
+    assert "lost rows: the disk fell behind" in bench.loop.summary()["log_fault"]
 
 
 def test_in_real_time():

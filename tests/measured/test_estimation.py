@@ -130,14 +130,14 @@ def test_a_measured_pressure_gives_the_angles_of_an_arm(shared_data):
 
 def lengthening_segments():
     """As examples/planar_two_segment_arm_lengthens.toml fits it, with the chambers that the later trials inflate."""
-    valve = Valve(0.0, 0.56959)
-    near = Chamber([1.80711e-5, -1.00234e-10], [1, 1, 1, 0, 0, 0], valve=valve, axial_gain=39.236, name="near_1")
-    far = Chamber([1.08525e-5, -2.57274e-11], [0, 0, 0, 1, 1, 1], valve=valve, axial_gain=14.006, name="far_1")
+    valve = Valve(0.0, 0.584872)
+    near = Chamber([2.12905e-5, -1.46362e-10], [1, 1, 1, 0, 0, 0], valve=valve, axial_gain=39.095, name="near_1")
+    far = Chamber([5.70651e-6, 1.96404e-11], [0, 0, 0, 1, 1, 1], valve=valve, axial_gain=0.0110774, name="far_1")
     return chain_model(
         length=0.286, mass=0.586, links=6, joint_placement="midsegment", gravity=[0.00155, 9.80998], stiffness=4.0,
-        damping=2.17261, chambers=(near, far), base_angle=-0.027954,
-        memory=Memory(slip_share=(4.16106,), slip_angle=(0.0016913,)),
-        extensions=(Extension(200.0, 107.81, 0.05, 0.143, "near"), Extension(200.0, 107.81, 0.143, None, "far")),
+        damping=2.28088, chambers=(near, far), base_angle=0.00621007,
+        memory=Memory(slip_share=(3.42409,), slip_angle=(0.002,)),
+        extensions=(Extension(200.0, 140.386, 0.05, 0.143, "near"), Extension(200.0, 140.386, 0.143, None, "far")),
     )  # fmt: skip
 
 

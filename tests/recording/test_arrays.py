@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-
 import h5py
 import numpy as np
 import pytest
+from benchmark_scripts import loaded
 from scipy.io import savemat
 
 from pliant.errors import InputError
 from pliant.recording import read
 
+hdf5_files = loaded("hdf5_files")
 TIME = np.arange(6) / 10
 POSITION = np.arange(6 * 2 * 3.0).reshape(6, 2, 3)
 
@@ -36,23 +36,29 @@ def test_other_names_units_and_orders_by_mapping(tmp_path):
 
 
 def test_matlab_73_is_read(tmp_path):
-    pytest.importorskip("matio", reason="MATLAB 7.3 needs the extra io")
-    path = tmp_path / "a.mat"
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, value in {"time": TIME[None], "position": POSITION}.items():
-            stored = file.create_dataset(name, data=value.T)
-            stored.attrs["MATLAB_class"] = np.bytes_("double")
-    with path.open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116, b" ") + bytes(8) + b"\x00\x02IM")
-    ds = read(path)
+    path = hdf5_files.write_mat73(tmp_path / "a.mat", {"time": TIME[None], "position": POSITION})
+    np.testing.assert_array_equal(read(path)["position"], POSITION)
+
+
+def test_what_matlab_73_holds_beside_numbers_is_named(tmp_path):
+    """Structs by their fields; text, complex, sparse and empty arrays, references and cells under their names."""
+    arrays = {"time": TIME[None], "log/pos": POSITION, "none": np.array([0, 3])}
+    path = hdf5_files.write_mat73(tmp_path / "a.mat", arrays)
+    with h5py.File(path, "r+") as file:
+        file["none"].attrs["MATLAB_empty"] = np.uint8(1)
+        file["name"] = np.uint16([[97, 98]])
+        file["name"].attrs["MATLAB_class"] = np.bytes_("char")
+        file["wave"] = np.array([[1 + 2j]]).view([("real", "f8"), ("imag", "f8")])
+        file["wave"].attrs["MATLAB_class"] = np.bytes_("double")
+        file["cell"] = np.array([file["name"].ref], h5py.ref_dtype)
+        sparse = file.create_group("grid")
+        sparse.attrs["MATLAB_sparse"] = np.uint64(3)
+        sparse["data"], sparse["ir"], sparse["jc"] = np.ones(2), np.uint64([0, 1]), np.uint64([0, 1, 2])
+    ds = read(path, mapping={"position": "log.pos"})
     np.testing.assert_array_equal(ds["position"], POSITION)
-
-
-def test_matlab_73_without_the_extra_says_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "matio", None)
-    (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file" + bytes(1000))
-    with pytest.raises(InputError, match=r"pliant\[io\]"):
-        read(tmp_path / "a.mat")
+    line = next(line for line in ds.attrs["history"].split("\n") if "not used" in line)
+    assert line.startswith("5 array(s) of a.mat were not used: ")
+    assert set(line.partition("used: ")[2].split(", ")) == {"none", "name", "wave", "cell", "grid"}
 
 
 def test_strain_and_a_single_station(tmp_path):

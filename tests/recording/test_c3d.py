@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
 
@@ -11,7 +12,7 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.recording import read
-from pliant.recording.c3d_sections import DEC, INTEL, MIPS, _floats, decode_c3d
+from pliant.recording.c3d_facts import DEC, INTEL, MIPS, one_float
 
 
 @pytest.fixture
@@ -89,7 +90,7 @@ from pliant.recording import read
 data = Path(sys.argv[1]).read_bytes()
 rng = np.random.default_rng(1)
 path = Path(sys.argv[1]).with_name("flipped.c3d")
-for _ in range(300):
+for _ in range(60):
     broken = bytearray(data)
     for place in rng.integers(0, len(data), rng.integers(1, 6)):
         broken[place] = rng.integers(0, 256)
@@ -117,17 +118,117 @@ def test_other_files_are_refused(tmp_path):
             read(tmp_path / "a.c3d")
 
 
-@pytest.mark.parametrize("processor", ["intel", "dec", "mips"])
+@pytest.mark.parametrize("processor", ["intel", "dec"])
 def test_numbers_of_each_processor(processor):
-    """Bytes of 1.0 and -0.15625 as the three processors write them."""
-    written = {"intel": "0000803f000020be", "dec": "8040000020bf0000", "mips": "3f800000be200000"}
-    codes = {"intel": INTEL, "dec": DEC, "mips": MIPS}
-    assert _floats(bytes.fromhex(written[processor]), codes[processor]).tolist() == [1.0, -0.15625]
+    """Bytes of 1.0 and -0.15625 as the two processors write them."""
+    written = {"intel": "0000803f000020be", "dec": "8040000020bf0000"}
+    codes = {"intel": INTEL, "dec": DEC}
+    content = bytes.fromhex(written[processor])
+    assert [one_float(content[k : k + 4], codes[processor]) for k in (0, 4)] == [1.0, -0.15625]
 
 
-def test_the_decoder_agrees_with_an_independent_one(c3d_file):
-    path, _ = c3d_file(analog=("p1", "p2"))
-    other, ours = ezc3d.c3d(str(path)), decode_c3d(path.read_bytes(), path.name)
-    np.testing.assert_array_equal(ours.points, np.moveaxis(other["data"]["points"][:3], 0, -1).swapaxes(0, 1))
-    np.testing.assert_array_equal(ours.analog, other["data"]["analogs"][0].T)
-    assert ours.analog_rate == 200
+def bytes_of(processor=INTEL, scale=-0.1, frames=20, count=3, residual=1.0, analog=0, tail=b""):
+    """A C3D file as the user guide has it: its bytes, and the points (T, N, 3) [mm] and analog (T, A) that it holds."""
+    def number(value):
+        if processor != DEC:
+            return struct.pack("<f", value)
+        content = struct.pack("<f", 4 * value)
+        return content[2:] + content[:2]
+
+    def entry(group, name, kind, dims, content):
+        value = struct.pack("bB", kind, len(dims)) + bytes(dims) + content + b"\0"
+        return struct.pack("bb", len(name), group) + name + struct.pack("<H", len(value) + 2) + value
+
+    def word(value):
+        return struct.pack("<h", value)
+
+    groups = b"".join(
+        struct.pack("bb", len(name), -k) + name + struct.pack("<H", 3) + b"\0"
+        for k, name in ((1, b"POINT"), (2, b"ANALOG"))
+    )
+    entries = groups + b"".join([
+        entry(1, b"USED", 2, [], word(count)), entry(1, b"FRAMES", 2, [], word(frames)),
+        entry(1, b"DATA_START", 2, [], word(3)), entry(1, b"RATE", 4, [], number(100.0)),
+        entry(1, b"SCALE", 4, [], number(scale)), entry(1, b"UNITS", -1, [2, 1], b"mm"),
+        entry(2, b"USED", 2, [], word(analog)), entry(2, b"RATE", 4, [], number(100.0)),
+        entry(2, b"GEN_SCALE", 4, [], number(0.5)), entry(2, b"SCALE", 4, [analog], number(2.0) * analog),
+        entry(2, b"OFFSET", 2, [analog], word(3) * analog), entry(2, b"LABELS", -1, [2, analog], b"p1p2"[: 2 * analog]),
+    ])  # fmt: skip
+    header = struct.pack("<5H", count, analog, 1, frames, 10) + number(scale)
+    header = bytes([2, 0x50]) + header + struct.pack("<2H", 3, 1 if analog else 0) + number(100.0)
+    raw = np.random.default_rng(1).integers(-3000, 3000, (frames, 4 * count + analog)).astype(float)
+    raw[:, 3 : 4 * count : 4] = residual
+    section = (bytes([1, 0x50, 1, processor]) + entries).ljust(512, b"\0")
+    if scale < 0:
+        raw[:, : 4 * count] *= np.where(np.arange(4 * count) % 4 == 3, 1.0, 0.125)
+        content = b"".join(map(number, raw.ravel()))
+    else:
+        content = raw.astype("<i2").tobytes()
+    points = raw[:, : 4 * count].reshape(frames, count, 4)[..., :3] * (1.0 if scale < 0 else scale)
+    whole = header.ljust(512, b"\0") + section + content
+    return whole + bytes(-len(whole) % 512) + tail, points, (raw[:, 4 * count :] - 3) * 2.0 * 0.5
+
+
+def put(folder, content):
+    (folder / "a.c3d").write_bytes(content)
+    return folder / "a.c3d"
+
+
+@pytest.mark.parametrize("processor", [INTEL, DEC])
+@pytest.mark.parametrize("scale", [-0.1, 0.125])
+def test_points_and_analog_of_each_processor_as_floats_and_integers(tmp_path, processor, scale):
+    content, points, analog = bytes_of(processor, scale, analog=2)
+    ds = read(put(tmp_path, content), mapping={"pressure": {"channels": ["p1", "p2"], "unit": "kPa"}})
+    np.testing.assert_allclose(ds["position"], points / 1e3, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(ds["pressure"], analog * 1e3, rtol=1e-12)
+
+
+def test_what_ezc3d_does_not_read_says_what_to_do(tmp_path):
+    data = bytearray(bytes_of()[0])
+    data[512 + 3] = MIPS
+    with pytest.raises(InputError, match="MIPS processors, which ezc3d does not read: export it again"):
+        read(put(tmp_path, data))
+
+
+@pytest.mark.parametrize("blocks", [1, 3])
+def test_blocks_of_zeros_behind_the_last_frame_are_read(tmp_path, blocks):
+    """Qualisys ends a file with a block of zeros."""
+    content, points, _ = bytes_of(tail=bytes(512 * blocks))
+    ds = read(put(tmp_path, content))
+    np.testing.assert_allclose(ds["position"], points / 1e3, rtol=0, atol=1e-12)
+    assert "follow" not in ds.attrs["history"]
+    with pytest.raises(InputError, match="bytes follow the last frame that is announced"):
+        read(put(tmp_path, content[:-600] + b"x" + content[-599:] if blocks > 1 else content + b"x" * 512))
+
+
+def test_residuals_that_are_no_whole_numbers_are_read(tmp_path):
+    """Some systems write the residual itself, in the file's unit, where the guide packs it with a mask of cameras."""
+    ds = read(put(tmp_path, bytes_of(residual=0.4375)[0]))
+    assert "residual" not in ds.attrs["history"]
+    data = bytearray(bytes_of(residual=0.4375)[0])
+    data[1024 + 28 : 1024 + 32] = struct.pack("<f", 7e8)  # of the second point
+    with pytest.raises(InputError, match="1 of 60 points have no whole residual"):
+        read(put(tmp_path, data))
+
+
+def test_rubbish_in_the_rest_of_the_last_block_is_told(tmp_path):
+    content = bytes_of()[0]
+    ds = read(put(tmp_path, content[:-8] + b"rubbish!"))
+    assert "the block of the last frame is not filled up with zeros" in ds.attrs["history"]
+
+
+def test_a_point_marked_invalid_is_a_gap(tmp_path):
+    data = bytearray(bytes_of()[0])
+    data[1024 + 12 : 1024 + 16] = struct.pack("<f", -1.0)
+    position = read(put(tmp_path, data))["position"].values
+    assert np.isnan(position[0, 0]).all()
+    assert np.isfinite(position).sum() == position.size - 3
+
+
+def test_the_library_is_loaded_in_the_helper_process_alone(c3d_file):
+    code = (
+        "import sys; from pliant.recording import read\n"
+        f"read({str(c3d_file()[0])!r})\nprint('ezc3d' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "False"

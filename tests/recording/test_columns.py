@@ -58,6 +58,8 @@ def test_time_pressure_and_quaternions_by_index(tmp_path):
         ({"stations": {"tip": {"position": [1, 2, 99]}}}, "no column 99"),
         ({"stations": {"tip": {"position": [1]}}}, "stations.tip.position"),
         ({"stations": None, "pressure": None}, "stations, points or angles, or pressure"),
+        ({"stations": None, "points": {"count": 4e8}}, "points take columns 0 to 1199999999, but .* has"),
+        ({"stations": None, "points": {"count": 1, "first": 9**9}}, "correct points.count, points.first"),
         ({"points": {"count": 2}}, "either stations or points"),
         ({"rate_hz": None}, "either time, a column, or rate_hz"),
         ({"rate_hz": -1}, "rate_hz"),

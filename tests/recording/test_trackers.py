@@ -5,15 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from benchmark_scripts import loaded
 
 from pliant.errors import InputError
 from pliant.recording import read
 from pliant.recording.camera import Camera
 
+hdf5_files = loaded("hdf5_files")
 CAMERA = {"rate_hz": 60.0, "pixels_per_mm": 4.0}
 NAMES = ["base", "mid", "tip"]
 
@@ -67,8 +68,7 @@ def test_deeplabcut_in_both_formats(tmp_path: Path, ending: str, animals: list[s
     if ending == "csv":
         table.to_csv(path)
     else:
-        pytest.importorskip("tables", reason="PyTables is not installed: pip install pliant[io]")
-        table.to_hdf(path, key="df_with_missing", format="table", mode="w")
+        hdf5_files.write_table(path, list(table.columns), table.to_numpy(), levels=table.columns.names)
     mapping: dict[str, Any] = {"camera": CAMERA}
     if animals:
         with pytest.raises(InputError, match="say individual, one of left, right"):
@@ -95,24 +95,11 @@ def test_frames_that_deeplabcut_left_out_are_gaps(tmp_path: Path) -> None:
     assert "2 frames are not in points.csv: gaps" in ds.attrs["history"]
 
 
-def write_sleap(path: Path, tracks: int = 1) -> Path:
-    points = np.stack([path_of() + 1000 * k for k in range(tracks)])  # (track, frame, node, 2)
-    with h5py.File(path, "w") as file:
-        file["tracks"] = points.transpose(0, 3, 2, 1)
-        scores = np.full((tracks, 3, 20), 0.9)
-        scores[0, 2, 0] = 0.1
-        file["point_scores"] = scores
-        file["node_names"] = [n.encode() for n in NAMES]
-        file["track_names"] = [f"t{k}".encode() for k in range(tracks)]
-        file["track_occupancy"] = np.ones((20, tracks))
-    return path
-
-
 def test_sleap_analysis_files(tmp_path: Path) -> None:
-    ds = read(write_sleap(tmp_path / "one.analysis.h5"), mapping={"camera": CAMERA})
+    ds = read(hdf5_files.write_sleap(tmp_path / "one.analysis.h5", path_of()), mapping={"camera": CAMERA})
     assert np.isnan(ds["position"].to_numpy()[0, 2]).all()
     np.testing.assert_allclose(ds["position"].to_numpy()[1:, :, :2], expected()[1:], atol=1e-12)
-    two = write_sleap(tmp_path / "two.h5", 2)
+    two = hdf5_files.write_sleap(tmp_path / "two.h5", path_of(), 2)
     with pytest.raises(InputError, match="several tracks: say individual, one of t0, t1"):
         read(two, mapping={"camera": CAMERA})
     moved = read(two, mapping={"camera": CAMERA, "individual": "t1"})["position"].to_numpy()[..., :2]
@@ -191,6 +178,26 @@ def test_a_lens_is_straightened() -> None:
     found = camera.metres(bent, Path())
     assert np.isnan(found[3]).all()
     np.testing.assert_allclose(np.delete(found, 3, 0), np.delete(straight * [1, -1] / 4e3, 3, 0), atol=1e-7)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e160, 1e290])
+def test_points_too_far_out_for_the_arithmetic_are_a_sentence(size: float) -> None:
+    corners = np.array([[0.0, 0.0], [120.0, 0.0], [120.0, 150.0], [0.0, 150.0]])
+    for pixels, mm in ((size * corners, corners), (corners, size * corners)):
+        with pytest.raises(InputError, match=r"the known points of the camera's plane do not (fix it|agree)"):
+            Camera(plane={"pixels": pixels.tolist(), "mm": mm.tolist()}).metres(corners, Path())
+
+
+@pytest.mark.parametrize("coefficient", [1e290, -1e290, 1e7])
+def test_a_lens_that_no_camera_has_is_a_sentence(coefficient: float) -> None:
+    pytest.importorskip("cv2", reason="OpenCV is not installed: pip install pliant[camera]")
+    corners = [[0.0, 0.0], [120.0, 0.0], [120.0, 150.0], [0.0, 150.0]]
+    for k in range(5):
+        lens = {"focal": (1500.0, 1510.0), "centre": (950.0, 530.0),
+                "coefficients": [coefficient if i == k else 0.0 for i in range(5)]}
+        entry = {"lens": lens, "plane": {"pixels": corners, "mm": corners}}
+        with pytest.raises(InputError, match=r"coefficients|do not (fix it|agree)"):
+            Camera.load(entry, "a.csv").metres(np.array(corners), Path())
 
 
 @pytest.mark.parametrize("kind", ["chessboard", "aruco", "apriltag"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -191,6 +193,26 @@ def test_doors_that_cannot_follow_refuse(door):
 def test_segments_that_are_none(arm, extensions, sentence):
     with pytest.raises(InputError, match=sentence):
         arm.with_(extensions=extensions)
+
+
+@pytest.mark.parametrize("mass_at", ["rod", "tip"])
+@pytest.mark.parametrize("base", [0.0, 0.02])
+def test_more_strains_than_masses_are_refused_and_nothing_else(mass_at, base):
+    """For every number of links and segments: a sentence where the masses are too few, else natural frequencies."""
+    for n in (1, 2, 3):
+        for count in (1, 2, 3, 4):
+            edges = np.linspace(0.0, base + 0.05 * n, count + 1)
+            segments = [Extension(200.0, 1.0, a, b, f"s{k}") for k, (a, b) in enumerate(pairwise(edges))]
+            values = {"link_length": [0.05] * n, "link_mass": 0.01, "stiffness": 1.0, "damping": 5e-3, "torque": 6e-7}
+            values |= {"extensions": tuple(segments), "mass_at": mass_at, "base_length": base}
+            if count > n + (1 if base and mass_at == "rod" else 0):  # a rod's two ends move apart
+                with pytest.raises(InputError, match=f"cannot follow {count} independent strains"):
+                    Model(**values)
+                continue
+            body = Model(**values)
+            frequencies = modes(body)[0]
+            assert np.isfinite(frequencies).all()
+            assert frequencies.min() > 0
 
 
 def test_a_chamber_pushes_segments_that_there_are(arm):

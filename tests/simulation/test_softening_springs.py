@@ -9,9 +9,9 @@ import pytest
 
 from pliant.batch.batch import simulate_batch
 from pliant.errors import SimulationError
+from pliant.mechanics.springs import slopes as tangents
 from pliant.model import Memory, Model
 from pliant.simulation import Pulse, Stepper, equilibrium, modes, simulate
-from pliant.simulation.state import tangents
 
 PULSE = Pulse(9e4, 0.05, 0.2)
 TIMES = np.linspace(0.0, 0.3, 24)

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 from small_study import STUDY, changed, write_study
 
-from pliant.errors import PliantError
 from pliant.study import load_study, side_by_side
 from pliant.study.run import prepare_all
 from pliant.validation.outcome import FitOutcome
@@ -52,9 +51,11 @@ def test_a_helper_finds_the_same_numbers_to_the_bit(tmp_path: Path, monkeypatch:
 
     held_up(monkeypatch, helped)
     together = side_by_side.run_fits(*line, tell, workers=2)
-    assert [fit.name for fit in together] == [fit.name for fit in alone] == NAMES
+    assert [name for name, _ in together] == [name for name, _ in alone] == NAMES
     assert by_helper[0].startswith("fit other: ")  # while the first waited here
-    for one, other in zip(alone, together, strict=True):
+    for (_, one), (_, other) in zip(alone, together, strict=True):
+        assert isinstance(one, FitOutcome)
+        assert isinstance(other, FitOutcome)
         assert one.result.values == other.result.values
         assert [r.metrics for r in one.records] == [r.metrics for r in other.records]
 
@@ -85,20 +86,27 @@ def test_what_a_helper_had_when_it_ended_is_made_here(tmp_path: Path, monkeypatc
     monkeypatch.setattr(side_by_side, "send", send)
     monkeypatch.setattr(side_by_side, "Helper", Watched)
     made = side_by_side.run_fits(*line, told.append, workers=2)
-    assert [fit.name for fit in made] == NAMES
-    assert all(isinstance(fit, FitOutcome) for fit in made)
+    assert [name for name, _ in made] == NAMES
+    assert all(isinstance(fit, FitOutcome) for _, fit in made)
     assert sum("a process that made fits beside this one ended" in text for text in told) == 1
 
 
-def test_the_first_fit_that_cannot_be_made_is_told(tmp_path: Path) -> None:
-    fixed = {"stiffness": 0.5, "damping": 3e-3, "torque_1": 6e-7}
-    bad = {**FIT, "parameters": {name: {"value": value, "free": False} for name, value in fixed.items()}}
-    line = line_of(tmp_path, [], other=bad, third=FIT)
+def test_an_unexpected_error_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that no computation ends in on purpose: the fits behind it are not begun."""
+    line = line_of(tmp_path, [])
+    own = side_by_side.run_fit
+
+    def run_fit(study: Any, name: str, *others: Any) -> FitOutcome:
+        if name == "other":
+            raise KeyError(name)
+        return own(study, name, *others)
+
+    monkeypatch.setattr(side_by_side, "run_fit", run_fit)
     told: list[str] = []
-    with pytest.raises(PliantError, match="nothing to fit"):
+    with pytest.raises(KeyError, match="other"):
         side_by_side.run_fits(*line, told.append, workers=1)
     assert any(text.startswith("fit linear") for text in told)
-    assert not any(text.startswith("fit third") for text in told)  # after an error no more is begun
+    assert not any(text.startswith("fit third") for text in told)
 
 
 def test_an_interrupt_ends_the_helpers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +11,9 @@ from typing import Any
 import pytest
 from small_study import STUDY, changed, write_study
 
+from pliant.actuators import chen2018
 from pliant.errors import InputError
+from pliant.model import load_model, save_model
 from pliant.recording import read
 from pliant.study import Study, load_study
 from pliant.study.prepare import hardly_moved, without
@@ -125,6 +128,10 @@ HOSTILE = {
     "NUL in a folder": ("a.toml", TOML.replace("name =", 'folder = "a\\u0000b"\nname ='), "control character"),
     "not a number": ("a.toml", TOML.replace("0.01", "nan"), "a number that is none"),
     "infinite": ("a.toml", TOML.replace("0.01", "inf"), "too large"),
+    "a key of 40,000 parts": ("a.toml", ".".join(["a"] * 40_000) + " = 1", "key of more than 32 parts: 'a.a.a"),
+    "a table of 40,000 parts": ("a.toml", "[" + ".".join(["a"] * 40_000) + "]", "key of more than 32 parts"),
+    "a quoted key of 20,000 parts": (
+        "a.toml", "x = {" + " . ".join(['"\\""', "'b'"] * 10_000) + " = 1}", "key of more than 32 parts"),
     "a name of a fit without end": ("a.toml", TOML.replace("first", "f" * 5000), "text of 5000 characters"),
 }
 
@@ -178,3 +185,48 @@ def test_a_recording_that_hardly_moves_leaves_its_fits_and_a_fit_of_nothing_else
     said = hardly_moved(dict(zip(("a", "b"), moves, strict=True)), 0.1)
     assert list(said) == ["b"]
     assert "0.1 mm" in said["b"]
+
+
+VALUES: tuple[Any, ...] = (None, 1, "x", [], {}, [None], {"a": None}, 1.5)
+
+
+def places(content: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Keys that lead to every entry."""
+    for key, value in content.items() if isinstance(content, dict) else enumerate(content):
+        yield (*at, key)
+        if isinstance(value, (dict, list)):
+            yield from places(value, (*at, key))
+
+
+def refused(path: Path, content: Any, load: Callable[[Path], Any]) -> int:
+    """Put a wrong value into every entry; each is read or refused in a sentence. The count of what was refused."""
+    sentences = []
+    for place in places(content):
+        for value in VALUES:
+            changed_content = json.loads(json.dumps(content))
+            table = changed_content
+            for key in place[:-1]:
+                table = table[key]
+            table[place[-1]] = value
+            path.write_text(json.dumps(changed_content))
+            try:
+                load(path)
+            except InputError as error:
+                sentences.append(str(error))
+    assert not any("\n" in sentence for sentence in sentences)
+    return len(sentences)
+
+
+def test_a_wrong_value_anywhere_in_a_study_is_one_sentence(tmp_path: Path) -> None:
+    content = changed("fits", "other", like="linear", without=["damping"], parameters={"stiffness": {"value": 1.0}})
+    content["recordings"] |= {"defaults": {"mapping": {"length_unit": "mm"}},
+                              "many": {"file": "m.csv", "select": {"column": "ID", "values": [0, 1]}}}
+    content["ladder"] = {"train": ["low"], "common": {"torque_1": "free"}}
+    assert refused(tmp_path / "study.json", content, load_study) > 200
+
+
+def test_a_wrong_value_anywhere_in_a_model_is_one_sentence(tmp_path: Path) -> None:
+    save_model(chen2018.model(), tmp_path / "model.json")
+    content = json.loads((tmp_path / "model.json").read_text())
+    del content["checksum"]
+    assert refused(tmp_path / "other.json", content, load_model) > 100

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from pliant.errors import InputError
+from pliant.errors import InputError, PliantError, SimulationError
 from pliant.validation.draw import draw_figures, file_name
 
 
@@ -42,3 +42,20 @@ def test_file_names_are_plain_and_differ():
     taken: set[str] = set()
     names = [file_name(n, taken) for n in ("../../etc", "..", "A b", "a-b", "软")]
     assert names == ["etc", "figure", "A-b", "a-b-2", "figure-2"]
+
+
+def test_a_figure_that_cannot_be_drawn_is_named_and_the_others_are_drawn(outcome, tmp_path, monkeypatch):
+    def fail(*_):
+        raise SimulationError("no path today")
+
+    monkeypatch.setattr("pliant.validation.figures.path_figure", fail)
+    monkeypatch.setattr("pliant.validation.figures.residual_figure", fail)
+    warned = []
+    drawn = [p.stem for p in draw_figures(outcome, tmp_path, kinds=["svg"], records=["low"], warn=warned.append)]
+    assert drawn == ["linear-low-motion", "square-low-motion", "compare-low"]
+    assert warned[1] == "warning: The figure linear-low-path could not be computed: no path today."
+    assert len(warned) == 4
+    for name in ("record_figure", "comparison_figure"):
+        monkeypatch.setattr(f"pliant.validation.figures.{name}", fail)
+    with pytest.raises(PliantError, match="The figure linear-low-motion could not be computed"):
+        list(draw_figures(outcome, tmp_path, kinds=["svg"], records=["low"]))

@@ -52,7 +52,10 @@ def test_others_can_read_it_with_names_and_units(kept):
 
 
 @pytest.mark.parametrize(("damage", "sentence"), [
-    (lambda f: (f / "metrics.json").unlink(), "name a folder that `pliant run` has written"),
+    (lambda f: (f / "metrics.json").unlink(), "interrupted while it replaced its files: run the study again"),
+    (lambda f: [p.unlink() for p in f.iterdir()], "name a folder that `pliant run` has written"),
+    (lambda f: (f / "metrics.json").write_text((f / "metrics.json").read_text().replace(
+        '"run_id": ""', '"run_id": "other"')), "are of different runs"),
     (lambda f: (f / "metrics.json").write_text("{"), "is no JSON"),
     (lambda f: (f / "metrics.json").write_text("[]"), "is no metrics.json of"),
     (lambda f: (f / "results.nc").unlink(), "has no results.nc"),

@@ -179,3 +179,62 @@ def test_the_virtual_camera_draws_areas_exactly() -> None:
     assert (drawn * x).sum() / drawn.sum() == pytest.approx(60.3, abs=1e-4)
     assert (drawn * y).sum() / drawn.sum() == pytest.approx(50.8, abs=1e-4)
     assert drawn.max() == pytest.approx(1.0, abs=1e-6)
+
+
+RED = (60.0, 40.0, 200.0)  # blue, green, red
+
+
+def dotted(path: Path, frames: int = 12, clutter: tuple[tuple[int, int], ...] = (), shift: int = 0) -> np.ndarray:
+    """Write a film of five red dots on a swinging line, with red clutter; true places (T, 5, 2) of the dots, pixels."""
+    cv2 = pytest.importorskip("cv2")
+    places = []
+    with movie(path, 30.0, (320, 240)) as write:
+        for k in range(frames):
+            picture = np.full((240, 320, 3), 200, np.uint8)
+            s = np.arange(5) * 30.0
+            lean = 0.2 * np.sin(0.5 * k)
+            dots = np.stack([shift + 60 + s * np.cos(lean), 60 + s * np.sin(lean)], axis=1)
+            for x, y in [*dots, *clutter]:
+                centre = (round(16 * x), round(16 * y))
+                cv2.circle(picture, centre, 16 * 7, RED, -1, cv2.LINE_AA, 4)
+            places.append(dots)
+            write(picture)
+    return np.array(places)
+
+
+def followed(path: Path, **options: object) -> tuple[np.ndarray, str]:
+    """Places (T, S, 2) in pixels, x right and y down, and the history."""
+    ds = track_video(path, {"rate_hz": 30.0, "pixels_per_mm": 1.0}, Tracking("dots", colour="#c8283c", **options))
+    return np.abs(1e3 * ds["position"].values[..., :2]), str(ds.attrs["history"])
+
+
+def test_clutter_of_the_dots_colour_is_refused_and_left_out_on_request(tmp_path: Path) -> None:
+    path = tmp_path / "clutter.mp4"
+    true = dotted(path, clutter=((300, 200),))
+    with pytest.raises(InputError, match=r"away from the others, at the pixels \(300, 200\).*count.*region"):
+        followed(path)
+    for options in ({"count": 5}, {"region": (0, 0, 250, 240)}):
+        places, told = followed(path, **options)
+        assert places.shape[1] == 5
+        assert np.nanmax(np.abs(places - true)) < 1.0
+    assert "left out" not in told
+    assert "left out, not on the body: marks at the pixels (300, 200)" in followed(path, count=5)[1]
+    with pytest.raises(InputError, match=r"5 dots are seen on one body, and .* count = 8"):
+        followed(path, count=8)
+
+
+def test_colour_that_touches_the_pictures_border_is_followed(tmp_path: Path) -> None:
+    path = tmp_path / "border.mp4"
+    true = dotted(path, clutter=((319, 239), (0, 0), (319, 2)), shift=40)
+    places, _ = followed(path, count=5)
+    assert np.nanmax(np.abs(places - true)) < 1.0
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    ({"method": "aruco", "count": 4}, "concern dots"),
+    ({"method": "dots", "colour": "#ff0000", "count": 1}, "2 or more"),
+    ({"method": "dots", "colour": "#ff0000", "region": (5, 5, 1, 9)}, "left, top, right, bottom"),
+])  # fmt: skip
+def test_options_of_dots_that_cannot_be(options: dict, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Tracking(**options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import socket
 import threading
 import time
 from contextlib import closing
@@ -74,6 +75,7 @@ def test_parameters_stay_within_their_intervals_and_the_motion_goes_on(model):
     live.advance(0.08)
     before = live.stepper.angle.copy()
     live.ask(Wish(parameters={"stiffness": 9.0, "moon": 1.0}, gravity=(0.0, -9.81)))
+    live.build()
     assert live.model.stiffness[0] == pytest.approx(0.6 + 1.959964 * 0.01)
     assert live.model.gravity[1] == -9.81
     np.testing.assert_array_equal(live.stepper.angle, before)
@@ -94,13 +96,55 @@ def test_a_recording_is_played_under_the_model(outcome):
     live = Live(Played(outcome.model, (), {r.name: r.experiment for r in first.records}))
     trace = next(r for r in first.records if r.experiment.pressure is not None)
     live.ask(Wish(record=trace.name))
+    live.build()
     for _ in range(3):
         live.advance(0.1)
     assert live.command[0] == trace.experiment.pressure(np.array([0.3]))[0]
     seen = live.frame()["measured"]
     np.testing.assert_allclose(seen[-1], 1e3 * trace.experiment.position[30, -1], atol=1e-3)
     live.ask(Wish(record=None))
+    live.build()
     assert live.frame()["measured"] is None
+
+
+@pytest.mark.parametrize("by_hand", [0.0, 7.0])
+def test_a_recording_that_is_put_away_in_mid_pulse_leaves_the_pressure_to_the_sliders(outcome, by_hand):
+    first = outcome.fits[0]
+    live = Live(Played(outcome.model, (), {r.name: r.experiment for r in first.records}))
+    trace = next(r for r in first.records if r.experiment.pressure is not None)
+    live.ask(Wish(pressure_kpa=[by_hand]))
+    live.ask(Wish(record=trace.name))
+    live.build()
+    for _ in range(3):
+        live.advance(0.1)
+    assert live.frame()["command"] == [20.0]  # on the plateau
+    live.ask(Wish(record=None))
+    live.build()
+    live.advance(0.1)
+    assert live.frame()["command"] == live.frame()["kpa"] == [by_hand]
+
+
+def test_of_many_wishes_the_last_is_built_and_the_motion_goes_on_meanwhile(played, monkeypatch):
+    built = []
+    monkeypatch.setattr("pliant.view.live.apply", lambda model, numbers: built.append(dict(numbers)) or model)
+    live = Live(played)
+    live.ask(Wish(pressure_kpa=[20.0]))
+    for k in range(3000):
+        live.ask(Wish(parameters={"stiffness x": 1.0}, gravity=(0.0, -k / 1000)))
+    assert not built
+    job = live.job()
+    made = live.prepare(job)
+    live.advance(0.05)
+    live.ask(Wish(gravity=(1.0, 1.0)))  # while that is built
+    before = live.stepper.angle.copy()
+    live.take(job, made)
+    np.testing.assert_array_equal(live.stepper.angle, before)
+    assert live.frame()["kpa"] == [20.0]
+    assert live.model.gravity[1] == -2.999
+    live.build()
+    live.build()
+    assert live.model.gravity.tolist() == [1.0, 1.0]
+    assert len(built) == 2
 
 
 def test_a_loop_is_watched_by_its_log(model, tmp_path):
@@ -121,6 +165,26 @@ def test_a_loop_is_watched_by_its_log(model, tmp_path):
     assert "in control; target 0.00 mm, error 0.00 mm" in late["told"]
     turn = np.arctan2(-np.diff(late["body"], axis=0)[-1, 0], np.diff(late["body"], axis=0)[-1, 1])
     assert turn == pytest.approx(0.1 + 0.199, abs=1e-4)
+
+
+def test_a_fault_that_did_not_vent_is_told_from_its_row_on(model, tmp_path):
+    columns = log_columns(3)
+    log = LoopLog(tmp_path / "loop.csv", columns)
+    for k in range(100):
+        if k == 60:
+            log.remark("fault at 1.800 s: the quadratic program was not solved")
+        log.write([(dict.fromkeys(columns, 0.0) | {"time_s": 0.03 * k})[c] for c in columns])
+    log.close()
+    watched, told = Watched(tmp_path / "loop.csv", model), {}
+    for _ in range(200):
+        watched.advance(0.016)
+        frame = watched.frame()
+        told[frame["t"]] = frame["told"]
+    assert any(t > 1.8 for t in told)
+    assert any(t < 1.8 for t in told)
+    for t, sentence in told.items():
+        assert ("in control, but fault at 1.800 s: the quadratic program" in sentence) == (t >= 1.8)
+        assert sentence.startswith("in control")
 
 
 def test_every_output_that_a_loop_brings_to_its_place_is_told(model, tmp_path):
@@ -254,17 +318,61 @@ def test_another_page_cannot_open_the_socket(served, origin, token):
         connect(f"ws://{parts.netloc}{path}", origin=own if origin == "own" else origin)
 
 
+def test_the_address_is_listened_at_as_soon_as_it_is_known(played):
+    from pliant.view.server import Server
+
+    server = Server(played)
+    parts = urlsplit(server.address)
+    with socket.create_connection((parts.hostname, parts.port), timeout=5):
+        pass
+    server.socket.close()
+
+
+def test_a_page_that_asks_for_thousands_of_models_does_not_hold_up_another(served, monkeypatch):
+    """Builds run one at a time beside the frames: while a slow one runs, both pages get theirs."""
+    from websockets.sync.client import connect
+
+    own, inside, most, released = Live.prepare, [0], [0], threading.Event()
+
+    def slow(live, job):
+        inside[0] += 1
+        most[0] = max(most[0], inside[0])
+        try:
+            assert released.wait(60.0)
+            return own(live, job)
+        finally:
+            inside[0] -= 1
+
+    monkeypatch.setattr(Live, "prepare", slow)
+    parts = urlsplit(served)
+    where = {"uri": f"ws://{parts.netloc}{parts.path}live", "origin": f"http://{parts.netloc}"}
+    with connect(**where) as one, connect(**where) as other:
+        for k in range(3000):
+            one.send(json.dumps({"gravity": [0.0, -k / 1000]}))
+        other.send(json.dumps({"gravity": [1.0, 0.0]}))
+        other.send(json.dumps({"pressure_kpa": [20.0]}))
+        for page in (other, one):
+            began = json.loads(page.recv(timeout=30))["t"]
+            while json.loads(page.recv(timeout=30))["t"] < began + 0.2:
+                pass
+        assert inside[0] == most[0] == 1
+        released.set()
+        while json.loads(other.recv(timeout=30))["body"][-1][0] == 0.0:
+            pass
+    assert most[0] == 1
+
+
 def test_nonsense_from_the_page_is_told_not_done(served):
     from websockets.sync.client import connect
 
     parts = urlsplit(served)
-    with connect(f"ws://{parts.netloc}{parts.path}live", origin=f"http://{parts.netloc}") as socket:
+    with connect(f"ws://{parts.netloc}{parts.path}live", origin=f"http://{parts.netloc}") as page:
         for text in ("{", "[]", json.dumps({"pressure_kpa": [1e9]}), json.dumps({"moon": 1}), "x" * 9000):
-            socket.send(text)
+            page.send(text)
             deadline = time.monotonic() + 5
-            while not json.loads(socket.recv(timeout=5))["told"]:
+            while not json.loads(page.recv(timeout=5))["told"]:
                 assert time.monotonic() < deadline
-        assert json.loads(socket.recv(timeout=5))["kpa"] == [0.0]
+        assert json.loads(page.recv(timeout=5))["kpa"] == [0.0]
 
 
 @pytest.fixture(scope="module")
@@ -329,4 +437,17 @@ def test_the_body_is_dragged_and_ten_minutes_of_frames_do_not_grow(browser, serv
         for (let k = 1; k <= 36000; k++) pliantLive.keep({ ...f, t: f.t + k / 60 });
         return [pliantLive.roll.t.length, ...pliantLive.roll.series.map((s) => s.length)]; }""")
     assert max(kept) <= 650
+    page.close()
+
+
+@pytest.mark.slow
+def test_the_slider_shows_the_pressure_that_the_model_holds(browser, served):
+    page = browser.new_page(viewport={"width": 900, "height": 900})
+    page.goto(served)
+    until(page, "pliantLive.now && pliantLive.now.t > 0.1")
+    for kpa in (12, 0):
+        page.evaluate(f"pliantLive.ask({{pressure_kpa: [{kpa}]}})")
+        until(page, f"pliantLive.now.kpa[0] === {kpa}")
+        shown = page.locator("#pressures output")
+        assert shown.inner_text() == f"{kpa:#.4g} kPa" if kpa else shown.inner_text() == "0.000 kPa"
     page.close()

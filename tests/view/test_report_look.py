@@ -162,3 +162,31 @@ def test_zoom_is_shared_and_a_cell_shows_its_record(opened):
     drawn = page.evaluate("pliantReport.plots[0].series.length")
     page.locator("#stations input").nth(0).click()
     assert page.evaluate("pliantReport.plots[0].series.length") != drawn
+
+
+LAID_OUT = """async () => {
+    dispatchEvent(new Event("beforeprint"));
+    await Promise.resolve();
+    const body = document.getElementById("body"), plots = [...document.querySelectorAll(".uplot")];
+    const found = { body: [body.width / body.clientWidth, body.height / body.clientHeight],
+        wide: plots.map((u) => u.querySelector("canvas").getBoundingClientRect().width - u.parentElement.clientWidth),
+        paper: document.querySelector("main").clientWidth };
+    dispatchEvent(new Event("afterprint"));
+    await Promise.resolve();
+    const over = (u) => u.querySelector("canvas").getBoundingClientRect().width - u.parentElement.clientWidth;
+    found.after = plots.map(over);
+    return found;
+}"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1600, 900, 400])
+def test_print_draws_for_the_paper(opened, width):
+    """When the browser lays the printed page out nothing can be drawn any more: it is drawn for the paper before."""
+    page = opened(width)
+    found = page.evaluate(LAID_OUT)
+    assert found["paper"] == pytest.approx(180 / 25.4 * 96, abs=1)
+    assert found["body"][0] == pytest.approx(found["body"][1], rel=0.01)  # not stretched
+    assert len(found["wide"]) > 4
+    assert max(map(abs, found["wide"])) <= 1  # not cut
+    assert max(map(abs, found["after"])) <= 1  # as it was

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from pliant.equations import inertia, symbols
+from pliant.equations.elastic import spring_slope
 from pliant.errors import InputError, SimulationError
+from pliant.mechanics import springs
 from pliant.model import Model, Valve, fixed_length
 from pliant.model import model as model_fields
 from pliant.model.chamber import grown, remembering
@@ -78,7 +80,7 @@ class Samples:
         """Joint angles (n, N) at rest under `pressure` (N,) [Pa] and gravity."""
         if not self.values["gravity"].any():
             q = self.values["joint_gain"] * self.torque_at(pressure) / self.values["stiffness"]
-            q = state.bend(q, self.values["stiffening"], self.values["cubic_stiffening"])
+            q = springs.bend(q, self.values["stiffening"], self.values["cubic_stiffening"])
             if not np.isfinite(q).all():
                 raise SimulationError(
                     f"in {int((~np.isfinite(q).all(axis=0)).sum())} of {self.size} samples the springs, which soften "
@@ -109,9 +111,10 @@ class Samples:
         inertia.inertia_absolute(c, s, B, rotary, X)
         inertia.to_joint_angles(X, M)
         tail = np.cumsum((h * (g[1] * c - g[0] * s))[::-1], axis=0)[::-1]
-        tangents = v["stiffness"] * (1.0 + (2.0 * v["stiffening"] + 3.0 * v["cubic_stiffening"] * q) * q)
-        K = tangents * np.eye(n)[..., None] + tail[np.maximum.outer(np.arange(n), np.arange(n))]
-        return np.moveaxis(M, -1, 0), np.moveaxis(K, -1, 0)
+        K = v["stiffness"]
+        tangents = spring_slope(K, K * v["stiffening"], K * v["cubic_stiffening"], q)
+        stiffness = tangents * np.eye(n)[..., None] + tail[np.maximum.outer(np.arange(n), np.arange(n))]
+        return np.moveaxis(M, -1, 0), np.moveaxis(stiffness, -1, 0)
 
     def first_frequency(self) -> Array:
         """Undamped first natural frequency (N,) at rest without pressure, Hz; see `simulation.modes`."""

@@ -1,13 +1,14 @@
-"""All parts of the benchmark by name, and what they found as lines or JSON."""
+"""The parts of `pliant bench` by name, and their numbers as lines or JSON."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from pliant.bench import kernels, startup
 from pliant.bench.meaning import MEANING
 from pliant.bench.timing import machine
 from pliant.errors import InputError
@@ -15,45 +16,50 @@ from pliant.files import write_text
 from pliant.version import __version__
 
 Part = Callable[[], dict[str, Any]]
-NAMES = ("kernels", "experiment", "fit", "batch", "realtime", "startup")
-
-
-def part(name: str, seconds: float) -> Part:
-    """The measuring function of one part; `seconds` is for the real-time run."""
-    from pliant.bench import batches, fitting, kernels, race, realtime, startup
-
-    parts: dict[str, Part] = {
-        "kernels": kernels.kernels, "experiment": race.experiment, "fit": fitting.fitting, "batch": batches.batches,
-        "realtime": lambda: realtime.realtime(seconds), "startup": startup.startup,
-    }
-    if name not in parts:
-        raise InputError(f"unknown part {name!r} of the benchmark: use one of {', '.join(NAMES)}")
-    return parts[name]
+PARTS: dict[str, Part] = {"kernels": kernels.kernels, "startup": startup.startup}
 
 
 def measure(
-    names: Sequence[str] = NAMES, *, seconds: float = 10.0, tell: Callable[[str], None] = lambda _line: None,
+    parts: Mapping[str, Part], meaning: Mapping[str, str] = MEANING, *,
+    message: Callable[[str], None] = lambda _line: None,
 ) -> dict[str, Any]:
-    """Measure the named parts, one after the other.
+    """Measure the parts, one after the other.
+
+    Parameters
+    ----------
+    parts : mapping
+        Function that measures each part, by the part's name.
+    meaning : mapping
+        What each number means, by the number's name.
+    message : callable
+        Gets the numbers of each part as text when they are there.
 
     Returns
     -------
     dict
-        Every number by its name, ``machine`` and ``pliant``; `tell` gets each part's numbers when they are there.
+        Every number by its name, ``machine`` and ``pliant``.
     """
-    jobs = {name: part(name, seconds) for name in names}
-    found: dict[str, Any] = {"pliant": __version__, "machine": machine()}
-    for name, job in jobs.items():
+    results: dict[str, Any] = {"pliant": __version__, "machine": machine()}
+    for name, job in parts.items():
         start = perf_counter()
         numbers = job()
-        found |= numbers
-        tell("\n".join([f"{name} ({perf_counter() - start:.1f} s)", *lines(numbers)]))
-    return found
+        results |= numbers
+        message("\n".join([f"{name} ({perf_counter() - start:.1f} s)", *lines(numbers, meaning)]))
+    return results
 
 
-def lines(numbers: dict[str, Any]) -> list[str]:
+def chosen(name: str | None) -> dict[str, Part]:
+    """The part of this name, or all; InputError where there is no such part."""
+    if name is None:
+        return PARTS
+    if name not in PARTS:
+        raise InputError(f"unknown part {name!r} of the benchmark: use one of {', '.join(PARTS)}")
+    return {name: PARTS[name]}
+
+
+def lines(numbers: Mapping[str, Any], meaning: Mapping[str, str] = MEANING) -> list[str]:
     """One line a number: its name in the JSON, its value, what it means."""
-    return [f"  {name:<30} {shown(value):<12} {MEANING.get(name, '')}".rstrip() for name, value in numbers.items()]
+    return [f"  {name:<30} {shown(value):<12} {meaning.get(name, '')}".rstrip() for name, value in numbers.items()]
 
 
 def shown(value: Any) -> str:
@@ -63,8 +69,8 @@ def shown(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def write(found: dict[str, Any], path: str | Path) -> Path:
-    """Write what was found as JSON, whole or not at all."""
+def write(results: Mapping[str, Any], path: str | Path) -> Path:
+    """Write the numbers as JSON, whole or not at all."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    return write_text(path, json.dumps(found, indent=1) + "\n")
+    return write_text(path, json.dumps(results, indent=1) + "\n")

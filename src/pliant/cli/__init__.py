@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -98,9 +99,15 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    """Print a warning as one line, without the place in the code that it comes from."""
+    typer.echo(f"warning: {message}", err=True)
+
+
 def run() -> None:
     """Run the command line; a known error becomes one sentence and its exit code."""
     asked = sys.argv[1:2]
+    warnings.showwarning = show_warning
     try:
         app_of(*(asked if set(asked) & set(COMMANDS) else COMMANDS))()
     except PliantError as error:

@@ -1,4 +1,4 @@
-"""`pliant bench`: what pliant costs on this machine, beside others."""
+"""`pliant bench`: the speed of the kernels and of a start on this machine."""
 
 from __future__ import annotations
 
@@ -9,31 +9,28 @@ import typer
 
 
 def bench(
-    part: Annotated[
-        str | None, typer.Argument(help="kernels, experiment, fit, batch, realtime or startup; all when left out.")
-    ] = None,
+    part: Annotated[str | None, typer.Argument(help="kernels or startup; both when left out.")] = None,
     *,
-    seconds: Annotated[float, typer.Option(help="Length of the real-time run at 1 kHz, s.")] = 10.0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="File for the numbers (.json).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
 ) -> None:
-    """Measure speed on this machine, with the error beside every time, and ratios to the peers that are installed.
+    """Measure the kernels beside plain C, and how long pliant takes to start, on this machine.
 
-    Example: pliant bench realtime --seconds 60
+    Example: pliant bench kernels
     """
     import json as jsonlib
 
-    from pliant.bench.run import NAMES, measure, write
+    from pliant.bench.run import chosen, measure, write
     from pliant.cli.progress import busy
 
-    found: dict[str, Any] = {}
-    for name in (part,) if part else NAMES:
+    results: dict[str, Any] = {}
+    for name, job in chosen(part).items():
         with busy(f"measuring {name}"):
-            told: list[str] = []
-            found |= measure((name,), seconds=seconds, tell=told.append)
+            texts: list[str] = []
+            results |= measure({name: job}, message=texts.append)
         if not json:
-            typer.echo("\n".join(told))
+            typer.echo("\n".join(texts))
     if output is not None:
-        write(found, output)
+        write(results, output)
     if json:
-        typer.echo(jsonlib.dumps(found))
+        typer.echo(jsonlib.dumps(results))

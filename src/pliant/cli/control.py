@@ -23,7 +23,8 @@ MEANING = {
     "worst_lateness_us": "of the beginning of a period; 0 off the clock",
     "jitter_us": "of the same, standard deviation",
     "frames_lost": "shapes with missing points", "frames_late": "older than one before",
-    "fault_time_s": "0 where there was none", "commands_at_a_limit": "of pressure or its rate",
+    "fault_time_s": "0 where there was none", "controller_faults": "periods that followed an earlier plan",
+    "commands_at_a_limit": "of pressure or its rate",
 }
 
 
@@ -112,9 +113,12 @@ def reached_by_several(done: Done) -> dict[str, Any]:
         told[f"largest_last_{what}_{unit}"] = factor * float(last[name].abs().max())
     for name in columns(done.log, "command"):
         told[f"highest_{str(name).removesuffix('_pa')}_kpa"] = 1e-3 * float(done.log[name].max())
-    return told | {"fault": done.summary["fault"] or "none"} | {
-        name: value for name, value in done.summary.items() if not isinstance(value, str)
-    }
+    return told | counters(done)
+
+
+def counters(done: Done) -> dict[str, Any]:
+    """The fault of a run and the counters of its loop, its sentences included."""
+    return {"fault": done.summary["fault"] or "none"} | {k: v for k, v in done.summary.items() if k != "fault"}
 
 
 def reached(done: Done) -> dict[str, Any]:
@@ -134,8 +138,7 @@ def reached(done: Done) -> dict[str, Any]:
         **({"settling_s": told} if settled else {}), "mean_error_mm": float(last.mean()),
         "largest_error_mm": float(last.abs().max()), "highest_command_kpa": 1e-3 * float(log["command_pa"].max()),
         **{f"{name}_kpa": 1e-3 * value for name, value in active.items() if np.isfinite(value)},
-        "fault": done.summary["fault"] or "none",
-        **{name: value for name, value in done.summary.items() if not isinstance(value, str)},
+        **counters(done),
     }
 
 

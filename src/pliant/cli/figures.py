@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.progress import busy
+from pliant.cli.progress import busy, mention
 
 
 def figures(
@@ -33,7 +33,7 @@ def figures(
     with busy("drawing"):
         files = list(draw_figures(
             load_outcome(result), output or result / "figures", kinds=split(kinds), width_mm=width_mm,
-            records=split(records),
+            records=split(records), warn=mention,
         ))
     typer.echo(json_format.dumps([str(f) for f in files]) if as_json else "\n".join(map(str, files)))
 

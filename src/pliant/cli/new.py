@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from pliant.study.draft import Draft
 
 
 def new(
@@ -41,7 +44,8 @@ def new(
         raise InputError(f"{study} exists and is left as it is: choose another name, or remove it first")
     if not study.parent.is_dir():
         raise InputError(f"there is no folder {study.parent}: make it first")
-    told = {"length": length, "mass": mass, "level": None if level_kpa is None else 1e3 * level_kpa}
+    level = None if level_kpa is None else 1e3 * level_kpa
+    told = {"length": length, "mass": mass, "level": level}
     direction, columns = vector(gravity), load_mapping(mapping)
     with busy("looking at the recordings"):
         draft = draft_study(files, study, mapping=columns, gravity=direction, **told)
@@ -50,7 +54,7 @@ def new(
             out.write(draft.text)
     except OSError as error:
         raise InputError(f"cannot write {study}: {error.strerror or error}") from None
-    tell(study, draft.questions, as_json=json)
+    tell(study, draft, as_json=json)
 
 
 def vector(text: str | None) -> list[float] | None:
@@ -66,15 +70,17 @@ def vector(text: str | None) -> list[float] | None:
     return [x, y, z]
 
 
-def tell(study: Path, questions: tuple[str, ...], *, as_json: bool) -> None:
-    """What was written, what is open, what comes next."""
+def tell(study: Path, draft: Draft, *, as_json: bool) -> None:
+    """Print what was written, what looks wrong, what is open and what comes next."""
     if as_json:
         import json
 
-        typer.echo(json.dumps({"study": str(study), "open": list(questions)}))
+        typer.echo(json.dumps({"study": str(study), "open": list(draft.questions), "doubts": list(draft.doubts)}))
         return
     typer.echo(f"wrote {study}")
-    for question in questions:
+    for doubt in draft.doubts:
+        typer.echo(f"! {doubt}")
+    for question in draft.questions:
         typer.echo(f"? {question}")
-    answer = 'answer the "?" in it, then: ' if questions else ""
+    answer = 'answer the "?" in it, then: ' if draft.questions else ""
     typer.echo(f"next: {answer}pliant run {study} -o results/{study.stem}")

@@ -31,9 +31,14 @@ def track(
     from pliant.video import Tracking, track_video
 
     entries = read_entries(camera, "camera")
+    options = entries.pop("tracking", {})
+    if not isinstance(options, dict):
+        raise InputError(f"[tracking] of {camera} is a table with count and region")
+    if unknown := sorted(set(options) - {"count", "region"}):
+        raise InputError(f"[tracking] of {camera} has count and region, not {unknown[0]}")
     if output.suffix.lower() not in (".nc", ".nc4", ".csv"):
         raise InputError(f"recordings are written as .nc or .csv, not {output.name!r}")
-    how = Tracking(method, pixels(base), colour, overlays=tuple(overlay or ()))  # type: ignore[arg-type]
+    how = Tracking(method, pixels(base), colour, overlays=tuple(overlay or ()), **options)  # type: ignore[arg-type]
     with counting(f"following the body through {video.name}") as progress:
         ds = track_video(video, entries.get("camera", entries), how, progress=progress)
     write(ds, output)

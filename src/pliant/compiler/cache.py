@@ -4,14 +4,20 @@ A name in this cache holds a digest of all that its machine code comes from (`pl
 entry is never stale and every checkout, environment and process of a user may use one folder: the one that the
 environment variable NUMBA_CACHE_DIR names, or ``pliant`` among the user's caches. Numba alone keeps a cache beside each
 source file, and two processes that save into one of its indices at once may give a signature the other's code.
+
+Every file begins with a checksum of the rest, which is compared before anything of it is unpickled or run: a file that
+a power cut or a full disk left damaged is removed, with a line that says so, and the kernel is compiled again.
 """
 
 from __future__ import annotations
 
+import pickle
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from glob import escape
+from hashlib import sha256
 from pathlib import Path
 from time import monotonic, sleep, time
 from types import FunctionType
@@ -21,7 +27,7 @@ from warnings import warn
 import llvmlite
 import numba
 from numba import njit, types
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
@@ -35,6 +41,9 @@ except ImportError:  # no such locks on this system: processes compile side by s
 
 config: Any = numba.config  # it fills itself from the environment
 LONGEST_WAIT = 120.0  # s, for another process that compiles the same kernel; then this one compiles for itself
+DIGEST = 32  # bytes of a checksum
+UNREADABLE = (  # what unpickling ends in where a class of the content is not as it was
+    pickle.UnpicklingError, AttributeError, ImportError, EOFError, ValueError, TypeError, KeyError, IndexError)
 FORGOTTEN = 14 * 86400.0  # s, after which another text's code is removed
 
 
@@ -42,7 +51,7 @@ FORGOTTEN = 14 * 86400.0  # s, after which another text's code is removed
 def folder() -> Path | None:
     """The folder of this user's kernels, made when it is absent; None when nothing can be written there."""
     place = Path(config.CACHE_DIR or AppDirs(appname="pliant", appauthor=False).user_cache_dir)
-    place = place / f"kernels-numba{numba.__version__}-llvmlite{llvmlite.__version__}"
+    place = place / f"kernels-checked-numba{numba.__version__}-llvmlite{llvmlite.__version__}"
     try:
         place.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=place).close()
@@ -76,10 +85,61 @@ class _Place(CompileResultCacheImpl):
     _locator_classes = [_Locator, *CompileResultCacheImpl._locator_classes]  # noqa: RUF012, SLF001  Numba's own way
 
 
+class CheckedFiles(IndexDataCacheFile):
+    """Numba's index and data files, each behind a checksum of its content."""
+
+    def load(self, key: Any) -> Any:
+        """What is kept under a key; None where nothing is, or only what is damaged."""
+        name = self._load_index().get(key)
+        return None if name is None else self._read(Path(self._data_path(name)))
+
+    def _load_index(self) -> Any:
+        found = self._read(Path(self._index_path))
+        return {} if found is None else found
+
+    def _save_index(self, overloads: Any) -> None:
+        self._write(self._index_path, overloads)
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _write(self, path: str, content: Any) -> None:
+        body = self._dump(content)
+        with self._open_for_write(path) as file:
+            file.write(sha256(body).digest() + body)
+
+    def _read(self, path: Path) -> Any:
+        """The content of a file; None where it is absent or damaged, and then nothing of it was unpickled."""
+        try:
+            content = path.read_bytes()
+        except OSError:
+            return None
+        digest, body = content[:DIGEST], content[DIGEST:]
+        if digest == sha256(body).digest():
+            with suppress(*UNREADABLE):
+                return pickle.loads(body)  # noqa: S301  this user wrote it, and it is as it was written
+        self._drop(path)
+        return None
+
+    def _drop(self, path: Path) -> None:
+        """Remove a damaged file; with an index all that it listed, which a new index would list under other numbers."""
+        damaged = [path]
+        if str(path) == self._index_path:
+            damaged += path.parent.glob(f"{escape(path.stem)}.*.nbc")
+        for file in damaged:
+            with suppress(OSError):  # another process may have been first
+                file.unlink()
+        tell_damaged(path.parent)
+
+
 class KernelCache(FunctionCache):
     """Numba's cache in the shared folder; its keys see the order of a NamedTuple's fields."""
 
     _impl_class = _Place
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file = CheckedFiles(self._cache_path, self._impl.filename_base, "in the name")
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Numba's key, and the fields of the records among the arguments: compiled code knows them by their place."""
@@ -198,6 +258,12 @@ def part(whole: Any) -> Any:
     kernel, _, digest = function.__qualname__.rpartition("_")
     copy.__qualname__ = f"{kernel}_part_{digest}"
     return kept(copy, **whole.given, no_cpython_wrapper=True, pipeline_class=Part)
+
+
+@cache
+def tell_damaged(place: Path) -> None:
+    """Warn, once, that kernels in this folder are damaged."""
+    warn(f"damaged kernels in the cache {place} are removed and compiled again", RuntimeWarning, stacklevel=2)
 
 
 @cache

@@ -7,10 +7,9 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.equations import contact, elastic
 from pliant.errors import InputError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.extension import extensible_body
 from pliant.model.statics import joint_torques_over
-from pliant.simulation import lengthened, state
 
 Array = np.ndarray
 
@@ -78,12 +77,6 @@ def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
         strains = f" and {len(model.extensions)} strain(s)" if model.extensions else ""
         raise InputError(f"shapes at rest hold {model.n} angles{strains}, (T, {model.size}), got {np.shape(angle)}")
     tau = joint_torques_over(model.actuation, pressure)
-    if model.extensions:
-        stretching, joints = extensible_body(model), model.joints()
-        rows = [lengthened.forces_at_rest(x, t, stretching, joints).real for x, t in zip(angle, tau, strict=True)]
-        return np.asarray(-np.array(rows) @ lengthened.to_joints(model.n, model.size))
-    q = state.joint_angles(model, angle)
-    body, joints = model.body(), model.joints()
-    gravity = body.h * (body.gx * np.cos(angle) + body.gy * np.sin(angle))
-    weight = np.cumsum(gravity[:, ::-1], axis=1)[:, ::-1]
-    return np.asarray((joints.K + (joints.K2 + joints.K3 * q) * q) * q - tau + weight)
+    chain = mechanics_of(model)
+    unexplained = [chain.static_forces(x, t) for x, t in zip(angle, tau, strict=True)]
+    return np.asarray(-np.array(unexplained) @ chain.from_joints)

@@ -5,8 +5,8 @@ from pliant.control.equilibria import Equilibria, equilibria
 from pliant.control.feedforward import Feedforward
 from pliant.control.limits import Limits
 from pliant.control.lqr import Lqr, LqrDesign, Tuning, design_lqr
-from pliant.control.mpc import Mpc, MpcTuning, symbolic_step
-from pliant.control.output_control import OutputLqr, OutputMpc
+from pliant.control.mpc import Mpc, MpcTuning
+from pliant.control.output_control import OutputLqr
 from pliant.control.output_design import OutputDesign, design_outputs
 from pliant.control.pid import Pid, PidTuning
 from pliant.control.preparation import Prepared, prepare_control
@@ -21,8 +21,8 @@ from pliant.control.valve_states import ValveObserver
 
 __all__ = [
     "Controller", "ControllerKind", "Course", "Equilibria", "Feedforward", "Limits", "Lqr", "LqrDesign", "Mpc",
-    "MpcTuning", "OutputDesign", "OutputLqr", "OutputMpc", "Pid", "PidTuning", "Pipeline", "Plan", "Planner",
+    "MpcTuning", "OutputDesign", "OutputLqr", "Pid", "PidTuning", "Pipeline", "Plan", "Planner",
     "Prepared", "SetPoint", "Shaper", "SupplyValve", "Task", "TaskFile", "Trajectory", "Tuning", "ValveFit",
     "ValveObserver", "ValveRun", "controllers", "design_lqr", "design_outputs", "equilibria", "identify_valve",
-    "prepare_control", "read_task", "shaper", "steady_inputs", "supply_of", "symbolic_step", "valve_answer",
+    "prepare_control", "read_task", "shaper", "steady_inputs", "supply_of", "valve_answer",
 ]

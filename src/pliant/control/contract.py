@@ -33,6 +33,9 @@ class Controller(Protocol):
         that several chambers bring to its place, m and rad.
     saturated : int
         Steps whose command met a limit.
+    fault : str
+        Why the last command is not the one that the law asks for, in one sentence; empty while it is. The loop counts
+        it, tells it in summary and log, and vents when it lasts (`Bounds.controller_faults`).
     """
 
     chambers: int
@@ -48,6 +51,10 @@ class Controller(Protocol):
     @property
     def saturated(self) -> int:
         """Steps whose command met a limit."""
+
+    @property
+    def fault(self) -> str:
+        """Why the last command is not the one that the law asks for; empty while it is."""
 
     def step(self, time: float, state: State, pressure: float | Array) -> float | Array:
         """Command [Pa] for the period that begins at `time` [s], from a state and the pressure's reading [Pa]."""

@@ -145,8 +145,8 @@ def design_lqr(
         K = riccati_gain(plant, tip_row(linear, family.at(p)[2], plant.A.shape[0]), linear, family.at(p)[2], tuning)
         gains.append(K)
         found.append(margins(loop_curve(plant, K, period)))
-        slowest.append(np.abs(np.linalg.eigvals(plant.A - np.outer(plant.B, K))).max())
-    waiting = sample(rest, period, latency).waiting
+        slowest.append(np.abs(np.linalg.eigvals(plant.A - plant.B * K)).max())
+    waiting = sum(sample(rest, period, latency).waiting)
     return LqrDesign(
         model, family, pressures, np.array(gains), tuple(found), np.array(slowest), period, latency, waiting, tuning
     )
@@ -162,7 +162,7 @@ def tip_row(linear: LinearModel, direction: Array, size: int) -> Array:
 def with_integral(linear: LinearModel, plant: Sampled, direction: Array, period: float) -> Sampled:
     """The sampled model with the integral of the tip's error [m s] as its last state."""
     N = plant.A.shape[0]
-    A, B = np.zeros((N + 1, N + 1)), np.zeros(N + 1)
+    A, B = np.zeros((N + 1, N + 1)), np.zeros((N + 1, 1))
     A[:N, :N], B[:N] = plant.A, plant.B
     A[N, :N], A[N, N] = period * tip_row(linear, direction, N), 1.0
     return Sampled(A, B, plant.waiting)
@@ -182,7 +182,7 @@ def riccati_gain(plant: Sampled, tip: Array, linear: LinearModel, direction: Arr
     scale = np.ones(N)
     scale[2 * n : N - 1] = KILO
     A = plant.A * scale[None, :] / scale[:, None]
-    B = (plant.B * KILO / scale)[:, None]
+    B = plant.B * KILO / scale[:, None]
     Q = Q * scale[:, None] * scale[None, :]
     R = np.array([[tuning.effort * (gain * KILO) ** 2]])
     metre = 1e6  # errors in mm: the Riccati equation's numbers stay near one

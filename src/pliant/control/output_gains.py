@@ -59,7 +59,7 @@ def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, flo
         raise InputError("the pressures do not move the wanted outputs: ask for others")
     basis, n, N, m = U[:, :r], linear.position.size, plant.A.shape[0], len(weight)
     unit = np.where(np.arange(N) < 2 * n, 1.0, KILO)
-    A, B = plant.A * unit / unit[:, None], plant.B.reshape(N, -1) * KILO / unit[:, None]
+    A, B = plant.A * unit / unit[:, None], plant.B * KILO / unit[:, None]
     tip, move, size_of = np.zeros((m, N)), np.zeros((m, N)), np.linalg.norm(gain, axis=0)
     tip[:, :n], move[:, n : 2 * n] = row[:, :n], tuning.damping_time * row[:, :n]
     Q = tip.T @ tip + move.T @ move + 1e-9 * np.mean(row[:, :n] ** 2) * np.diag(np.arange(N) < 2 * n)
@@ -93,5 +93,5 @@ def loop_margins(gains: Gains, period: float) -> tuple[Margins, ...]:
     found = []
     for c in range(gains.B.shape[1]):
         others = np.delete(gains.B, c, axis=1) @ np.delete(gains.K, c, axis=0)
-        found.append(margins(loop_curve(Sampled(gains.A - others, gains.B[:, c], 0), gains.K[c], period)))
+        found.append(margins(loop_curve(Sampled(gains.A - others, gains.B[:, [c]], (0,)), gains.K[c], period)))
     return tuple(found)

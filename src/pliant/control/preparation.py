@@ -126,10 +126,9 @@ def prepare_control(
     design: LqrDesign | OutputDesign
     trajectory = None
     if len(body.chambers) > 1 or body.extensions:
-        design = output_design(task, body, limits, period, old * period)
         if law.outputs is None:
             raise InputError(f"the controller {law.name!r} takes one chamber and a fixed length: use lqr or mpc")
-        design = replace(design, supply=each)
+        design = output_design(task, body, limits, (period, old * period), each)
         control = law.outputs(design, task, limits)
     else:
         design = design_lqr(frozen(body), highest_of(task, limits), period, tuning=task.tuning, latency=old * period)
@@ -152,7 +151,7 @@ def calibration(
         raise InputError(
             f"{model.name!r} lengthens, and a dense curve does not show which of its points belong to which link: take "
             "a plant whose points ride on the body (`rides`), or make a Pipeline of its stations, a KalmanFilter and "
-            "an OutputLqr or OutputMpc of design_outputs"
+            "an OutputLqr or Mpc of design_outputs"
         )
     if seeing.fixed_length:
         raise InputError(f"{model.name!r} lengthens, which the estimator {seeing.name!r} does not follow: use filter")
@@ -197,8 +196,14 @@ def highest_of(task: Task, limits: Limits) -> float:
     return float(limits.each(1)[0])
 
 
-def output_design(task: Task, body: Model, limits: Limits, period: float, latency: float) -> OutputDesign:
-    """The design for a body of several chambers: what its outputs shall do, period by period."""
+def output_design(
+    task: Task, body: Model, limits: Limits, clock: tuple[float, float], supply: tuple[SupplyValve | None, ...],
+) -> OutputDesign:
+    """The design for a body of several chambers: what its outputs shall do, period by period.
+
+    `clock` are period and latency, s; `supply` the rig's valve of each chamber.
+    """
+    period, latency = clock
     levels = np.asarray(task.displacement, dtype=float)
     if not task.outputs or levels.ndim != 2 or levels.shape[1] != len(task.outputs):
         names = body.actuation.names
@@ -206,16 +211,17 @@ def output_design(task: Task, body: Model, limits: Limits, period: float, latenc
             f"a task for several chambers ({names}) or a body that lengthens names its outputs and gives a value of "
             "each (tip_x_mm, tip_y_mm, angle_deg in a task file)"
         )
-    clock = np.arange(max(round(task.duration / period), 1)) * period
+    times = np.arange(max(round(task.duration / period), 1)) * period
     courses = (
-        np.interp(clock, task.time, column) if task.path
-        else np.array([SetPoint(task.time, column, task.ramp)(t) for t in clock])
+        np.interp(times, task.time, column) if task.path
+        else np.array([SetPoint(task.time, column, task.ramp)(t) for t in times])
         for column in levels.T
     )
-    return design_outputs(
+    made = design_outputs(
         frozen(body), task.outputs, np.stack(list(courses), axis=1), limits, period, tuning=task.tuning,
         latency=latency, path=task.path and task.planned,
     )
+    return replace(made, supply=supply)
 
 
 def warm_up(pipeline: Pipeline, shape: Array, period: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -64,10 +64,3 @@ class Course:
         if math.isnan(self._began):
             self._began = time
         return time - self._began
-
-    def wanted(self, time: float, later: Sequence[float] | Array) -> Array:
-        """Displacements (K,) [m] wanted `later` [s] than a time [s]."""
-        since, made = self.since(time), self.trajectory
-        if made is None:
-            return np.array([self.setpoint(time + float(t)) for t in later])
-        return np.asarray(made.displacement[[made.at(since + float(t)) for t in later]])

@@ -29,12 +29,41 @@ class Rest(NamedTuple):
 
 
 def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array:
-    """Outputs (m,) of the body at absolute link angles (n,), strains behind them: tip_x, tip_y [m], angle_sum [rad]."""
-    x, y = state.tips(model, angle)[-1]
-    known = {"tip_x": x, "tip_y": y, "angle_sum": angle[model.n - 1]}
+    """Outputs (..., m) at absolute link angles (..., n), strains behind them: tip_x, tip_y [m], angle_sum [rad]."""
+    tip = state.tips(model, angle)[..., -1, :]
+    known = {"tip_x": tip[..., 0], "tip_y": tip[..., 1], "angle_sum": angle[..., model.n - 1]}
     if strange := [name for name in outputs if name not in known]:
         raise InputError(f"unknown output {strange[0]!r}: a controller follows {', '.join(known)}")
-    return np.array([known[name] for name in outputs])
+    return np.stack([known[name] for name in outputs], axis=-1)
+
+
+def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> tuple[Array, Array, Array]:
+    """How outputs move with angles and strains x (K, N) that change by v (K, N) per second.
+
+    Returns
+    -------
+    row : array (K, m, N)
+        Derivatives of the outputs by x, and of their speeds by v.
+    speed : array (K, m)
+        Per second.
+    row_speed : array (K, m, N)
+        Derivatives of the speeds by x.
+    """
+    n, K = model.n, len(x)
+    length, share = np.append(model.base_length, model.link_length), model.stretch_share
+    phi = np.concatenate([np.full((K, 1), model.base_angle), x[:, :n]], axis=1)
+    turn = np.concatenate([np.zeros((K, 1)), v[:, :n]], axis=1)
+    stretch, growth = length * (1.0 + x[:, n:] @ share.T), length * (v[:, n:] @ share.T)
+    sign, part = float(model.bend_sign), length[:, None] * share
+    along = np.stack([-sign * np.sin(phi), np.cos(phi)], axis=1)  # (K, 2, n + 1) of each link
+    across = np.stack([-sign * np.cos(phi), -np.sin(phi)], axis=1)
+    rows, moved = np.zeros((2, K, 3, model.size))
+    rows[:, :2, :n], rows[:, :2, n:] = (across * stretch[:, None])[:, :, 1:], along @ part
+    rows[:, 2, n - 1] = 1.0
+    moved[:, :2, :n] = (across * growth[:, None] - along * (stretch * turn)[:, None])[:, :, 1:]
+    moved[:, :2, n:] = (across * turn[:, None]) @ part
+    which = [("tip_x", "tip_y", "angle_sum").index(name) for name in outputs]
+    return rows[:, which], (rows[:, which] @ v[:, :, None])[..., 0], moved[:, which]
 
 
 def output_weights(model: Model, outputs: tuple[str, ...]) -> Array:

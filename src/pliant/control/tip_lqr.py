@@ -7,26 +7,54 @@ import numpy as np
 from pliant.control.contract import ControllerKind, Plan
 from pliant.control.lqr import Lqr
 from pliant.control.output_control import OutputLqr
-from pliant.control.state_feedback import StateFeedback
-from pliant.estimation.contract import State
+from pliant.control.valve_states import ValveObserver
+from pliant.estimation.contract import State, chamber_pressures
 
 Array = np.ndarray
 
 
-class LqrControl(StateFeedback[Lqr]):
+class LqrControl:
     """Feedback of the whole state, the valve's included.
 
     Parameters
     ----------
     plan : Plan
+
+    Attributes
+    ----------
+    law : Lqr
+    target : float
+        m, where the tip is wanted now.
     """
 
+    chambers, fault = 1, ""  # the law always has a command
+
     def __init__(self, plan: Plan) -> None:
-        super().__init__(plan, Lqr(plan.design, plan.limits))
+        self.law, self.target = Lqr(plan.design, plan.limits), 0.0
+        self._course, self._equilibria = plan.course, plan.design.equilibria
+        self._valve = ValveObserver(plan.design.model.valve, plan.period, late=plan.late, supply=plan.supply)
+        self.reset()
+
+    @property
+    def error(self) -> float:
+        """Of the tip along its path at the last step, m."""
+        return self.law.error
+
+    @property
+    def saturated(self) -> int:
+        """Steps whose command met a limit."""
+        return self.law.saturated
+
+    def reset(self) -> None:
+        """Start anew from no pressure."""
+        self.law.reset()
+        self._valve.reset()
+        self._course.reset()
 
     def step(self, time: float, state: State, pressure: float | Array) -> float:
         """Command [Pa] for the coming period, from the state's estimate and the pressure's reading [Pa]."""
-        valve = self.valve(pressure)
+        reading = float(chamber_pressures(pressure, 1))
+        valve = self._valve.update(self.law.command, reading)[: self._valve.order]
         since, made = self._course.since(time), self._course.trajectory
         if made is None:
             self.target = self._course.setpoint(time)

@@ -30,7 +30,7 @@ class PidControl:
         m, where the tip is wanted now.
     """
 
-    chambers = 1
+    chambers, fault = 1, ""  # the law always has a command
 
     def __init__(self, plan: Plan) -> None:
         self.model, self._setpoint, self.target = plan.body, plan.course.setpoint, 0.0

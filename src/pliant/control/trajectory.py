@@ -185,7 +185,7 @@ class Planner:
     def _answer(self, count: int) -> Array:
         """Tip displacement (count,) [m/Pa] at the ends of the periods after a command of one pascal in the first."""
         plant, row = self._plant
-        x, out = plant.B.copy(), np.empty(count)
+        x, out = plant.B[:, 0].copy(), np.empty(count)
         for k in range(count):
             out[k] = row @ x
             x = plant.A @ x

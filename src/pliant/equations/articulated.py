@@ -13,13 +13,28 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.equations.elastic import joint_tangents, joint_torques
+from pliant.equations.motion import step
+
+LEAST_LINKS = 4
 
 
 def step_articulated(phi, w, h, torque, body, joints, work):
-    """As `motion.step`, in O(n); for n >= 4, since rows of `work.A` and `work.S` hold what each link needs.
+    """As `motion.step`, in O(n).
+
+    Rows of `work.A` and `work.S` hold what each link needs, of which fewer than 4 links have too few: these take
+    `motion.step`.
 
     Paper: Eq. (5) [eq:eom]
     """
+    n = len(phi)
+    if n < LEAST_LINKS:
+        step(phi, w, h, torque, body, joints, work)
+    else:
+        folded_step(phi, w, h, torque, body, joints, work)
+
+
+def folded_step(phi, w, h, torque, body, joints, work):
+    """`step_articulated` of at least 4 links."""
     n = len(phi)
     half = 0.5 * h
     quarter = half * half

@@ -5,13 +5,43 @@ from __future__ import annotations
 LEAST_STRETCH = 0.05  # of a segment: pressed further, it is none
 
 
+def spring_torque(K, K2, K3, q, bend):
+    """Torque of a joint's spring, N m, on numbers or arrays: K q + K2 bend^2 + K3 bend^3.
+
+    `q` [rad] is the joint's angle from where its spring holds nothing, `bend` [rad] the angle from the unloaded rest
+    shape; the two differ where hysteresis moves the first. K2 = K s, K3 = K a make springs K q (1 + s q + a q^2), which
+    soften (s < 0) and then stiffen (a > 0) with the angle; s = a = 0 is the paper's.
+
+    The law of the springs is written in this and the next three functions, and nowhere else.
+
+    Paper: Eq. (5) [eq:eom]
+    """
+    return K * q + (K2 + K3 * bend) * bend * bend
+
+
+def spring_slope(K, K2, K3, bend):
+    """Slope d(torque)/d(angle) of a joint's spring, N m/rad: K + 2 K2 bend + 3 K3 bend^2."""
+    return K + (2.0 * K2 + 3.0 * K3 * bend) * bend
+
+
+def spring_slope_between(K, K2, K3, bend, change):
+    """Slope of a spring in the linearised step, N m/rad: that at the middle `bend` and how it changes with it.
+
+    d/d(bend) of [torque + slope times half of `change`], both at `bend`.
+    """
+    moved = bend + 0.5 * change
+    return K + 2.0 * K2 * moved + 3.0 * K3 * bend * (moved + 0.5 * change)
+
+
+def spring_energy(K, K2, K3, q, bend):
+    """Energy of a joint's spring, J, 0 in the rest shape: K q^2 / 2 + K2 bend^3 / 3 + K3 bend^4 / 4."""
+    return 0.5 * K * q * q + (K2 * bend * bend * bend / 3.0 + 0.25 * K3 * bend * bend * bend * bend)
+
+
 def joint_torques(phi, w, joints, torque, ahead, t):
     """Net torque t (n,) of drive, spring and damper at each joint, with t[n] = 0 behind the last one; N m.
 
-    t_i = torque_i - K_i q_m - K2_i q_m^2 - K3_i q_m^3 - D_i dq_i,  q_m = q_i + ahead dq_i
-
-    K2 = K s, K3 = K a make springs K q (1 + s q + a q^2), which soften (s < 0) and then stiffen (a > 0) with the angle;
-    s = a = 0 is the paper's.
+    t_i = torque_i - spring_torque(q_i + ahead dq_i) - D_i dq_i
 
     `ahead` [s] looks ahead along the present velocity: half a step in the implicit midpoint rule, 0 elsewhere.
 
@@ -23,8 +53,8 @@ def joint_torques(phi, w, joints, torque, ahead, t):
     for i in range(n):
         q = phi[i] - angle - joints.theta0[i]
         dq = w[i] - rate
-        more = phi[i] - angle - joints.unbent[i] + ahead * dq
-        spring = joints.K[i] * (q + ahead * dq) + (joints.K2[i] + joints.K3[i] * more) * more * more
+        bend = phi[i] - angle - joints.unbent[i] + ahead * dq
+        spring = spring_torque(joints.K[i], joints.K2[i], joints.K3[i], q + ahead * dq, bend)
         t[i] = torque[i] - spring - joints.D[i] * dq
         angle = phi[i]
         rate = w[i]
@@ -32,24 +62,36 @@ def joint_torques(phi, w, joints, torque, ahead, t):
 
 
 def joint_tangents(phi, w, joints, ahead, slope):
-    """Slopes K_i + 2 K2_i q_m + 3 K3_i q_m^2 (n,) of the springs of `joint_torques`; N m/rad."""
+    """Slopes (n,) of the springs of `joint_torques`; N m/rad."""
     angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(len(joints.theta0)):
-        more = phi[i] - angle - joints.unbent[i] + ahead * (w[i] - rate)
-        slope[i] = joints.K[i] + (2.0 * joints.K2[i] + 3.0 * joints.K3[i] * more) * more
+        bend = phi[i] - angle - joints.unbent[i] + ahead * (w[i] - rate)
+        slope[i] = spring_slope(joints.K[i], joints.K2[i], joints.K3[i], bend)
         angle = phi[i]
         rate = w[i]
 
 
 def tangent(i, phi, joints):
-    """Slope K_i + 2 K2_i q_i + 3 K3_i q_i^2 of the spring of joint i, N m/rad: what is not positive holds nothing."""
+    """Slope of the spring of joint i, N m/rad: what is not positive holds nothing."""
     angle = phi[i] - joints.unbent[i]
     if i > 0:
         angle = angle - phi[i - 1]
     else:
         angle = angle - joints.base_angle
-    return joints.K[i] + (2.0 * joints.K2[i] + 3.0 * joints.K3[i] * angle) * angle
+    return spring_slope(joints.K[i], joints.K2[i], joints.K3[i], angle)
+
+
+def bending_energy(phi, joints):
+    """Energy of the springs of all joints at absolute angles phi, J."""
+    value = 0.0 * phi[0]
+    before = joints.base_angle
+    for i in range(len(joints.theta0)):
+        q = phi[i] - before - joints.theta0[i]
+        bend = phi[i] - before - joints.unbent[i]
+        value = value + spring_energy(joints.K[i], joints.K2[i], joints.K3[i], q, bend)
+        before = phi[i]
+    return value
 
 
 def follows(phi, w, h, joints):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pliant.equations.elastic import bending_energy
+
 
 def kinetic_energy(c, s, w, body):
     """1/2 w^T M w, J, given c = cos(phi), s = sin(phi) and w = dphi/dt."""
@@ -15,15 +17,8 @@ def kinetic_energy(c, s, w, body):
 
 
 def elastic_energy(phi, joints):
-    """sum_i 1/2 K_i q_i^2 + 1/3 K2_i q_i^3 + 1/4 K3_i q_i^4, J, 0 in the rest shape; axial springs follow."""
-    value = 0.0 * phi[0]
-    before = joints.base_angle
-    for i in range(len(joints.theta0)):
-        q = phi[i] - before - joints.theta0[i]
-        more = phi[i] - before - joints.unbent[i]
-        bent = joints.K2[i] * more * more * more / 3.0 + 0.25 * joints.K3[i] * more * more * more * more
-        value = value + 0.5 * joints.K[i] * q * q + bent
-        before = phi[i]
+    """Energy of the springs, J, 0 in the rest shape; those of the strains (n..n+S) of `phi` count too."""
+    value = bending_energy(phi, joints)
     for i in range(len(joints.theta0), len(phi)):
         value = value + 0.5 * joints.K[i] * phi[i] * phi[i]
     return value

@@ -6,6 +6,7 @@ step through the very text of `motion.step`.
 
 from __future__ import annotations
 
+from pliant.equations.elastic import spring_slope_between
 from pliant.equations.motion import centrifugal, step
 from pliant.numerics.ldl import ldl_solve
 
@@ -91,11 +92,11 @@ def tridiagonal_terms(phi, w, h, joints, work, J):
     """
     N = len(w)
     for i in range(len(joints.theta0)):
-        more = phi[i] - 0.5 * h * w[i] - joints.unbent[i]
+        bend = phi[i] - 0.5 * h * w[i] - joints.unbent[i]
         if i > 0:
-            more = more - phi[i - 1] + 0.5 * h * w[i - 1]
+            bend = bend - phi[i - 1] + 0.5 * h * w[i - 1]
         else:
-            more = more - joints.base_angle
+            bend = bend - joints.base_angle
         for stage in range(2):
             o = stage * N
             a = work.r
@@ -104,9 +105,7 @@ def tridiagonal_terms(phi, w, h, joints, work, J):
             change = a[i]
             if i > 0:
                 change = change - a[i - 1]
-            moved = more + 0.25 * h * change
-            cubic = 3.0 * joints.K3[i] * more * (moved + 0.25 * h * change)
-            spring = h * (joints.K[i] + 2.0 * joints.K2[i] * moved + cubic)
+            spring = h * spring_slope_between(joints.K[i], joints.K2[i], joints.K3[i], bend, 0.5 * h * change)
             damper = h * (0.5 * spring + joints.D[i])
             J[2 * N + i, o + i] = J[2 * N + i, o + i] + h
             J[i, o + i] = J[i, o + i] - spring

@@ -17,9 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.c import cosine_and_sine
-from pliant.errors import InputError
+from pliant.errors import InputError, shown
 from pliant.exporters.c_functions import Text, parameters
 from pliant.exporters.features import ALL
+from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
@@ -27,6 +28,7 @@ from pliant.model import Model
 from pliant.model.file import UNITS
 from pliant.simulation import state
 from pliant.simulation.solve import check_step
+from pliant.text import escaped
 
 Array = np.ndarray
 CAN = ALL - {"lengthening", "second_order", "settling"}
@@ -40,12 +42,6 @@ class Code(NamedTuple):
     source: str
     prefix: str
     delay: int  # commands that are on their way at any time
-
-
-def identifier(name: str) -> str:
-    """A name of C from the name of a model."""
-    made = re.sub(r"\W+", "_", name).strip("_").lower() or "model"
-    return made if not made[0].isdigit() else f"m_{made}"
 
 
 def defaults(text: Text) -> str:
@@ -101,11 +97,13 @@ def door(text: Text, h: float) -> tuple[str, int]:
     head = (
         f"int {prefix}_step({prefix}_state *s, const {prefix}_parameters *p, const {kind} command[{C}])\n{{\n"
     )
+    head += "".join(f"    if (!isfinite(command[{c}])) return -2;\n" for c in range(C))
     w = text.writer()
     if not any(whole) and not any(rest):
         return f"{head}    return {prefix}_move(s, p, {w.number(h)}, command);\n}}\n", 0
     Q = max(k + (r > 0) for k, r in zip(whole, rest, strict=True)) + 1
-    lines = [f"    {kind} late[{C}];", *(f"    s->queue[s->next][{c}] = command[{c}];" for c in range(C))]
+    head = head.replace("{\n", f"{{\n    {kind} late[{C}];\n")
+    lines = [f"    s->queue[s->next][{c}] = command[{c}];" for c in range(C)]
     cuts = [*sorted({0.0, *rest}), h]
     for begin, end in pairwise(cuts):
         for c in range(C):
@@ -147,11 +145,12 @@ def code(model: Model, told: Told, *, step: float, precision: str, pressure: flo
     if model.n > MOST_LINKS:
         raise InputError(f"c99 writes every link out: at most {MOST_LINKS} links, got {model.n}: take a lower order")
     check_step(model, step, "midpoint")
-    prefix = identifier(prefix or model.name)
+    model = with_identifiers(model)
+    prefix = escaped(prefix or model.name, "identifier").lower()
     single = precision == "single"
     text = Text(model, prefix, single=single)
     public, queue = door(text, step)
-    comment = "/*\n" + "\n".join(f" * {line}" for line in told.lines()).replace("*/", "* /") + "\n */\n"
+    comment = "/*\n" + "\n".join(f" * {line}" for line in told.lines("c_comment")) + "\n */\n"
     rows, held = fields(text, queue)
     words = {
         "COMMENT": comment, "UP": prefix.upper(), "P": prefix, "N": model.n, "2N": 2 * model.n, "KIND": text.kind,
@@ -159,9 +158,7 @@ def code(model: Model, told: Told, *, step: float, precision: str, pressure: flo
         "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": held, "PRESSURE": f"{pressure:g}",
         "POINTS": ", ".join(p.name for p in model.points),
     }
-    header = (files("pliant.exporters") / "templates" / "c99.h").read_text(encoding="utf-8")
-    for word, value in words.items():
-        header = header.replace(f"@{word}@", str(value))
+    header = filled((files("pliant.exporters") / "templates" / "c99.h").read_text(encoding="utf-8"), words)
     parts = [
         cosine_and_sine(text.kind, f"{prefix}_", single=single), text.update(), defaults(text),
         start(text, pressure, queue), text.step(), public, text.tips(), text.joint_angles(), text.stations(),
@@ -171,8 +168,18 @@ def code(model: Model, told: Told, *, step: float, precision: str, pressure: flo
     return Code(header, source, prefix, queue)
 
 
+def filled(template: str, words: Mapping[str, object]) -> str:
+    """Return a template with each ``@WORD@`` replaced; a word within what was put in stays as it is."""
+    return re.sub("@([A-Z0-9]+)@", lambda match: str(words[match[1]]), template)
+
+
 def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write the source and, beside it, the header of the same name."""
+    if not re.fullmatch(r"[\w .+-]+", path.name, re.ASCII):
+        raise InputError(
+            f"the C source includes its header by name: name the file with letters, digits, ., -, + and _, got "
+            f"{shown(path.name)}"
+        )
     made = code(model, told, **{**options, "prefix": options["prefix"] or path.stem})
     header = path.with_suffix(".h")
     source = made.source.replace(f'#include "{made.prefix}.h"', f'#include "{header.name}"')

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.errors import InputError
 from pliant.model import Chamber, Model
+from pliant.model.model import DEFAULTS
 from pliant.simulation.levels import typical_pressure
 
 
@@ -18,6 +20,7 @@ class Feature(NamedTuple):
     title: str
     names: Callable[[Model], tuple[str, ...]]  # what a model has of it, each by its name; empty: nothing
     without: Callable[[Model], Model]  # the nearest model that has none of it
+    fields: tuple[str, ...]  # of the model's parts that describe it, as Part.field
 
 
 def when(name: str, has: Callable[[Model], object]) -> Callable[[Model], tuple[str, ...]]:
@@ -93,74 +96,147 @@ def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple
 
 
 FEATURES: dict[str, Feature] = {
-    "springs": Feature("springs and dampers", when("springs and dampers", lambda _: True), lambda m: m),
-    "drive": Feature("torque by pressure", some("torque by pressure", lambda c: c.torque.any()), lambda m: m),
+    "springs": Feature(
+        "springs and dampers", when("springs and dampers", lambda _: True), lambda m: m,
+        ("Model.stiffness", "Model.damping"),
+    ),
+    "drive": Feature(
+        "torque by pressure", some("torque by pressure", lambda c: c.torque.any()), lambda m: m,
+        ("Chamber.torque", "Chamber.joint_gain"),
+    ),
     "chambers": Feature(
         "several chambers",
         lambda m: tuple(f"chamber {c.name}" for c in m.chambers[1:]), lambda m: m.with_(chambers=m.chambers[:1]),
+        ("Model.chambers",),
+    ),
+    "points": Feature(
+        "observed points", when("observed points", lambda m: m.stations), lambda m: m.with_(stations=()),
+        ("Model.stations", "Station.link", "Station.along", "Station.across"),
     ),
     "lengthening": Feature(
         "a body that lengthens", lambda m: tuple(f"segment {e.name} that lengthens" for e in m.extensions),
         lambda m: m.with_(extensions=()),
+        ("Model.extensions", "Chamber.axial_gain", "Extension.stiffness", "Extension.damping", "Extension.start",
+         "Extension.stop"),
     ),
-    "gravity": Feature("gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=[0.0, 0.0])),
+    "gravity": Feature(
+        "gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=[0.0, 0.0]),
+        ("Model.gravity",),
+    ),
     "softening": Feature(
         "springs that soften or stiffen",
         when("softening springs", lambda m: m.stiffening.any() or m.cubic_stiffening.any()),
-        lambda m: m.with_(stiffening=[0.0], cubic_stiffening=[0.0]),
+        lambda m: m.with_(stiffening=[0.0], cubic_stiffening=[0.0]), ("Model.stiffening", "Model.cubic_stiffening"),
     ),
-    "law": Feature("torque law beyond a multiple", some("torque law of higher degree", curved), straight_law),
+    "law": Feature(
+        "torque law beyond a multiple", some("torque law of higher degree", curved), straight_law, ("Chamber.torque",)
+    ),
     "lagging_law": Feature(
         "such a law behind a lagging valve",
         some("torque law of higher degree behind a lagging valve", lambda c: curved(c) and lag(c)), straight_law,
+        ("Chamber.torque",),
     ),
-    "dead_time": Feature("dead time", some("dead time", lambda c: c.valve.dead_time), of_valve(dead_time=0.0)),
+    "dead_time": Feature(
+        "dead time", some("dead time", lambda c: c.valve.dead_time), of_valve(dead_time=0.0), ("Valve.dead_time",)
+    ),
     "two_lags": Feature(
         "rise and fall times that differ",
         some("rise and fall times that differ", lambda c: c.valve.rise_time != c.valve.fall_time), of_chambers(one_lag),
+        ("Valve.rise_time", "Valve.fall_time"),
     ),
     "lag": Feature(
         "first-order valve", some("first-order valve", lambda c: c.valve.rise_time or c.valve.fall_time),
-        of_valve(rise_time=0.0, fall_time=0.0),
+        of_valve(rise_time=0.0, fall_time=0.0), ("Valve.rise_time", "Valve.fall_time"),
     ),
     "second_order": Feature(
-        "second-order valve", some("second-order valve", lambda c: c.valve.natural_frequency), of_chambers(first_order)
+        "second-order valve", some("second-order valve", lambda c: c.valve.natural_frequency),
+        of_chambers(first_order), ("Valve.natural_frequency", "Valve.damping_ratio"),
     ),
     "rates": Feature(
         "valve of limited rate", some("limited rate of the valve", lambda c: c.valve.rise_rate or c.valve.fall_rate),
-        of_valve(rise_rate=0.0, fall_rate=0.0),
+        of_valve(rise_rate=0.0, fall_rate=0.0), ("Valve.rise_rate", "Valve.fall_rate"),
     ),
     "settling": Feature(
         "pressure that settles late", some("late settling of the valve", lambda c: c.valve.settle_share),
-        of_valve(settle_share=0.0),
+        of_valve(settle_share=0.0), ("Valve.settle_share", "Valve.settle_time"),
     ),
     "swelling": Feature(
-        "swelling", some("swelling", lambda c: c.swell_share), of_chambers(lambda c: replace(c, swell_share=0.0))
+        "swelling", some("swelling", lambda c: c.swell_share), of_chambers(lambda c: replace(c, swell_share=0.0)),
+        ("Chamber.swell_share", "Chamber.swell_time"),
     ),
     "inflation": Feature(
         "inflation", some("inflation", lambda c: c.inflation_limit),
-        of_chambers(lambda c: replace(c, inflation_limit=0.0)),
+        of_chambers(lambda c: replace(c, inflation_limit=0.0)), ("Chamber.inflation_limit", "Chamber.inflation_time"),
     ),
     "creep": Feature(
         "creep", numbered("creep branch", lambda m: len(m.memory.creep_share)),
-        of_memory(creep_share=(), creep_time=()),
+        of_memory(creep_share=(), creep_time=()), ("Memory.creep_share", "Memory.creep_time"),
     ),
     "slip": Feature(
         "slip elements", numbered("slip element", lambda m: len(m.memory.slip_share)),
-        of_memory(slip_share=(), slip_angle=()),
+        of_memory(slip_share=(), slip_angle=()), ("Memory.slip_share", "Memory.slip_angle"),
     ),
     "boucwen": Feature(
-        "Bouc-Wen", when("Bouc-Wen", lambda m: m.memory.boucwen_share), of_memory(boucwen_share=0.0)
+        "Bouc-Wen", when("Bouc-Wen", lambda m: m.memory.boucwen_share), of_memory(boucwen_share=0.0),
+        tuple(f"Memory.boucwen_{f}" for f in ("share", "beta", "gamma", "exponent")),
     ),
 }
+EVERYWHERE = (  # fields that every target writes, or that name and gather others
+    "Model.link_length", "Model.link_mass", "Model.rest_angle", "Model.mass_at", "Model.tip_mass", "Model.base_length",
+    "Model.base_angle", "Model.bend_sign", "Model.memory", "Model.name", "Model.source", "Chamber.name",
+    "Chamber.valve", "Extension.name", "Station.name",
+)
+KNOWN = frozenset(EVERYWHERE).union(*(feature.fields for feature in FEATURES.values()))
 ALL = frozenset(FEATURES)
 RUBBER = frozenset({"swelling", "inflation"})
 MEMORY = frozenset({"creep", "slip", "boucwen"})
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:
-    """Keys of what `model` has and a target that expresses `can` has not."""
+    """Keys of what `model` has and a target that expresses `can` has not.
+
+    Raises
+    ------
+    InputError
+        When the model has what no exporter knows: a field that was added to it and to no feature.
+    """
+    if strange := tuple(unknown(model)):
+        raise InputError(
+            f"{', '.join(strange)}: not known to the exporters, so that an export would lose it: add the field to a "
+            "feature of pliant.exporters.features, or leave it at its default"
+        )
     return tuple(key for key, feature in FEATURES.items() if key not in can and feature.names(model))
+
+
+def unknown(part: Any) -> Iterator[str]:
+    """Fields of a model and its parts that no feature knows and that differ from their default, as Part.field."""
+    values = part._asdict() if hasattr(part, "_asdict") else {f.name: getattr(part, f.name) for f in fields(part)}
+    for name, value in values.items():
+        title = f"{type(part).__name__}.{name}"
+        if title not in KNOWN:
+            if not same(value, default_of(part, name)):
+                yield title
+            continue
+        for inner in value if isinstance(value, tuple) else (value,):
+            if is_dataclass(inner) or hasattr(inner, "_asdict"):
+                yield from unknown(inner)
+
+
+def default_of(part: Any, name: str) -> Any:
+    """Return the default of a field; MISSING where it has none."""
+    if isinstance(part, Model):
+        return DEFAULTS.get(name, MISSING)
+    if hasattr(part, "_field_defaults"):
+        return part._field_defaults.get(name, MISSING)
+    (field,) = (f for f in fields(part) if f.name == name)
+    return field.default_factory() if field.default_factory is not MISSING else field.default
+
+
+def same(value: Any, default: Any) -> bool:
+    """Whether a value is its default, arrays element by element."""
+    if default is MISSING:
+        return False
+    return bool(np.all(value == default)) if isinstance(value, np.ndarray) else bool(value == default)
 
 
 def named(model: Model, keys: tuple[str, ...]) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -19,63 +20,43 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
-import numpy as np
-
 from pliant.errors import InputError
 from pliant.exporters import c99
-from pliant.exporters.c_functions import parameters
+from pliant.exporters.fmu_variables import unit_definitions, variables
 from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import whole
 from pliant.model import Model
-from pliant.model.file import UNITS
+from pliant.text import escaped
 from pliant.version import __version__
 
-DERIVED = ("B", "I", "h", "K2", "K3", "dead_time")
+PLAIN = {n: f"FMI{n}_OVERRIDE_FUNCTION_PREFIX" for n in "23"}  # the sources then define the standard's own names
 STAMP = (1980, 1, 1, 0, 0, 0)  # of the files in the archive: the same model gives the same bytes
 
 
-class Variable(NamedTuple):
-    """One variable of the FMU."""
+class Identity(NamedTuple):
+    """What tells one FMU from another, and how it runs."""
 
-    name: str
-    causality: str
-    unit: str
-    start: float | None = None
-
-
-def variables(model: Model, pressure: float) -> list[Variable]:
-    """All variables in the order of their value references; see templates/fmu.c."""
-    n, single = model.n, len(model.chambers) == 1
-    chambers = ["pressure"] if single else [f"pressure_{c + 1}" for c in range(len(model.chambers))]
-    made = [Variable("time", "independent", "s")]
-    made += [Variable(name, "input", "Pa", pressure) for name in chambers]
-    for point in model.points:
-        made += [Variable(f"{point.name}.{k}", "output", u) for k, u in (("x", "m"), ("y", "m"), ("angle", "rad"))]
-    made += [Variable(f"q_{i + 1}", "output", "rad") for i in range(n)]
-    made += [Variable(f"{name}_behind_valve", "output", "Pa") for name in chambers]
-    made += [Variable(f"{kind}_energy", "output", "J") for kind in ("kinetic", "elastic", "gravitational")]
-    for field, value in parameters(model).items():
-        if field not in DERIVED:
-            for index in np.ndindex(*value.shape):
-                name = field + (f"[{','.join(str(i + 1) for i in index)}]" if index else "")
-                made.append(Variable(name, "parameter", UNITS.get(field, ""), float(value[index])))
-    return made
+    name: str  # the model identifier: of the file, the functions and the binary
+    version: str  # of FMI
+    token: str  # GUID or instantiation token
+    step: float  # s
+    pressure: float  # Pa, at the start
 
 
-def root_of(model: Model, told: Told, version: str, token: str, step: float) -> ET.Element:
+def root_of(told: Told, this: Identity) -> ET.Element:
     """The model description without its variables."""
-    name, text = c99.identifier(model.name), "\n".join(told.lines())
     root = ET.Element(
-        "fmiModelDescription", fmiVersion=version, modelName=model.name, description=text,
-        generationTool=f"pliant {__version__}", variableNamingConvention="structured",
+        "fmiModelDescription", fmiVersion=this.version, modelName=escaped(told.model.name, "line"),
+        description="\n".join(told.lines("line")), generationTool=f"pliant {__version__}",
+        variableNamingConvention="structured",
     )
-    root.set("guid" if version == "2.0" else "instantiationToken", token)
+    root.set("guid" if this.version == "2.0" else "instantiationToken", this.token)
     abilities = {
-        "modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true",
+        "modelIdentifier": this.name, "canHandleVariableCommunicationStepSize": "true",
         "canBeInstantiatedOnlyOncePerProcess": "false",
     }
-    if version == "2.0":
+    if this.version == "2.0":
         abilities |= {
             "canNotUseMemoryManagementFunctions": "true", "canGetAndSetFMUstate": "true",
             "canSerializeFMUstate": "true",
@@ -84,20 +65,17 @@ def root_of(model: Model, told: Told, version: str, token: str, step: float) -> 
         ET.SubElement(ET.SubElement(own, "SourceFiles"), "File", name="all.c")
     else:
         abilities |= {
-            "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "fixedInternalStepSize": repr(step),
+            "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "fixedInternalStepSize": repr(this.step),
         }
         ET.SubElement(root, "CoSimulation", abilities)
     return root
 
 
-def description(model: Model, told: Told, version: str, token: str, options: Mapping[str, Any]) -> bytes:
+def description(model: Model, told: Told, this: Identity) -> bytes:
     """modelDescription.xml."""
-    step = float(options["step"])
-    root, rows = root_of(model, told, version, token, step), variables(model, options["pressure"])
-    units = ET.SubElement(root, "UnitDefinitions")
-    for unit in sorted({v.unit for v in rows if v.unit}):
-        ET.SubElement(units, "Unit", name=unit)
-    ET.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize=repr(step))
+    root, rows = root_of(told, this), variables(model, this.pressure)
+    unit_definitions(root, rows)
+    ET.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize=repr(this.step))
     held = ET.SubElement(root, "ModelVariables")
     for ref, v in enumerate(rows):
         words = {"name": v.name, "valueReference": str(ref), "causality": v.causality}
@@ -105,11 +83,11 @@ def description(model: Model, told: Told, version: str, token: str, options: Map
         kind = {"unit": v.unit} if v.unit else {}
         if v.start is not None:
             kind["start"] = repr(v.start)
-        if version == "2.0":
+        if this.version == "2.0":
             ET.SubElement(ET.SubElement(held, "ScalarVariable", words), "Real", kind)
         else:
             ET.SubElement(held, "Float64", words | kind)
-    structure(root, [ref for ref, v in enumerate(rows) if v.causality == "output"], version)
+    structure(root, [ref for ref, v in enumerate(rows) if v.causality == "output"], this.version)
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True)
 
@@ -136,33 +114,40 @@ def build_description(name: str) -> bytes:
     return ET.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
-def sources(model: Model, told: Told, version: str, token: str, options: Mapping[str, Any]) -> str:
+def sources(model: Model, told: Told, this: Identity) -> str:
     """The whole FMU in one file of C."""
-    prefix, pressure = c99.identifier(model.name), options["pressure"]
-    made = c99.code(model, told, step=options["step"], precision="double", pressure=pressure, prefix=prefix)
-    rows = variables(model, pressure)
+    made = c99.code(model, told, step=this.step, precision="double", pressure=this.pressure, prefix=this.name)
+    rows = variables(model, this.pressure)
     count = {kind: sum(v.causality == kind for v in rows) for kind in ("input", "output", "parameter")}
-    start = "\n".join(f"    i->now.command[{c}] = {float(pressure)!r};" for c in range(count["input"]))
+    start = "\n".join(f"    i->now.command[{c}] = {this.pressure!r};" for c in range(count["input"]))
+    number, folder = this.version[0], files("pliant.exporters") / "templates"
+    shared, wrapper = ((folder / f).read_text(encoding="utf-8") for f in ("fmu.c", f"fmi{number}.c"))
     words = {
-        "@P@": prefix, "@INPUTS@": str(count["input"]), "@OUTPUTS@": str(count["output"]),
-        "@PARAMETERS@": str(count["parameter"]), "@STATIONS@": str(len(model.points)), "@LINKS@": str(model.n),
-        "@STEP@": repr(float(options["step"])), "@GUID@": token, "@START@": start,
+        "P": made.prefix, "INPUTS": count["input"], "OUTPUTS": count["output"], "PARAMETERS": count["parameter"],
+        "STATIONS": len(model.points), "LINKS": model.n, "STEP": repr(this.step), "GUID": this.token, "START": start,
+        "FMI": f"FMI{number}", "NAME": this.name,
+        "FUNCTIONS": "\n".join(f"#define {name} FULL_NAME({name})" for name in functions_of(wrapper, number)),
     }
-    folder = files("pliant.exporters") / "templates"
-    wrapper = "".join((folder / f).read_text(encoding="utf-8") for f in ("fmu.c", f"fmi{version[0]}.c"))
-    for word, value in words.items():
-        wrapper = wrapper.replace(word, value)
-    return made.header + made.source.replace(f'#include "{prefix}.h"\n', "") + wrapper
+    return made.header + made.source.replace(f'#include "{made.prefix}.h"\n', "") + c99.filled(shared + wrapper, words)
 
 
-def compiled(text: str, folder: Path) -> tuple[bytes | None, str]:
+def functions_of(wrapper: str, number: str) -> list[str]:
+    """Names of the functions of the standard that a template defines, those that its macros make included."""
+    names = re.findall(rf"^FMI [\w *]*?\b(fmi{number}\w+)\(", wrapper, re.MULTILINE)
+    names += re.findall(rf"^(?:NONE|REFUSE|REFUSE_PLAIN)\((fmi{number}\w+)", wrapper, re.MULTILINE)
+    types = re.findall(r"^NONE\(([A-Z]\w+),", wrapper, re.MULTILINE)
+    return names + [f"fmi{number}{verb}{kind}" for kind in types for verb in ("Get", "Set")]
+
+
+def compiled(text: str, folder: Path, number: str) -> tuple[bytes | None, str]:
     """The binary, or nothing and the sentence that says why."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None or sys.platform not in ("linux", "darwin"):
         return None, "no C compiler was found: the FMU holds its sources alone, and no binary"
     source, binary = folder / "all.c", folder / "all.so"
     source.write_text(text, encoding="utf-8")
-    command = [compiler, "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", str(source), "-o", str(binary)]
+    flags = ["-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", f"-D{PLAIN[number]}"]
+    command = [compiler, *flags, str(source), "-o", str(binary)]
     done = subprocess.run([*command, "-lm"], capture_output=True, text=True, check=False)  # noqa: S603  our own source
     if done.returncode:
         return None, f"the C compiler refused the sources: the FMU holds no binary ({done.stderr.strip()[:200]})"
@@ -183,13 +168,14 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
     version = {"2": "2.0", "2.0": "2.0", "3": "3.0", "3.0": "3.0"}.get(str(options["fmi"]))
     if version is None:
         raise InputError(f"fmu fmi must be 2.0 or 3.0, got {options['fmi']!r}")
-    name = c99.identifier(model.name)
-    token = "{" + hashlib.sha256("\n".join([version, *told.lines()]).encode()).hexdigest()[:32] + "}"
-    text = sources(model, told, version, token, options)
+    token = "{" + hashlib.sha256("\n".join([version, *told.lines("line")]).encode()).hexdigest()[:32] + "}"
+    name = escaped(path.stem, "identifier")
+    this = Identity(name, version, token, float(options["step"]), float(options["pressure"]))
+    text = sources(model, told, this)
     with tempfile.TemporaryDirectory() as folder:
-        binary, why = compiled(text, Path(folder))
+        binary, why = compiled(text, Path(folder), version[0])
     content: dict[str, bytes] = {
-        "modelDescription.xml": description(model, told, version, token, options),
+        "modelDescription.xml": description(model, told, this),
         "sources/all.c": text.encode(),
     }
     if version == "3.0":
@@ -198,7 +184,7 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
         where, ending = places(version)
         content[f"binaries/{where}/{name}.{ending}"] = binary
     content["resources/pliant.json"] = told.json().encode()
-    content["documentation/README.txt"] = "\n".join([*told.lines(), why]).encode()
+    content["documentation/README.txt"] = "\n".join([*told.lines("line"), why]).encode()
     with whole(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
         for entry, data in content.items():
             archive.writestr(zipfile.ZipInfo(entry, STAMP), data, zipfile.ZIP_DEFLATED)

@@ -81,7 +81,8 @@ class PushEnv(gymnasium.Env[Array, Array]):
         rng = self.np_random
         if seed is not None or not self._worlds:
             bodies = draw_models(self.model, self.fit, self.task.bodies, rng) if self.fit else [self.model]
-            self._worlds = [(self.mujoco.MjModel.from_xml_string(world(m, self.task.step)), m) for m in bodies]
+            worlds = (world(m, self.task.step, self.highest) for m in bodies)
+            self._worlds = [(self.mujoco.MjModel.from_xml_string(w), m) for w, m in zip(worlds, bodies, strict=True)]
         self._m, self._own = self._worlds[int(rng.integers(len(self._worlds)))]
         self._d = self.mujoco.MjData(self._m)
         self._joints = [self._m.joint(f"q_{i + 1}").id for i in range(self.model.n)]
@@ -158,13 +159,15 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return seen, LOST if lost else -float(apart) / self.model.length, lost, bool(late), told
 
 
-def world(model: Model, timestep: float) -> str:
+def world(model: Model, timestep: float, highest: float) -> str:
     """The exported body with a puck on a table."""
     told = Told(model, "mjcf", "pliant/Push-v0")
-    root = ET.fromstring(mjcf(model, told, timestep=timestep, radius=SKIN * model.length))  # noqa: S314  our own text
+    root = ET.fromstring(mjcf(model, told, timestep=timestep, radius=SKIN * model.length, highest=highest))  # noqa: S314  our own text
     radius, mass = PUCK * model.length, float(np.sum(model.link_mass))
-    place = root.find("worldbody")
+    place, key = root.find("worldbody"), root.find("keyframe")
     assert place is not None
+    if key is not None:  # of the body alone
+        root.remove(key)
     puck = ET.SubElement(place, "body", name="puck", gravcomp="1")
     rub = number(FRICTION * 9.81 * mass)
     for axis, along in (("x", "1 0 0"), ("y", "0 1 0")):

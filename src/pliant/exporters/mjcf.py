@@ -15,12 +15,17 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, SimulationError
 from pliant.exporters.features import ALL, RUBBER
+from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
+from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.model import Chamber, Model
+from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import equilibrium
+from pliant.text import identifiers
 
 CAN = ALL - RUBBER - {"lengthening", "lagging_law", "two_lags", "second_order", "rates", "settling", "boucwen"}
 ARMATURE = 1e-7  # kg m^2, of a hidden hinge: MuJoCo moves nothing without inertia
@@ -45,11 +50,19 @@ def number(*values: float) -> str:
 
 
 def mjcf(
-    model: Model, told: Told, *, prefix: str = "", timestep: float = 1e-3, radius: float = 0.0,
-    integrator: str = INTEGRATORS[0],
+    model: Model, told: Told, *, prefix: str = "", timestep: float = 0.0, radius: float = 0.0,
+    integrator: str = INTEGRATORS[0], highest: float = 0.0,
 ) -> str:
-    """The XML of a model that has only what MJCF can express."""
+    """The XML of a model that has only what MJCF can express.
+
+    The time step [s] is checked against the stiffest mode; 0: chosen by it. Controls reach up to the pressure `highest`
+    [Pa]; 0: up to twice the typical one. With a prefix, which is for worlds of several bodies, there is no keyframe,
+    since one holds the state of a whole world.
+    """
     size = radius or 0.08 * model.length
+    model = with_identifiers(model)
+    chain = linear_chain(model, [Hidden(b.share, b.time, ARMATURE) for b in branches(model)])
+    timestep = checked_step(chain, integrator, timestep)
     root = ET.Element("mujoco", model=f"{prefix}{model.name}")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(
@@ -67,8 +80,10 @@ def mjcf(
         parent = link(parent, model, i, prefix, size)
     tendons(root, model, prefix)
     contacts(root, model, prefix)
-    actuators(root, model, prefix, timestep)
+    actuators(root, model, prefix, timestep, highest or 2.0 * typical_pressure(model))
     sensors(root, model, prefix)
+    if not prefix:
+        keyframe(root, model, told)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -193,21 +208,24 @@ def control(pressure: float, power: int) -> float:
 
 def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
     """The controls of an exported model: name, number of the chamber, power of its pressure; see `control`."""
-    return [
-        (name + (f"_{k + 1}" if k else ""), c, k + 1)
-        for c, (chamber, _, name) in enumerate(chamber_names(model, prefix)) for k, gain in enumerate(chamber.torque)
-        if gain
+    powers = [
+        (name, c, k + 1) for c, (chamber, _, name) in enumerate(chamber_names(with_identifiers(model), prefix))
+        for k, gain in enumerate(chamber.torque) if gain
     ]
+    names = identifiers([name + (f"_{power}" if power > 1 else "") for name, _, power in powers])
+    return [(name, c, power) for name, (_, c, power) in zip(names, powers, strict=True)]
 
 
-def actuators(root: ET.Element, model: Model, prefix: str, timestep: float) -> None:
-    """One control for each chamber and power of its pressure that the law holds, the first behind the valve."""
+def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, highest: float) -> None:
+    """One control for each chamber and power of its pressure that the law holds, from none to the `highest` [Pa]."""
     group = ET.SubElement(root, "actuator")
     several = chamber_names(model, prefix)
     for name, c, power in controls(model, prefix):
         chamber, tendon, _ = several[c]
         valve, gain = chamber.valve, chamber.torque[power - 1] * LEVEL ** (power - 1)
         words = {"gainprm": number(gain), "biastype": "none", "gaintype": "fixed", "dyntype": "none"}
+        if highest > 0:
+            words["ctrlrange"] = number(0.0, control(highest, power))
         if valve.rise_time:
             words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
         if valve.dead_time:
@@ -225,16 +243,30 @@ def sensors(root: ET.Element, model: Model, prefix: str) -> None:
         ET.SubElement(group, "jointpos", name=f"{prefix}q_{i + 1}_pos", joint=f"{prefix}q_{i + 1}")
 
 
+def keyframe(root: ET.Element, model: Model, told: Told) -> None:
+    """The rest without pressure, under the model's gravity, its memory relaxed: joints in the order of the tree."""
+    try:
+        rest = equilibrium(model, np.zeros(len(model.chambers)))
+    except SimulationError as error:
+        told.said.append(f"no keyframe, since the body has no rest without pressure: {error}")
+        return
+    places = [q for q in rest for _ in range(1 + len(branches(model)))]
+    ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="rest", qpos=number(*places))
+
+
 def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write the MJCF."""
-    if not options["timestep"] > 0 or options["radius"] < 0:
-        raise InputError(f"mjcf timestep must be positive and radius not negative (m), got {dict(options)}")
+    if not min(options["timestep"], options["radius"], options["highest"]) >= 0:
+        raise InputError(f"mjcf timestep (s), radius (m) and highest (Pa) must not be negative, got {dict(options)}")
     if options["integrator"] not in INTEGRATORS:
         raise InputError(f"mjcf integrator is one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}")
-    return (write_text(path, mjcf(model, told, **options)),)
+    highest = options["highest"] or 2.0 * typical_pressure(model)
+    if not options["highest"] and highest:
+        told.said.append(f"controls reach from 0 to {1e-3 * highest:.4g} kPa: set highest (Pa) for another range")
+    return (write_text(path, mjcf(model, told, **{**options, "highest": highest})),)
 
 
 EXPORTER = Exporter(
     "mjcf", "MuJoCo model (XML)", (".xml", ".mjcf"), CAN, write,
-    {"prefix": "", "timestep": 1e-3, "radius": 0.0, "integrator": INTEGRATORS[0]},
+    {"prefix": "", "timestep": 0.0, "radius": 0.0, "integrator": INTEGRATORS[0], "highest": 0.0},
 )

@@ -13,6 +13,7 @@ from pliant.errors import InputError
 from pliant.exporters.difference import Difference
 from pliant.model import Model
 from pliant.model.file import UNITS, model_to_dict
+from pliant.text import Form, escaped
 from pliant.version import __version__
 
 FRAME = (
@@ -52,8 +53,8 @@ class Told:
         """The same as JSON."""
         return json.dumps(self.to_dict(), indent=1)
 
-    def lines(self) -> list[str]:
-        """The same as lines of text, for a comment."""
+    def lines(self, form: Form) -> list[str]:
+        """The same as lines of text, escaped for a comment or an element of the given form."""
         told = self.to_dict()
         first = [
             f"{told['name']}: {self.target} made by {told['made_by']}", f"command: {told['command']}",
@@ -64,7 +65,8 @@ class Told:
         errors = [f"{k}: {v:.4g}" for k, v in standard.items()] if isinstance(standard, dict) else [standard]
         source = [f"{k}: {v}" for k, v in told["source"].items()]
         sections = {"parameters": rows, "standard errors": errors, "source": source, "left out": self.sentences()}
-        return first + [line for title, part in sections.items() if part for line in (f"{title}:", *indent(part))]
+        lines = first + [line for title, part in sections.items() if part for line in (f"{title}:", *indent(part))]
+        return [escaped(line, form) for line in lines]
 
     def sentences(self) -> list[str]:
         """What was left out and by how much the motion differs, and the notes of the target."""

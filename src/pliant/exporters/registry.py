@@ -14,6 +14,7 @@ from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.exporters.difference import Difference, difference
 from pliant.exporters.features import missing, named, without
+from pliant.exporters.names import changed_names, with_identifiers
 from pliant.exporters.provenance import Told, command_of
 from pliant.model import Model, load_model
 from pliant.plugins import offered
@@ -50,6 +51,9 @@ class Exporter:
         Options with their defaults, whose type a given value must have.
     by_nature : dict
         Features that no artefact of this kind carries, with the sentence that says so: told, not refused.
+    moves : bool
+        Whether the artefact moves under pressure, so that what it leaves out shows in a difference of motion. One that
+        does not is never approximate.
     """
 
     name: str
@@ -59,6 +63,7 @@ class Exporter:
     write: Callable[[Model, Told, Path, Mapping[str, Any]], tuple[Path, ...]]
     options: Mapping[str, Any] = field(default_factory=dict)
     by_nature: Mapping[str, str] = field(default_factory=dict)
+    moves: bool = True
 
 
 @dataclass(frozen=True, repr=False)
@@ -153,6 +158,11 @@ def export(
     chosen = checked_options(exporter, options)
     command = command_of(source, target, path, options, approximate=approximate)
     lost = tuple(k for k in missing(loaded, exporter.can) if k not in exporter.by_nature)
+    if lost and not exporter.moves:
+        raise InputError(
+            f"{', '.join(named(loaded, lost))}: not expressible in {target}, which holds no springs and no pressure: "
+            "no difference of motion can be measured; export a model without it"
+        )
     if lost and not approximate:
         raise InputError(
             f"{', '.join(named(loaded, lost))}: not expressible in {target}; approximate (--approximate) leaves it out "
@@ -160,11 +170,12 @@ def export(
         )
     reduced = without(loaded, lost)
     notes = tuple(dict.fromkeys(s for k, s in exporter.by_nature.items() if k in missing(loaded, exporter.can)))
+    notes += changed_names(loaded)
     told = Told(
         loaded, target, command, named(loaded, lost), difference(loaded, reduced) if lost else None,
         dict(standard_errors or {}), notes,
     )
-    files = exporter.write(reduced, told, path, chosen)
+    files = exporter.write(with_identifiers(reduced), told, path, chosen)
     return Exported(target, files, told.left_out, told.difference, (*notes, *told.said))
 
 

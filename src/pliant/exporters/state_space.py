@@ -5,6 +5,7 @@ Beside what `pliant.linearise` gives, every branch of creep adds its n states ex
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,17 +15,20 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.exporters.features import ALL, RUBBER
+from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import whole
 from pliant.linear import linearise
 from pliant.linear.linearisation import LinearModel
 from pliant.linear.sampled import sample
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import lengthened, state
 
 Array = np.ndarray
-CAN = ALL - RUBBER - {"two_lags", "rates", "settling", "slip", "boucwen"}
+NO_POINTS = "the outputs are the last tip, the joint angles and the strains: other observed points are not among them"
+CAN = ALL - RUBBER - {"points", "two_lags", "rates", "settling", "slip", "boucwen"}
 STATE_UNITS = {
     "phi": "rad", "w_": "rad/s", "strain_rate_": "1/s", "strain_": "1", "pressure_rate": "Pa/s", "pressure": "Pa",
     "creep": "rad", "command": "Pa",
@@ -51,7 +55,7 @@ def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     A = np.zeros((N + n * len(branches), N + n * len(branches)))
     A[:N, :N] = linear.A
     relative = lengthened.of_joints(n, size)[:n]
-    M = state.absolute_inertia(model, np.append(linear.angle, linear.strain))
+    M = mechanics_of(model).inertia(np.append(linear.angle, linear.strain))
     answer = np.linalg.solve(M, relative.T)  # of the accelerations to a torque at each joint
     names = []
     for j, (share, time) in enumerate(branches):
@@ -68,7 +72,8 @@ def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
 def control_system(model: Model, pressure: float | Array = 0.0, period: float = 0.0) -> Any:
     """The model about its rest as a `control.StateSpace`: sampled behind a hold with its dead time where period > 0.
 
-    Pressure in Pa, period in s. A continuous one knows no dead time: add ``model.valve.dead_time`` yourself.
+    Pressure in Pa, one for each chamber, period in s. A continuous one knows no dead time: add that of each chamber's
+    valve yourself. Dots in names, which python-control does not take, become underscores.
 
     Raises
     ------
@@ -80,19 +85,21 @@ def control_system(model: Model, pressure: float | Array = 0.0, period: float = 
     except ImportError:
         raise InputError("python-control is not installed: pip install 'pliant[export]'") from None
     told = matrices(model, pressure, period)
-    names = {"states": told["state"], "inputs": told["input"], "outputs": told["output"]}
+    labels = {"states": "state", "inputs": "input", "outputs": "output"}
+    names = {which: [name.replace(".", "_") for name in told[key]] for which, key in labels.items()}
     return control.ss(told["A"], told["B"], told["C"], told["D"], *([period] if period else []), **names)
 
 
 def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, Any]:
     """A, B, C, D, operating point, names and units, as a file holds them."""
+    model = with_identifiers(model)
     linear = linear_model(model, pressure)
     A, B, C, states, dead = linear.A, linear.B, linear.C, list(linear.states), linear.dead_times
     if period:
         plant = sample(linear, period)
-        waiting = [f"command_{k + 1}_periods_ago" for k in range(plant.waiting)]
-        A, B, states, dead = plant.A, plant.B[:, None], [*states, *waiting], np.zeros(1)
-        C = np.concatenate([C, np.zeros((C.shape[0], plant.waiting))], axis=1)
+        waiting = commands_on_their_way(model, plant.waiting)
+        A, B, states, dead = plant.A, plant.B, [*states, *waiting], np.zeros(dead.size)
+        C = np.concatenate([C, np.zeros((C.shape[0], len(waiting)))], axis=1)
     units = [unit_of(name) for name in states]
     inputs = [f"pressure_{c.name}" for c in model.chambers] if dead.size > 1 else ["pressure"]
     return {
@@ -102,6 +109,15 @@ def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, 
         "output_unit": [output_unit(name) for name in linear.outputs],
         "operating_state": operating_point(model, linear, states), "operating_input": linear.pressures,
     }
+
+
+def commands_on_their_way(model: Model, waiting: tuple[int, ...]) -> list[str]:
+    """Names of the states that hold earlier commands, as `Sampled` orders them: with the chamber's where several."""
+    several = len(waiting) > 1
+    return [
+        f"command_{chamber.name}_{k + 1}_periods_ago" if several else f"command_{k + 1}_periods_ago"
+        for chamber, most in zip(model.chambers, waiting, strict=True) for k in range(most)
+    ]
 
 
 def unit_of(name: str) -> str:
@@ -135,9 +151,11 @@ def operating_point(model: Model, linear: LinearModel, states: list[str]) -> Arr
 
 
 def chamber_of(model: Model, name: str) -> int:
-    """Which chamber's pressure a state is: the first where there is one alone."""
-    names = [f"pressure_{c.name}" for c in model.chambers]
-    return names.index(name) if name in names else 0
+    """Which chamber's pressure or earlier command a state is: the first where there is one alone."""
+    if len(model.chambers) == 1:
+        return 0
+    whole = [(f"pressure_{c.name}", rf"command_{re.escape(c.name)}_\d+_periods_ago") for c in model.chambers]
+    return next(k for k, (held, sent) in enumerate(whole) if name == held or re.fullmatch(sent, name))
 
 
 def pressures_of(text: str) -> Array:
@@ -167,5 +185,5 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
 
 EXPORTER = Exporter(
     "state-space", "A, B, C, D about a rest (.mat or .npz)", (".mat", ".npz"), CAN, write,
-    {"pressure": "0", "period": 0.0},
+    {"pressure": "0", "period": 0.0}, {"points": NO_POINTS},
 )

@@ -10,23 +10,27 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.exporters.features import ALL
 from pliant.exporters.mjcf import TINY, link_inertia, number
+from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
-from pliant.model import Model
+from pliant.model import Model, Station
+from pliant.text import identifiers
 
 LOST = "URDF has no springs and no pressure: it carries links, joints, inertia and dampers, and its chain hangs loose"
 WORLD = "URDF has no gravity: the world that loads it has"
-BY_NATURE = {"springs": LOST, "drive": LOST, "chambers": LOST, "gravity": WORLD}
+BY_NATURE = dict.fromkeys(ALL - {"points", "lengthening", "gravity"}, LOST) | {"gravity": WORLD}
 TURN = 3.0  # rad, limit of a joint: RViz draws its sliders by it
 
 
 def urdf(model: Model, told: Told, *, prefix: str = "", radius: float = 0.0) -> str:
     """The XML of a body; joint angles are zero in the rest shape."""
     size = radius or 0.08 * model.length
+    model = with_identifiers(model)
     root = ET.Element("robot", name=f"{prefix}{model.name}")
-    root.append(ET.Comment(" " + "\n  ".join(told.lines()).replace("--", "- -") + " "))  # XML: no -- in a comment
+    root.append(ET.Comment(" " + "\n  ".join(told.lines("xml_comment")) + " "))
     base_turn = model.bend_sign * model.base_angle
     shape(ET.SubElement(root, "link", name=f"{prefix}base"), model.base_length, size, base_turn)
     for i in range(model.n):
@@ -41,8 +45,10 @@ def urdf(model: Model, told: Told, *, prefix: str = "", radius: float = 0.0) -> 
         )
         shape(link, float(model.link_length[i]), size, 0.0)
         hinge(root, model, i, prefix)
-    for p in model.points:
-        observed(root, model, p, prefix)
+    links = ["base", *(f"link_{i + 1}" for i in range(model.n))]
+    wanted = [f"{p.name}_point" if p.name in links else p.name for p in model.points]
+    for p, name in zip(model.points, identifiers(wanted, links), strict=True):
+        observed(root, model, p, prefix, name)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
 
@@ -72,7 +78,7 @@ def shape(link: ET.Element, length: float, size: float, turn: float) -> None:
         ET.SubElement(geometry, "cylinder", length=number(length), radius=number(min(size, 0.9 * length)))
 
 
-def observed(root: ET.Element, model: Model, point: Any, prefix: str) -> None:
+def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: str) -> None:
     """An observed point as a link of its own without mass, fixed to its carrier."""
     place = np.array([-model.bend_sign * point.across, point.along, 0.0])
     turn = 0.0
@@ -80,14 +86,11 @@ def observed(root: ET.Element, model: Model, point: Any, prefix: str) -> None:
         turn = model.bend_sign * model.base_angle
         c, s = np.cos(turn), np.sin(turn)
         place = np.array([c * place[0] - s * place[1], s * place[0] + c * place[1], 0.0])
-    name = f"{prefix}{point.name}"
-    taken = {link.get("name") for link in root.iter("link")}
-    name = f"{name}_point" if name in taken else name  # the usual points are named as the links that carry them
-    ET.SubElement(root, "link", name=name)
-    joint = ET.SubElement(root, "joint", name=f"{name}_fixed", type="fixed")
+    ET.SubElement(root, "link", name=f"{prefix}{name}")
+    joint = ET.SubElement(root, "joint", name=f"{prefix}{name}_fixed", type="fixed")
     ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(0.0, 0.0, turn))
     ET.SubElement(joint, "parent", link=f"{prefix}link_{point.link + 1}" if point.link >= 0 else f"{prefix}base")
-    ET.SubElement(joint, "child", link=name)
+    ET.SubElement(joint, "child", link=f"{prefix}{name}")
 
 
 def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
@@ -98,6 +101,6 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
 
 
 EXPORTER = Exporter(
-    "urdf", "URDF: geometry and inertia, no springs and no drive", (".urdf", ".xml"), frozenset(), write,
-    {"prefix": "", "radius": 0.0}, BY_NATURE,
+    "urdf", "URDF: geometry and inertia, no springs and no drive", (".urdf", ".xml"), frozenset({"points"}), write,
+    {"prefix": "", "radius": 0.0}, BY_NATURE, moves=False,
 )

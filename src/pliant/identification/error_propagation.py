@@ -7,7 +7,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from pliant.errors import PliantError
+from pliant.failures import FAILED
 from pliant.identification.result import FitResult
 
 Array = np.ndarray
@@ -16,6 +16,7 @@ LEAST = 1e-6  # of the largest variance of scaled parameters: directions below m
 
 def half_widths(
     fitted: FitResult, measure: Callable[[Mapping[str, float]], Array], *, level: float = 0.95,
+    problems: list[str] | None = None,
 ) -> Array:
     """Half-widths of the interval of `level` about numbers that `measure` computes from parameter values by name.
 
@@ -28,6 +29,8 @@ def half_widths(
     fitted : FitResult
     measure : callable
         Takes values by name, returns numbers of any one shape; NaN where there is none.
+    problems : list of str, optional
+        Takes a sentence for each reason why `measure` failed on the way.
 
     Returns
     -------
@@ -54,7 +57,9 @@ def half_widths(
             values = {p.name: float(np.clip(p.value + m, p.lower, p.upper)) for p, m in zip(chosen, moved, strict=True)}
             try:
                 ends.append(np.asarray(measure({**fitted.values, **values}), dtype=float))
-            except PliantError:
+            except FAILED as error:
+                if problems is not None and str(error) not in problems:
+                    problems.append(str(error))
                 ends.append(np.full_like(here, np.nan))
         total += (0.5 * (ends[1] - ends[0])) ** 2
     return np.asarray(NormalDist().inv_cdf(0.5 + 0.5 * level) * np.sqrt(total))

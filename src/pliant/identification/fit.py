@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 
-from pliant.errors import FitError, InputError
+from pliant.errors import FitError, InputError, PliantError
 from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.drives import at_rest, hardly_driven
+from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment, predict
 from pliant.identification.identifiability import combinations, examine
 from pliant.identification.initial_guess import prepare
@@ -18,10 +19,11 @@ from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply
 from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS
-from pliant.identification.result import FitResult, cautions, parameter_dict, status_sentence
+from pliant.identification.result import FitResult, cautions, far_off, parameter_dict, status_sentence
 from pliant.identification.uncertainty import covariance
 from pliant.model import Model
 from pliant.options import with_defaults
+from pliant.simulation import modes
 from pliant.simulation.solve import check_step
 
 if TYPE_CHECKING:  # an optimiser is imported when one runs
@@ -161,8 +163,53 @@ def predict_held_out(
         rmse = {experiment.name: root_mean_square(prediction["compared"], experiment.compared)}
         told = "nothing was fitted to this record"
         return prediction, FitResult(fitted.model, tuple(fixed), told, rmse, 1, 0.0, True, turns=experiment.placeless)
+    moments = best_edges(experiment, fitted, step)
+    span = float(np.ptp(experiment.time))
+    low, high = float(experiment.time[0]) - span, float(experiment.time[-1]) + span
+    fixed += [Parameter(name, value, lower=low, upper=high) for name, value in moments.items()]
+    fixed += carried_over(experiment, fitted)
     own = fit([experiment], fitted.model, fixed, step=step, starts=1)
     return predict(own.model, experiment, own.values, step), own
+
+
+def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
+    """Return what a record not seen takes from the training records' own parameters: the mean of their release times.
+
+    How long a hand takes to let go is a habit; how a record's frame is turned (`base_turn`) is not, and stays 0.
+    """
+    own = [v for n, v in fitted.values.items() if n.partition(".")[0] in fitted.rmse and n.endswith(".release_time")]
+    if experiment.excitation != "release" or not own or "release_time" in fitted.values:
+        return []
+    source = f"mean of {len(own)} training records, standard deviation {np.std(own):.2g} s"
+    name = f"{experiment.name}.release_time"
+    return [Parameter(name, float(np.mean(own)), free=False, source=source)]
+
+
+def best_edges(experiment: Experiment, fitted: FitResult, step: float) -> dict[str, float]:
+    """Return edge times from which a fit of them alone may start, by name, s.
+
+    A ringing body looks much alike one period later, so that a search from a moment that lies off by half a period ends
+    beside the best one. Each edge is therefore moved by quarters of the first mode's period, up to two periods either
+    way, and the moment that the model follows best is taken.
+    """
+    times = {f"{experiment.name}.{name}": time for name, time in edges(experiment).items()}
+    others = {p.name: float(p.value) for p in carried_over(experiment, fitted) if p.value is not None}
+    quarter = 0.25 / float(modes(fitted.model)[0][0])
+    for name, time in list(times.items()):
+        moved = [time + k * quarter for k in sorted(range(-8, 9), key=abs)]
+        errors = [error_at(experiment, fitted, others | times | {name: moment}, step) for moment in moved]
+        times[name] = moved[int(np.argmin(errors))]
+    return times
+
+
+def error_at(experiment: Experiment, fitted: FitResult, times: Mapping[str, float], step: float) -> float:
+    """Return the error of a record at some edge times, m (rad of angles); infinite where the model has no motion."""
+    try:
+        shown = predict(fitted.model, experiment, {**fitted.values, **times}, step)["compared"]
+    except PliantError:
+        return float("inf")
+    error = root_mean_square(shown, experiment.compared)
+    return error if np.isfinite(error) else float("inf")
 
 
 def check_choices(loss: str, weighting: str) -> None:
@@ -195,8 +242,10 @@ def finished(
         notes.append("The mean of the joints' gains is held where it began: the torque law has a scale of its own.")
     r = problem.data_residual(best.x)
     bic = found.effective * np.log(max(float(np.mean(r**2)), 1e-300)) + best.x.size * np.log(found.effective)
+    far = far_off(problem.experiments, rmse)
     return FitResult(
-        model, parameters, status_sentence(best, parameters), rmse, problem.evaluations, seconds, best.status > 0,
+        model, parameters, status_sentence(best, parameters, far), rmse, problem.evaluations, seconds,
+        best.status > 0 and not far,
         found, tuple(notes), float(bic), turns=problem.experiments[0].placeless,
     )
 

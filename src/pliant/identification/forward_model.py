@@ -10,12 +10,13 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.equations import extension, motion
 from pliant.equations.symbols import Body
+from pliant.errors import InputError
 from pliant.identification.drives import inputs_to
 from pliant.identification.following import REAL, slipped
 from pliant.identification.loop_inputs import Numbers, SetUp
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
-from pliant.identification.pose import beside_links, posed
+from pliant.identification.pose import Chain, link_coordinates, posed
 from pliant.identification.sensor import between_frames, lags_of
 from pliant.model import Model, Station
 from pliant.simulation import Pulse, Trace, equilibrium, lengthened, state
@@ -63,10 +64,10 @@ def set_up(
     numbers = gathered(here, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
     numbers = numbers._replace(chambers=here.chambers(plan.initial))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
-    if exp.own_places:
-        numbers = as_first_seen(numbers, here, exp)
     acting = plan.pressure if between is None else plan.pressure[between[1]]
-    return SetUp(numbers, plan.keep, 1, carriers(here, exp), m, shown(acting), True, drive=plan, between=between)
+    made = SetUp(numbers, plan.keep, 1, carriers(here, exp), m, shown(acting), True, drive=plan, between=between,
+                 first_seen=exp.first_places if exp.own_places else None)  # fmt: skip
+    return made._replace(numbers=reattached(made, numbers))
 
 
 def moments(exp: Experiment, own: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
@@ -136,6 +137,11 @@ def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans:
     """Joint angles (n,) of a body that is held: as measured, by a force at the tip, or in its unloaded shape."""
     model = here.model
     if exp.held is not None:
+        if model.extensions:
+            raise InputError(
+                f"experiment {exp.name}: a pose that was held is read off positions for a body of fixed length, and "
+                f"the model {model.name!r} lengthens: leave out held (as measured), or the model's extensions"
+            )
         shift = np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)])
         return posed(model, carriers(here, exp), observed(here, exp), exp.held - shift, plans.poses)
     if "hold_force" in own:
@@ -199,12 +205,18 @@ def gathered(
     )
 
 
-def as_first_seen(numbers: Numbers, here: ModelAt, exp: Experiment) -> Numbers:
-    """The numbers with each observed point where the first frames show it, beside its link at the start."""
-    model = here.model
-    seen = (exp.first_places - numbers.shift) * [model.bend_sign, 1]
-    links = carriers(here, exp) + 1
-    along, across = (row[np.arange(links.size), links] for row in beside_links(model, numbers.phi, seen))
+def reattached(made: SetUp, numbers: Numbers) -> Numbers:
+    """Re-attach the markers to their links as seen in the first frames, where the experiment reads them off there.
+
+    Angles, lengths and base are those of `numbers`, which may be complex: no other entry that follows from the rest
+    pose may be taken from elsewhere, or `sensitivity` misses its derivative.
+    """
+    if made.first_seen is None:
+        return numbers
+    seen = (made.first_seen - numbers.shift) * [made.model.bend_sign, 1]
+    chain = Chain(numbers.phi, numbers.length, numbers.base_length, numbers.joints.base_angle, numbers.share)
+    links = made.carrier + 1
+    along, across = (row[np.arange(links.size), links] for row in link_coordinates(chain, seen))
     return numbers._replace(along=along, across=across)
 
 

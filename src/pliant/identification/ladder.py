@@ -139,6 +139,8 @@ def climbed(
         made, taken = climber.climb(rung, below, free)
         steps.append(made)
         progress(f"rung {rung.title}: {made.told or f'{made.error:.3g} % of travel'}")
+        for failure in made.not_computed:
+            progress(f"warning: {failure.sentence}")
         if not made.result or made.open or not pays(made, below):
             return False
         below, free = made, taken
@@ -165,7 +167,8 @@ def chosen(steps: Sequence[Step]) -> Ladder:
     """The lowest rung that is as good as the best on held-out records, or of the lowest BIC where there are none.
 
     As good: its error is above the best by less than `MATERIAL` of it, or by less than one standard error of the
-    difference. Rungs with parameters that the recordings do not determine stand back, where there are others.
+    difference. Rungs with parameters that the recordings do not determine stand back, where there are others, and so
+    do rungs that cannot predict a held-out record which another rung predicts.
     """
     fitted = [s for s in steps if s.result and s.follows]
     if not fitted:
@@ -173,10 +176,11 @@ def chosen(steps: Sequence[Step]) -> Ladder:
     bic = shared_bic([s.follows for s in fitted if s.follows])
     criteria = {s.rung.name: value for s, value in zip(fitted, bic, strict=True)}
     steps = tuple(replace(s, bic=criteria.get(s.rung.name)) for s in steps)
-    able = [s for s in fitted if not s.open] or fitted
+    able = most_predicted([s for s in fitted if not s.open] or fitted)
     if not able[0].held_out:
         enough = min(able, key=lambda s: criteria[s.rung.name])
-        reason = f"{enough.rung.title}: lowest BIC; no record is held out, so nothing is proved."
+        why = "no rung can predict a held-out record" if enough.not_computed else "no record is held out"
+        reason = f"{enough.rung.title}: lowest BIC; {why}, so nothing is proved."
     else:
         best = min(able, key=lambda s: s.error)
         enough, why = next((s, why) for s in able if (why := as_good(s, best)))
@@ -184,10 +188,18 @@ def chosen(steps: Sequence[Step]) -> Ladder:
         said = f"{enough.rung.title}: {enough.error:.3g} % of travel on held-out records"
         said += f", against {below[-1].error:.3g} % one rung lower" if below else ""
         reason = f"{said}; {why}."
+    if enough.not_computed and enough.held_out:
+        reason += f" No rung can predict {', '.join(n.record for n in enough.not_computed)}."
     if enough.given:
         reason += f" The recordings do not determine {' and '.join(enough.given)}: as given."
     told = tuple(replace(s, told=s.told or refusal(s, enough)) for s in steps)
     return Ladder(told, enough.rung.name, reason)
+
+
+def most_predicted(steps: Sequence[Step]) -> list[Step]:
+    """The rungs that predict the most held-out records, the same ones."""
+    most = max(steps, key=lambda s: len(s.held_out or ()))
+    return [s for s in steps if (s.held_out or {}).keys() == (most.held_out or {}).keys()]
 
 
 def refusal(step: Step, chosen: Step) -> str:
@@ -196,14 +208,16 @@ def refusal(step: Step, chosen: Step) -> str:
         return ""
     if step.open:
         return f"not determined by the recordings (standard error over {100 * DETERMINED:.0f} %): {step.open}"
+    if step.not_computed and (step.missed or {}).keys() != (chosen.missed or {}).keys():
+        return " ".join(n.sentence for n in step.not_computed)
     if not (step.missed and chosen.missed):
         return "its BIC is higher"
     gain, error = lead(chosen.missed, step.missed)
     if gain <= 0:
         return f"it errs by {-gain:.2g} % of travel more on held-out records"
-    if gain <= error:
-        return f"it gains {gain:.2g} % of travel on held-out records, within that gain's standard error, {error:.2g} %"
-    return f"it gains {gain:.2g} % of travel on held-out records, less than {100 * MATERIAL:.0f} % of their error"
+    small = (f"within that gain's standard error, {error:.2g} %" if gain <= error
+             else f"less than {100 * MATERIAL:.0f} % of their error")
+    return f"it gains {gain:.2g} % of travel on held-out records, {small}"
 
 
 def as_good(step: Step, best: Step) -> str:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from pliant.errors import FitError, PliantError
+from pliant.failures import Failures, NotComputed
 from pliant.identification.experiment import Experiment, predict
 from pliant.identification.fit import FitOptions, fit
 from pliant.identification.following import moved
@@ -59,6 +61,8 @@ class Step:
         Which parameters the recordings do not determine; empty where they determine all.
     given : tuple of str
         Parameters that stay as the given model has them, since the recordings do not determine them on this rung.
+    not_computed : tuple of NotComputed
+        Held-out records that this rung cannot predict; `held_out` and `missed` lack them.
     """
 
     rung: Rung
@@ -75,6 +79,7 @@ class Step:
     told: str = ""
     open: str = ""
     given: tuple[str, ...] = ()
+    not_computed: tuple[NotComputed, ...] = ()
 
     @property
     def error(self) -> float:
@@ -198,13 +203,17 @@ class LadderFit:
     def judged(self, rung: Rung, result: FitResult) -> Step:
         """Errors and cost of a fitted rung."""
         step = self.options["step"]
-        unseen = {e.name: missed(e, result, step) for e in self.held_out}
+        failures, unseen = Failures(f"of rung {rung.title}"), {}
+        for e in self.held_out:
+            row = failures.attempt("prediction", e.name, partial(missed, e, result, step), "held_out")
+            if row is not None:
+                unseen[e.name] = row
         return Step(
             rung, result, tuple(p.name for p in result.parameters if p.free),
             train={e.name: 100 * result.rmse[e.name] / e.travel for e in self.train},
             held_out={name: error({name: row}) for name, row in unseen.items()}, missed=unseen,
             follows=follows(self.train, result, step, self.options["weighting"]),
-            step_ns=step_cost(result, self.train[0], step),
+            step_ns=step_cost(result, self.train[0], step), not_computed=tuple(failures),
         )
 
 

@@ -53,6 +53,7 @@ class SetUp(NamedTuple):
     pulled: bool = False  # whether a hand took the body to its pose from its unloaded shape
     drive: Drive | None = None  # what drives the steps of a body that is not let go
     between: tuple[Array, Array] | None = None  # times of the rows and where the frames stand, where a sensor lags
+    first_seen: Array | None = None  # (S, 2) m, where markers are seen first, attached there at the start
 
 
 def in_one_row(numbers: Numbers) -> Array:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.failures import finite
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import predict_held_out
 from pliant.identification.parameters import Parameter, kind_of
@@ -56,6 +57,7 @@ def missed(exp: Experiment, result: FitResult, step: float) -> Array:
     The mean is the square of the record's error; a station that was not seen adds nothing.
     """
     prediction, _ = predict_held_out(exp, result, step=step)
+    finite(prediction["compared"], "the modelled motion")
     square = np.sum((prediction["compared"] - exp.compared) ** 2, axis=-1)
     seen = np.isfinite(square)
     per_frame = np.where(seen, square, 0.0).sum(axis=1) * exp.time.size / seen.sum()

@@ -1,32 +1,47 @@
-"""The pose in which a hand holds a body, from the places of its observed points."""
+"""Where observed points lie beside the links, and the pose that their positions show of a body that is held."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pliant.model import Model, Station, fixed_length
-from pliant.simulation import lengthened, state
+from pliant.simulation import state
 
 Array = np.ndarray
 LEAST_PULL = 1e-6  # of a held pose towards the unloaded shape, in pulls of a measured point
 POSE_STEPS = 60
 
 
-def beside_links(model: Model, x: Array, points: Array) -> tuple[Array, Array]:
-    """Places along and across (P, n + 1) each link of points (P, 2) [m], `bend_sign` undone, the base first.
+class Chain(NamedTuple):
+    """What the places of the links follow from: floats, or complex numbers that carry a derivative."""
 
-    Places along a link are those of the link unstretched; x (n,) holds absolute angles, strains behind them.
+    x: Any  # (n + S,) absolute angles, rad, strains behind them
+    length: Any  # (n,) m
+    base_length: Any  # m
+    base_angle: Any  # rad
+    share: Any  # (n + 1, S) part of each link that lies in each segment that lengthens
+
+
+def link_coordinates(chain: Chain, points: Array) -> tuple[Array, Array]:
+    """Coordinates along and across (P, n + 1) each link of points (P, 2) [m], `bend_sign` undone, the base first.
+
+    Coordinates along a link are those of the link unstretched.
     """
-    stretch = lengthened.stretches(model, x)
-    tips = state.tips(model, x) * [model.bend_sign, 1]
-    joints = np.concatenate([[[0.0, 0.0]], [stretch[0] * model.first_joint], tips[:-1]])
-    angle = np.concatenate([[model.base_angle], x[: model.n]])
-    d = points[:, None] - joints
-    along = -np.sin(angle) * d[..., 0] + np.cos(angle) * d[..., 1]
-    across = -np.cos(angle) * d[..., 0] - np.sin(angle) * d[..., 1]
-    return along / stretch, across
+    n = len(chain.length)
+    angle = np.append(chain.base_angle, chain.x[:n])
+    stretch = 1.0 + chain.share @ chain.x[n:]
+    c, s = np.cos(angle), np.sin(angle)
+    tips = np.cumsum(np.append(chain.base_length, chain.length) * stretch * [-s, c], axis=1)
+    dx, dy = (points.T[:, :, None] - np.column_stack([np.zeros(2), tips[:, :-1]])[:, None])
+    return (c * dy - s * dx) / stretch, -c * dx - s * dy
+
+
+def beside_links(model: Model, x: Array, points: Array) -> tuple[Array, Array]:
+    """Coordinates along and across (P, n + 1) the links of a model, at absolute angles and strains x (n + S,)."""
+    chain = Chain(x, model.link_length, model.base_length, model.base_angle, model.stretch_share)
+    return link_coordinates(chain, points)
 
 
 def posed(model: Model, carrier: Array, chosen: list[Station], seen: Array, found: dict[Any, Array]) -> Array:

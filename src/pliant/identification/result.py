@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # an optimiser is imported when one runs
 
 Array = np.ndarray
 DENSEST, LIGHTEST = 3000.0, 300.0  # kg/m^3: no silicone body lies beyond
+USELESS = 0.3  # of a training record's peak displacement: an error beyond is no model of it
 
 
 @dataclass(frozen=True, repr=False)
@@ -42,6 +43,7 @@ class FitResult(Shown):
     seconds : float
         Wall time.
     converged : bool
+        Whether the optimiser ended at an optimum that follows every training record to 30 % of its peak displacement.
     covariance : Covariance or None
         Of the free parameters; from the sandwich where residuals are coloured.
     notes : tuple of str
@@ -111,8 +113,22 @@ def parameter_dict(p: Parameter) -> dict[str, Any]:
     }
 
 
-def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter]) -> str:
-    """How the fit ended, in words."""
+def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str:
+    """Return a sentence on training records whose error exceeds `USELESS` of their peak displacement, or ''."""
+    missed = {e.name: rmse[e.name] / e.travel for e in experiments if rmse[e.name] > USELESS * e.travel}
+    if not missed:
+        return ""
+    listed = ", ".join(f"{name} by {100 * part:.0f} %" for name, part in missed.items())
+    return (
+        f"the model does not follow what it was fitted to ({listed} of the peak displacement): check the moments of "
+        "the edges, the signs and units of the recordings and the start values"
+    )
+
+
+def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], far: str = "") -> str:
+    """How the fit ended, in words; `far` is what `far_off` says of its optimum."""
+    if far:
+        return f"The fit failed: {far}."
     end = {
         0: "stopped at the limit of evaluations before it converged: raise max_evaluations",
         1: "converged: the gradient vanished", 2: "converged: the cost no longer fell",

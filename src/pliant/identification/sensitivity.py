@@ -17,7 +17,7 @@ from pliant.equations import motion
 from pliant.equations.symbols import Body, ExtensibleBody, Slopes
 from pliant.errors import FitError, PliantError
 from pliant.identification.following import TINY, moved, moved_slopes
-from pliant.identification.forward_model import SHORTEST, set_up
+from pliant.identification.forward_model import SHORTEST, reattached, set_up
 from pliant.identification.loop_inputs import APART, Numbers, SetUp, from_one_row, in_one_row
 from pliant.identification.parameters import OF_A_RECORD
 from pliant.identification.plans import Plans
@@ -104,8 +104,7 @@ def slopes_of(
         if slope is None:
             base, slope = input_slopes(at, here, values[name], SHARE * max(abs(values[name]), size), drive)
             if resting and np.any(slope.row):
-                turned = equilibrium_slope(base, slope, resting[1] if base is here else rest_stiffness(base))
-                slope.row[: 2 * turned.size] = np.tile(turned, 2)  # held and phi, the first of all numbers
+                slope = at_rest(base, slope, resting[1] if base is here else rest_stiffness(base))
             if key and slope.torque is None:
                 plans.slopes[key] = slope
         if base is here:
@@ -250,6 +249,18 @@ def rest_stiffness(made: SetUp) -> Array:
     if loaded:
         out.a_phi[:] += load_stiffness(numbers)
     return out.a_phi.T
+
+
+def at_rest(made: SetUp, slope: Slope, stiffness: Array) -> Slope:
+    """The slope of numbers whose rest was held constant, with that of the rest and of all that follows from it.
+
+    `stiffness` is the `rest_stiffness` of the set-up.
+    """
+    turned = equilibrium_slope(made, slope, stiffness)
+    tilted = from_one_row(in_one_row(made.numbers) + 1j * TINY * slope.row, made.numbers)
+    phi = made.numbers.phi + 1j * TINY * turned
+    row = in_one_row(reattached(made, tilted._replace(held=phi, phi=phi)))
+    return slope._replace(row=row.imag / TINY)
 
 
 def equilibrium_slope(made: SetUp, slope: Slope, stiffness: Array) -> Array:

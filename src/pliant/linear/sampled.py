@@ -15,11 +15,14 @@ KILO = 1e3  # pressures enter a Riccati equation in kPa, so that its numbers are
 
 
 class Sampled(NamedTuple):
-    """x[k+1] = A x[k] + B u[k], the commands still on their way appended to the state, the youngest first."""
+    """x[k+1] = A x[k] + B u[k], the commands still on their way appended to the state.
+
+    They stand one chamber after the other, the youngest command of each first; D is the sum of `waiting`.
+    """
 
     A: Array  # (N + D, N + D)
-    B: Array  # (N + D,); (N + D, C) of several chambers, their commands on their way one chamber after the other
-    waiting: int  # D, commands on their way
+    B: Array  # (N + D, C)
+    waiting: tuple[int, ...]  # (C,) commands on their way to each chamber
 
 
 class Margins(NamedTuple):
@@ -75,7 +78,7 @@ def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
             B[first, c] = 1.0
             A[first + 1 : first + most, first : first + most - 1] = np.eye(most - 1)
         first += most
-    return Sampled(A, B[:, 0] if C == 1 else B, D)
+    return Sampled(A, B, tuple(most for _, _, most in waits))
 
 
 def periods_late(late: float, period: float) -> tuple[int, float, int]:
@@ -100,7 +103,7 @@ def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:
 
 
 def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -> LoopCurve:
-    """L = gain (z - A)^{-1} B of a state feedback u = -gain x, from 0.01 Hz to half the sampling rate.
+    """L = gain (z - A)^{-1} B of a state feedback u = -gain x on one input, from 0.01 Hz to half the sampling rate.
 
     A is made triangular once, by a unitary matrix; then the states at all frequencies follow, the last one first.
     """
@@ -108,7 +111,7 @@ def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -
 
     omega = np.geomspace(2 * np.pi * 0.01, np.pi / period, points)
     T, U = schur(plant.A, output="complex")
-    z, b = np.exp(1j * omega * period), U.conj().T @ plant.B
+    z, b = np.exp(1j * omega * period), U.conj().T @ plant.B[:, 0]
     states = np.empty((b.size, points), dtype=complex)
     for k in reversed(range(b.size)):
         states[k] = (b[k] + T[k, k + 1 :] @ states[k + 1 :]) / (z - T[k, k])

@@ -12,7 +12,7 @@ import struct
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.loop.sample import Sample
+from pliant.loop.sample import Sample, Sender
 
 HEAD = struct.Struct("<4sqIBBB")
 OLD_HEAD = struct.Struct("<4sqBBB")
@@ -40,8 +40,8 @@ def pack(sample: Sample) -> bytes:
     return data
 
 
-def unpack(data: bytes) -> Sample:
-    """The sample of these bytes; InputError when they are not one, whatever they are."""
+def unpack(data: bytes, sender: Sender | None = None) -> Sample:
+    """The sample of these bytes and of that sender; InputError when they are not one, whatever they are."""
     try:
         head = OLD_HEAD if data[:4] == OLD_MAGIC else HEAD
         magic, time_ns, *hold, a, b, ndim = head.unpack_from(data)
@@ -55,4 +55,4 @@ def unpack(data: bytes) -> Sample:
     if magic not in (MAGIC, OLD_MAGIC) or ndim > MOST_DIMENSIONS or len(data) - at != 8 * math.prod(shape):
         raise InputError(f"{len(data)} bytes are no sample: wrong mark, dimensions or length")
     values = np.frombuffer(data, "<f8", offset=at).reshape(shape).astype(float)
-    return Sample(time_ns, name, values, unit, 1e-6 * sum(hold))
+    return Sample(time_ns, name, values, unit, 1e-6 * sum(hold), sender)

@@ -131,7 +131,9 @@ class ControlLoop:
         return all(source.finished for source in self.sources)
 
     def run(self, duration: float | None = None) -> str:
-        """Run for `duration` [s], or until the sources end; returns the watchdog's fault, empty when there was none.
+        """Run for `duration` [s], or until the sources end; returns what went wrong, empty when nothing did.
+
+        That is what made the watchdog vent, or else the periods in which the controller had no command of its own.
 
         Whatever ends the run, the last command is 0: the time, an exception, and every signal that can be caught. What
         cannot (SIGKILL, a crash, the supply) is the receiver's part: without a newer command it vents within `hold`.
@@ -149,7 +151,7 @@ class ControlLoop:
             finally:
                 self.command = without_pressure(self.pipeline.controller.chambers)
                 self._send(self.clock.now())
-        return self.watchdog.fault
+        return self.watchdog.summary[0]
 
     def period(self, now: int, deadline: int) -> None:
         """One period that begins at `now` [ns]."""
@@ -186,7 +188,13 @@ class ControlLoop:
         self.watchdog.estimate(now, self._state)
         if self.watchdog.fault:
             return without_pressure(self.pipeline.controller.chambers)
-        return self.pipeline.controller.step((now - self._began) * 1e-9, self._state, self.pressure)
+        controller = self.pipeline.controller
+        wish = controller.step((now - self._began) * 1e-9, self._state, self.pressure)
+        if np.size(wish) != controller.chambers:
+            raise InputError(f"the controller commands {np.size(wish)} chambers, it drives {controller.chambers}")
+        if self.watchdog.controller(now, controller.fault) and self.log is not None:
+            self.log.remark(f"fault at {now * 1e-9:.3f} s: {controller.fault}")
+        return wish
 
     def _read(self) -> None:
         for source in self.sources:
@@ -250,9 +258,12 @@ class ControlLoop:
             numbers = {"rejected": stream.rejected, "ahead": stream.ahead}
             numbers |= {"late": stream.late} if name == "pressures" else {}
             counted |= {f"{name}_{what}": count for what, count in numbers.items() if count}
-        if self.log is not None and self.log.fault:
-            counted |= {"log_fault": self.log.fault, "log_rows_missing": self.log.dropped}
+        if self.log is not None and (self.log.fault or self.log.dropped):
+            said = self.log.fault or f"the log {self.log.path} lost rows: the disk fell behind"
+            counted |= {"log_fault": said, "log_rows_missing": self.log.dropped}
         if self.pressures_left_out:
             counted |= {"chambers_left_out": self.chambers_left_out, "pressures_left_out": self.pressures_left_out}
-        counted |= {"fault": self.watchdog.fault, "fault_time_s": self.watchdog.fault_time * 1e-9}
-        return counted
+        if self.watchdog.controller_faults:
+            counted |= {"controller_faults": self.watchdog.controller_faults}
+        fault, since = self.watchdog.summary
+        return counted | {"fault": fault, "fault_time_s": since * 1e-9}

@@ -16,6 +16,14 @@ SHAPE, PRESSURE, COMMAND = "shape", "pressure", "command"
 UNITS = {SHAPE: "m", PRESSURE: "Pa", COMMAND: "Pa"}
 
 
+class Sender(NamedTuple):
+    """Who sent a sample: its address, and its session where packets come under a key."""
+
+    host: str
+    port: int
+    session: bytes = b""
+
+
 class Sample(NamedTuple):
     """One reading or one command."""
 
@@ -24,6 +32,7 @@ class Sample(NamedTuple):
     array: Array  # float64
     unit: str  # SI; a loop converts other units that it knows, and rejects the rest
     hold: float = 0.0  # s, of a command: without a newer one within it the receiver vents; 0: the receiver decides
+    sender: Sender | None = None  # None: the source has one sender only
 
     @property
     def time(self) -> float:

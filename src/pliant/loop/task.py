@@ -115,5 +115,6 @@ def run_task(
         loop.run(wanted.duration_s)
     finally:
         log.close()
-    return Done(ready, {**loop.summary(), "commands_at_a_limit": ready.control.saturated}, read_log(path),
+    summary = loop.summary() | ({"plant_periods_left_out": arm.behind} if arm.behind else {})
+    return Done(ready, {**summary, "commands_at_a_limit": ready.control.saturated}, read_log(path),
                 tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint if p.displacement_mm is not None))

@@ -35,6 +35,9 @@ class Bounds:
     shape_repeats, pressure_repeats : int
         Readings in a row that may equal each other in every number: one more is a sensor that is frozen. 0: any number,
         for sensors coarser than their noise.
+    controller_faults : int
+        Periods in a row in which the controller may have no command of its own, and goes on with an earlier plan: one
+        more vents.
     """
 
     highest_pressure: float
@@ -46,12 +49,13 @@ class Bounds:
     clock_skew: float = 5e-3
     shape_repeats: int = 25
     pressure_repeats: int = 250
+    controller_faults: int = 25
 
     def __post_init__(self) -> None:
         for name in ("highest_pressure", "shape_age", "pressure_age", "largest_angle", "largest_rate"):
             if not getattr(self, name) > 0:
                 raise InputError(f"watchdog bound {name} must be positive, got {getattr(self, name)}")
-        for name in ("clock_skew", "shape_repeats", "pressure_repeats"):
+        for name in ("clock_skew", "shape_repeats", "pressure_repeats", "controller_faults"):
             if not getattr(self, name) >= 0:
                 raise InputError(f"watchdog bound {name} must not be negative, got {getattr(self, name)}")
 
@@ -62,9 +66,15 @@ class Watchdog:
     Attributes
     ----------
     fault : str
-        Empty while all is well, else one sentence.
+        Why it vents, in one sentence; empty while it does not.
     fault_time : int
         ns
+    controller_fault : str
+        What the controller said of the first period in which it had no command of its own; empty while there was none.
+    controller_fault_time : int
+        ns
+    controller_faults : int
+        How many such periods there were.
     """
 
     def __init__(self, bounds: Bounds, rest_angle: float = 0.0) -> None:
@@ -72,8 +82,17 @@ class Watchdog:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the fault."""
+        """Forget the faults."""
         self.fault, self.fault_time = "", 0
+        self.controller_fault, self.controller_fault_time, self.controller_faults, self._in_a_row = "", 0, 0, 0
+
+    @property
+    def summary(self) -> tuple[str, int]:
+        """What went wrong, in one sentence, and since when [ns]: what vented, or the controller's faults."""
+        if self.fault or not self.controller_faults:
+            return self.fault, self.fault_time
+        periods = "period" if self.controller_faults == 1 else "periods"
+        return f"in {self.controller_faults} {periods} {self.controller_fault}", self.controller_fault_time
 
     def trip(self, sentence: str, now: int) -> None:
         """Vent from now on; the first reason stays."""
@@ -119,6 +138,17 @@ class Watchdog:
             self.trip(f"a link turns at {np.abs(rate).max():.1f} rad/s, beyond the limit", now)
         elif not state.consistent:
             self.trip(f"the estimator lost its consistency: {state.fault}", now)
+
+    def controller(self, now: int, fault: str) -> bool:
+        """Look at what the controller says of its command; True where a fault begins."""
+        begins, self._in_a_row = bool(fault) and not self._in_a_row, self._in_a_row + 1 if fault else 0
+        if fault:
+            self.controller_faults += 1
+            if not self.controller_fault:
+                self.controller_fault, self.controller_fault_time = fault, now
+        if self._in_a_row > self.bounds.controller_faults:
+            self.trip(f"in {self._in_a_row} periods in a row {fault}", now)
+        return begins
 
     def command(self, now: int, command: float | Array) -> float | Array:
         """The command that may go out: 0 after a fault, and where it is not a number or out of limits."""

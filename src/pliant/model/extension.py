@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pliant.model.model import Model
 
 Array = np.ndarray
+SINGULAR = 1e-9  # least_inertia of strains that one mass carries, but for rounding
 LEAST_SHARE = 1e-3  # of a link's length: a segment that holds less of every link holds none
 
 
@@ -124,8 +125,18 @@ def fixed_length(model: Model) -> Model:
     return model
 
 
+def least_inertia(B: Array, share: Array) -> float:
+    """Return the smallest eigenvalue of the strains' inertia in the straight body, scaled to a diagonal of ones.
+
+    0 where some combination of strains moves no mass: then the equations of motion have no solution.
+    """
+    axial = share.T @ B @ share
+    size = np.sqrt(np.diag(axial))
+    return float(np.linalg.eigvalsh(axial / np.outer(size, size))[0]) if size.min() > 0 else 0.0
+
+
 def check_extensions(model: Model) -> None:
-    """Raise InputError when segments share a name or a place, hold no link, or a chamber pushes others."""
+    """Raise InputError when segments share a name, a place or a mass, hold no link, or a chamber pushes others."""
     names = [e.name for e in model.extensions]
     if len(set(names)) < len(names):
         raise InputError(f"extensions need names that differ, got {', '.join(names)}")
@@ -135,6 +146,11 @@ def check_extensions(model: Model) -> None:
             raise InputError(f"extension {name!r} lies beyond the body, which is {model.length:.6g} m long")
     if (share.sum(axis=1) > 1.0 + 1e-6).any():
         raise InputError(f"extensions must not overlap: {', '.join(names)} do")
+    if least_inertia(extensible_body(model).B, share) < SINGULAR:
+        raise InputError(
+            f"extensions: the masses of {model.n} link(s) cannot follow {len(names)} independent strains "
+            f"({', '.join(names)}): use fewer segments, or links enough that each segment moves one of its own"
+        )
     for chamber in model.chambers:
         if names and chamber.axial_gain.size not in (1, len(names)):
             raise InputError(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.display import Card
+from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 
 if TYPE_CHECKING:
     from pliant.model.model import Model
@@ -30,6 +31,8 @@ def sentences(model: Model) -> list[str]:
     """What is more than links, as far as the model has it."""
     said = [line for c in model.chambers for line in c.sentences(alone=len(model.chambers) == 1)]
     said[0] += f", bending {'-x' if model.bend_sign > 0 else '+x'}"
+    section = " to ".join(dict.fromkeys(f"{f(bending_stiffness(model)):.3g}" for f in (np.min, np.max)))
+    said.append(f"bending stiffness EI = K l: {section} N m^2, {PLACEMENT[joint_placement(model)]}")
     if model.stiffening.any() or model.cubic_stiffening.any():
         sizes = ", ".join(f"{s:.3g}" for s in np.unique(model.stiffening))
         law, more = "1 + s q", ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,9 @@ from pliant.display import Card, Shown
 from pliant.preprocessing import detectors
 from pliant.preprocessing.angles import angle_facts, angle_sentences
 from pliant.preprocessing.detectors import by_blocks
+from pliant.preprocessing.labels import exchanged
+from pliant.preprocessing.plausibility import Case, doubts
+from pliant.preprocessing.plausibility.shape import extent
 from pliant.recording.schema import check_recording
 
 if TYPE_CHECKING:
@@ -22,8 +25,7 @@ GAP_RATIO = 2.5  # and a gap beyond this multiple of it
 STRETCH_SHARE = 0.05
 DENSE_STATIONS = 8  # chords between fewer stations change with bending, so their spacing is not judged
 STANDING_SHARE = 0.03
-LEAST_PRESSURE, MOST_PRESSURE = 1e3, 2e6  # Pa: what soft actuators are driven with
-LEAST_BODY, MOST_BODY = 5e-3, 10.0  # m
+LEAST_TRAVEL = 0.01  # of the extent
 
 
 @dataclass(frozen=True, repr=False)
@@ -47,6 +49,8 @@ class Quality(Shown):
         Times at which more than half of the stations jumped at once.
     stretched : dict
         Frames per pair of neighbours whose spacing differs by more than 5 % from its median.
+    swapped : dict
+        Frames in which stations exchange their labels, by their names (``a-b``).
     standing : tuple of str
         Stations that stand still while others move, such as a base.
     noise_m, travel_m : dict
@@ -59,7 +63,9 @@ class Quality(Shown):
     pressure_kpa : dict
         Per chamber: (smallest, largest).
     findings : tuple of str
-        One sentence for each thing that a user should know.
+        One sentence for each thing that a user should know, the doubts among them.
+    doubts : dict
+        What makes it implausible, by the name of the check; see `pliant.preprocessing.plausibility`.
     """
 
     frames: int = 0
@@ -76,6 +82,7 @@ class Quality(Shown):
     orientation_jumps: dict[str, int] = field(default_factory=dict)
     frame_jumps_s: tuple[float, ...] = ()
     stretched: dict[str, int] = field(default_factory=dict)
+    swapped: dict[str, int] = field(default_factory=dict)
     standing: tuple[str, ...] = ()
     noise_m: dict[str, float] = field(default_factory=dict)
     travel_m: dict[str, float] = field(default_factory=dict)
@@ -85,6 +92,7 @@ class Quality(Shown):
     out_of_plane_share: float = float("nan")
     pressure_kpa: dict[str, tuple[float, float]] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
+    doubts: dict[str, str] = field(default_factory=dict)
 
     def summary(self) -> str:
         """Text that one can read at a glance."""
@@ -140,8 +148,10 @@ def quality(ds: xr.Dataset) -> Quality:
         found["missing"] = {str(c): int(n) for c, n in zip(ds["core"].values, lost, strict=True) if n}
     if "pressure" in ds:
         found["pressure_kpa"] = _pressure_range(ds)
+    found["doubts"] = doubts(Case(ds, found.get("swapped", {})), "recording")
     result = Quality(**found)
-    return Quality(**found, findings=(*_sentences(result), *_unit_sentences(ds, result)))
+    findings = (*_sentences(result), *_lost_pressure(ds), *_hardly_moves(ds, result), *result.doubts.values())
+    return replace(result, findings=findings)
 
 
 def standing_stations(ds: xr.Dataset) -> tuple[str, ...]:
@@ -186,7 +196,7 @@ def _positions(ds: xr.Dataset) -> dict[str, Any]:
         "station_jumps": _counts(names, single.sum(0)), "frame_jumps_s": tuple(clock[whole].tolist()),
         "noise_m": dict(zip(names, noise.tolist(), strict=True)),
         "travel_m": dict(zip(names, travel.tolist(), strict=True)),
-        "standing": _standing(names, deviation, noise),
+        "standing": _standing(names, deviation, noise), "swapped": exchanged(fresh, clock, names),
     }  # fmt: skip
     if quaternion is not None:
         found["sign_flips"] = _counts(names, detectors.sign_flips(quaternion))
@@ -220,13 +230,6 @@ def _pressure_range(ds: xr.Dataset) -> dict[str, tuple[float, float]]:
     seen = {n: v[np.isfinite(v)] for n, v in zip(names, values.T, strict=True)}
     nan = float("nan")
     return {n: (float(v.min()), float(v.max())) if v.size else (nan, nan) for n, v in seen.items()}
-
-
-def _extent(position: np.ndarray) -> float:
-    """Diagonal of the box that holds every point that was seen, m."""
-    parts = [p for p in detectors.seen_points(position, np.zeros(position.shape[-1])) if p.size]
-    low, high = (np.array([f(p, axis=0) for p in parts]) for f in (np.min, np.max))
-    return float(np.linalg.norm(high.max(axis=0) - low.min(axis=0))) if parts else 0.0
 
 
 def _listed(counts: dict[str, int]) -> str:
@@ -269,19 +272,15 @@ def _sentences(q: Quality) -> list[str]:
     return said
 
 
-def _unit_sentences(ds: xr.Dataset, q: Quality) -> list[str]:
-    said = []
-    highest = max((high for _, high in q.pressure_kpa.values() if np.isfinite(high)), default=None)
-    if highest is not None and 0 < 1e3 * highest < LEAST_PRESSURE:
-        said.append(f"the pressure never exceeds {1e3 * highest:.3g} Pa: was it kPa, mbar or psi read as Pa?")
-    if highest is not None and 1e3 * highest > MOST_PRESSURE:
-        said.append(f"the pressure reaches {highest / 1e3:.3g} MPa: check its unit")
-    if "pressure" in ds and np.isnan(ds["pressure"].values).any():
-        said.append(f"{int(np.isnan(ds['pressure'].values).sum())} samples of pressure are missing")
-    if "position" in ds and ds.sizes["station"] > 1 and np.isfinite(ds["position"].values).any():
-        extent = _extent(ds["position"].values)
-        if not LEAST_BODY < extent < MOST_BODY:
-            said.append(f"the stations lie within {extent:.3g} m: check the unit of length")
-        elif q.travel_m and np.nanmax(list(q.travel_m.values())) < 0.01 * extent:
-            said.append("the recording hardly moves: its largest travel is below 1 % of its extent")
-    return said
+def _lost_pressure(ds: xr.Dataset) -> list[str]:
+    lost = int(np.isnan(ds["pressure"].values).sum()) if "pressure" in ds else 0
+    return [f"{lost} samples of pressure are missing"] if lost else []
+
+
+def _hardly_moves(ds: xr.Dataset, q: Quality) -> list[str]:
+    if "unit of length" in q.doubts or not q.travel_m or ds.sizes["station"] < 2 or not np.isfinite(
+        list(q.travel_m.values())
+    ).any():
+        return []
+    still = np.nanmax(list(q.travel_m.values())) < LEAST_TRAVEL * extent(ds["position"].values)
+    return ["the recording hardly moves: its largest travel is below 1 % of its extent"] if still else []

@@ -1,29 +1,37 @@
 """Formats whose libraries a damaged file can end, or keep for ever: read in a process of their own, with limits.
 
-HDF5 and MATLAB files hold addresses and lengths that their libraries follow: one wrong byte leads to memory that is
-not theirs, or into a circle. Here that ends the helper, not the program, and becomes one sentence.
+HDF5, MATLAB and C3D files hold addresses and lengths that their libraries follow: one wrong byte leads to memory that
+is not theirs, or into a circle. Here that ends the helper process, not the program, and becomes one sentence.
 """
 
 from __future__ import annotations
 
-import io
-import json
 import os
 import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from pliant.errors import InputError
-from pliant.recording.apart_worker import MAGIC, Content
+from pliant.recording.apart_worker import MAGIC, WORKING, content_bound, read_answer
 
-WORKER = Path(__file__).with_name("apart_worker.py")
+if TYPE_CHECKING:
+    from pliant.recording.apart_worker import Content
+
+SOURCES = str(Path(__file__).parents[2])  # the folder that holds pliant; no other package is looked for there
+START = """import sys
+sys.path.insert(0, sys.argv.pop(1))
+import pliant
+del sys.path[0]
+from pliant.recording.apart_worker import main
+main()"""
 SECONDS, BYTES_PER_SECOND = 4, 10e6  # time of the processor: a start, and what even a slow disk and inflating take
 WAIT_FACTOR = 8  # by the clock on the wall: other programs want the processor too
-MEMORY, MEMORY_FACTOR = 2**31, 40  # address space: a library's own, and a compressed file's content
+COPIES = 2  # of the content in memory at a time: as stored and as read
+ENVIRONMENT = {  # one thread; no lock files; no library that a filter's number would load
+    "OPENBLAS_NUM_THREADS": "1", "HDF5_USE_FILE_LOCKING": "FALSE", "HDF5_PLUGIN_PRELOAD": "::",
+}  # fmt: skip
 
 
 def read_apart(kind: str, path: Path, what: str) -> Content:
@@ -31,14 +39,15 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
 
     Parameters
     ----------
-    kind : {"hdf5", "classic", "mat5", "mat73"}
+    kind : {"hdf5", "c3d", "classic", "mat5"}
+        Which of `pliant.recording.apart_worker.READ` reads it.
     path : Path
     what : str
         Name of the format, for messages.
 
     Returns
     -------
-    arrays, told
+    arrays, facts
         Arrays by number; names, dimensions and attributes that belong to them.
 
     Raises
@@ -48,35 +57,35 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     """
     size = path.stat().st_size
     seconds = int(SECONDS + size / BYTES_PER_SECOND)
-    command = [sys.executable, "-P", str(WORKER), kind, str(path.resolve()), str(seconds)]
-    command.append(str(int(MEMORY + MEMORY_FACTOR * size)))
     damaged = f"{path.name} is no readable {what} file, or it is damaged"
     try:
-        code, answer = _run(command, WAIT_FACTOR * seconds)
+        code, answer = run_helper(kind, path, seconds, WORKING + COPIES * content_bound(size))
     except subprocess.TimeoutExpired:
         raise InputError(f"{damaged}: its library did not come to an end within {WAIT_FACTOR * seconds} s") from None
     except OSError as error:
         raise InputError(f"no helper process can be started to read {path.name}: {error.strerror or error}") from None
     if code or not answer.startswith(MAGIC):
         raise InputError(f"{damaged}: {_end(code, seconds)}")
-    answer = answer[len(MAGIC) :]
-    if answer.startswith(b"{"):
-        raise InputError(f"{damaged}: {json.loads(answer)['reason']}")
-    with np.load(io.BytesIO(answer), allow_pickle=False) as file:
-        arrays = {name: file[name] for name in file.files}
-    told: dict[str, Any] = json.loads(arrays.pop("told").tobytes())
-    return arrays, told
+    try:
+        content = read_answer(answer)
+    except (ValueError, KeyError, TypeError):  # a library that wrote over the memory of its process
+        raise InputError(f"{damaged}: {_end(1, seconds)}") from None
+    if isinstance(content, dict):
+        start = f"{path.name} " if content["refused"] else f"{damaged}: "
+        raise InputError(f"{start}{content['reason']}")
+    return content
 
 
-def _run(command: list[str], seconds: int) -> tuple[int, bytes]:
+def run_helper(kind: str, path: Path, seconds: int, memory: int) -> tuple[int, bytes]:
     """Exit code and output of the helper; what every recording is made of is imported while it works."""
+    command = [sys.executable, "-P", "-c", START, SOURCES, kind, str(path.resolve()), str(seconds), str(memory)]
     with subprocess.Popen(  # noqa: S603  our own worker, no shell
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "HDF5_USE_FILE_LOCKING": "FALSE"},
+        env={**os.environ, **ENVIRONMENT},
     ) as helper:  # fmt: skip
         try:
             import_module("xarray")
-            answer, _ = helper.communicate(timeout=seconds)
+            answer, _ = helper.communicate(timeout=WAIT_FACTOR * seconds)
         finally:
             helper.kill()  # one that has not come to an end by now never may
     return helper.returncode, answer

@@ -1,22 +1,41 @@
-"""Run by `pliant.recording.apart` as a process of its own: read one file with a library, hand its arrays to stdout.
+"""The helper process of `pliant.recording.apart`: read one file with a library and write its arrays to stdout.
 
-Nothing of pliant is imported here: the process starts fast, and what a damaged file does to it stays in it.
+A library is loaded first; then the process limits its own time and memory, and only then it opens the file.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import sys
-from collections.abc import Callable
-from operator import attrgetter
-from typing import Any
+from importlib import import_module
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
 MAGIC = b"pliant-arrays\n"
+LENGTH_BYTES = 8  # of the header that follows MAGIC
 Content = tuple[dict[str, np.ndarray], dict[str, Any]]
+
+READ = {  # kind of file -> module with `read(path)`; a module loads its library when it is imported
+    "hdf5": "pliant.recording.apart_hdf5",
+    "c3d": "pliant.recording.apart_c3d",
+    "classic": "pliant.recording.apart_classic",
+    "mat5": "pliant.recording.apart_mat5",
+}
+CONTENT, CONTENT_FACTOR = 2**26, 40  # bytes that a file may hold: a small file, and for each byte of a compressed one
+WORKING = 2**28  # bytes of address space beside the content: buffers of a library
+UNKNOWN_BASE = 2**31  # address space of the process before it reads, where the system does not say it
+
+
+class Refused(ValueError):
+    """A file that may be whole, but holds what pliant does not read; the message follows the name of the file."""
+
+
+def content_bound(size: int) -> int:
+    """Bytes that the arrays of a file of `size` bytes may take together."""
+    return CONTENT + CONTENT_FACTOR * size
 
 
 def limit(seconds: int, memory: int) -> None:
@@ -25,6 +44,7 @@ def limit(seconds: int, memory: int) -> None:
         import resource
     except ImportError:
         return
+    memory += address_space()
     for kind, most in ((resource.RLIMIT_CPU, seconds), (resource.RLIMIT_AS, memory), (resource.RLIMIT_CORE, 0)):
         try:
             hard = resource.getrlimit(kind)[1]
@@ -34,116 +54,94 @@ def limit(seconds: int, memory: int) -> None:
             continue
 
 
-def read_hdf5(path: str) -> Content:
-    """Every variable of a netCDF 4 file as it is stored, with dimensions and attributes."""
-    import h5netcdf
-
-    with h5netcdf.File(path, "r") as file:
-        return _variables(file.variables.items(), file.attrs, lambda v: (v.dimensions, v[...], dict(v.attrs)))
-
-
-def read_classic(path: str) -> Content:
-    """The same of a classic netCDF file."""
-    from scipy.io import netcdf_file
-
-    with netcdf_file(path, "r", mmap=False) as file:
-        attributes = attrgetter("_attributes")  # SciPy has no other door to them
-        return _variables(
-            file.variables.items(), attributes(file), lambda v: (v.dimensions, np.array(v[...]), attributes(v))
-        )
+def address_space() -> int:
+    """Bytes of address space that this process has now, libraries included."""
+    try:
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return UNKNOWN_BASE
 
 
-def read_mat5(path: str) -> Content:
-    """The numeric arrays of a MATLAB file of version 5 to 7; structs become ``struct.field``."""
-    from scipy.io import loadmat
-
-    return _flat(loadmat(path, simplify_cells=True))
-
-
-def read_mat73(path: str) -> Content:
-    """The same of version 7.3, which is HDF5."""
-    from matio import load_from_mat
-
-    return _flat(load_from_mat(path))
-
-
-def _variables(variables: Any, attrs: Any, parts: Callable[[Any], tuple[Any, Any, Any]]) -> Content:
-    arrays: dict[str, np.ndarray] = {}
-    told: dict[str, Any] = {"attrs": _plain(dict(attrs)), "variables": {}}
-    for name, variable in variables:
-        dims, values, own = parts(variable)
-        arrays[f"v{len(arrays)}"] = _storable(np.asarray(values))
-        told["variables"][str(name)] = [f"v{len(arrays) - 1}", list(dims), _plain(own)]
-    return arrays, told
-
-
-def _flat(content: dict[str, Any]) -> Content:
-    arrays: dict[str, np.ndarray] = {}
-    names: dict[str, str] = {}
-    others: list[str] = []
-
-    def walk(name: str, value: Any, depth: int) -> None:
-        if isinstance(value, dict) and depth < 20:
-            for key, item in value.items():
-                walk(f"{name}.{key}", item, depth + 1)
-            return
-        array = np.asarray(value)
-        if array.dtype.names and array.size == 1 and depth < 20:
-            for key in array.dtype.names:
-                walk(f"{name}.{key}", array.reshape(-1)[0][key], depth + 1)
-        elif array.dtype.kind in "iufb":
-            names[name] = f"v{len(arrays)}"
-            arrays[names[name]] = array
+def plain_attributes(attributes: dict[Any, Any]) -> dict[str, Any]:
+    """Attributes for JSON: numbers, text and arrays of them."""
+    plain = {}
+    for key, value in attributes.items():
+        if isinstance(value, (np.ndarray, np.generic)) and not isinstance(value, (bytes, str)):
+            item = {"array": value.tolist(), "dtype": str(value.dtype)} if np.ndim(value) else value.item()
         else:
-            others.append(name)
-
-    for name, value in content.items():
-        if not name.startswith("__"):
-            walk(name, value, 0)
-    return arrays, {"names": names, "others": others}
+            item = value if isinstance(value, (bytes, str, int, float, bool)) else str(value)
+        plain[str(key)] = text_of(item) if isinstance(item, bytes) else item
+    return plain
 
 
-def _storable(values: np.ndarray) -> np.ndarray:
+def text_of(text: bytes) -> str:
+    """UTF-8; what is none was written byte by byte, as pickles of PyTables are."""
+    try:
+        return text.decode("utf-8")
+    except UnicodeDecodeError:
+        return text.decode("latin-1")
+
+
+def without_objects(values: np.ndarray) -> np.ndarray:
+    """The array itself, or its text where it holds Python strings."""
     if not values.dtype.hasobject:
         return values
     return np.array([v.decode() if isinstance(v, bytes) else str(v) for v in values.ravel()]).reshape(values.shape)
 
 
-def _plain(attrs: dict[Any, Any]) -> dict[str, Any]:
-    """Attributes for JSON: numbers, text and lists of them."""
-    found = {}
-    for key, value in attrs.items():
-        if isinstance(value, bytes):
-            plain: Any = value.decode("utf-8", "replace")
-        elif isinstance(value, (np.ndarray, np.generic)):
-            plain = {"array": value.tolist(), "dtype": str(value.dtype)} if np.ndim(value) else value.item()
-        else:
-            plain = value if isinstance(value, (str, int, float, bool)) else str(value)
-        found[str(key)] = plain.decode("utf-8", "replace") if isinstance(plain, bytes) else plain
-    return found
+def write_answer(out: BinaryIO, arrays: dict[str, np.ndarray], facts: dict[str, Any]) -> None:
+    """MAGIC, length of a JSON header, the header with name, type and shape of each array, then their bytes."""
+    listed = [[name, array.dtype.str, list(array.shape)] for name, array in arrays.items()]
+    header = json.dumps({"facts": facts, "arrays": listed}, default=_unknown).encode()
+    out.write(MAGIC + len(header).to_bytes(LENGTH_BYTES, "little") + header)
+    out.writelines(array.tobytes() for array in arrays.values())
 
 
-READ = {"hdf5": read_hdf5, "classic": read_classic, "mat5": read_mat5, "mat73": read_mat73}
+def _unknown(value: Any) -> str:
+    """What JSON does not know, such as bytes within an array of attributes."""
+    return text_of(value) if isinstance(value, bytes) else str(value)
+
+
+def read_answer(answer: bytes) -> Content | dict[str, Any]:
+    """The arrays and facts of `write_answer`; or, where the worker could not read the file, its reason."""
+    start = len(MAGIC) + LENGTH_BYTES
+    end = start + int.from_bytes(answer[len(MAGIC) : start], "little")
+    header: dict[str, Any] = json.loads(answer[start:end])
+    if "reason" in header:
+        return header
+    arrays = {}
+    for name, kind, shape in header["arrays"]:
+        dtype = np.dtype(kind)
+        count = int(np.prod(shape, dtype=np.int64))
+        values = np.frombuffer(answer, dtype, count, end) if count and dtype.itemsize else np.zeros(count, dtype)
+        arrays[name] = values.reshape(shape).copy()
+        end += values.nbytes
+    return arrays, header["facts"]
+
+
+def reason_of(error: BaseException) -> dict[str, Any]:
+    """Header of an answer without arrays: what went wrong, in one line."""
+    lines = str(error).split("\n")
+    return {"reason": (lines[0] or type(error).__name__)[:200], "refused": isinstance(error, Refused)}
+
+
+def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) -> None:
+    """Limit this process, read the file and write the answer."""
+    read = import_module(READ[kind]).read
+    limit(seconds, memory)
+    try:
+        arrays, facts = read(path)
+    except BaseException as error:  # noqa: BLE001  whatever a library raises is one reason
+        header = json.dumps(reason_of(error)).encode()
+        out.write(MAGIC + len(header).to_bytes(LENGTH_BYTES, "little") + header)
+    else:
+        write_answer(out, arrays, facts)
 
 
 def main() -> None:
-    """Arguments: kind, path, seconds, bytes of memory. One answer on stdout; a reason in one line where it fails."""
+    """Arguments: kind, path, seconds, bytes of memory. One answer on stdout."""
     kind, path, seconds, memory = sys.argv[1:5]
     answer = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # a library that prints must not mix with the answer
-    limit(int(seconds), int(memory))
-    try:
-        arrays, told = READ[kind](path)
-        stream = io.BytesIO()
-        np.savez(stream, told=np.frombuffer(json.dumps(told).encode(), np.uint8), **arrays)  # type: ignore[arg-type]
-        content: Any = stream.getbuffer()
-    except BaseException as error:  # noqa: BLE001  whatever a library raises is one reason
-        lines = str(error).split("\n")
-        content = json.dumps({"reason": (lines[0] or type(error).__name__)[:200]}).encode()
     with os.fdopen(answer, "wb") as out:
-        out.write(MAGIC)
-        out.write(content)
-
-
-if __name__ == "__main__":
-    main()
+        answer_to(out, kind, path, int(seconds), int(memory))

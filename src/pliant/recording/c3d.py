@@ -1,13 +1,25 @@
-"""C3D: markers of a motion-capture system become stations, in metres; invalid points become NaN."""
+"""C3D: markers of a motion-capture system become stations, in metres; invalid points become NaN.
+
+ezc3d reads the file in the helper process; `pliant.recording.c3d_facts` compares what the file states twice.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.c3d_sections import decode_c3d
+from pliant.recording.apart import read_apart
+from pliant.recording.c3d_facts import (
+    MOST_FRAMES,
+    Header,
+    compare_facts,
+    frames_of,
+    judge_layout,
+    judge_residuals,
+    read_header,
+)
 from pliant.recording.mapping import FileMapping, PressureChannels, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
@@ -18,8 +30,19 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import xarray as xr
+    from numpy.typing import NDArray
 
-    from pliant.recording.c3d_sections import C3dContent
+
+class C3dContent(NamedTuple):
+    """Points (T, N, 3) in the unit of the file, analog channels (T * samples, C), rates [Hz], parameters, doubts."""
+
+    parameters: dict[str, dict[str, list[Any]]]
+    points: NDArray
+    analog: NDArray
+    rate: float
+    analog_rate: float
+    doubts: list[str]
+    remarks: list[str]
 
 
 class C3dMapping(FileMapping):
@@ -43,17 +66,14 @@ class C3dMapping(FileMapping):
 def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read markers (and, by mapping, analog pressure) of a C3D file; options are those of `C3dMapping`."""
     options = C3dMapping.load(mapping, path.name)
-    with np.errstate(all="ignore"):  # damaged floats; what they lead to is refused below
-        content = decode_c3d(path.read_bytes(), path.name)
-    if not 0 < content.rate < np.inf:
-        raise InputError(f"{path.name} states a frame rate of {content.rate:g} Hz: the file is damaged")
+    content = _content(path)
     if content.doubts and not options.trust_header:
         raise InputError(f"{path.name} contradicts itself: {'; '.join(content.doubts)}. It is damaged, or was written "
                          "wrongly: export it again, or give trust_header = true in a mapping")  # fmt: skip
     position = content.points * _scale(content, options, path.name)
-    lost = ~content.valid | np.isnan(position).any(-1)
+    lost = np.isnan(position).any(-1)
     position[lost] = np.nan
-    history = list(content.doubts)
+    history = [*content.doubts, *content.remarks]
     if lost.any():
         history.append(f"{int(lost.sum())} of {lost.size} points are marked invalid and became NaN")
     history += _unused(content, options)
@@ -67,6 +87,35 @@ def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
+
+
+def _content(path: Path) -> C3dContent:
+    """The file as ezc3d reads it, compared with its own header and length."""
+    data = path.read_bytes()
+    header = read_header(data, path.name)
+    if header.last < MOST_FRAMES:
+        _check_length(data, header, header.last - header.first + 1, path.name)
+    arrays, facts = read_apart("c3d", path, "C3D")
+    parameters, points, analog = facts["parameters"], arrays["points"], arrays["analog"]
+    frames = frames_of(header, parameters)
+    _check_length(data, header, frames, path.name)
+    short = len(points) < frames or (header.analog and len(analog) < frames * header.samples)
+    if points.shape[1] != header.points or short:
+        raise InputError(f"{path.name} is damaged: {len(points)} frames of {points.shape[1]} points came, where its "
+                         f"header announces {frames} of {header.points}")  # fmt: skip
+    doubts, remarks = judge_layout(data, header, frames)
+    doubts = [*compare_facts(header, frames, parameters), *doubts, *judge_residuals(data, header, frames)]
+    return C3dContent(parameters, points[:frames], analog[: frames * header.samples], header.rate,
+                      header.rate * header.samples, doubts, remarks)  # fmt: skip
+
+
+def _check_length(data: bytes, header: Header, frames: int, name: str) -> None:
+    if frames < 1:
+        raise InputError(f"{name} holds {header.points} points in {max(frames, 0)} frames: nothing to read")
+    needed = header.end(frames)
+    if needed > len(data):
+        raise InputError(f"{name} is cut: it announces {frames} frames of {header.points} points, {needed} bytes in "
+                         f"all, but the file has {len(data)}; copy it again")  # fmt: skip
 
 
 def _unused(content: C3dContent, options: C3dMapping) -> list[str]:

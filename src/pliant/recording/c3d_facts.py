@@ -1,21 +1,26 @@
 """What a C3D file states twice, and how its sections must lie: where two statements differ, one of them is damage.
 
 Header and parameters hold the same counts, rates and scale; sections are blocks of 512 bytes, one after the other; the
-last frame ends the file but for the rest of its block. A byte that was lost or doubled shifts all that follows it, and
-nothing else shows it.
+last frame ends the file but for the rest of its block and for blocks of zeros, which some systems append. A byte that
+was lost or doubled shifts all that follows it, and nothing else shows it: ezc3d returns what is there without a word.
+
+Source: the public C3D user guide (c3d.org)
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+import struct
+from typing import Any, NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from pliant.errors import InputError
 
 BLOCK = 512
 SAME = 1e-4  # relative: rates and scales are single precision, some are written as rounded decimals
+INTEL, DEC, MIPS = 84, 85, 86  # processors: how the bytes of a number lie
+MOST_FRAMES = 65535  # what two bytes can count; longer files say more in their parameters
+LARGEST_RESIDUAL = 1e4  # of a reconstructed point, in the unit of the file
 
 
 class Header(NamedTuple):
@@ -29,6 +34,60 @@ class Header(NamedTuple):
     samples: int
     scale: float
     rate: float
+    processor: int
+    parameters_end: int  # the first block behind the parameters, counted from 1
+
+    @property
+    def word(self) -> int:
+        """Bytes of a number of the data: 4 of a float, which a negative scale says, or 2."""
+        return 4 if np.signbit(self.scale) else 2
+
+    def end(self, frames: int) -> int:
+        """Bytes of the file up to the end of its last frame."""
+        return (self.block - 1) * BLOCK + frames * (4 * self.points + self.analog) * self.word
+
+
+def read_header(data: bytes, name: str) -> Header:
+    """The header of a C3D file; InputError where there is none."""
+    if len(data) < 2 * BLOCK or data[1] != 0x50:
+        raise InputError(f"{name} is no C3D file, or it is cut inside its header: {len(data)} bytes came")
+    start = (data[0] - 1) * BLOCK
+    if start < BLOCK or start + 4 > len(data) or data[start + 3] not in (INTEL, DEC, MIPS):
+        raise InputError(f"{name} has no readable parameter section: the file is damaged")
+    processor = data[start + 3]
+    if processor == MIPS:
+        raise InputError(f"{name} is written in the numbers of MIPS processors, which ezc3d does not read: export it "
+                         "again in Intel's (PC) format")  # fmt: skip
+    points, analog, first, last, _, _, _, block, samples = struct.unpack("<9H", data[2:20])
+    scale, rate = (one_float(data[at : at + 4], processor) for at in (12, 20))
+    samples = samples if analog else 1
+    if points < 1 or block < 2:
+        raise InputError(f"{name} holds {points} points from block {block} on: nothing to read")
+    if samples < 1 or analog % samples:
+        raise InputError(f"{name} announces {analog} analog values in {samples} samples a frame")
+    if not 0 < rate < np.inf:
+        raise InputError(f"{name} states a frame rate of {rate:g} Hz: the file is damaged")
+    return Header(points, analog, first, last, block, samples, scale, rate, processor, data[0] + data[start + 2])
+
+
+def one_float(content: bytes, processor: int) -> float:
+    """A number of four bytes; DEC swaps the halves and has an exponent that is higher by two."""
+    if processor == DEC:
+        return float(struct.unpack("<f", content[2:] + content[:2])[0]) / 4
+    return float(struct.unpack("<f", content)[0])
+
+
+def frames_of(header: Header, parameters: dict[str, dict[str, list[Any]]]) -> int:
+    """Frames by the header, or by the parameters where two bytes cannot count them."""
+    frames = header.last - header.first + 1
+    if header.last < MOST_FRAMES:
+        return frames
+    trial = parameters.get("TRIAL", {})
+    begin, end = (_word(trial.get(f"ACTUAL_{which}_FIELD", [])) for which in ("START", "END"))
+    if begin is not None and end is not None:
+        return end - begin + 1
+    stated = _stated(parameters).get("POINT:LONG_FRAMES", np.nan)
+    return max(frames, int(stated)) if np.isfinite(stated) else frames
 
 
 def compare_facts(header: Header, frames: int, parameters: dict[str, dict[str, list[Any]]]) -> list[str]:
@@ -72,28 +131,41 @@ def _word(pair: list[Any]) -> int | None:
     return int(pair[0] % 65536) + 65536 * int(pair[1] % 65536)
 
 
-def judge_layout(data: bytes, parameters_end: int, block: int, needed: int) -> list[str]:
-    """Sentences about sections that overlap or do not end where they should.
-
-    `parameters_end` and `block` count blocks from 1: the first one behind the parameters, and that of the data.
-    """
-    said = []
-    if block < parameters_end:
-        said.append(f"the data begin in block {block}, but the parameters end before block {parameters_end}")
-    elif data[(parameters_end - 1) * BLOCK : (block - 1) * BLOCK].strip(b"\0"):
-        said.append(f"{block - parameters_end} block(s) between the parameters and the data are not empty")
-    rest = len(data) - needed
-    if rest >= BLOCK:
-        said.append(f"{rest} bytes follow the last frame that is announced")
-    elif rest and len(data) % BLOCK:
+def judge_layout(data: bytes, header: Header, frames: int) -> tuple[list[str], list[str]]:
+    """Sentences about sections that overlap or do not end where they should, and those that may be harmless."""
+    said, remarks = [], []
+    block, end, needed = header.block, header.parameters_end, header.end(frames)
+    if block < end:
+        said.append(f"the data begin in block {block}, but the parameters end before block {end}")
+    elif data[(end - 1) * BLOCK : (block - 1) * BLOCK].strip(b"\0"):
+        said.append(f"{block - end} block(s) between the parameters and the data are not empty")
+    filled = needed + -needed % BLOCK  # the end of the block of the last frame
+    if len(data) > needed and len(data) % BLOCK:
+        rest = len(data) - needed
         said.append(f"{rest} bytes follow the last frame, and they do not fill a block: bytes were lost or doubled")
-    elif data[needed:].strip(b"\0"):
-        said.append("the block of the last frame is not filled up with zeros: bytes may be shifted")
-    return said
+    elif data[filled:].strip(b"\0"):
+        said.append(f"{len(data) - needed} bytes follow the last frame that is announced")
+    elif data[needed:filled].strip(b"\0"):
+        remarks.append("the block of the last frame is not filled up with zeros: bytes may be shifted")
+    return said, remarks
 
 
-def judge_residuals(words: NDArray) -> list[str]:
-    """A sentence about fourth words that cannot be what they are: a whole number of two bytes."""
-    whole = (words >= -32768.0) & (words < 65536.0) & (words == np.floor(words))
-    wrong = int((~whole & ~np.isnan(words)).sum())
+def judge_residuals(data: bytes, header: Header, frames: int) -> list[str]:
+    """A sentence about fourth words that cannot be what they are.
+
+    They are whole numbers of two bytes, a residual and a mask of cameras, or, as some systems write them, the residual
+    itself. Most words of a file tell which; the others must agree with them.
+    """
+    if header.word != 4 or header.processor != INTEL:
+        return []
+    values = np.frombuffer(data[(header.block - 1) * BLOCK : header.end(frames)], "<f4").reshape(frames, -1)
+    with np.errstate(invalid="ignore"):
+        points = values[:, : 4 * header.points].reshape(frames, -1, 4).astype(np.float64)
+        words, empty = points[..., 3], np.isnan(points).all(axis=2)
+        invalid = (words < 0) | np.isnan(words)
+        whole = (words >= -32768.0) & (words < 65536.0) & (words == np.floor(words))
+        real = (words == 0) | ((words > 1e-9) & (words < LARGEST_RESIDUAL)) | (words == -1)
+    counted = ~invalid & (words != 0)
+    good = whole if (whole & counted).sum() * 2 >= counted.sum() else real
+    wrong = int((~good & ~empty).sum())
     return [f"{wrong} of {words.size} points have no whole residual: bytes may be shifted"] if wrong else []

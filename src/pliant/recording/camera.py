@@ -14,7 +14,7 @@ in a picture. Pixels run right and down; the plane that comes out runs right and
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -24,6 +24,7 @@ from pliant.recording.mapping import FileMapping
 
 Array = np.ndarray
 Pair = tuple[float, float]
+Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
 Axis = Literal["+x", "-x", "+y", "-y"]
 
 
@@ -46,7 +47,7 @@ class Lens(FileMapping):
 
     focal: Pair  # pixels, x and y
     centre: Pair  # pixels
-    coefficients: list[float] = Field(min_length=4, max_length=14)  # k1, k2, p1, p2, k3, ...
+    coefficients: list[Coefficient] = Field(min_length=4, max_length=14)  # k1, k2, p1, p2, k3, ...
 
 
 class Board(FileMapping):
@@ -144,6 +145,9 @@ class Camera(FileMapping):
             out[seen] = cv2.undistortPoints(
                 pixels[seen][:, None], matrix, np.array(self.lens.coefficients), R=np.eye(3), P=matrix, criteria=stop
             )[:, 0]
+            if not np.isfinite(out[seen]).all():
+                raise InputError("camera.lens takes points of the picture to infinity: check focal, centre and "
+                                 "coefficients")
         return out
 
     def told(self, folder: Path) -> str:
@@ -178,6 +182,16 @@ def projective(pixels: Array, places: Array) -> Array:
     InputError
         When the points do not fix it, as four of which three lie on a line, or do not agree.
     """
+    with np.errstate(all="ignore"):
+        try:
+            return fitted_homography(pixels, places)
+        except np.linalg.LinAlgError:  # numbers so large or small that their squares are none
+            raise InputError("the known points of the camera's plane do not fix it: their numbers are too large or "
+                             "too small") from None
+
+
+def fitted_homography(pixels: Array, places: Array) -> Array:
+    """The homography of `projective`; LinAlgError where points are too far out for the arithmetic."""
     def normal(points: Array) -> Array:
         middle, size = points.mean(axis=0), float(np.std(points)) or 1.0
         return np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1.0]])
@@ -195,6 +209,8 @@ def projective(pixels: Array, places: Array) -> Array:
     made = np.linalg.inv(after) @ vectors[-1].reshape(3, 3) @ before
     mapped = np.column_stack([pixels, one]) @ made.T
     error = float(np.abs(mapped[:, :2] / mapped[:, 2:] - places).max())
+    if not np.isfinite(error):
+        raise np.linalg.LinAlgError
     if error > 0.02 * float(np.ptp(places, axis=0).max()):
         raise InputError(f"the known points of the camera's plane do not agree: they lie up to {error:.3g} mm off")
     return np.asarray(made / made[2, 2])

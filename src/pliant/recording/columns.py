@@ -85,7 +85,7 @@ def _unused(names: list[str], width: int, options: ColumnMapping, file: str) -> 
     wanted: list[Column | None] = [options.time, options.select.column if options.select else None]
     wanted += options.pressure.columns if options.pressure else []
     wanted += list((options.angles or {}).values())
-    for station in _layout(options).values():
+    for station in _layout(options, width, file).values():
         wanted += [*station.position, *(station.quaternion or [])]
     used = {_index(column, names, width, file) for column in wanted if column is not None}
     left = [names[i] if names else i for i in range(width) if i not in used]
@@ -165,33 +165,43 @@ def _turning(
         raise InputError(f"{file}: {error}") from None
 
 
+ONE_TURN = 2.1 * np.pi  # rad: a sensor that begins anew after a turn reads no more; what does counts on
+
+
 def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
     """Angles (T, S) without the jumps by a whole turn of a sensor that counts to 360 degrees, and their count."""
     seen = np.isfinite(angle)
     result, jumps = angle.copy(), 0
     for s in range(angle.shape[1]):
-        steady = np.unwrap(angle[seen[:, s], s])
+        read = angle[seen[:, s], s]
+        if read.size and np.ptp(read) > ONE_TURN:
+            continue
+        steady = np.unwrap(read)
         jumps += int((np.abs(np.diff(steady) - np.diff(angle[seen[:, s], s])) > 1.0).sum())
         result[seen[:, s], s] = steady
     return result, [f"{jumps} jump(s) of an angle by a whole turn are undone"] if jumps else []
 
 
-def _layout(options: ColumnMapping) -> dict[str, StationColumns]:
+def _layout(options: ColumnMapping, columns: int, file: str) -> dict[str, StationColumns]:
+    """Columns of each station of a file with so many `columns`."""
     if options.points is None:
         return options.stations or {}
     points, width = options.points, len(options.points.order)
+    if (last := points.first + points.count * width) > columns:
+        raise InputError(f"the mapping's points take columns {points.first} to {last - 1}, but {file} has {columns} "
+                         "columns: correct points.count, points.first or points.order")
     stations = {}
     for i in range(points.count):
         at = points.first + i * width
-        columns = [at + points.order.index(axis) for axis in "xyz"[:width]]
-        stations[f"s{i:03d}"] = StationColumns(position=list(columns))
+        place: list[Column] = [at + points.order.index(axis) for axis in "xyz"[:width]]
+        stations[f"s{i:03d}"] = StationColumns(position=place)
     return stations
 
 
 def _stations(
     table: NDArray, names: list[str], options: ColumnMapping, file: str
 ) -> tuple[dict[str, Any], list[str]]:
-    stations = _layout(options)
+    stations = _layout(options, table.shape[1], file)
     position = np.zeros((len(table), len(stations), 3))
     quaternion = np.full((len(table), len(stations), 4), np.nan)
     history = []

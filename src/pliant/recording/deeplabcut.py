@@ -2,7 +2,7 @@
 
 Layout as DeepLabCut's documentation and its own reader have it: CSV rows ``scorer``, (``individuals`` with several
 animals,) ``bodyparts``, ``coords`` (x, y, likelihood), then a row a frame with its number first; HDF5 a pandas table of
-the same columns under the key ``df_with_missing``.
+the same columns, see `pliant.recording.pandas_layout`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.recording.apart import read_apart
+from pliant.recording.pandas_layout import read_frame
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.tables import parse_numbers, read_text, split_cells
 from pliant.recording.trackers import TrackerMapping, tracked
@@ -67,20 +69,12 @@ def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray]:
 
 def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray]:
     """The same of the HDF5 file."""
-    import pandas as pd
-
-    try:
-        table = pd.read_hdf(path)
-    except ImportError:
-        raise InputError(f"{path.name} is a table of PyTables: pip install pliant[io], or export CSV") from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(f"{path.name} is no readable table of DeepLabCut: {reason}") from None
-    known = [str(n).lower() for n in table.columns.names]
+    frame = read_frame(*read_apart("hdf5", path, "DeepLabCut"), path.name)
+    known = [name.lower() for name in frame.levels]
     if not {"bodyparts", "coords"} <= set(known):
         raise InputError(f"{path.name} is no DeepLabCut table: its columns have no levels bodyparts and coords")
-    columns = [tuple(str(c[known.index(level)]) if level in known else "" for level in LEVELS) for c in table.columns]
-    return columns, np.asarray(table.index, dtype=float), table.to_numpy(dtype=float)
+    columns = [tuple(c[known.index(level)] if level in known else "" for level in LEVELS) for c in frame.columns]
+    return columns, frame.rows, frame.values
 
 
 def whole_clock(

@@ -1,11 +1,11 @@
-"""MATLAB .mat: versions 5 to 7 through SciPy, version 7.3 (HDF5) through the extra ``io``, in a helper process."""
+"""MATLAB .mat: versions 5 to 7 through SciPy, version 7.3 through HDF5, in a helper process."""
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from pliant.errors import InputError
+import numpy as np
+
 from pliant.recording.apart import read_apart
 from pliant.recording.arrays import recording_from_arrays
 from pliant.recording.registry import ENDINGS, Reader
@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import xarray as xr
+    from numpy.typing import NDArray
+
+NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
+
 
 def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read the arrays of a .mat file; a struct's fields are named ``struct.field`` in the mapping.
@@ -24,14 +28,36 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     with path.open("rb") as file:
         head = file.read(1024)
     is_hdf5 = b"MATLAB 7.3" in head or head[512:].startswith(b"\x89HDF") or head.startswith(b"\x89HDF")
-    if is_hdf5 and find_spec("matio") is None:
-        raise InputError(
-            f"{path.name} is a MATLAB 7.3 file: install the extra with `pip install pliant[io]`, or save it in "
-            "MATLAB with -v7"
-        )
-    stored, told = read_apart("mat73" if is_hdf5 else "mat5", path, ".mat")
-    arrays = {name: stored[key] for name, key in told["names"].items()}
-    return recording_from_arrays(arrays, mapping, path.name, others=told["others"])
+    stored, facts = read_apart("hdf5" if is_hdf5 else "mat5", path, ".mat")
+    if is_hdf5:
+        arrays, others = matlab_arrays(stored, facts)
+    else:
+        arrays, others = {name: stored[key] for name, key in facts["names"].items()}, facts["others"]
+    return recording_from_arrays(arrays, mapping, path.name, others=others)
+
+
+def matlab_arrays(stored: Mapping[str, NDArray], facts: dict[str, Any]) -> tuple[dict[str, NDArray], list[str]]:
+    """Numeric arrays of a MATLAB 7.3 file by name, axes in MATLAB's order, and the names of everything else.
+
+    Each data set names its class in the attribute MATLAB_class; a struct is a group; a sparse matrix is a group with
+    the attribute MATLAB_sparse; an empty array (MATLAB_empty) stores its shape instead of its values.
+    """
+    sparse = tuple(path for path, attributes in facts["groups"].items() if "MATLAB_sparse" in attributes)
+    arrays: dict[str, NDArray] = {}
+    others = [path.replace("/", ".") for path in (*facts["others"], *sparse)]
+    for path, (key, _, attributes) in facts["variables"].items():
+        if path.startswith(tuple(f"{group}/" for group in sparse)):
+            continue
+        name = path.partition(":")[0].replace("/", ".")
+        if name != path.replace("/", "."):  # a column of a compound data set: complex numbers
+            others += [] if name in others else [name]
+        elif attributes.get("MATLAB_class", "double") not in NUMERIC or stored[key].dtype.kind not in "iufb":
+            others.append(name)
+        elif attributes.get("MATLAB_empty"):
+            arrays[name] = np.zeros(0)
+        else:
+            arrays[name] = stored[key].T
+    return arrays, others
 
 
 READER = Reader("mat", ENDINGS["mat"], read_mat)

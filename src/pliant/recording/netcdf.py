@@ -1,6 +1,7 @@
-"""netCDF: the recording as it is, with its units and history (HDF5 through h5netcdf; classic files read).
+"""netCDF: the recording as it is, with its units and history; written as HDF5 by h5netcdf, classic files are read.
 
-What pliant writes ends in a checksum of its own bytes. A file without one is read in a helper process.
+What pliant writes ends in a checksum of its own bytes, which shows damage and proves no origin: every file is read in
+the helper process.
 """
 
 from __future__ import annotations
@@ -32,36 +33,24 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
         raise InputError(f"a netCDF recording describes itself: no mapping is needed for {path.name}")
     with path.open("rb") as file:
         classic = file.read(3) == b"CDF"
-    kept = is_sealed(path)
-    if kept is False:
+    if is_sealed(path) is False:
         raise InputError(f"{path.name} is damaged: its content has another checksum than it was written with")
-    loaded = _own(path) if kept else _foreign("classic" if classic else "hdf5", path)
+    loaded = _decoded("classic" if classic else "hdf5", path)
     if loaded.attrs.get("schema") is None:
         names = ", ".join(map(str, loaded.variables)) or "nothing"
         raise InputError(f"{path.name} is netCDF, but no pliant recording; it holds {names}")
     return _in_memory(loaded)
 
 
-def _own(path: Path) -> xr.Dataset:
-    import xarray as xr
-
-    try:
-        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as ds:
-            return ds.load()
-    except BROKEN_FILE as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(f"{path.name} is no readable netCDF file: {reason}") from None
-
-
-def _foreign(kind: str, path: Path) -> xr.Dataset:
-    """A file whose bytes nobody vouches for, through the helper process."""
-    arrays, told = read_apart(kind, path, "netCDF")
+def _decoded(kind: str, path: Path) -> xr.Dataset:
+    """The variables of the file's root, through the helper process, with their encoding undone."""
+    arrays, facts = read_apart(kind, path, "netCDF")
     import xarray as xr  # not before: it is imported while the helper reads
 
     try:
         variables = {name: xr.Variable(dims, arrays[key], _attributes(attrs))
-                     for name, (key, dims, attrs) in told["variables"].items()}  # fmt: skip
-        raw = xr.Dataset(variables, attrs=_attributes(told["attrs"]))
+                     for name, (key, dims, attrs) in facts["variables"].items() if "/" not in name}  # fmt: skip
+        raw = xr.Dataset(variables, attrs=_attributes(facts["groups"][""]))
         return xr.decode_cf(raw, decode_times=False).load()
     except BROKEN_FILE as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]

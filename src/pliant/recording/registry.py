@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pliant.errors import InputError, clipped
 from pliant.plugins import offered
+from pliant.recording.linear import scaled, without_lines
 from pliant.recording.published import PREFIX, published_path
 from pliant.recording.schema import check_recording
 
@@ -104,7 +105,8 @@ def read_recording(
         Of a file; or ``data:NAME/FILE``, a public recording that `pliant data fetch` has brought.
     mapping : dict, optional
         What the file does not say itself: columns and units of a plain table, names of arrays, the unit
-        of length. The keys belong to the format; see the module of its reader. ``format`` is the next entry.
+        of length. The keys belong to the format; see the module of its reader. ``format`` is the next entry;
+        ``linear`` scales channels of any format, see `pliant.recording.linear`.
     format : str, optional
         Name of the format. Default: ``format`` of the mapping, or found from the ending and the first bytes of the
         file. A mapping that describes ``stations``, ``points`` or ``pressure`` by columns means the format ``columns``.
@@ -142,9 +144,10 @@ def read_recording(
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     if not head:
         raise InputError(f"{path.name} is empty")
+    mapping, lines = without_lines(mapping)
     reader = _choose(path, head, mapping, format)
     try:
-        ds = reader.read(path, mapping)
+        ds = scaled(reader.read(path, mapping), lines, path.name)
     except InputError as error:
         raise InputError(f"{error}{looks_like(head, reader.name)}") from None
     ds = ds.assign_attrs(_provenance(ds, path, reader.name, digest))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.recording.apart import read_apart
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.trackers import TrackerMapping, tracked
 
@@ -19,38 +20,46 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import xarray as xr
+    from numpy.typing import NDArray
 
 
 def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read one track; options are those of `TrackerMapping`. Points whose score is low are gaps."""
-    import h5py  # type: ignore[import-untyped]
-
     options = TrackerMapping.load(mapping, path.name)
-    try:
-        with h5py.File(path) as file:
-            tracks, names = np.asarray(file["tracks"], dtype=float), texts(file["node_names"])
-            labels = texts(file["track_names"]) or [f"track_{k}" for k in range(len(tracks))]
-            scores = np.asarray(file["point_scores"], dtype=float) if "point_scores" in file else None
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path.name} is no readable SLEAP analysis file: {str(error)[:200]}") from None
-    if tracks.ndim != 4 or tracks.shape[:3] != (len(labels), 2, len(names)):
+    stored, facts = read_apart("hdf5", path, "SLEAP analysis")
+    arrays = {name: stored[key] for name, (key, _, _) in facts["variables"].items()}
+    lacking = [name for name in ("tracks", "node_names", "track_names") if name not in arrays]
+    if lacking:
+        raise InputError(f"{path.name} is no SLEAP analysis file: it has no data set {lacking[0]}")
+    tracks, names = _numbers(arrays["tracks"], "tracks", path), texts(arrays["node_names"])
+    if tracks.ndim != 4:
+        raise InputError(f"tracks of {path.name} must be (track, 2, node, frame), got {tracks.shape}")
+    labels = texts(arrays["track_names"]) or [f"track_{k}" for k in range(len(tracks))]
+    scores = _numbers(arrays["point_scores"], "point_scores", path) if "point_scores" in arrays else None
+    if tracks.shape[:3] != (len(labels), 2, len(names)):
         wanted_shape = f"({len(labels)}, 2, {len(names)}, ...)"
         raise InputError(f"tracks of {path.name} must be (track, 2, node, frame) = {wanted_shape}, got {tracks.shape}")
     if scores is not None and scores.shape != (len(labels), len(names), tracks.shape[3]):
         raise InputError(f"point_scores of {path.name} do not fit its tracks: {scores.shape}")
     wanted = options.individual or (labels[0] if len(labels) == 1 else None)
     if wanted not in labels:
-        asked = f"no track {wanted!r}" if wanted else "several tracks"
-        raise InputError(f"{path.name} has {asked}: say individual, one of {', '.join(labels)}")
+        problem = f"no track {wanted!r}" if wanted else "several tracks"
+        raise InputError(f"{path.name} has {problem}: say individual, one of {', '.join(labels)}")
     k = labels.index(wanted)
     likelihood = None if scores is None else np.nan_to_num(scores[k].T)
     return tracked(path, options, names, tracks[k].transpose(2, 1, 0), likelihood=likelihood,
                    history=[f"track {wanted} of {len(labels)}"] if len(labels) > 1 else [])  # fmt: skip
 
 
-def texts(values: Any) -> list[str]:
+def _numbers(values: NDArray, name: str, path: Path) -> NDArray:
+    if values.dtype.kind not in "iufb":
+        raise InputError(f"{name} of {path.name} holds no real numbers, but {values.dtype}")
+    return values.astype(np.float64)
+
+
+def texts(values: NDArray) -> list[str]:
     """Names that a data set holds."""
-    return [v.decode() if isinstance(v, bytes) else str(v) for v in np.ravel(values[()])]
+    return [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in np.ravel(values)]
 
 
 READER = Reader("sleap", ENDINGS["sleap"], read_sleap, lambda head: b"track_occupancy" in head)

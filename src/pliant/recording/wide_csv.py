@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import json
 import re
+from difflib import get_close_matches
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, shown
 from pliant.files import whole
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.mapping import shorten
@@ -48,7 +49,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     names = split_cells(header, delimiter)
     _check_names(names, path.name)
     rows, findings = judge_end(lines[start + 1 :], delimiter, path.name)
-    findings += _changed(metadata, lines[start:])
+    findings += _changed(metadata, lines[start:]) + _misspelt(metadata)
     table = parse_numbers(rows, name=path.name, first_line=start + 2, delimiter=delimiter, columns=len(names))
     if "rows" in metadata and metadata["rows"] != len(table):
         raise InputError(
@@ -97,6 +98,14 @@ def _changed(metadata: dict[str, Any], lines: list[str]) -> list[str]:
     if metadata.get("table_sha256") in (None, _checksum(lines)):
         return []
     return ["the table is not the one that was written: its checksum differs, so it was edited or damaged since"]
+
+
+def _misspelt(metadata: dict[str, Any]) -> list[str]:
+    """Entries that nothing reads and whose names are nearly those of entries that are read."""
+    near = {name: get_close_matches(name.lower().replace("-", "_"), KNOWN_METADATA, 1, 0.8)
+            for name in metadata if name not in KNOWN_METADATA}
+    return [f"the metadata entry {shown(name)} is not known and was not used: is it {match[0]!r}?"
+            for name, match in near.items() if match]
 
 
 def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:

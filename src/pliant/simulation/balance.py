@@ -12,9 +12,8 @@ from warnings import warn
 import numpy as np
 import xarray as xr
 
-from pliant.equations import energy, extension
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.extension import extensible_body
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -71,14 +70,8 @@ class Held(NamedTuple):
 
 def held_energy(model: Model, phi: Array, w: Array, pressure: tuple[float, ...]) -> Held:
     """Energy of a chain under constant pressures, J: the work that they can still do counts as stored."""
-    joints = model.joints()
-    if model.extensions:
-        given = (phi, w, extensible_body(model), joints, state.work_of(model))
-        kinetic, weight = float(extension.kinetic_energy(*given)), float(extension.gravity_energy(*given))
-    else:
-        body, c, s = model.body(), np.cos(phi), np.sin(phi)
-        kinetic, weight = float(energy.kinetic_energy(c, s, w, body)), float(energy.gravity_energy(c, s, body))
-    elastic = float(energy.elastic_energy(phi, joints))
+    stored = mechanics_of(model).energy(phi, w)
+    kinetic, elastic, weight = map(float, stored)
     push = float(model.actuation.joint_torques(pressure) @ state.relative(model, phi))
     return Held(pressure, kinetic + elastic + weight - push, kinetic + elastic)
 

@@ -118,7 +118,8 @@ class Layout:
     def jump_slope(self, c: int, k: int) -> Array | None:
         """Derivative (steps,) of the steps' lengths by the moment of jump `k` of chamber `c`: those beside it change.
 
-        None where there is none or it is no end of a step by itself, or where inputs bend within steps.
+        None where there is none or it is no end of a step by itself, as on an output time, or where inputs bend within
+        steps.
         """
         corners, nodes = self.grid.corners, self.grid.nodes
         if k >= self.jumps[c].size or self.grid.fine.size > nodes.size:
@@ -128,6 +129,8 @@ class Layout:
         if not (0 < i < corners.size - 1 and corners[i] == moment):
             return None
         first, at, last = np.searchsorted(nodes, corners[i - 1 : i + 2])
+        if self.keep[at - 1] >= 0:
+            return None
         slope = np.zeros(nodes.size - 1)
         slope[first:at], slope[at:last] = 1.0 / (at - first), -1.0 / (last - at)
         return slope

@@ -13,15 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations import energy, extension, motion, symbols
+from pliant.equations import energy, symbols
 from pliant.equations.chamber import secant, share_out, slow_rates, torque_now
 from pliant.errors import InputError, SimulationError
+from pliant.mechanics import mechanics_of, springs
 from pliant.model import Model, Valve
 from pliant.numerics.ldl import ldl_solve
-from pliant.simulation import lengthened
 from pliant.simulation.drive import inputs_of, merge
 from pliant.simulation.inputs import Input
-from pliant.simulation.state import given_way, joint_angles, tangents, work_of
+from pliant.simulation.state import given_way, joint_angles, work_of
 
 Array = np.ndarray
 METHODS = ("LSODA", "BDF", "Radau")
@@ -104,7 +104,7 @@ def softest(model: Model) -> Callable[[float, Array], float] | None:
         return None
 
     def least(_t: float, y: Array) -> float:
-        return float((tangents(model, joint_angles(model, y[: model.n])) / model.stiffness).min())
+        return float((springs.slopes(model, joint_angles(model, y[: model.n])) / model.stiffness).min())
 
     least.terminal = True  # type: ignore[attr-defined]  # SciPy's way
     return least
@@ -158,7 +158,7 @@ def right_hand_side(
     """
     at = layout(model)
     body, joints, scratch = model.mechanics(), model.joints(), work_of(model)
-    accelerate = twin(extension.acceleration if model.extensions else motion.acceleration)
+    accelerate = mechanics_of(model).acceleration()
     gain = model.actuation.gain
     share, tau = (np.array(row) for row in (model.memory.creep_share, model.memory.creep_time))
     stiff = 1.0 + share.sum()  # creep seen as a stiffer spring with another rest angle
@@ -214,9 +214,9 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
     n, at, gain = model.size, layout(model), model.actuation.gain
     body, joints, scratch = model.mechanics(), model.joints(), work_of(model)
     solve = twin(ldl_solve)
-    differentiate = lengthened.slopes if model.extensions else twin(motion.acceleration_jacobian)
+    differentiate = mechanics_of(model).acceleration_jacobian()
     out = symbols.Slopes(np.empty(n), np.empty((n, n)), np.empty((n, n)))
-    T = lengthened.of_joints(model.n, n)  # to the angles and rates of joints
+    T = mechanics_of(model).to_joints  # to the angles and rates of joints
     share = gain @ T  # of a torque, on each absolute angle
 
     def jacobian(t: float, y: Array) -> Array:

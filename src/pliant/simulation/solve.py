@@ -8,11 +8,10 @@ import numpy as np
 import xarray as xr
 
 from pliant.compiler.choose import twin
-from pliant.equations import energy, extension
 from pliant.errors import InputError, SimulationError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.extension import extensible_body
-from pliant.simulation import lengthened, march_loops, memory, state
+from pliant.simulation import march_loops, memory, state
 from pliant.simulation.balance import tell_gain
 from pliant.simulation.drive import LONGEST, Drive, drive, inputs_of, too_fast
 from pliant.simulation.extrapolated import Marched, march_extrapolated
@@ -187,17 +186,11 @@ def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> t
 
 def energies(model: Model, phi: Array, w: Array, work: Array) -> dict[str, Array]:
     """Energies (T,) [J] along a trajectory: kinetic, elastic, gravitational, input work, dissipated."""
-    joints = model.joints()
-    if model.extensions:
-        given = (phi.T, w.T, extensible_body(model), joints, lengthened.of_rows(model, len(phi)))
-        kinetic, weight = extension.kinetic_energy(*given), extension.gravity_energy(*given)
-    else:
-        body, c, s = model.body(), np.cos(phi), np.sin(phi)
-        kinetic, weight = energy.kinetic_energy(c.T, s.T, w.T, body), energy.gravity_energy(c.T, s.T, body)
+    stored = mechanics_of(model).energy(phi, w)
     return {
-        "kinetic_energy": np.asarray(kinetic),
-        "elastic_energy": np.asarray(energy.elastic_energy(phi.T, joints)),
-        "gravitational_energy": np.asarray(weight),
+        "kinetic_energy": np.asarray(stored.kinetic),
+        "elastic_energy": np.asarray(stored.elastic),
+        "gravitational_energy": np.asarray(stored.gravity),
         "input_work": work[:, 0],
         "dissipated_energy": work[:, 1],
     }

@@ -7,8 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pliant.errors import InputError
+from pliant.preprocessing.alignment import alignment_of
+from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.quality import standing_stations
+from pliant.study.doubts import of_body
 from pliant.study.first_reading import with_logs
 from pliant.study.new import Look, body_length, excitation, held_out, look_with_log, moved
 from pliant.study.questions import OPEN
@@ -27,10 +32,13 @@ class Draft:
         TOML.
     questions : tuple of str
         What only the user knows; each stands as "?" in the text.
+    doubts : tuple of str
+        What looks wrong in recordings or body; each stands as a comment in the text.
     """
 
     text: str
     questions: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
 
 class Lines:
@@ -65,7 +73,7 @@ class Lines:
 def draft_study(
     files: Sequence[str | Path], study: str | Path, *, mapping: Mapping[str, Any] | None = None,
     length: float | None = None, mass: float | None = None, level: float | None = None,
-    gravity: Sequence[float] | None = None,
+    gravity: Sequence[float] | None = None, diameter: float | None = None,
 ) -> Draft:
     """Look at recordings of one actuator and draft their study.
 
@@ -78,8 +86,8 @@ def draft_study(
         Where the study will lie; file names in it are relative to that folder. Nothing is written.
     mapping : dict, optional
         What the files do not say themselves; see `pliant.read`.
-    length, mass : float, optional
-        Of the body, m and kg.
+    length, mass, diameter : float, optional
+        Of the body, m, kg and m.
     level : float, optional
         Nominal gauge pressure of recordings that hold none, Pa.
     gravity : 3 floats, optional
@@ -102,12 +110,14 @@ def draft_study(
     title = Path(study).stem
     out.say('Drafted by `pliant new` from what the files show. What only you know stands as "?".',
             "Every entry is explained in docs/studies.md. SI units, except where a name says otherwise.")
+    told = look_doubts(looks, Case(length=length, mass=mass, diameter=diameter, gravity=tuple(gravity or ()) or None))
+    out.say(*(f"! {line}" for line in told))
     out.put("name", title)
     out.put("title", title.replace("_", " "))
     out.put("step", 2e-3, "s, of the integration")
     camera(out, looks)
     units(out, looks)
-    actuator(out, first, length, mass)
+    actuator(out, first, length, mass, diameter)
     weight(out, looks, gravity)
     if first.capped:
         fibre(out, first, length)
@@ -121,7 +131,17 @@ def draft_study(
     out.table("targets")
     out.say("what the verdict holds the predictions against; take a line away and it is not judged")
     out.put("rmse_percent_of_travel", 5.0)
-    return Draft("\n".join(out.text) + "\n", tuple(out.questions))
+    return Draft("\n".join(out.text) + "\n", tuple(out.questions), told)
+
+
+def look_doubts(looks: Sequence[Look], case: Case) -> tuple[str, ...]:
+    """What looks wrong in recordings and body, each sentence once."""
+    said: dict[str, str] = {}
+    for look in looks:
+        said |= {f"{look.name} {check}": f"{look.path.name}: {line}" for check, line in look.found.doubts.items()}
+        for check, line in of_body(case, look.grouped, look.aligned if look.scaled else None).items():
+            said.setdefault(check, line)
+    return tuple(said.values())
 
 
 def camera(out: Lines, looks: Sequence[Look]) -> None:
@@ -146,7 +166,9 @@ def units(out: Lines, looks: Sequence[Look]) -> None:
             out.ask(name, known)
 
 
-def actuator(out: Lines, look: Look, length: float | None, mass: float | None) -> None:
+def actuator(
+    out: Lines, look: Look, length: float | None, mass: float | None, diameter: float | None = None
+) -> None:
     """The body."""
     out.table("actuator")
     told = "m, as you stated"
@@ -156,6 +178,10 @@ def actuator(out: Lines, look: Look, length: float | None, mass: float | None) -
     out.ask("length", "m, of the part that bends", length, told)
     out.ask("mass", "kg, of the part that bends: weigh it, or density times volume; K, D and torque share its scale",
             mass, "kg, as you stated")
+    if diameter is not None:
+        out.put("diameter", diameter, "m, outer, as you stated: density, modulus and torque are checked with it")
+    else:
+        out.say("diameter = 0.03  (m, outer, where you know it: density, modulus and torque are checked with it)")
     if look.turns:
         out.say("links = 2  (default: one for each angle, which is all that angles support)")
     elif not look.dense:
@@ -168,12 +194,27 @@ def weight(out: Lines, looks: Sequence[Look], gravity: Sequence[float] | None) -
     """Gravity: asked for where a body is let go, since its weight is then all that drives it."""
     released = any(excitation(look) == "release" for look in looks)
     if released or gravity is not None:
-        out.ask("gravity", "m/s^2 in the axes of the tracker, such as [0.0, 0.0, -9.81]: it moves the released body",
+        out.ask("gravity", f"m/s^2 in the axes of the tracker; {hanging(looks)}: it moves the released body",
                 None if gravity is None else [float(g) for g in gravity], "m/s^2 in the axes of the tracker")
     else:
-        axes = "[0.0, 9.81]  (m/s^2, x and y of the base frame, +y along the base" if looks[0].turns else \
-            "[0.0, 0.0, -9.81]  (m/s^2 in the axes of the tracker"
-        out.say(f"gravity = {axes}: needed unless the body lies flat)")
+        axes = "m/s^2, x and y of the base frame, +y along the base" if looks[0].turns else \
+            f"m/s^2 in the axes of the tracker; {hanging(looks)}"
+        out.say(f"gravity = {down(looks)}  ({axes}; needed unless the body lies flat)")
+
+
+def down(looks: Sequence[Look]) -> list[float]:
+    """Gravity of a body that hangs: along the tracker's axis nearest to its base tangent, or along +y of angles."""
+    if looks[0].turns:
+        return [0.0, 9.81]
+    seen = [look.aligned for look in looks if look.aligned is not None and "alignment" in look.aligned.attrs]
+    tangent = np.array(alignment_of(seen[0]).rotation[1] if seen else [0.0, 0.0, -1.0])
+    nearest = int(np.argmax(np.abs(tangent)))
+    return [float(9.81 * np.sign(tangent[k])) if k == nearest else 0.0 for k in range(len(tangent))]
+
+
+def hanging(looks: Sequence[Look]) -> str:
+    """What `down` assumes, in words."""
+    return f"{down(looks)} if the body hangs at rest"
 
 
 def fibre(out: Lines, look: Look, length: float | None) -> None:
@@ -273,6 +314,12 @@ def fit(out: Lines, looks: Sequence[Look]) -> None:
     out.say('"free": the start value is estimated from the recordings')
     for name, meaning in free_parameters(looks, held):
         out.put(name, "free", meaning)
+    if held and looks[0].turns:
+        out.table("fits.midsegment")
+        out.say("stiffness of few links depends on where joints are assumed to sit: the held-out record may tell where")
+        out.put("title", "Joints in the middle of their segments")
+        out.put("like", "first")
+        out.put("joint_placement", "midsegment")
 
 
 def free_parameters(looks: Sequence[Look], held: str | None) -> list[tuple[str, str]]:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from pliant.errors import InputError
+from pliant.failures import Failures
 from pliant.identification import MORE_RUNGS, RUNGS, Experiment, FitResult, Ladder, Rung, bootstrapped, fit, ladder
 from pliant.identification.fit import parameters_from
 from pliant.model import Model
+from pliant.study.prepare import study_model
 from pliant.study.record_outcomes import records_of
 from pliant.study.schema import Fit, LadderEntry, Study
 from pliant.validation.outcome import FitOutcome
@@ -23,7 +26,8 @@ def run_fit(
     began = clock.perf_counter()
     training = [experiments[r] for r in entry.train]
     result = fit(
-        training, model, parameters_from(entry.parameters), step=study.step, loss=entry.loss, starts=entry.starts,
+        training, placed(study, entry, model), parameters_from(entry.parameters), step=study.step,
+        loss=entry.loss, starts=entry.starts,
         weighting=entry.weighting, regularise=entry.regularise, section_area=study.actuator.section_area,
         rng=study.seed, progress=lambda line: tell(f"fit {name}: {line}"),
     )
@@ -31,19 +35,32 @@ def run_fit(
     return whole_fit(study, name, entry.title or name, entry, result, seconds, experiments, tell)
 
 
+def placed(study: Study, entry: Fit, model: Model) -> Model:
+    """The study's model with the joints where the fit places them."""
+    if entry.joint_placement is None:
+        return model
+    same = {"joint_placement": entry.joint_placement, "links": model.n, "gravity": model.gravity.tolist()}
+    return study_model(study.actuator.model_copy(update=same), None)
+
+
 def whole_fit(
     study: Study, name: str, title: str, entry: Fit | LadderEntry, result: FitResult, seconds: float,
     experiments: Mapping[str, Experiment], tell: Tell,
 ) -> FitOutcome:
-    """A fit with its records, its standard errors from a bootstrap where the study asks for one."""
+    """A fit with its records, its standard errors from a bootstrap where the study has one.
+
+    What cannot be computed of it (a record, a band, the bootstrap) is in its `not_computed`.
+    """
+    failures = Failures(name, tell)
     train, held_out = ([experiments[r] for r in names] for names in (entry.train, entry.held_out))
     if entry.bootstrap and result.covariance is not None:
         tell(f"fit {name}: {entry.bootstrap} replicates of a block bootstrap")
-        result = bootstrapped(train, result, replicates=entry.bootstrap, step=study.step, weighting=entry.weighting,
-                              loss=entry.loss, rng=study.seed)
-    records = records_of(train, held_out, result, study.step, entry.weighting)
+        drawn = partial(bootstrapped, train, result, replicates=entry.bootstrap, step=study.step,
+                        weighting=entry.weighting, loss=entry.loss, rng=study.seed)
+        result = failures.attempt("bootstrap of standard errors", "", drawn) or result
+    records = records_of(train, held_out, result, study.step, entry.weighting, failures)
     tell(f"fit {name}: {result.status}")
-    return FitOutcome(name, title, result, records, seconds)
+    return FitOutcome(name, title, result, records, seconds, tuple(failures))
 
 
 def rungs_of(entry: LadderEntry) -> Sequence[Rung]:

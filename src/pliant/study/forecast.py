@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, SimulationError
+from pliant.failures import Failures, finite
 from pliant.identification import Experiment, FitResult, predict
 from pliant.identification.discrepancy import discrepancy
 from pliant.identification.edges import edges
 from pliant.identification.error_propagation import half_widths
 from pliant.simulation import Trace
-from pliant.study.schema import ForecastEntry, Study
+from pliant.study.schema import Study
 from pliant.units import pascal_per
 from pliant.validation.extension import NAMES, growth
 from pliant.validation.metrics import response
@@ -38,10 +40,25 @@ def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None
             )
 
 
+def run_forecasts(
+    study: Study, experiments: Mapping[str, Experiment], result: FitResult, failures: Failures,
+) -> tuple[Forecast, ...]:
+    """All forecasts of a study; those that cannot be computed are added to `failures`."""
+    made = [
+        failures.attempt(f"forecast {name}", "", partial(run_forecast, study, name, experiments, result, failures))
+        for name in study.forecasts
+    ]
+    return tuple(f for f in made if f is not None)
+
+
 def run_forecast(
-    study: Study, name: str, entry: ForecastEntry, experiments: Mapping[str, Experiment], result: FitResult,
+    study: Study, name: str, experiments: Mapping[str, Experiment], result: FitResult, failures: Failures,
 ) -> Forecast:
-    """Predict a case that was not recorded: like a recorded one, with the stated changes."""
+    """Predict a case that was not recorded: like a recorded one, with the stated changes.
+
+    An interval or band that cannot be computed is added to `failures`, and the forecast goes without it.
+    """
+    entry = study.forecasts[name]
     template = experiments[entry.like]
     level = template.level if entry.level is None else entry.level * pascal_per(entry.pressure_unit)
     case = replace(template, name=name, level=level, known={**template.known, **entry.known})
@@ -59,15 +76,24 @@ def run_forecast(
         numbers = [np.nan if (v := traits[k]) is None else v for k in seen]
         return np.concatenate([numbers, tip.ravel()])
 
-    found, half = measure(result.values), half_widths(result, measure)
-    count = len(seen)
+    found, problems = measure(result.values), list[str]()
+    half, count = half_widths(result, measure, problems=problems), len(seen)
     interval = {k: float(h) for k, h in zip(seen, half, strict=False) if h > 0}
-    taught = [experiments[n] for n in result.rmse if n in experiments]
-    tip = found[count:].reshape(case.time.size, -1)
-    lacks = tip_lacks(result, case, {**result.values, **own}, taught, study.step)
-    width = np.hypot(half[count:].reshape(tip.shape), WIDE * lacks)
-    stated = {**entry.known, **({"level": level} if entry.level is not None else {})}
-    stated |= {f"{chamber}.pressure": p for chamber, p in driven.items()}
+    tip = finite(found[count:], "the predicted motion").reshape(case.time.size, -1)
+    if not problems and (lost := [k for k, h in zip(seen, half, strict=False) if np.isnan(h)]):
+        failures.add(f"interval of {', '.join(lost)} of forecast {name}", "",
+                     "within one standard error of the parameters the motion has no such number")
+    training = [experiments[n] for n in result.rmse if n in experiments]
+
+    def half_width() -> np.ndarray:
+        if problems:
+            raise SimulationError(problems[0])
+        lacks = tip_lacks(result, case, {**result.values, **own}, training, study.step)
+        return finite(np.hypot(half[count:].reshape(tip.shape), WIDE * lacks), "the width of the band")
+
+    width = failures.attempt(f"{'interval and ' * bool(problems)}band of forecast {name}", "", half_width)
+    stated = entry.known | ({"level": level} if entry.level is not None else {}) | {
+        f"{chamber}.pressure": p for chamber, p in driven.items()}
     return Forecast(
         name, entry.title or name, stated, case.time, tip, dict(zip(seen, found[:count].tolist(), strict=True)),
         interval, width,

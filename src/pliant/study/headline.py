@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from pliant.failures import NotComputed
 from pliant.study.schema import Targets
 from pliant.study.verdict import LONGER, by_the_model, judged
 from pliant.validation.outcome import FitOutcome, Headline, RecordOutcome, StudyOutcome
@@ -21,16 +22,34 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     """The first fit in one sentence, held out before training, with the warnings that matter."""
     fit = outcome.fits[0]
     held = [r for r in fit.records if r.role == "held_out"]
-    shown = held or list(fit.records)
+    lost = [m for m in fit.missing if m.role == "held_out"]
+    shown = [] if lost and not held else held or list(fit.records)
     verdicts = [judged(r.metrics, targets) for r in shown]
-    warnings = tuple(dict.fromkeys([*fit_warnings(fit, held), *(w for r in shown for w in record_warnings(r))]))
-    if any("missed" in v for v in verdicts):
+    own = [*fit_warnings(fit, held=bool(held or lost)), *(w for r in shown for w in record_warnings(r))]
+    warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *outcome.doubts, *own]))
+    if any("missed" in v for v in verdicts) or (lost and targets != Targets()):
         state = "missed"
     elif warnings:
         state = "beware"
     else:
         state = "good" if any(verdicts) else "open"
-    return Headline(state, f"{sentence(shown, held=bool(held))}{worst(shown)} {target_sentence(verdicts)}", warnings)  # type: ignore[arg-type]
+    verdicts += ["missed"] * (len(lost) if targets != Targets() else 0)
+    said = [sentence(shown, held=bool(held)) + worst(shown)] if shown else []
+    said += [lost_sentence(lost)] if lost else []
+    return Headline(state, " ".join([*said, target_sentence(verdicts)]), warnings)  # type: ignore[arg-type]
+
+
+def lost_sentence(lost: Sequence[NotComputed]) -> str:
+    """Which held-out records the fit cannot predict."""
+    names = ", ".join(m.record for m in lost)
+    return f"Record{'s' * (len(lost) > 1)} {names}, not seen by the fit, could not be predicted."
+
+
+def failure_warnings(outcome: StudyOutcome) -> Iterator[str]:
+    """What could not be computed of the first fit and of the study, and how much of the other fits."""
+    yield from (n.sentence for n in (*outcome.failed, *outcome.fits[0].not_computed))
+    if others := sum(len(f.not_computed) for f in outcome.fits[1:]):
+        yield f"{others} prediction(s) or band(s) of the other fits could not be computed; the full verdict names them."
 
 
 def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
@@ -56,7 +75,7 @@ def target_sentence(verdicts: Sequence[str]) -> str:
     return f"The targets are met by {met} of {len(verdicts)}." if len(verdicts) > 1 else "The target is missed."
 
 
-def fit_warnings(fit: FitOutcome, held: Sequence[RecordOutcome]) -> Iterator[str]:
+def fit_warnings(fit: FitOutcome, *, held: bool) -> Iterator[str]:
     """What the fit itself warns of."""
     if not held:
         yield "No record is held out: this shows that the model can follow, not that it predicts."

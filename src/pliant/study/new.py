@@ -77,6 +77,11 @@ class Look:
         return re.sub(r"[^A-Za-z0-9_-]+", "_", self.path.stem) or "recording"
 
     @property
+    def grouped(self) -> xr.Dataset:
+        """The recording, with one station for each cluster of markers."""
+        return assemble(self.ds, self.stations) if self.stations else self.ds
+
+    @property
     def base(self) -> str:
         """Name of the base station."""
         report = json.loads(str(self.ds.attrs.get("alignment", "{}")))
@@ -129,7 +134,9 @@ def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | Non
     if log is None:
         return look
     ds = with_pressure(look.ds, read(log), look.name, log.name)
-    return replace(look, ds=ds, log=log, found=replace(look.found, pressure_kpa=quality(ds).pressure_kpa))
+    found = quality(ds)
+    known = replace(look.found, pressure_kpa=found.pressure_kpa, doubts=found.doubts)
+    return replace(look, ds=ds, log=log, found=known)
 
 
 def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from pliant import actuators
 from pliant.errors import InputError
 from pliant.identification import Experiment, experiment
 from pliant.model import Chamber, Extension, Model, chain_model
@@ -19,12 +16,15 @@ from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.cut import cut_time
-from pliant.preprocessing.quality import LEAST_PRESSURE, quality, standing_stations
+from pliant.preprocessing.labels import exclude_swaps, undo_swaps
+from pliant.preprocessing.plausibility.pressure import LEAST_PRESSURE
+from pliant.preprocessing.quality import quality, standing_stations
 from pliant.recording import read
 from pliant.recording.published import PREFIX
 from pliant.reduction import Links
 from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
+from pliant.study.doubts import of_body, preset, presets, stated_case
 from pliant.study.resting import Aligned, at_one_rest
 from pliant.study.schema import Actuator, Alignment, ChamberTable, Recording, Study
 from pliant.units import pascal_per
@@ -64,7 +64,7 @@ def located(study: Study, file: str) -> Path:
 def check_pressure_unit(name: str, ds: xr.Dataset) -> None:
     """Refuse a pressure too low to move a soft body: psi, kPa or mbar that were read as Pa."""
     nominal = ds.attrs.get("nominal_pressure", 0.0)
-    measured = float(np.nanmax(ds["pressure"].values, initial=0.0)) if "pressure" in ds else 0.0
+    measured = float(np.nanmax(np.abs(ds["pressure"].values), initial=0.0)) if "pressure" in ds else 0.0
     for what, pascal in (("nominal pressure", nominal), ("highest pressure", measured)):
         if 0 < pascal < LEAST_PRESSURE:
             raise InputError(
@@ -92,34 +92,47 @@ def all_planar(study: Study) -> dict[str, Aligned]:
 def planar(study: Study, name: str, normal: Array | None = None) -> Aligned:
     """One recording of the study, read, brought onto one clock and aligned, seen along `normal` (3,) where given."""
     entry = study.recordings[name]
+    alignment = combined(study.alignment, entry.alignment)
     raw, clocks, told = on_one_clock(load_recording(study, name), entry, name)
     raw = raw if entry.window is None else cut_time(raw, *entry.window)
-    found = [*told, *(str(line) for line in quality(raw).findings)]
-    if study.fibre is not None:
-        body, tip = body_of_fibre(raw, study.fibre)
-        return Aligned(body, (*found, tip), tip, clocks)
-    alignment = combined(study.alignment, entry.alignment)
-    if "position" not in raw and "angle" in raw:
-        before = len(str(raw.attrs.get("history", "")).splitlines())
-        body = from_rest(raw, checked_rest(alignment))
-        return Aligned(body, (*found, *str(body.attrs["history"]).splitlines()[before:]), clocks=clocks)
-    if raw.attrs.get("frame") == "planar":
-        return Aligned(raw, tuple(found), clocks=clocks)
-    ds = assemble(raw, alignment.stations) if alignment.stations else raw
     before = len(str(raw.attrs.get("history", "")).splitlines())
+    if alignment.swaps is not None:
+        raw = (undo_swaps if alignment.swaps == "undo" else exclude_swaps)(raw)
+    looked = quality(raw)
+    stations, body, tip = in_frame(study, name, raw, alignment, normal)
+    found = [*told, *(str(line) for line in looked.findings)]
+    if tip:
+        found.append(tip)
+    elif body is not raw or alignment.swaps:
+        found += str(body.attrs.get("history", "")).splitlines()[before:]
+    doubts = {**looked.doubts, **of_body(stated_case(study.actuator), stations, body)}
+    return Aligned(body, tuple(found), tip, clocks, doubts)
+
+
+def in_frame(
+    study: Study, name: str, raw: xr.Dataset, alignment: Alignment, normal: Array | None,
+) -> tuple[xr.Dataset, xr.Dataset, str]:
+    """A recording's stations in the tracker's frame and in the base frame, and how the tip of a fibre was found."""
+    if study.fibre is not None:
+        return raw, *body_of_fibre(raw, study.fibre)
+    if "position" not in raw and "angle" in raw:
+        return raw, from_rest(raw, checked_rest(alignment)), ""
+    if raw.attrs.get("frame") == "planar":
+        return raw, raw, ""
+    stations = assemble(raw, alignment.stations) if alignment.stations else raw
     options = checked_options(alignment)
-    if normal is not None and not {"plane", "bend"} & set(entry.alignment.options if entry.alignment else ()):
+    own = study.recordings[name].alignment
+    if normal is not None and not {"plane", "bend"} & set(own.options if own else ()):
         options |= {"plane": normal, "bend": None}
-    ds = align(ds, **options)
-    found += str(ds.attrs.get("history", "")).splitlines()[before:]
-    return Aligned(ds, tuple(found), clocks=clocks)
+    return stations, align(stations, **options), ""
 
 
 def combined(shared: Alignment, own: Alignment | None) -> Alignment:
     """The study's alignment, overruled entry by entry by what a recording states itself."""
     if own is None:
         return shared
-    return Alignment(stations=own.stations or shared.stations, options={**shared.options, **own.options})
+    return Alignment(stations=own.stations or shared.stations, options={**shared.options, **own.options},
+                     swaps=own.swaps or shared.swaps)  # fmt: skip
 
 
 def checked_rest(alignment: Alignment) -> tuple[float, float] | None:
@@ -188,7 +201,7 @@ def hardly_moved(experiments: Mapping[str, Experiment], length: float) -> dict[s
     return told
 
 
-def without(study: Study, dropped: Collection[str]) -> Study:
+def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) -> Study:
     """The study with some recordings taken off its fits and its ladder; InputError where nothing is left to learn."""
     if not dropped:
         return study
@@ -196,7 +209,10 @@ def without(study: Study, dropped: Collection[str]) -> Study:
     def rest(entry: Any, what: str) -> Any:
         left = {k: [r for r in getattr(entry, k) if r not in dropped] for k in ("train", "held_out")}
         if not left["train"]:
-            raise InputError(f"{what} has nothing to learn from: its recordings, {', '.join(entry.train)}, hardly move")
+            perhaps = "".join(f"; {line}" for line in doubts)
+            raise InputError(
+                f"{what} has nothing to learn from: its recordings, {', '.join(entry.train)}, hardly move{perhaps}"
+            )
         return entry.model_copy(update=left)
 
     fits = {name: rest(entry, f"fit {name}") for name, entry in study.fits.items()}
@@ -212,7 +228,7 @@ def study_model(
     With `links`, the chain is the one laid through the recorded shape: lengths and rest angles as measured, the mass
     shared out by length. Without, and where the actuator states none, it has the `usual` number.
     """
-    values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area"})
+    values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area", "diameter"})
     values["source"] = dict(actuator.source)
     if gravity := values.pop("gravity", None):
         values["gravity"] = in_base_frame(np.array(gravity, dtype=float), rotation)
@@ -265,18 +281,6 @@ def measured_chain(values: dict[str, Any], links: Links) -> Model:
     model = Model(**{**values, "link_length": lengths, "rest_angle": links.rest_angle, "link_mass": mass,
                      "base_length": before})  # fmt: skip
     return model.with_(stations=model.points)
-
-
-def presets() -> list[str]:
-    """Names of the actuators that pliant knows."""
-    return [m.name for m in iter_modules(actuators.__path__)]
-
-
-def preset(name: str) -> Any:
-    """The module of a known actuator; its BODY holds the arguments of `chain_model`."""
-    if name not in presets():
-        raise InputError(f"unknown actuator preset {name!r}: use one of {', '.join(presets())}")
-    return import_module(f"pliant.actuators.{name}")
 
 
 def in_base_frame(gravity: Array, rotation: Array | None) -> Array:

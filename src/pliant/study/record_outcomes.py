@@ -4,8 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
-from pliant.identification import Experiment, FitResult, predict, predict_held_out, prediction_band, residual_noise
+from pliant.failures import Failures, finite
+from pliant.identification import (
+    Band,
+    Experiment,
+    FitResult,
+    predict,
+    predict_held_out,
+    prediction_band,
+    residual_noise,
+)
 from pliant.identification.experiment import predict_body
 from pliant.validation.metrics import compare
 from pliant.validation.outcome import RecordOutcome, Role
@@ -16,6 +26,7 @@ def outcome_of(
 ) -> RecordOutcome:
     """One record beside the model of a fit."""
     prediction = predict(result.model, exp, values, step)
+    finite(prediction["compared"], "the modelled motion")
     metrics = compare(exp.synchronised(values), prediction["compared"], result.model.length)
     body = None if exp.placeless else predict_body(result.model, exp, values, step)
     return RecordOutcome(exp.name, role, exp, prediction["compared"], prediction["pressure"], metrics, body=body)
@@ -23,16 +34,44 @@ def outcome_of(
 
 def records_of(
     train: Sequence[Experiment], held_out: Sequence[Experiment], result: FitResult, step: float, weighting: str,
+    failures: Failures,
 ) -> tuple[RecordOutcome, ...]:
-    """The training records as followed; the held-out ones as predicted, everything frozen but their edge times."""
-    records = [outcome_of(exp, "train", result, result.values, step) for exp in train]
+    """The training records as followed; the held-out ones as predicted, everything frozen but their edge times.
+
+    A record whose motion cannot be computed is added to `failures` and left out; one whose band cannot be computed is
+    added too, and keeps its prediction.
+    """
+    records = []
+    for exp in train:
+        followed = partial(outcome_of, exp, "train", result, result.values, step)
+        if (made := failures.attempt("prediction", exp.name, followed, "train")) is not None:
+            records.append(made)
     for exp in held_out:
-        _, own = predict_held_out(exp, result, step=step)
-        made = outcome_of(exp, "held_out", own, own.values, step)
+        predicted = failures.attempt("prediction", exp.name, partial(held_out_of, exp, result, step), "held_out")
+        if predicted is None:
+            continue
+        made, own = predicted
         if result.covariance is not None:
-            noise = residual_noise(train, result, exp, made.modelled, step=step, weighting=weighting)
-            band = prediction_band(exp, result, step=step, noise=noise, own=own, taught=train)
-            held = 100 * band.holds(exp.compared)
-            made = replace(made, metrics={**made.metrics, "within_band_percent": held}, band=band)
+            banded = partial(band_of, train, result, made, own, step, weighting)
+            if (band := failures.attempt("band", exp.name, banded, "held_out")) is not None:
+                held = 100 * band.holds(exp.compared)
+                made = replace(made, metrics={**made.metrics, "within_band_percent": held}, band=band)
         records.append(made)
     return tuple(records)
+
+
+def held_out_of(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:
+    """A record that the fit has not seen, as predicted, and the fit of its edge times."""
+    _, own = predict_held_out(exp, result, step=step)
+    return outcome_of(exp, "held_out", own, own.values, step), own
+
+
+def band_of(
+    train: Sequence[Experiment], result: FitResult, made: RecordOutcome, own: FitResult, step: float, weighting: str,
+) -> Band:
+    """The band of a prediction: from the uncertainty of the parameters, and residuals as the training records have."""
+    exp = made.experiment
+    noise = residual_noise(train, result, exp, made.modelled, step=step, weighting=weighting)
+    band = prediction_band(exp, result, step=step, noise=noise, own=own, taught=train)
+    finite(band.std, "the width of the band")
+    return band

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ class Aligned(NamedTuple):
     findings: tuple[str, ...]  # of reading and aligning it
     tip: str = ""  # how the tip of a fibre was found; empty where stations are markers
     clocks: Clocks | None = None  # how they were compared, where they were
+    doubts: Mapping[str, str] = MappingProxyType({})  # what looks wrong in it, by the name of the check
 
 
 def rest_place(name: str, ds: xr.Dataset) -> Array:

@@ -4,33 +4,37 @@ from __future__ import annotations
 
 import json
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.errors import InputError
-from pliant.files import whole, write_text
-from pliant.identification import Experiment
+from pliant.errors import FitError, InputError
+from pliant.failures import FAILED, Failures, NotComputed, fit_failure
+from pliant.files import replaced_together, writable, write_text
+from pliant.identification import Experiment, Ladder
 from pliant.identification.drives import at_rest
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.angles import supported_links
 from pliant.study.dense import link_experiment, shape_of
+from pliant.study.doubts import of_models, of_study
 from pliant.study.fits import ladder_fit, run_ladder, rungs_of
-from pliant.study.forecast import check_forecasts, run_forecast
+from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.headline import headline
 from pliant.study.prepare import all_planar, hardly_moved, study_experiment, study_model, without
 from pliant.study.schema import Study
 from pliant.study.side_by_side import run_fits
 from pliant.study.verdict import verdict
-from pliant.validation.outcome import Clocks, Shape, StudyOutcome
+from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome
 from pliant.validation.store import save_results
 from pliant.version import __version__
 
 Tell = Callable[[str], None]
+WRITTEN = ("study.json", "results.nc", "report.html", "model.json", "metrics.json")  # the last marks a whole set
 
 
 def run_study(
@@ -43,8 +47,8 @@ def run_study(
     study : Study
         From `load_study`.
     folder : str or Path, optional
-        Takes model.json, metrics.json, study.json (resolved), results.nc and report.html. Made when absent; files in it
-        are replaced one by one, each whole.
+        Takes model.json, metrics.json, study.json (resolved), results.nc and report.html. Made when absent; those files
+        in it are replaced together once all are written, others are left alone.
     progress : callable, optional
         Called with one line for each thing done.
     workers : int, optional
@@ -59,28 +63,28 @@ def run_study(
     ------
     InputError
         When a recording, an entry or the folder is not usable.
-    FitError, SimulationError
-        When a fit cannot start, or a prediction cannot be made.
+    FitError
+        When nothing can be computed: no fit, or no record of any fit. A fit, prediction, band or forecast that cannot
+        be computed beside others that can is in `StudyOutcome.not_computed`.
     """
     began = clock.perf_counter()
     tell = progress or (lambda _line: None)
     target = writable(folder) if folder is not None else None
     ready = prepare_all(study, tell)
-    study = without(study, ready.dropped)
+    study = without(study, ready.dropped, ready.doubts)
     check_forecasts(study, ready.experiments)
     prepared = clock.perf_counter()
-    model = ready.model
-    climbed = run_ladder(study, ready.experiments, model, tell)
-    fits = [ladder_fit(study, climbed, ready.experiments, tell)] if climbed else []
-    fits += run_fits(study, ready.experiments, model, tell, workers)
+    ends, climbed = all_fits(study, ready, tell, workers)
+    fits, failed = computed(ends)
     fitted = clock.perf_counter()
     first = fits[0].result
-    forecasts = tuple(run_forecast(study, n, e, ready.experiments, first) for n, e in study.forecasts.items())
+    failures = Failures(fits[0].name, tell)
+    forecasts = run_forecasts(study, ready.experiments, first, failures)
     outcome = StudyOutcome(
-        study.name, study.title or study.name, study.description, replace(first.model, name=study.name), tuple(fits),
+        study.name, study.title or study.name, study.description, replace(first.model, name=study.name), fits,
         forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
-        {"pliant": __version__, **ready.provenance}, climbed,
-        clocks=ready.clocks,
+        {"pliant": __version__, **ready.provenance}, climbed, clocks=ready.clocks, failed=(*failed, *failures),
+        doubts=(*ready.doubts, *of_models([(f.title, f.result.model) for f in fits], study.actuator)),
     )
     outcome = replace(
         outcome, verdict=verdict(outcome, study.targets), headline=headline(outcome, study.targets)
@@ -90,17 +94,37 @@ def run_study(
     return outcome
 
 
-def writable(folder: str | Path) -> Path:
-    """The folder, made; InputError before any work is done when it cannot be written."""
-    folder = Path(folder)
-    probe = folder / ".writable"
+def all_fits(
+    study: Study, ready: Prepared, tell: Tell, workers: int | None,
+) -> tuple[list[tuple[str, FitOutcome | Exception]], Ladder | None]:
+    """The stage that the model hierarchy chose and every fit, each with its name or the error that it ended in."""
+    ends: list[tuple[str, FitOutcome | Exception]] = []
+    chosen = None
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise InputError(f"cannot write into the output folder {folder}: {error.strerror or error}") from None
-    return folder
+        chosen = run_ladder(study, ready.experiments, ready.model, tell)
+        ends += [("ladder", ladder_fit(study, chosen, ready.experiments, tell))] if chosen else []
+    except FAILED as error:
+        tell(f"warning: {fit_failure('ladder', error).sentence}")
+        ends.append(("ladder", error))
+    return ends + run_fits(study, ready.experiments, ready.model, tell, workers), chosen
+
+
+def computed(ends: Sequence[tuple[str, FitOutcome | Exception]]) -> tuple[tuple[FitOutcome, ...], list[NotComputed]]:
+    """The fits that could be computed and those that could not.
+
+    Raises
+    ------
+    InputError, FitError
+        Where no record of any fit could be computed.
+    """
+    fits = tuple(end for _, end in ends if isinstance(end, FitOutcome))
+    errors = {name: end for name, end in ends if isinstance(end, Exception)}
+    if any(fit.records for fit in fits):
+        return fits, [fit_failure(name, error) for name, error in errors.items()]
+    reasons = [f"fit {name}: {error}" for name, error in errors.items()]
+    reasons += [f"fit {fit.name}: no record could be computed: {fit.not_computed[0].reason}" for fit in fits]
+    refused = errors and not fits and all(isinstance(error, InputError) for error in errors.values())
+    raise (InputError if refused else FitError)("; ".join(reasons))
 
 
 class Prepared(NamedTuple):
@@ -113,6 +137,7 @@ class Prepared(NamedTuple):
     shape: Shape | None  # of the recording that decides the chain, where shapes are dense
     dropped: Mapping[str, str]  # recordings that tell nothing, with the sentence that says why
     clocks: dict[str, Clocks]  # of recordings whose pressure was moved onto the shape's clock
+    doubts: tuple[str, ...]  # what looks wrong in recordings and body
 
 
 def prepare_all(study: Study, tell: Tell) -> Prepared:
@@ -120,6 +145,9 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
     if study.ladder:
         rungs_of(study.ladder)  # refused before any work is done
     aligned = all_planar(study)
+    doubts = of_study(aligned)
+    for line in doubts:
+        tell(f"warning: {line}")
     shape = None
     if study.reduction:
         name = study.reduction.recording or next(iter(aligned))
@@ -127,7 +155,8 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
         tell(f"order from {name}: {shape.order.reason} The chain has {shape.links.n} links.")
     experiments, provenance = {}, {}
     rotation = None
-    for name, (ds, _, _, clocks) in aligned.items():
+    for name, one in aligned.items():
+        ds, clocks = one.body, one.clocks
         reduced = link_experiment(study, name, ds, shape.links) if shape else study_experiment(study, name, ds)
         experiments[name] = reduced
         digest = ds.attrs.get("source_sha256", "")
@@ -145,22 +174,27 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
         tell(line)
     findings = {n: (*a.findings, *(s[n] for s in (dropped, idle) if n in s)) for n, a in aligned.items()}
     found_clocks = {n: a.clocks for n, a in aligned.items() if a.clocks is not None}
-    return Prepared(experiments, model, findings, provenance, shape, dropped, found_clocks)
+    return Prepared(experiments, model, findings, provenance, shape, dropped, found_clocks, doubts)
 
 
 def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:
-    """Write resolved study, results and report, then metrics and model together: no model without its metrics."""
+    """Write study, results, report, model and metrics as one set: no file of one run beside those of another."""
     from pliant.view.report import write_report  # loaded when something is written
 
     resolved: dict[str, Any] = study.model_dump(exclude_none=True)
-    write_text(folder / "study.json", json.dumps(resolved, indent=1) + "\n")
-    outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
-    save_results(outcome, folder)
-    report = write_report(outcome, folder)
-    outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
-    metrics = json.dumps(outcome.to_dict(), indent=1, allow_nan=False) + "\n"
-    with whole(folder / "model.json") as model, whole(folder / "metrics.json") as draft:  # the inner one is first
-        save_model(outcome.model, model)
-        draft.write_text(metrics, encoding="utf-8")
-    tell(f"wrote {report}")
+    with replaced_together(folder, WRITTEN) as draft:
+        write_text(draft / "study.json", json.dumps(resolved, indent=1) + "\n")
+        outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
+        outcome = replace(outcome, run_id=run_id(outcome))
+        save_results(outcome, draft)
+        write_report(outcome, draft)
+        save_model(outcome.model, draft / "model.json")
+        outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
+        write_text(draft / "metrics.json", json.dumps(outcome.to_dict(), indent=1, allow_nan=False) + "\n")
+    tell(f"wrote {folder / 'report.html'}")
     return outcome
+
+
+def run_id(outcome: StudyOutcome) -> str:
+    """Digest of everything that metrics.json holds, times taken among it: no two runs share it."""
+    return sha256(json.dumps(outcome.to_dict(), allow_nan=False).encode()).hexdigest()[:16]

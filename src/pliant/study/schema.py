@@ -70,6 +70,7 @@ class Actuator(Entry):
     gravity: list[float] | None = None  # m/s^2, (x, y) of the base frame or (x, y, z) of the tracker
     bend_sign: Literal[1, -1] | None = None
     section_area: float | None = Field(None, gt=0)  # m^2 of solid section, against which a fitted mass is checked
+    diameter: float | None = Field(None, gt=0)  # m, outer: density, modulus and torque are checked with it
     source: dict[str, str] = {}
 
 
@@ -78,6 +79,7 @@ class Alignment(Entry):
 
     stations: dict[str, Any] = {}  # name -> list of markers, or a table; see pliant.assemble
     options: dict[str, Any] = {}  # base, tangent, plane, ...
+    swaps: Literal["undo", "exclude"] | None = None  # what to do where labels are exchanged; None: nothing
     common_rest: bool = False  # all recordings are moved to rest where the first one does; of the study's alignment
 
 
@@ -163,6 +165,7 @@ class Fit(Entry):
     weighting: Weighting = "travel"
     loss: Loss = "linear"
     starts: int = Field(3, ge=1, le=100)
+    joint_placement: Literal["base", "midsegment"] | None = None  # of this fit; default: the actuator's
     regularise: bool = False  # fit although the recordings do not tell the parameters apart
     bootstrap: int = Replicates
 
@@ -261,8 +264,7 @@ def check_names(study: Study, path: Path) -> None:
         if both or not fit.train:
             problem = f"trains on and holds out {min(both)!r}" if both else "trains on no recording"
             raise InputError(f"study {path}: fit {name} {problem}")
-    if study.reduction and study.reduction.recording not in (None, *study.recordings):
-        raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}; listed are {listed}")
+    check_reduction(study, path)
     for name, entry in study.forecasts.items():
         if entry.like not in study.recordings:
             raise InputError(f"study {path}: forecast {name} is like recording {entry.like!r}; listed are {listed}")
@@ -270,6 +272,18 @@ def check_names(study: Study, path: Path) -> None:
         raise InputError(f"study {path}: the name of a recording or forecast has no dot, got {bad[0]!r}")
     check_chambers(study, path)
     check_parameters(study, path)
+
+
+def check_reduction(study: Study, path: Path) -> None:
+    """The shape that decides the chain is listed, and no fit places the joints again."""
+    if study.reduction is None:
+        return
+    if study.reduction.recording not in (None, *study.recordings):
+        listed = ", ".join(study.recordings)
+        raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}; listed are {listed}")
+    if placed := [n for n, f in study.fits.items() if f.joint_placement]:
+        raise InputError(f"study {path}: fit {placed[0]} has joint_placement, and [reduction] places the joints of the "
+                         "study: state it there")  # fmt: skip
 
 
 def check_chambers(study: Study, path: Path) -> None:

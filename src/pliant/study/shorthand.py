@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pliant.errors import InputError
+from pliant.errors import InputError, shown
 
 Table = dict[str, Any]
 DEFAULTS = "defaults"
@@ -108,10 +108,11 @@ def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: P
         shared.pop("title", None)  # a name of its own
         own = merged(shared, own)
     parameters = own.get("parameters", {})
-    if not isinstance(without, list) or [p for p in without if p not in parameters]:
+    known = parameters if isinstance(parameters, Mapping) else {}
+    if not isinstance(without, list) or [p for p in without if not isinstance(p, str) or p not in known]:
         raise InputError(
-            f"study {path}: fit {name} is without {without!r:.80}, which must be a list of some of its parameters: "
-            f"{', '.join(parameters) or 'none'}"
+            f"study {path}: fit {name} is without {shown(without)}, which must be a list of some of its parameters: "
+            f"{', '.join(known) or 'none'}"
         )
     if without:
         own["parameters"] = {p: entry for p, entry in parameters.items() if p not in without}

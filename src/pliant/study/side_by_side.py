@@ -17,6 +17,7 @@ from time import process_time
 from typing import IO, Any
 
 from pliant.cores import cores
+from pliant.failures import FAILED, fit_failure
 from pliant.identification import Experiment
 from pliant.model import Model
 from pliant.study.fits import run_fit
@@ -53,26 +54,27 @@ class Line:
             return None
 
     def missing(self) -> list[str]:
-        """The fits that nobody has made; none after an error."""
-        given_up = any(isinstance(end, Exception) for end in self.ended.values())
+        """The fits that nobody has made; none after an unexpected error."""
+        given_up = any(map(is_bug, self.ended.values()))
         return [] if given_up else [name for name in self.common[0].fits if name not in self.ended]
 
     def put(self, name: str, end: FitOutcome | Exception) -> None:
-        """What became of a fit; after an error no more is begun."""
+        """What became of a fit; after an unexpected error no more is begun."""
         self.ended[name] = end
-        if isinstance(end, Exception):
+        if is_bug(end):
             self.waiting.clear()
 
 
 def run_fits(
     study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell, workers: int | None = None,
-) -> list[FitOutcome]:
-    """All fits of a study in its order, by as many processes as there are `workers`; default: one for each core.
+) -> list[tuple[str, FitOutcome | Exception]]:
+    """Compute all fits of a study, by as many processes as there are `workers`; default: one for each core.
 
-    Raises
-    ------
-    PliantError
-        That of the first fit in the study's order which could not be made.
+    Returns
+    -------
+    list of (str, FitOutcome or Exception)
+        Name and outcome of each fit in the study's order; of a fit that could not be computed, the error (one of
+        `pliant.failures.FAILED`). Any other error is raised.
     """
     line = Line(study, experiments, model)
     helpers = [Helper(line, tell) for _ in range(min(workers or cores(), len(study.fits)) - 1)]
@@ -92,18 +94,26 @@ def run_fits(
         line.empty.set()
         for helper in helpers:
             helper.stop()
-    ends = [line.ended[name] for name in study.fits if name in line.ended]
-    for end in ends:
-        if isinstance(end, Exception):
+    ends = [(name, line.ended[name]) for name in study.fits if name in line.ended]
+    for _, end in ends:
+        if isinstance(end, Exception) and is_bug(end):
             raise end
-    return [end for end in ends if isinstance(end, FitOutcome)]
+    return ends
+
+
+def is_bug(end: FitOutcome | Exception) -> bool:
+    """Whether a fit ended in an error that no computation ends in on purpose."""
+    return isinstance(end, Exception) and not isinstance(end, FAILED)
 
 
 def ended(common: tuple[Study, Mapping[str, Experiment], Model], name: str, tell: Tell) -> FitOutcome | Exception:
-    """A fit, or why it could not be made."""
+    """A fit, or why it could not be computed."""
     study, experiments, model = common
     try:
         return run_fit(study, name, study.fits[name], experiments, model, tell)
+    except FAILED as error:
+        tell(f"warning: {fit_failure(name, error).sentence}")
+        return error
     except Exception as error:  # noqa: BLE001  raised where all fits have ended
         return error
 

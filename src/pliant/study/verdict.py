@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.study.angles import told_of_angles
 from pliant.study.schema import Targets
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome, StudyOutcome
@@ -19,15 +22,33 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
     for fit in outcome.fits:
         held = [r for r in fit.records if r.role == "held_out"]
         lines += [record_sentence(fit, r, targets) for r in held or fit.records]
-        if held:
-            worst = max(r.metrics["rmse_percent_of_travel"] for r in fit.records if r.role == "train")
+        lines += [n.sentence for n in fit.not_computed]
+        followed = [r.metrics["rmse_percent_of_travel"] for r in fit.records if r.role == "train"]
+        if held and followed:
+            worst = max(followed)
             lines.append(f"{fit.title}: the training records are followed to {worst:.1f} % of travel or better.")
         if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
             lines.append(f"{fit.title}: {fit.result.status}")
         lines += [f"{fit.title}: {note}" for note in fit.result.notes if "correlated" not in note]
+    lines += [n.sentence for n in outcome.failed]
     for forecast in outcome.forecasts:
         lines.append(forecast_sentence(forecast))
-    return (*lines, *told_of_angles(outcome))
+    return (*lines, *told_of_placement(outcome), *told_of_angles(outcome))
+
+
+def told_of_placement(outcome: StudyOutcome) -> list[str]:
+    """Bending stiffness and error of fits whose joints sit in different places; nothing where all sit alike."""
+    shown: dict[str, str] = {}
+    for fit in outcome.fits:
+        role = "held_out" if any(r.role == "held_out" for r in fit.records) else "train"
+        worst = max((r.metrics["rmse_percent_of_travel"] for r in fit.records if r.role == role), default=None)
+        where, section = joint_placement(fit.result.model), float(np.mean(bending_stiffness(fit.result.model)))
+        how = "predicted" if role == "held_out" else "followed"
+        error = "" if worst is None else f", {how} to {worst:.1f} % of travel"
+        shown.setdefault(where, f"{fit.title}, {PLACEMENT[where]}: EI {section:.3g} N m^2{error}")
+    if len(shown) < 2:
+        return []
+    return [f"Stiffness depends on where the joints are assumed to sit. {'; '.join(shown.values())}."]
 
 
 def forecast_sentence(forecast: Forecast) -> str:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pliant.errors import InputError
+from pliant.errors import InputError, PliantError
+from pliant.failures import Failures
 from pliant.validation.outcome import FitOutcome, StudyOutcome
 
+Draw = Callable[[], Any]  # makes a figure
 KINDS = ("svg", "pdf", "png")
 NARROWEST, WIDEST = 60.0, 400.0  # mm
 INCH = 25.4  # mm
@@ -18,7 +21,7 @@ INCH = 25.4  # mm
 
 def draw_figures(
     outcome: StudyOutcome, folder: str | Path, *, kinds: Sequence[str] = ("pdf",), width_mm: float | None = None,
-    records: Sequence[str] = (),
+    records: Sequence[str] = (), warn: Callable[[str], None] | None = None,
 ) -> Iterator[Path]:
     """Draw a study's figures into a folder, one after another.
 
@@ -35,6 +38,8 @@ def draw_figures(
         smaller.
     records : sequence of str
         Only these; by default all.
+    warn : callable, optional
+        Called with a line for each figure that cannot be drawn; the others are drawn.
 
     Yields
     ------
@@ -45,60 +50,69 @@ def draw_figures(
     ------
     InputError
         When a kind, the width or a record is not possible, or the folder cannot be written.
+    PliantError
+        When no figure can be drawn.
     """
     from pliant.plotting import PAGE_WIDTH, page
     from pliant.validation.figures import save
 
     known = list(dict.fromkeys(r.name for f in outcome.fits for r in f.records))
+    missing = {m.record: m.sentence for f in outcome.fits for m in f.missing if m.record not in known}
     if strange := [k for k in kinds if k not in KINDS]:
         raise InputError(f"a figure is {', '.join(KINDS)}, not {strange[0]!r}")
+    if none := [r for r in records if r in missing]:
+        raise InputError(f"no figure of record {none[0]!r} can be drawn: {missing[none[0]]}")
     if strange := [r for r in records if r not in known]:
         raise InputError(f"no record {strange[0]!r} in these results; they have {', '.join(known)}")
     if width_mm is not None and not NARROWEST <= width_mm <= WIDEST:
         raise InputError(f"a figure is {NARROWEST:g} to {WIDEST:g} mm wide, not {width_mm:g}")
     taken: set[str] = set()
+    failures = Failures("", warn)
     with page(PAGE_WIDTH if width_mm is None else width_mm / INCH):
-        for name, figure in figures_of(outcome, records or known, only=bool(records)):
-            yield from save(figure, folder, file_name(name, taken), list(dict.fromkeys(kinds)))
+        for name, draw in figures_of(outcome, records or known, only=bool(records)):
+            if (figure := failures.attempt(f"figure {name}", "", draw)) is not None:
+                yield from save(figure, folder, file_name(name, taken), list(dict.fromkeys(kinds)))
+    if failures and not taken:
+        raise PliantError(failures[0].sentence)
 
 
-def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> Iterator[tuple[str, Any]]:
-    """Names and figures: of the wanted records, and, unless those alone are wanted, of all that concerns the study."""
+def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> Iterator[tuple[str, Draw]]:
+    """Names of figures and what draws them: of the wanted records and, unless `only` those, of the whole study."""
     from pliant.validation import figures
 
     for fit in outcome.fits:
         for record in fit.records:
             if record.name in records:
-                yield f"{fit.name}-{record.name}-motion", figures.record_figure(record)
-                yield f"{fit.name}-{record.name}-residual", figures.residual_figure(record)
+                yield f"{fit.name}-{record.name}-motion", partial(figures.record_figure, record)
+                yield f"{fit.name}-{record.name}-residual", partial(figures.residual_figure, record)
                 if not outcome.turns:
-                    yield f"{fit.name}-{record.name}-path", figures.path_figure(record)
+                    yield f"{fit.name}-{record.name}-path", partial(figures.path_figure, record)
     yield from compared(outcome.fits, records)
     if only:
         return
     if moves_torque(outcome.fits):
-        yield "torque", figures.torque_figure(outcome.fits)
+        yield "torque", partial(figures.torque_figure, outcome.fits)
     if outcome.ladder:
         from pliant.validation.ladder_figure import ladder_figure
 
-        yield "ladder", ladder_figure(outcome.ladder)
+        yield "ladder", partial(ladder_figure, outcome.ladder)
     if outcome.shape:
         from pliant.validation.shape_figures import order_figure, shape_figure
 
-        yield f"order-{outcome.shape.name}", order_figure(outcome.shape)
-        yield f"shape-{outcome.shape.name}", shape_figure(outcome.shape)
+        yield f"order-{outcome.shape.name}", partial(order_figure, outcome.shape)
+        yield f"shape-{outcome.shape.name}", partial(shape_figure, outcome.shape)
     for forecast in outcome.forecasts:
-        yield f"forecast-{forecast.name}", figures.forecast_figure(forecast)
+        yield f"forecast-{forecast.name}", partial(figures.forecast_figure, forecast)
 
 
-def compared(fits: Sequence[FitOutcome], records: Sequence[str]) -> Iterator[tuple[str, Any]]:
+def compared(fits: Sequence[FitOutcome], records: Sequence[str]) -> Iterator[tuple[str, Draw]]:
     """Records that several fits have, under each of them."""
     from pliant.validation import figures
 
     counts = Counter(r.name for f in fits for r in f.records)
     for name in records:
         if counts[name] > 1:
-            yield f"compare-{name}", figures.comparison_figure(fits, name)
+            yield f"compare-{name}", partial(figures.comparison_figure, fits, name)
 
 
 def moves_torque(fits: Sequence[FitOutcome]) -> bool:

@@ -39,9 +39,9 @@ def draw_errors(ax: Any, ladder: Ladder, at: np.ndarray) -> None:
         ("training", "0.55", "o", [s.train for s in steps]),
         ("held out", "#0b2f6b", "s", [s.held_out for s in steps]),
     ):
-        if not all(errors):
+        if not any(errors):
             continue
-        rows = [list(e.values()) for e in errors if e]
+        rows = [list(e.values()) if e else [np.nan] for e in errors]
         ax.plot([np.mean(row) for row in rows], at, color=colour, marker=marker, linestyle="-", markersize=4,
                 label=label)
         for k, row in enumerate(rows if max(map(len, rows)) > 1 else ()):

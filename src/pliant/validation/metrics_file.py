@@ -22,11 +22,30 @@ class Pair(Entry):
     modelled: float | None
 
 
+class MissingRecord(Entry):
+    """A recording whose motion under a fit could not be computed."""
+
+    role: Role = Field(description="what the recording was to the fit")
+    fit: str = Field("", description="the first fit that holds it; under `records` alone")
+    not_computed: str = Field(description="what could not be computed, and why")
+
+
+class Failure(Entry):
+    """A fit, prediction, band or forecast that could not be computed."""
+
+    what: str
+    fit: str
+    record: str = Field(description="empty where no single record is concerned")
+    reason: str
+    role: Literal["train", "held_out", ""]
+
+
 class Compared(Entry):
     """What every recording under a fit has, whether places or angles were compared."""
 
     role: Role = Field(description="what the recording was to the fit")
-    fit: str = Field("", description="the first fit that holds it; under `records` alone")
+    fit: str = Field("", description="the first fit that computes it; under `records` alone")
+    not_computed: str = Field("", description="what could not be computed of it, such as its band, and why")
     rmse_percent_of_travel: float
     fit_percent: float
     within_band_percent: float | None = None
@@ -114,7 +133,8 @@ class FitEntry(Entry):
     notes: list[str] = Field(description="what to beware of")
     converged: bool
     bic: float | None = Field(description="N ln(mean square residual) + k ln N of the training records")
-    records: dict[str, Record | AngleRecord]
+    records: dict[str, Record | AngleRecord | MissingRecord]
+    not_computed: list[Failure] = Field([], description="predictions and bands that could not be computed, and why")
     parameters: dict[str, Value]
     timing: FitTiming
     model: dict[str, Any] = Field(description="as in model.json, without its checksum")
@@ -176,12 +196,14 @@ class MetricsFile(Entry):
 
     schema_name: Literal["pliant-metrics"] = Field(alias="schema")
     schema_version: Literal[1]
+    run_id: str = Field("", description="of this run; results.nc has the same")
     study: str = Field(description="name of the study")
     title: str
     description: str
     headline: HeadlineEntry | None = Field(description="what to think of the first fit's predictions")
     verdict: list[str] = Field(description="plain sentences with their numbers, the most important first")
-    records: dict[str, Record | AngleRecord] = Field(description="every recording, under the first fit that holds it")
+    records: dict[str, Record | AngleRecord | MissingRecord] = Field(
+        description="every recording, under the first fit that computes it")
     parameters: dict[str, Value] = Field(description="of the first fit, whose model is model.json")
     fits: dict[str, FitEntry]
     ladder: LadderTable | None
@@ -190,5 +212,6 @@ class MetricsFile(Entry):
         description="title, what was changed (`stated`), numbers with units in their names, half-widths at 95 %")
     findings: dict[str, list[str]] = Field(description="what reading and aligning found, by recording")
     clocks: dict[str, ClockEntry]
+    not_computed: list[Failure] = Field([], description="whole fits and forecasts that could not be computed, and why")
     timing: dict[str, float] = Field(description="s: prepare_s, fits_s, total_s")
     provenance: dict[str, str] = Field(description="version of pliant, and each recording's source")

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.display import Card, Shown
+from pliant.failures import NotComputed
 from pliant.identification import Band, Experiment, FitResult, Ladder
 from pliant.identification.fit import parameter_dict
 from pliant.model import Model
@@ -44,6 +45,22 @@ class FitOutcome:
     result: FitResult
     records: tuple[RecordOutcome, ...]
     seconds: float
+    not_computed: tuple[NotComputed, ...] = ()  # records, bands, ... of this fit
+
+    @property
+    def missing(self) -> tuple[NotComputed, ...]:
+        """The records of this fit whose motion could not be computed."""
+        there = {r.name for r in self.records}
+        return tuple(f for f in self.not_computed if f.record and f.record not in there)
+
+    def record_dicts(self) -> dict[str, dict[str, Any]]:
+        """Role and metrics of each record; of one that could not be computed, in whole or part, the sentence why."""
+        rows: dict[str, dict[str, Any]] = {r.name: {"role": r.role, **r.metrics} for r in self.records}
+        for f in self.not_computed:
+            if f.record:
+                row = rows.setdefault(f.record, {"role": f.role})
+                row["not_computed"] = " ".join(filter(None, (row.get("not_computed"), f.sentence)))
+        return rows
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, for metrics.json."""
@@ -51,7 +68,8 @@ class FitOutcome:
         return {
             "title": self.title, "status": self.result.status, "notes": list(self.result.notes),
             "converged": self.result.converged, "bic": self.result.bic,
-            "records": {r.name: {"role": r.role, **r.metrics} for r in self.records},
+            "not_computed": [n._asdict() for n in self.not_computed],
+            "records": self.record_dicts(),
             "parameters": {p.name: parameter_dict(p) for p in self.result.parameters},
             "timing": {
                 "fit_s": self.seconds, "optimiser_s": self.result.seconds, "simulated_sets": self.result.evaluations,
@@ -137,6 +155,14 @@ class StudyOutcome(Shown):
     ladder: Ladder | None = None
     headline: Headline | None = None
     clocks: dict[str, Clocks] = field(default_factory=dict)  # by recording, where the pressure's clock was moved
+    failed: tuple[NotComputed, ...] = ()  # whole fits, forecasts and their intervals
+    run_id: str = ""  # in every file of a run that another one is read with
+    doubts: tuple[str, ...] = ()  # what looks wrong in the input: see `pliant.preprocessing.plausibility`
+
+    @property
+    def not_computed(self) -> tuple[NotComputed, ...]:
+        """Everything that could not be computed: whole fits and forecasts, then records and bands of each fit."""
+        return (*self.failed, *(n for f in self.fits for n in f.not_computed))
 
     @property
     def turns(self) -> bool:
@@ -151,18 +177,21 @@ class StudyOutcome(Shown):
                 found = (r.metrics.get(k) for k in (f"rmse_{unit}", "rmse_percent_of_travel", f"max_{unit}"))
                 numbers = ["" if v is None else f"{v:.3g}" for v in found]
                 rows.append([r.name, f.title, r.role.replace("_", " "), *numbers])
+            rows += [[m.record, f.title, m.role.replace("_", " "), "not computed", "", ""] for m in f.missing]
         head = ["record", "fit", "role", f"RMSE {unit}", "% of travel", f"largest {unit}"]
         said = (self.headline.sentence, *self.headline.warnings) if self.headline else self.verdict
         return Card(self.title, said, head, rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of metrics.json: every record from the first fit that holds it, and every fit whole."""
+        """The content of metrics.json: every record from the first fit that computes it, and every fit whole."""
+        rows = {f.name: f.record_dicts() for f in self.fits}
+        whole = [(f.name, r.name) for f in self.fits for r in f.records]
+        missing = [(f.name, m.record) for f in self.fits for m in f.missing]
         records: dict[str, Any] = {}
-        for f in self.fits:
-            for r in f.records:
-                records.setdefault(r.name, {"role": r.role, "fit": f.name, **r.metrics})
+        for fit, name in (*whole, *missing):
+            records.setdefault(name, {"fit": fit, **rows[fit][name]})
         return {
-            "schema": "pliant-metrics", "schema_version": 1, "study": self.name,
+            "schema": "pliant-metrics", "schema_version": 1, "run_id": self.run_id, "study": self.name,
             "title": self.title, "description": self.description,
             "headline": self.headline._asdict() if self.headline else None, "verdict": list(self.verdict),
             "records": records,
@@ -176,5 +205,6 @@ class StudyOutcome(Shown):
             },
             "findings": {k: list(v) for k, v in self.findings.items()},
             "clocks": {k: {"delay_s": c.delay, "drift": c.drift, "told": c.told} for k, c in self.clocks.items()},
+            "not_computed": [n._asdict() for n in self.failed],
             "timing": self.timing, "provenance": self.provenance,
         }

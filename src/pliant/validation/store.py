@@ -25,7 +25,8 @@ def save_results(outcome: StudyOutcome, folder: Path) -> Path:
 
     Positions are in m, angles in rad, times in s, pressures in Pa. The numbers that metrics.json has are not repeated.
     """
-    groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs={"schema": "pliant-results", "schema_version": 1})}
+    about = {"schema": "pliant-results", "schema_version": 1, "run_id": outcome.run_id}
+    groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs=about)}
     named = {r.name: r.experiment for f in outcome.fits for r in f.records}
     for k, exp in enumerate(named.values()):
         groups[f"/recording_{k}"] = recorded(exp).assign(modelled(outcome.fits, exp))

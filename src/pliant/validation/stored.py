@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
+from pliant.failures import NotComputed
 from pliant.identification import Band, Experiment, FitResult, Ladder, Parameter
 from pliant.identification.ladder_fit import Step
 from pliant.identification.rungs import Rung
@@ -42,6 +43,8 @@ def load_outcome(folder: str | Path) -> StudyOutcome:
     folder = Path(folder)
     told = metrics_of(folder)
     groups = groups_of(folder)
+    if told.get("run_id", "") != groups["/"].attrs.get("run_id", ""):
+        raise InputError(f"{folder}: metrics.json and results.nc are of different runs; run the study again")
     try:
         return restored(told, groups)
     except BROKEN as error:
@@ -55,8 +58,10 @@ def metrics_of(folder: Path) -> dict[str, Any]:
     try:
         told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        reason = error.strerror or error
-        raise InputError(f"cannot read {path}: {reason}; name a folder that `pliant run` has written") from None
+        reason, cure = error.strerror or error, "name a folder that `pliant run` has written"
+        if (folder / FILE).exists():
+            cure = "a run was interrupted while it replaced its files: run the study again"
+        raise InputError(f"cannot read {path}: {reason}; {cure}") from None
     except ValueError as error:
         raise InputError(f"{path} is no JSON: {error}") from None
     if not isinstance(told, dict) or told.get("schema") != "pliant-metrics":
@@ -94,7 +99,8 @@ def restored(told: dict[str, Any], groups: Groups) -> StudyOutcome:
         told["study"], told["title"], told["description"], model, fits, forecasts, shape_of(groups),
         tuple(told["verdict"]), {k: tuple(v) for k, v in told["findings"].items()}, told["timing"],
         told["provenance"], ladder_of(told["ladder"], fits[0].result), headline,
-        clocks={n: clocks_of(n, e, groups) for n, e in told["clocks"].items()},
+        clocks={n: clocks_of(n, e, groups) for n, e in told["clocks"].items()}, failed=failures_of(told),
+        run_id=told.get("run_id", ""),
     )
 
 
@@ -125,13 +131,20 @@ def fit_of(
     result = result_of(entry, read_model(json.dumps(entry["model"]), f"metrics.json, model of fit {name}"))
     records = []
     for record, numbers in entry["records"].items():
+        if set(numbers) <= {"role", "not_computed"}:
+            continue  # its motion could not be computed
         exp, ds = recordings[record]
         own = ds.isel(fit=i)
-        metrics = {key: value for key, value in numbers.items() if key != "role"}
+        metrics = {key: value for key, value in numbers.items() if key not in ("role", "not_computed")}
         body = own["body"].values if "body" in own and own["body"].notnull().any() else None
         records.append(RecordOutcome(record, numbers["role"], exp, own["modelled"].values,
                                      own["modelled_pressure"].values, metrics, band_of(own, exp), body))
-    return FitOutcome(name, entry["title"], result, tuple(records), entry["timing"]["fit_s"])
+    return FitOutcome(name, entry["title"], result, tuple(records), entry["timing"]["fit_s"], failures_of(entry))
+
+
+def failures_of(entry: Mapping[str, Any]) -> tuple[NotComputed, ...]:
+    """What could not be computed, of a fit or of the study."""
+    return tuple(NotComputed(**n) for n in entry.get("not_computed", ()))
 
 
 def result_of(entry: dict[str, Any], model: Model) -> FitResult:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from pliant.text import escaped
 from pliant.units import quantity
 from pliant.validation.outcome import RecordOutcome
 
@@ -40,8 +41,8 @@ def digits(value: Any, count: int = 3, sign: str = "", *, zeros: bool = True) ->
 
 
 def clip(text: str, width: int = 60) -> str:
-    """User text on one line of at most `width` characters."""
-    line = " ".join(text.split())
+    """User text on one line of at most `width` printable characters: XML, and so SVG, forbids control characters."""
+    line = escaped(" ".join(text.split()), "line")
     return line if len(line) <= width else f"{line[: width - 1]}…"
 
 

@@ -13,11 +13,13 @@ from pliant.video.reel import Reel
 
 Array = np.ndarray
 Frame = tuple[float, Array, Array | None]
+Region = tuple[float, float, float, float]  # pixels: left, top, right, bottom
 HALF_COLOUR = 0.4  # share of the dots' colour from which on a pixel belongs to one
 LEAST_PIXELS = 9
 ROUND = (0.68, 0.88)  # share of the box around it that a disc fills, as pixels count it
 MASS = (0.6, 1.6)  # of a dot's usual size, within which it is that dot
 FIRST = 30  # frames in which all marks must have been seen at once
+APART = 2.5  # usual distances between neighbours, beyond which a mark is not on the same body
 COLOURED = 40.0  # levels by which a dot's colour must differ from grey
 
 
@@ -34,7 +36,8 @@ def chain(points: Array) -> Array:
 class Dots:
     """Finds dots of one colour (blue, green, red), sub-pixel: centroids weighted by how far a pixel has that colour."""
 
-    def __init__(self, colour: tuple[float, float, float]) -> None:
+    def __init__(self, colour: tuple[float, float, float], region: Region | None = None) -> None:
+        self.region = region
         self.cv2: Any = opencv("tracking a video")
         away = np.array(colour) - np.mean(colour)
         if np.linalg.norm(away) < COLOURED:
@@ -51,25 +54,43 @@ class Dots:
             disc = ROUND[0] < area / (w * h) < ROUND[1] and w < 1.6 * h < 2.6 * w
             if area < LEAST_PIXELS or (round_ones and not disc):
                 continue
-            part = np.s_[max(0, y - 2) : y + h + 2, max(0, x - 2) : x + w + 2]
+            height, width = label.shape
+            part = np.s_[max(0, y - 2) : min(height, y + h + 2), max(0, x - 2) : min(width, x + w + 2)]
             other = (label[part] != k) & (label[part] != 0)
             mass = np.where(other, 0.0, np.clip(share[part] - 0.2, 0.0, None))
             rows, columns = np.mgrid[part]
             found.append(((mass * columns).sum() / mass.sum(), (mass * rows).sum() / mass.sum(), mass.sum()))
         made = np.array(found).reshape(-1, 3)
+        if self.region is not None:
+            left, top, right, bottom = self.region
+            x, y = made[:, 0], made[:, 1]
+            made = made[(x >= left) & (x <= right) & (y >= top) & (y <= bottom)]
         return made[:, :2], made[:, 2]
 
 
-def follow_dots(reel: Reel, colour: tuple[float, float, float]) -> Iterator[Frame]:
-    """Time, picture and dots (M, 2) of each frame, NaN where one is hidden, in their order along the body.
+def follow_dots(
+    reel: Reel, colour: tuple[float, float, float], count: int | None = None, region: Region | None = None,
+) -> tuple[list[str], Iterator[Frame]]:
+    """What was left out, and time, picture and dots (M, 2) of each frame, NaN where one is hidden, along the body.
+
+    Parameters
+    ----------
+    count : int, optional
+        Dots on the body; marks of that colour elsewhere are then left out.
+    region : left, top, right, bottom, pixels, optional
+        Part of the picture that the body never leaves.
 
     Raises
     ------
     InputError
-        When fewer than two dots of that colour are there.
+        When fewer than two dots of that colour are there, other than `count` dots, or marks away from the others.
     """
-    dots = Dots(colour)
-    place, usual = _first_dots(reel, dots, colour)
+    dots = Dots(colour, region)
+    place, usual, told = _first_dots(reel, dots, colour, count)
+    return told, _dots_by_frame(reel, dots, place, usual)
+
+
+def _dots_by_frame(reel: Reel, dots: Dots, place: Array, usual: Array) -> Iterator[Frame]:
     step = np.zeros_like(place)
     reach = 0.5 * float(np.median(np.linalg.norm(np.diff(place, axis=0), axis=1)))
     for time, picture in reel.frames():
@@ -89,7 +110,10 @@ def follow_dots(reel: Reel, colour: tuple[float, float, float]) -> Iterator[Fram
         yield time, picture, found
 
 
-def _first_dots(reel: Reel, dots: Dots, colour: tuple[float, float, float]) -> tuple[Array, Array]:
+def _first_dots(
+    reel: Reel, dots: Dots, colour: tuple[float, float, float], count: int | None
+) -> tuple[Array, Array, list[str]]:
+    """Centres and masses of the dots on the body, along it, and what was left out."""
     best, masses = np.empty((0, 2)), np.empty(0)
     for k, (_, picture) in enumerate(reel.frames()):
         if k == FIRST:
@@ -104,8 +128,34 @@ def _first_dots(reel: Reel, dots: Dots, colour: tuple[float, float, float]) -> t
             f"{reel.path.name}: {len(best)} dots of the colour {hexadecimal(colour)} are seen in its first frames, two "
             "or more are needed: take the colour from the picture itself"
         )
+    body = _on_one_body(best, count)
+    away = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in best[~body])
+    if count is None and away:
+        raise InputError(
+            f"{reel.path.name}: marks of the dots' colour lie away from the others, at the pixels {away}: cover them, "
+            "or say in [tracking] count, the number of dots on the body, or region, where in the picture it moves"
+        )
+    if count is not None and body.sum() != count:
+        raise InputError(
+            f"{reel.path.name}: {int(body.sum())} dots are seen on one body, and [tracking] says count = {count}: "
+            "check the colour, or say in region in which part of the picture the body moves"
+        )
+    best, masses = best[body], masses[body]
     order = chain(best)
-    return best[order], masses[order]
+    return best[order], masses[order], [f"left out, not on the body: marks at the pixels {away}"] if away else []
+
+
+def _on_one_body(points: Array, count: int | None) -> Array:
+    """Which of the points (M, 2) lie on one body: a group of `count`, else the largest, of neighbours not far apart."""
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2)
+    nearest = np.where(np.eye(len(points), dtype=bool), np.inf, apart).min(axis=1)
+    near = apart <= APART * np.median(nearest)
+    group = np.arange(len(points))
+    for _ in points:  # the smallest number spreads to all that hang together
+        group = np.where(near, group[None], len(points)).min(axis=1)
+    sizes = np.bincount(group, minlength=len(points))
+    chosen = int(np.argmax(sizes == count)) if count is not None and (sizes == count).any() else int(np.argmax(sizes))
+    return np.asarray(group == chosen)
 
 
 def hexadecimal(colour: tuple[float, float, float]) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from pliant.errors import InputError, explain_validation
-from pliant.recording import make_recording
+from pliant.recording import append_history, make_recording
 from pliant.recording.camera import Camera, in_plane
 from pliant.video.marks import follow_aruco, follow_dots
 from pliant.video.overlay import overlay
@@ -42,6 +42,10 @@ class Tracking:
         Where the body begins; found where its colour ends when absent.
     colour : str, optional
         Of the dots, as ``#rrggbb``.
+    count : int, optional
+        Dots on the body; marks of their colour that lie away from it are then left out, and told.
+    region : (left, top, right, bottom), pixels, optional
+        Part of the picture in which dots are looked for.
     stations : int
         Points of a silhouette, evenly along the body, base and tip among them.
     overlays : tuple of Path
@@ -51,6 +55,8 @@ class Tracking:
     method: Method = "silhouette"
     base: tuple[float, float] | None = None
     colour: str | None = None
+    count: int | None = None
+    region: tuple[float, float, float, float] | None = None
     stations: int = STATIONS
     overlays: tuple[Path, ...] = ()
 
@@ -60,6 +66,12 @@ class Tracking:
             raise InputError(f"method is one of {', '.join(get_args(Method))}, not {self.method!r}")
         if not 4 <= self.stations <= 200:
             raise InputError(f"stations lie between 4 and 200, got {self.stations}")
+        if self.method != "dots" and (self.count is not None or self.region is not None):
+            raise InputError("count and region concern dots: leave them out, or follow dots")
+        if self.count is not None and (not isinstance(self.count, int) or self.count < 2):
+            raise InputError(f"count is a number of dots, 2 or more, got {self.count!r:.40}")
+        if self.region is not None and not _is_region(self.region):
+            raise InputError(f"region is [left, top, right, bottom] in pixels, got {self.region!r:.60}")
         if (self.method == "dots") != (self.colour is not None):
             raise InputError("dots are found by their colour: give colour as '#rrggbb' with method dots, only there")
 
@@ -105,7 +117,7 @@ def track_video(
     path, how = Path(path), tracking or Tracking()
     camera = _camera(camera)
     reel = open_reel(path)
-    names, frames = _followed(reel, how)
+    names, told, frames = _followed(reel, how)
     times, points, change, before = list[float](), list[Array | None](), list[float](), None
     with overlay(reel, how.overlays) as draw:
         for time, picture, found in frames:
@@ -117,7 +129,8 @@ def track_video(
             before = sparse
             if progress is not None:
                 progress(min(1.0, len(times) / reel.count))
-    return _recording(reel, camera, how, names, _Seen(np.array(times), _stacked(points, reel), np.array(change)))
+    ds = _recording(reel, camera, how, names, _Seen(np.array(times), _stacked(points, reel), np.array(change)))
+    return append_history(ds, *told) if told else ds
 
 
 @dataclass(frozen=True)
@@ -136,14 +149,20 @@ def _camera(camera: Camera | dict[str, Any]) -> Camera:
         raise explain_validation(error, "camera") from None
 
 
-def _followed(reel: Reel, how: Tracking) -> tuple[list[str], Iterator[tuple[float, Array, Array | None]]]:
-    """Names of the stations, empty for a silhouette's, and what is seen frame by frame."""
+def _followed(reel: Reel, how: Tracking) -> tuple[list[str], list[str], Iterator[tuple[float, Array, Array | None]]]:
+    """Names of the stations, empty for a silhouette's; what to tell; and what is seen frame by frame."""
     if how.method == "silhouette":
-        return [], follow_silhouette(reel, how.base)
+        return [], [], follow_silhouette(reel, how.base)
     if how.method == "dots":
-        return [], follow_dots(reel, how.blue_green_red)
+        return [], *follow_dots(reel, how.blue_green_red, how.count, how.region)
     numbers, frames = follow_aruco(reel)
-    return [f"marker_{n}" for n in numbers], frames
+    return [f"marker_{n}" for n in numbers], [], frames
+
+
+def _is_region(region: Any) -> bool:
+    """Whether it is left, top, right, bottom."""
+    numbers = isinstance(region, list | tuple) and all(isinstance(v, int | float) for v in region)
+    return numbers and len(region) == 4 and region[0] < region[2] and region[1] < region[3]
 
 
 def _stacked(points: list[Array | None], reel: Reel) -> Array:

@@ -90,8 +90,21 @@ def moves(model: Model, name: str, value: float) -> bool:
         return False
 
 
+class Job(NamedTuple):
+    """What a page asked for that takes a new stepper: numbers of the model, a start from rest, a recording."""
+
+    changed: dict[str, Any]
+    pressure: Array  # Pa, behind the valves when the job was taken
+    restart: bool
+    record: str | None
+    other_record: bool  # whether `record` was asked for
+
+
 class Live:
     """One running model; each page has its own.
+
+    `ask` only notes what takes long to do. `job` takes it over, `prepare` does it, on another thread if need be, and
+    `take` puts the result in the place of what runs; `build` does all three.
 
     Parameters
     ----------
@@ -114,51 +127,78 @@ class Live:
         self.force = np.zeros(2)
         self.record: Experiment | None = None
         self.changed: dict[str, Any] = {}
+        self.sliders = {s.name: s for s in played.sliders}
+        self.by_hand = np.zeros(self.chambers)  # Pa, what the sliders ask for while no recording is played
+        self.pending = self.restarting = self.other_record = False
+        self.next_record: str | None = None
 
     def ask(self, wish: Wish) -> None:
-        """Take over what the page asks for."""
+        """Note what the page asks for, and do what is done in no time."""
         if wish.pressure_kpa is not None and len(wish.pressure_kpa) == self.chambers:
-            self.command[:] = 1e3 * np.array(wish.pressure_kpa)
+            self.by_hand[:] = 1e3 * np.array(wish.pressure_kpa)
+            self.command[:] = self.by_hand
         if wish.speed is not None:
             self.speed = wish.speed
         if "pull" in wish.model_fields_set:
             self.pull = wish.pull
         if "record" in wish.model_fields_set:
-            self.record = self.played.records.get(wish.record or "")
-            self.restart(0.0)
-        if wish.gravity is not None or wish.parameters:
-            gravity = {} if wish.gravity is None else {"gravity": np.array(wish.gravity)}
-            self.changed |= {**gravity, **(wish.parameters or {})}
-            self.rebuild()
-        if wish.reset:
-            self.restart(0.0)
+            self.next_record, self.other_record, self.restarting = wish.record, True, True
+        numbers = {n: v for n, v in (wish.parameters or {}).items() if n in self.sliders}
+        gravity = {} if wish.gravity is None else {"gravity": np.array(wish.gravity)}
+        self.changed |= {**gravity, **numbers}
+        self.restarting |= wish.reset
+        self.pending |= bool(numbers or gravity or self.restarting)
+
+    def job(self) -> Job:
+        """Take over what was noted; of several wishes for one thing the last."""
+        job = Job(dict(self.changed), np.copy(self.stepper.pressure), self.restarting, self.next_record,
+                  self.other_record)
+        self.pending = self.restarting = self.other_record = False
+        return job
+
+    def prepare(self, job: Job) -> tuple[Model, Stepper] | str:
+        """The model of a job and its stepper; where there can be none, the sentence that says why. Changes nothing."""
+        numbers = {n: float(np.clip(v, self.sliders[n].low, self.sliders[n].high))
+                   for n, v in job.changed.items() if n in self.sliders}
+        model = self.played.model
+        pressure = np.zeros_like(job.pressure) if job.restart else job.pressure
+        try:
+            for name in ("stiffness", "damping"):
+                if (factor := numbers.pop(f"{name} x", None)) is not None:
+                    model = model.with_(**{name: factor * getattr(model, name)})
+            model = apply(model, numbers)
+            if "gravity" in job.changed:
+                model = model.with_(gravity=job.changed["gravity"])
+            return model, Stepper(model, STEP, pressure)
+        except (InputError, SimulationError) as error:
+            return str(error)
+
+    def take(self, job: Job, made: tuple[Model, Stepper] | str) -> None:
+        """Go on with what was prepared: from rest where that was asked for, else with the same motion."""
+        if isinstance(made, str):
+            self.told = made
+            return
+        model, stepper = made
+        if job.restart:
+            self.debt = 0.0
+        else:
+            stepper.restore(self.stepper.snapshot())
+        if job.other_record:
+            self.record = self.played.records.get(job.record or "")
+            self.command[:] = self.by_hand
+        self.model, self.stepper = model, stepper
+
+    def build(self) -> None:
+        """Do what was noted, at once."""
+        if self.pending:
+            job = self.job()
+            self.take(job, self.prepare(job))
 
     def restart(self, pressure: float) -> None:
         """Back to rest."""
         start: Any = np.full(self.chambers, pressure) if self.chambers > 1 else pressure
         self.stepper.reset(start)
         self.debt = 0.0
-
-    def rebuild(self) -> None:
-        """Put another model under the same motion; one that cannot be is told and left."""
-        known = {s.name: s for s in self.played.sliders}
-        numbers = {n: float(np.clip(v, known[n].low, known[n].high)) for n, v in self.changed.items() if n in known}
-        model = self.played.model
-        try:
-            for name in ("stiffness", "damping"):
-                if (factor := numbers.pop(f"{name} x", None)) is not None:
-                    model = model.with_(**{name: factor * getattr(model, name)})
-            model = apply(model, numbers)
-            if "gravity" in self.changed:
-                model = model.with_(gravity=self.changed["gravity"])
-            stepper = Stepper(model, STEP, self.stepper.pressure)
-        except (InputError, SimulationError) as error:
-            self.told = str(error)
-            return
-        for name in ("angle", "rate", "memory"):
-            getattr(stepper, name)[:] = getattr(self.stepper, name)
-        stepper.time = self.stepper.time
-        self.model, self.stepper = model, stepper
 
     def advance(self, elapsed: float) -> None:
         """Move on by `elapsed` [s] of the wall's clock, slowed by the speed."""
@@ -179,7 +219,7 @@ class Live:
             self.stepper.step(command)
         except SimulationError as error:
             self.told, self.pull = f"{error} The body is back at rest.", None
-            self.command[:] = 0.0
+            self.command[:] = self.by_hand[:] = 0.0
             self.restart(0.0)
 
     def play(self, exp: Experiment) -> None:

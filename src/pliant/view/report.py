@@ -29,6 +29,7 @@ from pliant.view.rows import (
     known_unit,
     ladder_rows,
     link_rows,
+    missing_row,
     model_facts,
     not_shown,
     order_rows,
@@ -114,8 +115,11 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
         "no_places": NO_PLACES if turns else "", "unit": "°" if turns else "mm",
         "outcome": outcome, "headline": headline, "sign": sign, "word": word,
         "records": {
-            "held_out": [record_row(f, r) for f in outcome.fits for r in f.records if r.role == "held_out"],
-            "train": [record_row(f, r) for f, r in main if r.role == "train"],
+            "held_out": [row for f in outcome.fits for row in (
+                *(record_row(f, r) for r in f.records if r.role == "held_out"),
+                *(missing_row(f, m) for m in f.missing if m.role == "held_out"))],
+            "train": [record_row(f, r) for f, r in main if r.role == "train"] + [
+                missing_row(f, m) for f in outcome.fits for m in f.missing if m.role == "train"],
         },
         "details": [detail_row(f, r) for f, r in main], "detail_columns": DETAILS,
         "seen": {r.name: seen_text(r) for _, r in main},
@@ -131,6 +135,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
         "unseen": [(f.title, not_shown(f.result)) for f in outcome.fits],
         "shape": shape_block(outcome.shape) if outcome.shape else None,
         "lengthens": bool(outcome.model.extensions),
+        "failed": [n.sentence for n in outcome.failed],
         "forecasts": [forecast_block(f) for f in outcome.forecasts],
         "definition": meaning, "definitions": {k: (*metric_label(k), v) for k, v in meaning.items()},
         "pairs": columns(PAIRS, turns=turns), "single": columns(SINGLE, turns=turns), "facts": model_facts(outcome),

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.failures import NotComputed
 from pliant.identification.ladder import Ladder
 from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.result import FitResult
+from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.validation.outcome import FitOutcome, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import digits, sized
 
@@ -45,12 +47,18 @@ def record_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
     measured, modelled = (pairs["frequency_hz"].get(who) for who in ("measured", "modelled"))
     off = 100 * (modelled / measured - 1) if measured and modelled else None
     return {
-        "name": record.name, "fit": fit.title,
+        "name": record.name, "fit": fit.title, "missing": "",
+        "notes": [n.sentence for n in fit.not_computed if n.record == record.name],
         "single": {k: digits(m.get(k)) for k in columns(SINGLE, turns=record.experiment.placeless)},
         "pairs": {k: [digits(pairs[k].get(who)) for who in ("measured", "modelled")] for k in pairs},
         "frequency_difference": digits(off, 2, "+"),
         "steady_state_error": digits(sized(m, "steady_state_error")[0], 2, "+"),
     }
+
+
+def missing_row(fit: FitOutcome, missing: NotComputed) -> dict[str, Any]:
+    """A row of the table of records for one whose motion could not be computed."""
+    return {"name": missing.record, "fit": fit.title, "missing": missing.sentence}
 
 
 def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
@@ -74,8 +82,9 @@ def seen_text(record: RecordOutcome) -> str:
 def fit_table(fits: Sequence[FitOutcome], order: Sequence[str]) -> dict[str, Any]:
     """Fits against records, held-out ones first and then in the given order: error and role in every cell."""
     role: dict[str, str] = {}
-    for r in (r for f in fits for r in f.records):
-        role[r.name] = "held_out" if "held_out" in (r.role, role.get(r.name)) else r.role
+    pairs = [(r.name, r.role) for f in fits for r in f.records] + [(m.record, m.role) for f in fits for m in f.missing]
+    for name, own in pairs:
+        role[name] = "held_out" if "held_out" in (own, role.get(name)) else own
     place = {n: k for k, n in enumerate(dict.fromkeys([*order, *role]))}
     names = sorted(role, key=lambda n: (role[n] != "held_out", place[n]))
     rows = []
@@ -83,7 +92,9 @@ def fit_table(fits: Sequence[FitOutcome], order: Sequence[str]) -> dict[str, Any
         cells = {r.name: (r.role, digits(r.metrics.get("rmse_percent_of_travel")), digits(sized(r.metrics, "rmse")[0]),
                           r.name, role[r.name]) for r in f.records}
         free = sum(p.free for p in f.result.parameters)
-        rows.append({"fit": f, "k": k, "cells": [cells.get(n) for n in names], "free": free})
+        missing = {m.record: m.sentence for m in f.missing}
+        rows.append({"fit": f, "k": k, "cells": [cells.get(n) for n in names], "free": free,
+                     "missing": [missing.get(n, "") for n in names]})
     return {"names": [(n, role[n]) for n in names], "rows": rows}
 
 
@@ -163,8 +174,10 @@ def model_facts(outcome: StudyOutcome) -> list[tuple[str, str]]:
     m = outcome.model
     length, mass = (digits(1e3 * v, 4, zeros=False) for v in (m.length, m.mass))
     gravity = ", ".join(digits(g, zeros=False) for g in m.gravity)
+    section = " to ".join(dict.fromkeys(digits(f(bending_stiffness(m)), 3, zeros=False) for f in (np.min, np.max)))
     return [
         ("links", str(m.n)), ("length", f"{length} mm"), ("moving mass", f"{mass} g"),
+        ("bending stiffness EI", f"{section} N m², {PLACEMENT[joint_placement(m)]}"),
         ("gravity in the base frame", f"({gravity}) m/s²" if m.gravity.any() else "none"),
     ]
 

@@ -74,6 +74,7 @@ def application(played: Played, token: str, host: str) -> Any:
     except ImportError:
         raise InputError("the live page needs the extra view: pip install 'pliant[view]'") from None
     live_page(played, running(played))  # refused here, before a browser asks
+    one_build = asyncio.Lock()  # of all pages: one that asks for many models does not hold up the others
 
     def known(connection: Any) -> bool:
         return connection.headers.get("host") == host and secrets.compare_digest(
@@ -91,16 +92,29 @@ def application(played: Played, token: str, host: str) -> Any:
             await ws.close(1008)
             return
         await ws.accept()
-        await converse(ws, running(played))
+        await converse(ws, running(played), one_build)
 
     made = Starlette(routes=[Route("/{token}/", page), WebSocketRoute("/{token}/live", follow)])
     made.router.redirect_slashes = False
     return made
 
 
-async def converse(ws: Any, live: Live | Watched) -> None:
+async def build(live: Live, asked: asyncio.Event, one_build: asyncio.Lock) -> None:
+    """Build on a thread what the page asked for last, one build at a time, while motion and frames go on."""
+    while True:
+        await asked.wait()
+        async with one_build:
+            asked.clear()
+            job = live.job()
+            live.take(job, await asyncio.to_thread(live.prepare, job))
+
+
+async def converse(ws: Any, live: Live | Watched, one_build: asyncio.Lock) -> None:
     """Send frames at a steady rate and take wishes, until the page is closed."""
     from starlette.websockets import WebSocketDisconnect
+
+    asked = asyncio.Event()
+    building = [asyncio.create_task(build(live, asked, one_build))] if isinstance(live, Live) else []
 
     async def listen() -> None:
         while True:
@@ -112,6 +126,8 @@ async def converse(ws: Any, live: Live | Watched) -> None:
                 live.ask(Wish.model_validate_json(text[:LARGEST]))  # what is longer is no JSON when cut
             except ValidationError:
                 live.told = "the page asked for something that cannot be"
+            if live.pending:
+                asked.set()
 
     listening = asyncio.create_task(listen())
     clock = asyncio.get_running_loop().time
@@ -127,7 +143,8 @@ async def converse(ws: Any, live: Live | Watched) -> None:
     except (WebSocketDisconnect, RuntimeError, OSError):
         pass  # the page is gone
     finally:
-        listening.cancel()
+        for task in (listening, *building):
+            task.cancel()
 
 
 class Server:
@@ -154,6 +171,7 @@ class Server:
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self.socket.bind((HOST, port))
+            self.socket.listen()  # from here on a browser that follows the address waits, and is not refused
         except OSError as error:
             self.socket.close()
             raise InputError(f"cannot listen at {HOST}:{port}: {error.strerror or error}") from None

@@ -56,7 +56,9 @@ class Watched:
             raise InputError(f"the log {path} is of {len(self.angles)} links, the model has {model.n}")
         self.model, self.rows, self.rest = fixed_length(model), deque[list[float]](maxlen=KEPT), b""
         self.shown, self.told, self.fault, self.touch = -np.inf, "", "", touch
+        self.since = np.inf  # s, time of the first row behind the last fault
         self.chambers = len(self.named("pressure"))
+        self.pending = False  # nothing is built here
 
     def named(self, what: str) -> list[int]:
         """Columns of a pressure or a command, one for each chamber."""
@@ -73,13 +75,14 @@ class Watched:
             self.read = file.tell()
         for line in lines:
             if line.startswith(b"# fault"):
-                self.fault = line[2:].decode("ascii", "replace")
+                self.fault, self.since = line[2:].decode("ascii", "replace"), np.nan
             try:
                 row = [float(v) for v in line.split(b",")]
             except ValueError:
                 continue  # a remark
             if len(row) == len(self.columns):
                 self.rows.append(row)
+                self.since = row[0] if np.isnan(self.since) else self.since
         if self.rows:
             newest = self.rows[-1][0]
             self.shown = float(np.clip(self.shown + elapsed, newest - 2 * BEHIND, newest))
@@ -95,6 +98,8 @@ class Watched:
         joints = np.concatenate([[[0.0, 0.0], m.first_joint * [m.bend_sign, 1]], chain.tips(m, phi)])
         value = dict(zip(self.columns, row, strict=True))
         vented = f"VENTED, {self.fault or 'by a fault'}" if value.get("vented") else "in control"
+        if not value.get("vented") and row[0] >= self.since:
+            vented = f"in control, but {self.fault}"
         told = f"{vented}; {self.wanted(value)}; a period's work took {value['work_us']:.0f} us"
         return {
             "t": round(row[0], 6), "body": np.nan_to_num(np.round(1e3 * joints, 3)).tolist(), "told": told,

@@ -6,6 +6,10 @@
 #define @UP@_STATIONS @STATIONS@
 #define @UP@_STEP @STEP@ /* s */
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef @REAL@ @KIND@;
 
 typedef struct {
@@ -23,8 +27,9 @@ void @P@_update(@P@_parameters *p);
 /* At rest under @PRESSURE@ Pa, with the numbers of @P@_defaults. */
 void @P@_init(@P@_state *s);
 
-/* One step of @UP@_STEP under commanded pressures [Pa gauge] held constant: 0, or -1 where a link turns by more than a
- * radian in the step, a spring gave way or a number is not finite; the state is of no use then. */
+/* One step of @UP@_STEP under commanded pressures [Pa gauge] held constant: 0; -2 where a command is not finite: no step
+ * is taken and nothing of it enters the dead time, so call again with a pressure of your choice; -1 where a link turns
+ * by more than a radian in the step or a spring gave way: the state is of no use then, call @P@_init. */
 int @P@_step(@P@_state *s, const @P@_parameters *p, const @KIND@ command[@C@]);
 
 /* Tips of the links, x and y [m]; angles of the joints from the rest shape [rad]. */
@@ -41,5 +46,9 @@ void @P@_energy(const @P@_state *s, const @P@_parameters *p, @KIND@ joule[3]);
  * flow, rubber that takes time holds. */
 void @P@_linearise(const @P@_state *s, const @P@_parameters *p, @KIND@ A[@2N@][@2N@],
                         @KIND@ B[@2N@][@C@]);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

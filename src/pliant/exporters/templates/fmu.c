@@ -7,6 +7,19 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* The functions of an FMU whose sources are linked into a program carry its name, so that several can be; those of a
+ * shared library have the names of the standard: compile it with @FMI@_OVERRIDE_FUNCTION_PREFIX. */
+#define @FMI@_FUNCTION_PREFIX @NAME@_
+#if !defined FMI2_OVERRIDE_FUNCTION_PREFIX && !defined FMI3_OVERRIDE_FUNCTION_PREFIX && !defined DISABLE_PREFIX
+#define @FMI@_ACTUAL_FUNCTION_PREFIX @FMI@_FUNCTION_PREFIX
+#endif
+#ifdef @FMI@_ACTUAL_FUNCTION_PREFIX
+#define PASTED(prefix, name) prefix##name
+#define JOINED(prefix, name) PASTED(prefix, name)
+#define FULL_NAME(name) JOINED(@FMI@_ACTUAL_FUNCTION_PREFIX, name)
+@FUNCTIONS@
+#endif
+
 #if defined _WIN32
 #define FMI __declspec(dllexport)
 #else

@@ -3,7 +3,7 @@
 (() => {
   const { Body, digits, paint, plot, ramp } = Pliant;
   const $ = (id) => document.getElementById(id);
-  const data = JSON.parse($("data").textContent), KEPT = 10, MOST = 650;
+  const data = JSON.parse($("data").textContent), KEPT = 10, MOST = 650, HELD = 500;
   const body = new Body($("body")), L = data.length;
   const socket = new WebSocket(`${location.href.replace(/^http/, "ws")}live`);
   const roll = { t: [], series: [] }; // of the last ten seconds, whatever the speed
@@ -17,7 +17,14 @@
     range.type = "range";
     Object.assign(range, { min: o.low, max: o.high, step: (o.high - o.low) / 400, value: o.value });
     const tell = () => { out.textContent = `${Number(range.value).toPrecision(4)} ${o.unit}`; };
-    range.addEventListener("input", () => { tell(); act(Number(range.value)); });
+    let moved = -Infinity; // ms, when the hand moved it last
+    range.addEventListener("input", () => { moved = performance.now(); tell(); act(Number(range.value)); });
+    range.follow = (value) => { // what the model has, unless a hand is at the slider
+      if (performance.now() - moved < HELD) return false;
+      range.value = value;
+      out.textContent = `${value.toPrecision(4)} ${o.unit}`;
+      return true;
+    };
     tell();
     row.append(`${label} `, out, range);
     host.append(row);
@@ -25,7 +32,7 @@
   }
 
   const kpa = Array(data.chambers.length).fill(0), several = data.chambers.length > 1;
-  kpa.forEach((_, c) => slider($("pressures"), several ? `pressure, ${data.chambers[c]}` : data.chambers[c],
+  const levels = kpa.map((_, c) => slider($("pressures"), several ? `pressure, ${data.chambers[c]}` : data.chambers[c],
     { low: 0, high: data.highest, value: 0, unit: "kPa" }, (v) => { kpa[c] = v; ask({ pressure_kpa: kpa }); }));
   const gravity = [...data.gravity];
   ["x", "y"].forEach((name, c) => slider($("numbers"), `gravity ${name}`, { low: -10, high: 10, value: gravity[c],
@@ -125,6 +132,7 @@
     if (now.touch) touched.push(now.touch.slice(0, 2));
     if (touched.length > MOST) touched.shift();
     keep(now);
+    if (!data.watched) levels.forEach((level, c) => { if (level.follow(now.command[c])) kpa[c] = now.command[c]; });
   });
 
   function tick(clock) {

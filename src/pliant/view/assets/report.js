@@ -316,9 +316,16 @@
   }
 
   const repaint = () => { all.forEach((u) => u.redraw(false)); body.draw(); };
+  const fit = () => { // to the widths that the page has now: a printed page is laid out after the last chance to draw
+    for (const u of all) {
+      const width = u.root.parentElement.clientWidth;
+      if (width && width !== u.width) u.setSize({ width, height: u.height });
+    }
+    repaint();
+  };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
-  addEventListener("beforeprint", () => { document.documentElement.classList.add("print"); repaint(); });
-  addEventListener("afterprint", () => { document.documentElement.classList.remove("print"); repaint(); });
+  addEventListener("beforeprint", () => { document.documentElement.classList.add("print"); fit(); });
+  addEventListener("afterprint", () => { document.documentElement.classList.remove("print"); fit(); });
   fill($("fit"), data.fits.map((f, k) => [k, f.title]), 0);
   $("fit").addEventListener("change", () => choose(Number($("fit").value), now.name));
   $("record").addEventListener("change", () => choose(now.k, $("record").value));

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from scipy.integrate import odeint, solve_ivp
 
-from pliant.bench.problem import Problem
 from pliant.compiler.choose import MOST_LINKS, straight, twin
 from pliant.equations import motion
 from pliant.equations.symbols import Slopes
@@ -19,6 +18,7 @@ from pliant.simulation import state
 from pliant.simulation.drive import Drive, drive
 from pliant.simulation.extrapolated import Marched, march_extrapolated
 from pliant.simulation.solve import march
+from speed.problem import Problem
 
 Array = np.ndarray
 Solve = Callable[[float], Array]

@@ -1,0 +1,204 @@
+"""HDF5 files of the formats that pliant reads, whole and hostile, made by code.
+
+Layouts of pandas as PyTables 3.11 writes them (`tests/recording/test_deeplabcut_hdf5.py` compares): names of columns
+are pickles of protocol 0. They are written here and never loaded.
+"""
+
+from __future__ import annotations
+
+import pickle
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+SCORER = "net"
+POINTS = ("base", "mid", "tip")
+COORDS = ("x", "y", "likelihood")
+LEVELS = ("scorer", "bodyparts", "coords")
+KEY = "df_with_missing"
+
+
+class Creates:
+    """An object whose pickle creates a file when somebody loads it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = str(path)
+
+    def __reduce__(self):
+        return open, (self.path, "w")
+
+
+def text_pickle(value: object) -> np.bytes_:
+    """The pickle of protocol 0, as PyTables stores what is no number and no text."""
+    return np.bytes_(pickle.dumps(value, 0))
+
+
+def columns_of(points=POINTS) -> list[tuple[str, str, str]]:
+    """Names of the columns of one animal."""
+    return [(SCORER, name, coordinate) for name in points for coordinate in COORDS]
+
+
+def values_of(points: np.ndarray) -> np.ndarray:
+    """Table (T, 3 S) of points (T, S, 2) [pixels] with a likelihood of 0.99."""
+    likelihood = np.full((*points.shape[:2], 1), 0.99)
+    return np.concatenate([points, likelihood], axis=2).reshape(len(points), -1)
+
+
+def write_table(path: Path, columns: list, values: np.ndarray, levels=LEVELS, index=None) -> Path:
+    """Layout "table"."""
+    rows = np.zeros(len(values), [("index", "<i8"), ("values_block_0", "<f8", values.shape[1:])])
+    rows["index"] = np.arange(len(values)) if index is None else index
+    rows["values_block_0"] = values
+    with h5py.File(path, "w") as file:
+        group = file.create_group(KEY)
+        group.attrs["CLASS"], group.attrs["pandas_type"] = np.bytes_("GROUP"), np.bytes_("frame_table")
+        group.attrs["table_type"] = np.bytes_("appendable_frame")
+        group.attrs["TITLE"] = h5py.Empty("S1")
+        group.attrs["nan_rep"] = text_pickle(None)
+        group.attrs["values_cols"] = text_pickle(["values_block_0"])
+        group.attrs["non_index_axes"] = text_pickle([(1, columns)])
+        about = {"names": list(levels), "type": "MultiIndex"}
+        group.attrs["info"] = text_pickle({1: about, "index": {}, "values_block_0": {}})
+        table = group.create_dataset("table", data=rows, chunks=(max(1, 65536 // rows.itemsize),), maxshape=(None,))
+        table.attrs["index_kind"] = np.bytes_("integer")
+        table.attrs["values_block_0_kind"] = text_pickle(columns)
+        index = group.create_group("_i_table").create_group("index")
+        index.create_dataset("indicesLR", (131072,), "<u4", chunks=(1024,))  # announced, never stored
+    return path
+
+
+def write_fixed(path: Path, columns: list, values: np.ndarray, levels=LEVELS, index=None) -> Path:
+    """Layout "fixed"."""
+    with h5py.File(path, "w") as file:
+        group = file.create_group(KEY)
+        group.attrs["CLASS"], group.attrs["pandas_type"] = np.bytes_("GROUP"), np.bytes_("frame")
+        group.attrs["nblocks"], group.attrs["ndim"] = 1, 2
+        for axis in ("axis0", "block0_items"):
+            group.attrs[f"{axis}_nlevels"], group.attrs[f"{axis}_variety"] = len(levels), np.bytes_("multi")
+            for k, level in enumerate(levels):
+                texts = sorted({column[k] for column in columns})
+                stored = group.create_dataset(f"{axis}_level{k}", data=np.array([t.encode() for t in texts]))
+                stored.attrs["name"], stored.attrs["kind"] = np.bytes_(level), np.bytes_("string")
+                codes = np.array([texts.index(column[k]) for column in columns], np.int8)
+                group.create_dataset(f"{axis}_label{k}", data=codes)
+        group["axis1"] = np.arange(len(values)) if index is None else np.asarray(index)
+        group["axis1"].attrs["name"] = text_pickle(None)
+        group["block0_values"] = values
+        group["block0_values"].attrs["transposed"] = np.uint8(1)
+    return path
+
+
+def write_sleap(path: Path, points: np.ndarray, tracks: int = 1) -> Path:
+    """SLEAP's analysis file of points (T, S, 2) [pixels]; every further track lies 1000 pixels off."""
+    moved = np.stack([points + 1000 * k for k in range(tracks)])
+    with h5py.File(path, "w") as file:
+        file["tracks"] = moved.transpose(0, 3, 2, 1)
+        scores = np.full((tracks, points.shape[1], len(points)), 0.9)
+        scores[0, -1, 0] = 0.1
+        file["point_scores"] = scores
+        file["node_names"] = [name.encode() for name in POINTS]
+        file["track_names"] = [f"t{k}".encode() for k in range(tracks)]
+        file["track_occupancy"] = np.ones((len(points), tracks))
+    return path
+
+
+def write_mat73(path: Path, arrays: dict[str, np.ndarray]) -> Path:
+    """MATLAB 7.3: a user block of 512 bytes, axes reversed, each array with its class."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in arrays.items():
+            stored = file.create_dataset(name, data=np.asarray(value).T)
+            stored.attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116, b" ") + bytes(8) + b"\x00\x02IM")
+    return path
+
+
+def external_link(path: Path, name: str, secret: Path) -> None:
+    """Replace a data set by a link into another HDF5 file."""
+    with h5py.File(secret, "w") as other:
+        other["hidden"] = np.full(h5py.File(path, "r")[name].shape, 42.0)
+    with h5py.File(path, "r+") as file:
+        del file[name]
+        file[name] = h5py.ExternalLink(str(secret), "/hidden")
+
+
+def external_storage(path: Path, name: str, secret: Path) -> None:
+    """Replace a data set by one whose bytes lie in another file of any kind."""
+    with h5py.File(path, "r+") as file:
+        shape, size = file[name].shape, file[name].size
+        secret.write_bytes(b"A secret of another program. " * (1 + 8 * size // 29))
+        del file[name]
+        file.create_dataset(name, shape, "<f8", external=[(str(secret), 0, 8 * size)])
+
+
+def virtual(path: Path, name: str, secret: Path) -> None:
+    """Replace a data set by a virtual one, gathered from another HDF5 file."""
+    with h5py.File(path, "r+") as file:
+        shape = file[name].shape
+        with h5py.File(secret, "w") as other:
+            other["hidden"] = np.full(shape, 42.0)
+        layout = h5py.VirtualLayout(shape, "<f8")
+        layout[...] = h5py.VirtualSource(str(secret), "hidden", shape)
+        del file[name]
+        file.create_virtual_dataset(name, layout)
+
+
+def soft_circle(path: Path, name: str, _secret: Path) -> None:
+    """Replace a data set by a soft link to itself."""
+    with h5py.File(path, "r+") as file:
+        del file[name]
+        file[name] = h5py.SoftLink(f"/{name}")
+
+
+def group_circle(path: Path, _name: str, _secret: Path) -> None:
+    """Add a group that holds the root."""
+    with h5py.File(path, "r+") as file:
+        file.create_group("turn")["again"] = file["/"]
+
+
+def announced(path: Path, name: str, _secret: Path) -> None:
+    """Replace a data set by one that announces 300 million numbers and stores none."""
+    with h5py.File(path, "r+") as file:
+        rank = file[name].ndim
+        del file[name]
+        shape = (1,) * (rank - 1) + (300_000_000,)
+        file.create_dataset(name, shape, "<f8", chunks=(1,) * (rank - 1) + (1000,), compression="gzip")
+
+
+def compressed(path: Path, name: str, _secret: Path) -> None:
+    """Replace a data set by 400 MB of zeros that take less than a megabyte."""
+    with h5py.File(path, "r+") as file:
+        start = (0,) * (file[name].ndim - 1)
+        del file[name]
+        ones, chunk = tuple(1 for _ in start), zlib.compress(bytes(8_000_000))
+        stored = file.create_dataset(
+            name, (*ones, 50_000_000), "<f8", chunks=(*ones, 1_000_000), compression="gzip"
+        )
+        for first in range(0, 50_000_000, 1_000_000):
+            stored.id.write_direct_chunk((*start, first), chunk)
+
+
+def unknown_filter(path: Path, name: str, _secret: Path) -> None:
+    """Replace a data set by one under a filter that HDF5 would load as a library."""
+    with h5py.File(path, "r+") as file:
+        shape = file[name].shape
+        del file[name]
+        made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        made.set_chunk(tuple(max(1, n) for n in shape))
+        made.set_filter(32001, h5py.h5z.FLAG_OPTIONAL, (0,))
+        space = h5py.h5s.create_simple(shape)
+        h5py.h5d.create(file.id, name.encode(), h5py.h5t.IEEE_F64LE, space, made)
+
+
+ATTACKS = {  # what is done to a data set -> words that the refusal must hold
+    external_link: r"a link \(external\) that is not followed",
+    external_storage: "in other files, which are not read",
+    virtual: "in other files, which are not read",
+    soft_circle: r"a link \(soft\) that is not followed",
+    group_circle: "contains itself",
+    announced: "announces 2400000000 bytes",
+    compressed: "announces",
+    unknown_filter: "by filter 32001",
+}

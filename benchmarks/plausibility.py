@@ -1,0 +1,85 @@
+"""False alarms of the plausibility checks: all recordings of the shared data, examples and demonstrations.
+
+    python benchmarks/plausibility.py            # a table: recordings, checks, and each sentence that a check says
+
+Nothing here is wrong in a way that a check names, but for recordings of a body that nobody moved.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pliant.errors import InputError, PliantError
+from pliant.preprocessing.plausibility import CHECKS
+from pliant.preprocessing.quality import quality
+from pliant.recording import read
+from pliant.study import load_study
+from pliant.study.prepare import planar
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = ROOT.parent / "shared" / "data"
+TRUNK: dict[str, Any] = {
+    "header": True, "rate_hz": 100.0, "length_unit": "m",
+    "stations": {f"disk{k}": {"position": [f"x{k}", f"y{k}", f"z{k}"]} for k in (1, 2, 3)},
+}  # fmt: skip
+TENTACLE = {"time": 1, "length_unit": "m", "points": {"count": 5, "first": 2}}
+ARM = {
+    "time": 0, "length_unit": "m", "pressure": {"columns": [4, 5, 6, 10, 11, 12], "unit": "psi"},
+    "stations": {n: {"position": [at, at + 1, at + 2], "quaternion": [at + 3, at + 4, at + 5, at + 6]}
+                 for n, at in (("base", 17), ("mid", 24), ("tip", 31))},
+}  # fmt: skip
+FIBRE = {"delimiter": "space", "rate_hz": 32.0, "length_unit": "mm", "points": {"count": 20}}
+ROD = {"delimiter": "space", "skip_lines": 2, "time": 0, "length_unit": "m",
+       "stations": {"middle": {"position": [4, 5, 6]}, "tip": {"position": [10, 11, 12]}}}  # fmt: skip
+RAW: dict[str, tuple[str, dict[str, Any] | None]] = {
+    "arms": ("planar_two_segment_arm/*steps*.txt", ARM),
+    "arm at rest": ("planar_two_segment_arm/*no_pressure*.txt", ARM),
+    "pulses": ("pneumatic_arm_pulses/*.c3d", None), "beams": ("silicone_cantilever/*.c3d", None),
+    "fibre": ("fiber_shape/*.txt", FIBRE), "trunks": ("spatial_tendon_trunk/*.csv", TRUNK),
+    "decays": ("trunk_free_decay/*.csv", TRUNK), "tentacles": ("spatial_tentacle/*.csv", TENTACLE),
+    "rods": ("spatial_rod_reference/release*.txt", ROD),
+}  # fmt: skip
+BUNDLED = ROOT / "src" / "pliant" / "testbed" / "bundled"
+
+
+def cases() -> Iterator[tuple[str, str, dict[str, str]]]:
+    """Group, recording, and the doubts about it."""
+    for group, (pattern, mapping) in RAW.items():
+        for path in sorted(DATA.glob(pattern)):
+            yield group, path.name, quality(read(path, mapping=mapping)).doubts
+    for path in sorted(BUNDLED.glob("*.nc")):
+        yield "bundled", path.name, quality(read(path)).doubts
+    studies = [*sorted((ROOT / "examples").glob("*.toml")), *sorted((ROOT / "src/pliant/study/bundled").glob("*.toml"))]
+    for path in studies:
+        try:
+            study = load_study(path)
+        except InputError:  # a mapping
+            continue
+        for name in study.recordings:
+            try:
+                yield f"study {path.stem}", name, dict(planar(study, name).doubts)
+            except PliantError as error:
+                yield f"study {path.stem}", name, {"refused": str(error)}
+
+
+def main() -> None:
+    """Print the table."""
+    os.environ.setdefault("PLIANT_DATA", str(DATA))
+    looked, alarms = Counter[str](), Counter[str]()
+    for group, name, said in cases():
+        looked[group] += 1
+        alarms[group] += bool(said)
+        for check, sentence in said.items():
+            print(f"{group}, {name}: [{check}] {sentence}")
+    print(f"{len(CHECKS)} checks\n{'group':45} recordings  with a doubt")
+    for group in looked:
+        print(f"{group:45} {looked[group]:10} {alarms[group]:13}")
+    print(f"{'all':45} {looked.total():10} {alarms.total():13}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,179 @@
+"""The model over a horizon: its own steps under commands that are known, and their exact derivatives.
+
+Commands are straight between nodes, so that a slew limit that holds between the nodes holds in every period. Valves and
+dead times are exact for commands held over a period; the body moves by the steps of the model.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pliant.compiler.choose import twin
+from pliant.control import horizon_loops
+from pliant.control.output_design import OutputDesign
+from pliant.control.valve import SupplyValve, supply_of
+from pliant.estimation.contract import State
+from pliant.linear.linearisation import behind_valve
+from pliant.linear.sampled import hold, periods_late
+from pliant.model import Chamber, Valve
+from pliant.simulation.state import work_of
+
+Array = np.ndarray
+COARSE = 6e-3  # s, longest step of the model
+
+
+class Ahead(NamedTuple):
+    """The model at the ends of K periods, and its derivatives by the commands at the nodes, one chamber beside another.
+
+    Commands are counted in Pa; chambers C, nodes J, coordinates N.
+    """
+
+    position: Array  # (K, N) absolute angles [rad], then strains
+    rate: Array  # (K, N)
+    slope: Array  # (K, 2 N, J C) of position and rate
+    command: Array  # (K, C) at the beginnings of the periods
+    valve: Array  # (V,) states of all valves at the end
+    valve_slope: Array  # (V, J C)
+    waiting: Array  # (W,) commands on their way at the end, those of a chamber together, the youngest first
+    waiting_slope: Array  # (W, J C)
+
+
+class Horizon:
+    """Predicts the motion of a body under commands at nodes.
+
+    Parameters
+    ----------
+    design : OutputDesign
+        Its model, valves, period and latency count.
+    stage : int
+        Periods between two nodes.
+    nodes : int
+    """
+
+    def __init__(self, design: OutputDesign, stage: int, nodes: int) -> None:
+        model, self.period = design.model, design.period
+        self.model, self.stage, self.nodes, self.chambers = model, stage, nodes, len(model.chambers)
+        self.periods = stage * (nodes - 1) + 1
+        at = np.arange(self.periods)[:, None] / stage - np.arange(nodes)
+        self.straight = np.maximum(0.0, 1.0 - np.abs(at))  # (K, J) commands of every period, by the nodes
+        self._lines = [
+            ValveLine(c, s, self.period, design.latency)
+            for c, s in zip(model.chambers, design.supply or (None,) * self.chambers, strict=True)
+        ]
+        self._parts = max(1, math.ceil(self.period / COARSE - 1e-9))
+        self._theta0 = np.array(model.rest_angle)
+        self._chain = model.mechanics(), model.joints()._replace(theta0=self._theta0), work_of(model)
+        self._march = twin(horizon_loops.body_ahead, model.n, len(model.extensions))
+        steps, N = self.periods * self._parts, model.size
+        self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, 3 * N, 2 * N))
+
+    def later(self, nodes: Array, age: int) -> Array:
+        """The course of commands at nodes (J, C), so many periods later: its commands at the nodes (J, C) then."""
+        return np.asarray(self.straight[np.minimum(age + self.stage * np.arange(self.nodes), self.periods - 1)] @ nodes)
+
+    def predict(self, state: State, valves: list[Array], waiting: list[Array], nodes: Array) -> Ahead:
+        """The motion from a state under commands (J, C) [Pa] at the nodes.
+
+        `valves` are the states of each chamber's valve, `waiting` the commands on their way to it, the youngest first.
+        """
+        J, C, K = self.nodes, self.chambers, self.periods
+        command = self.straight @ nodes
+        pressure, slope = np.empty((K, C)), np.zeros((K, C, J, C))
+        ends, end_slopes, left, left_slopes = [], [], [], []
+        for c, line in enumerate(self._lines):
+            sent = np.concatenate([waiting[c][::-1], command[:, c]])
+            by = np.concatenate([np.zeros((waiting[c].size, J)), self.straight])
+            pressure[:, c], slope[:, c, :, c], end, end_slope = line.ahead(sent, by, valves[c])
+            ends.append(end)
+            end_slopes.append(alone(end_slope, c, C))
+            left.append(sent[::-1][: waiting[c].size])
+            left_slopes.append(alone(by[::-1][: waiting[c].size], c, C))
+        position, rate, moved = self._body(state, pressure, slope.reshape(K, C, J * C))
+        return Ahead(
+            position, rate, moved, command, np.concatenate(ends), np.concatenate(end_slopes), np.concatenate(left),
+            np.concatenate(left_slopes),
+        )
+
+    def _body(self, state: State, pressure: Array, slope: Array) -> tuple[Array, Array, Array]:
+        """Positions and rates (K, N) at the ends of the periods and their derivatives (K, 2 N, J C)."""
+        N, parts, scale, actuation = self.model.size, self._parts, state.torque_scale, self.model.actuation
+        np.add(self.model.rest_angle, state.rest_shift, out=self._theta0)
+        each = [torque_and_slope(c, p) for c, p in zip(self.model.chambers, pressure.T, strict=True)]
+        torque = scale * np.stack([made for made, _ in each], axis=1) @ actuation.gain
+        torque[:, self.model.n :] += self._chain[1].K[self.model.n :] * state.strain_shift
+        x, v = (np.concatenate(pair) for pair in ((state.angle, state.strain), (state.rate, state.strain_rate)))
+        places, rates = self._places
+        self._march(
+            x, v, self.period / parts, np.repeat(torque, parts, axis=0), self._chain, places, rates, self._jacobians
+        )
+        drive = scale * np.stack([made for _, made in each], axis=1)[:, :, None] * actuation.gain  # (K, C, N) N m/Pa
+        by, out = np.zeros((2 * N, slope.shape[2])), np.empty((len(pressure), 2 * N, slope.shape[2]))
+        for k in range(len(pressure)):
+            felt = drive[k].T @ slope[k]
+            for j in range(k * parts, (k + 1) * parts):
+                by = self._jacobians[j, : 2 * N].T @ by + self._jacobians[j, 2 * N :].T @ felt
+            out[k] = by
+        return places[parts - 1 :: parts].copy(), rates[parts - 1 :: parts].copy(), out
+
+
+class ValveLine:
+    """One chamber's valve and dead time, sampled: exact for commands held over a period."""
+
+    def __init__(self, chamber: Chamber, supply: SupplyValve | None, period: float, latency: float) -> None:
+        whole, part, _ = periods_late(chamber.valve.dead_time + latency, period)
+        self._old, self._share, self._whole = bool(part), part / period, whole
+        held = [behind_valve(np.zeros((0, 0)), np.zeros(0), v)[:2] for v in sides(chamber.valve, supply)]
+        self.order = held[0][1].size
+        steps = [[hold(A, B, t) for A, B in held] for t in (part, period - part)] if self.order else []
+        self._pieces = tuple(np.array([[pair[i] for pair in row] for row in steps]) for i in (0, 1))
+        self._march = twin(horizon_loops.valve_ahead)
+
+    def ahead(self, sent: Array, by_node: Array, state: Array) -> tuple[Array, Array, Array, Array]:
+        """Mean pressures (K,) of the periods, by the nodes (K, J); states (r,) at the end, by the nodes (r, J).
+
+        `sent` are the commands on their way, the oldest first, and those of the K periods.
+        """
+        count = len(sent) - self._whole - self._old
+        if not self._old:  # none arrives within a period: the one before plays no part
+            sent, by_node = np.append(0.0, sent), np.concatenate([0.0 * by_node[:1], by_node])
+        sent, by_node = np.ascontiguousarray(sent[: count + 1]), np.ascontiguousarray(by_node[: count + 1])
+        if not self.order:
+            mix = [self._share, 1.0 - self._share]
+            mean, slope = (mix[0] * row[:-1] + mix[1] * row[1:] for row in (sent, by_node))
+            return mean, slope, np.zeros(0), np.zeros((0, by_node.shape[1]))
+        r, J = self.order, by_node.shape[1]
+        values, slopes, now = np.empty((count, r)), np.empty((count, r, J)), np.array(state[:r], dtype=float)
+        before = float(now[0])
+        self._march(sent, by_node, self._pieces, now, np.empty((r, J + 1)), values, slopes)
+        begin = np.append(before, values[:-1, 0])
+        slope = 0.5 * (slopes[:, 0] + np.concatenate([np.zeros((1, J)), slopes[:-1, 0]]))
+        return np.maximum(0.5 * (begin + values[:, 0]), 0.0), slope, values[-1], slopes[-1]
+
+
+def sides(valve: Valve, supply: SupplyValve | None) -> tuple[Valve, Valve]:
+    """The valve while it empties, and while it fills."""
+    known = supply or supply_of(valve)
+    if known is None:
+        return valve, valve
+    return (
+        replace(known.mean, natural_frequency=known.fall_frequency),
+        replace(known.mean, natural_frequency=known.rise_frequency),
+    )
+
+
+def torque_and_slope(chamber: Chamber, pressure: Array) -> tuple[Array, Array]:
+    """Torque [N m] of a chamber's law at rest at pressures (K,) [Pa], and its slope [N m/Pa], the swelling held."""
+    lever = np.polynomial.Polynomial(chamber.torque)
+    rest = pressure * lever(pressure)
+    return rest, lever(pressure) + (1.0 - chamber.swell_share) * pressure * lever.deriv()(pressure)
+
+
+def alone(rows: Array, chamber: int, chambers: int) -> Array:
+    """Derivatives (R, J) by the nodes of one chamber as those (R, J C) by the nodes of all."""
+    out = np.zeros((*rows.shape, chambers))
+    out[:, :, chamber] = rows
+    return out.reshape(len(rows), rows.shape[1] * chambers)

@@ -1,0 +1,94 @@
+"""Strictly convex quadratic programs of one size, solved one after the other by OSQP (extra ``mpc``)."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+
+Array = np.ndarray
+ACCURACY = 1e-5  # of OSQP's primal and dual residuals, absolute and relative
+MOST = 5000  # iterations; `benchmarks/predictive.py` problems take 55, one in a hundred more than 800
+APART = 100  # iterations between two changes of the step size: at 25 it cycled on one problem in a thousand
+HUGE = 1e20  # a slope or curvature beyond is no number that a controller works with
+
+
+class QuadraticProgram:
+    """min z H z / 2 + g z, with 0 <= z <= highest and low <= D z <= high: the set-up is made once.
+
+    Every solution starts from the last one's multipliers, and a second time from none where it is not found; the
+    pattern of the matrices never changes. The cost is divided by the mean of its curvatures, so that a step size of 1
+    suits.
+
+    Parameters
+    ----------
+    highest : array (Z,)
+    change : array (R, Z)
+        D; no row where nothing but the box limits.
+
+    Attributes
+    ----------
+    status : str
+        OSQP's of the last problem.
+
+    Raises
+    ------
+    InputError
+        When OSQP is missing.
+
+    Source: Stellato et al., Math. Program. Comput. 12(4), 2020 (OSQP)
+    """
+
+    def __init__(self, highest: Array, change: Array) -> None:
+        osqp = solver()
+        from scipy import sparse
+
+        size = len(highest)
+        self._upper = np.triu_indices(size)
+        order = np.lexsort(self._upper)  # by columns, as OSQP holds them
+        self._upper = self._upper[0][order], self._upper[1][order]
+        whole = sparse.csc_matrix((np.ones(len(order)) + size * (self._upper[0] == self._upper[1]), self._upper))
+        rows = sparse.csc_matrix(np.vstack([np.eye(size), change]))
+        self._low, self._high = np.zeros(rows.shape[0]), np.append(highest, np.zeros(len(change)))
+        self._solved, self._solver, self.status = osqp.SolverStatus.OSQP_SOLVED, osqp.OSQP(), ""
+        self._solver.setup(
+            whole, np.zeros(size), rows, self._low, self._high, verbose=False, eps_abs=ACCURACY, eps_rel=ACCURACY,
+            max_iter=MOST, rho=1.0, adaptive_rho=1, adaptive_rho_interval=APART, check_termination=5, polishing=False,
+            scaling=0,
+        )
+
+    def solve(self, H: Array, g: Array, low: Array, high: Array, start: Array) -> Array | None:
+        """The solution (Z,), or None where the solver did not find it to its full accuracy; `low`, `high` are (R,).
+
+        `start` (Z,) is where the search begins.
+        """
+        if not (np.abs(H).max() < HUGE and np.abs(g).max() < HUGE):
+            self.status = "the prediction is not finite"
+            return None
+        size, (sign, logarithm) = len(g), np.linalg.slogdet(H)
+        if sign <= 0:
+            self.status = "the cost is not convex"
+            return None
+        mean = np.exp(logarithm / size)
+        self._low[size:], self._high[size:] = low, high
+        self._solver.update(Px=H[self._upper] / mean, q=g / mean, l=self._low, u=self._high)
+        self._solver.warm_start(x=start)
+        for _ in range(2):
+            made = self._solver.solve(raise_error=False)
+            self.status = str(made.info.status)
+            if made.info.status_val == self._solved and np.isfinite(made.x).all():
+                return np.array(made.x)
+            self._solver.update_settings(rho=1.0)
+            self._solver.warm_start(x=start, y=np.zeros(len(self._low)))
+        return None
+
+
+def solver() -> Any:
+    """The module `osqp`; InputError where it is missing."""
+    try:
+        return import_module("osqp")
+    except ImportError:
+        raise InputError("predictive control needs OSQP: pip install 'pliant[mpc]'") from None

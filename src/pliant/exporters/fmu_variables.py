@@ -1,0 +1,93 @@
+"""The variables of an FMU: their names by the standard's structured naming convention, and their units.
+
+Names and the order of value references are those of `templates/fmu.c`: time, inputs, outputs, parameters.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from pliant.exporters.c_functions import parameters
+from pliant.exporters.names import with_identifiers
+from pliant.model import Model
+from pliant.text import identifiers
+
+DERIVED = ("B", "I", "h", "K2", "K3", "dead_time")
+UNIT_OF = {  # of each parameter; of an array whose columns differ, one unit for each column
+    "link_length": "m", "link_mass": "kg", "tip_mass": "kg", "stiffness": "N.m/rad", "damping": "N.m.s/rad",
+    "stiffening": "1/rad", "cubic_stiffening": "1/rad2", "rest_angle": "rad", "base_length": "m", "base_angle": "rad",
+    "gravity": "m/s2", "joint_gain": "", "valve": ("s", "s", "Pa/s", "Pa/s"), "rubber": ("", "s", "Pa", "s"),
+    "creep_share": "", "creep_time": "s", "slip_share": "", "slip_angle": "rad",
+    "boucwen": ("", "1/rad^n", "1/rad^n", ""),
+}
+BASE = {  # exponents of kg, m, s and rad
+    "m": (0, 1, 0, 0), "kg": (1, 0, 0, 0), "s": (0, 0, 1, 0), "rad": (0, 0, 0, 1), "Pa": (1, -1, -2, 0),
+    "J": (1, 2, -2, 0), "m/s2": (0, 1, -2, 0), "Pa/s": (1, -1, -3, 0), "1/rad": (0, 0, 0, -1),
+    "1/rad2": (0, 0, 0, -2), "N.m/rad": (1, 2, -2, -1), "N.m.s/rad": (1, 2, -1, -1),
+}
+
+
+class Variable(NamedTuple):
+    """One variable of the FMU."""
+
+    name: str
+    causality: str
+    unit: str
+    start: float | None = None
+
+
+def variables(model: Model, pressure: float) -> list[Variable]:
+    """Return all variables in the order of their value references, with names that differ from each other."""
+    model = with_identifiers(model)
+    chambers = [f"pressure_{c.name}" for c in model.chambers] if len(model.chambers) > 1 else ["pressure"]
+    scalars = [
+        *(f"q_{i + 1}" for i in range(model.n)),
+        *(f"{kind}_energy" for kind in ("kinetic", "elastic", "gravitational")),
+    ]
+    held = [name for name in parameters(model) if name not in DERIVED]
+    chambers = list(identifiers(chambers, ["time", *scalars, *held]))
+    behind = list(identifiers([f"{name}_behind_valve" for name in chambers], ["time", *chambers, *scalars, *held]))
+    taken = ["time", *chambers, *behind, *scalars, *held]
+    stations = identifiers([point.name for point in model.points], taken)
+    rows = [Variable("time", "independent", "s")]
+    rows += [Variable(name, "input", "Pa", pressure) for name in chambers]
+    for station in stations:
+        rows += [Variable(f"{station}.{k}", "output", u) for k, u in (("x", "m"), ("y", "m"), ("angle", "rad"))]
+    rows += [Variable(name, "output", "rad") for name in scalars[: model.n]]
+    rows += [Variable(name, "output", "Pa") for name in behind]
+    rows += [Variable(name, "output", "J") for name in scalars[model.n :]]
+    for field in held:
+        value = parameters(model)[field]
+        for index in np.ndindex(*value.shape):
+            name = field + (f"[{','.join(str(i + 1) for i in index)}]" if index else "")
+            rows.append(Variable(name, "parameter", unit_of(field, index), float(value[index])))
+    return rows
+
+
+def unit_of(field: str, index: tuple[int, ...]) -> str:
+    """Return the unit of one element of a parameter; empty for a pure number."""
+    if field == "torque":
+        return "N.m/Pa" + (str(index[-1] + 1) if index[-1] else "")
+    unit = UNIT_OF[field]
+    return unit if isinstance(unit, str) else unit[index[-1]]
+
+
+def unit_definitions(root: ET.Element, rows: list[Variable]) -> None:
+    """Add the units of the variables, each with its exponents of SI units."""
+    group = ET.SubElement(root, "UnitDefinitions")
+    for name in sorted({v.unit for v in rows if v.unit}):
+        unit = ET.SubElement(group, "Unit", name=name)
+        if (exponents := base_units(name)) is not None:
+            named = zip(("kg", "m", "s", "rad"), exponents, strict=True)
+            ET.SubElement(unit, "BaseUnit", {base: str(power) for base, power in named if power})
+
+
+def base_units(unit: str) -> tuple[int, int, int, int] | None:
+    """Return the exponents of kg, m, s and rad; None for a unit whose exponent is a parameter itself."""
+    if unit.startswith("N.m/Pa"):
+        k = int(unit.removeprefix("N.m/Pa") or 1)
+        return 1 - k, 2 + k, 2 * k - 2, 0
+    return BASE.get(unit)

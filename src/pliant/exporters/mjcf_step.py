@@ -1,0 +1,107 @@
+"""The time step at which MuJoCo's integrators stay bounded on an exported chain, from its stiffest mode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.mechanics import mechanics_of
+from pliant.model import Model
+
+Array = np.ndarray
+USUAL = 1e-3  # s
+MARGIN = 2.0  # between the step that is chosen and the longest: springs that stiffen have room
+SHORTEST = 2.0**-7 * USUAL  # s
+
+
+class Hidden(NamedTuple):
+    """A hinge beside each joint, tied to it by a spring."""
+
+    share: float  # stiffness, in parts of the joint's
+    time: float  # s, in which its damper relaxes it; 0: it is held
+    inertia: float  # kg m^2
+
+
+class Chain(NamedTuple):
+    """An exported chain about its rest shape, M a + D v + K q = 0."""
+
+    M: Array  # (N, N)
+    D: Array  # (N, N)
+    K: Array  # (N, N)
+
+
+def linear_chain(model: Model, hidden: list[Hidden]) -> Chain:
+    """Return inertia, damping and stiffness of joints and hidden hinges; one that dry friction holds is a spring."""
+    n, moving = model.n, [h for h in hidden if h.time]
+    N = n * (1 + len(moving))
+    mechanics = mechanics_of(model)
+    turn, joints = mechanics.from_joints, np.arange(n)
+    M, D, K = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
+    M[:n, :n] = turn.T @ mechanics.inertia(mechanics.coordinates(np.zeros(n))) @ turn
+    D[joints, joints] = model.damping
+    K[joints, joints] = model.stiffness * (1.0 + sum(h.share for h in hidden))
+    for b, (share, time, inertia) in enumerate(moving):
+        own, spring = joints + (b + 1) * n, share * model.stiffness
+        M[own, own], D[own, own], K[own, own] = inertia, spring * time, spring
+        K[own, joints] = K[joints, own] = -spring
+    return Chain(M, D, K)
+
+
+def bounded_by(chain: Chain, integrator: str) -> Callable[[float], bool]:
+    """Return the test whether an integrator lets no mode of the chain grow at a step [s].
+
+    MuJoCo's Euler and implicit methods take dampers at the end of the step and springs at its beginning:
+    (M + h D) q_2 - (2 M + h D - h^2 K) q_1 + M q_0 = 0, which stays bounded while 4 M + 2 h D - h^2 K is positive
+    definite. RK4 multiplies the mode of root s by the Taylor polynomial of exp(h s) of fourth order.
+    """
+    M, D, K = chain
+    if integrator != "RK4":
+        return lambda h: is_definite(4.0 * M + 2.0 * h * D - h**2 * K)
+    inverse = np.linalg.inv(M)
+    zero, one = np.zeros_like(M), np.eye(len(M))
+    roots = np.linalg.eigvals(np.block([[zero, one], [-inverse @ K, -inverse @ D]]))
+
+    def stays(h: float) -> bool:
+        z = h * roots
+        return bool(np.abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0)))).max() < 1.0 + 1e-9)
+
+    return stays
+
+
+def is_definite(a: Array) -> bool:
+    """Return whether a symmetric matrix is positive definite."""
+    try:
+        np.linalg.cholesky(a)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def checked_step(chain: Chain, integrator: str, step: float) -> float:
+    """Return the step [s]: the given one, or for 0 the longest of 1 ms, 0.5 ms, ... with a margin.
+
+    Raises
+    ------
+    InputError
+        When the motion would grow without bound at the given step, or at every step tried.
+    """
+    stays = bounded_by(chain, integrator)
+    if step > 0 and stays(step):
+        return step
+    chosen = USUAL
+    while not stays(MARGIN * chosen):
+        chosen *= 0.5
+        if chosen < SHORTEST:
+            raise InputError(
+                f"mjcf: with integrator={integrator} this chain grows without bound at any step down to "
+                f"{1e6 * SHORTEST:.2g} us: take integrator=implicitfast, or a model of fewer links"
+            )
+    if step > 0:
+        raise InputError(
+            f"mjcf: with integrator={integrator} and timestep={step:g} s this chain grows without bound: take "
+            f"timestep={chosen:g}, or leave it out"
+        )
+    return chosen

@@ -1,0 +1,347 @@
+"""Chains in a plane: absolute link angles phi (n,), and behind them the strains (S,) of segments that lengthen.
+
+Statics and geometry are written once for any S, also 0; the compiled kernels of a body that lengthens are those of
+`equations.extension`, of any other those of `equations.motion`, which take less time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pliant.compiler.choose import twin
+from pliant.equations import chain, energy, extension, inertia, motion
+from pliant.equations.elastic import LEAST_STRETCH, joint_torques, spring_slope, spring_torque
+from pliant.equations.symbols import ExtensibleWorkspace, Slopes, Workspace
+from pliant.errors import SimulationError
+from pliant.mechanics import springs
+from pliant.mechanics.contract import Energy, Mechanics
+from pliant.model import Station, fixed_length
+
+Array = np.ndarray
+NEAR = 1e-6  # rad and strains: where a rest under part of a load is near enough to go on from
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
+
+
+class PlanarChain(Mechanics):
+    """A chain of rigid links in a plane, with S >= 0 segments that lengthen.
+
+    Attributes
+    ----------
+    segments : int
+        Number S of segments that lengthen.
+    length : array (n + 1,)
+        Of the rigid part before the first joint and of the links, unstretched, m.
+    stretch_share : array (n + 1, S)
+        Fraction of each of them that lies in each segment.
+    mirror : array (2,)
+        Signs that take the kernels' positions to the base frame and back.
+    """
+
+    dimension = 2
+
+    @cached_property
+    def segments(self) -> int:
+        """Number of segments that lengthen."""
+        return self.size - self.n
+
+    @cached_property
+    def length(self) -> Array:
+        """Lengths (n + 1,), the part before the first joint first, m."""
+        return np.append(self.model.base_length, self.model.link_length)
+
+    @cached_property
+    def stretch_share(self) -> Array:
+        """Fraction (n + 1, S) of each link in each segment."""
+        return np.array(self.model.stretch_share)
+
+    @cached_property
+    def mirror(self) -> Array:
+        """Signs (2,) between the kernels' frame and the base frame."""
+        return np.array([float(self.model.bend_sign), 1.0])
+
+    # what the kernels take
+
+    @cached_property
+    def body(self) -> Any:
+        return self.model.mechanics()
+
+    def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
+        return workspace(self.n, self.segments, kind)
+
+    def acceleration(self) -> Any:
+        return twin(extension.acceleration if self.segments else motion.acceleration)
+
+    def acceleration_jacobian(self) -> Any:
+        return extensible_slopes if self.segments else twin(motion.acceleration_jacobian)
+
+    # coordinates
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        return (*(f"phi_{i + 1}" for i in range(self.n)), *(f"strain_{e.name}" for e in self.model.extensions))
+
+    def coordinates(self, q: Array) -> Array:
+        x, n = np.array(q, dtype=float), self.n
+        chain.absolute_angles(x[:n].copy(), self.model.rest_angle, self.model.base_angle, x[:n])
+        return x
+
+    def joint_coordinates(self, x: Array) -> Array:
+        angles = self.joint_angles(x)
+        return np.concatenate([angles, x[..., self.n :]], axis=-1) if self.segments else angles
+
+    def joint_angles(self, x: Array) -> Array:
+        return np.diff(x[..., : self.n], axis=-1, prepend=self.model.base_angle) - self.model.rest_angle
+
+    def rates(self, dq: Array) -> Array:
+        return np.concatenate([np.cumsum(dq[..., : self.n], axis=-1), dq[..., self.n :]], axis=-1)
+
+    def joint_rates(self, v: Array) -> Array:
+        turns = np.diff(v[..., : self.n], axis=-1, prepend=0.0)
+        return np.concatenate([turns, v[..., self.n :]], axis=-1) if self.segments else turns
+
+    @cached_property
+    def to_joints(self) -> Array:
+        R = np.eye(self.size)
+        R[np.arange(1, self.n), np.arange(self.n - 1)] = -1.0
+        return R
+
+    @cached_property
+    def from_joints(self) -> Array:
+        T = np.eye(self.size)
+        T[: self.n, : self.n] = np.tri(self.n)
+        return T
+
+    # places
+
+    def stretches(self, x: Array) -> Array:
+        """Return the stretch (..., n + 1) of each link, the part before the first joint first.
+
+        Raises
+        ------
+        InputError
+            When `x` brings no strains of a body that lengthens.
+        """
+        if x.shape[-1] != self.size:
+            fixed_length(self.model)  # who follows angles alone cannot follow this body
+        return np.asarray(1.0 + x[..., self.n : self.size] @ self.stretch_share.T)
+
+    def directions(self, x: Array) -> Array:
+        """Return unit vectors e = (-sin, cos) (..., n + 1, 2) along the base and the links, in the kernels' frame."""
+        angle = self.angles(x)
+        return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+
+    def angles(self, x: Array) -> Array:
+        """Return absolute angles (..., n + 1) of the base and of the links, rad."""
+        base = np.full((*x.shape[:-1], 1), self.model.base_angle)
+        return np.concatenate([base, x[..., : self.n]], axis=-1)
+
+    def tips(self, x: Array) -> Array:
+        stretch = self.stretches(x)
+        first, length = self.model.first_joint * stretch[..., :1], self.model.link_length * stretch[..., 1:]
+        phi = x[..., : self.n]
+        across = -np.cumsum(length * np.sin(phi), axis=-1) + first[..., :1]
+        along = np.cumsum(length * np.cos(phi), axis=-1) + first[..., 1:]
+        return np.stack([self.model.bend_sign * across, along], axis=-1)
+
+    def joints_at(self, x: Array) -> Array:
+        """Return the origin of the base and all joints (..., n + 1, 2), in the base frame, m."""
+        first = self.stretches(x)[..., :1, None] * (self.model.first_joint * self.mirror)
+        return np.concatenate([np.zeros_like(first), first, self.tips(x)[..., :-1, :]], axis=-2)
+
+    def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:
+        tips = self.tips(x) if tips is None else tips
+        stretch = self.stretches(x)
+        first = stretch[..., :1, None] * self.model.first_joint
+        joints = np.concatenate([np.zeros_like(first), first, tips[..., :-1, :] * self.mirror], axis=-2)
+        carrier, along, across = points_of(self.model.points)
+        along, a = along * stretch[..., carrier], self.angles(x)[..., carrier]
+        px = joints[..., carrier, 0] - along * np.sin(a) - across * np.cos(a)
+        py = joints[..., carrier, 1] + along * np.cos(a) - across * np.sin(a)
+        return np.stack([self.model.bend_sign * px, py], axis=-1), self.model.bend_sign * a
+
+    def position_jacobian(self, x: Array, point: Station) -> Array:
+        ahead, stretch = self.directions(x), self.stretches(x)
+        k, rows = point.link + 1, np.arange(self.n + 1)
+        reach = np.where(rows < k, self.length, point.along * (rows == k))
+        side = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)  # n = (-cos, -sin)
+        turned = (reach * stretch)[:, None] * side - (point.across * (rows == k))[:, None] * ahead
+        grown = self.stretch_share.T @ (reach[:, None] * ahead)
+        return np.asarray(np.concatenate([turned[1:], grown]).T * self.mirror[:, None])
+
+    # forces and energies
+
+    def inertia(self, x: Array) -> Array:
+        M = np.zeros((self.size, self.size))
+        if not self.segments:
+            inertia.inertia_absolute(np.cos(x), np.sin(x), self.body.B, self.body.I, M)
+            return M
+        work = self.workspace()
+        extension.place(x, 0.0 * x, 0.0, self.body, self.joints, work)
+        extension.inertia(self.body, work, M)
+        return np.asarray(M + np.tril(M, -1).T)
+
+    def energy(self, x: Array, v: Array) -> Energy:
+        x, v, body, joints = x.T, v.T, self.body, self.joints
+        elastic = energy.elastic_energy(x, joints)
+        if not self.segments:
+            c, s = np.cos(x), np.sin(x)
+            return Energy(energy.kinetic_energy(c, s, v, body), elastic, energy.gravity_energy(c, s, body))
+        work = ExtensibleWorkspace(*(np.zeros((*a.shape, *x.shape[1:])) for a in self.workspace()))
+        parts = (x, v, body, joints, work)
+        return Energy(extension.kinetic_energy(*parts), elastic, extension.gravity_energy(*parts))
+
+    def no_loads(self) -> Array:
+        return np.zeros((self.n + 1, 4) if self.segments else (self.n, 2))
+
+    def link_loads(self, points: list[Station], forces: Array) -> Array:
+        total = np.zeros((len(forces), *self.no_loads().shape))
+        links = np.arange(-1 if self.segments else 0, self.n)
+        length = self.length[-links.size :]
+        for f, place in enumerate(points):
+            own, pull = links == place.link, forces[:, f, None] * self.mirror
+            along = pull * np.where(own, place.along, length * (links < place.link))[:, None]
+            across = pull[..., ::-1] * [1.0, -1.0] * (place.across * own)[:, None]
+            total += np.concatenate([along, across], axis=-1) if self.segments else along + across
+        return total
+
+    def weight(self) -> Array:
+        """Return the loads of gravity on the links, N m, in the shape of `no_loads`."""
+        load = self.no_loads()
+        load[:, :2] = np.outer(self.body.h, [self.body.gx, self.body.gy])
+        return load
+
+    def load_forces(self, x: Array, load: Array) -> Array:
+        if not self.segments:
+            return np.asarray(-(load[:, 0] * np.cos(x) + load[:, 1] * np.sin(x)))
+        return pull_of(x, load, self.stretch_share, self.model.base_angle)
+
+    def load_stiffness(self, x: Array, load: Array) -> Array:
+        n, share = self.n, self.stretch_share
+        if not self.segments:
+            return np.diag(load[:, 0] * np.sin(x) - load[:, 1] * np.cos(x))
+        c, s, whole = stretched_loads(x, load, share, self.model.base_angle)
+        slope = np.zeros((x.size, x.size))
+        slope[np.arange(n), np.arange(n)] = (whole[:, 0] * s - whole[:, 1] * c)[1:]
+        slope[:n, n:] = (share * -(load[:, 0] * c + load[:, 1] * s)[:, None])[1:]
+        slope[n:, :n] = slope[:n, n:].T
+        return slope
+
+    def static_forces(self, x: Array, torque: Array) -> Array:
+        n, joints, still = self.n, self.joints, np.zeros_like(x)
+        t = np.zeros(n + 1, dtype=x.dtype)
+        joint_torques(x, still, joints, torque, 0.0, t)
+        axial = torque[n:] - joints.K[n:] * x[n:]
+        return np.concatenate([-np.diff(t), axial]) + self.load_forces(x, self.weight())
+
+    def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
+        n, joints, T = self.n, self.joints, self.from_joints
+        q = springs.angle_under(self.model, torque[:n])
+        q = np.append(q, torque[n:] / joints.K[n:]) if self.segments else q
+        load = self.weight() if link_load is None else self.weight() + link_load
+        load[:, :2] += np.outer(self.length[-len(load) :], tip_force * self.mirror)
+        if load.any():
+            unloaded = self.coordinates(np.zeros(self.size))
+
+            def residual(q: Array, share: float) -> tuple[Array, Array]:
+                x = T @ q + unloaded
+                pull, slope = self.load_forces(x, share * load), self.load_stiffness(x, share * load)
+                held, tangent = self._springs(q)
+                return torque - held + T.T @ pull, np.diag(tangent) - T.T @ slope @ T
+
+            q = loaded_rest(residual, q, float(np.abs(joints.K).max()))
+        if (1.0 + self.stretch_share @ q[n:] <= LEAST_STRETCH).any():
+            raise SimulationError("a segment is pressed to nothing: raise its axial stiffness, or lower the load")
+        return q
+
+    def _springs(self, q: Array) -> tuple[Array, Array]:
+        """Torques and slopes (N,) of all springs by joint coordinates."""
+        n, joints, bent = self.n, self.joints, q[: self.n]
+        law = joints.K[:n], joints.K2, joints.K3
+        held, slope = spring_torque(*law, bent, bent), spring_slope(*law, bent)
+        return np.append(held, joints.K[n:] * q[n:]), np.append(slope, joints.K[n:])
+
+    def linear_parts(self, q: Array) -> tuple[Array, Array]:
+        n, x, T = self.n, self.coordinates(q), self.from_joints
+        _, stiffness = self._springs(q)
+        stiffness[:n] += self.joints.K[:n] * self.model.memory.instantaneous
+        slope = self.load_stiffness(x, self.weight())
+        return T.T @ self.inertia(x) @ T, np.diag(stiffness) - T.T @ slope @ T
+
+
+def workspace(n: int, segments: int = 0, kind: type = float) -> Workspace | ExtensibleWorkspace:
+    """Return scratch arrays of a `kind` of numbers for n links, `segments` segments of which lengthen."""
+    if not segments:
+        shapes = ((n, n), (n, n), n, n, n + 1, n, n, n)
+        return Workspace(*(np.zeros(shape, dtype=kind) for shape in shapes))
+    N = n + segments
+    sizes = {"A": (N, N), "t": (N + 1,), **dict.fromkeys(("stretch", "ax", "ay", "bx", "by"), (n + 1,))}
+    return ExtensibleWorkspace(*(np.zeros(sizes.get(f, (N,)), dtype=kind) for f in ExtensibleWorkspace._fields))
+
+
+def points_of(points: tuple[Station, ...]) -> tuple[Array, Array, Array]:
+    """Return link + 1, along and across (S,) of observed points."""
+    return (
+        np.array([p.link + 1 for p in points]), np.array([p.along for p in points]),
+        np.array([p.across for p in points]),
+    )
+
+
+def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, work: Any, out: Slopes) -> None:
+    """Write the acceleration and its derivatives by x and v, row by variable, by complex steps through the kernel.
+
+    As `motion.acceleration_jacobian`, of a body that lengthens; `work.A` keeps the factors of M.
+    """
+    scratch = ExtensibleWorkspace(*(a.astype(complex) for a in work))
+    for rates, rows in enumerate((out.a_phi, out.a_w)):
+        for k in range(x.size):
+            here, rate, moved = x.astype(complex), v.astype(complex), np.empty(x.size, dtype=complex)
+            (rate if rates else here)[k] += 1j * TINY
+            extension.acceleration(here, rate, torque, body, joints, scratch, moved)
+            rows[k], out.a[:] = moved.imag / TINY, moved.real
+    work.A[:] = scratch.A.real
+
+
+def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
+    """Return generalised forces (n + S,) of loads (n + 1, 4) at x, in absolute angles; also of complex ones.
+
+    A load does not turn with the body: its potential is -sum_k (st_k L_k + R_k) . e(phi_k).
+    """
+    c, s, whole = stretched_loads(x, load, share, base_angle)
+    turning = -(whole[:, 0] * c + whole[:, 1] * s)
+    return np.concatenate([turning[1:], share.T @ (load[:, 1] * c - load[:, 0] * s)])
+
+
+def stretched_loads(x: Array, load: Array, share: Array, base_angle: Any) -> tuple[Array, Array, Array]:
+    """Return cosines and sines (n + 1,) of the links at x, and their loads with the stretch counted (n + 1, 2), N m."""
+    n = x.size - share.shape[1]
+    angle = np.append(base_angle, x[:n])
+    whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]
+    return np.cos(angle), np.sin(angle), whole
+
+
+def loaded_rest(residual: Callable[[Array, float], tuple[Array, Array]], q: Array, stiffest: float) -> Array:
+    """Return the rest under a load that grows from nothing, from the rest q without it, by Newton's method.
+
+    Raises
+    ------
+    SimulationError
+        When no stable rest is found: the load buckles the chain.
+    """
+    for share in (0.25, 0.5, 0.75, 1.0):  # the load grows in parts, so that a long fall stays on its branch
+        for _ in range(50):
+            r, K = residual(q, share)
+            move = np.linalg.lstsq(K, r)[0]  # at the very load that buckles, K is singular
+            size = np.abs(move).max()
+            q = q + move * min(1.0, 0.5 / max(size, 1e-300))
+            if size < (1e-13 if share == 1.0 else NEAR):
+                break
+    r, K = residual(q, 1.0)
+    if not np.isfinite(q).all() or np.abs(r).max() > 1e-9 * stiffest or np.linalg.eigvalsh(K).min() <= 0:
+        raise SimulationError(
+            "the chain finds no stable rest under its load: it buckles; raise the stiffness or lower the load"
+        )
+    return q

@@ -1,0 +1,15 @@
+"""Which family of chains a model belongs to."""
+
+from __future__ import annotations
+
+from pliant.mechanics.contract import Mechanics
+from pliant.mechanics.planar import PlanarChain
+from pliant.model import Model
+
+
+def mechanics_of(model: Model) -> Mechanics:
+    """Return the mechanics of a model; kept with the model, so that its constants are worked out once."""
+    kept = model.__dict__.get("_mechanics")
+    if kept is None:
+        kept = model.__dict__["_mechanics"] = PlanarChain(model)
+    return kept

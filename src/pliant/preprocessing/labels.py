@@ -1,0 +1,168 @@
+"""Labels that a tracker exchanges: found by continuity, undone or left out on request."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing import detectors
+from pliant.recording import append_history, check_recording
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+SHORTER = 0.25  # labels are exchanged where that makes the steps of their points so much shorter
+FAST = 4.0  # steps of a station's median step, below which none is suspected
+LONGEST_GAP_S = 0.2  # between two sightings that are still compared
+
+
+def label_order(position: NDArray, time: NDArray) -> NDArray[np.intp]:
+    """(T, S) label that each station carries in each frame; 0, 1, ... where no labels are exchanged.
+
+    Frames in which a station leaps are looked at: if the points go on where the labels of others lead, they have
+    exchanged labels. The order that most frames have is the right one.
+
+    Parameters
+    ----------
+    position : (T, S, 2 or 3) array, m
+        NaN for drop-outs.
+    time : (T,) array, s
+    """
+    frames, stations = position.shape[:2]
+    order = np.tile(np.arange(stations), (frames, 1))
+    if stations < 2 or frames < 3:
+        return order
+    last = _last_seen(position)
+    current = np.arange(stations)
+    begins = 0
+    for t in _suspects(position, last, time):
+        follows = _continuation(position, last, time, t)
+        if follows is not None:
+            order[begins:t] = current
+            current, begins = follows[current], t
+    order[begins:] = current
+    rows, counts = np.unique(order, axis=0, return_counts=True)
+    usual = rows[int(np.argmax(counts))]
+    return np.asarray(order[:, np.argsort(usual)])
+
+
+def exchanged(position: NDArray, time: NDArray, names: list[str]) -> dict[str, int]:
+    """Frames in which labels are exchanged, by the names of the stations, such as {"p2-p3": 20}."""
+    order = label_order(position, time)
+    wrong = order != np.arange(len(names))
+    found: dict[str, int] = {}
+    for row in np.flatnonzero(wrong.any(axis=1)):
+        for cycle in _cycles(order[row]):
+            key = "-".join(names[i] for i in cycle)
+            found[key] = found.get(key, 0) + 1
+    return found
+
+
+def undo_swaps(ds: xr.Dataset) -> xr.Dataset:
+    """Give every station the label that continues its motion, in the frames in which labels are exchanged."""
+    return _repaired(ds, undo=True)
+
+
+def exclude_swaps(ds: xr.Dataset) -> xr.Dataset:
+    """Make gaps of the stations whose labels are exchanged, in those frames."""
+    return _repaired(ds, undo=False)
+
+
+def _repaired(ds: xr.Dataset, *, undo: bool) -> xr.Dataset:
+    check_recording(ds)
+    if "position" not in ds:
+        raise InputError("exchanged labels are found from positions, but the recording holds none")
+    names = [str(n) for n in ds["station"].values]
+    order = label_order(ds["position"].values, ds["time"].values)
+    told = ", ".join(f"{n} {c}" for n, c in exchanged(ds["position"].values, ds["time"].values, names).items())
+    wrong = order != np.arange(len(names))
+    for name in ("position", "quaternion", "angle"):
+        if name in ds:
+            values = ds[name].values
+            at = order.reshape(*order.shape, *[1] * (values.ndim - 2))
+            gone = wrong.reshape(at.shape)
+            new = np.take_along_axis(values, at, axis=1) if undo else np.where(gone, np.nan, values)
+            ds = ds.assign({name: ds[name].copy(data=new)})
+    what = "exchanged labels are undone" if undo else "stations with exchanged labels are left out"
+    return append_history(ds, f"{what}, frames: {told or 'none'}")
+
+
+def _last_seen(position: NDArray) -> NDArray[np.intp]:
+    """(T, S) last frame before each frame in which a station was seen; -1 before the first."""
+    seen = np.isfinite(position).all(-1)
+    frame = np.where(seen, np.arange(len(position))[:, None], -1)
+    before = np.maximum.accumulate(frame, axis=0)
+    return np.concatenate([np.full((1, position.shape[1]), -1), before[:-1]])
+
+
+def _suspects(position: NDArray, last: NDArray[np.intp], time: NDArray) -> NDArray[np.intp]:
+    """Frames in which a station steps farther than it mostly does, clear of the noise."""
+    sizes = (detectors.by_blocks(f, position) for f in (detectors.noise_level, detectors.travel))
+    floor = detectors.fault_floor(*sizes)
+    columns = np.arange(position.shape[1])
+    leaps = np.zeros(position.shape[:2], dtype=bool)
+    step = detectors.by_blocks(lambda part: np.sqrt((np.diff(part, axis=0) ** 2).sum(-1)), position)
+    usual = np.nan_to_num(np.nanmedian(np.where(np.isfinite(step).any(0), step, 0.0), axis=0))
+    near = (last >= 0) & (time[:, None] - time[last] <= LONGEST_GAP_S)
+    for i in range(1, len(position), detectors.BLOCK_FRAMES):
+        rows = slice(i, i + detectors.BLOCK_FRAMES)
+        way = position[rows] - position[last[rows], columns]
+        leaps[rows] = near[rows] & (np.sqrt((way**2).sum(-1)) > FAST * usual + floor)
+    return np.flatnonzero(leaps.any(axis=1))
+
+
+def _continuation(position: NDArray, last: NDArray[np.intp], time: NDArray, t: int) -> NDArray[np.intp] | None:
+    """(S,) label on which each label's point goes on at frame t; None where each keeps its own.
+
+    A point that is hidden at frame t may have given its label to another one, and takes a label that is left.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    recent = last[t] >= 0
+    recent[recent] &= time[t] - time[last[t][recent]] <= LONGEST_GAP_S
+    points = np.flatnonzero(recent)
+    labels = np.flatnonzero(recent & np.isfinite(position[t]).all(-1))
+    expected = _expected(position, last, time, t, points)
+    away = np.linalg.norm(expected[:, None] - position[t, labels][None], axis=-1)
+    rows, columns = linear_sum_assignment(away)
+    own = np.searchsorted(points, labels[columns])
+    moved = rows != own
+    if not moved.any() or away[rows, columns][moved].sum() > SHORTER * away[own, columns][moved].sum():
+        return None
+    order = np.full(position.shape[1], -1)
+    order[points[rows]] = labels[columns]
+    left = np.flatnonzero(order < 0)
+    free = np.setdiff1d(np.arange(order.size), order)
+    stays = np.isin(left, free)
+    order[left[stays]] = left[stays]
+    order[left[~stays]] = np.setdiff1d(free, left[stays])
+    return order
+
+
+def _expected(
+    position: NDArray, last: NDArray[np.intp], time: NDArray, t: int, which: NDArray[np.intp]
+) -> NDArray:
+    """Places of the stations `which` at frame t, as their last two sightings continue."""
+    one = last[t, which]
+    two = last[one, which]
+    place = position[one, which]
+    known = (two >= 0) & (time[one] - time[two] <= LONGEST_GAP_S)
+    ahead = (time[t] - time[one]) / np.where(known, time[one] - time[two], np.inf)
+    return place + ahead[:, None] * np.where(known[:, None], place - position[two, which], 0.0)
+
+
+def _cycles(order: NDArray[np.intp]) -> list[list[int]]:
+    """Groups of stations that exchange labels among themselves."""
+    left, found = {i for i, label in enumerate(order) if label != i}, []
+    while left:
+        start = min(left)
+        cycle, label = [start], int(order[start])
+        while label != start:
+            cycle.append(label)
+            label = int(order[label])
+        found.append(sorted(cycle))
+        left -= set(cycle)
+    return found

@@ -1,0 +1,57 @@
+"""Checks of the fitted model: whether its stiffness and its torque are those of a soft body of its size."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.model.section import bending_stiffness
+from pliant.preprocessing.plausibility.contract import Case, Check
+
+STIFFEST = 5e3  # Pa, EI / L^4: a solid rod of 8 MPa, a third as wide as long
+MODULUS = (1e3, 1e9)  # Pa: hydrogel, and a hard plastic
+ROUND = np.pi / 64  # second moment of area of a solid round section, over the fourth power of its diameter
+LARGEST_ARM = np.pi / 8  # area of that section times its radius, over the third power of its diameter
+USUAL_WIDTH = 0.4  # diameter in parts of the length where none is stated
+
+
+def stiffness(case: Case) -> str:
+    """A bending stiffness that no soft body of the size has."""
+    if case.model is None:
+        return ""
+    section, length = float(np.max(bending_stiffness(case.model))), case.model.length
+    if case.diameter is not None:
+        modulus = section / (ROUND * case.diameter**4)
+        if MODULUS[0] <= modulus <= MODULUS[1]:
+            return ""
+        return (f"the fitted bending stiffness EI = {section:.3g} N m^2 needs a modulus of {modulus:.3g} Pa at "
+                f"{1e3 * case.diameter:.3g} mm diameter, and soft bodies have {MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa: "
+                "check mass, length and diameter")  # fmt: skip
+    if section <= STIFFEST * length**4:
+        return ""
+    return (f"the fitted bending stiffness EI = {section:.3g} N m^2 is that of no soft body of {1e3 * length:.4g} mm: "
+            "check mass (kg) and length (m), whose scale it shares")  # fmt: skip
+
+
+def torque(case: Case) -> str:
+    """A torque for each pascal that no chamber within the body can make: it is an area times a lever."""
+    if case.model is None or case.model.length <= 0:
+        return ""
+    made = max((float(np.max(np.abs(c.torque[0] * c.joint_gain))) for c in case.model.chambers if len(c.torque)),
+               default=0.0)  # fmt: skip
+    wide = USUAL_WIDTH * case.model.length if case.diameter is None else case.diameter
+    most = LARGEST_ARM * wide**3
+    if made <= most:
+        return ""
+    return (f"the fitted torque of {made:.3g} N m/Pa is an area times a lever of {made:.3g} m^3, and a section of "
+            f"{1e3 * wide:.3g} mm holds {most:.2g} at most: check mass (kg), length (m) and the "
+            "unit of pressure")  # fmt: skip
+
+
+CHECKS = (
+    Check("bending stiffness", "model", "fitted EI over the fourth power of the length; the modulus where a diameter "
+          "is stated", f"above {STIFFEST:g} Pa, a solid rod of 8 MPa a third as wide as long; modulus outside "
+          f"{MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa", stiffness),
+    Check("torque", "model", "fitted torque for each pascal, which is a chamber's area times its lever",
+          "above the whole section times its radius; the diameter where none is stated is "
+          f"{USUAL_WIDTH:g} of the length", torque),
+)  # fmt: skip

@@ -1,0 +1,140 @@
+"""Read an HDF5 file as plain arrays in the helper process: netCDF 4, MATLAB 7.3, SLEAP, DeepLabCut, whatever it is.
+
+Nothing outside the file is opened: links to other files, data stored in other files and virtual data sets are refused.
+What a data set announces is compared with what the file holds before memory is taken for it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py  # type: ignore[import-untyped]
+import numpy as np
+
+from pliant.recording.apart_worker import Content, Refused, content_bound, plain_attributes, without_objects
+
+SKIPPED = ("_i_", "#")  # groups of others' own: indices of PyTables, references of MATLAB
+DEEPEST = 32  # groups within groups
+FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # of HDF5 and h5py; any other would be a library of this machine that is loaded
+DEFLATE_RATIO = 1100  # zlib packs 1032 to 1 at most
+HIDDEN = ("CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates", "_nc3_strict",
+          "_NCProperties")  # fmt: skip
+DIMENSION_ALONE = b"This is a netCDF dimension but not a netCDF variable"
+LINKS = {h5py.h5l.TYPE_SOFT: "soft", h5py.h5l.TYPE_EXTERNAL: "external"}
+
+
+def read(path: str) -> Content:
+    """Every numeric and text data set of a file.
+
+    Returns
+    -------
+    arrays : dict of arrays by number
+    facts : dict
+        ``groups``: attributes by path of group, the file's own under the empty path. ``variables``: by path, the number
+        of its array, names of its dimensions (empty where the file has none) and attributes; a column of a compound
+        data set has the path ``data_set:column``. ``others``: paths of data sets that hold neither numbers nor text.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    facts: dict[str, Any] = {"groups": {}, "variables": {}, "others": []}
+    size = Path(path).stat().st_size
+    left = content_bound(size)
+    with h5py.File(path, "r") as file:
+        for name, item in walk(file):
+            if isinstance(item, h5py.Group):
+                facts["groups"][name] = attributes_of(item, name, size)
+                continue
+            left -= announced_bytes(item, name)
+            if left < 0:
+                raise Refused(f"announces more data than a file of {size} bytes can hold, up to {name!r}")
+            keep(arrays, facts, name, item, attributes_of(item, name, size))
+    return arrays, facts
+
+
+def walk(file: Any) -> Iterator[tuple[str, Any]]:
+    """Groups and data sets with their paths, each group once; only links that stay within the file are followed."""
+    seen: set[int] = set()
+    waiting = [("", file)]
+    while waiting:
+        name, item = waiting.pop()
+        if not isinstance(item, h5py.Group):
+            if isinstance(item, h5py.Dataset) and item.attrs.get("NAME", b"")[:52] != DIMENSION_ALONE:
+                yield name, item
+            continue
+        address = int(h5py.h5o.get_info(item.id).addr)
+        if address in seen or name.count("/") >= DEEPEST:
+            raise Refused(f"holds a group {name!r} that contains itself, is named twice, or lies too deep")
+        seen.add(address)
+        yield name, item
+        for key in item:
+            if key.startswith(SKIPPED):
+                continue
+            path = f"{name}/{key}" if name else key
+            link = item.id.links.get_info(key.encode()).type
+            if link != h5py.h5l.TYPE_HARD:
+                kind = LINKS.get(link, "user-defined")
+                raise Refused(f"has at {path!r} a link ({kind}) that is not followed: copy the data into the file")
+            waiting.append((path, item[key]))
+
+
+def announced_bytes(item: Any, name: str) -> int:
+    """Bytes that a data set takes when it is read; Refused where the file cannot hold them or they lie elsewhere."""
+    made = item.id.get_create_plist()
+    if made.get_layout() == h5py.h5d.VIRTUAL or made.get_external_count():
+        raise Refused(f"keeps the data of {name!r} in other files, which are not read: copy the data into the file")
+    filters = [made.get_filter(k)[0] for k in range(made.get_nfilters())]
+    unknown = [k for k in filters if k not in FILTERS]
+    if unknown:
+        raise Refused(f"compresses {name!r} by filter {unknown[0]}, which HDF5 has not itself: write it with gzip")
+    announced = int(item.id.get_space().get_simple_extent_npoints()) * int(item.id.get_type().get_size())
+    stored = int(item.id.get_storage_size())
+    if announced > stored * (DEFLATE_RATIO if filters else 1):
+        raise Refused(f"announces {announced} bytes for {name!r}, but stores {stored}: it is damaged or not complete")
+    return announced
+
+
+def attributes_of(item: Any, name: str, size: int) -> dict[str, Any]:
+    """Attributes of a group or data set, without those by which HDF5 keeps dimensions."""
+    values = {}
+    for key in item.attrs:
+        if key in HIDDEN:
+            continue
+        stored = item.attrs.get_id(key)
+        announced = math.prod(stored.shape or ()) * stored.dtype.itemsize
+        if announced > size:
+            raise Refused(f"announces {announced} bytes for the attribute {key!r} of {name!r}: the file has {size}")
+        value = item.attrs[key]
+        single = isinstance(value, np.ndarray) and value.shape == (1,)  # netCDF has no other single numbers
+        values[key] = "" if isinstance(value, h5py.Empty) else value[0] if single else value
+    return plain_attributes(values)
+
+
+def keep(
+    arrays: dict[str, np.ndarray], facts: dict[str, Any], name: str, item: Any, attributes: dict[str, Any]
+) -> None:
+    """Read a data set into `arrays` and name it in `facts`."""
+    kind = item.dtype
+    is_text = h5py.check_string_dtype(kind) is not None
+    if item.shape is None or (kind.hasobject and not is_text) or (kind.kind == "V" and not kind.names):
+        facts["others"].append(name)
+        return
+    values = np.asarray(item.asstr()[()] if kind.hasobject else item[()])
+    columns = {f"{name}:{field}": values[field] for field in kind.names or ()} or {name: values}
+    for path, column in columns.items():
+        if column.dtype.kind == "V":
+            facts["others"].append(path)
+            continue
+        key = f"v{len(arrays)}"
+        arrays[key] = without_objects(column)
+        facts["variables"][path] = [key, dimensions_of(item, name), attributes]
+
+
+def dimensions_of(item: Any, name: str) -> list[str]:
+    """Names of the dimensions of a netCDF variable; empty where the file does not name them."""
+    if item.is_scale and item.ndim == 1:
+        return [name.rpartition("/")[2]]
+    if "DIMENSION_LIST" not in item.attrs:
+        return []
+    return [str(item.dims[k][0].name).rpartition("/")[2] for k in range(item.ndim)]

@@ -1,0 +1,90 @@
+"""Scale and offset of a recorded channel: raw counts, absolute pressure, a gain that the file does not know.
+
+A mapping of any format may hold them, by variable (``pressure``, ``angle``, ``position``, ``strain``) or by the name of
+one chamber, station or core::
+
+    [linear.pressure]
+    scale = 0.0244      # value = scale * what the file holds + offset
+    offset = -12.2
+    unit = "kPa"        # of the offset
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from pydantic import Field
+
+from pliant.errors import InputError
+from pliant.recording.mapping import FileMapping
+from pliant.units import metre_per, pascal_per, radian_per
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CHANNELS: dict[str, tuple[str, Callable[[str], float] | None]] = {  # variable -> dimension of its channels, its units
+    "pressure": ("chamber", pascal_per), "angle": ("station", radian_per), "position": ("station", metre_per),
+    "strain": ("core", None),
+}  # fmt: skip
+KEY = "linear"
+
+
+class Line(FileMapping):
+    """value = scale * what the file holds + offset, the offset in `unit`."""
+
+    scale: float = Field(default=1.0, allow_inf_nan=False)
+    offset: float = Field(default=0.0, allow_inf_nan=False)
+    unit: str | None = None
+
+
+def without_lines(mapping: Mapping[str, Any] | None) -> tuple[Mapping[str, Any] | None, Mapping[str, Any]]:
+    """The mapping as its reader takes it, and its lines."""
+    if mapping is None or KEY not in mapping:
+        return mapping, {}
+    return {k: v for k, v in mapping.items() if k != KEY} or None, mapping[KEY]
+
+
+def scaled(ds: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
+    """The recording with scale and offset of its channels applied, each told in its history.
+
+    Raises
+    ------
+    InputError
+        When a line names no channel of the recording, scales by 0, or has an offset without a unit.
+    """
+    if not hasattr(lines, "items"):
+        raise InputError(f"the mapping for {file}: {KEY} is a table by channel, such as {KEY}.pressure")
+    for name, entry in lines.items():
+        line = Line.load(entry if hasattr(entry, "items") else {"scale": entry}, file)
+        variable, where = channel(ds, str(name), file)
+        added = line.offset * factor(variable, line, str(name), file)
+        values = ds[variable].copy(deep=True)
+        values[where] = line.scale * values[where] + added
+        told = f"{name} is {line.scale:g} times what the file holds, plus {line.offset:g} {line.unit or ''}".rstrip()
+        history = "\n".join(filter(None, [str(ds.attrs.get("history", "")), told]))
+        ds = ds.assign({variable: values}).assign_attrs(history=history)
+    return ds
+
+
+def channel(ds: xr.Dataset, name: str, file: str) -> tuple[str, dict[str, Any]]:
+    """The variable that a line concerns, and which of its channels."""
+    if name in CHANNELS and name in ds:
+        return name, {}
+    for variable, (dimension, _) in CHANNELS.items():
+        if variable in ds and dimension in ds[variable].dims and name in [str(n) for n in ds[dimension].values]:
+            return variable, {dimension: [str(n) for n in ds[dimension].values].index(name)}
+    held = ", ".join(v for v in CHANNELS if v in ds)
+    raise InputError(f"the mapping for {file}: {KEY} names {name!r}, which is no channel of it; it holds {held}")
+
+
+def factor(variable: str, line: Line, name: str, file: str) -> float:
+    """SI units in one unit of a line's offset."""
+    per = CHANNELS[variable][1]
+    if line.scale == 0:
+        raise InputError(f"the mapping for {file}: {KEY}.{name} scales by 0, which loses the channel")
+    if per is None or (line.unit is None and line.offset == 0):
+        return 1.0
+    if line.unit is None:
+        raise InputError(f"the mapping for {file}: {KEY}.{name} needs the unit of its offset")
+    return per(line.unit)

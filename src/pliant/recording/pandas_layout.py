@@ -1,0 +1,188 @@
+"""A pandas table of numbers as it lies in HDF5, layouts "table" and "fixed", taken from plain arrays.
+
+pandas and PyTables keep the names of columns as pickles, the programs by which Python rebuilds an object. Nothing here
+runs one: `plain_value` takes texts, numbers, tuples, lists and dicts from the text of a pickle of protocol 0, the one
+that PyTables writes, and refuses every other instruction.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError, clipped
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+LARGEST_TABLE = 10_000  # columns: DeepLabCut's largest projects have some hundreds
+MARK = object()
+
+
+class Frame(NamedTuple):
+    """Columns, as tuples with one text for each level; numbers of the rows (T,) and values (T, columns)."""
+
+    levels: tuple[str, ...]
+    columns: list[tuple[str, ...]]
+    rows: NDArray
+    values: NDArray
+
+
+def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: str) -> Frame:
+    """The one table of a file whose content `pliant.recording.apart_hdf5.read` returned.
+
+    Raises
+    ------
+    InputError
+        When there is not one, it is damaged, or its names are pickles of anything but text and numbers.
+    """
+    kinds = {path: attributes.get("pandas_type") for path, attributes in facts["groups"].items()}
+    tables = [path for path, kind in kinds.items() if kind in ("frame", "frame_table")]
+    if len(tables) != 1:
+        raise InputError(f"{file} is no table of DeepLabCut: it holds {len(tables)} tables of pandas, not one")
+    arrays = {path: stored[key] for path, (key, _, _) in facts["variables"].items()}
+    attributes = {path: attributes for path, (_, _, attributes) in facts["variables"].items()} | facts["groups"]
+    build = _table if kinds[tables[0]] == "frame_table" else _fixed
+    try:
+        frame = build(arrays, attributes, tables[0])
+    except InputError as error:
+        raise InputError(f"{file} is no readable table of DeepLabCut: {error}; export CSV instead") from None
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, StopIteration) as error:
+        reason = f"lacks {error}" if isinstance(error, KeyError) else clipped(str(error), 200)
+        raise InputError(f"{file} is no readable table of DeepLabCut, or it is damaged: {reason}") from None
+    if frame.values.shape != (len(frame.rows), len(frame.columns)):
+        raise InputError(f"{file} is damaged: {len(frame.columns)} names for values of shape {frame.values.shape}")
+    return frame
+
+
+def _table(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str) -> Frame:
+    """Layout "table": rows with the columns ``index`` and ``values_block_0``, ..."""
+    about, rows = attributes[at], attributes[f"{at}/table:index"]
+    axis, order = plain_value(about["non_index_axes"])[0]
+    levels = tuple(str(name) for name in plain_value(about["info"])[axis]["names"])
+    blocks = [str(name) for name in plain_value(about["values_cols"])]
+    names: list[tuple[str, ...]] = []
+    parts = []
+    for block in blocks:
+        names += _columns(plain_value(rows[f"{block}_kind"]), len(levels))
+        parts.append(_numbers(arrays[f"{at}/table:{block}"]))
+    columns = _columns(order, len(levels))
+    place = {name: k for k, name in enumerate(names)}
+    if set(place) != set(columns) or not len(names) == len(place) == len(columns):
+        raise ValueError("the names of its columns differ between its two lists, or repeat")
+    values = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+    return Frame(levels, columns, _numbers(arrays[f"{at}/table:index"]), values[:, [place[c] for c in columns]])
+
+
+def _fixed(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str) -> Frame:
+    """Layout "fixed": ``axis0`` names the columns, ``axis1`` the rows, ``block0_items`` the columns of each block."""
+    levels, columns = _axis(arrays, attributes, at, "axis0")
+    names: list[tuple[str, ...]] = []
+    parts = []
+    for k in range(int(attributes[at]["nblocks"])):
+        names += _axis(arrays, attributes, at, f"block{k}_items")[1]
+        parts.append(_numbers(arrays[f"{at}/block{k}_values"]))
+    place = {name: k for k, name in enumerate(names)}
+    values = np.concatenate(parts, axis=1)
+    if len(place) != len(names) or values.shape[1] != len(names):
+        raise ValueError(f"{len(names)} names for {values.shape[1]} columns, or names that repeat")
+    return Frame(levels, columns, _numbers(arrays[f"{at}/axis1"]), values[:, [place[c] for c in columns]])
+
+
+def _axis(
+    arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str, axis: str
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Names of the levels of an axis and of its entries: each level lists its texts, each entry counts into them."""
+    count = int(attributes[at][f"{axis}_nlevels"])
+    if not 0 < count < 10:
+        raise ValueError(f"its columns have {count} levels")
+    texts = [[_text(v) for v in arrays[f"{at}/{axis}_level{k}"].ravel()] for k in range(count)]
+    codes = [arrays[f"{at}/{axis}_label{k}"].ravel() for k in range(count)]
+    if any(c.dtype.kind not in "iu" or c.min(initial=0) < 0 or c.max(initial=-1) >= len(t)
+           for c, t in zip(codes, texts, strict=True)):  # fmt: skip
+        raise ValueError("a column has no name")
+    entries = [tuple(t[int(c)] for c, t in zip(row, texts, strict=True)) for row in zip(*codes, strict=True)]
+    if len(entries) > LARGEST_TABLE:
+        raise ValueError(f"{len(entries)} columns")
+    return tuple(str(attributes[f"{at}/{axis}_level{k}"].get("name", "")) for k in range(count)), entries
+
+
+def _columns(value: Any, levels: int) -> list[tuple[str, ...]]:
+    if not isinstance(value, list) or len(value) > LARGEST_TABLE:
+        raise TypeError("the names of its columns are no list, or more than any tracker has")
+    if not all(isinstance(c, tuple) and len(c) == levels and all(isinstance(n, (str, int)) for n in c) for c in value):
+        raise TypeError(f"the name of a column is not made of {levels} texts")
+    return [tuple(map(str, column)) for column in value]
+
+
+def _numbers(values: NDArray) -> NDArray:
+    if values.dtype.kind not in "iuf":
+        raise TypeError(f"numbers are {values.dtype}")
+    return values.astype(np.float64)
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def plain_value(text: str) -> Any:
+    """The texts, numbers, tuples, lists and dicts that a pickle of protocol 0 spells out.
+
+    Raises
+    ------
+    InputError
+        When it holds any other instruction, such as those that import a name or call it.
+    """
+    stack: list[Any] = []
+    known: dict[str, Any] = {}
+    at = 0
+    while at < len(text):
+        code, at = text[at], at + 1
+        if code == ".":
+            return _only(stack)
+        line = ""
+        if code in "VIpg":
+            end = text.find("\n", at)
+            line, at = text[at : end if end >= 0 else len(text)], (end if end >= 0 else len(text)) + 1
+        _step(code, line, stack, known)
+    raise ValueError("a list of names is cut")
+
+
+def _only(stack: Sequence[Any]) -> Any:
+    if len(stack) != 1 or stack[0] is MARK:
+        raise ValueError("a list of names is damaged")
+    return stack[0]
+
+
+def _step(code: str, line: str, stack: list[Any], known: dict[str, Any]) -> None:
+    """One instruction of a pickle: put a value on the stack, or gather values there."""
+    if code == "(":
+        stack.append(MARK)
+    elif code == "V":
+        stack.append(line.encode("latin-1", "backslashreplace").decode("raw_unicode_escape"))
+    elif code == "I":
+        stack.append(int(line[:20]))
+    elif code == "N":
+        stack.append(None)
+    elif code == "p":
+        known[line] = stack[-1]
+    elif code == "g":
+        stack.append(known[line])
+    elif code in "ltd":
+        at = len(stack) - 1 - next(k for k, value in enumerate(reversed(stack)) if value is MARK)
+        items = stack[at + 1 :]
+        del stack[at:]
+        pairs = zip(items[::2], items[1::2], strict=True) if code == "d" else ()
+        stack.append(dict(pairs) if code == "d" else tuple(items) if code == "t" else items)
+    elif code == "a":
+        item = stack.pop()
+        stack[-1].append(item)
+    elif code == "s":
+        item, key = stack.pop(), stack.pop()
+        stack[-1][key] = item
+    else:
+        raise InputError(f"its names are a pickle that is more than text and numbers (instruction {code!r}), which "
+                         "could run a program and is not read")  # fmt: skip

@@ -1,0 +1,66 @@
+"""What looks wrong in a study: the plausibility checks, run on its recordings, its body and its fitted models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any
+
+import xarray as xr
+
+from pliant import actuators
+from pliant.errors import InputError
+from pliant.model import Model
+from pliant.preprocessing.plausibility import CHECKS, Case, doubts
+from pliant.study.resting import Aligned
+from pliant.study.schema import Actuator
+
+OF_RECORDINGS = {c.name for c in CHECKS if c.subject == "recording"}
+
+
+def presets() -> list[str]:
+    """Names of the actuators that pliant knows."""
+    return [m.name for m in iter_modules(actuators.__path__)]
+
+
+def preset(name: str) -> Any:
+    """The module of a known actuator; its BODY holds the arguments of `chain_model`."""
+    if name not in presets():
+        raise InputError(f"unknown actuator preset {name!r}: use one of {', '.join(presets())}")
+    return import_module(f"pliant.actuators.{name}")
+
+
+def stated_case(actuator: Actuator) -> Case:
+    """What a study states of its body, or its preset does."""
+    body = dict(preset(actuator.preset).BODY) if actuator.preset else {}
+    gravity = actuator.gravity
+    return Case(
+        length=actuator.length or body.get("length"), mass=actuator.mass or body.get("mass"),
+        diameter=actuator.diameter, gravity=tuple(gravity) if gravity else None,
+    )
+
+
+def of_body(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
+    """What looks wrong in what is stated of the body, beside one recording of it."""
+    return doubts(replace(case, recording=stations, aligned=aligned), "body")
+
+
+def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
+    """Every doubt once: of recordings under their names, of the body from the first recording that raises it."""
+    said: dict[str, str] = {}
+    for name, one in aligned.items():
+        for check, sentence in one.doubts.items():
+            own = check in OF_RECORDINGS
+            said.setdefault(f"{name} {check}" if own else check, f"{name}: {sentence}" if own else sentence)
+    return tuple(f"{line.rstrip('.')}." if not line.endswith("?") else line for line in said.values())
+
+
+def of_models(models: Sequence[tuple[str, Model]], actuator: Actuator) -> tuple[str, ...]:
+    """What looks wrong in fitted models, each under the title of its fit."""
+    said: dict[str, str] = {}
+    for title, model in models:
+        for check, sentence in doubts(Case(model=model, diameter=actuator.diameter), "model").items():
+            said.setdefault(check, f"{title}: {sentence}.")
+    return tuple(said.values())

@@ -1,0 +1,93 @@
+"""Names and other free text on their way into files that another program reads as code or markup.
+
+A model's name, its stations, chambers and sources come from files that anybody may have written. `escaped` is the one
+function that such text passes before an exporter, a figure or a page writes it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Literal
+from unicodedata import combining, normalize
+
+Form = Literal["line", "c_comment", "xml_comment", "identifier"]
+LONGEST = 63  # characters of an identifier that every C99 compiler tells apart
+
+
+def escaped(text: object, form: Form) -> str:
+    r"""Return `text` as one line that ends no comment, string or element of the given form.
+
+    Parameters
+    ----------
+    text : object
+        Anything; its `str` is taken.
+    form : {"line", "c_comment", "xml_comment", "identifier"}
+        ``line``: control characters, line ends and characters that change the direction of text become ``\uXXXX``; what
+        remains is allowed in XML, whose writer escapes ``<``, ``&`` and quotes.
+        ``c_comment``: as ``line``, in ASCII, without ``/*``, ``*/`` and ``??`` (trigraphs), and no ``\`` at its end.
+        ``xml_comment``: as ``line``, without ``--`` and without ``-`` at its end.
+        ``identifier``: at most 63 ASCII letters, digits and ``_``, no digit first, as C, FMI, MuJoCo and ROS take a
+        name.
+
+    Examples
+    --------
+    >>> escaped("tip */ int x;", "c_comment")
+    'tip * / int x;'
+    >>> escaped("2nd ring", "identifier")
+    '_2nd_ring'
+    """
+    if form == "identifier":
+        if is_identifier(str(text)):
+            return str(text)
+        name = re.sub(r"[^A-Za-z0-9]+", "_", plain_letters(str(text))).strip("_")[:LONGEST]
+        return f"_{name}" if not name or name[0].isdigit() else name
+    line = "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in str(text))
+    if form == "xml_comment":
+        line = re.sub("-(?=-|$)", "- ", line)
+    if form == "c_comment":
+        line = line.encode("ascii", "backslashreplace").decode()
+        line = re.sub(r"\*(?=/)|/(?=\*)|\?(?=\?)", r"\g<0> ", line)
+        line = f"{line}." if line.rstrip().endswith("\\") else line
+    return line
+
+
+def plain_letters(text: str) -> str:
+    """Return `text` with accents dropped from its letters."""
+    return "".join(c for c in normalize("NFKD", text) if not combining(c))
+
+
+def is_identifier(name: str) -> bool:
+    """Return whether a name is at most 63 ASCII letters, digits and _, with no digit first."""
+    return len(name) <= LONGEST and re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is not None
+
+
+def identifiers(names: Iterable[object], taken: Iterable[str] = ()) -> tuple[str, ...]:
+    """Return an identifier for each name, all different from each other and from those already `taken`.
+
+    A name that is an identifier stays as it is, unless it is taken; others, and the later ones of two that become
+    equal, get a number behind them.
+
+    Examples
+    --------
+    >>> identifiers(["left tip", "left_tip", "left/tip"])
+    ('left_tip_2', 'left_tip', 'left_tip_3')
+    """
+    given = [str(name) for name in names]
+    used = set(taken)
+    kept = {name for name in given if is_identifier(name) and name not in used}
+    used |= kept
+    result: list[str] = []
+    for name in given:
+        if name in kept:
+            kept.remove(name)
+            result.append(name)
+            continue
+        made = stem = escaped(name, "identifier")
+        number = 1
+        while made in used:
+            number += 1
+            made = f"{stem[: LONGEST - len(str(number)) - 1]}_{number}"
+        used.add(made)
+        result.append(made)
+    return tuple(result)

@@ -1,0 +1,182 @@
+"""Every field of the model's parts is written by a target, refused by it, or told as lost: found by introspection."""
+
+from __future__ import annotations
+
+import dataclasses
+import zipfile
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from hostile import code_of, fields_of
+
+import pliant
+from pliant.exporters import features
+from pliant.exporters.features import FEATURES, KNOWN, missing, without
+from pliant.exporters.registry import BUILT_IN, exporters
+from pliant.model import Chamber, Extension, Memory, Model, Station, Valve
+
+PARTS = (Model, Chamber, Valve, Memory, Extension, Station)
+ENDS = {"mjcf": ".xml", "c99": ".c", "fmu": ".fmu", "state-space": ".npz", "urdf": ".urdf"}
+OPTIONS: dict[str, dict[str, Any]] = {"state-space": {"pressure": [2e4, 3e4]}, "mjcf": {"highest": 2e5}}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_compiler():
+    """FMUs without binaries: what is written counts."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pliant.exporters.fmu.compiled", lambda *_: (None, "not compiled"))
+        yield
+
+
+def rich(*, second_order: bool = False) -> Model:
+    """A model that has all there is: one valve with first order and limits, or one of second order."""
+    lagging = Valve(rise_time=0.02, fall_time=0.03, dead_time=0.004, rise_rate=1e6, fall_rate=2e6, settle_share=0.1)
+    ringing = Valve(natural_frequency=9.0, damping_ratio=0.6, dead_time=0.004)
+    chambers = tuple(
+        Chamber([6e-7, 1e-13], [1.0, 0.5], valve, swell_share=0.2, inflation_limit=2e6, axial_gain=20.0, name=name)
+        for name, valve in (("near", ringing if second_order else lagging), ("far", lagging))
+    )
+    return Model(
+        link_length=[0.05, 0.04], link_mass=0.01, stiffness=1.0, damping=5e-3, chambers=chambers, tip_mass=0.003,
+        memory=Memory((0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.05), stiffening=-0.1, cubic_stiffening=0.2,
+        stations=[("middle", 0, 0.03, 0.001), ("tip", 1, 0.04, 0.0)], gravity=[0.5, -9.0], rest_angle=0.1,
+        base_length=0.02, base_angle=0.1, extensions=(Extension(300.0, 1.0, 0.01, 0.1, name="whole"),),
+    )
+
+
+def owners(model: Model) -> list[tuple[tuple[Any, ...], Any]]:
+    """The parts of a model, the first of each kind, and the path to each."""
+    chamber = ("chambers", 0)
+    rows = [((), model), (chamber, model.chambers[0]), ((*chamber, "valve"), model.chambers[0].valve)]
+    rows += [(("memory",), model.memory)]
+    return rows + [((kind, 0), getattr(model, kind)[0]) for kind in ("stations", "extensions") if getattr(model, kind)]
+
+
+def other(name: str, value: Any) -> Any:
+    """Another value of a field that a body can have as well; None for what holds parts or texts."""
+    if name == "bend_sign":
+        return -value
+    if name == "mass_at":
+        return "tip" if value == "rod" else "rod"
+    if name == "link":
+        return value + 1
+    if isinstance(value, np.ndarray):
+        return value * 1.07 + (0.01 if not value.any() else 0.0)
+    if isinstance(value, float):
+        return value * 1.07 or (1e6 if name.endswith(("rate", "limit")) else 0.01)
+    if isinstance(value, tuple) and value and isinstance(value[0], float):
+        return tuple(1.07 * v for v in value)
+    return None
+
+
+def changed(part: Any, name: str, value: Any) -> Any:
+    """A part of a model with another value of a field."""
+    if isinstance(part, Model):
+        return part.with_(**{name: value})
+    return part._replace(**{name: value}) if isinstance(part, Station) else dataclasses.replace(part, **{name: value})
+
+
+def with_part(model: Model, path: tuple[Any, ...], part: Any) -> Model:
+    """The model with one of its parts changed."""
+    if not path:
+        return part
+    if path == ("memory",):
+        return model.with_(memory=part)
+    if path[-1] == "valve":
+        return with_part(model, path[:-1], dataclasses.replace(model.chambers[path[1]], valve=part))
+    rows = list(getattr(model, path[0]))
+    rows[path[1]] = part
+    return model.with_(**{path[0]: tuple(rows)})
+
+
+def has_features_of(model: Model, field: str) -> bool:
+    """Whether a field counts in this model: it is no number of a feature that the model does not have."""
+    owning = [feature for feature in FEATURES.values() if field in feature.fields]
+    return not owning or any(feature.names(model) for feature in owning)
+
+
+def content(model: Model, target: str, folder: Path) -> str:
+    """What an export holds beside its comments and descriptions."""
+    done = pliant.export(model, target, folder / f"arm{ENDS[target]}", **OPTIONS.get(target, {}))
+    text = ""
+    for path in done.files:
+        if path.suffix == ".npz":
+            arrays = np.load(path)
+            text += "".join(f"{k} {arrays[k].tolist()}" for k in arrays if k != "pliant")
+        elif path.suffix in (".xml", ".urdf"):
+            text += "".join(str(sorted(e.items())) for e in ET.fromstring(path.read_bytes()).iter() if e.tag != "text")
+        elif path.suffix == ".fmu":
+            with zipfile.ZipFile(path) as archive:
+                text += code_of(archive.read("sources/all.c").decode()).partition("strcmp")[0]
+        else:
+            text += code_of(path.read_text())
+    return text
+
+
+@pytest.mark.parametrize(("target", "second_order"), [
+    pytest.param(target, second, marks=pytest.mark.slow if target in ("c99", "fmu") else ())
+    for target in BUILT_IN for second in (False, True)
+])
+def test_every_field_is_written_refused_or_told(target, second_order, tmp_path):
+    exporter = exporters()[target]
+    everything = rich(second_order=second_order)
+    with pytest.raises(pliant.InputError, match="not expressible"):
+        pliant.export(everything, target, tmp_path / f"arm{ENDS[target]}", **OPTIONS.get(target, {}))
+    lost = tuple(k for k in missing(everything, exporter.can) if k not in exporter.by_nature)
+    model = without(everything, lost)
+    calm, untouched = content(model, target, tmp_path), []
+    for path, part in owners(model):
+        for name in fields_of(type(part)):
+            value = other(name, getattr(part, name))
+            if value is None:
+                continue
+            field = f"{type(part).__name__}.{name}"
+            try:  # the model refuses what no body has, the target what it cannot express
+                near = with_part(model, path, changed(part, name, value))
+                if content(near, target, tmp_path) == calm and has_features_of(near, field):
+                    untouched.append(field)
+            except pliant.InputError:
+                continue
+    told = {f for key in (*lost, *exporter.by_nature) for f in FEATURES[key].fields}
+    assert not [f for f in untouched if f not in told]
+
+
+def test_features_know_fields_that_exist_and_all_of_them():
+    present = {f"{part.__name__}.{name}" for part in PARTS for name in fields_of(part)}
+    assert present == KNOWN
+
+
+def test_a_field_that_no_feature_knows_is_refused(monkeypatch, tmp_path):
+    """As when a term is added to the model and forgotten in the exporters: every target refuses it where it is used."""
+    model = rich()
+    for feature in ("Memory.slip_angle", "Valve.rise_rate", "Model.stiffening", "Station.across", "Extension.start"):
+        monkeypatch.setattr(features, "KNOWN", KNOWN - {feature})
+        for target in BUILT_IN:
+            for approximate in (False, True):
+                with pytest.raises(pliant.InputError, match=f"^{feature}.*: not known to the exporters"):
+                    pliant.export(model, target, tmp_path / f"a{ENDS[target]}", approximate=approximate)
+    monkeypatch.setattr(features, "KNOWN", KNOWN - {"Model.cubic_stiffening", "Valve.settle_share"})
+    from pliant.actuators import chen2018
+
+    pliant.export(chen2018.model(), "mjcf", tmp_path / "a.xml")  # at their defaults they are nothing to lose
+
+
+def test_a_new_field_of_a_new_kind_of_spring_is_refused():
+    """A subclass stands for the model to come, with one more term."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Longer(Extension):
+        stiffening: float = 0.0
+
+    Longer.__name__ = "Extension"
+    calm = rich()
+    for value, refused in ((0.1, True), (0.0, False)):
+        model = calm.with_(extensions=(Longer(300.0, 1.0, 0.01, 0.1, "whole", value),))
+        if refused:
+            with pytest.raises(pliant.InputError, match=r"^Extension\.stiffening: not known"):
+                missing(model, frozenset(FEATURES))
+        else:
+            assert missing(model, frozenset(FEATURES)) == ()

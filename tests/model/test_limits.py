@@ -1,0 +1,53 @@
+"""The bounds of a model's numbers, at their edges; walls that soften; what is no chamber."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from pliant.errors import InputError
+from pliant.model import Chamber, Model
+from pliant.model.chamber import rest_growth
+from pliant.model.limits import LIMITS, check_limit
+
+SIZES = {"link_length": 0.1, "link_mass": 0.05, "stiffness": 0.5}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_each_bound_is_itself_allowed_and_nothing_beyond(name):
+    limit = LIMITS[name]
+    for size in (limit.least, limit.most):
+        check_limit("model", name, size)
+        check_limit("model", name, -size)
+    with pytest.raises(InputError, match=f"model {name} must have a size of .*check its unit"):
+        check_limit("model", name, math.nextafter(limit.most, math.inf))
+    if limit.least > 0.0:
+        with pytest.raises(InputError, match="must have a size"):
+            check_limit("model", name, -math.nextafter(limit.least, 0.0))
+    if limit.least == 0.0 or limit.zero:
+        check_limit("model", name, 0.0)
+    else:
+        with pytest.raises(InputError, match="must have a size"):
+            check_limit("model", name, 0.0)
+
+
+def test_bounds_are_powers_of_ten():
+    """They are generous on purpose; one that is none was typed in error. An exponent of the hysteresis ends at 50."""
+    sizes = [v for name, x in LIMITS.items() for v in (x.least, x.most) if v and name != "boucwen_exponent"]
+    assert all(math.log10(v) == pytest.approx(round(math.log10(v)), abs=1e-12) for v in sizes)
+
+
+def test_a_wall_at_rest_grows_as_its_limit_says():
+    """1 / (1 - p / limit), without end from the limit on; a limit of 0 is none."""
+    pressure = np.array([0.0, 2e4, 5e4, 9e4, 1e5, 2e5])
+    np.testing.assert_allclose(rest_growth(pressure, 1e5), [1.0, 1.25, 2.0, 10.0, np.inf, np.inf])
+    np.testing.assert_array_equal(rest_growth(pressure, 0.0), 1.0)
+    np.testing.assert_allclose(rest_growth(np.full(2, 5e4), np.array([2e5, 0.0])), [4.0 / 3.0, 1.0])
+
+
+@pytest.mark.parametrize("chambers", [("low",), (Chamber([1e-6], name="low"), "high"), ({"torque": [1e-6]},)])
+def test_what_is_no_chamber_is_refused(chambers):
+    with pytest.raises(InputError, match="chambers must be Chamber objects"):
+        Model(**SIZES, damping=1e-3, chambers=chambers)

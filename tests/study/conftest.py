@@ -1,0 +1,3 @@
+from made_study import outcome
+
+__all__ = ["outcome"]

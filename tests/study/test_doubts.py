@@ -1,0 +1,115 @@
+"""Wrong inputs of a whole study are named: by `pliant new`, and first of all in the headline of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_study import AXES, LEVELS_KPA, changed, table, write_recording, write_study
+
+from pliant.errors import InputError
+from pliant.study import load_study, run_study
+from pliant.study.draft import draft_study
+
+HANGS = (9.81 * AXES[:, 1]).tolist()  # along the base tangent
+
+
+def headline(folder, content, edit=None):
+    """Warnings of a run of the small study, its tables changed by `edit`."""
+    path = write_study(folder, content)
+    for name, level in LEVELS_KPA.items():
+        if edit is not None:
+            columns = table(level).copy()
+            edit(columns)
+            write_recording(folder / f"{name}.csv", columns)
+    told = []
+    outcome = run_study(load_study(path), progress=told.append)
+    return outcome, told
+
+
+def add_atmosphere(columns):
+    columns[:, 1] += 101.3
+
+
+def exchange(columns):
+    columns[60:80, 2:5], columns[60:80, 5:8] = columns[60:80, 5:8].copy(), columns[60:80, 2:5].copy()
+
+
+@pytest.mark.parametrize(("content", "edit", "named"), [
+    (None, add_atmosphere, "low: the pressure reads 101.3 kPa"),
+    (changed("actuator", mass=50.0), None, "mass = 50 kg"),
+    (changed("actuator", length=0.03, mass=0.001), None, "length = 0.03 m, but the recording reaches 0.12 m"),
+    (changed("actuator", gravity=(9.81 * AXES[:, 2]).tolist()), None, "across the plane of bending and are dropped"),
+    (None, exchange, "low: labels are exchanged: base-tip in 20 frames"),
+], ids=["absolute", "grams", "length", "gravity", "labels"])  # fmt: skip
+def test_a_run_names_what_is_wrong(tmp_path, content, edit, named):
+    outcome, told = headline(tmp_path, content, edit)
+    assert outcome.headline.state in ("beware", "missed")
+    assert any(named in w for w in outcome.headline.warnings[:3])
+    assert any(named in line for line in told)
+
+
+def test_a_length_in_millimetres_is_named_where_nothing_seems_to_move(tmp_path):
+    with pytest.raises(InputError, match=r"hardly move; length = 120 m"):
+        run_study(load_study(write_study(tmp_path, changed("actuator", length=120.0))))
+
+
+def test_a_right_study_has_no_doubt(tmp_path):
+    outcome, _ = headline(tmp_path, changed("actuator", gravity=HANGS, diameter=0.03))
+    assert outcome.doubts == ()
+
+
+def test_exchanged_labels_are_undone_on_request(tmp_path):
+    outcome, _ = headline(tmp_path, changed("alignment", swaps="undo"), exchange)
+    assert outcome.doubts == ()
+    assert outcome.fits[0].records[0].metrics["rmse_mm"] < 0.1
+    assert any("exchanged labels are undone, frames: base-tip 20" in line for line in outcome.findings["low"])
+    left, _ = headline(tmp_path, changed("alignment", swaps="exclude"), exchange)
+    assert left.fits[0].records[0].metrics["points_not_seen"] == 20
+
+
+def test_a_draft_names_what_is_wrong(tmp_path):
+    files = []
+    for name, level in LEVELS_KPA.items():
+        columns = table(level).copy()
+        add_atmosphere(columns)
+        files.append(write_recording(tmp_path / f"{name}.csv", columns))
+    draft = draft_study(files, tmp_path / "s.toml", length=0.12, mass=50.0, diameter=0.03)
+    assert any(line.startswith("low.csv: the pressure reads 101.3 kPa") for line in draft.doubts)
+    assert any("kg/m3" in line for line in draft.doubts)
+    assert "# ! low.csv: the pressure reads" in draft.text
+    write_study(tmp_path)
+    right = draft_study(files, tmp_path / "s.toml", length=0.12, mass=0.05)
+    assert right.doubts == ()
+
+
+def test_scaffolded_gravity_lies_in_the_plane_of_bending(tmp_path):
+    """The small body lies along an oblique axis: nearest is the tracker's +x, not -z, which lies across its plane."""
+    write_study(tmp_path)
+    text = draft_study([tmp_path / "low.csv"], tmp_path / "s.toml", length=0.12, mass=0.05).text
+    nearest = int(np.argmax(np.abs(AXES[:, 1])))
+    expected = [0.0, 0.0, 0.0]
+    expected[nearest] = float(9.81 * np.sign(AXES[nearest, 1]))
+    assert f"gravity = {expected}" in text
+
+
+def test_fits_with_joints_in_two_places_are_compared(tmp_path):
+    """The small body has its joints at the base of two links: that fit finds it again, the other one does not."""
+    other = {"title": "Middle", "train": ["low", "high"], "held_out": ["middle"], "starts": 1,
+             "joint_placement": "midsegment", "parameters": dict.fromkeys(("stiffness", "damping", "torque_1"), "free")}
+    outcome, _ = headline(tmp_path, changed("fits", middle=other))
+    base, middle = (f.result.model for f in outcome.fits)
+    assert base.base_length == 0
+    assert middle.base_length == pytest.approx(0.03)
+    assert middle.n == 2
+    (said,) = [line for line in outcome.verdict if "where the joints are assumed" in line]
+    assert "linear, each joint at the base of its segment: EI 0.03 N m^2, predicted to 0." in said
+    assert "Middle, each joint in the middle of its segment: EI " in said
+    errors = [next(r for r in f.records if r.role == "held_out").metrics["rmse_mm"] for f in outcome.fits]
+    assert errors[0] < errors[1]
+
+
+def test_a_study_that_reduces_places_the_joints_itself(tmp_path):
+    content = changed("reduction", links=2)
+    content["fits"]["linear"]["joint_placement"] = "base"
+    with pytest.raises(InputError, match=r"fit linear has joint_placement, and \[reduction\]"):
+        load_study(write_study(tmp_path, content))
