@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import zlib
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from functools import cache
 from typing import Any, get_args
 
 import numpy as np
@@ -15,6 +17,8 @@ from pliant.identification.chamber_parameters import OWN, owners
 from pliant.identification.experiment import AngleReference
 from pliant.identification.extension_parameters import OWN as OF_A_SEGMENT
 from pliant.identification.extension_parameters import segments
+from pliant.identification.following import moved
+from pliant.identification.forward_model import set_up
 from pliant.identification.layout_bands import bands_of_layouts
 from pliant.identification.memory_parameters import LAYOUTS
 from pliant.identification.parameters import check_names
@@ -27,6 +31,9 @@ from pliant.simulation.forces import PointForce
 
 Array = np.ndarray
 STEP = 2e-3
+CLOSE = 1e-5  # of the length of a column
+LEAST = 1e-6  # of the longest column: what counts as the length of a shorter one
+SIZES = (1e-4, 1e-3, 1e-5, 1e-6)  # of the differences, in scales of the parameter
 TIMES = np.arange(0.0, 0.6, 0.01)
 EDGES = {"pulse": {"e.start": 0.1234, "e.stop": 0.3367}, "step": {"e.start": 0.1234}, "release": {"e.release": 0.1471},
          "trace": {}}  # fmt: skip
@@ -231,3 +238,66 @@ def problem_of(model: Model, exp: Experiment, values: dict[str, float], free: Co
     check_names(listed, model, {"e", "o"}, {s.name for s in model.points})
     listed += bands_of_layouts(listed, [exp], model)
     return Problem([other, exp], model, listed, STEP, "metre")
+
+
+CHOICES = [(field, what) for field, changes in OPTIONS.items() for what in changes]
+PLACES = [(model, excitation) for model in MODELS for excitation in excitations_of(model)]
+
+
+def mismatch(problem: Problem, k: int, column: np.ndarray, longest: float) -> float:
+    """Distance of a column from differences of the forward model, relative to its length.
+
+    Differences of two sizes, extrapolated; where the first are not close, those that agree best among themselves.
+    """
+    o, nearest, spread = problem.observed[1], np.inf, np.inf
+
+    def residual(move: float) -> np.ndarray:
+        x = problem.start + move * (np.arange(problem.start.size) == k)
+        made = set_up(problem.model, o.exp, problem.values(x), problem.step)
+        return o.residual(moved(made, made.numbers, o.exp.time.size))
+
+    for size in SIZES:
+        try:
+            coarse, fine = ((residual(d) - residual(-d)) / (2.0 * d) for d in (size, 0.5 * size))
+        except PliantError:
+            continue
+        expected = (4.0 * fine - coarse) / 3.0
+        length = max(float(np.linalg.norm(expected)), LEAST * longest)
+        if (off := float(np.linalg.norm(column - expected)) / length) < 0.1 * CLOSE:
+            return off
+        if (apart := float(np.linalg.norm(coarse - fine)) / length) < spread:
+            nearest, spread = off, apart
+    assert spread < 1e-2, f"{problem.free[k].name}: no difference to hold the derivative to"
+    return nearest
+
+
+@cache
+def groups_of(model: str, excitation: str, owned: str) -> list[dict[str, float]]:
+    return groups(MODELS[model], experiment_of(MODELS[model], excitation), owned)
+
+
+def column_errors(model: str, exp: Experiment, owned: tuple[str, ...], sample: int = 0) -> dict[str, float]:
+    """Relative distance of each column from differences, by parameter; of a `sample` of each group where given."""
+    errors = {}
+    for values in (g for kind in owned for g in groups_of(model, exp.excitation, kind)):
+        problem = problem_of(MODELS[model], exp, values, drawn(exp, values, sample))
+        assert np.isfinite(problem.data_residual(problem.start)).all()
+        assert not problem.broken
+        J = problem.data_jacobian(problem.start)[problem.ends[0] :]
+        longest = float(np.linalg.norm(J, axis=0).max())
+        errors |= {p.name: mismatch(problem, k, J[:, k], longest) for k, p in enumerate(problem.free)}
+    return errors
+
+
+def wrong_columns(model: str, exp: Experiment, owned: tuple[str, ...], sample: int = 0) -> dict[str, float]:
+    """Columns that are off by more than `CLOSE`, with their distance."""
+    return {name: e for name, e in column_errors(model, exp, owned, sample).items() if not e < CLOSE}
+
+
+def drawn(exp: Experiment, values: dict[str, float], sample: int) -> set[str]:
+    """Names of a random sample, the same in every run and another in each case; all of them for a sample of 0."""
+    names = [n for n in values if not n.endswith(BANDS)]
+    if not sample or len(names) <= sample:
+        return set(names)
+    seed = zlib.crc32(f"{exp.excitation} {exp.stations} {exp.position.sum()} {len(values)} {names[0]}".encode())
+    return set(np.random.default_rng(seed).choice(names, sample, replace=False))
