@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from hostile import code_of, fields_of
+from hostile_models import code_of, fields_of
 
 import pliant
 from pliant.exporters import features

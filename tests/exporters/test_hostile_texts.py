@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from hostile import (
+from hostile_models import (
     HOSTILE,
     MARK,
     accepted,

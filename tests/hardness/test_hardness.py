@@ -15,7 +15,7 @@ BENCHMARKS = str(Path(__file__).parents[2] / "benchmarks")
 
 @pytest.fixture(scope="module")
 def tools():
-    sys.path.insert(0, BENCHMARKS)
+    sys.path.append(BENCHMARKS)  # last: a script hides no package and no helper of other tests
     try:
         import forked
         import hardness

@@ -11,6 +11,7 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.recording import make_recording, read, write
 from pliant.recording.netcdf import write_netcdf
+from pliant.recording.rules import TEXTS
 
 
 def test_what_is_written_comes_back(recording, tmp_path):
@@ -93,4 +94,17 @@ def test_text_in_an_encoding_that_there_is_not_is_refused(tmp_path):
     assert b"utf-8" in data
     (tmp_path / "a.nc").write_bytes(data.replace(b"utf-8", b"utf.8"))
     with pytest.raises(InputError, match=r"a\.nc is no readable netCDF file, or it is damaged: unknown encoding"):
+        read(tmp_path / "a.nc")
+
+
+@pytest.mark.parametrize(("holder", "name"), [
+    *((None, name) for name in TEXTS), *(("time", name) for name in ("units", "long_name")), ("angle", "reference"),
+])
+def test_an_attribute_that_became_an_array_is_refused_in_one_sentence(tmp_path, holder, name):
+    """Anybody can change a file and write the checksum that fits."""
+    ds = make_recording([0, 1], np.ones((2, 1, 2)), frame="planar", angle=np.ones((2, 1)))
+    (ds if holder is None else ds[holder]).attrs[name] = np.arange(7)
+    ds.to_netcdf(tmp_path / "a.nc", engine="scipy")
+    where = holder or "the recording"
+    with pytest.raises(InputError, match=rf"^the attribute {name} of {where} must be a text, not array[^\n]*$"):
         read(tmp_path / "a.nc")

@@ -147,11 +147,10 @@ def read_recording(
     mapping, lines = without_lines(mapping)
     reader = _choose(path, head, mapping, format)
     try:
-        ds = scaled(reader.read(path, mapping), lines, path.name)
+        ds = check_recording(scaled(reader.read(path, mapping), lines, path.name))
     except InputError as error:
         raise InputError(f"{error}{looks_like(head, reader.name)}") from None
-    ds = ds.assign_attrs(_provenance(ds, path, reader.name, digest))
-    return check_recording(ds)
+    return ds.assign_attrs(_provenance(ds, path, reader.name, digest))
 
 
 def _provenance(ds: xr.Dataset, path: Path, name: str, digest: str) -> dict[str, str]:

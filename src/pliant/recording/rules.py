@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import xarray as xr
 
@@ -18,6 +18,7 @@ SCHEMA_VERSION = 1
 FRAMES = ("tracker", "planar")
 COMPONENTS = ("x", "y", "z", "w")
 QUATERNION_NORM_TOLERANCE = 1e-3
+TEXTS = ("schema", "frame", "source", "source_format", "source_sha256", "pressure_reference", "history")
 SHORTEST_STEP = 1e-9  # s between two samples
 # generous bounds of what anybody measures: beyond them stands a marker of missing data, a wrong unit or damage
 MOST = {
@@ -77,6 +78,7 @@ def check_recording(ds: xr.Dataset) -> xr.Dataset:
 
 
 def _check_attributes(ds: xr.Dataset) -> None:
+    _check_texts("the recording", ds.attrs, TEXTS)
     if ds.attrs.get("schema") != SCHEMA:
         raise InputError(
             f"expected a recording with attribute schema={SCHEMA!r}, but found {ds.attrs.get('schema')!r}; "
@@ -92,7 +94,15 @@ def _check_attributes(ds: xr.Dataset) -> None:
         raise InputError(f"nominal_pressure must be a finite number of pascals, not {pressure!r}")
 
 
+def _check_texts(what: str, attributes: Mapping[Any, Any], names: Sequence[str]) -> None:
+    for name in names:
+        value = attributes.get(name, "")
+        if not isinstance(value, str):
+            raise InputError(f"the attribute {name} of {what} must be a text, not {clipped(repr(value), 60)}")
+
+
 def _check_array(array: xr.DataArray, name: str, allowed: Sequence[tuple[str, ...]], units: str) -> None:
+    _check_texts(name, array.attrs, ("units", "long_name", "reference"))
     if array.dims not in allowed:
         raise InputError(f"{name} must have dimensions {' or '.join(map(str, allowed))}, not {array.dims}")
     if array.dtype != np.float64:
