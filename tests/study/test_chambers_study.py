@@ -122,3 +122,46 @@ def test_what_does_not_fit_together_is_refused(folder: Path, changes: dict[str, 
     base = {"recordings": {"l": {"file": "l.csv", "drive": {"left": "b"}}}, "fits": fits}
     with pytest.raises(InputError, match=sentence):
         run_study(loaded(folder, content(**{**base, **changes})))
+
+
+def test_the_wiring_that_moves_the_body_is_named_and_a_wrong_one_is_warned_of(folder: Path) -> None:
+    """The recordings state the pressures exchanged; training records alone tell, by the difference of 2 ln L."""
+    wrong = content(wiring={})
+    law = {"value": 4e-7, "lower": 1e-8}  # a law of either sign would turn a chamber to the other side
+    wrong["fits"]["both_chambers"]["parameters"] |= {"left.torque_1": law, "right.torque_1": law}
+    for entry in wrong["recordings"].values():
+        entry["drive"] = {"left": "a", "right": "b"}
+    outcome = run_study(loaded(folder, wrong), folder / "wired")
+    winner, other = outcome.wirings.rows
+    assert winner.name == "left = b, right = a"
+    assert other.name == "as stated"
+    assert winner.percent < 0.5 < 5.0 < other.percent
+    assert other.behind > 100.0
+    assert any("check which pressure drives which chamber" in line for line in outcome.headline.warnings)
+    assert outcome.wirings.sentence in outcome.verdict
+    assert load_outcome(folder / "wired").wirings == outcome.wirings
+
+
+def test_no_wiring_is_warned_of_where_the_stated_one_wins(folder: Path) -> None:
+    drives = {"exchanged": {"left": "a", "right": "b"}, "of no recording": {"left": "c", "right": "b"}}
+    outcome = run_study(loaded(folder, content(wiring={"drives": drives})))
+    assert [r.name for r in outcome.wirings.rows] == ["as stated", "exchanged", "of no recording"]
+    assert "no chamber 'c'" in outcome.wirings.rows[-1].told
+    assert not any("wiring" in line.lower() for line in outcome.headline.warnings)
+
+
+def test_a_wiring_of_an_unknown_chamber_or_fit_is_refused(folder: Path) -> None:
+    with pytest.raises(InputError, match=r"wiring other drives the chamber 'middle'"):
+        loaded(folder, content(wiring={"drives": {"other": {"middle": "a"}}}))
+    with pytest.raises(InputError, match=r"\[wiring\] compares by fit 'none': use one of both_chambers"):
+        loaded(folder, content(wiring={"fit": "none"}))
+
+
+def test_a_rigid_part_lies_before_the_first_segment() -> None:
+    from pliant.study.prepare import study_model
+    from pliant.study.schema import Actuator
+
+    model = study_model(Actuator(length=0.12, base_length=0.05, mass=0.05, links=2, joint_placement="midsegment"), None)
+    assert model.length == pytest.approx(0.17)
+    assert model.base_length == pytest.approx(0.05 + 0.03)  # the fitting and half a segment
+    assert model.mass == pytest.approx(0.05 * 0.09 / 0.12)  # the stub before the first joint does not move

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from pliant.errors import FitError, InputError
 from pliant.failures import FAILED, Failures, NotComputed, fit_failure
@@ -29,6 +30,7 @@ from pliant.study.prepare import all_planar, hardly_moved, study_experiment, stu
 from pliant.study.schema import Study
 from pliant.study.side_by_side import run_fits
 from pliant.study.verdict import verdict
+from pliant.study.wiring import compare_wirings, doubts_of
 from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome
 from pliant.validation.store import save_results
 from pliant.version import __version__
@@ -74,6 +76,7 @@ def run_study(
     study = without(study, ready.dropped, ready.doubts)
     check_forecasts(study, ready.experiments)
     prepared = clock.perf_counter()
+    wirings = compare_wirings(study, ready.bodies, ready.model, tell)
     ends, climbed = all_fits(study, ready, tell, workers)
     fits, failed = computed(ends)
     fitted = clock.perf_counter()
@@ -84,7 +87,9 @@ def run_study(
         study.name, study.title or study.name, study.description, replace(first.model, name=study.name), fits,
         forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
         {"pliant": __version__, **ready.provenance}, climbed, clocks=ready.clocks, failed=(*failed, *failures),
-        doubts=(*ready.doubts, *of_models([(f.title, f.result.model) for f in fits], study.actuator)),
+        wirings=wirings,
+        doubts=(*ready.doubts, *doubts_of(wirings),
+                *of_models([(f.title, f.result.model) for f in fits], study.actuator)),
     )
     outcome = replace(
         outcome, verdict=verdict(outcome, study.targets), headline=headline(outcome, study.targets)
@@ -134,6 +139,7 @@ class Prepared(NamedTuple):
     model: Model  # as the study's actuator says, laid through the shape that decides the chain
     findings: dict[str, tuple[str, ...]]
     provenance: dict[str, str]
+    bodies: Mapping[str, xr.Dataset]  # the aligned recordings
     shape: Shape | None  # of the recording that decides the chain, where shapes are dense
     dropped: Mapping[str, str]  # recordings that tell nothing, with the sentence that says why
     clocks: dict[str, Clocks]  # of recordings whose pressure was moved onto the shape's clock
@@ -174,7 +180,8 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
         tell(line)
     findings = {n: (*a.findings, *(s[n] for s in (dropped, idle) if n in s)) for n, a in aligned.items()}
     found_clocks = {n: a.clocks for n, a in aligned.items() if a.clocks is not None}
-    return Prepared(experiments, model, findings, provenance, shape, dropped, found_clocks, doubts)
+    bodies = {n: a.body for n, a in aligned.items()}
+    return Prepared(experiments, model, findings, provenance, bodies, shape, dropped, found_clocks, doubts)
 
 
 def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:

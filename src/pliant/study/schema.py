@@ -55,7 +55,8 @@ class Actuator(Entry):
     """The body, SI. A preset gives all of it; other entries overrule the preset."""
 
     preset: str | None = None  # a module of pliant.actuators
-    length: float | None = None  # m
+    length: float | None = None  # m, of the part that bends
+    base_length: float | None = Field(None, ge=0)  # m, rigid between the base and the part that bends
     mass: float | None = None  # kg, without the tip mass
     links: int | None = Field(None, ge=1, le=64)
     joint_placement: Literal["base", "midsegment"] | None = None
@@ -183,6 +184,13 @@ class LadderEntry(Entry):
     bootstrap: int = Replicates
 
 
+class WiringEntry(Entry):
+    """Wirings to compare: which recorded pressure drives which chamber."""
+
+    fit: str = ""  # whose parameters and training records; default: the first
+    drives: dict[str, dict[str, str | int]] = {}  # by name; default: every order of the pressures that are stated
+
+
 class ForecastEntry(Entry):
     """A prediction for a case that was not recorded."""
 
@@ -217,6 +225,7 @@ class Study(Entry):
     recordings: dict[str, Recording]
     fits: dict[str, Fit] = {}
     ladder: LadderEntry | None = None
+    wiring: WiringEntry | None = None
     forecasts: dict[str, ForecastEntry] = {}
     targets: Targets = Targets()
     sweep: Sweep | None = None
@@ -293,6 +302,13 @@ def check_chambers(study: Study, path: Path) -> None:
         raise InputError(f"study {path}: give [actuator] torque, of the only chamber, or [[actuator.chambers]]")
     driven: dict[str, Collection[str]] = {f"forecast {n}": f.pressures for n, f in study.forecasts.items()}
     driven |= {f"recording {n}": r.drive for n, r in study.recordings.items()}
+    if study.wiring:
+        driven |= {f"wiring {n}": drive for n, drive in study.wiring.drives.items()}
+        if study.reduction is not None:
+            raise InputError(f"study {path}: [wiring] compares bodies of few stations, not with [reduction]")
+        if not study.fits or study.wiring.fit not in ("", *study.fits):
+            listed = f": use one of {', '.join(study.fits)}" if study.fits else ": add one under [fits]"
+            raise InputError(f"study {path}: [wiring] compares by fit {study.wiring.fit or '(the first)'!r}{listed}")
     for where, chambers in driven.items():
         if strange := [c for c in chambers if c not in names]:
             raise InputError(

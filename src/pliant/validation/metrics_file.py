@@ -173,6 +173,22 @@ class LadderTable(Entry):
     rungs: dict[str, Rung]
 
 
+class WiringEntry(Entry):
+    """One wiring of recorded pressures to chambers."""
+
+    train_percent: float | None = Field(description="mean RMSE of the training records, % of travel")
+    behind: float | None = Field(description="2 ln L below that of the best wiring")
+    told: str = Field(description="why it could not be fitted")
+
+
+class WiringTable(Entry):
+    """Wirings compared by how the training records are followed."""
+
+    fit: str = Field(description="whose parameters and training records")
+    sentence: str
+    wirings: dict[str, WiringEntry] = Field(description="the likeliest first")
+
+
 class OrderTable(Entry):
     """Numbers of links that were tried on the dense shape."""
 
@@ -207,6 +223,7 @@ class MetricsFile(Entry):
     parameters: dict[str, Value] = Field(description="of the first fit, whose model is model.json")
     fits: dict[str, FitEntry]
     ladder: LadderTable | None
+    wiring: WiringTable | None = Field(None, description="of a study that compares wirings")
     order: OrderTable | None = Field(description="of a study that lays its chain through a dense shape")
     forecasts: dict[str, dict[str, Any]] = Field(
         description="title, what was changed (`stated`), numbers with units in their names, half-widths at 95 %")

@@ -129,6 +129,51 @@ class Forecast:
     half_width: Array | None = None  # (T, 2) m or (T, 1) rad, of the 95 % band about the tip
 
 
+class WiringRow(NamedTuple):
+    """One wiring after its fit."""
+
+    name: str
+    percent: float | None  # mean error of the training records, % of travel; None where it could not be fitted
+    behind: float | None  # 2 ln L below that of the best
+    told: str = ""  # why it could not be fitted
+
+
+@dataclass(frozen=True)
+class Wirings:
+    """Wirings of recorded pressures to chambers, the likeliest first."""
+
+    fit: str
+    rows: tuple[WiringRow, ...]
+
+    @property
+    def winner(self) -> WiringRow:
+        """The likeliest wiring."""
+        return self.rows[0]
+
+    @property
+    def sentence(self) -> str:
+        """The winner, and how far the runner-up is behind."""
+        fitted = [r for r in self.rows if r.percent is not None]
+        said = f"Wiring {fitted[0].name!r} follows the training records best, to {fitted[0].percent:.2f} % of travel"
+        if len(fitted) < 2:
+            return f"{said}; no other wiring could be fitted."
+        return (f"{said}; of {len(fitted) - 1} other{'s' * (len(fitted) > 2)} the next is {fitted[1].name!r}, "
+                f"{fitted[1].percent:.2f} %, its 2 ln L lower by {fitted[1].behind:.0f}.")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, for JSON."""
+        rows = {r.name: {"train_percent": r.percent, "behind": r.behind, "told": r.told} for r in self.rows}
+        return {"fit": self.fit, "sentence": self.sentence, "wirings": rows}
+
+    @classmethod
+    def from_dict(cls, told: dict[str, Any] | None) -> Wirings | None:
+        """The inverse of `to_dict`; None of None."""
+        if told is None:
+            return None
+        rows = (WiringRow(n, r["train_percent"], r["behind"], r["told"]) for n, r in told["wirings"].items())
+        return cls(told["fit"], tuple(rows))
+
+
 class Headline(NamedTuple):
     """What to think of the first fit's predictions, in one sentence, and what to beware of."""
 
@@ -157,6 +202,7 @@ class StudyOutcome(Shown):
     clocks: dict[str, Clocks] = field(default_factory=dict)  # by recording, where the pressure's clock was moved
     failed: tuple[NotComputed, ...] = ()  # whole fits, forecasts and their intervals
     run_id: str = ""  # in every file of a run that another one is read with
+    wirings: Wirings | None = None
     doubts: tuple[str, ...] = ()  # what looks wrong in the input: see `pliant.preprocessing.plausibility`
 
     @property
@@ -198,6 +244,7 @@ class StudyOutcome(Shown):
             "parameters": {p.name: parameter_dict(p) for p in self.fits[0].result.parameters},
             "fits": {f.name: f.to_dict() for f in self.fits},
             "ladder": self.ladder.to_dict() if self.ladder else None,
+            "wiring": self.wirings.to_dict() if self.wirings else None,
             "order": self.shape.order.to_dict() if self.shape else None,
             "forecasts": {
                 f.name: {"title": f.title, "stated": f.stated, **f.numbers, "half_width_95": f.interval}

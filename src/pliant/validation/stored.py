@@ -20,7 +20,16 @@ from pliant.model import Model
 from pliant.model.file import read_model
 from pliant.reduction import Links, OrderResult
 from pliant.simulation import Trace
-from pliant.validation.outcome import Clocks, FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
+from pliant.validation.outcome import (
+    Clocks,
+    FitOutcome,
+    Forecast,
+    Headline,
+    RecordOutcome,
+    Shape,
+    StudyOutcome,
+    Wirings,
+)
 from pliant.validation.store import FILE
 
 BROKEN = (OSError, ValueError, KeyError, RuntimeError, TypeError, AttributeError)
@@ -100,7 +109,7 @@ def restored(told: dict[str, Any], groups: Groups) -> StudyOutcome:
         tuple(told["verdict"]), {k: tuple(v) for k, v in told["findings"].items()}, told["timing"],
         told["provenance"], ladder_of(told["ladder"], fits[0].result), headline,
         clocks={n: clocks_of(n, e, groups) for n, e in told["clocks"].items()}, failed=failures_of(told),
-        run_id=told.get("run_id", ""),
+        run_id=told.get("run_id", ""), wirings=Wirings.from_dict(told.get("wiring")),
     )
 
 
