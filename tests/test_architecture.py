@@ -24,7 +24,7 @@ ALLOCATES = {  # kernels that may make arrays, and why
 }
 DOORS = {  # functions of more than eight parameters, and why
     "estimation/offline.py::estimate": "a public door: options by keyword",
-    "identification/experiment.py::experiment": "a public door: what is known of a recording, by keyword",
+    "identification/from_recording.py::experiment": "a public door: what is known of a recording, by keyword",
     "preprocessing/align.py::align": "a public door: what is known of the setup, by keyword",
     "recording/schema.py::make_recording": "the one schema: each variable that a recording may have, by keyword",
     "simulation/solve.py::simulate": "a public door: options by keyword",

@@ -10,8 +10,9 @@ import pytest
 from pliant.errors import FitError, InputError
 from pliant.identification import MORE_RUNGS, RUNGS, Experiment, Parameter, design, fit, identifiability, ladder
 from pliant.identification.design import Candidate, taught
-from pliant.identification.experiment import experiment, predict
+from pliant.identification.from_recording import experiment
 from pliant.identification.parameters import apply
+from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
 from pliant.model import Chamber, Model, Station, Valve
 from pliant.recording.schema import make_recording

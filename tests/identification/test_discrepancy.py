@@ -17,7 +17,7 @@ from pliant.identification.discrepancy import (
     rest_places,
     taught_levels,
 )
-from pliant.identification.experiment import predict
+from pliant.identification.prediction import predict
 from pliant.model import Chamber, Extension, Model, Valve
 from pliant.simulation import equilibrium, state
 

@@ -1,11 +1,13 @@
 """From recordings to parameters: experiments, starts, output-error fits, uncertainty, held-out predictions."""
 
 from pliant.identification.design import Design, design
-from pliant.identification.experiment import Experiment, experiment, predict
+from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FitResult, fit, predict_held_out
+from pliant.identification.from_recording import experiment
 from pliant.identification.identifiability import Identifiability, identifiability
 from pliant.identification.ladder import Ladder, ladder
 from pliant.identification.parameters import Parameter
+from pliant.identification.prediction import predict
 from pliant.identification.prediction_bands import Band, prediction_band, residual_noise
 from pliant.identification.resampling import bootstrap, bootstrapped
 from pliant.identification.rungs import MORE_RUNGS, RUNGS, Rung

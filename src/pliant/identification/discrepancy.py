@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import SimulationError
-from pliant.identification.experiment import compared_of
 from pliant.identification.parameters import apply, for_record
+from pliant.identification.prediction import compared_of
 from pliant.simulation import equilibrium, modes, state
 
 if TYPE_CHECKING:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
+from pliant.identification.experiment import Experiment, leading
 from pliant.identification.recorded import one_chamber
 from pliant.model import Model
 from pliant.simulation import Pulse, Trace
 from pliant.simulation.inputs import Input
-
-if TYPE_CHECKING:
-    from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
 TOGETHER = 1e-3  # sine of the angle between two pressures, seen as vectors, below which they were never driven apart
@@ -65,22 +62,6 @@ def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str,
         raise InputError(f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.names}")
     driven = drives_of(name, recording, wanted)
     return [driven[c.name].pressure if c.name in driven else np.zeros(pressure.shape[0]) for c in model.chambers]
-
-
-def check_drives(exp: Experiment) -> None:
-    """Refuse pressures of chambers that do not share their times, or go beside another excitation."""
-    if exp.excitation != "trace":
-        raise InputError(
-            f"experiment {exp.name}: pressures of chambers go with excitation 'trace', not {exp.excitation!r}"
-        )
-    first = next(iter(exp.drives.values()))
-    if not all(np.array_equal(first.time, t.time) for t in exp.drives.values()):
-        raise InputError(f"experiment {exp.name}: the pressures of its chambers must share their times")
-
-
-def leading(drives: Mapping[str, Trace]) -> str:
-    """The chamber whose pressure moves most."""
-    return max(drives, key=lambda name: float(np.ptp(drives[name].pressure)))
 
 
 def alone(exp: Experiment, chamber: str) -> bool:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.preprocessing.detectors import without_spikes
-
-if TYPE_CHECKING:
-    from pliant.identification.experiment import Experiment
+from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
 HELD_S = 0.05  # s before a release, over which the held pose is a median
@@ -21,15 +16,10 @@ FIRST = 5  # frames that show where a body is at first
 
 def displacement(exp: Experiment) -> Array:
     """Distance (T,) of the last station from where it is seen first, m (rad of angles); gaps and spikes bridged."""
-    p = steady(exp)
+    p = exp.steady
     seen = np.isfinite(p).all(axis=1)
     u = np.linalg.norm(p[seen] - np.median(p[seen][:FIRST], axis=0), axis=1)
     return np.interp(exp.time, exp.time[seen], u)
-
-
-def steady(exp: Experiment) -> Array:
-    """What was observed of the last station (T, 2), m, or (T, 1), rad, with spikes of single frames made NaN."""
-    return without_spikes(exp.last_station[:, None])[:, 0]
 
 
 def edges(exp: Experiment) -> dict[str, float]:
@@ -65,7 +55,7 @@ def advance(exp: Experiment) -> Array:
 
     Noise of a distance never averages to 0; that of a signed displacement does.
     """
-    p = steady(exp)
+    p = exp.steady
     seen = np.isfinite(p).all(axis=1)
     moved = p[seen] - np.median(p[seen][:FIRST], axis=0)
     far = moved[np.linalg.norm(moved, axis=1) > 0.5 * exp.travel]
@@ -76,7 +66,7 @@ def advance(exp: Experiment) -> Array:
 
 def noise_of(exp: Experiment) -> float:
     """Standard deviation of the last station's noise along one axis, from its second differences, m (rad of angles)."""
-    p = steady(exp)
+    p = exp.steady
     p = p[np.isfinite(p).all(axis=1)]
     if len(p) < FIRST:
         return 0.0

@@ -1,40 +1,24 @@
-"""One recording as an experiment: what was done, what was seen, and what the model says of it."""
+"""One recording as an experiment: its excitation and its observed rows."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import xarray as xr
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
-from pliant.identification.drives import check_drives, drives_of, leading
-from pliant.identification.edges import held_pose, steady
-from pliant.identification.experiment_checks import check_extras
-from pliant.identification.following import moved
-from pliant.identification.forward_model import set_up
 from pliant.identification.parameters import Parameter, for_record
-from pliant.identification.recorded import (
-    Excitation,
-    default_excitation,
-    dense_arc_length,
-    one_chamber,
-    recorded_angles,
-    recorded_places,
-)
-from pliant.model import Model
-from pliant.recording.schema import check_recording
+from pliant.identification.recorded import Excitation
+from pliant.preprocessing.detectors import without_spikes
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce, checked
 
 Array = np.ndarray
 FIRST_FRAMES = 5  # of a body at rest: their median tells where its points are
-Held = Literal["unloaded", "measured"]
-Angles = bool | Literal["only"]
 AngleReference = Literal["rest", "base", "joint", ""]
 
 
@@ -137,7 +121,7 @@ class Experiment(Shown):
             if np.isfinite(self.compared[:, k]).all(axis=1).sum() < 10:
                 raise InputError(f"experiment {self.name}: station {station!r} was seen in fewer than 10 frames")
         object.__setattr__(self, "forces", tuple(checked(f"experiment {self.name}", f) for f in self.forces))
-        seen = steady(self)
+        seen = self.steady
         seen = seen[np.isfinite(seen).all(axis=1)]
         travel = float(np.linalg.norm(seen - np.median(seen[:5], axis=0), axis=1).max())
         if travel == 0:
@@ -167,6 +151,11 @@ class Experiment(Shown):
         return self.compared[:, -1]
 
     @property
+    def steady(self) -> Array:
+        """The last station as observed (T, 2) [m], or (T, 1) [rad], with spikes of single frames made NaN."""
+        return without_spikes(self.last_station[:, None])[:, 0]
+
+    @property
     def shown_in(self) -> tuple[str, float]:
         """The unit in which a reader reads what is compared, and how many of it make one SI unit."""
         return ("deg", float(np.degrees(1.0))) if self.placeless else ("mm", 1e3)
@@ -192,102 +181,42 @@ class Experiment(Shown):
         return tuple(f"{self.name}.{n}" for n in names)
 
 
-def experiment(
-    name: str, recording: xr.Dataset, *, stations: tuple[str, ...] | None = None, excitation: Excitation | None = None,
-    known: Mapping[str, float] | None = None, noise: Mapping[str, float] | None = None,
-    angles: Angles = False,
-    held: Held = "unloaded", own_places: bool = False,
-    forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
-) -> Experiment:
-    """An experiment from an aligned (planar) recording.
-
-    Parameters
-    ----------
-    name : str
-        Without a dot: parameters of this recording alone are called ``name.parameter``.
-    recording : xarray.Dataset
-        Schema of `pliant.recording.schema`, frame "planar".
-    stations : tuple of str, optional
-        Which to use, in order; the last one is the tip. Default: all.
-    excitation : {"trace", "pulse", "step", "release"}, optional
-        Default: "trace" when the recording has a measured pressure, "pulse" when it has a nominal one.
-    noise : dict, optional
-        Standard deviation of coordinates by station, m, where it is known.
-    angles : bool or "only"
-        Whether to fit the recorded angles too, or them alone.
-    held : {"unloaded", "measured"}
-        Where a body that is let go was held: in its unloaded shape, or pulled aside, as the recording shows it in the
-        moments before the release.
-    own_places : bool
-        Whether to read the places of the stations off this recording's own first frames; see `Experiment`.
-    forces : sequence of PointForce
-        Known forces at points of the body.
-    drive : dict, optional
-        Of a model of several chambers: chamber of the model to the chamber of the recording that drives it, by name or
-        index (from 0). Chambers that it leaves out rest at 0 Pa.
-
-    Raises
-    ------
-    InputError
-        When the recording is not planar, has no pressure of either kind and is not a release, or lacks a station.
-    """
-    check_recording(recording)
-    if recording.attrs.get("frame") != "planar":
-        raise InputError(f"recording {name} is in the frame {recording.attrs.get('frame')!r}: align it first")
-    available = [str(s) for s in recording.station.values]
-    used = tuple(stations or available)
-    if missing := [s for s in used if s not in available]:
-        raise InputError(f"recording {name} has no station {missing[0]!r}; it has {', '.join(available)}")
-    excitation = excitation or default_excitation(name, recording)
-    trace, drives = None, {}
-    if drive and excitation != "release":
-        drives = drives_of(name, recording, drive)
-    elif excitation == "trace":
-        pressure = recording["pressure"]
-        trace = Trace(recording["pressure_time"].values, one_chamber(name, pressure))
-    made = Experiment(
-        name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
-        float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
-        **recorded_angles(name, recording, used, wanted=bool(angles) or "position" not in recording),
-        noise=dict(noise or {}),
-        arc_length=dense_arc_length(recording, used), forces=tuple(forces),
-        angles_alone=angles == "only" or "position" not in recording, drives=drives,
-        own_places=own_places,
-    )
-    return replace(made, held=held_pose(made)) if held == "measured" else made
+def check_extras(exp: Experiment) -> None:
+    """Refuse angles, noise levels and arc lengths that do not go with the positions."""
+    if exp.angle is not None and exp.angle.shape != exp.position.shape[:2]:
+        raise InputError(
+            f"experiment {exp.name}: angles must be (time, station) = {exp.position.shape[:2]}, got {exp.angle.shape}"
+        )
+    if exp.angle is not None and exp.angle_reference not in ("rest", "base", "joint"):
+        raise InputError(f"experiment {exp.name}: say what angles are measured from: angle_reference rest, base, joint")
+    if exp.angles_alone and exp.angle is None:
+        raise InputError(f"experiment {exp.name} compares angles alone, but has none")
+    if strange := [s for s in exp.noise if s not in exp.stations]:
+        raise InputError(f"experiment {exp.name} has a noise level for {strange[0]!r}, which is no station of it")
+    levels = [*exp.noise.values(), *([] if exp.angle_noise is None else [exp.angle_noise])]
+    if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
+        raise InputError(f"experiment {exp.name}: noise levels must be positive, in m and rad, got {bad[0]}")
+    if exp.own_places and (exp.excitation == "release" or exp.angles_alone):
+        raise InputError(f"experiment {exp.name}: own_places are read off places of a body at rest, not let go")
+    if exp.held is not None and (exp.excitation != "release" or exp.held.shape != exp.position.shape[1:]):
+        raise InputError(f"experiment {exp.name}: a held pose (station, 2) goes with a release alone")
+    if exp.arc_length is not None and not (
+        exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
+    ):
+        raise InputError(f"experiment {exp.name}: arc_length must rise from station to station, one number for each")
 
 
-def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
-    """What the model says of an experiment: positions (T, S, 2) [m], angles (T, S) [rad], which of them are `compared`,
-    pressure (T,) [Pa], (T, C) of several chambers.
-
-    `values` holds parameter values by name; those of the experiment `exp` overrule shared ones. `step` is that of the
-    integration, s.
-    """
-    made = set_up(model, exp, values, step)
-    rows = moved(made, made.numbers, exp.time.size)
-    return {"position": rows[..., :2], "angle": turned(exp, rows), "compared": compared_of(exp, rows),
-            "pressure": made.pressure, "model": made.model}  # fmt: skip
+def check_drives(exp: Experiment) -> None:
+    """Refuse pressures of chambers that do not share their times, or go beside another excitation."""
+    if exp.excitation != "trace":
+        raise InputError(
+            f"experiment {exp.name}: pressures of chambers go with excitation 'trace', not {exp.excitation!r}"
+        )
+    first = next(iter(exp.drives.values()))
+    if not all(np.array_equal(first.time, t.time) for t in exp.drives.values()):
+        raise InputError(f"experiment {exp.name}: the pressures of its chambers must share their times")
 
 
-def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
-    """Where the whole chain is: base, first joint and link tips (T, n + 2, 2) [m]; arguments as of `predict`."""
-    made = set_up(model, exp, values, step)
-    along = np.concatenate([[0.0, made.model.base_length], made.model.link_length])
-    carrier = np.concatenate([[-1, -1], np.arange(made.model.n)])
-    chain = made._replace(carrier=carrier)
-    own = made.numbers._replace(along=along, across=0 * along, sensor_lag=np.zeros(0))  # no sensor sees the chain
-    return moved(chain, own, exp.time.size)[..., :2]
-
-
-def compared_of(exp: Experiment, rows: Array) -> Array:
-    """What is compared (..., T, S, 2 or 1) of observed rows (..., T, S, 3); see `Experiment.compared`."""
-    return turned(exp, rows)[..., None] if exp.placeless else rows[..., :2]
-
-
-def turned(exp: Experiment, rows: Array) -> Array:
-    """Angles (..., T, S) [rad] of observed rows (..., T, S, 3), from where the experiment's are measured."""
-    angle = rows[..., 2]
-    if exp.angle_reference == "joint":
-        return np.diff(angle, axis=-1, prepend=0.0)
-    return angle - angle[..., :1, :] if exp.angle_reference == "rest" else angle
+def leading(drives: Mapping[str, Trace]) -> str:
+    """The chamber whose pressure moves most."""
+    return max(drives, key=lambda name: float(np.ptp(drives[name].pressure)))

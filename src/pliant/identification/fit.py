@@ -12,11 +12,12 @@ from pliant.errors import FitError, InputError, PliantError
 from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.drives import at_rest, hardly_driven
 from pliant.identification.edges import edges
-from pliant.identification.experiment import Experiment, predict
+from pliant.identification.experiment import Experiment
 from pliant.identification.identifiability import combinations, examine
 from pliant.identification.initial_guess import prepare
 from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply
+from pliant.identification.prediction import predict
 from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS
 from pliant.identification.result import FitResult, cautions, far_off, parameter_dict, status_sentence

@@ -11,7 +11,8 @@ from pliant.identification.chamber_parameters import owners, prefixes
 from pliant.identification.drives import check_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
-from pliant.identification.extension_parameters import extension_starts, segments
+from pliant.identification.extension_parameters import segments
+from pliant.identification.extension_start import extension_starts
 from pliant.identification.layout_bands import bands_of_layouts
 from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name

@@ -12,7 +12,7 @@ import numpy as np
 
 from pliant.errors import FitError, PliantError
 from pliant.failures import Failures, NotComputed
-from pliant.identification.experiment import Experiment, predict
+from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FitOptions, fit
 from pliant.identification.following import moved
 from pliant.identification.forward_model import set_up
@@ -20,6 +20,7 @@ from pliant.identification.initial_guess import prepare
 from pliant.identification.memory_parameters import usual_start
 from pliant.identification.model_selection import Follows, error, follows, missed, shared_bic, undetermined
 from pliant.identification.parameters import Parameter, kind_of
+from pliant.identification.prediction import predict
 from pliant.identification.problem import root_mean_square
 from pliant.identification.result import FitResult, touches_bound
 from pliant.identification.rungs import Entry, Rung

@@ -11,8 +11,9 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.discrepancy import discrepancy, speed
-from pliant.identification.experiment import Experiment, compared_of, predict
+from pliant.identification.experiment import Experiment
 from pliant.identification.fit import predict_held_out
+from pliant.identification.prediction import compared_of, predict
 from pliant.identification.result import FitResult
 from pliant.identification.sensitivity import sensitivities
 from pliant.identification.uncertainty import HIDDEN

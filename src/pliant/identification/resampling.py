@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.identification.experiment import Experiment, predict
+from pliant.identification.experiment import Experiment
 from pliant.identification.optimise import solve
+from pliant.identification.prediction import predict
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames
 from pliant.identification.result import FitResult

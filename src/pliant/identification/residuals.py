@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.identification.experiment import Experiment, turned
+from pliant.identification.experiment import Experiment
+from pliant.identification.prediction import turned
 from pliant.preprocessing.detectors import quantum
 
 Array = np.ndarray

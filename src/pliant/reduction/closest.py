@@ -11,8 +11,6 @@ from pliant.numerics.spline import spline_matrix
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pliant.reduction.error import SplineMap
-
 GRID = 200  # the spline is searched at least this finely along its length
 NEWTON_STEPS = 4
 
@@ -22,7 +20,8 @@ def closest_distances(
     nodes: NDArray[np.float64],
     tangent: NDArray[np.float64],
     arc_length: NDArray[np.float64],
-    one: SplineMap,
+    knots: NDArray[np.float64],
+    boundary: str,
     distance: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Distances (T, S) to the closest point; never above `distance`, that at equal arc length.
@@ -36,12 +35,14 @@ def closest_distances(
     nodes : (d, T, n + 1) array, m
     tangent : (T, d) array
     arc_length : (S,) array, m
-    one : SplineMap
+    knots : (n + 1,) array, m
+    boundary : str
+        Condition of the spline at its ends.
     distance : (T, S) array, m
     """
     fold = max(1, int(np.ceil(GRID / (arc_length.size - 1))))
     grid = np.interp(np.arange((arc_length.size - 1) * fold + 1) / fold, np.arange(arc_length.size), arc_length)
-    curve, *derivatives = [_evaluate(one, nodes, tangent, grid, order) for order in range(4)]
+    curve, *derivatives = [_evaluate(knots, boundary, nodes, tangent, grid, order) for order in range(4)]
     reach = np.pi * distance.max()
     nearest = _nearest_on_grid(points, curve, arc_length, grid, fold, reach)
     taken = [np.take_along_axis(d, nearest[None], axis=2) for d in (curve, *derivatives)]
@@ -50,9 +51,14 @@ def closest_distances(
 
 
 def _evaluate(
-    one: SplineMap, nodes: NDArray[np.float64], tangent: NDArray[np.float64], grid: NDArray[np.float64], order: int
+    knots: NDArray[np.float64],
+    boundary: str,
+    nodes: NDArray[np.float64],
+    tangent: NDArray[np.float64],
+    grid: NDArray[np.float64],
+    order: int,
 ) -> NDArray[np.float64]:
-    matrix, slope = spline_matrix(one.knots, grid, one.boundary, order)
+    matrix, slope = spline_matrix(knots, grid, boundary, order)
     return np.asarray(nodes @ matrix.T + tangent.T[:, :, None] * slope)
 
 

@@ -113,5 +113,6 @@ def _distances(
         distance += difference[axis]
     np.sqrt(distance, out=distance)
     if metric == "closest":
-        return closest_distances(points, nodes.reshape(axes, rows, -1), tangent, arc_length, one, distance)
+        nodes = nodes.reshape(axes, rows, -1)
+        return closest_distances(points, nodes, tangent, arc_length, one.knots, one.boundary, distance)
     return distance

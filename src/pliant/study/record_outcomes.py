@@ -16,7 +16,7 @@ from pliant.identification import (
     prediction_band,
     residual_noise,
 )
-from pliant.identification.experiment import predict_body
+from pliant.identification.prediction import predict_body
 from pliant.validation.metrics import compare
 from pliant.validation.outcome import RecordOutcome, Role
 

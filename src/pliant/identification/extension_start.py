@@ -1,0 +1,51 @@
+"""Where the fit of segments that lengthen begins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pliant.identification.chamber_parameters import prefixes
+from pliant.identification.experiment import Experiment
+from pliant.identification.extension_parameters import OWN
+from pliant.model import Model
+from pliant.numerics.arcs import arc_lengths
+
+FAR = 0.9  # of the travel: frames that count as bent
+
+
+def extension_starts(model: Model, experiments: Sequence[Experiment], torques: Mapping[str, float]) -> dict[str, float]:
+    """The segments' own numbers, and axial gains at which the largest torques lengthen the body as it was seen to.
+
+    `torques` holds coefficients of the chambers' laws where these begin.
+    """
+    if not model.extensions:
+        return {}
+    found = {name: float(np.mean([getattr(e, f) for e in model.extensions])) for name, f in OWN.items()}
+    found |= {f"{e.name}.{name}": getattr(e, f) for e in model.extensions for name, f in OWN.items()}
+    strain, force = max([grown(e) for e in experiments], default=0.0), found["axial_stiffness"]
+    for start, chamber in zip(prefixes(model), model.chambers, strict=True):
+        law = {int(n[-1]): v for n, v in torques.items() if n.removeprefix(start).removesuffix(n[-1]) == "torque_"}
+        level = max([float(t.pressure.max()) for e in experiments for t in pressures(e, chamber.name)], default=0.0)
+        torque = sum(v * level**k for k, v in law.items()) or float(chamber.torque_at(level))
+        found[f"{start}axial_gain"] = strain * force / torque if torque > 0 else 0.0
+    return {"axial_gain": float(np.mean([found[f"{s}axial_gain"] for s in prefixes(model)]))} | found
+
+
+def pressures(exp: Experiment, chamber: str) -> list[Any]:
+    """The measured pressures that drive a chamber in an experiment."""
+    if exp.drives:
+        return [exp.drives[chamber]] if chamber in exp.drives else []
+    return [] if exp.pressure is None else [exp.pressure]
+
+
+def grown(exp: Experiment) -> float:
+    """Strain of the body where its last station is displaced most, by arcs through its stations; never negative."""
+    seen = np.isfinite(exp.position).all(axis=(1, 2))
+    length, tip = arc_lengths(exp.position[seen]), exp.last_station[seen]
+    if length.size < 10:
+        return 0.0
+    moved = np.linalg.norm(tip - np.median(tip[:5], axis=0), axis=1)
+    return max(float(np.median(length[moved > FAR * moved.max()]) / np.median(length[:5]) - 1.0), 0.0)

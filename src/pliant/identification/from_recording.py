@@ -1,0 +1,93 @@
+"""An experiment from an aligned recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.identification.drives import drives_of
+from pliant.identification.edges import held_pose
+from pliant.identification.experiment import Experiment
+from pliant.identification.recorded import (
+    Excitation,
+    default_excitation,
+    dense_arc_length,
+    one_chamber,
+    recorded_angles,
+    recorded_places,
+)
+from pliant.recording.schema import check_recording
+from pliant.simulation import Trace
+from pliant.simulation.forces import PointForce
+
+Held = Literal["unloaded", "measured"]
+Angles = bool | Literal["only"]
+
+
+def experiment(
+    name: str, recording: xr.Dataset, *, stations: tuple[str, ...] | None = None, excitation: Excitation | None = None,
+    known: Mapping[str, float] | None = None, noise: Mapping[str, float] | None = None,
+    angles: Angles = False,
+    held: Held = "unloaded", own_places: bool = False,
+    forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
+) -> Experiment:
+    """An experiment from an aligned (planar) recording.
+
+    Parameters
+    ----------
+    name : str
+        Without a dot: parameters of this recording alone are called ``name.parameter``.
+    recording : xarray.Dataset
+        Schema of `pliant.recording.schema`, frame "planar".
+    stations : tuple of str, optional
+        Which to use, in order; the last one is the tip. Default: all.
+    excitation : {"trace", "pulse", "step", "release"}, optional
+        Default: "trace" when the recording has a measured pressure, "pulse" when it has a nominal one.
+    noise : dict, optional
+        Standard deviation of coordinates by station, m, where it is known.
+    angles : bool or "only"
+        Whether to fit the recorded angles too, or them alone.
+    held : {"unloaded", "measured"}
+        Where a body that is let go was held: in its unloaded shape, or pulled aside, as the recording shows it in the
+        moments before the release.
+    own_places : bool
+        Whether to read the places of the stations off this recording's own first frames; see `Experiment`.
+    forces : sequence of PointForce
+        Known forces at points of the body.
+    drive : dict, optional
+        Of a model of several chambers: chamber of the model to the chamber of the recording that drives it, by name or
+        index (from 0). Chambers that it leaves out rest at 0 Pa.
+
+    Raises
+    ------
+    InputError
+        When the recording is not planar, has no pressure of either kind and is not a release, or lacks a station.
+    """
+    check_recording(recording)
+    if recording.attrs.get("frame") != "planar":
+        raise InputError(f"recording {name} is in the frame {recording.attrs.get('frame')!r}: align it first")
+    available = [str(s) for s in recording.station.values]
+    used = tuple(stations or available)
+    if missing := [s for s in used if s not in available]:
+        raise InputError(f"recording {name} has no station {missing[0]!r}; it has {', '.join(available)}")
+    excitation = excitation or default_excitation(name, recording)
+    trace, drives = None, {}
+    if drive and excitation != "release":
+        drives = drives_of(name, recording, drive)
+    elif excitation == "trace":
+        pressure = recording["pressure"]
+        trace = Trace(recording["pressure_time"].values, one_chamber(name, pressure))
+    made = Experiment(
+        name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
+        float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
+        **recorded_angles(name, recording, used, wanted=bool(angles) or "position" not in recording),
+        noise=dict(noise or {}),
+        arc_length=dense_arc_length(recording, used), forces=tuple(forces),
+        angles_alone=angles == "only" or "position" not in recording, drives=drives,
+        own_places=own_places,
+    )
+    return replace(made, held=held_pose(made)) if held == "measured" else made

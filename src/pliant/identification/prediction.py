@@ -1,0 +1,51 @@
+"""What a model predicts of an experiment: positions, angles, and the rows that a fit compares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pliant.identification.experiment import Experiment
+from pliant.identification.following import moved
+from pliant.identification.forward_model import set_up
+from pliant.model import Model
+
+Array = np.ndarray
+
+
+def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
+    """What the model says of an experiment: positions (T, S, 2) [m], angles (T, S) [rad], which of them are `compared`,
+    pressure (T,) [Pa], (T, C) of several chambers.
+
+    `values` holds parameter values by name; those of the experiment `exp` overrule shared ones. `step` is that of the
+    integration, s.
+    """
+    made = set_up(model, exp, values, step)
+    rows = moved(made, made.numbers, exp.time.size)
+    return {"position": rows[..., :2], "angle": turned(exp, rows), "compared": compared_of(exp, rows),
+            "pressure": made.pressure, "model": made.model}  # fmt: skip
+
+
+def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
+    """Where the whole chain is: base, first joint and link tips (T, n + 2, 2) [m]; arguments as of `predict`."""
+    made = set_up(model, exp, values, step)
+    along = np.concatenate([[0.0, made.model.base_length], made.model.link_length])
+    carrier = np.concatenate([[-1, -1], np.arange(made.model.n)])
+    chain = made._replace(carrier=carrier)
+    own = made.numbers._replace(along=along, across=0 * along, sensor_lag=np.zeros(0))  # no sensor sees the chain
+    return moved(chain, own, exp.time.size)[..., :2]
+
+
+def compared_of(exp: Experiment, rows: Array) -> Array:
+    """What is compared (..., T, S, 2 or 1) of observed rows (..., T, S, 3); see `Experiment.compared`."""
+    return turned(exp, rows)[..., None] if exp.placeless else rows[..., :2]
+
+
+def turned(exp: Experiment, rows: Array) -> Array:
+    """Angles (..., T, S) [rad] of observed rows (..., T, S, 3), from where the experiment's are measured."""
+    angle = rows[..., 2]
+    if exp.angle_reference == "joint":
+        return np.diff(angle, axis=-1, prepend=0.0)
+    return angle - angle[..., :1, :] if exp.angle_reference == "rest" else angle
