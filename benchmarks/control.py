@@ -22,6 +22,7 @@ import numpy as np
 from pliant.control import Limits, SupplyValve, Task, Tuning, prepare_control
 from pliant.control.activity import command_activity, settling_time
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
+from pliant.mechanics import mechanics_of
 from pliant.model import load_model
 from pliant.simulation import state
 from pliant.testbed.plant import Plant
@@ -53,7 +54,7 @@ class Loop:
             [arm], arm, self.ready.pipeline, Watchdog(Bounds(1.15 * HIGHEST)), PERIOD, self.clock
         )
         self.rest, self.body, self.deadline = self.plant.tip, self.ready.body, 0
-        self.still = state.tips(self.body, self.ready.estimator.state(0.0).angle)[-1]
+        self.still = mechanics_of(self.body).tips(self.ready.estimator.state(0.0).angle)[-1]
 
     def go(self, seconds):
         """True and seen displacement, command, and seconds of processor for each period."""
@@ -62,7 +63,7 @@ class Loop:
             self.clock.sleep_until(self.deadline)
             self.loop.period(self.deadline, self.deadline)
             self.deadline += round(PERIOD * 1e9)
-            seen = np.linalg.norm(state.tips(self.body, self.ready.estimator.state(0.0).angle)[-1] - self.still)
+            seen = np.linalg.norm(mechanics_of(self.body).tips(self.ready.estimator.state(0.0).angle)[-1] - self.still)
             rows.append((np.linalg.norm(self.plant.tip - self.rest), seen, self.loop.command))
         return np.array(rows).T
 
@@ -156,7 +157,7 @@ def speed():
     body, n, noise = seen.model, seen.model.n, default_noise(seen.model)
     rows, P = np.array([(filter_loops.JOINT, i, 0.0, 0.0) for i in range(n)]), noise.initial(body)
     rest = np.zeros(n)
-    state_of = FilterState(state.absolute(body, rest), np.zeros(n), np.zeros(n), P, state.relaxed(body, rest))
+    state_of = FilterState(mechanics_of(body).coordinates(rest), np.zeros(n), np.zeros(n), P, state.relaxed(body, rest))
     frame_of = FilterFrame(
         body.link_length, body.first_joint, rows, body.rest_angle.copy(), np.full(n, 1e-6), np.empty(n)
     )

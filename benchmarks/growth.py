@@ -17,8 +17,8 @@ from pliant.compiler.choose import fast_step, straight, twin
 from pliant.compiler.twin import options, rebuild
 from pliant.equations.articulated import step_articulated
 from pliant.equations.motion import step
+from pliant.mechanics import mechanics_of
 from pliant.simulation import march_loops
-from pliant.simulation.state import workspace
 
 LINKS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 30, 40, 50)
 MOST_DENSE = 16  # links of a dense straight line: more take long to compile
@@ -35,7 +35,7 @@ def step_ns(compiled, n: int) -> tuple[float, np.ndarray]:
     rows = march_loops.rows_for(1, n, (n, 0), 2)
 
     def run():
-        march(np.zeros(n), np.zeros(n), steps, model.body(), model.joints(), workspace(n), rows)
+        march(np.zeros(n), np.zeros(n), steps, *mechanics_of(model).parts(), rows)
 
     seconds = best(run, seconds=0.2)
     return 1e9 * seconds / CALLS, rows.phi[0].copy()

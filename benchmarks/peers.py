@@ -11,6 +11,7 @@ from speed.problem import Problem
 from pliant.compiler.twin import rebuild
 from pliant.equations import motion
 from pliant.equations.symbols import Workspace
+from pliant.mechanics import mechanics_of
 
 
 def cvode(problem: Problem) -> list[Method]:
@@ -81,7 +82,7 @@ def idas(problem: Problem) -> list[Method]:
     plain = rebuild(motion.acceleration, lambda f: f, {"np": Shim})
     tau = symbols(n)
     tau[:] = [gain * torque for gain in model.joint_gain]
-    plain(phi, w, tau, model.body(), model.joints(), work, a)
+    plain(phi, w, tau, mechanics_of(model).body, mechanics_of(model).joints, work, a)
     ode = {"x": y, "p": torque, "ode": ca.vertcat(*w, *a)}
     made: dict[tuple[float, int], list] = {}
 

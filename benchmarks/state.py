@@ -18,6 +18,7 @@ from rate_baselines import CAUSAL, CENTRED, errors, span, tuned
 
 from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
 from pliant.estimation.measurement import measurement_of
+from pliant.mechanics import mechanics_of
 from pliant.model import load_model
 from pliant.study.dense import body_of_fibre
 from pliant.study.schema import Fibre
@@ -98,7 +99,8 @@ def speed():
     for name, chain in (("with memory", model("a")), ("without", model("a").with_(memory=type(model("a").memory)()))):
         n, rows = chain.n, np.array([(measurement_loops.JOINT, i, 0.0, 0.0) for i in range(chain.n)])
         workspace, P, rest = make_workspace(chain, NOISE.states(chain), n), NOISE.initial(chain), np.zeros(n)
-        own = FilterState(state.absolute(chain, rest), np.zeros(n), np.zeros(n), P, state.relaxed(chain, rest))
+        start = mechanics_of(chain).coordinates(rest)
+        own = FilterState(start, np.zeros(n), np.zeros(n), P, state.relaxed(chain, rest))
         noise, many = FilterNoise(*NOISE.densities(chain), np.zeros(1)), twin(kalman_loops.many_frames, n)
         frame = FilterFrame(chain.link_length, chain.first_joint, rows, chain.rest_angle.copy(),
                             np.full(n, NOISE.angle**2), np.empty(n))  # fmt: skip
@@ -126,12 +128,11 @@ def speed():
 def seen_at_rest(rows):
     from pliant.estimation.measurement_loops import observe
     from pliant.estimation.offline import frame_of
-    from pliant.simulation import state
 
     chain = model("a") if not hasattr(seen_at_rest, "chain") else seen_at_rest.chain
     seen_at_rest.chain = chain
     seen, slopes = np.empty(len(rows)), np.empty((len(rows), chain.n))
-    at_rest = state.absolute(chain, np.zeros(chain.n))
+    at_rest = mechanics_of(chain).coordinates(np.zeros(chain.n))
     observe(at_rest, frame_of(chain, rows, seen, seen), seen, slopes)
     return seen
 

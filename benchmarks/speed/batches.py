@@ -14,6 +14,7 @@ from pliant.bench.floor import floor
 from pliant.bench.kernels import TORQUE
 from pliant.bench.timing import best, best_in_turn, processor_flags
 from pliant.cores import cores
+from pliant.mechanics import mechanics_of
 from pliant.simulation import Pulse, simulate, state
 from pliant.simulation.drive import drive
 from pliant.simulation.solve import march
@@ -49,7 +50,7 @@ def batches() -> dict[str, Any]:
     times = np.arange(301) / 75.0
     changes = {"stiffness": 1.6067 * rng.uniform(0.8, 1.2, SAMPLES), "damping": 8e-3 * rng.uniform(0.7, 1.3, SAMPLES)}
     plan = drive(model, pressure, times, STEP)
-    start = (state.absolute(model, state.equilibrium(model, plan.initial)), np.zeros(model.n))
+    start = (mechanics_of(model).coordinates(state.equilibrium(model, plan.initial)), np.zeros(model.n))
 
     def batch(threads: int) -> Any:
         return simulate_batch(model, pressure, parameters=changes, times=times, step=STEP, threads=threads)

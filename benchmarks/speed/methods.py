@@ -14,6 +14,7 @@ from scipy.integrate import odeint, solve_ivp
 from pliant.compiler.choose import MOST_LINKS, straight, twin
 from pliant.equations import motion
 from pliant.equations.symbols import Slopes
+from pliant.mechanics import mechanics_of, planar
 from pliant.simulation import state
 from pliant.simulation.drive import Drive, drive
 from pliant.simulation.extrapolated import Marched, march_extrapolated
@@ -41,9 +42,9 @@ def pliant_midpoint(problem: Problem) -> Method:
 
     def solve(h: float) -> Array:
         plan = drive(model, problem.pressure, problem.times, h)
-        start = (state.absolute(model, state.equilibrium(model, plan.initial)), np.zeros(model.n))
+        start = (mechanics_of(model).coordinates(state.equilibrium(model, plan.initial)), np.zeros(model.n))
         phi, _, _ = march(model, plan, start, problem.times.size)
-        return state.tips(model, phi)
+        return mechanics_of(model).tips(phi)
 
     return Method("pliant, implicit midpoint", STEPS, solve)
 
@@ -54,10 +55,10 @@ def pliant_extrapolated(problem: Problem) -> Method:
 
     def solve(h: float) -> Array:
         def marched(plan: Drive) -> Marched:
-            start = (state.absolute(model, state.equilibrium(model, plan.initial)), np.zeros(model.n))
+            start = (mechanics_of(model).coordinates(state.equilibrium(model, plan.initial)), np.zeros(model.n))
             return *march(model, plan, start, problem.times.size), np.zeros(0)
 
-        return state.tips(model, march_extrapolated(model, problem.pressure, problem.times, h, marched)[0])
+        return mechanics_of(model).tips(march_extrapolated(model, problem.pressure, problem.times, h, marched)[0])
 
     return Method("pliant, extrapolated", STEPS, solve)
 
@@ -68,7 +69,7 @@ class RightHandSide:
     def __init__(self, problem: Problem) -> None:
         n = problem.model.n
         self.n = n
-        self.parts = (problem.model.body(), problem.model.joints(), state.workspace(n))
+        self.parts = (mechanics_of(problem.model).body, mechanics_of(problem.model).joints, planar.workspace(n))
         kernels = (motion.acceleration, motion.acceleration_jacobian)  # the fastest form that pliant has of them
         few = n <= MOST_LINKS
         self.accelerate, self.differentiate = ((straight(k, n) if few else twin(k)) for k in kernels)
@@ -106,7 +107,7 @@ def in_pieces(name: str, problem: Problem, piece: Piece, settings: Sequence[floa
         for times, torque in problem.pieces:
             rhs.torque[:] = torque
             rows.append(piece(rhs, rows[-1][-1], times, setting)[1:])
-        return state.tips(problem.model, np.concatenate(rows)[:, : rhs.n])
+        return mechanics_of(problem.model).tips(np.concatenate(rows)[:, : rhs.n])
 
     return Method(name, settings, solve)
 

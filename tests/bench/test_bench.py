@@ -20,7 +20,7 @@ from pliant.compiler.choose import twin
 from pliant.equations import motion
 from pliant.equations.symbols import Slopes
 from pliant.errors import InputError
-from pliant.simulation.state import workspace
+from pliant.mechanics import mechanics_of
 
 run = loaded("run")
 batches, methods, problems, race, realtime = (
@@ -120,7 +120,7 @@ def test_the_floor_in_plain_c_does_the_same_mathematics():
     phi, w, a = np.linspace(0.05, 0.25, n), np.linspace(0.1, 1.0, n), np.zeros(n)
     out = Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
     a_phi, a_w = np.zeros((n, n)), np.zeros((n, n))
-    parts = model.body(), model.joints(), workspace(n)
+    parts = mechanics_of(model).parts()
     twin(motion.acceleration_jacobian, n)(phi, w, torque, *parts, out)
     floor.call("many_jacobians", 1, phi.copy(), w, torque, a, a_phi, a_w)
     for mine, plain in zip(out, (a, a_phi, a_w), strict=True):

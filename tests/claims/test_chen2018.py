@@ -12,8 +12,9 @@ from scipy.signal import argrelextrema
 
 from pliant.actuators import chen2018
 from pliant.equations.section import bladder_area, lever_arm
+from pliant.mechanics import mechanics_of
 from pliant.model import Valve
-from pliant.simulation import Pulse, equilibrium, modes, simulate, state
+from pliant.simulation import Pulse, equilibrium, modes, simulate
 
 TURN = 5 * 0.0793333 / 1.6067  # rad, of the tip at 119 kPa
 PAPER_PULSE = Pulse(chen2018.PULSE_PRESSURE, chen2018.PULSE_START, chen2018.PULSE_WIDTH)
@@ -32,8 +33,8 @@ def run():
 def plateau(signal, **changes):
     """Rest and pressurised value of a signal of the state, from the statics."""
     model = chen2018.model(**changes)
-    rows = [state.absolute(model, equilibrium(model, p)) for p in (0.0, chen2018.PULSE_PRESSURE)]
-    return [float(signal(state.tips(model, phi)[-1])) for phi in rows]
+    rows = [mechanics_of(model).coordinates(equilibrium(model, p)) for p in (0.0, chen2018.PULSE_PRESSURE)]
+    return [float(signal(mechanics_of(model).tips(phi)[-1])) for phi in rows]
 
 
 def overshoot(signal, rest, held):
@@ -105,14 +106,14 @@ def test_static_shape(pressure, degrees, total, tip):
     q = equilibrium(model, pressure)
     assert np.degrees(q) == pytest.approx(np.full(5, degrees), abs=5e-5)
     assert np.degrees(q.sum()) == pytest.approx(total, abs=0.05)
-    assert 1e3 * state.tips(model, state.absolute(model, q))[-1] == pytest.approx(tip, abs=6e-4)
+    assert 1e3 * mechanics_of(model).tips(mechanics_of(model).coordinates(q))[-1] == pytest.approx(tip, abs=6e-4)
 
 
 def test_gravity_across_the_plane_would_not_be_negligible():
     model = chen2018.model(gravity=[-9.81, 0.0], mass_at="rod")
     q = equilibrium(model)
     assert np.degrees(q[0]) == pytest.approx(2.05, abs=0.02)
-    assert -1e3 * state.tips(model, state.absolute(model, q))[-1, 0] == pytest.approx(11.0, abs=0.5)
+    assert -1e3 * mechanics_of(model).tips(mechanics_of(model).coordinates(q))[-1, 0] == pytest.approx(11.0, abs=0.5)
 
 
 def test_it_rings_at_about_5_hz(run):

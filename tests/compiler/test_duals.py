@@ -11,8 +11,7 @@ from pliant.equations import motion
 from pliant.equations.extension import step as extensible_step
 from pliant.equations.memory import step_with_memory
 from pliant.equations.symbols import Body, ExtensibleBody, Held, Joints, Memory, Past
-from pliant.simulation import lengthened
-from pliant.simulation.state import workspace
+from pliant.mechanics.planar import workspace
 
 TINY = 1e-30
 
@@ -50,7 +49,7 @@ def lengthening(rng):
     body = ExtensibleBody(B, l, rng.uniform(0, 1e-3, n + 1), share, 3.0, -9.0)
     x, v = rng.normal(size=n + S), rng.normal(size=n + S)
     given = (0.1 * x, v, 1e-3, rng.uniform(0, 0.1, n + S), body, joints_of(rng, n, S))
-    return motion.step, (*given, lengthened.workspace(n, S)), n, S
+    return motion.step, (*given, workspace(n, S)), n, S
 
 
 def remembering(rng):

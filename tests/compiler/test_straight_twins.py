@@ -12,8 +12,9 @@ from pliant.compiler import trace
 from pliant.compiler.choose import straight, twin
 from pliant.equations import energy, motion
 from pliant.equations.symbols import Body, Joints, Slopes
+from pliant.mechanics import mechanics_of, planar
+from pliant.mechanics.planar import workspace
 from pliant.numerics.trig import cos_sin
-from pliant.simulation.state import workspace
 
 
 def arguments(rng: np.random.Generator, n: int, kind: type = float) -> dict[str, object]:
@@ -67,7 +68,7 @@ def test_straight_line_carries_complex_steps(rng):
 
 def test_march_is_the_same_by_either_twin(rng):
     from pliant.actuators import chen2018
-    from pliant.simulation import Pulse, march_loops, state
+    from pliant.simulation import Pulse, march_loops
     from pliant.simulation.drive import drive
 
     model = chen2018.model()
@@ -77,7 +78,7 @@ def test_march_is_the_same_by_either_twin(rng):
     for march in (twin(march_loops.march), twin(march_loops.march, model.n)):
         out = march_loops.rows_for(101, 5, (5, 0), 2)
         start = (np.zeros(5), np.zeros(5))
-        march(*start, plan.steps, model.body(), model.joints(), state.workspace(5), out)
+        march(*start, plan.steps, mechanics_of(model).body, mechanics_of(model).joints, planar.workspace(5), out)
         found.append(out)
     assert np.abs(found[0].phi).max() > 0.1
     np.testing.assert_allclose(found[1].phi, found[0].phi, atol=1e-12)

@@ -15,8 +15,9 @@ from pliant.contact.residual import momentum_residual, static_residual
 from pliant.equations.contact import point_force
 from pliant.equations.motion import step
 from pliant.errors import InputError
+from pliant.mechanics import mechanics_of, planar
 from pliant.model import chain_model
-from pliant.simulation import equilibrium, state
+from pliant.simulation import equilibrium
 
 
 def paper(links=5):
@@ -66,12 +67,12 @@ def test_a_straight_body_hides_the_force_along_it():
 def test_the_momentum_observer_answers_a_step_exponentially():
     m = paper(3)
     h, bandwidth = 2e-4, 40.0
-    phi, w, work = np.zeros(3), np.zeros(3), state.workspace(3)
+    phi, w, work = np.zeros(3), np.zeros(3), planar.workspace(3)
     push = np.array([0.0, 5e-3, 2e-3])
-    joints = m.joints()._replace(theta0=m.rest_angle + push / m.stiffness)
+    joints = mechanics_of(m).joints._replace(theta0=m.rest_angle + push / m.stiffness)
     angle, rate = [phi.copy()], [w.copy()]
     for _ in range(1000):
-        step(phi, w, h, np.zeros(3), m.body(), joints, work)
+        step(phi, w, h, np.zeros(3), mechanics_of(m).body, joints, work)
         angle.append(phi.copy())
         rate.append(w.copy())
     t = h * np.arange(1001)
@@ -83,7 +84,7 @@ def test_the_shape_at_rest_shows_a_force_at_the_tip():
     m = paper()
     force = np.array([0.05, -0.02])
     q = equilibrium(m, 5e4, tip_force=force)
-    phi = state.absolute(m, q)
+    phi = mechanics_of(m).coordinates(q)
     r = static_residual(m, phi[None], np.array([5e4]))[0]
     np.testing.assert_allclose(r, torques_of(m, phi, 4, 0.034, force), atol=1e-9)
 

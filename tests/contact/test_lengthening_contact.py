@@ -15,9 +15,10 @@ from pliant.contact import find_contact, free_motion, locate, static_residual
 from pliant.contact.moment_arms import curve_at, moment_arms
 from pliant.errors import InputError
 from pliant.estimation import Noise
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, chain_model
 from pliant.recording import make_recording
-from pliant.simulation import Trace, equilibrium, state
+from pliant.simulation import Trace, equilibrium
 
 PERIOD, SECONDS = 1 / 75, 1.5  # s; the noise is the default, but for the places
 NOISE = Noise(position=1e-4, torque=2e-5, random_walk=3e-3, motion_growth=30.0, initial_disturbance=0.01)
@@ -88,7 +89,7 @@ def test_the_shape_at_rest_shows_a_force_at_the_tip(arm):
     rest = root(lambda x: 1e-3 * own.acceleration(x, np.zeros(5), pressure, force, own.length), np.zeros(5), tol=1e-13)
     found = static_residual(arm, rest.x[None], pressure[None])
     np.testing.assert_allclose(found[0], torques_of(arm, rest.x, 2, arm.link_length[2], force), atol=1e-9)
-    with pytest.raises(InputError, match=r"hold 3 angles and 2 strain\(s\), \(T, 5\), got \(1, 3\)"):
+    with pytest.raises(InputError, match=r"hold 3 joint angles and 2 strains, \(T, 5\), got \(1, 3\)"):
         static_residual(arm, np.zeros((1, 3)), np.zeros((1, 2)))
 
 
@@ -134,7 +135,7 @@ def test_a_force_on_a_moving_body_is_found(arm, share, link, along, force, error
     learnt = free_motion([free(body, seed) for seed in range(3)], arm, noise=NOISE)
     own, traces, times = masses(body), pulses(7), PERIOD * np.arange(round(SECONDS / PERIOD))
     row = own.place(link + 1, along)
-    start = np.append(state.absolute(body, equilibrium(body)), np.zeros(5))
+    start = np.append(mechanics_of(body).coordinates(equilibrium(body)), np.zeros(5))
     moved = own.motion(
         times, start, lambda t: np.array([float(trace(t)) for trace in traces]),
         lambda t: np.array(force) * (BEGIN <= t < END), row,

@@ -19,6 +19,7 @@ from pliant.estimation.measurement_loops import ANGLE
 from pliant.estimation.offline import chain_of
 from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
 from pliant.estimation.workspace import make_workspace
+from pliant.mechanics import mechanics_of, planar
 from pliant.model import load_model
 from pliant.simulation import state
 
@@ -51,7 +52,7 @@ def command_of(law, target, angle, rate, valve, shift, scale):
         angle - at(tables[2], hold) - np.cumsum(shift), rate, scale * valve - [hold, 0.0],
         scale * law.memory.waiting - hold, [law.integral],
     ])  # fmt: skip
-    now = state.tips(design.model, angle)[-1]
+    now = mechanics_of(design.model).tips(angle)[-1]
     return (hold - gain @ x) / scale, float((now - tip) @ way)
 
 
@@ -85,7 +86,7 @@ def test_the_observer_is_its_formula(body):
     follower, rng, n = AdaptiveObserver(body, PERIOD), np.random.default_rng(5), body.n
     link_angles = LinkAngles(body, ends)
     (gain, precision, F, G, _), memory = follower.gains, state.relaxed(body, np.zeros(n))
-    phi, w, own, by = state.absolute(body, np.zeros(n)), np.zeros(n), np.zeros(n), np.zeros(3 * n)
+    phi, w, own, by = mechanics_of(body).coordinates(np.zeros(n)), np.zeros(n), np.zeros(n), np.zeros(3 * n)
     slow, scale, variance, pressure = body.actuation.rest_state(0.0)[0], 1.0, 0.04, 0.0
     chamber = body.chamber.kernel()
     law, c = body.memory.law(), body.memory.instantaneous
@@ -104,7 +105,7 @@ def test_the_observer_is_its_formula(body):
                 made = advance(2e-3, Interval(*[pressure] * 4), chamber._replace(law=now), slow)
                 past = Past(law, memory, state.held(body.with_(rest_angle=joints.theta0)))
                 step_with_memory(
-                    phi, w, 2e-3, made * body.joint_gain, body.body(), joints, past, state.workspace(n)
+                    phi, w, 2e-3, made * body.joint_gain, body.body(), joints, past, planar.workspace(n)
                 )
         nu = seen - phi
         weight = precision @ by[:n]
@@ -114,7 +115,7 @@ def test_the_observer_is_its_formula(body):
         by = by - gain @ by[:n]
         move = gain @ nu + by * change
         phi, w, own = phi + move[:n], w + move[n : 2 * n], own + move[2 * n :]
-        q = state.joint_angles(body, phi)
+        q = mechanics_of(body).joint_angles(phi)
         held = law.creep_share @ (q[:, None] - memory[:, : len(law.creep_share)]).T
         held = held + memory[:, len(law.creep_share) : -1] @ law.slip_share + law.boucwen_share * memory[:, -1]
         found = follower.state(k * PERIOD)
@@ -144,11 +145,11 @@ def test_filter_and_regulator_in_one_frame(body, design):
     n, noise = body.n, default_noise(body)
     law, apart = Lqr(design, Limits(60e3)), Lqr(design, Limits(60e3))
     rows, out = np.array([(ANGLE, i, 0.0, 0.0) for i in range(n)]), []
-    z, valve, shift = state.absolute(body, np.full(n, 0.02)), np.zeros(2), np.zeros(n)
+    z, valve, shift = mechanics_of(body).coordinates(np.full(n, 0.02)), np.zeros(2), np.zeros(n)
     for _ in range(2):
         P = noise.initial(body)
         rest = np.zeros(n)
-        x = FilterState(state.absolute(body, rest), np.zeros(n), np.zeros(n), P, state.relaxed(body, rest))
+        x = FilterState(mechanics_of(body).coordinates(rest), np.zeros(n), np.zeros(n), P, state.relaxed(body, rest))
         prediction = Prediction(1, PERIOD, np.full(n, 0.01), FilterNoise(*noise.densities(body), np.zeros(1)))
         frame = FilterFrame(body.link_length, body.first_joint, rows, z, np.full(n, 1e-6), np.empty(n))
         out.append((x, prediction, frame, make_workspace(body, P.shape[0], n)))
@@ -160,6 +161,6 @@ def test_filter_and_regulator_in_one_frame(body, design):
     filter_loops.predict_span(own, chain_of(body), prediction, workspace)
     filter_loops.update(own, chain_of(body), frame, workspace)
     np.testing.assert_allclose(x.angle, own.angle, rtol=1e-12)
-    assert np.abs(own.angle - z).max() < 0.3 * np.abs(z - state.absolute(body, np.zeros(n))).max()
+    assert np.abs(own.angle - z).max() < 0.3 * np.abs(z - mechanics_of(body).coordinates(np.zeros(n))).max()
     now = State(0.0, own.angle, own.rate, shift, own.disturbance, own.covariance)
     assert command == pytest.approx(apart.step(3e4, now, valve), rel=1e-12)

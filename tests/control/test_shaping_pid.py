@@ -19,6 +19,7 @@ from pliant.control import (
 )
 from pliant.errors import InputError
 from pliant.linear import linearise
+from pliant.mechanics import mechanics_of
 from pliant.model import Memory, chain_model
 from pliant.simulation import Trace, modes, simulate
 
@@ -117,19 +118,19 @@ def test_limits():
 
 def test_pid_on_the_linear_model_settles(arm):
     """Feedforward and PI-D bring the model's tip to 20 mm."""
-    from pliant.simulation import Stepper, state
+    from pliant.simulation import Stepper
 
     period = 4e-3
     gain = abs(linearise(arm).static_gain("tip_x"))
     pid = Pid(PidTuning(0.15 / gain, 3.0 / gain, 0.01 / gain), Limits(2e5), period)
     family = equilibria(arm, 2e5)
     stepper = Stepper(arm, period / 4)
-    start = state.tips(arm, stepper.angle)[-1]
+    start = mechanics_of(arm).tips(stepper.angle)[-1]
     command = 0.0
     for _ in range(500):
         for _ in range(4):
             stepper.step(command)
-        tip = float(np.linalg.norm(state.tips(arm, stepper.angle)[-1] - start))
+        tip = float(np.linalg.norm(mechanics_of(arm).tips(stepper.angle)[-1] - start))
         command = pid.step(0.02, tip, family.pressure_for(0.02))
     assert tip == pytest.approx(0.02, abs=2e-5)
 

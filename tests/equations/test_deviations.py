@@ -17,6 +17,7 @@ from pliant.actuators import chen2018
 from pliant.equations.chain import link_transform, tips
 from pliant.equations.motion import acceleration
 from pliant.equations.section import bladder_area
+from pliant.mechanics import mechanics_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "deviations.md").read_text(encoding="utf-8")
@@ -168,7 +169,7 @@ def test_d13_recorded_at_75_hertz():
 def test_d15_springs_are_straight_unless_told_otherwise():
     model = chen2018.model()
     assert np.array_equal(model.stiffening, np.zeros(5))
-    assert np.array_equal(model.joints().K2, np.zeros(5))
+    assert np.array_equal(mechanics_of(model).joints.K2, np.zeros(5))
 
 
 def test_d14_the_default_rule_follows_the_stiff_reference():

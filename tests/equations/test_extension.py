@@ -14,7 +14,7 @@ from oracles.lagrange import on_symbols
 from pliant.equations import extension, motion
 from pliant.equations.energy import damping_power, elastic_energy, input_power
 from pliant.equations.symbols import ExtensibleBody
-from pliant.simulation.lengthened import pull_of
+from pliant.mechanics.planar import pull_of
 
 SIZES = [(1, 1), (3, 1), (5, 2), (6, 3)]
 

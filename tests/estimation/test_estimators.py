@@ -11,8 +11,9 @@ from pliant import plugins
 from pliant.errors import InputError
 from pliant.estimation import EstimatorKind, KalmanFilter, LinkAngles, Setting, State, estimators, frozen
 from pliant.estimation import registry as registered
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Memory, chain_model
-from pliant.simulation import Trace, simulate, state
+from pliant.simulation import Trace, simulate
 
 PERIOD = 4e-3
 CLOCK = PERIOD * np.arange(150)
@@ -71,7 +72,7 @@ def test_every_estimator_finds_a_motion_under_two_pressures(name, under_two_pres
         made.push_pressure(time, pressures)
         made.push_frame(time, *link_angles.frame(shape))
     found, (angle, rate) = made.state(CLOCK[-1]), BOUNDS[name]
-    np.testing.assert_allclose(state.joint_angles(body, found.angle), run.joint_angle.values[-1], atol=angle)
+    np.testing.assert_allclose(mechanics_of(body).joint_angles(found.angle), run.joint_angle.values[-1], atol=angle)
     np.testing.assert_allclose(found.rate, np.cumsum(run.joint_rate.values[-1]), atol=2 * rate)
     if name == "observer":
         assert found.torque_scale == pytest.approx(0.9, abs=0.05)
@@ -86,8 +87,8 @@ def test_every_estimator_finds_the_motion(name, body, moved):
         q, dq = run.joint_angle.values[frames - 1], run.joint_rate.values[frames - 1]
         assert isinstance(found, State)
         assert found.time == CLOCK[frames - 1]
-        np.testing.assert_allclose(state.joint_angles(body, found.angle), q, atol=angle)
-        np.testing.assert_allclose(state.joint_rates(found.rate), dq, atol=rate)
+        np.testing.assert_allclose(mechanics_of(body).joint_angles(found.angle), q, atol=angle)
+        np.testing.assert_allclose(np.diff(found.rate, axis=-1, prepend=0.0), dq, atol=rate)
         assert np.linalg.eigvalsh(found.covariance).min() >= -1e-12 * np.abs(found.covariance).max()
         assert found.covariance.shape[0] in (2 * body.n, 3 * body.n)
         assert (found.consistent, found.fault) == (True, "")
@@ -98,7 +99,7 @@ def test_rest_shifts_are_those_of_the_model_without_memory(name, body, moved):
     """K (q - shift) = tau of the frozen model where the body stands still: what crept is in the shift."""
     frames = 150
     found = shown(estimators()[name], body, moved[1], frames)[1]
-    q = state.joint_angles(body, found.angle)
+    q = mechanics_of(body).joint_angles(found.angle)
     held = frozen(body).stiffness * (q - found.rest_shift)
     tau = np.asarray(body.torque_at(float(PRESSURE[-1]))) * found.torque_scale
     np.testing.assert_allclose(held, np.broadcast_to(tau, held.shape), rtol=0.05)

@@ -13,9 +13,10 @@ from pliant.equations.motion import step
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
 from pliant.estimation.consistency import mean_bounds, nees, whiteness
+from pliant.mechanics import mechanics_of, planar
 from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording
-from pliant.simulation import Trace, equilibrium, simulate, state
+from pliant.simulation import Trace, equilibrium, simulate
 
 NOISE = Noise(position=3e-4, torque=3e-4, initial_angle=0.02, initial_rate=0.2)
 H, SUB = 1 / 75, 7
@@ -36,10 +37,10 @@ def noisy_run(seed, frames=60, disturbance=0.0, random_walk=0.0):
     """Frames of the model under its own torque noise, from a random start: truth (T, 3n) and tips with noise."""
     m, rng = model(), np.random.default_rng(seed)
     n, h = m.n, H / SUB
-    phi = state.absolute(m, np.zeros(n)) + NOISE.initial_angle * rng.standard_normal(n)
+    phi = mechanics_of(m).coordinates(np.zeros(n)) + NOISE.initial_angle * rng.standard_normal(n)
     w = NOISE.initial_rate * rng.standard_normal(n)
     d = disturbance * rng.standard_normal(n)
-    body, joints, work, kernel = m.body(), m.joints(), state.workspace(n), twin(step)
+    body, joints, work, kernel = mechanics_of(m).body, mechanics_of(m).joints, planar.workspace(n), twin(step)
     truth = np.empty((frames, 3 * n))
     for f in range(frames):
         for k in range(SUB if f else 0):
@@ -49,7 +50,7 @@ def noisy_run(seed, frames=60, disturbance=0.0, random_walk=0.0):
             kernel(phi, w, h, torque, body, joints._replace(theta0=joints.theta0 + push / joints.K), work)
             d = d + random_walk * np.sqrt(h) * rng.standard_normal(n)
         truth[f] = np.concatenate([phi, w, d])
-    tips = state.tips(m, truth[:, :n])
+    tips = mechanics_of(m).tips(truth[:, :n])
     return truth, tips + NOISE.position * rng.standard_normal(tips.shape)
 
 
@@ -68,7 +69,7 @@ def test_errors_and_innovations_are_as_large_as_the_filter_says(random_walk):
     for seed in range(100, 200):
         truth, tips = noisy_run(seed, disturbance=noise.initial_disturbance, random_walk=random_walk)
         found = estimate(recorded(tips), model(), noise=noise, step=H / SUB * 1.001, pressure_window=0.0)
-        q, dq = state.joint_angles(model(), truth[:, :3]), state.joint_rates(truth[:, 3:6])
+        q, dq = mechanics_of(model()).joint_angles(truth[:, :3]), np.diff(truth[:, 3:6], axis=-1, prepend=0.0)
         parts = [found.joint_angle - q, found.joint_rate - dq]
         T = np.eye(3) - np.eye(3, k=-1)
         blocks = [T, T]
@@ -120,13 +121,13 @@ def test_missing_rows_are_skipped_and_counted():
     assert (found.attrs["frames_skipped"], found.attrs["frames_in_part"]) == (1, 1)
     assert np.isfinite(found.joint_rate.values).all()
     assert float(found.joint_angle_sd[10, 0]) > 1.05 * float(found.joint_angle_sd[9, 0])
-    assert np.abs(found.joint_angle - state.joint_angles(model(), truth[:, :3]))[10].max() < 0.05
+    assert np.abs(found.joint_angle - mechanics_of(model()).joint_angles(truth[:, :3]))[10].max() < 0.05
 
 
 def test_angles_and_a_tip_pose_do_as_well_as_tips():
     m = model().with_(stations=(Station("cap", 2, 0.05, 0.01),))
     truth = noisy_run(6)[0]
-    place, angle = state.stations(m, truth[:, :3])
+    place, angle = mechanics_of(m).stations(truth[:, :3])
     rng = np.random.default_rng(0)
     seen = make_recording(
         H * np.arange(60), place + 3e-4 * rng.standard_normal(place.shape), station=["cap"], frame="planar",
@@ -137,7 +138,7 @@ def test_angles_and_a_tip_pose_do_as_well_as_tips():
     assert list(found.row.values) == ["cap x", "cap y", "cap angle"]
     low, high = found.attrs["nis_bounds"]
     assert low < found.attrs["nis_ratio"] < high
-    error = np.abs(found.joint_angle.values - state.joint_angles(m, truth[:, :3]))
+    error = np.abs(found.joint_angle.values - mechanics_of(m).joint_angles(truth[:, :3]))
     assert np.all(error < 5 * found.joint_angle_sd.values)
 
 
@@ -221,9 +222,10 @@ def test_several_pressures_reach_the_filter_by_their_names():
     tau = np.array([1.2e-6 * 8e4, 1.2e-6 * 8e4, -9e-7 * 5e4])
     q = equilibrium(m, [8e4, 5e4])
     np.testing.assert_allclose(
-        static_residual(m, state.absolute(m, q)[None], np.array([[8e4, 5e4]])), np.zeros((1, 3)), atol=1e-9
+        static_residual(m, mechanics_of(m).coordinates(q)[None], np.array([[8e4, 5e4]])), np.zeros((1, 3)), atol=1e-9
     )
-    np.testing.assert_allclose(static_residual(m, state.absolute(m, q)[None], np.zeros((1, 2)))[0], tau, atol=1e-9)
+    at_rest = mechanics_of(m).coordinates(q)[None]
+    np.testing.assert_allclose(static_residual(m, at_rest, np.zeros((1, 2)))[0], tau, atol=1e-9)
     with pytest.raises(InputError, match="one for each chamber"):
         online.push_pressure(2.0, 5e4)
     with pytest.raises(InputError, match="no chamber 'left'"):

@@ -13,9 +13,10 @@ from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
 from pliant.estimation.consistency import mean_bounds
 from pliant.estimation.measurement_loops import observe
 from pliant.estimation.offline import frame_of
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Station, chain_model
 from pliant.recording import make_recording
-from pliant.simulation import Pulse, Trace, equilibrium, state
+from pliant.simulation import Pulse, Trace, equilibrium
 from pliant.validation.use_figures import estimate_overview
 
 H, FRAMES = 1 / 75, 40
@@ -126,7 +127,7 @@ def test_what_a_frame_sees_is_where_the_stations_are(arm):
     observe(x, frame, value, H)
 
     def places(at):
-        where, angle = state.stations(body, at)
+        where, angle = mechanics_of(body).stations(at)
         return np.concatenate([where * sign, body.bend_sign * angle[:, None]], axis=1).ravel()
 
     np.testing.assert_allclose(value, places(x), atol=1e-15)

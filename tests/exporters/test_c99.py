@@ -15,8 +15,9 @@ from pliant.actuators import chen2018
 from pliant.errors import InputError
 from pliant.exporters.c99 import code
 from pliant.exporters.provenance import Told
+from pliant.mechanics import mechanics_of, planar
 from pliant.model import Chamber, Memory, Model, Valve
-from pliant.simulation import Stepper, simulate, state
+from pliant.simulation import Stepper, simulate
 
 VALVES = [Valve(), Valve(rise_time=0.03, fall_time=0.05), Valve(rise_time=0.02, rise_rate=4e5, fall_rate=8e5)]
 MEMORIES = [
@@ -98,7 +99,7 @@ def test_dead_time_is_that_of_simulate(dead, rng, tmp_path):
     rows = []
     for p in levels:
         assert arm.step(p) == 0
-        rows.append(state.joint_angles(model, arm.angle))
+        rows.append(mechanics_of(model).joint_angles(arm.angle))
     assert np.abs(rows).max() > 0.02
     assert np.abs(np.array(rows) - run.joint_angle.values[1:]).max() < 1e-11
 
@@ -108,15 +109,15 @@ def test_what_it_tells_of_its_state(model, tmp_path):
     arm = Arm(model, tmp_path)
     for _ in range(60):
         arm.step(8e4)
-    q = state.joint_angles(model, arm.angle)
+    q = mechanics_of(model).joint_angles(arm.angle)
     assert arm.ask("joint_angles", (model.n,))[0] == pytest.approx(q, abs=1e-14)
-    assert arm.ask("tips", (model.n, 2))[0] == pytest.approx(state.tips(model, arm.angle), abs=1e-14)
-    places, angles = state.stations(model, arm.angle)
+    assert arm.ask("tips", (model.n, 2))[0] == pytest.approx(mechanics_of(model).tips(arm.angle), abs=1e-14)
+    places, angles = mechanics_of(model).stations(arm.angle)
     poses = arm.ask("stations", (len(model.points), 3))[0]
     assert poses[:, :2] == pytest.approx(places, abs=1e-14)
     assert poses[:, 2] == pytest.approx(angles, abs=1e-14)
     run = simulate(model, pliant.Pulse(0.0), times=[0.0, 1e-9], initial_angle=q,
-                   initial_rate=state.joint_rates(arm.rate))  # fmt: skip
+                   initial_rate=np.diff(arm.rate, axis=-1, prepend=0.0))  # fmt: skip
     energies = [float(run[f"{k}_energy"][0]) for k in ("kinetic", "elastic", "gravitational")]
     assert arm.ask("energy", (3,))[0] == pytest.approx(energies, abs=1e-14)
 
@@ -145,7 +146,7 @@ def test_linearise_in_motion_against_differences(tmp_path):
     def acceleration(phi, w):
         a = np.zeros(n)
         tau = model.joint_gain * model.torque_at(1e5)
-        motion.acceleration(phi, w, tau, model.body(), model.joints(), state.workspace(n), a)
+        motion.acceleration(phi, w, tau, mechanics_of(model).body, mechanics_of(model).joints, planar.workspace(n), a)
         return a
 
     for k in range(n):

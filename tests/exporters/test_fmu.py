@@ -16,8 +16,9 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.exporters import fmu
 from pliant.exporters.fmu_variables import base_units, variables
+from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Valve
-from pliant.simulation import Stepper, state
+from pliant.simulation import Stepper
 
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install 'pliant[export]'")
 if shutil.which("cc") is None:
@@ -70,11 +71,11 @@ def test_the_motion_of_the_stepper(model, version, made):
     last = model.points[-1].name
     worst = 0.0
     for k in range(400):
-        places, angles = state.stations(model, stepper.angle)
+        places, angles = mechanics_of(model).stations(stepper.angle)
         row = run[k]
         worst = max(worst, abs(row[f"{last}.x"] - places[-1, 0]), abs(row[f"{last}.y"] - places[-1, 1]))
         worst = max(worst, abs(row[f"{last}.angle"] - angles[-1]))
-        q = state.joint_angles(model, stepper.angle)
+        q = mechanics_of(model).joint_angles(stepper.angle)
         worst = max(worst, *(abs(row[f"q_{i + 1}"] - q[i]) for i in range(n)))
         if k < 399:
             stepper.step(levels[k])
@@ -138,7 +139,7 @@ def test_two_chambers_and_creep(branched, version, made, tmp_path):
         for _ in range(100):
             run.go(1)
             stepper.step(np.array([near, far]))
-            q = state.joint_angles(model, stepper.angle)
+            q = mechanics_of(model).joint_angles(stepper.angle)
             worst = max(worst, *(abs(run.get(f"q_{i + 1}") - q[i]) for i in range(model.n)))
     run.close()
     assert np.abs(q).max() > 0.02

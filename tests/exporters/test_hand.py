@@ -11,6 +11,7 @@ from command_line import invoke
 from target_models import demo
 
 import pliant
+from pliant.mechanics import mechanics_of
 from pliant.model import Station
 from pliant.simulation import state
 from pliant.simulation.forces import PointForce, link_loads
@@ -60,7 +61,7 @@ def test_the_post_holds_the_finger_where_statics_has_it():
     model, forces = demo(), []
     made, _, d = post.in_mujoco(model, 1.6)
     shape = d.qpos[: model.n]
-    tips = state.tips(model, state.absolute(model, shape))
+    tips = mechanics_of(model).tips(mechanics_of(model).coordinates(shape))
     for k in range(d.ncon):
         link = int(d.model.geom_bodyid[d.contact[k].geom].max()) - 2  # behind the world and the base
         way = tips[link] - tips[link - 1]

@@ -12,9 +12,9 @@ import pliant
 from pliant.exporters.mjcf import ARMATURE, branches, control, controls, mjcf
 from pliant.exporters.mjcf_step import Hidden, bounded_by, checked_step, linear_chain
 from pliant.exporters.provenance import Told
-from pliant.mechanics import springs
+from pliant.mechanics import mechanics_of, springs
 from pliant.model import Memory, load_model
-from pliant.simulation import equilibrium, simulate, state
+from pliant.simulation import equilibrium, simulate
 from pliant.simulation.levels import typical_pressure
 
 KINDS = Path(__file__).parents[2] / "examples" / "state"
@@ -197,7 +197,7 @@ def test_every_station_in_place(model):
     m, d = compiled(model)
     q = np.linspace(0.1, -0.2, model.n)
     put(model, m, d, q)
-    places, _ = state.stations(model, state.absolute(model, q))
+    places, _ = mechanics_of(model).stations(mechanics_of(model).coordinates(q))
     for point, place in zip(model.points, places, strict=True):
         assert d.site_xpos[m.site(point.name).id] == pytest.approx([*place, 0.0], abs=1e-12)
 
@@ -245,7 +245,7 @@ def test_mass_and_inertia(model):
     joints = [m.joint(f"q_{i + 1}").dofadr[0] for i in range(model.n)]
     from pliant.equations import inertia
 
-    phi, body = state.absolute(model, q), model.body()
+    phi, body = mechanics_of(model).coordinates(q), mechanics_of(model).body
     X, own = np.empty((model.n, model.n)), np.empty((model.n, model.n))
     inertia.inertia_absolute(np.cos(phi), np.sin(phi), body.B, body.I, X)
     inertia.to_joint_angles(X, own)

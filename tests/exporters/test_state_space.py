@@ -11,8 +11,9 @@ import pytest
 import pliant
 from pliant.actuators import chen2018
 from pliant.exporters.state_space import control_system, linear_model, matrices
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Valve, chain_model
-from pliant.simulation import Stepper, state
+from pliant.simulation import Stepper
 
 
 def test_a_library_takes_what_linearise_gives():
@@ -75,7 +76,7 @@ def test_files_hold_everything(model, suffix, period, tmp_path):
     assert not D.any()
     assert told["name"] == model.name
     assert found["operating_state"][: model.n] == pytest.approx(
-        state.absolute(model, pliant.equilibrium(model, 5e4)), abs=1e-12
+        mechanics_of(model).coordinates(pliant.equilibrium(model, 5e4)), abs=1e-12
     )
     assert len(found["state_unit"]) == N
     assert float(found["dead_time"]) == (0.0 if period else model.valve.dead_time)
@@ -156,7 +157,7 @@ def stepped(body, at, commands, period, fine=40):
 
     def outputs():
         x = np.append(stepper.angle, stepper.strain)
-        return np.concatenate([stepper.tips()[-1], [x[body.n - 1]], state.relative(bare, x)])
+        return np.concatenate([stepper.tips()[-1], [x[body.n - 1]], mechanics_of(bare).joint_coordinates(x)])
 
     rest, rows = outputs(), []
     for k in range(len(commands)):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pliant
+from pliant.mechanics import mechanics_of
 from pliant.model import Extension
-from pliant.simulation import state
 
 
 def test_places_of_links_and_points(model, tmp_path):
@@ -17,7 +17,7 @@ def test_places_of_links_and_points(model, tmp_path):
     assert robot.validate()
     q = np.linspace(0.2, -0.1, model.n)
     robot.update_cfg(dict(zip([f"q_{i + 1}" for i in range(model.n)], q, strict=True)))
-    places, _ = state.stations(model, state.absolute(model, q))
+    places, _ = mechanics_of(model).stations(mechanics_of(model).coordinates(q))
     names = {link.name for link in robot.robot.links}
     for point, place in zip(model.points, places, strict=True):
         name = f"{point.name}_point" if f"{point.name}_point" in names else point.name

@@ -18,8 +18,9 @@ from pliant.identification.discrepancy import (
     taught_levels,
 )
 from pliant.identification.prediction import predict
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Model, Valve
-from pliant.simulation import equilibrium, state
+from pliant.simulation import equilibrium
 
 LAW = (3e-7, 3e-12)
 
@@ -51,7 +52,7 @@ def test_what_the_model_curves_off_the_line_through_the_taught_levels(body: Mode
         low, high = ((0.0, 6e4) if p <= 6e4 else (6e4, 1.4e5))
         off = LAW[1] * (p - low) * (p - high) / body.stiffness
         for q, found in ((equilibrium(body, p), row), (equilibrium(body, p) - off, line)):
-            assert found == pytest.approx(state.stations(body, state.absolute(body, q))[0], abs=1e-12)
+            assert found == pytest.approx(mechanics_of(body).stations(mechanics_of(body).coordinates(q))[0], abs=1e-12)
     assert between(np.array([1e5]), grid, rests)[0] == pytest.approx(rests[3])
 
 

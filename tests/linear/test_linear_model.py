@@ -12,8 +12,9 @@ from pliant.errors import InputError
 from pliant.linear import linearise
 from pliant.linear.linearisation import frequency_and_damping
 from pliant.linear.sampled import hold, sample
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Valve, chain_model
-from pliant.simulation import Stepper, equilibrium, lengthened, modes, state
+from pliant.simulation import Stepper, equilibrium, modes
 
 
 @pytest.fixture
@@ -129,13 +130,13 @@ def test_a_body_that_lengthens_is_the_step_about_its_rest(lengthening):
     assert linear.states[3:7] == ("phi_4", "strain_near", "strain_far", "w_1")
     assert linear.states[-2:] == ("strain_rate_far", "pressure_left")
     start = np.concatenate([linear.angle, linear.strain, np.zeros(N)])
-    work = type(lengthened.workspace(4, 2))(*(a.astype(complex) for a in lengthened.workspace(4, 2)))
+    work = mechanics_of(lengthening).workspace(complex)
     J = np.empty((2 * N, 2 * N))
     for k in range(2 * N):
         x = start.astype(complex)
         x[k] += 1e-20j
         drive = lengthening.actuation.joint_torques(LEVELS)
-        extension.step(x[:N], x[N:], h, drive, lengthening.mechanics(), lengthening.joints(), work)
+        extension.step(x[:N], x[N:], h, drive, mechanics_of(lengthening).body, mechanics_of(lengthening).joints, work)
         J[:, k] = x.imag / 1e-20
         np.testing.assert_allclose(x.real, start, atol=1e-12)
     half = 0.5 * h * linear.A[: 2 * N, : 2 * N]
@@ -161,7 +162,7 @@ def test_static_gains_of_a_body_that_lengthens(lengthening):
     assert linear.outputs[-2:] == ("strain_near", "strain_far")
     for c, up in enumerate(50.0 * np.eye(3)):
         q = [equilibrium(lengthening, LEVELS + side * up) for side in (1, -1)]
-        tip = [state.tips(lengthening, state.absolute(lengthening, at))[-1] for at in q]
+        tip = [mechanics_of(lengthening).tips(mechanics_of(lengthening).coordinates(at))[-1] for at in q]
         slope = np.concatenate([tip[0] - tip[1], [(q[0] - q[1])[:4].sum()], q[0] - q[1]]) / 100.0
         found = [linear.static_gain(name, c) for name in linear.outputs]
         np.testing.assert_allclose(found, slope, atol=1e-7 * np.abs(slope).max())

@@ -8,6 +8,7 @@ from scipy.signal import butter, filtfilt
 
 from pliant.estimation import Noise, estimate, release_of
 from pliant.identification.pose import beside_links
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Station, Valve, chain_model
 from pliant.preprocessing.align import align
 from pliant.preprocessing.clusters import assemble
@@ -44,7 +45,8 @@ def test_tip_poses_of_a_pulse_give_the_velocity_of_a_zero_phase_derivative(share
     phi = np.cumsum(found["joint_angle"].values + model.rest_angle, axis=1) + model.base_angle
     w = np.cumsum(found["joint_rate"].values, axis=1)
     eps = 1e-6
-    speed = (state.stations(model, phi + eps * w)[0] - state.stations(model, phi - eps * w)[0])[:, 0] / (2 * eps)
+    ahead, behind = (mechanics_of(model).stations(phi + s * eps * w)[0][:, 0] for s in (1, -1))
+    speed = (ahead - behind) / (2 * eps)
     b, a = butter(2, 20.0 / 50.0)
     wanted = np.gradient(filtfilt(b, a, tip, axis=0), time, axis=0)
     settled = time > time[0] + 0.2
@@ -118,7 +120,7 @@ def test_a_measured_pressure_gives_the_angles_of_an_arm(shared_data):
     noise = Noise(position=1e-2, torque=2e-2, random_walk=3e-3, initial_disturbance=0.01)
     found = estimate(ds.drop_vars(["angle", "quaternion"], errors="ignore"), model, noise=noise, pressure=pressure)
     phi = np.cumsum(found["joint_angle"].values + model.rest_angle, axis=1) + model.base_angle
-    turned = phi[:, [2, 4]] - state.absolute(model, state.equilibrium(model))[[2, 4]]
+    turned = phi[:, [2, 4]] - mechanics_of(model).coordinates(state.equilibrium(model))[[2, 4]]
     wanted = ds["angle"].sel(station=["mid", "tip"]).values
     settled = ds["time"].values > float(ds["time"][0]) + 1.0
     error = np.degrees(np.sqrt(np.mean((turned - wanted)[settled] ** 2, axis=0)))
@@ -152,7 +154,7 @@ def test_an_arm_that_may_lengthen_is_followed_as_closely_as_the_filter_says(shar
     ds = align(read(path, format="columns", mapping=mapping), base="base", tangent="chord", undo_jumps=True)
     model, links, names = lengthening_segments(), np.array([2, 5]), ("mid", "tip")
     first = ds["position"].sel(station=list(names)).values[:5].mean(axis=0)
-    along, across = beside_links(model, state.absolute(model, state.equilibrium(model)), first)
+    along, across = beside_links(model, mechanics_of(model).coordinates(state.equilibrium(model)), first)
     places = [Station(n, int(k) - 1, float(along[i, k]), float(across[i, k]))
               for i, (n, k) in enumerate(zip(names, links, strict=True))]  # fmt: skip
     model = model.with_(stations=places)

@@ -9,8 +9,8 @@ import pytest
 
 import pliant
 from pliant.actuators import chen2018
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.simulation import state
 from pliant.simulation.balance import EnergyWarning, energy_gain, held_energy
 
 HEAVY = Model(
@@ -34,7 +34,7 @@ def test_a_shorter_step_is_the_cure():
 
 def test_a_stepper_tells_it_too():
     stepper = pliant.Stepper(HEAVY, step=5e-4)
-    stepper.angle[:] = state.absolute(HEAVY, BENT)
+    stepper.angle[:] = mechanics_of(HEAVY).coordinates(BENT)
     with pytest.warns(EnergyWarning, match="within 256 steps under 0 Pa"):
         deque((stepper.step(0.0) for _ in range(6000)), maxlen=0)
     assert stepper.energy_gain > 0.01
@@ -60,7 +60,7 @@ def test_the_energy_of_a_held_pressure_falls_by_what_the_dampers_take():
     for _ in range(50):
         stepper.step(5e4)
     first = held_energy(model, stepper.angle, stepper.rate, 5e4)
-    q, dq = state.joint_angles(model, stepper.angle), state.joint_rates(stepper.rate)
+    q, dq = mechanics_of(model).joint_angles(stepper.angle), np.diff(stepper.rate, axis=-1, prepend=0.0)
     for _ in range(200):
         stepper.step(5e4)
     last = held_energy(model, stepper.angle, stepper.rate, 5e4)

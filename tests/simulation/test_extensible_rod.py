@@ -9,8 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, chain_model
-from pliant.simulation import equilibrium, modes, state
+from pliant.simulation import equilibrium, modes
 
 LENGTH, DENSITY, EI, EA, TIP_MASS = 0.3, 0.8, 0.02, 25.0, 0.02  # m, kg/m, N m^2, N, kg
 GRAVITY, PULL = np.array([3.0, -6.0]), np.array([0.15, 0.1])  # m/s^2; N at the tip
@@ -83,7 +84,7 @@ def rod():
 def errors(rod, links, segments):
     """Of the tip in parts of the length, and of the first three frequencies in parts of themselves."""
     model = chain(links, segments)
-    tip = state.tips(model, state.absolute(model, equilibrium(model, PRESSURE, PULL)))[-1]
+    tip = mechanics_of(model).tips(mechanics_of(model).coordinates(equilibrium(model, PRESSURE, PULL)))[-1]
     hertz = modes(model, equilibrium(model, PRESSURE))[0][:3]
     return np.append(np.linalg.norm(tip - rod[0]) / LENGTH, np.abs(hertz / rod[1] - 1.0))
 

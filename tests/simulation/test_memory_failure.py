@@ -9,6 +9,7 @@ from pliant.actuators import chen2018
 from pliant.equations.memory import step_with_memory
 from pliant.equations.symbols import Past
 from pliant.errors import SimulationError
+from pliant.mechanics import mechanics_of
 from pliant.model import Memory
 from pliant.simulation import Pulse, Stepper, march_loops, memory, simulate, state, stepper
 
@@ -52,7 +53,7 @@ def test_a_held_step_says_so(failing):
     arm, past = Stepper(MODEL, 1e-3), Past(MODEL.memory.law(), np.zeros((2, 1)), state.held(MODEL))
     count.clear()
     phi, w, command = np.zeros(2), np.zeros(2), np.array([3e4])
-    chain, work = (MODEL.body(), MODEL.joints()), state.work_of(MODEL)
+    chain, work = (mechanics_of(MODEL).body, mechanics_of(MODEL).joints), mechanics_of(MODEL).workspace()
     ended = [
         march_loops.held_step_with_memory(phi, w, 1e-3, command, arm._drives, chain, past, work) for _ in range(5)
     ]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError, SimulationError
+from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Valve, load_model, save_model
 from pliant.simulation import Pulse, Stepper, Trace, equilibrium, modes, simulate, state, step, triangle
 from pliant.simulation.drive import drive
@@ -24,7 +25,7 @@ def test_no_memory_marches_bit_for_bit_as_without(paper, awkward, memory):
     for model in (paper, awkward):
         times = np.linspace(0.0, 0.3, 151)
         plan = drive(model, Pulse(8e4, 0.05, 0.1), times, 2e-3)
-        start = (state.absolute(model, equilibrium(model)), np.zeros(model.n))
+        start = (mechanics_of(model).coordinates(equilibrium(model)), np.zeros(model.n))
         mute = model.with_(memory=memory)
         with_memory = march_with_memory(mute, plan, start, state.relaxed(mute, np.zeros(model.n)), times.size)
         for a, b in zip(march(model, plan, start, times.size), with_memory, strict=False):
@@ -100,7 +101,7 @@ def test_steps_are_those_of_simulate(paper, memory):
     found = np.array([stepper.step(p)[0].copy() for p in levels])
     nodes = np.arange(levels.size + 1) * h
     run = simulate(model, Trace(np.repeat(nodes, 2)[1:-1], np.repeat(levels, 2)), times=nodes, step=h)
-    assert state.joint_angles(model, found) == pytest.approx(run.joint_angle.values[1:], abs=1e-10)
+    assert mechanics_of(model).joint_angles(found) == pytest.approx(run.joint_angle.values[1:], abs=1e-10)
     assert stepper.memory[:, : len(memory.labels)] == pytest.approx(run.memory_state.values[-1], abs=1e-10)
     stepper.reset()
     assert not stepper.memory.any()
@@ -135,7 +136,7 @@ def test_steps_of_an_inflating_chamber_are_those_of_simulate(paper):
     found = np.array([stepper.step(p)[0].copy() for p in levels])
     nodes = np.arange(levels.size + 1) * h
     run = simulate(model, Trace(np.repeat(nodes, 2)[1:-1], np.repeat(levels, 2)), times=nodes, step=h)
-    assert state.joint_angles(model, found) == pytest.approx(run.joint_angle.values[1:], abs=1e-10)
+    assert mechanics_of(model).joint_angles(found) == pytest.approx(run.joint_angle.values[1:], abs=1e-10)
     assert stepper.stretch == pytest.approx(run.hoop_stretch.values[-1], rel=1e-12)
     stepper.reset(1e5)
     assert stepper.stretch == pytest.approx(2**0.25)

@@ -7,8 +7,9 @@ import pytest
 from scipy.optimize import root
 
 from pliant.errors import InputError, SimulationError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, chain_model
-from pliant.simulation import Trace, equilibrium, modes, simulate, state
+from pliant.simulation import Trace, equilibrium, modes, simulate
 
 
 def uniform(**changes):
@@ -63,7 +64,7 @@ def test_a_hanging_chain_and_a_heavy_cap_stay_on_their_branch():
     q = equilibrium(heavy)
     assert np.abs(potential_slope(heavy, q, 0.0)).max() < 1e-9
     assert np.all(q < 0)  # gravity towards +x turns about -z
-    tip = state.tips(heavy, state.absolute(heavy, q))[-1]
+    tip = mechanics_of(heavy).tips(mechanics_of(heavy).coordinates(q))[-1]
     assert tip[0] > 0.1
 
 
@@ -162,11 +163,11 @@ def test_stations_are_points_fixed_to_their_links():
         base_length=0.02, base_angle=np.pi / 2, stations=points,
     )
     q = np.array([-0.1, np.pi / 2 - 0.2])  # base and first link along -x, second along -y
-    position, angle = state.stations(model, state.absolute(model, q))
+    position, angle = mechanics_of(model).stations(mechanics_of(model).coordinates(q))
     want = [[0, 0], [-0.01, -0.005], [-0.02, 0], [-0.06, -0.01], [-0.06, -0.05], [-0.08, -0.025]]
     assert position == pytest.approx(np.array(want), abs=1e-15)
     assert angle == pytest.approx(np.pi * np.array([0.5, 0.5, 0.5, 0.5, 1.0, 1.0]))
-    flipped, turned = state.stations(model.with_(bend_sign=-1), state.absolute(model, q))
+    flipped, turned = mechanics_of(model.with_(bend_sign=-1)).stations(mechanics_of(model).coordinates(q))
     assert flipped == pytest.approx(position * [-1, 1], abs=1e-15)
     assert turned == pytest.approx(-angle)
 
@@ -183,7 +184,7 @@ def test_the_kernel_for_stations_says_the_same(awkward, rng):
 
     phi = rng.normal(size=3)
     points = [("a", -1, 0.013, 0.004), ("b", 0, 0.02, -0.01), ("c", 2, 0.06, 0.03)]
-    position, _ = state.stations(awkward.with_(stations=points), phi)
+    position, _ = mechanics_of(awkward.with_(stations=points)).stations(phi)
     for (_, link, along, across), got in zip(points, position, strict=True):
         p = np.empty(2)
         station(phi, awkward.link_length, awkward.first_joint, awkward.base_angle, (link, along, across), p)

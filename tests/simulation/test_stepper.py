@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
+from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Valve
 from pliant.simulation import Stepper, Trace, simulate, state
 
@@ -33,8 +34,8 @@ def test_held_pressures_give_the_trajectory_of_simulate(request, which, valve):
         rows.append((angle.copy(), rate.copy(), stepper.pressure))
     phi, w, shown = (np.array(column) for column in zip(*rows, strict=True))
     run = simulate(model, staircase(HELD, h), times=np.arange(HELD.size + 1) * h, step=h)
-    assert np.abs(state.joint_angles(model, phi) - run.joint_angle.values).max() < 1e-11
-    assert np.abs(state.joint_rates(w) - run.joint_rate.values).max() < 1e-9
+    assert np.abs(mechanics_of(model).joint_angles(phi) - run.joint_angle.values).max() < 1e-11
+    assert np.abs(np.diff(w, axis=-1, prepend=0.0) - run.joint_rate.values).max() < 1e-9
     if valve.rise_time:
         assert shown == pytest.approx(run.pressure.values, abs=1e-6)
     assert stepper.time == pytest.approx(HELD.size * h)
@@ -134,7 +135,7 @@ def test_it_starts_from_any_angles_and_rates(awkward):
     stepper, h = Stepper(awkward, 1e-3), 1e-3
     q, dq = np.array([0.2, -0.1, 0.15]), np.array([1.0, 0.5, -2.0])
     stepper.reset(5e4, joint_angle=q, joint_rate=dq)
-    rows = [state.joint_angles(awkward, stepper.step(5e4)[0]).copy() for _ in range(50)]
+    rows = [mechanics_of(awkward).joint_angles(stepper.step(5e4)[0]).copy() for _ in range(50)]
     level = Trace(np.array([0.0]), np.array([5e4]))
     run = simulate(awkward, level, times=np.arange(51) * h, step=h, initial_angle=q, initial_rate=dq)
     assert np.abs(np.array(rows) - run.joint_angle.values[1:]).max() < 1e-12
@@ -161,10 +162,11 @@ def test_a_point_force_ends_at_the_rest_under_it(paper):
     stepper, force = Stepper(paper, 1e-3), np.array([0.3, -0.2])
     stepper.push(force)
     stepper.step(4e4, 20000)
-    assert state.joint_angles(paper, stepper.angle) == pytest.approx(state.equilibrium(paper, 4e4, force), abs=1e-9)
+    wanted = pytest.approx(state.equilibrium(paper, 4e4, force), abs=1e-9)
+    assert mechanics_of(paper).joint_angles(stepper.angle) == wanted
     stepper.push(None)
     stepper.step(4e4, 20000)
-    assert state.joint_angles(paper, stepper.angle) == pytest.approx(state.equilibrium(paper, 4e4), abs=1e-9)
+    assert mechanics_of(paper).joint_angles(stepper.angle) == pytest.approx(state.equilibrium(paper, 4e4), abs=1e-9)
 
 
 def test_a_point_force_does_the_work_that_it_gives(awkward):

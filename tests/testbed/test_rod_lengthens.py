@@ -10,8 +10,9 @@ from helpers import gradient_and_hessian, mass_matrix
 from scipy.linalg import eigh
 
 from pliant.errors import InputError
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, chain_model
-from pliant.simulation import equilibrium, modes, state
+from pliant.simulation import equilibrium, modes
 from pliant.testbed import Laboratory, generate
 from pliant.testbed.mocap import MotionCapture
 from pliant.testbed.rod import ChamberParameters, actuator, build_body
@@ -99,7 +100,8 @@ def test_a_chain_that_lengthens_rests_and_rings_as_the_rod():
     still, pressures = np.array([0.0, LENGTH]), (1.2e5, 4e4)
     for force in ((0.0, 0.0), (0.1, -0.15)):
         rod = settle(p, (*pressures, *force, 0.0)).x
-        tip = state.tips(chain, state.absolute(chain, equilibrium(chain, pressures, np.array(force))))[-1]
+        rest = mechanics_of(chain).coordinates(equilibrium(chain, pressures, np.array(force)))
+        tip = mechanics_of(chain).tips(rest)[-1]
         assert np.linalg.norm(tip - rod[-1]) < 0.01 * np.linalg.norm(rod[-1] - still)
         bent, straight = np.linalg.norm(np.diff(rod, axis=0), axis=1).sum(), settle(p, (0.0,) * 5).x
         assert bent > 1.05 * np.linalg.norm(np.diff(straight, axis=0), axis=1).sum()  # it does lengthen

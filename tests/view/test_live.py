@@ -18,8 +18,9 @@ from pliant.errors import InputError
 from pliant.identification import Parameter
 from pliant.loop.log import LoopLog, read_log
 from pliant.loop.run import log_columns
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, chain_model, save_model
-from pliant.simulation import Stepper, equilibrium, state
+from pliant.simulation import Stepper, equilibrium
 from pliant.view.live import Live, Played, Pull, Wish, sliders_of
 from pliant.view.played import played_from
 from pliant.view.watched import Watched
@@ -63,7 +64,7 @@ def test_a_hand_that_holds_still_ends_in_the_equilibrium_of_its_force(played, mo
         live.advance(0.1)
     assert np.linalg.norm(live.force) > 0.05
     q = equilibrium(model, 0.0, live.force)
-    np.testing.assert_allclose(live.stepper.angle, state.absolute(model, q), atol=2e-3)
+    np.testing.assert_allclose(live.stepper.angle, mechanics_of(model).coordinates(q), atol=2e-3)
 
 
 def test_parameters_stay_within_their_intervals_and_the_motion_goes_on(model):
@@ -204,7 +205,7 @@ def test_every_output_that_a_loop_brings_to_its_place_is_told(model, tmp_path):
 def test_a_touch_is_shown_where_it_is_and_a_fault_is_told(model, tmp_path):
     """Torques by hand: the moment of the force about each joint, of a body bent by 0.2 rad a link."""
     angle = np.array([0.2, 0.4, 0.6])
-    joints = np.vstack([[0.0, 0.0], state.tips(model, angle)])
+    joints = np.vstack([[0.0, 0.0], mechanics_of(model).tips(angle)])
     at, force = joints[2] + 0.5 * (joints[3] - joints[2]), np.array([0.4, 0.1])
     torque = [(at - p)[0] * force[1] - (at - p)[1] * force[0] for p in joints[:3]]
     columns = log_columns(3)
@@ -409,10 +410,10 @@ def test_two_pages_follow_their_own_steps(browser, served, model):
     pages[0].evaluate("pliantLive.ask({pressure_kpa: [20]})")
     until(pages[0], "pliantLive.now.kpa[0] === 20 && pliantLive.now.t > 4")
     q = equilibrium(model, 20e3)
-    tip = 1e3 * state.tips(model, state.absolute(model, q))[-1]
+    tip = 1e3 * mechanics_of(model).tips(mechanics_of(model).coordinates(q))[-1]
     assert pages[0].evaluate("pliantLive.now.body.at(-1)") == pytest.approx(tip.tolist(), abs=0.5)
     assert pages[1].evaluate("pliantLive.now.kpa[0]") == 0
-    rest = 1e3 * state.tips(model, state.absolute(model, np.zeros(3)))[-1]
+    rest = 1e3 * mechanics_of(model).tips(mechanics_of(model).coordinates(np.zeros(3)))[-1]
     assert pages[1].evaluate("pliantLive.now.body.at(-1)") == pytest.approx(rest.tolist(), abs=0.01)
     assert asked == [served, served]
     assert not complaints

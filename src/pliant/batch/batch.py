@@ -9,12 +9,13 @@ import numpy as np
 import xarray as xr
 
 from pliant.batch.gpu import check_gpu, run_gpu
-from pliant.batch.one_by_one import STRAINS, VARIABLES, run_alone, samples_alone
+from pliant.batch.one_by_one import VARIABLES, dimensions, run_alone, samples_alone
 from pliant.batch.samples import Samples, gather
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd import run_lanes
 from pliant.cores import cores
 from pliant.errors import InputError, SimulationError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.simulation.inputs import Input
@@ -96,7 +97,7 @@ def simulate_batch(
     device, failures = how["device"], how["failures"]
     if one_by_one(models):
         many_models, sets = samples_alone(models, pressures, parameters)
-        check_choices(variables, device, failures, strains=bool(many_models[0].extensions))
+        check_choices(variables, device, failures, dimensions(many_models[0]))
         times = output_times(duration, times, step)
         found = run_alone(many_models, sets, times, step, {**how, "threads": how["threads"] or cores()})
         found = {k: found[k] for k in (*variables, "failed_at")}
@@ -118,12 +119,11 @@ def simulate_batch(
 def one_by_one(models: Model | Sequence[Model]) -> bool:
     """Whether lanes cannot hold the bodies of a batch: those of several chambers, and those that lengthen."""
     many = (models,) if isinstance(models, Model) else models
-    return any(len(m.chambers) > 1 or m.extensions for m in many)
+    return any(len(m.chambers) > 1 or mechanics_of(m).lengthens for m in many)
 
 
-def check_choices(variables: Sequence[str], device: str, failures: str, *, strains: bool = False) -> None:
+def check_choices(variables: Sequence[str], device: str, failures: str, known: Mapping[str, Any] = VARIABLES) -> None:
     """Refuse what a batch does not know; a GPU takes one chamber and a fixed length."""
-    known = VARIABLES | STRAINS if strains else VARIABLES
     if unknown := [v for v in variables if v not in known]:
         raise InputError(f"unknown variable {unknown[0]!r}: a batch of these bodies keeps {', '.join(known)}")
     if failures not in ("raise", "mark"):
@@ -198,14 +198,13 @@ def labelled(
         )
     for a in made.values():
         a[bad] = np.nan
-    dims = VARIABLES | STRAINS
+    dims = dimensions(model)
     entries = {k: (dims[k], a, {"units": LABELS[k][0], "long_name": LABELS[k][1]}) for k, a in made.items()}
     failed = {"units": "s", "long_name": "time at which the sample's step failed, NaN where none did"}
-    n, segments = model.n, {"segment": [e.name for e in model.extensions]} if model.extensions else {}
     return xr.Dataset(
         {**entries, "failed_at": (("sample",), failed_at, failed)},
         coords={"sample": np.arange(failed_at.size), "time": ("time", times, {"units": "s", "long_name": "time"}),
-                "joint": np.arange(1, n + 1), "link": np.arange(1, n + 1), "axis": ["x", "y"], **segments},
+                **mechanics_of(model).labels, "link": np.arange(1, model.n + 1), "axis": ["x", "y"]},
         attrs={"schema": "pliant-batch", "model": model.name, "failed_samples": int(bad.size),
                "source": f"pliant {__version__}", **attributes},
     )

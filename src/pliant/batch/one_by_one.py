@@ -16,6 +16,7 @@ from pliant.compiler.simd import lane_twin
 from pliant.equations.symbols import Past
 from pliant.errors import InputError
 from pliant.identification.parameters import apply, kind_of
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import march_loops, state
 from pliant.simulation.drive import drive, inputs_of
@@ -28,7 +29,21 @@ VARIABLES = {
     "joint_angle": ("sample", "time", "joint"), "joint_rate": ("sample", "time", "joint"),
     "tip_position": ("sample", "time", "link", "axis"),
 }
-STRAINS = {"axial_strain": ("sample", "time", "segment"), "axial_strain_rate": ("sample", "time", "segment")}
+
+
+def dimensions(model: Model) -> dict[str, tuple[str, ...]]:
+    """What a batch of such bodies may keep: variables and their dimensions."""
+    kinds = mechanics_of(model).kinds
+    return {name: ("sample", "time", kind.over) for kind in kinds for name in kind.names[:2]} | {
+        "tip_position": VARIABLES["tip_position"],
+    }
+
+
+def motion_of(model: Model, x: Array, v: Array) -> Made:
+    """The variables of `dimensions` along a motion (T, N)."""
+    chain = mechanics_of(model)
+    values = {name: value for name, (_, value) in chain.variables(x, v).items()}
+    return {**values, "tip_position": chain.tips(x)}
 
 
 def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Array, rows: int) -> tuple[Made, int]:
@@ -36,20 +51,17 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
 
     Of a body that lengthens (n + S,), strains behind the angles.
     """
-    n = model.n
-    states = state.relaxed(model, state.joint_angles(model, angle))
+    chain = mechanics_of(model)
+    states = state.relaxed(model, chain.joint_angles(angle))
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0] = angle, rate
-    failed = lane_twin(march_loops.march_with_memory, n, len(model.extensions))(
-        angle, rate, steps, model.mechanics(), model.joints(),
-        Past(model.memory.law(), states, state.held(model)), state.work_of(model), out,
+    failed = lane_twin(march_loops.march_with_memory, model.n, len(model.extensions))(
+        angle, rate, steps, chain.body, chain.joints, Past(model.memory.law(), states, state.held(model)),
+        chain.workspace(), out,
     )
     if failed != -1:
         return {}, failed if failed >= 0 else -2 - failed  # a link that turns too far, or no agreement
-    return {
-        "joint_angle": state.joint_angles(model, out.phi), "joint_rate": state.joint_rates(out.w[:, :n]),
-        "tip_position": state.tips(model, out.phi), "axial_strain": out.phi[:, n:], "axial_strain_rate": out.w[:, n:],
-    }, -1
+    return motion_of(model, out.phi, out.w), -1
 
 
 def samples_alone(
@@ -134,13 +146,12 @@ def run_alone(
         model, plan = models[i], drive(models[i], pressures[i], times, step)
         angle, rate = start("initial_angle", i), start("initial_rate", i)
         q = state.equilibrium(model, plan.initial) if angle is None else angle
-        turning = state.absolute_rates(model, np.zeros(n) if rate is None else rate)
-        made, failed = march_alone(model, plan.steps, state.absolute(model, q), turning, times.size)
+        turning = mechanics_of(model).rates(np.zeros(n) if rate is None else rate)
+        made, failed = march_alone(model, plan.steps, mechanics_of(model).coordinates(q), turning, times.size)
         return made, np.nan if failed < 0 else float(times[0] + plan.h[: failed + 1].sum())
 
     with ThreadPoolExecutor(max_workers=how["threads"]) as pool:
         done = list(pool.map(one, range(size)))
-    sizes = {"joint": (model.n,), "tip": (model.n, 2), "axial": (n - model.n,)}
-    lost = {k: (times.size, *sizes[k.split("_")[0]]) for k in (*VARIABLES, *STRAINS)}
-    stacked = {k: np.stack([d.get(k, np.full(shape, np.nan)) for d, _ in done]) for k, shape in lost.items()}
+    lost = motion_of(model, *np.full((2, times.size, n), np.nan))
+    stacked = {k: np.stack([d.get(k, nothing) for d, _ in done]) for k, nothing in lost.items()}
     return {**stacked, "failed_at": np.array([at for _, at in done])}

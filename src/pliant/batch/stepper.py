@@ -11,6 +11,7 @@ from pliant.batch import simd_loops
 from pliant.batch.simd_loops import Commanded, Lane
 from pliant.compiler.simd import WIDTH, aligned, lane_twin
 from pliant.errors import InputError, SimulationError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, fixed_length
 from pliant.simulation import Stepper, state
 from pliant.simulation.chamber_course import lag_of
@@ -118,9 +119,9 @@ def pool_of(models: Sequence[Model]) -> dict[str, Array]:
     """What `hold_lanes` needs of each body, and its state at rest without pressure; the bodies first."""
     rows: list[dict[str, Array]] = []
     for m in models:
-        body, joints, drive = m.body(), m.joints(), m.actuation.kernel()
+        body, joints, drive = mechanics_of(m).body, mechanics_of(m).joints, m.actuation.kernel()
         none = np.zeros(len(m.chambers))
-        phi = state.absolute(m, state.equilibrium(m, none))
+        phi = mechanics_of(m).coordinates(state.equilibrium(m, none))
         rows.append({
             "state": np.stack([phi, np.zeros(m.n)]), "B": body.B, "I": body.I, "h": body.h,
             "gravity": np.array([body.gx, body.gy]),

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from pliant.bench.timing import best
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
 Array = np.ndarray
@@ -43,7 +44,7 @@ def library() -> Any:
 
 def constants(model: Model) -> Array:
     """All numbers of the chain in the order of `Chain` in floor.c."""
-    body, joints = model.body(), model.joints()
+    body, joints = mechanics_of(model).body, mechanics_of(model).joints
     parts = (
         body.B, body.I, body.h, body.gx, body.gy, joints.base_angle, joints.theta0, joints.K, joints.D, joints.K2,
         joints.unbent, joints.K3,

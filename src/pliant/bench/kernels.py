@@ -12,11 +12,11 @@ from pliant.bench.floor import floor
 from pliant.bench.timing import best
 from pliant.equations import motion
 from pliant.equations.symbols import Slopes
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import Pulse, state
 from pliant.simulation.drive import drive
 from pliant.simulation.solve import march
-from pliant.simulation.state import workspace
 
 CALLS = 20_000
 TORQUE = 0.0793  # N m, the paper's at 119 kPa
@@ -26,7 +26,7 @@ STEP = 1e-3  # s
 def kernels(links: int = 5) -> dict[str, float]:
     """Time of one implicit step, one right-hand side, and one with its full Jacobian, ns; and over those in plain C."""
     model = chen2018.model(links=links)
-    n, parts = links, (model.body(), model.joints(), workspace(links))
+    n, parts = links, mechanics_of(model).parts()
     out, torque = Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n))), np.full(n, TORQUE)
 
     def at() -> tuple[np.ndarray, np.ndarray]:
@@ -50,5 +50,5 @@ def step_ns(model: Model) -> float:
     pressure = Pulse(chen2018.PULSE_PRESSURE, chen2018.PULSE_START, chen2018.PULSE_WIDTH)
     ends = np.array([0.0, 4.0])
     plan = drive(model, pressure, ends, STEP)
-    start = (state.absolute(model, state.equilibrium(model, plan.initial)), np.zeros(model.n))
+    start = (mechanics_of(model).coordinates(state.equilibrium(model, plan.initial)), np.zeros(model.n))
     return 1e9 * best(lambda: march(model, plan, start, ends.size), clock=process_time) / plan.h.size

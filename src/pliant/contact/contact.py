@@ -15,6 +15,7 @@ from pliant.errors import InputError
 from pliant.estimation.measurement import measurement_of
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import estimate, input_of
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import simulate
 from pliant.version import __version__
@@ -184,20 +185,10 @@ def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict
                             options.get("drive"))
     times = found["time"].values - options.get("latency", 0.0)
     run = simulate(held, source, times=times, step=options.get("step", 5e-3))
-    q, torque = whole(found, "joint_angle", "axial_strain"), whole(found, "disturbance", "axial_disturbance")
-    torque[:, model.n :] *= model.segment_length
-    features = features_of(
-        model, times, found["pressure"].values, whole(run, "joint_angle", "axial_strain"),
-        whole(run, "joint_rate", "axial_strain_rate"),
-    )
-    q[:, : model.n] = np.cumsum(q[:, : model.n] + model.rest_angle, axis=1) + model.base_angle
-    return Seen(found, torque, features, q, found["motion"].values)
-
-
-def whole(found: xr.Dataset, of_joints: str, of_segments: str) -> Array:
-    """Values (T, n) of the joints; where segments lengthen, with theirs behind them (T, n + S)."""
-    names = [of_joints, of_segments] if of_segments in found else [of_joints]
-    return np.concatenate([found[name].values for name in names], axis=1)
+    chain = mechanics_of(model)
+    features = features_of(model, times, found["pressure"].values, chain.gathered(run, 0), chain.gathered(run, 1))
+    torque, x = chain.gathered(found, 2) * chain.lever, chain.coordinates(chain.gathered(found, 0))
+    return Seen(found, torque, features, x, found["motion"].values)
 
 
 class Event(NamedTuple):
@@ -245,11 +236,10 @@ def last_zero(sums: Array, k: int) -> int:
 
 def external(model: Model, left: Array) -> dict[str, Any]:
     """Torques of the joints (T, n), and forces along the segments that lengthen (T, S), for the dataset."""
-    made = {"external_torque": (("time", "joint"), left[:, : model.n], {"units": "N m"})}
-    if model.extensions:
-        force = left[:, model.n :] / model.segment_length
-        made["external_axial_force"] = (("time", "segment"), force, {"units": "N"})
-    return made
+    return {
+        kind.names[3]: (("time", kind.over), left[:, kind.rows] / kind.lever, {"units": kind.units[2]})
+        for kind in mechanics_of(model).kinds
+    }
 
 
 def described(

@@ -20,6 +20,7 @@ from pliant.estimation.noise import Noise
 from pliant.estimation.offline import chain_of, frame_of
 from pliant.estimation.symbols import FilterNoise, FilterState, Prediction
 from pliant.estimation.workspace import make_workspace
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
 
@@ -84,7 +85,7 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
     workspace = make_workspace(model, noise.states(model), len(rows))
     q = state.equilibrium(model)
     start = FilterState(
-        state.absolute(model, q), np.zeros(n), np.zeros(n), noise.initial(model), state.relaxed(model, q)
+        mechanics_of(model).coordinates(q), np.zeros(n), np.zeros(n), noise.initial(model), state.relaxed(model, q)
     )
     predict = twin(kalman_loops.predict_span, model.n, len(model.extensions))
     update = twin(kalman_loops.update)

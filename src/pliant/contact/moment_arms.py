@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.numerics.spline import CLAMPED, spline_matrix
-from pliant.simulation import lengthened
 
 Array = np.ndarray
 
@@ -49,10 +49,11 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
 
     Source: virtual work, as `equations.extension.add_link_loads`
     """
-    n, stretch, phi = model.n, lengthened.stretches(model, angle), angle[:, : model.n]
+    n, chain = model.n, mechanics_of(model)
+    stretch, directions = chain.stretches(angle), chain.directions(angle)
     l, part = stretch[:, 1:] * model.link_length, stretch[:, 1 + link]  # (T, n), (T, P)
-    ahead = np.stack([-np.sin(phi), np.cos(phi)], axis=-1)  # (T, n, 2)
-    joint = np.concatenate([np.zeros((len(phi), 1, 2)), np.cumsum(l[..., None] * ahead, axis=1)], axis=1)[:, :n]
+    ahead = directions[:, 1:]  # (T, n, 2)
+    joint = np.concatenate([np.zeros((len(angle), 1, 2)), np.cumsum(l[..., None] * ahead, axis=1)], axis=1)[:, :n]
     own = ahead[:, link]
     arm = (joint[:, link] + (part * along)[..., None] * own)[:, :, None] - joint[:, None]  # (T, P, n, 2)
     arm = np.where((np.arange(n) <= link[:, None])[..., None], arm, 0.0)
@@ -63,20 +64,16 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
             arm[:, here, k[here]] = lever[..., None] * own[:, here]
     sides = (np.stack([-own[..., 1], own[..., 0]], axis=-1), own)
     turning = [arm[..., 0] * d[:, :, None, 1] - arm[..., 1] * d[:, :, None, 0] for d in sides]
-    if not model.extensions:
-        return np.stack(turning, axis=2)
-    grown = growth(model, ahead, link, along)
+    grown = growth(model, directions, link, along)
     stretching = [np.einsum("tpsa,tpa->tps", grown, d) for d in sides]
     return np.concatenate([np.stack(turning, axis=2), np.stack(stretching, axis=2)], axis=-1)
 
 
-def growth(model: Model, ahead: Array, link: Array, along: Array) -> Array:
-    """Way (T, P, S, 2) [m] of points by each strain: along every link before them; `ahead` (T, n, 2) its direction."""
-    rows, n = np.arange(-1, model.n), model.n
+def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:
+    """Way (T, P, S, 2) [m] of points by each strain: along every link before them, in its direction (T, n + 1, 2)."""
+    rows = np.arange(-1, model.n)
     length = np.append(model.base_length, model.link_length)
     way = np.where(rows < link[:, None], length, np.where(rows == link[:, None], along[:, None], 0.0))  # (P, n + 1)
-    base = np.broadcast_to([-np.sin(model.base_angle), np.cos(model.base_angle)], (len(ahead), 1, 2))
-    directions = np.concatenate([base, ahead], axis=1).reshape(len(ahead), n + 1, 2)
     return np.einsum("pk,ks,tka->tpsa", way, model.stretch_share, directions)
 
 
@@ -85,16 +82,13 @@ def curve_at(model: Model, angle: Array, arc_length: float) -> tuple[Array, Arra
 
     Of a body that lengthens, with its strains behind the angles (n + S,), at that arc length before it does.
     """
-    stretch, phi, l = lengthened.stretches(model, angle), angle[: model.n], model.link_length
-    grown = stretch[1:] * l
-    steps = np.concatenate([[[0.0, 0.0]], grown[:, None] * np.stack([-np.sin(phi), np.cos(phi)], axis=1)])
-    nodes = stretch[0] * model.first_joint + np.cumsum(steps, axis=0)
-    arc = model.base_length + np.append(0.0, np.cumsum(l))
-    if model.base_length:
-        nodes, arc = np.concatenate([[[0.0, 0.0]], nodes]), np.append(0.0, arc)
+    chain, first = mechanics_of(model), int(model.base_length == 0.0)
+    stretch, directions = chain.stretches(angle), chain.directions(angle)
+    nodes = (chain.nodes(angle) * chain.mirror)[first:]
+    arc = np.append(0.0, model.base_length + np.append(0.0, np.cumsum(model.link_length)))[first:]
     if arc.size < 3:
-        return np.array([np.interp(arc_length, arc, x) for x in nodes.T]), steps[-1] / grown[-1]
-    base = stretch[0 if model.base_length else 1] * np.array([-np.sin(model.base_angle), np.cos(model.base_angle)])
+        return np.array([np.interp(arc_length, arc, x) for x in nodes.T]), directions[-1]
+    base = stretch[first] * directions[0]
     point, slope = (
         (B @ nodes + w[:, None] * base)[0]
         for B, w in (spline_matrix(arc, [arc_length], CLAMPED, order) for order in (0, 1))

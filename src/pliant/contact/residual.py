@@ -8,7 +8,7 @@ from pliant.compiler.choose import twin
 from pliant.equations import contact, elastic
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
-from pliant.model import Model
+from pliant.model import Model, fixed_length
 from pliant.model.statics import joint_torques_over
 
 Array = np.ndarray
@@ -40,7 +40,7 @@ def momentum_residual(
     T, n = np.shape(angle)
     if np.shape(rate) != (T, n) or np.shape(pressure)[:1] != (T,) or np.shape(time) != (T,) or not bandwidth > 0:
         raise InputError(f"the observer needs rates (T, n), pressures and times (T,) beside angles {np.shape(angle)}")
-    body, joints = model.body(), model.joints()
+    body, joints, _ = mechanics_of(fixed_length(model)).parts()
     momentum, momentum_rate = twin(contact.momentum), twin(contact.momentum_rate)
     torques = twin(elastic.joint_torques)
     p, rates, t = np.empty((T, n)), np.empty((T, n)), np.empty(n + 1)
@@ -74,8 +74,8 @@ def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
         When a shape has other than n angles and S strains.
     """
     if np.shape(angle)[1:] != (model.size,):
-        strains = f" and {len(model.extensions)} strain(s)" if model.extensions else ""
-        raise InputError(f"shapes at rest hold {model.n} angles{strains}, (T, {model.size}), got {np.shape(angle)}")
+        counted = mechanics_of(model).counted
+        raise InputError(f"shapes at rest hold {counted}, (T, {model.size}), got {np.shape(angle)}")
     tau = joint_torques_over(model.actuation, pressure)
     chain = mechanics_of(model)
     unexplained = [chain.static_forces(x, t) for x, t in zip(angle, tau, strict=True)]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, fixed_length
 from pliant.simulation import state
 
@@ -88,8 +89,8 @@ def equilibria(model: Model, highest: float, points: int = POINTS) -> Equilibria
         raise InputError(f"the highest pressure must be positive, in Pa, got {highest}")
     fixed_length(model)
     pressure = np.linspace(0.0, highest, points)
-    angle = np.array([state.absolute(model, state.equilibrium(model, p)) for p in pressure])
-    tip = state.tips(model, angle)[:, -1]
+    angle = np.array([mechanics_of(model).coordinates(state.equilibrium(model, p)) for p in pressure])
+    tip = mechanics_of(model).tips(angle)[:, -1]
     piece = np.linalg.norm(np.diff(tip, axis=0), axis=1)
     if not np.all(np.diff(angle[:, -1]) > 0) or not np.all(piece > 0):
         raise InputError("more pressure does not bend the model further everywhere up to the highest: lower it")

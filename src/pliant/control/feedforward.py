@@ -7,6 +7,7 @@ import numpy as np
 from pliant.control.equilibria import Equilibria, equilibria
 from pliant.equations import memory as kernels
 from pliant.errors import InputError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
 
@@ -58,7 +59,7 @@ class Feedforward:
         static = self.equilibria.pressure_for(displacement)
         wanted = static
         if self.model.memory:
-            q = state.joint_angles(self.model, self.equilibria.at(static)[0])
+            q = mechanics_of(self.model).joint_angles(self.equilibria.at(static)[0])
             K = self.model.stiffness
             kernels.remember(self._q, q - self._q, period, K, self._states, self._law)
             self._q = q

@@ -19,8 +19,8 @@ from pliant.control.valve import SupplyValve, supply_of
 from pliant.estimation.contract import State
 from pliant.linear.linearisation import behind_valve
 from pliant.linear.sampled import hold, periods_late
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Valve
-from pliant.simulation.state import work_of
 
 Array = np.ndarray
 COARSE = 6e-3  # s, longest step of the model
@@ -66,7 +66,8 @@ class Horizon:
         ]
         self._parts = max(1, math.ceil(self.period / COARSE - 1e-9))
         self._theta0 = np.array(model.rest_angle)
-        self._chain = model.mechanics(), model.joints()._replace(theta0=self._theta0), work_of(model)
+        body, joints, work = mechanics_of(model).parts()
+        self._chain = body, joints._replace(theta0=self._theta0), work
         self._march = twin(horizon_loops.body_ahead, model.n, len(model.extensions))
         steps, N = self.periods * self._parts, model.size
         self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, 3 * N, 2 * N))

@@ -19,6 +19,7 @@ from pliant.control.steady_inputs import output_values, output_weights, steady_i
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
 from pliant.linear.sampled import KILO, periods_late
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
 
@@ -151,7 +152,7 @@ def design_outputs(
         raise InputError(f"outputs are wanted as finite rows (K, {len(outputs)}), got shape {wanted.shape}")
     tuning, highest = tuning or Tuning(), limits.each(len(model.chambers))
     weight = output_weights(model, outputs)
-    still = output_values(model, state.absolute(model, state.equilibrium(model, 0.0)), outputs)
+    still = output_values(model, mechanics_of(model).coordinates(state.equilibrium(model, 0.0)), outputs)
     knots = posts(wanted, max(1, round(APART / period)))
     known: dict[bytes, int] = {}
     gains: list[Gains] = []

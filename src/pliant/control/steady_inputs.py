@@ -9,6 +9,7 @@ import numpy as np
 from pliant.control.bounded_least_squares import bounded_least_squares
 from pliant.errors import InputError, SimulationError
 from pliant.linear.linearisation import LinearModel, linearise
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
 
@@ -30,7 +31,7 @@ class Rest(NamedTuple):
 
 def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array:
     """Outputs (..., m) at absolute link angles (..., n), strains behind them: tip_x, tip_y [m], angle_sum [rad]."""
-    tip = state.tips(model, angle)[..., -1, :]
+    tip = mechanics_of(model).tips(angle)[..., -1, :]
     known = {"tip_x": tip[..., 0], "tip_y": tip[..., 1], "angle_sum": angle[..., model.n - 1]}
     if strange := [name for name in outputs if name not in known]:
         raise InputError(f"unknown output {strange[0]!r}: a controller follows {', '.join(known)}")
@@ -110,7 +111,7 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
             return rest
         found.append((far, rest))
     far, rest = min(found, key=lambda pair: pair[0])
-    still = output_values(model, state.absolute(model, state.equilibrium(model, 0.0)), outputs)
+    still = output_values(model, mechanics_of(model).coordinates(state.equilibrium(model, 0.0)), outputs)
     said = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, wanted - still, strict=True))
     best = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, rest.value - still, strict=True))
     kilo = ", ".join(f"{p * 1e-3:.4g}" for p in rest.pressure)

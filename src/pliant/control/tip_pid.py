@@ -10,8 +10,8 @@ from pliant.control.pid import Pid
 from pliant.control.shaping import shaper
 from pliant.estimation.adaptive_observer import frozen
 from pliant.estimation.contract import State
+from pliant.mechanics import mechanics_of
 from pliant.simulation import modes
-from pliant.simulation.state import tips
 
 Array = np.ndarray
 
@@ -64,7 +64,7 @@ class PidControl:
         """Command [Pa] for the coming period, from the angles alone."""
         del pressure
         self.target = float(sum(a * self._setpoint(time - t) for a, t in self._impulses))
-        self._moved = float(np.linalg.norm(tips(self.model, state.angle)[-1] - self._still))
+        self._moved = float(np.linalg.norm(mechanics_of(self.model).tips(state.angle)[-1] - self._still))
         return self.pid.step(self.target, self._moved, self.forward.pressure(self.target, self.pid.period))
 
 

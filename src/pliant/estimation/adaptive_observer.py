@@ -25,6 +25,7 @@ from pliant.estimation.symbols import (
 from pliant.estimation.workspace import make_observer_workspace
 from pliant.linear.linearisation import linearise
 from pliant.linear.sampled import hold
+from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Model, Valve, fixed_length
 from pliant.options import with_defaults
 from pliant.simulation import state
@@ -109,7 +110,8 @@ class AdaptiveObserver:
         self._covariance, self._rows = in_torques(self.model, design.covariance), np.empty(0)
         remembered = float(share * model.memory.instantaneous)
         self.body = ObserverModel(
-            model.joints(), self.model.body(), model.actuation.kernel(), model.memory.law(), remembered
+            mechanics_of(model).joints, mechanics_of(self.model).body, model.actuation.kernel(), model.memory.law(),
+            remembered,
         )
         self.workspace = make_observer_workspace(self.model)
         self._follow = twin(adaptive_observer_loops.follow_of_tuples, model.n)
@@ -120,7 +122,7 @@ class AdaptiveObserver:
         model, n = self.model, self.model.n
         q = state.equilibrium(model, 0.0)
         self._x = np.zeros((5, n))
-        self._x[0] = state.absolute(model, q)
+        self._x[0] = mechanics_of(model).coordinates(q)
         angle, rate, own, innovation, shift = self._x
         self.own = ObserverState(
             angle, rate, own, innovation, shift, state.relaxed(model, q), np.zeros(3 * n), np.array(self._scale),

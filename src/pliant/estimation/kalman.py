@@ -20,6 +20,7 @@ from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of, frame_of
 from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction
 from pliant.estimation.workspace import make_workspace
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
 
@@ -122,7 +123,7 @@ class KalmanFilter:
         self._slow = model.actuation.rest_state(pressure)
         start, memory = self.noise.initial(model), state.relaxed(model, q)
         N = start.shape[0]
-        x = state.absolute(model, q)
+        x = mechanics_of(model).coordinates(q)
         self._state = np.concatenate([x, np.zeros(2 * size), start.ravel(), memory.ravel(), [0.0]])
         self.covariance = self._state[3 * size : 3 * size + N * N].reshape(N, N)
         self.memory = self._state[3 * size + N * N : -1].reshape(memory.shape)

@@ -10,7 +10,8 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.estimation.measurement_loops import ALONG_X, ALONG_Y, ANGLE, JOINT
 from pliant.estimation.noise import Noise
-from pliant.model import Model, Station
+from pliant.mechanics import mechanics_of
+from pliant.model import Model, Station, fixed_length
 from pliant.recording.schema import check_recording
 from pliant.reduction import links_of
 from pliant.reduction.body import body_of
@@ -103,7 +104,7 @@ def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]
     angle = recording["angle"].sel(station=[s.name for s in stations])
     turned = model.bend_sign * angle.values.astype(float)
     if str(angle.attrs.get("reference", "base")) == "rest":
-        turned = turned + state.absolute(model, state.equilibrium(model))[[s.link for s in stations]]
+        turned = turned + mechanics_of(model).coordinates(state.equilibrium(model))[[s.link for s in stations]]
     return np.asarray(turned)
 
 
@@ -113,11 +114,10 @@ def from_curve(recording: xr.Dataset, model: Model, noise: Noise) -> Measurement
     A fibre's curvature errs from point to point, so angles between neighbouring links err independently of each other;
     the tips, which are sums of them, do not.
     """
-    if model.extensions:
-        raise InputError(
-            f"a dense curve does not show which of its points belong to which link of {model.name!r}, which lengthens: "
-            "record stations that the model knows, or leave its extensions out"
-        )
+    fixed_length(
+        model, f"a dense curve does not show which of its points belong to which link of {model.name!r}, which "
+        "lengthens: record stations that the model knows, or leave its extensions out",
+    )
     body = body_of(recording)
     share = np.append(0.0, np.cumsum(model.link_length)) + model.base_length
     share = share / share[-1]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
 Array = np.ndarray
@@ -87,7 +88,7 @@ class Noise:
 
 def scales(model: Model) -> Array:
     """Size (n + S,) of what is unknown of each torque: 1 for the joints, EA L over their mean stiffness for strains."""
-    axial = model.joints().K[model.n :] / float(np.mean(model.stiffness))
+    axial = mechanics_of(model).joints.K[model.n :] / float(np.mean(model.stiffness))
     return np.append(np.ones(model.n), axial)
 
 

@@ -19,6 +19,7 @@ from pliant.estimation.smoother import smooth
 from pliant.estimation.symbols import FilterFrame, FilterModel, FilterNoise, FilterOutput, FilterState
 from pliant.estimation.workspace import make_output, make_workspace
 from pliant.identification.drives import measured
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, Valve
 from pliant.simulation import Trace, state
 from pliant.simulation.drive import Drive
@@ -160,7 +161,7 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
     states, (frames, rows) = noise.states(model), measurement.value.shape
     q = state.equilibrium(model, plan.initial)
     own = FilterState(
-        state.absolute(model, q), np.zeros(model.size), np.zeros(model.size), noise.initial(model),
+        mechanics_of(model).coordinates(q), np.zeros(model.size), np.zeros(model.size), noise.initial(model),
         state.relaxed(model, q),
     )
     ends = np.flatnonzero(plan.keep >= 0) + 1
@@ -180,32 +181,31 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
 
 def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> FilterFrame:
     """What the loops take of values (m,), or of those of many frames (T, m), and room for innovations (m,)."""
-    share = np.array(model.stretch_share) if model.extensions else np.zeros((0, 0))
+    share = np.array(model.stretch_share)
     return FilterFrame(model.link_length, model.first_joint, rows, value, variance, np.empty(len(rows)), share)
 
 
 def chain_of(model: Model) -> FilterModel:
     """What the loops take of a model."""
     gain, memory = np.array(model.actuation.gain), model.memory
-    return FilterModel(gain, model.mechanics(), model.joints(), memory.law(), bool(memory))
+    return FilterModel(gain, *mechanics_of(model).parts()[:2], memory.law(), bool(memory))
 
 
-def split(model: Model, x: Array, P: Array) -> dict[str, Array]:
-    """Joint angles, rates and disturbances (T, n) with standard deviations, from states (T, N) and covariances.
+def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:
+    """Joint coordinates, rates and disturbances with standard deviations, from states (T, k N) and covariances.
 
-    And strains, their rates and unexplained axial forces (T, S) of segments that lengthen.
+    Variables of a dataset, of each kind of coordinates: dimensions, values and units.
     """
-    n, size = model.n, model.size
-    T = np.eye(n) - np.eye(n, k=-1)  # joint values from absolute ones
-    made: dict[str, Array] = {}
-    for k, name in enumerate(("joint_angle", "joint_rate", "disturbance")[: x.shape[1] // size]):
-        own, R = x[:, k * size : k * size + n], T if k < 2 else np.eye(n)
-        values = (state.joint_angles(model, own), state.joint_rates(own), own)[k]
-        made |= {name: values, f"{name}_sd": standard_deviations(R, P[:, k * size :, k * size :][:, :n, :n])}
-        if model.extensions:
-            behind, R = slice(k * size + n, (k + 1) * size), np.eye(size - n)
-            R = R if k < 2 else R / model.segment_length
-            made |= {AXIAL[k]: x[:, behind] @ R, f"{AXIAL[k]}_sd": standard_deviations(R, P[:, behind, behind])}
+    chain, size = mechanics_of(model), model.size
+    made: dict[str, tuple[Any, ...]] = {}
+    for k in range(x.shape[1] // size):
+        rows = slice(k * size, (k + 1) * size)
+        own = x[:, rows]
+        values = (chain.joint_coordinates(own), chain.joint_rates(own), own / chain.lever)[k]
+        sd = standard_deviations(np.diag(1.0 / chain.lever) if k == 2 else chain.to_joints, P[:, rows, rows])
+        for kind in chain.kinds:
+            made[kind.names[k]] = (("time", kind.over), values[:, kind.rows], kind.units[k])
+            made[f"{kind.names[k]}_sd"] = (("time", kind.over), sd[:, kind.rows], kind.units[k])
     return made
 
 
@@ -214,23 +214,16 @@ def standard_deviations(T: Array, P: Array) -> Array:
     return np.sqrt(np.maximum(np.einsum("ia,tab,ib->ti", T, P, T), 0.0))
 
 
-AXIAL = ("axial_strain", "axial_strain_rate", "axial_disturbance")
-UNITS = {
-    "joint_angle": "rad", "joint_rate": "rad/s", "disturbance": "N m", AXIAL[0]: "1", AXIAL[1]: "1/s", AXIAL[2]: "N",
-}
-
-
 def described(
     model: Model, measurement: Measurement, out: FilterOutput, noise: Noise, plan: Drive, lag: int
 ) -> xr.Dataset:
     """The dataset of `estimate`."""
     data: dict[str, Any] = {}
     for prefix, (x, P) in {"": (out.estimate, out.covariance), "smooth_": smooth(out, lag)}.items():
-        for name, values in split(model, x, P).items():
-            units, over = UNITS[name.removesuffix("_sd")], "segment" if name.startswith("axial") else "joint"
+        for name, (dims, values, units) in split(model, x, P).items():
             what = name.removesuffix("_sd").replace("_", " ") + (", standard deviation" if name.endswith("_sd") else "")
             when = f"{lag} frames later" if prefix else "filtered"
-            data[prefix + name] = (("time", over), values, {"units": units, "long_name": f"{what}, {when}"})
+            data[prefix + name] = (dims, values, {"units": units, "long_name": f"{what}, {when}"})
     attrs = {"units": "SI", "long_name": "covariance of absolute angles, rates and disturbances"}
     data["state_covariance"] = (("time", "state", "state_2"), out.covariance, attrs)
     data["innovation"] = (("time", "row"), out.innovation, {"units": "1", "long_name": "whitened innovation"})
@@ -242,17 +235,15 @@ def described(
         ("time",) if one else ("time", "chamber"), plan.pressure[:, 0] if one else plan.pressure,
         {"units": "Pa", "long_name": "gauge pressure behind the valve"},
     )
-    tips = state.tips(model, out.estimate[:, : model.size])
+    tips = mechanics_of(model).tips(out.estimate[:, : model.size])
     data["tip_position"] = (("time", "link", "axis"), tips, {"units": "m", "long_name": "estimated link tips"})
-    labels = np.arange(1, model.n + 1)
     coords: dict[str, Any] = {
-        "time": ("time", measurement.time, {"units": "s", "long_name": "stamp of the frame"}), "joint": labels,
-        "link": labels, "axis": ["x", "y"], "row": list(measurement.label),
+        "time": ("time", measurement.time, {"units": "s", "long_name": "stamp of the frame"}),
+        **mechanics_of(model).labels, "link": np.arange(1, model.n + 1), "axis": ["x", "y"],
+        "row": list(measurement.label),
     }
     if not one:
         coords["chamber"] = [c.name for c in model.chambers]
-    if model.extensions:
-        coords["segment"] = [e.name for e in model.extensions]
     return xr.Dataset(data, coords, attrs=judged(measurement, out, noise, model, lag))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.estimation.symbols import FilterOutput, FilterWorkspace, ObserverWorkspace
+from pliant.mechanics import mechanics_of, planar
 from pliant.model import Model
 from pliant.simulation import state
 
@@ -13,19 +14,20 @@ Array = np.ndarray
 
 def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
     """Workspace of the filter for a model, so many states and rows."""
-    n, joints = model.size, model.joints()
+    n, joints = model.size, mechanics_of(model).joints
     springs = joints._replace(theta0=joints.theta0.copy(), K=joints.K.copy())  # writable, like those of `held`
     shapes = [
         (3 * n, 2 * n), (states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n),
     ]
-    return FilterWorkspace(state.work_of(model), state.held(model), springs, *(np.zeros(shape) for shape in shapes))
+    work = mechanics_of(model).workspace()
+    return FilterWorkspace(work, state.held(model), springs, *(np.zeros(shape) for shape in shapes))
 
 
 def make_observer_workspace(model: Model) -> ObserverWorkspace:
     """Workspace of the adaptive observer."""
-    n, springs = model.n, model.joints()._replace(theta0=np.zeros(model.n))
+    n, springs = model.n, mechanics_of(model).joints._replace(theta0=np.zeros(model.n))
     return ObserverWorkspace(
-        state.held(model), state.workspace(n), springs, np.zeros_like(model.actuation.kernel().law), np.zeros(3 * n),
+        state.held(model), planar.workspace(n), springs, np.zeros_like(model.actuation.kernel().law), np.zeros(3 * n),
         np.zeros(3 * n),
     )
 

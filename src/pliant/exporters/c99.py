@@ -24,6 +24,7 @@ from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.file import UNITS
 from pliant.simulation import state
@@ -61,7 +62,7 @@ def start(text: Text, pressure: float, queue: int) -> str:
     q = state.equilibrium(model, pressure if len(model.chambers) == 1 else np.full(len(model.chambers), pressure))
     levels = np.full(len(model.chambers), pressure)
     values: dict[str, Array] = {
-        "angle": state.absolute(model, q), "rate": np.zeros(model.n), "pressure": levels,
+        "angle": mechanics_of(model).coordinates(q), "rate": np.zeros(model.n), "pressure": levels,
         "chamber": model.actuation.rest_state(levels if levels.size > 1 else pressure),
     }
     if text.branches:

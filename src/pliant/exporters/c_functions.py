@@ -9,6 +9,7 @@ import numpy as np
 from pliant.compiler.c import Writer
 from pliant.compiler.c_values import Real, cells
 from pliant.equations import energy, inertia, motion, symbols
+from pliant.mechanics import mechanics_of, planar
 from pliant.model import Model
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation import march_loops, state
@@ -44,7 +45,7 @@ def parameters(model: Model) -> dict[str, Array]:
         "boucwen": np.array([getattr(memory, f) for f in memory._fields[4:]]),
         "dead_time": np.array([c.valve.dead_time for c in model.chambers]),
     }
-    body = model.body()
+    body = mechanics_of(model).body
     derived = {"B": body.B, "I": body.I, "h": body.h, "K2": np.zeros(n), "K3": np.zeros(n)}
     return {k: np.asarray(v, dtype=float) for k, v in (held | derived).items() if np.size(v)}
 
@@ -103,7 +104,7 @@ class Text:
 
     def workspace(self, writer: Writer) -> symbols.Workspace:
         """Scratch arrays as local numbers."""
-        example = state.workspace(self.model.n)
+        example = planar.workspace(self.model.n)
         return symbols.Workspace(*(writer.scratch(f"work_{f}", v.shape) for f, v in example._asdict().items()))
 
     def past(self, writer: Writer) -> symbols.Past:

@@ -17,6 +17,7 @@ from pliant.batch.stepper import batch_stepper
 from pliant.errors import InputError, SimulationError
 from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.randomisation import Fit, draw_models
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model
 from pliant.simulation import state
 from pliant.simulation.levels import first_alone, typical_pressure
@@ -235,7 +236,7 @@ def reachable(model: Model, highest: float) -> Array:
             q = state.equilibrium(model, first_alone(model, level))
         except SimulationError:
             break
-        tips.append(state.tips(model, state.absolute(model, q))[-1])
+        tips.append(mechanics_of(model).tips(mechanics_of(model).coordinates(q))[-1])
     return np.array(tips)
 
 

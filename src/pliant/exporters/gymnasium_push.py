@@ -17,6 +17,7 @@ from pliant.exporters.gymnasium import LOST, Array, Task, checked_task, reachabl
 from pliant.exporters.mjcf import CAN, branches, control, controls, mjcf, number
 from pliant.exporters.provenance import Told
 from pliant.exporters.randomisation import Fit, draw_models
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model
 from pliant.simulation import state
 from pliant.simulation.levels import typical_pressure
@@ -120,24 +121,24 @@ class PushEnv(gymnasium.Env[Array, Array]):
 
     def angle(self) -> Array:
         """Absolute link angles (n,) of the body now, rad."""
-        return state.absolute(self._own, self._d.qpos[self._m.jnt_qposadr[self._joints]])
+        return mechanics_of(self._own).coordinates(self._d.qpos[self._m.jnt_qposadr[self._joints]])
 
     def observation(self, angle: Array) -> Array:
         """What the agent sees, the body being at absolute angles (n,)."""
         m, fibre, L = self.model, self._fibre, self.model.length
         seen = fibre.see(angle[None], self.np_random)[0] if fibre else angle
-        q = state.joint_angles(m, seen)
+        q = mechanics_of(m).joint_angles(seen)
         rate = self._d.qvel[self._m.jnt_dofadr[self._joints]] * self.task.period
-        turn = q - state.joint_angles(m, self._before) if fibre else rate
+        turn = q - mechanics_of(m).joint_angles(self._before) if fibre else rate
         self._before = seen
-        tip, puck = state.tips(m if fibre else self._own, seen)[-1], self._d.qpos[self._puck]
+        tip, puck = mechanics_of(m if fibre else self._own).tips(seen)[-1], self._d.qpos[self._puck]
         speed = self._d.qvel[self._speed] * self.task.period
         rows = (q, turn, tip / L, puck / L, speed / L, self._target / L, self._command / self.highest)
         return np.concatenate(rows).astype(np.float32)
 
     def info(self) -> dict[str, Any]:
         """Where tip, puck and target are (2,), m, and the time, s."""
-        tip = state.tips(self._own, self.angle())[-1]
+        tip = mechanics_of(self._own).tips(self.angle())[-1]
         return {
             "tip": tip, "puck": self._d.qpos[self._puck].copy(), "target": self._target.copy(),
             "time": self._elapsed * self._steps * self.task.step,

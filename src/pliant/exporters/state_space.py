@@ -24,7 +24,6 @@ from pliant.linear.linearisation import LinearModel
 from pliant.linear.sampled import sample
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.simulation import lengthened, state
 
 Array = np.ndarray
 NO_POINTS = "the outputs are the last tip, the joint angles and the strains: other observed points are not among them"
@@ -54,8 +53,8 @@ def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     N = linear.A.shape[0]
     A = np.zeros((N + n * len(branches), N + n * len(branches)))
     A[:N, :N] = linear.A
-    relative = lengthened.of_joints(n, size)[:n]
-    M = mechanics_of(model).inertia(np.append(linear.angle, linear.strain))
+    relative = mechanics_of(model).to_joints[:n]
+    M = mechanics_of(model).inertia(linear.position)
     answer = np.linalg.solve(M, relative.T)  # of the accelerations to a torque at each joint
     names = []
     for j, (share, time) in enumerate(branches):
@@ -132,7 +131,7 @@ def output_unit(name: str) -> str:
 
 def operating_point(model: Model, linear: LinearModel, states: list[str]) -> Array:
     """Values of the states at the rest: the deviations that the matrices take are from these."""
-    joint = state.joint_angles(model, linear.angle)
+    joint = mechanics_of(model).joint_angles(linear.angle)
     strain = {f"strain_{e.name}": value for e, value in zip(model.extensions, linear.strain, strict=True)}
     point = np.zeros(len(states))
     for k, name in enumerate(states):

@@ -16,7 +16,8 @@ import numpy as np
 from pliant.errors import SimulationError
 from pliant.identification.parameters import apply, for_record
 from pliant.identification.prediction import compared_of
-from pliant.simulation import equilibrium, modes, state
+from pliant.mechanics import mechanics_of
+from pliant.simulation import equilibrium, modes
 
 if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
@@ -120,7 +121,7 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
     def places(q: list[Array]) -> Array:
         turned, strains = np.split(np.array(q), [model.n], axis=1)
         phi = model.base_angle + np.cumsum(turned + model.rest_angle, axis=1)
-        at, angle = state.stations(shown, np.hstack([phi, strains]))
+        at, angle = mechanics_of(shown).stations(np.hstack([phi, strains]))
         base = model.bend_sign * model.base_angle if exp.angle_reference in ("base", "joint") else 0.0
         return compared_of(exp, np.concatenate([at, (angle - base)[..., None]], axis=2))
 

@@ -14,6 +14,7 @@ from pliant.identification import follow_loops
 from pliant.identification.follow_loops import Before, Course, Places, Seen
 from pliant.identification.loop_inputs import Numbers, SetUp
 from pliant.identification.sensor import behind_sensors
+from pliant.mechanics import mechanics_of
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -79,7 +80,7 @@ def followed(made: SetUp, numbers: Numbers, kind: Kind, rows: int) -> Array:
     model = made.model
     n, S = model.n, len(model.extensions)
     rows = rows if made.between is None else made.between[0].size
-    work = in_kind(state.work_of(model), kind)
+    work = in_kind(mechanics_of(model).workspace(), kind)
     places = Places(
         numbers.length, numbers.base_length, made.carrier, numbers.along, numbers.across, numbers.share,
         kind.of(model.bend_sign), numbers.shift[0], numbers.shift[1], numbers.reference,

@@ -7,10 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pliant.compiler.choose import twin
-from pliant.equations import extension, motion
-from pliant.equations.symbols import Body
-from pliant.errors import InputError
 from pliant.identification.drives import inputs_to
 from pliant.identification.following import REAL, slipped
 from pliant.identification.loop_inputs import Numbers, SetUp
@@ -18,11 +14,12 @@ from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.pose import Chain, link_coordinates, posed
 from pliant.identification.sensor import between_frames, lags_of
-from pliant.model import Model, Station
-from pliant.simulation import Pulse, Trace, equilibrium, lengthened, state
+from pliant.mechanics import mechanics_of
+from pliant.model import Model, Station, fixed_length
+from pliant.simulation import Pulse, Trace, equilibrium
 from pliant.simulation.drive import Drive, driven, laid_out
 from pliant.simulation.drive import drive as drive_of
-from pliant.simulation.forces import joint_loads, loads_at, mean_loads
+from pliant.simulation.forces import loads_at, mean_loads
 from pliant.simulation.inputs import Input
 
 if TYPE_CHECKING:
@@ -56,11 +53,9 @@ def set_up(
         return let_go(here, exp, own, times, step, plans)._replace(between=between)
     plan = planned(m, exp, own, times, step, plans) if drive is None else drive
     before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
-    if rest is not None:
-        start = state.absolute(m, rest)
-    else:
-        start = here.at_rest(plan.initial) if before is None else state.absolute(
-            m, equilibrium(m, plan.initial, link_load=before))
+    if rest is None and before is not None:
+        rest = equilibrium(m, plan.initial, link_load=before)
+    start = here.at_rest(plan.initial) if rest is None else mechanics_of(m).coordinates(rest)
     numbers = gathered(here, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
     numbers = numbers._replace(chambers=here.chambers(plan.initial))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
@@ -83,7 +78,7 @@ def let_go(
     """The set-up of a body that is held, then let go; the clamp may give way by ``base_turn`` at that moment."""
     model = here.model
     base = (model.base_angle, model.base_angle + own.get("base_turn", 0.0))
-    angles = state.absolute(model, held_angles(here, exp, own, plans))
+    angles = mechanics_of(model).coordinates(held_angles(here, exp, own, plans))
     free = times[times > own["release"]]
     plan = no_drive(model)
     if free.size:
@@ -118,30 +113,22 @@ def fading(made: SetUp, exp: Experiment, own: Mapping[str, float]) -> SetUp:
 def holding_torques(made: SetUp, loads: Array) -> Array:
     """Torques (n,) that hold the body still where it is let go, beside loads of its links, N m."""
     numbers, n = made.numbers, made.model.n
-    phi, push = numbers.phi, np.zeros(made.model.size)
     stretched = slipped(made, numbers, REAL)[:, len(numbers.memory.creep_time) :]
     own = numbers.joints.K[:n] * (stretched[:, : numbers.memory.slip_share.size] @ numbers.memory.slip_share)
-    if made.model.extensions:
-        still, drive = np.zeros_like(phi), np.append(-own, np.zeros(phi.size - n))
-        extension.acceleration(phi, still, drive, numbers.body, numbers.joints, state.work_of(made.model), push)
-        pull = lengthened.pull_of(phi, loads, numbers.share, numbers.joints.base_angle)
-        return np.asarray(-lengthened.to_joints(n, phi.size).T @ (lengthened.inertia(made.model, phi) @ push + pull))
-    twin(motion.acceleration)(phi, np.zeros(n), -own, numbers.body, numbers.joints, state.workspace(n), push)
-    body = Body(*numbers.body)
-    M = body.B * np.cos(phi[:, None] - phi) + np.diag(body.I)
-    missing = -M @ push
-    return np.asarray(np.cumsum(missing[::-1])[::-1] - joint_loads(phi, loads))
+    chain = mechanics_of(made.model).with_constants(numbers.body, numbers.joints)
+    drive = np.append(-own, np.zeros(made.model.size - n))
+    push = chain.static_forces(numbers.phi, drive) + chain.load_forces(numbers.phi, loads)
+    return np.asarray(-chain.from_joints.T @ push)
 
 
 def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans: Plans) -> Array:
     """Joint angles (n,) of a body that is held: as measured, by a force at the tip, or in its unloaded shape."""
     model = here.model
     if exp.held is not None:
-        if model.extensions:
-            raise InputError(
-                f"experiment {exp.name}: a pose that was held is read off positions for a body of fixed length, and "
-                f"the model {model.name!r} lengthens: leave out held (as measured), or the model's extensions"
-            )
+        fixed_length(
+            model, f"experiment {exp.name}: a pose that was held is read off positions for a body of fixed length, and "
+            f"the model {model.name!r} lengthens: leave out held (as measured), or the model's extensions",
+        )
         shift = np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)])
         return posed(model, carriers(here, exp), observed(here, exp), exp.held - shift, plans.poses)
     if "hold_force" in own:

@@ -18,10 +18,11 @@ from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name
 from pliant.identification.pose import beside_links
 from pliant.identification.torque_start import highest_level, torque_starts, typical_sizes
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
 from pliant.model.torque_law import unfinished_law
 from pliant.numerics.ringdown import RingDown, ring_down
-from pliant.simulation import equilibrium, modes, state
+from pliant.simulation import equilibrium, modes
 from pliant.simulation.forces import loads_at
 
 Array = np.ndarray
@@ -76,7 +77,7 @@ def registered(model: Model, experiments: Sequence[Experiment], values: dict[str
         straight = exp.excitation == "release" and exp.held is None
         pulled = [f for f in exp.forces if not isinstance(f.at, str) or f.at in {p.name for p in m.points}]
         load = loads_at(m, pulled, float(exp.time[0])) if pulled and not straight else None
-        phi = state.absolute(m, np.zeros(m.size) if straight else equilibrium(m, link_load=load))
+        phi = mechanics_of(m).coordinates(np.zeros(m.size) if straight else equilibrium(m, link_load=load))
         for k, name in enumerate(exp.stations):
             if name in known:
                 points[name] = known[name]

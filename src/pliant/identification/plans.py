@@ -9,11 +9,11 @@ import numpy as np
 
 from pliant.equations.symbols import Body, ExtensibleBody, Joints, Memory
 from pliant.identification.parameters import apply, of_the_model
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
 from pliant.simulation import equilibrium
 from pliant.simulation.chamber_course import row_of
 from pliant.simulation.drive import Drive, Layout
-from pliant.simulation.state import absolute
 
 Array = np.ndarray
 
@@ -58,7 +58,7 @@ class ModelAt(NamedTuple):
         """Absolute angles (n,), with strains behind them, at rest under `pressure` (C,) [Pa] and no other load."""
         key = pressure.tobytes()
         if key not in self.resting:
-            self.resting[key] = absolute(self.model, equilibrium(self.model, pressure))
+            self.resting[key] = mechanics_of(self.model).coordinates(equilibrium(self.model, pressure))
         return self.resting[key]
 
 
@@ -82,7 +82,8 @@ class Plans:
         if key not in self.models:
             m = apply(model, dict(key))
             points = {p.name: p for p in m.points}
-            self.models[key] = ModelAt(m, m.mechanics(), m.joints(), m.memory.law(), points, {}, {}, {}, {})
+            chain = mechanics_of(m)
+            self.models[key] = ModelAt(m, chain.body, chain.joints, m.memory.law(), points, {}, {}, {}, {})
         return self.models[key]
 
     def forget(self, most: int) -> None:

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
-from pliant.simulation import state
 
 Array = np.ndarray
 LEAST_PULL = 1e-6  # of a held pose towards the unloaded shape, in pulls of a measured point
@@ -67,15 +67,15 @@ def sought(model: Model, carrier: Array, chosen: list[Station], seen: Array) -> 
     along = np.where(links == carrier[:, None], [[p.along] for p in chosen], along)
     across = np.where(links == carrier[:, None], [[p.across] for p in chosen], 0.0)
     pull = LEAST_PULL * model.length * (np.eye(model.n) - np.eye(model.n, k=-1))
-    unloaded = state.absolute(model, np.zeros(model.n))
+    unloaded = mechanics_of(model).coordinates(np.zeros(model.n))
     phi = unloaded.copy()
     for _ in range(POSE_STEPS):
         c, s = np.cos(phi), np.sin(phi)
         slope = np.stack([model.bend_sign * (across * s - along * c), -along * s - across * c], axis=1)
-        off = (seen - state.stations(there, phi)[0]).ravel()
+        off = (seen - mechanics_of(there).stations(phi)[0]).ravel()
         rows, aim = np.concatenate([slope.reshape(-1, model.n), pull]), np.concatenate([off, pull @ (unloaded - phi)])
         move = np.linalg.lstsq(rows, aim)[0]
         phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
         if np.abs(move).max() < 1e-13:
             break
-    return state.joint_angles(model, phi)
+    return mechanics_of(model).joint_angles(phi)

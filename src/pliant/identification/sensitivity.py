@@ -12,19 +12,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pliant.compiler.choose import twin
-from pliant.equations import motion
-from pliant.equations.symbols import Body, ExtensibleBody, Slopes
 from pliant.errors import FitError, PliantError
 from pliant.identification.following import TINY, moved, moved_slopes
 from pliant.identification.forward_model import SHORTEST, reattached, set_up
 from pliant.identification.loop_inputs import APART, Numbers, SetUp, from_one_row, in_one_row
 from pliant.identification.parameters import OF_A_RECORD
 from pliant.identification.plans import Plans
+from pliant.mechanics import Mechanics, mechanics_of
 from pliant.model import Model
-from pliant.simulation import lengthened, state
 from pliant.simulation.drive import Drive
-from pliant.simulation.forces import joint_loads
 
 if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
@@ -86,7 +82,8 @@ def slopes_of(
     rows = exp.time.size
     here = set_up(model, exp, values, step, plans)
     slopes = np.zeros((len(sizes), rows, len(exp.stations), 3))
-    resting = (state.relative(here.model, here.numbers.phi), rest_stiffness(here)) if here.from_rest else None
+    q = mechanics_of(here.model).joint_coordinates(here.numbers.phi)
+    resting = (q, rest_stiffness(here)) if here.from_rest else None
     alike = shares(exp, values, here)
     found: list[tuple[int, Slope]] = []
     for k, (name, size) in enumerate(sizes.items()):
@@ -233,22 +230,9 @@ def combined(made: list[SetUp], stencil: Any, size: float) -> Slope:
 
 
 def rest_stiffness(made: SetUp) -> Array:
-    """How fast what pulls at the angles at rest (and strains) grows with each of them, row by variable, negative."""
+    """Slope (N, N) by the coordinates of what pulls at them at rest, negative definite."""
     numbers = made.numbers
-    x = numbers.phi
-    if isinstance(numbers.body, ExtensibleBody):
-        around = x + 1j * TINY * np.eye(x.size)
-        return np.stack([push_at_rest(at, numbers) for at in around], axis=1).imag / TINY
-    n = len(x)
-    out = Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
-    loaded = bool(np.any(numbers.load_before))
-    real = beside_loads(numbers, x) if loaded else numbers
-    twin(motion.acceleration_jacobian)(
-        x, np.zeros(n), real.torque_before, real.body, real.joints, state.workspace(n), out
-    )
-    if loaded:
-        out.a_phi[:] += load_stiffness(numbers)
-    return out.a_phi.T
+    return at_rest_of(made, numbers).static_slope(numbers.phi, numbers.load_before)
 
 
 def at_rest(made: SetUp, slope: Slope, stiffness: Array) -> Slope:
@@ -264,40 +248,16 @@ def at_rest(made: SetUp, slope: Slope, stiffness: Array) -> Slope:
 
 
 def equilibrium_slope(made: SetUp, slope: Slope, stiffness: Array) -> Array:
-    """Derivative (n,) of the absolute angles at rest: those at which the acceleration (or what pulls) stays zero.
+    """Derivative (N,) of the coordinates at rest: those at which what pulls stays zero.
 
     `slope` is that of the numbers of a set-up, `stiffness` its `rest_stiffness`.
     """
-    x = made.numbers.phi
     tilted = from_one_row(in_one_row(made.numbers) + 1j * TINY * slope.row, made.numbers)
-    if isinstance(tilted.body, ExtensibleBody):
-        push = push_at_rest(x, tilted)
-        return -np.linalg.solve(stiffness, push.imag / TINY)
-    if np.any(tilted.load_before):
-        tilted = beside_loads(tilted, x)
-    push = np.zeros(x.size, dtype=complex)
-    twin(motion.acceleration)(
-        x.astype(complex), np.zeros(x.size, dtype=complex), tilted.torque_before, tilted.body, tilted.joints,
-        state.workspace(x.size, complex), push,
-    )
+    chain, x = at_rest_of(made, tilted), made.numbers.phi
+    push = chain.static_forces(x, tilted.torque_before) + chain.load_forces(x, tilted.load_before)
     return -np.linalg.solve(stiffness, push.imag / TINY)
 
 
-def push_at_rest(x: Array, numbers: Numbers) -> Array:
-    """What drive, springs, weight and loads do to angles and strains x (n + S,) of a body at rest, N m."""
-    body = ExtensibleBody(*numbers.body)
-    push = lengthened.forces_at_rest(x, numbers.torque_before, body, numbers.joints)
-    return push + lengthened.pull_of(x, numbers.load_before, body.share, numbers.joints.base_angle)
-
-
-def beside_loads(numbers: Numbers, phi: Array) -> Numbers:
-    """The numbers with the torques of the loads at rest beside those of the pressure."""
-    return numbers._replace(torque_before=numbers.torque_before + joint_loads(phi, numbers.load_before))
-
-
-def load_stiffness(numbers: Numbers) -> Array:
-    """What the loads at rest add to the Jacobian (n, n) of the acceleration, row by variable."""
-    phi, load, body = numbers.phi, numbers.load_before, Body(*numbers.body)
-    M = body.B * np.cos(phi[:, None] - phi) + np.diag(body.I)
-    return np.linalg.solve(M, np.diag(load[:, 0] * np.sin(phi) - load[:, 1] * np.cos(phi))).T
-
+def at_rest_of(made: SetUp, numbers: Numbers) -> Mechanics:
+    """The chain of a set-up with the constants of `numbers`, which may be complex."""
+    return mechanics_of(made.model).with_constants(numbers.body, numbers.joints)

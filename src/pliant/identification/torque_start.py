@@ -13,9 +13,10 @@ from pliant.identification.drives import alone
 from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.parameters import shared_name
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model
 from pliant.model.torque_law import law_parameters, torque_laws
-from pliant.simulation import equilibrium, state
+from pliant.simulation import equilibrium
 
 Array = np.ndarray
 MOST_INFLATED = 10.0  # fourth power of the stretch that a start value reckons with: one near the limit says nothing
@@ -79,13 +80,13 @@ def law_starts(wanted: set[str], pressure: Array, torque: Array) -> dict[str, fl
 
 def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Chamber) -> float:
     """The torque [N m] of a chamber that moves the last station by `target` [m or rad] from rest, statically."""
-    joints, c = model.joints(), [one.name for one in model.chambers].index(chamber.name)
+    joints, c = mechanics_of(model).joints, [one.name for one in model.chambers].index(chamber.name)
     share = model.actuation.gain[c]
     k, last = next((k, p) for k, p in enumerate(model.points) if p.name == exp.stations[-1])
 
     def shown(q: Array) -> Array:
-        phi = state.absolute(model, q)
-        return phi[last.link] if exp.placeless else state.stations(model, phi)[0][k]
+        phi = mechanics_of(model).coordinates(q)
+        return phi[last.link] if exp.placeless else mechanics_of(model).stations(phi)[0][k]
 
     unbent = equilibrium(model)
     rest = shown(unbent)
@@ -125,5 +126,5 @@ def typical_sizes(model: Model, experiments: Sequence[Experiment]) -> dict[str, 
     K = float(model.stiffness.mean())
     level = highest_level(experiments)
     torque = {f"torque_{k}": 0.1 * K / level**k for k in range(1, 10)} if level > 0 else {}
-    axial = 1e-3 * float(np.mean([e.stiffness for e in model.extensions])) if model.extensions else 1.0
+    axial = 1e-3 * float(np.mean([e.stiffness for e in model.extensions] or [1e3]))
     return {"damping": 1e-3 * K, "axial_damping": axial, "axial_gain": 10.0, **torque}

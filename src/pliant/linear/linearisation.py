@@ -12,12 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations import motion
-from pliant.equations.symbols import Slopes
 from pliant.errors import InputError
-from pliant.model import Model, Valve
-from pliant.numerics.ldl import ldl_solve
-from pliant.simulation import lengthened, state
+from pliant.mechanics import mechanics_of
+from pliant.model import Model, Station, Valve
+from pliant.simulation import state
 
 Array = np.ndarray
 
@@ -141,16 +139,12 @@ def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     >>> linear = pliant.linearise(arm, pressure=0.0)  # doctest: +SKIP
     >>> linear.zeros("angle_sum")  # doctest: +SKIP
     """
-    x = state.absolute(model, state.equilibrium(model, pressure))
-    a_x, a_v, a_tau = derivatives(model, x, pressure)
+    chain = mechanics_of(model)
+    x = chain.coordinates(state.equilibrium(model, pressure))
+    a_x, a_v, a_tau = derivatives(model, x)
     n, N = model.n, model.size
-    chain = np.zeros((2 * N, 2 * N))
-    chain[:N, N:] = np.eye(N)
-    chain[N:, :N], chain[N:, N:] = a_x, a_v
-    A, B = chain, np.zeros((2 * N, 0))
-    turns = range(1, n + 1)
-    states = [*(f"phi_{i}" for i in turns), *(f"strain_{e.name}" for e in model.extensions),
-              *(f"w_{i}" for i in turns), *(f"strain_rate_{e.name}" for e in model.extensions)]  # fmt: skip
+    A, B = np.block([[np.zeros((N, N)), np.eye(N)], [a_x, a_v]]), np.zeros((2 * N, 0))
+    states = [*chain.names, *chain.rate_names]
     pressures, several = model.actuation.pressures(pressure), len(model.chambers) > 1
     for chamber, by_torque, p in zip(model.chambers, a_tau, pressures, strict=True):
         drive = np.zeros(A.shape[0])
@@ -163,25 +157,16 @@ def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     return LinearModel(A, B, C, outputs, tuple(states), x[:n], pressures, late, x[n:])
 
 
-def derivatives(model: Model, x: Array, pressure: float | Array) -> tuple[Array, Array, Array]:
-    """Derivatives of the accelerations at rest: by angles and strains, by their rates (N, N), by torques (C, N)."""
-    n, N, joints = model.n, model.size, model.joints()
-    work, out = state.work_of(model), Slopes(np.zeros(N), np.zeros((N, N)), np.zeros((N, N)))
-    differentiate = lengthened.slopes if model.extensions else motion.acceleration_jacobian
-    # at rest only K differs from the stiff joints' equilibrium, and the derivative does not see the offset when a = 0
-    differentiate(x, np.zeros(N), model.actuation.joint_torques(pressure), model.mechanics(), joints, work, out)
-    a_x, relative = out.a_phi, lengthened.of_joints(n, N)
-    if model.memory:
-        stiffer = np.zeros(N)
-        stiffer[:n] = joints.K[:n] * (1.0 + model.memory.instantaneous) - joints.K[:n]
-        more = relative.T @ np.diag(stiffer) @ relative
-        for row in more:
-            ldl_solve(work.A, row)
-        a_x = a_x - more
-    by_torque = model.actuation.gain @ relative
-    for row in by_torque:
-        ldl_solve(work.A, row)
-    return a_x.T, out.a_w.T, by_torque
+def derivatives(model: Model, x: Array) -> tuple[Array, Array, Array]:
+    """Derivatives of the accelerations at rest: by coordinates, by rates (N, N), by the torque of each chamber (C, N).
+
+    At rest the inertia and what goes with the square of the rates have no part in them.
+    """
+    chain = mechanics_of(model)
+    M, R = chain.inertia(x), chain.to_joints
+    slope = chain.static_slope(x) - R.T @ np.diag(chain.stuck_stiffness) @ R
+    damping = R.T @ np.diag(chain.joints.D) @ R
+    return np.linalg.solve(M, slope), -np.linalg.solve(M, damping), np.linalg.solve(M, (model.actuation.gain @ R).T).T
 
 
 def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[str, ...]]:
@@ -205,17 +190,12 @@ def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[
 
 def output_rows(model: Model, x: Array, states: int) -> tuple[Array, tuple[str, ...]]:
     """Rows of C and their names: the last tip, the sum of the joint angles, each joint angle, each strain."""
-    n, N = model.n, model.size
-    stretch, phi = lengthened.stretches(model, x), np.append(model.base_angle, x[:n])
-    length = np.append(model.base_length, model.link_length)
+    n, N, chain = model.n, model.size, mechanics_of(model)
     C = np.zeros((3 + N, states))
-    C[0, :n] = (-model.bend_sign * length * stretch * np.cos(phi))[1:]
-    C[1, :n] = (-length * stretch * np.sin(phi))[1:]
-    C[:2, n:N] = length * [-model.bend_sign * np.sin(phi), np.cos(phi)] @ model.stretch_share
+    C[:2, :N] = chain.position_jacobian(x, Station("tip", n - 1, float(model.link_length[-1])))
     C[2, n - 1] = 1.0
-    C[3:, :N] = lengthened.of_joints(n, N)
-    names = (*(f"q_{i + 1}" for i in range(n)), *(f"strain_{e.name}" for e in model.extensions))
-    return C, ("tip_x", "tip_y", "angle_sum", *names)
+    C[3:, :N] = chain.to_joints
+    return C, ("tip_x", "tip_y", "angle_sum", *chain.joint_names)
 
 
 def transmission_zeros(A: Array, B: Array, c: Array) -> Array:

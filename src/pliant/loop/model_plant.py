@@ -10,6 +10,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.linear.linearisation import behind_valve
 from pliant.linear.sampled import hold
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, Valve
 from pliant.simulation import Stepper
 
@@ -110,10 +111,6 @@ class ModelPlant:
 
     def _points(self) -> Array:
         """Points (S, 2) of the body along its links, m."""
-        model = self._stepper.model
-        tips = self._stepper.tips()
-        stretch = 1.0 + model.stretch_share[0] @ self._stepper.strain
-        joint = stretch * model.first_joint * np.array([model.bend_sign, 1.0])
-        known = np.vstack([np.zeros(2), joint, tips])
+        known = mechanics_of(self._stepper.model).nodes(self._stepper.position)
         ends, first = np.unique(self._ends, return_index=True)
         return np.stack([np.interp(self.arc_length, ends, known[first, k]) for k in range(2)], axis=1)

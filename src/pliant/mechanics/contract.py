@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -25,6 +25,18 @@ class Energy(NamedTuple):
     gravity: Any
 
 
+class CoordinateKind(NamedTuple):
+    """Coordinates of one kind, and how datasets name them: the turns of the joints, the strains of segments."""
+
+    over: str  # dimension of datasets: "joint", "segment"
+    noun: str  # one of them, in messages
+    labels: list[Any]  # along that dimension
+    rows: slice  # of coordinates, rates and generalised forces (N,)
+    names: tuple[str, str, str, str]  # variables: coordinate, rate, disturbance, external force
+    units: tuple[str, str, str]  # of coordinate, rate and force
+    lever: Array  # (k,) generalised force [N m] of one such force
+
+
 class Mechanics(ABC):
     """A family of chains. Paper: Eqs. (1)-(5).
 
@@ -39,8 +51,14 @@ class Mechanics(ABC):
 
     dimension: int
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, body: Any = None, joints: Any = None) -> None:
         self.model, self.n, self.size = model, model.n, model.size
+        if body is not None:
+            self.__dict__ |= {"body": body, "joints": joints}
+
+    def with_constants(self, body: Any, joints: Any) -> Self:
+        """Return the same chain with other constants, complex ones among them: a base that turned, a derivative."""
+        return type(self)(self.model, body, joints)
 
     # what the kernels take
 
@@ -50,13 +68,17 @@ class Mechanics(ABC):
         """Record of the constants of the inertia."""
 
     @cached_property
+    @abstractmethod
     def joints(self) -> Any:
         """Record of springs and dampers."""
-        return self.model.joints()
 
     @abstractmethod
     def workspace(self, kind: type = float) -> Any:
         """Return scratch arrays of a `kind` of numbers for one step."""
+
+    def parts(self) -> tuple[Any, Any, Any]:
+        """Return body, joints and a workspace: what a kernel takes beside coordinates, rates and torque."""
+        return self.body, self.joints, self.workspace()
 
     @abstractmethod
     def acceleration(self) -> Any:
@@ -73,9 +95,55 @@ class Mechanics(ABC):
     def names(self) -> tuple[str, ...]:
         """Names (N,) of the coordinates x."""
 
+    @cached_property
+    @abstractmethod
+    def rate_names(self) -> tuple[str, ...]:
+        """Names (N,) of the rates v."""
+
+    @cached_property
+    @abstractmethod
+    def joint_names(self) -> tuple[str, ...]:
+        """Names (N,) of the joint coordinates q."""
+
+    @cached_property
+    @abstractmethod
+    def kinds(self) -> tuple[CoordinateKind, ...]:
+        """The kinds of coordinates, in the order of their rows."""
+
+    @property
+    def labels(self) -> dict[str, list[Any]]:
+        """Labels of the dimensions of datasets that coordinates have."""
+        return {kind.over: kind.labels for kind in self.kinds}
+
+    @property
+    def counted(self) -> str:
+        """How many coordinates of each kind there are, in words."""
+        counts = ((len(kind.labels), kind.noun) for kind in self.kinds)
+        return " and ".join(f"{count} {noun}{'s' * (count > 1)}" for count, noun in counts)
+
+    @property
+    def lengthens(self) -> bool:
+        """Whether the body's length changes: what looks for angles alone does not hold it."""
+        return self.size > self.n
+
+    @property
+    def lever(self) -> Array:
+        """Generalised force (N,) [N m] of a torque or force of one at each coordinate, as datasets hold them."""
+        return np.concatenate([kind.lever for kind in self.kinds])
+
+    def gathered(self, data: Any, which: int) -> Array:
+        """Return a variable of all kinds of coordinates in a dataset, side by side (T, N): the one of those `names`."""
+        return np.concatenate([np.asarray(data[kind.names[which]]) for kind in self.kinds], axis=1)
+
+    def variables(self, x: Array, v: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Return coordinates and rates of a motion (T, N), (T, N) as variables of a dataset: dimensions and values."""
+        q, dq = self.joint_coordinates(x), self.joint_rates(v)
+        named = ((kind, value, k) for kind in self.kinds for k, value in enumerate((q, dq)))
+        return {kind.names[k]: (("time", kind.over), value[:, kind.rows]) for kind, value, k in named}
+
     @abstractmethod
     def coordinates(self, q: Array) -> Array:
-        """Return coordinates x (N,) of joint coordinates q (N,)."""
+        """Return coordinates x (..., N) of joint coordinates q (..., N)."""
 
     @abstractmethod
     def joint_coordinates(self, x: Array) -> Array:
@@ -103,11 +171,38 @@ class Mechanics(ABC):
     def from_joints(self) -> Array:
         """Constant matrix dx/dq (N, N)."""
 
+    @cached_property
+    @abstractmethod
+    def stuck_stiffness(self) -> Array:
+        """Stiffness (N,) that hysteresis adds to the springs by joint coordinates before its branches move, N m/rad."""
+
     # places
+
+    @cached_property
+    @abstractmethod
+    def mirror(self) -> Array:
+        """Signs (dimension,) that take positions of the kernels to the base frame and back."""
+
+    @cached_property
+    @abstractmethod
+    def length(self) -> Array:
+        """Lengths (n + 1,) of the part before the first joint and of the links, unstretched, m."""
+
+    @abstractmethod
+    def stretches(self, x: Array) -> Array:
+        """Return the stretch (..., n + 1) of each of them."""
+
+    @abstractmethod
+    def directions(self, x: Array) -> Array:
+        """Return unit vectors (..., n + 1, dimension) along each of them, in the kernels' frame."""
 
     @abstractmethod
     def tips(self, x: Array) -> Array:
         """Return tips of the links (..., n, dimension) in the base frame, m."""
+
+    @abstractmethod
+    def nodes(self, x: Array) -> Array:
+        """Return the origin of the base, the first joint and all tips (..., n + 2, dimension), in the base frame, m."""
 
     @abstractmethod
     def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:
@@ -146,6 +241,10 @@ class Mechanics(ABC):
     @abstractmethod
     def static_forces(self, x: Array, torque: Array) -> Array:
         """Return what inputs (N,), springs and weight do to x at rest, also of complex x: zero in equilibrium."""
+
+    @abstractmethod
+    def static_slope(self, x: Array, load: Array | None = None) -> Array:
+        """Return the slope (N, N) by x of `static_forces`, and of `load_forces` where there is a load; symmetric."""
 
     @abstractmethod
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:

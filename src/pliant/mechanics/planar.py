@@ -14,12 +14,14 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import chain, energy, extension, inertia, motion
-from pliant.equations.elastic import LEAST_STRETCH, joint_torques, spring_slope, spring_torque
-from pliant.equations.symbols import ExtensibleWorkspace, Slopes, Workspace
+from pliant.equations.elastic import LEAST_STRETCH, spring_slope, spring_torque
+from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleWorkspace, Joints, Slopes, Workspace
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
-from pliant.mechanics.contract import Energy, Mechanics
+from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.model import Station, fixed_length
+from pliant.model.extension import extensible_inertia
+from pliant.model.inertia import inertia_constants
 
 Array = np.ndarray
 NEAR = 1e-6  # rad and strains: where a rest under part of a load is near enough to go on from
@@ -67,7 +69,22 @@ class PlanarChain(Mechanics):
 
     @cached_property
     def body(self) -> Any:
-        return self.model.mechanics()
+        model = self.model
+        gx, gy = float(model.gravity[0] * model.bend_sign), float(model.gravity[1])
+        if not self.segments:
+            rod = model.mass_at == "rod"
+            return Body(*inertia_constants(model.link_length, model.link_mass, model.tip_mass, rod=rod), gx, gy)
+        B, h = extensible_inertia(model)
+        return ExtensibleBody(B, self.length, h, self.stretch_share, gx, gy)
+
+    @cached_property
+    def joints(self) -> Joints:
+        model = self.model
+        axial = np.reshape([(e.stiffness, e.damping) for e in model.extensions], (-1, 2)).T * model.segment_length
+        _, K2, K3 = springs.coefficients(model)
+        K, D = np.append(model.stiffness, axial[0]), np.append(model.damping, axial[1])
+        # copies: kernels are compiled anew for each mixture of arrays that may and may not be written to
+        return Joints(model.base_angle, np.array(model.rest_angle), K, D, K2, np.array(model.rest_angle), K3)
 
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
         return workspace(self.n, self.segments, kind)
@@ -82,11 +99,42 @@ class PlanarChain(Mechanics):
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        return (*(f"phi_{i + 1}" for i in range(self.n)), *(f"strain_{e.name}" for e in self.model.extensions))
+        return self._named("phi", "strain")
+
+    @cached_property
+    def rate_names(self) -> tuple[str, ...]:
+        return self._named("w", "strain_rate")
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        return self._named("q", "strain")
+
+    def _named(self, joint: str, segment: str) -> tuple[str, ...]:
+        turns = (f"{joint}_{i + 1}" for i in range(self.n))
+        return (*turns, *(f"{segment}_{e.name}" for e in self.model.extensions))
+
+    @cached_property
+    def kinds(self) -> tuple[CoordinateKind, ...]:
+        joints = CoordinateKind(
+            "joint", "joint angle", list(range(1, self.n + 1)), slice(0, self.n),
+            ("joint_angle", "joint_rate", "disturbance", "external_torque"), ("rad", "rad/s", "N m"), np.ones(self.n),
+        )
+        segments = CoordinateKind(
+            "segment", "strain", [e.name for e in self.model.extensions], slice(self.n, self.size),
+            ("axial_strain", "axial_strain_rate", "axial_disturbance", "external_axial_force"), ("1", "1/s", "N"),
+            self.model.segment_length,
+        )
+        return (joints, segments) if self.segments else (joints,)
+
+    def variables(self, x: Array, v: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
+        gained = x[:, self.n :] * self.model.segment_length
+        grown = {"extension": (("time", "segment"), gained)} if self.segments else {}
+        return {**super().variables(x, v), **grown}
 
     def coordinates(self, q: Array) -> Array:
-        x, n = np.array(q, dtype=float), self.n
-        chain.absolute_angles(x[:n].copy(), self.model.rest_angle, self.model.base_angle, x[:n])
+        x = np.array(q, dtype=float)
+        turns = x.T[: self.n]
+        chain.absolute_angles(turns.copy(), self.model.rest_angle, self.model.base_angle, turns)
         return x
 
     def joint_coordinates(self, x: Array) -> Array:
@@ -94,7 +142,7 @@ class PlanarChain(Mechanics):
         return np.concatenate([angles, x[..., self.n :]], axis=-1) if self.segments else angles
 
     def joint_angles(self, x: Array) -> Array:
-        return np.diff(x[..., : self.n], axis=-1, prepend=self.model.base_angle) - self.model.rest_angle
+        return np.diff(x[..., : self.n], axis=-1, prepend=self.joints.base_angle) - self.joints.theta0
 
     def rates(self, dq: Array) -> Array:
         return np.concatenate([np.cumsum(dq[..., : self.n], axis=-1), dq[..., self.n :]], axis=-1)
@@ -114,6 +162,11 @@ class PlanarChain(Mechanics):
         T = np.eye(self.size)
         T[: self.n, : self.n] = np.tri(self.n)
         return T
+
+    @cached_property
+    def stuck_stiffness(self) -> Array:
+        K, n = self.joints.K, self.n
+        return np.append(K[:n] * self.model.memory.instantaneous, 0.0 * K[n:])
 
     # places
 
@@ -136,7 +189,7 @@ class PlanarChain(Mechanics):
 
     def angles(self, x: Array) -> Array:
         """Return absolute angles (..., n + 1) of the base and of the links, rad."""
-        base = np.full((*x.shape[:-1], 1), self.model.base_angle)
+        base = np.full((*x.shape[:-1], 1), self.joints.base_angle)
         return np.concatenate([base, x[..., : self.n]], axis=-1)
 
     def tips(self, x: Array) -> Array:
@@ -147,10 +200,9 @@ class PlanarChain(Mechanics):
         along = np.cumsum(length * np.cos(phi), axis=-1) + first[..., 1:]
         return np.stack([self.model.bend_sign * across, along], axis=-1)
 
-    def joints_at(self, x: Array) -> Array:
-        """Return the origin of the base and all joints (..., n + 1, 2), in the base frame, m."""
+    def nodes(self, x: Array) -> Array:
         first = self.stretches(x)[..., :1, None] * (self.model.first_joint * self.mirror)
-        return np.concatenate([np.zeros_like(first), first, self.tips(x)[..., :-1, :]], axis=-2)
+        return np.concatenate([np.zeros_like(first), first, self.tips(x)], axis=-2)
 
     def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:
         tips = self.tips(x) if tips is None else tips
@@ -210,20 +262,19 @@ class PlanarChain(Mechanics):
 
     def weight(self) -> Array:
         """Return the loads of gravity on the links, N m, in the shape of `no_loads`."""
-        load = self.no_loads()
-        load[:, :2] = np.outer(self.body.h, [self.body.gx, self.body.gy])
-        return load
+        load = np.outer(self.body.h, [self.body.gx, self.body.gy])
+        return np.pad(load, ((0, 0), (0, self.no_loads().shape[1] - 2)))
 
     def load_forces(self, x: Array, load: Array) -> Array:
         if not self.segments:
             return np.asarray(-(load[:, 0] * np.cos(x) + load[:, 1] * np.sin(x)))
-        return pull_of(x, load, self.stretch_share, self.model.base_angle)
+        return pull_of(x, load, self.body.share, self.joints.base_angle)
 
     def load_stiffness(self, x: Array, load: Array) -> Array:
-        n, share = self.n, self.stretch_share
         if not self.segments:
             return np.diag(load[:, 0] * np.sin(x) - load[:, 1] * np.cos(x))
-        c, s, whole = stretched_loads(x, load, share, self.model.base_angle)
+        n, share = self.n, self.body.share
+        c, s, whole = stretched_loads(x, load, share, self.joints.base_angle)
         slope = np.zeros((x.size, x.size))
         slope[np.arange(n), np.arange(n)] = (whole[:, 0] * s - whole[:, 1] * c)[1:]
         slope[:n, n:] = (share * -(load[:, 0] * c + load[:, 1] * s)[:, None])[1:]
@@ -231,11 +282,13 @@ class PlanarChain(Mechanics):
         return slope
 
     def static_forces(self, x: Array, torque: Array) -> Array:
-        n, joints, still = self.n, self.joints, np.zeros_like(x)
-        t = np.zeros(n + 1, dtype=x.dtype)
-        joint_torques(x, still, joints, torque, 0.0, t)
-        axial = torque[n:] - joints.K[n:] * x[n:]
-        return np.concatenate([-np.diff(t), axial]) + self.load_forces(x, self.weight())
+        held, _ = self._springs(self.joint_coordinates(x))
+        return (torque - held) @ self.to_joints + self.load_forces(x, self.weight())
+
+    def static_slope(self, x: Array, load: Array | None = None) -> Array:
+        _, tangent = self._springs(self.joint_coordinates(x))
+        load = self.weight() if load is None else self.weight() + load
+        return self.load_stiffness(x, load) - self.to_joints.T @ np.diag(tangent) @ self.to_joints
 
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
         n, joints, T = self.n, self.joints, self.from_joints
@@ -265,14 +318,13 @@ class PlanarChain(Mechanics):
         return np.append(held, joints.K[n:] * q[n:]), np.append(slope, joints.K[n:])
 
     def linear_parts(self, q: Array) -> tuple[Array, Array]:
-        n, x, T = self.n, self.coordinates(q), self.from_joints
-        _, stiffness = self._springs(q)
-        stiffness[:n] += self.joints.K[:n] * self.model.memory.instantaneous
+        x, T = self.coordinates(q), self.from_joints
+        stiffness = self._springs(q)[1] + self.stuck_stiffness
         slope = self.load_stiffness(x, self.weight())
         return T.T @ self.inertia(x) @ T, np.diag(stiffness) - T.T @ slope @ T
 
 
-def workspace(n: int, segments: int = 0, kind: type = float) -> Workspace | ExtensibleWorkspace:
+def workspace(n: int, segments: int = 0, kind: type = float) -> Any:
     """Return scratch arrays of a `kind` of numbers for n links, `segments` segments of which lengthen."""
     if not segments:
         shapes = ((n, n), (n, n), n, n, n + 1, n, n, n)

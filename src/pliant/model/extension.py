@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.equations.inertia import body_constants
-from pliant.equations.symbols import ExtensibleBody
 from pliant.errors import InputError
 from pliant.model.checks import one_number
+from pliant.model.inertia import inertia_constants
 from pliant.model.limits import check_limit
 
 if TYPE_CHECKING:
@@ -96,33 +95,28 @@ def joints_inside(model: Model) -> tuple[tuple[int, ...], ...]:
     )
 
 
-def extensible_body(model: Model) -> ExtensibleBody:
-    """Constants of the inertia of a body that lengthens, for the kernels."""
-    n, rod = model.n, model.mass_at == "rod"
-    length = np.append(model.base_length, model.link_length)
-    mass = np.append(0.0, model.link_mass)
-    B, h = np.empty((n + 1, n + 1)), np.empty(n + 1)
-    body_constants(length, mass, length * (0.5 if rod else 1.0), model.tip_mass, B, h)
-    B[np.diag_indices(n + 1)] += mass * length**2 / 12.0 * rod
-    gx, gy = float(model.gravity[0] * model.bend_sign), float(model.gravity[1])
-    return ExtensibleBody(B, length, h, np.array(model.stretch_share), gx, gy)
-
-
-def fixed_length(model: Model) -> Model:
+def fixed_length(model: Model, refusal: str = "") -> Model:
     """The model, when nothing lengthens: who cannot follow a length that changes asks here.
 
     Raises
     ------
     InputError
-        When segments lengthen.
+        When segments lengthen, in the words of `refusal`, if any.
     """
-    if model.extensions:
-        names = ", ".join(e.name for e in model.extensions)
+    if names := ", ".join(e.name for e in model.extensions):
         raise InputError(
-            f"this takes a body of fixed length, and {model.name!r} lengthens ({names}): use simulate, Stepper, fit, "
-            "linearise, design_outputs, estimate or find_contact, or leave its extensions out"
+            refusal or f"this takes a body of fixed length, and {model.name!r} lengthens ({names}): use simulate, "
+            "Stepper, fit, linearise, design_outputs, estimate or find_contact, or leave its extensions out"
         )
     return model
+
+
+def extensible_inertia(model: Model) -> tuple[Array, Array]:
+    """Return B (n + 1, n + 1), rotary inertia on its diagonal, and h (n + 1,); index 0 lies before the first joint."""
+    length, mass = np.append(model.base_length, model.link_length), np.append(0.0, model.link_mass)
+    B, rotary, h = inertia_constants(length, mass, model.tip_mass, rod=model.mass_at == "rod")
+    B[np.diag_indices(model.n + 1)] += rotary
+    return B, h
 
 
 def least_inertia(B: Array, share: Array) -> float:
@@ -137,7 +131,8 @@ def least_inertia(B: Array, share: Array) -> float:
 
 def check_extensions(model: Model) -> None:
     """Raise InputError when segments share a name, a place or a mass, hold no link, or a chamber pushes others."""
-    names = [e.name for e in model.extensions]
+    if not (names := [e.name for e in model.extensions]):
+        return
     if len(set(names)) < len(names):
         raise InputError(f"extensions need names that differ, got {', '.join(names)}")
     share = model.stretch_share
@@ -146,13 +141,13 @@ def check_extensions(model: Model) -> None:
             raise InputError(f"extension {name!r} lies beyond the body, which is {model.length:.6g} m long")
     if (share.sum(axis=1) > 1.0 + 1e-6).any():
         raise InputError(f"extensions must not overlap: {', '.join(names)} do")
-    if least_inertia(extensible_body(model).B, share) < SINGULAR:
+    if least_inertia(extensible_inertia(model)[0], share) < SINGULAR:
         raise InputError(
             f"extensions: the masses of {model.n} link(s) cannot follow {len(names)} independent strains "
             f"({', '.join(names)}): use fewer segments, or links enough that each segment moves one of its own"
         )
     for chamber in model.chambers:
-        if names and chamber.axial_gain.size not in (1, len(names)):
+        if chamber.axial_gain.size not in (1, len(names)):
             raise InputError(
                 f"chamber {chamber.name!r}: axial_gain must be one number or {len(names)} (one for each segment), got "
                 f"{chamber.axial_gain.size}"

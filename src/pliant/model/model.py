@@ -9,13 +9,11 @@ from typing import Any, Unpack
 import numpy as np
 
 from pliant.display import Card, Shown
-from pliant.equations import inertia
-from pliant.equations.symbols import Body, ExtensibleBody, Joints
 from pliant.errors import InputError
 from pliant.model.actuation import Actuation, chambers_of
 from pliant.model.chamber import FIELDS, Chamber, ChamberValues
 from pliant.model.checks import numbers, one_number
-from pliant.model.extension import Extension, extensible_body, extensions_of, fixed_length, joints_inside, shares
+from pliant.model.extension import Extension, extensions_of, joints_inside, shares
 from pliant.model.limits import MOST_LINKS
 from pliant.model.memory import Memory
 from pliant.model.physical import check_physical
@@ -181,8 +179,6 @@ class Model(Shown):
     @cached_property
     def actuation(self) -> Actuation:
         """What turns pressures into joint torques, and axial forces."""
-        if not self.extensions:
-            return Actuation(self.chambers, self.n)
         return Actuation(self.chambers, self.n, tuple(self.segment_length.tolist()), joints_inside(self))
 
     @property
@@ -258,31 +254,6 @@ class Model(Shown):
         made.__dict__.update(values)
         made._take(changes | arrays, self.n)
         return made
-
-    def mechanics(self) -> Body | ExtensibleBody:
-        """Constants of the inertia for the kernels of this body, whether it lengthens or not."""
-        return extensible_body(self) if self.extensions else self.body()
-
-    def body(self) -> Body:
-        """Constants of the inertia for the kernels of a body of fixed length; InputError for one that lengthens."""
-        fixed_length(self)
-        rod = self.mass_at == "rod"
-        centre = self.link_length * (0.5 if rod else 1.0)
-        rotary = self.link_mass * self.link_length**2 / 12.0 * rod
-        B = np.empty((self.n, self.n))
-        h = np.empty(self.n)
-        inertia.body_constants(self.link_length, self.link_mass, centre, self.tip_mass, B, h)
-        return Body(B, rotary, h, float(self.gravity[0] * self.bend_sign), float(self.gravity[1]))
-
-    def joints(self) -> Joints:
-        """Springs and dampers for the kernels, of the joints and behind them of the segments that lengthen."""
-        K, D = self.stiffness, self.damping
-        if self.extensions:
-            axial = np.array([(e.stiffness, e.damping) for e in self.extensions]) * self.segment_length[:, None]
-            K, D = np.append(K, axial[:, 0]), np.append(D, axial[:, 1])
-        K2, K3 = self.stiffness * self.stiffening, self.stiffness * self.cubic_stiffening
-        # copies: kernels are compiled anew for each mixture of arrays that may and may not be written to
-        return Joints(self.base_angle, *map(np.array, (self.rest_angle, K, D, K2, self.rest_angle, K3)))
 
 
 def each_link(name: str, a: Array, n: int) -> Array:

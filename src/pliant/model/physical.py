@@ -38,8 +38,7 @@ def check_physical(model: Model, given: Collection[str]) -> None:
     for good, sentence in choices:
         if not good:
             raise InputError(f"model {sentence.format(model)}")
-    if model.extensions:
-        check_extensions(model)
+    check_extensions(model)
 
 
 def check_stations(model: Model) -> None:

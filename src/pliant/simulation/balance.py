@@ -14,7 +14,6 @@ import xarray as xr
 
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.simulation import state
 
 Array = np.ndarray
 MOST_GAIN = 0.01  # of the largest energy in the motion
@@ -72,7 +71,7 @@ def held_energy(model: Model, phi: Array, w: Array, pressure: tuple[float, ...])
     """Energy of a chain under constant pressures, J: the work that they can still do counts as stored."""
     stored = mechanics_of(model).energy(phi, w)
     kinetic, elastic, weight = map(float, stored)
-    push = float(model.actuation.joint_torques(pressure) @ state.relative(model, phi))
+    push = float(model.actuation.joint_torques(pressure) @ mechanics_of(model).joint_coordinates(phi))
     return Held(pressure, kinetic + elastic + weight - push, kinetic + elastic)
 
 

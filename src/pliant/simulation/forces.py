@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
 
 Array = np.ndarray
@@ -51,37 +52,8 @@ def station_of(model: Model, force: PointForce) -> Station:
 
 
 def link_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Array:
-    """Loads L (T, n, 2) of the links under the forces of `values` (T, F, 2) [N], N m.
-
-    In absolute angles a force acts as weight does: its generalised force is Q_k = -(L_k0 cos phi_k + L_k1 sin phi_k),
-    by virtual work, as `equations.contact.point_force` has it. Of a body that lengthens (T, n + 1, 4), the part before
-    the first joint first: along each link and across it apart, as `equations.extension.add_link_loads` takes them.
-    """
-    if model.extensions:
-        return stretching_loads(model, forces, values)
-    total = np.zeros((len(values), model.n, 2))
-    links = np.arange(model.n)
-    for f, force in enumerate(forces):
-        place = station_of(model, force)
-        arm = np.where(links < place.link, model.link_length, 0.0) + place.along * (links == place.link)
-        x, y = model.bend_sign * values[:, f, :1], values[:, f, 1:]
-        off = place.across * (links == place.link)
-        total[..., 0] += x * arm + y * off
-        total[..., 1] += y * arm - x * off
-    return total
-
-
-def stretching_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Array:
-    """As `link_loads` (T, n + 1, 4) of a body that lengthens."""
-    total = np.zeros((len(values), model.n + 1, 4))
-    links, length = np.arange(-1, model.n), np.append(model.base_length, model.link_length)
-    for f, force in enumerate(forces):
-        place = station_of(model, force)
-        own = links == place.link
-        pull = values[:, f, None] * [model.bend_sign, 1]
-        total[..., :2] += pull * np.where(own, place.along, length * (links < place.link))[:, None]
-        total[..., 2:] += pull[..., ::-1] * [1, -1] * (place.across * own)[:, None]
-    return total
+    """Loads (T, ...) of the links under the forces of `values` (T, F, 2) [N], N m; see `Mechanics.link_loads`."""
+    return mechanics_of(model).link_loads([station_of(model, force) for force in forces], values)
 
 
 def at_time(force: PointForce, time: Array) -> Array:
@@ -90,17 +62,11 @@ def at_time(force: PointForce, time: Array) -> Array:
 
 
 def loads_at(model: Model, forces: Sequence[PointForce], time: float) -> Array:
-    """Loads (n, 2) of the links at one time, N m; of a body that lengthens (n + 1, 4)."""
+    """Loads of the links at one time, N m, as kernels take them."""
     if not forces:
-        return np.zeros((model.n + 1, 4) if model.extensions else (model.n, 2))
+        return mechanics_of(model).no_loads()
     values = np.reshape([at_time(force, np.array(time)) for force in forces], (1, -1, 2))
     return np.asarray(link_loads(model, forces, values)[0])
-
-
-def joint_loads(phi: Array, load: Array) -> Array:
-    """Torques (n,) of the links' loads (n, 2) at the joints, N m; also of complex ones."""
-    Q = -(load[:, 0] * np.cos(phi) + load[:, 1] * np.sin(phi))
-    return np.cumsum(Q[::-1])[::-1]
 
 
 def mean_loads(model: Model, forces: Sequence[PointForce], nodes: Array) -> Array:

@@ -5,6 +5,7 @@ Plain text here; `pliant.compiler.choose.twin` makes what runs.
 
 from __future__ import annotations
 
+from functools import cache
 from types import FunctionType
 from typing import NamedTuple
 
@@ -19,8 +20,6 @@ from pliant.equations.motion import step
 from pliant.equations.symbols import (
     Actuation,
     Body,
-    ExtensibleBody,
-    ExtensibleWorkspace,
     Held,
     Joints,
     Lag,
@@ -202,12 +201,12 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
     return -1
 
 
-def lengthening(kernel):
-    """The same text for bodies that lengthen: it makes their records."""
-    scope = {**kernel.__globals__, "Body": ExtensibleBody, "Workspace": ExtensibleWorkspace}
-    copy = FunctionType(kernel.__code__, scope, f"{kernel.__name__}_lengthening")
-    copy.__doc__, copy.__module__ = f"As `{kernel.__name__}`, of a body that lengthens.", kernel.__module__
+@cache
+def of_records(kernel, body, workspace):
+    """Return a kernel's text with the records of a body and its workspace in the place of `Body` and `Workspace`."""
+    if (body, workspace) == (Body, Workspace):
+        return kernel
+    scope = {**kernel.__globals__, "Body": body, "Workspace": workspace}
+    copy = FunctionType(kernel.__code__, scope, f"{kernel.__name__}_{body.__name__}")
+    copy.__doc__, copy.__module__ = f"As `{kernel.__name__}`, of a {body.__name__}.", kernel.__module__
     return copy
-
-
-hold_lengthening, hold_lengthening_with_memory = lengthening(hold), lengthening(hold_with_memory)

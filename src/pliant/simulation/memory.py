@@ -8,6 +8,7 @@ from pliant.compiler.choose import twin
 from pliant.equations import memory as kernels
 from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import march_loops, state
 from pliant.simulation.drive import Drive, too_fast
@@ -27,8 +28,9 @@ def march_with_memory(
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0], out.state[0] = *start, states
     now, past = start[0].copy(), Past(model.memory.law(), states.copy(), state.held(model))
+    body, joints, work = mechanics_of(model).parts()
     failed = twin(march_loops.march_with_memory, model.n, len(model.extensions))(
-        now, start[1].copy(), plan.steps, model.mechanics(), model.joints(), past, state.work_of(model), out
+        now, start[1].copy(), plan.steps, body, joints, past, work, out
     )
     if failed >= 0:
         raise too_fast(plan, failed, state.given_way(model, now))
@@ -57,7 +59,7 @@ def told(model: Model, phi: Array, states: Array, loss: Array) -> dict[str, Entr
     """States, torque, stored and dissipated energy of the memory along a trajectory, with their dimensions."""
     if not model.memory:
         return {}
-    q, law, K = state.joint_angles(model, phi), model.memory.law(), model.stiffness
+    q, law, K = mechanics_of(model).joint_angles(phi), model.memory.law(), model.stiffness
     moved = np.moveaxis(states, 0, -1)  # (n, branches, T), as the kernels index
     angle = np.stack([kernels.memory_angle(i, q[:, i], moved, law) for i in range(model.n)], axis=1)
     stored = np.stack([kernels.memory_stored(i, q[:, i], moved, law) for i in range(model.n)], axis=1)

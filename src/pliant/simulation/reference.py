@@ -21,7 +21,7 @@ from pliant.model import Model, Valve
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation.drive import inputs_of, merge
 from pliant.simulation.inputs import Input
-from pliant.simulation.state import given_way, joint_angles, work_of
+from pliant.simulation.state import given_way
 
 Array = np.ndarray
 METHODS = ("LSODA", "BDF", "Radau")
@@ -104,7 +104,7 @@ def softest(model: Model) -> Callable[[float, Array], float] | None:
         return None
 
     def least(_t: float, y: Array) -> float:
-        return float((springs.slopes(model, joint_angles(model, y[: model.n])) / model.stiffness).min())
+        return float((springs.slopes(model, mechanics_of(model).joint_angles(y[: model.n])) / model.stiffness).min())
 
     least.terminal = True  # type: ignore[attr-defined]  # SciPy's way
     return least
@@ -157,7 +157,7 @@ def right_hand_side(
     The Jacobian of a model that creeps, swells or inflates is left to the solver.
     """
     at = layout(model)
-    body, joints, scratch = model.mechanics(), model.joints(), work_of(model)
+    body, joints, scratch = mechanics_of(model).parts()
     accelerate = mechanics_of(model).acceleration()
     gain = model.actuation.gain
     share, tau = (np.array(row) for row in (model.memory.creep_share, model.memory.creep_time))
@@ -185,7 +185,7 @@ def right_hand_side(
         if at.remembers:
             xi = y[at.creep].reshape(model.n, -1)
             seen = stiffer._replace(theta0=joints.theta0 + xi @ share / stiff)
-            gap = joint_angles(model, phi)[:, None] - xi
+            gap = mechanics_of(model).joint_angles(phi)[:, None] - xi
             crept, lost = (gap / tau).ravel(), [joints.K[: model.n] @ (gap**2 @ (share / tau))]
         accelerate(phi, w, torque, body, seen, scratch, a)
         turning = w.tolist()
@@ -212,7 +212,7 @@ def torque_and_rates(own: symbols.Chamber, p: float, slow: Array, wall: Array) -
 def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
     """The exact Jacobian of the right-hand side of a model that neither creeps nor swells, behind its valves."""
     n, at, gain = model.size, layout(model), model.actuation.gain
-    body, joints, scratch = model.mechanics(), model.joints(), work_of(model)
+    body, joints, scratch = mechanics_of(model).parts()
     solve = twin(ldl_solve)
     differentiate = mechanics_of(model).acceleration_jacobian()
     out = symbols.Slopes(np.empty(n), np.empty((n, n)), np.empty((n, n)))

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.simulation import state
 from pliant.version import __version__
 
 Array = np.ndarray
@@ -55,12 +55,11 @@ def trajectory(
     remembers nothing.
     """
     times, pressure, phi, w = motion
-    tips = state.tips(model, phi)
-    position, angle = state.stations(model, phi, tips)
+    chain = mechanics_of(model)
+    tips = chain.tips(phi)
+    position, angle = chain.stations(phi, tips)
     values: dict[str, tuple[tuple[str, ...], Array]] = {
-        "joint_angle": (("time", "joint"), state.joint_angles(model, phi)),
-        "joint_rate": (("time", "joint"), state.joint_rates(w[:, : model.n])),
-        **lengthening(model, phi, w),
+        **chain.variables(phi, w),
         "tip_position": (("time", "link", "axis"), tips),
         "station_position": (("time", "station", "axis"), position),
         "station_angle": (("time", "station"), angle),
@@ -68,9 +67,7 @@ def trajectory(
         **{name: (("time",), value) for name, value in energies.items()},
         **memory,
     }
-    labels = {"memory": list(model.memory.labels)} if model.memory else {}
-    if model.extensions:
-        labels["segment"] = [e.name for e in model.extensions]
+    labels = {**({"memory": list(model.memory.labels)} if model.memory else {}), **chain.labels}
     if len(model.chambers) > 1:
         labels["chamber"] = [c.name for c in model.chambers]
     return xr.Dataset(
@@ -85,17 +82,6 @@ def trajectory(
         attrs={"schema": "pliant-trajectory", "model": model.name, "method": method, "step_s": step,
                "source": f"pliant {__version__}"},
     )
-
-
-def lengthening(model: Model, x: Array, v: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
-    """Strains, their rates and the lengths gained of the segments that lengthen; nothing where none does."""
-    if not model.extensions:
-        return {}
-    strain, rate, dims = x[:, model.n :], v[:, model.n :], ("time", "segment")
-    return {
-        "axial_strain": (dims, strain), "axial_strain_rate": (dims, rate),
-        "extension": (dims, strain * model.segment_length),
-    }
 
 
 def by_chamber(values: Array) -> tuple[tuple[str, ...], Array]:

@@ -93,7 +93,7 @@ def simulate(
     rest = initial_angle is None
     q0 = state.equilibrium(model, plan.initial, link_load=before) if rest else state.vector(model, initial_angle)
     dq0 = np.zeros(model.size) if initial_rate is None else state.vector(model, initial_rate)
-    start = (state.absolute(model, q0), state.absolute_rates(model, dq0))
+    start = (mechanics_of(model).coordinates(q0), mechanics_of(model).rates(dq0))
     states = memory.first_states(model, q0, initial_memory)
     stretch = None
 
@@ -171,13 +171,13 @@ def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> t
     A model with memory starts relaxed at these angles.
     """
     if model.memory:
-        states = state.relaxed(model, state.joint_angles(model, start[0]))
+        states = state.relaxed(model, mechanics_of(model).joint_angles(start[0]))
         return memory.march_with_memory(model, plan, start, states, rows)[:3]
     out = march_loops.rows_for(rows, model.size, (model.n, 0), 2)
     out.phi[0], out.w[0] = start
     now = start[0].copy()
     failed = twin(march_loops.march, model.n, len(model.extensions))(
-        now, start[1].copy(), plan.steps, model.mechanics(), model.joints(), state.work_of(model), out
+        now, start[1].copy(), plan.steps, *mechanics_of(model).parts(), out
     )
     if failed >= 0:
         raise too_fast(plan, failed, state.given_way(model, now))

@@ -1,4 +1,4 @@
-"""The chain at rest, its modes, and the arrays that kernels work in: functions of a model over `mechanics`."""
+"""The chain at rest, its modes, and the start of its memory: functions of a model over `mechanics`."""
 
 from __future__ import annotations
 
@@ -6,29 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations.symbols import ExtensibleWorkspace, Held, Workspace
+from pliant.equations.symbols import Held
 from pliant.errors import InputError, SimulationError
-from pliant.mechanics import mechanics_of, planar, springs
+from pliant.mechanics import mechanics_of, springs
 from pliant.model import Model
 
 Array = np.ndarray
 
 
-def workspace(n: int, kind: type = float) -> Workspace:
-    """Scratch arrays of a `kind` of numbers for the kernels of an n-link chain of fixed length."""
-    made: Workspace = planar.workspace(n, 0, kind)  # type: ignore[assignment]
-    return made
-
-
-def work_of(model: Model, kind: type = float) -> Workspace | ExtensibleWorkspace:
-    """Scratch arrays for the kernels of a model, whether it lengthens or not."""
-    made: Workspace | ExtensibleWorkspace = mechanics_of(model).workspace(kind)
-    return made
-
-
 def held(model: Model) -> Held:
     """Scratch arrays for the steps of a model with memory."""
-    joints = model.joints()
+    joints = mechanics_of(model).joints
     size = {name: model.size if name in ("phi", "w") else model.n for name in Held._fields if name != "springs"}
     rows = {name: np.zeros(length) for name, length in size.items()}
     rows |= {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
@@ -45,37 +33,12 @@ def relaxed(model: Model, q: Array) -> Array:
     return states
 
 
-def absolute(model: Model, q: Array) -> Array:
-    """Absolute link angles (n,) of the joint angles q (n,); strains behind them, (n + S,), stay as they are."""
-    return mechanics_of(model).coordinates(q)
-
-
-def relative(model: Model, x: Array) -> Array:
-    """Joint angles with strains behind them (n + S,), of absolute link angles and strains; undoes `absolute`."""
-    return mechanics_of(model).joint_coordinates(x)
-
-
-def joint_angles(model: Model, phi: Array) -> Array:
-    """Joint angles (..., n) of absolute link angles (..., n), with or without strains behind them."""
-    return mechanics_of(model).joint_angles(phi)
-
-
-def joint_rates(w: Array) -> Array:
-    """Joint rates (..., n) of absolute link rates (..., n)."""
-    return np.diff(w, axis=-1, prepend=0.0)
-
-
-def absolute_rates(model: Model, dq: Array) -> Array:
-    """Absolute link rates (n,) of joint rates (n,); rates of strains behind them stay as they are."""
-    return mechanics_of(model).rates(dq)
-
-
 def vector(model: Model, value: Any) -> Array:
-    """`value` as n finite numbers, or n + S where segments lengthen."""
+    """`value` as joint coordinates (N,), finite."""
     a = np.asarray(value, dtype=float)
     if a.shape != (model.size,) or not np.isfinite(a).all():
-        strains = f", then {len(model.extensions)} strain(s)" if model.extensions else ""
-        raise InputError(f"expected {model.size} finite numbers, one for each joint{strains}, got {value!r:.80}")
+        counted = mechanics_of(model).counted
+        raise InputError(f"expected {model.size} finite numbers for {counted}, got {value!r:.80}")
     return a
 
 
@@ -120,12 +83,12 @@ def equilibrium(
 
 def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
     """A sentence on the first spring whose slope falls to a share `least` of K at angles phi (n,), or an empty one."""
-    return springs.softened(model, joint_angles(model, phi), least)
+    return springs.softened(model, mechanics_of(model).joint_angles(phi), least)
 
 
 def first_given_way(model: Model, times: Array, phi: Array) -> str:
     """As `given_way`, of a trajectory (T, n) at `times` [s], with the time."""
-    lost = np.flatnonzero((springs.slopes(model, joint_angles(model, phi)) <= 0).any(axis=1))
+    lost = np.flatnonzero((springs.slopes(model, mechanics_of(model).joint_angles(phi)) <= 0).any(axis=1))
     return f"{times[lost[0]] - times[0]:.6g} s after the start {given_way(model, phi[lost[0]])}" if lost.size else ""
 
 
@@ -149,7 +112,7 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
         When the chain is not stable at this shape, or no equilibrium is found.
     """
     q = equilibrium(model) if q is None else vector(model, q)
-    M, K = linear_parts(model, q)
+    M, K = mechanics_of(model).linear_parts(q)
     L = np.linalg.cholesky(M)
     inverse = np.linalg.inv(L)
     squared, V = np.linalg.eigh(inverse @ K @ inverse.T)
@@ -157,20 +120,5 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
         raise SimulationError("the chain is not stable at this shape: it has no frequency of oscillation there")
     omega = np.sqrt(squared)
     modal = inverse.T @ V
-    damping = np.einsum("ik,i,ik->k", modal, model.joints().D, modal)
+    damping = np.einsum("ik,i,ik->k", modal, mechanics_of(model).joints.D, modal)
     return omega / (2 * np.pi), damping / (2 * omega)
-
-
-def linear_parts(model: Model, q: Array) -> tuple[Array, Array]:
-    """Inertia and stiffness (n, n) in joint angles at q (n,); (n + S, n + S) of a body that lengthens."""
-    return mechanics_of(model).linear_parts(q)
-
-
-def tips(model: Model, phi: Array) -> Array:
-    """Link tips (..., n, 2) of absolute link angles (..., n), with strains behind them, in the model's frame, m."""
-    return mechanics_of(model).tips(phi)
-
-
-def stations(model: Model, phi: Array, ends: Array | None = None) -> tuple[Array, Array]:
-    """Positions (..., S, 2) [m] and angles (..., S) [rad] of the model's observed points; `ends` are known `tips`."""
-    return mechanics_of(model).stations(phi, ends)

@@ -9,6 +9,7 @@ import numpy as np
 from pliant.compiler.choose import tuples, twin
 from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
 from pliant.simulation import march_loops, state
 from pliant.simulation.balance import EnergyWatch
@@ -17,14 +18,6 @@ from pliant.simulation.forces import PointForce, checked, link_loads
 from pliant.simulation.solve import check_step
 
 Array = np.ndarray
-
-LOOPS = {  # by what the body does: lengthen, remember
-    (False, False): march_loops.hold,
-    (False, True): march_loops.hold_with_memory,
-    (True, False): march_loops.hold_lengthening,
-    (True, True): march_loops.hold_lengthening_with_memory,
-}
-
 
 class Snapshot(NamedTuple):
     """What a `Stepper` needs to go on from a moment."""
@@ -88,10 +81,11 @@ class Stepper:
             np.zeros(len(model.chambers)), np.zeros((len(model.chambers), 2)),
         )
         self._command = np.zeros(len(model.chambers))
-        self._body, self._joints, self._work = model.mechanics(), model.joints(), state.work_of(model)
+        self._body, self._joints, self._work = mechanics_of(model).parts()
         self._law, self._held = model.memory.law(), state.held(model)
-        kernel = LOOPS[bool(model.extensions), bool(model.memory)]
-        self._advance = twin(kernel, model.n, len(model.extensions))
+        loop = march_loops.hold_with_memory if model.memory else march_loops.hold
+        records: Any = type(self._body), type(self._work)
+        self._advance = twin(march_loops.of_records(loop, *records), model.n, len(model.extensions))
         self.reset(pressure)
         self.step(pressure)  # compiled here
         self.reset(pressure)
@@ -112,7 +106,7 @@ class Stepper:
         model = self.model
         q = state.equilibrium(model, pressure) if joint_angle is None else state.vector(model, joint_angle)
         dq = np.zeros(model.size) if joint_rate is None else state.vector(model, joint_rate)
-        self._x, self._v = state.absolute(model, q), state.absolute_rates(model, dq)
+        self._x, self._v = mechanics_of(model).coordinates(q), mechanics_of(model).rates(dq)
         self.angle, self.strain = self._x[: model.n], self._x[model.n :]
         self.rate, self.strain_rate = self._v[: model.n], self._v[model.n :]
         self.memory = state.relaxed(self.model, q)
@@ -125,6 +119,16 @@ class Stepper:
         self._load = np.zeros((0, 2))
         self.time = 0.0
         self._watch = EnergyWatch(self.model)
+
+    @property
+    def position(self) -> Array:
+        """Angles with strains behind them (N,): the coordinates that `mechanics_of` takes; the live array."""
+        return self._x
+
+    @property
+    def velocity(self) -> Array:
+        """Rates of `position` (N,); the live array."""
+        return self._v
 
     @property
     def energy_gain(self) -> float:
@@ -196,11 +200,11 @@ class Stepper:
 
     def tips(self) -> Array:
         """Tips of the links now (n, 2), m."""
-        return state.tips(self.model, self._x)
+        return mechanics_of(self.model).tips(self._x)
 
     def stations(self) -> tuple[Array, Array]:
         """Positions (S, 2) [m] and angles (S,) [rad] of the model's observed points now."""
-        return state.stations(self.model, self._x)
+        return mechanics_of(self.model).stations(self._x)
 
     def snapshot(self) -> Snapshot:
         """All that moves, copied: `restore` goes on from here."""

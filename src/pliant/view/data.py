@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pliant.identification.experiment import Experiment
+from pliant.mechanics import mechanics_of
 from pliant.numerics.arcs import arc_lengths
 from pliant.validation.curves import autocorrelation, evenly_spaced, laws_of
 from pliant.validation.draw import moves_torque
@@ -27,7 +28,8 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
     for fit in outcome.fits:
         for record in fit.records:
             measured.setdefault(record.name, measured_of(record.experiment, every, pack))
-    if outcome.model.extensions:
+    lengthens = mechanics_of(outcome.model).lengthens
+    if lengthens:
         for record in (r for f in outcome.fits for r in f.records):
             measured[record.name]["grown"] = grown_of(record.experiment.position, record.experiment, every, pack)
     return {
@@ -35,7 +37,7 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
         "fits": [{
             "title": f.title, "records": {r.name: modelled_of(r, every, pack) for r in f.records},
             "grown": {r.name: grown_of(r.modelled, r.experiment, every, pack) for r in f.records}
-            if outcome.model.extensions else {},
+            if lengthens else {},
         } for f in outcome.fits],
         "shape": shape_of(outcome.shape, pack) if outcome.shape else None,
         "torque": torque_of(outcome.fits, pack) if moves_torque(outcome.fits) else None,

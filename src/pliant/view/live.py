@@ -10,13 +10,12 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from pliant.equations import inertia
 from pliant.errors import InputError, SimulationError
 from pliant.identification import Experiment
 from pliant.identification.parameters import apply
-from pliant.model import Model
+from pliant.mechanics import mechanics_of
+from pliant.model import Model, Station
 from pliant.simulation import Stepper
-from pliant.simulation import state as chain
 from pliant.simulation.balance import EnergyWarning
 
 Array = np.ndarray
@@ -232,28 +231,24 @@ class Live:
             self.command[:] = [float(t(now)[0]) if t else 0.0 for t in traces]
 
     def push(self) -> None:
-        """The impulse of the hand's thread over a step: M dw = h J'F, in absolute angles."""
+        """The impulse of the hand's thread over a step: M dv = h J'F."""
         self.force[:] = 0.0
         if self.pull is None or self.pull.link >= self.model.n:
             return
-        m, phi = self.model, self.stepper.angle
-        i, along = self.pull.link, self.pull.share * float(m.link_length[self.pull.link])
-        reach = np.where(np.arange(m.n) < i, m.link_length, 0.0)
-        reach[i] = along
-        J = np.stack([-m.bend_sign * reach * np.cos(phi), -reach * np.sin(phi)])
-        joints = np.concatenate([[m.first_joint * [m.bend_sign, 1]], chain.tips(m, phi)])
-        at = joints[i] + self.pull.share * (joints[i + 1] - joints[i])
+        m, x, i = self.model, self.stepper.position, self.pull.link
+        chain, hand = mechanics_of(m), Station("hand", i, self.pull.share * float(m.link_length[i]))
+        start, end = chain.nodes(x)[i + 1 : i + 3]
+        at = start + self.pull.share * (end - start)
         stiffness = PULL * float(m.stiffness.mean()) / (m.n * m.length**2)
         gap = np.clip(1e-3 * np.array([self.pull.x_mm, self.pull.y_mm]) - at, -m.length, m.length)
         self.force[:] = stiffness * gap
-        M, body = np.empty((m.n, m.n)), m.body()
-        inertia.inertia_absolute(np.cos(phi), np.sin(phi), body.B, body.I, M)
-        self.stepper.rate += STEP * np.linalg.solve(M, J.T @ self.force)
+        push = chain.position_jacobian(x, hand).T @ self.force
+        self.stepper.velocity[:] += STEP * np.linalg.solve(chain.inertia(x), push)
 
     def frame(self) -> dict[str, Any]:
         """What the page draws now: mm, kPa, N."""
         m, t = self.model, self.stepper.time
-        joints = np.concatenate([[[0.0, 0.0], m.first_joint * [m.bend_sign, 1]], chain.tips(m, self.stepper.angle)])
+        joints = mechanics_of(m).nodes(self.stepper.position)
         told, self.told = self.told, ""
         measured = None
         if self.record is not None and not self.record.placeless:

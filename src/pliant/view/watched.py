@@ -11,8 +11,8 @@ import numpy as np
 from pliant.contact.locate import locate
 from pliant.errors import InputError
 from pliant.loop.log import MARK
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, fixed_length
-from pliant.simulation import state as chain
 from pliant.view.live import Wish
 
 BEHIND = 0.7  # s that the page lags: the log reaches the disk at most half a second after the loop wrote it
@@ -95,7 +95,7 @@ class Watched:
             return {"t": 0.0, "body": still, "told": "no row has come yet", "measured": None,
                     "kpa": [0.0] * self.chambers, "command": [0.0] * self.chambers, "force": [0, 0]}
         m, phi = self.model, np.array([row[k] for k in self.angles])
-        joints = np.concatenate([[[0.0, 0.0], m.first_joint * [m.bend_sign, 1]], chain.tips(m, phi)])
+        joints = mechanics_of(m).nodes(phi)
         value = dict(zip(self.columns, row, strict=True))
         vented = f"VENTED, {self.fault or 'by a fault'}" if value.get("vented") else "in control"
         if not value.get("vented") and row[0] >= self.since:
