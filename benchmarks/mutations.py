@@ -100,6 +100,24 @@ def motive() -> str:
     return "\n".join([*head, *rows, ""])
 
 
+def tracker_texts() -> dict[str, str]:
+    """What trackers and small loggers write as text: tables of points in pixels, and a log of an angle."""
+    names, pixels = ("base", "mid", "tip"), 500.0 + 1e3 * GENTLE[..., :2]
+    rows = [",".join([str(k), *(f"{x:.3f},{y:.3f},0.99" for x, y in frame)]) for k, frame in enumerate(pixels)]
+    scored = ["scorer" + ",net" * 9, "bodyparts," + ",".join(n for n in names for _ in range(3)),
+              "coords" + ",x,y,likelihood" * 3]  # fmt: skip
+    paths = [line for s, n in enumerate(names) for line in (f"# {n}", *(
+        f"{1e3 * t:.0f} {x:.3f} {y:.3f}" for t, (x, y) in zip(TIME, pixels[:, s], strict=True)))]  # fmt: skip
+    points = [f"{t:.3f}\t{x:.3f}\t{y:.3f}" for t, (x, y) in zip(TIME, pixels[:, 2], strict=True)]
+    angles = [f"{t:.3f};{20 * np.sin(t):.4f};{10 * t:.3f}" for t in TIME]
+    return {
+        "csv, DeepLabCut": "\n".join([*scored, *rows, ""]),
+        "txt, Kinovea": "\n".join(["#Kinovea Trajectory data export", "#T X Y", *paths, ""]),
+        "txt, Tracker": "\n".join(["tip", "t\tx\ty", *points, ""]),
+        "csv, angles": "\n".join(["time_s;angle_deg;pressure_kpa", *angles, ""]),
+    }
+
+
 def hdf5_originals(folder: Path) -> list[Original]:
     """One whole file of each layout of HDF5 beside netCDF."""
     pixels = 500.0 + 1e3 * GENTLE[..., :2]
@@ -151,6 +169,8 @@ def originals(folder: Path) -> list[Original]:
         Original("nc, classic", ".nc", of("classic.nc"), None, False, False, False),
         Original("mat, plain", ".mat", of("plain.mat"), None, False, False, False),
         Original("mat, packed", ".mat", of("packed.mat"), None, True, False, False),
+        *(Original(name, f".{name[:3]}", text.encode(), None if name == "csv, angles" else CAMERA, False, False, True)
+          for name, text in tracker_texts().items()),
         *hdf5_originals(folder),
     ]
 

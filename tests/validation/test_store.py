@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from pliant.errors import InputError
+from pliant.errors import InputError, PliantError
+from pliant.exporters.provenance import standard_errors
+from pliant.exporters.randomisation import uncertainty_of
+from pliant.validation import stored
 from pliant.validation.store import save_results
 from pliant.validation.stored import load_outcome
 
@@ -67,3 +71,37 @@ def test_what_is_no_result_is_one_sentence(kept, tmp_path, damage, sentence):
     with pytest.raises(InputError, match=sentence) as caught:
         load_outcome(tmp_path)
     assert "\n" not in str(caught.value)
+
+
+def entries(content, path=()):
+    """Paths of every entry of nested tables, of the first of each list."""
+    pairs = dict(enumerate(content[:1])) if isinstance(content, list) else content
+    for key, value in pairs.items() if isinstance(pairs, dict) else ():
+        yield (*path, key)
+        yield from entries(value, (*path, key))
+
+
+def test_any_entry_of_the_metrics_may_be_of_another_kind(kept, tmp_path, monkeypatch):
+    """Whoever reads metrics.json takes it or refuses it in one sentence, such as `"parameters": null`."""
+    whole, folder = kept
+    groups = stored.groups_of(folder)
+    monkeypatch.setattr(stored, "groups_of", lambda _: groups)
+    content = json.loads((folder / "metrics.json").read_text())
+    paths, refused = list(entries(content)), 0
+    assert len([p for p in paths if p[-1] == "parameters"]) >= 2
+    paths = [p for p in paths if len(p) < 3 or p[-1] in ("parameters", "covariance", "names", "matrix", "std", "rmse_mm")]
+    for path, value in zip(paths, cycle([None, [], {}, "x", -1e400]), strict=False):
+        holder = broken = json.loads(json.dumps(content))
+        for key in path[:-1]:
+            holder = holder[key]
+        holder[path[-1]] = value
+        (tmp_path / "metrics.json").write_text(json.dumps(broken))
+        readers = (lambda: load_outcome(tmp_path), lambda: standard_errors(tmp_path / "metrics.json"),
+                   lambda: uncertainty_of(whole.model, tmp_path / "metrics.json"))
+        for reads in readers:
+            try:
+                reads()
+            except PliantError as error:
+                refused += 1
+                assert "\n" not in str(error), path  # noqa: PT017  either way is right
+    assert refused > 20

@@ -102,5 +102,5 @@ def standard_errors(path: str | Path) -> dict[str, float]:
             content = next(iter(fits.values())) if isinstance(fits, dict) else fits[0]
         rows = content["parameters"]
         return {name: float(row["std"]) for name, row in rows.items() if row.get("std") is not None}
-    except (OSError, ValueError, KeyError, IndexError, TypeError, StopIteration, AttributeError):
+    except (OSError, ValueError, LookupError, TypeError, StopIteration, AttributeError, OverflowError, RecursionError):
         raise InputError(f"{path} holds no fit: give metrics.json, as `pliant run` writes it") from None

@@ -90,9 +90,17 @@ def moved(model: Model, known: Uncertainty, rng: np.random.Generator) -> Model:
 def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
     """What a fit, or the first one of a metrics.json, knows of the body; parameters of single recordings left out."""
     told = fit.to_dict() if isinstance(fit, FitResult) else first_fit(Path(fit))
-    rows, covariance = told["parameters"], told.get("covariance")
-    if covariance is None:
+    if told.get("covariance") is None:
         raise InputError("bodies are drawn from a fit with free parameters: this one has no covariance")
+    try:
+        return body_uncertainty(model, told["parameters"], told["covariance"])
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError):
+        raise InputError(f"{fit} holds no fit whose parameters and covariance belong together: run the study again"
+                         ) from None
+
+
+def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[str, Any]) -> Uncertainty:
+    """Parameters of the body, from the rows and the covariance of a fit."""
     chambers = {c.name for c in model.chambers}
     keep = [
         k for k, (name, hidden) in enumerate(zip(covariance["names"], covariance["hidden"], strict=True))
@@ -100,7 +108,10 @@ def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
     ]
     names = tuple(covariance["names"][k] for k in keep)
     matrix = np.asarray(covariance["matrix"], dtype=float)[np.ix_(keep, keep)]
-    return Uncertainty(names, np.array([float(rows[name]["value"]) for name in names]), matrix)
+    mean = np.array([float(rows[name]["value"]) for name in names])
+    if not (np.isfinite(matrix).all() and np.isfinite(mean).all()):
+        raise ValueError("a fit holds finite numbers")
+    return Uncertainty(names, mean, matrix)
 
 
 def first_fit(path: Path) -> dict[str, Any]:
@@ -109,7 +120,7 @@ def first_fit(path: Path) -> dict[str, Any]:
         fits = json.loads(path.read_text(encoding="utf-8"))["fits"]
         first: dict[str, Any] = next(iter(fits.values()))
         dict(first["parameters"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, StopIteration):
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, StopIteration, RecursionError):
         raise InputError(f"{path} holds no fit: give metrics.json, as `pliant run` writes it") from None
     if "covariance" not in first:
         raise InputError(f"{path} was written by an older pliant and holds no covariance: run the study again")

@@ -13,11 +13,12 @@ the first row holds names, by name. Example::
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped
 from pliant.recording.camera import in_plane
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_mapping import Column, ColumnMapping, StationColumns
@@ -35,6 +36,31 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+class Header:
+    """Names and number of the columns of the table `file`; `names` is empty where its first row holds numbers."""
+
+    def __init__(self, names: list[str], width: int, file: str) -> None:
+        self.names, self.width, self.file = names, width, file
+        self.where: dict[str, list[int]] = defaultdict(list)
+        for k, name in enumerate(names):
+            self.where[name].append(k)
+
+    def index(self, column: Column) -> int:
+        """Index of a column that is given by index or name; InputError where there is none, or several."""
+        if isinstance(column, str):
+            held = self.where.get(column, [])
+            if not held:
+                available = shorten(self.names, 40) or "none: header is false, so columns are given by index"
+                raise InputError(f"{self.file} has no column {clipped(column)!r}; available: {available}")
+            if len(held) > 1:
+                raise InputError(f"{self.file} has {len(held)} columns named {clipped(column)!r}: give it by index")
+            return held[0]
+        if not 0 <= column < self.width:
+            raise InputError(f"{self.file} has {self.width} columns, 0 to {self.width - 1}: there is no column "
+                             f"{column}")  # fmt: skip
+        return column
+
+
 def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read the table `path` as a `ColumnMapping` describes it."""
     if not mapping:
@@ -43,29 +69,29 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
             "stations or points)"
         )
     options = ColumnMapping.load(mapping, path.name)
-    names, table, findings = _table(path, options)
-    history = [*findings, *_unused(names, table.shape[1], options, path.name)]
-    table, kept = _rows(table, names, options, path.name)
-    time, wrapped = _time(table, names, options, path.name)
+    header, table, findings = _table(path, options)
+    history = [*findings, *_unused(header, options)]
+    table, kept = _rows(table, header, options)
+    time, wrapped = _time(table, header, options)
     history += [*kept, *wrapped]
     if options.angles:
-        return _turning(time, table, names, options, history, path.name)
+        return _turning(time, table, header, options, history)
     if not options.stations and options.points is None:
-        return _log(time, _pressure(table, names, options, path.name), history, path.name)
-    arrays, more = _stations(table, names, options, path.name)
+        return _log(time, _pressure(table, header, options), history, path.name)
+    arrays, more = _stations(table, header, options)
     if options.camera is not None:
         arrays["position"], how = in_plane(arrays["position"], options.camera, path.parent)
         more.append(how)
     try:
         return make_recording(
-            time, **arrays, **_pressure(table, names, options, path.name), arc_length=options.arc_length,
+            time, **arrays, **_pressure(table, header, options), arc_length=options.arc_length,
             history=[*history, *more],
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
 
 
-def _table(path: Path, options: ColumnMapping) -> tuple[list[str], NDArray, list[str]]:
+def _table(path: Path, options: ColumnMapping) -> tuple[Header, NDArray, list[str]]:
     lines = read_text(path).split("\n")
     first = options.skip_lines
     while first < len(lines) and (not lines[first].strip() or lines[first].startswith("#")):
@@ -77,41 +103,26 @@ def _table(path: Path, options: ColumnMapping) -> tuple[list[str], NDArray, list
     body = first + 1 if options.header else first
     rows, findings = judge_end(lines[body:], delimiter, path.name)
     table = parse_numbers(rows, name=path.name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
-    return (cells if options.header else []), table, findings
+    return Header(cells if options.header else [], len(cells), path.name), table, findings
 
 
-def _unused(names: list[str], width: int, options: ColumnMapping, file: str) -> list[str]:
+def _unused(header: Header, options: ColumnMapping) -> list[str]:
     """Which columns the mapping does not speak of."""
     wanted: list[Column | None] = [options.time, options.select.column if options.select else None]
     wanted += options.pressure.columns if options.pressure else []
     wanted += list((options.angles or {}).values())
-    for station in _layout(options, width, file).values():
+    for station in _layout(options, header).values():
         wanted += [*station.position, *(station.quaternion or [])]
-    used = {_index(column, names, width, file) for column in wanted if column is not None}
-    left = [names[i] if names else i for i in range(width) if i not in used]
-    told = f"{len(left)} column(s) of {file} are not in the mapping and were left out: {shorten(left)}"
+    used = {header.index(column) for column in wanted if column is not None}
+    left = [header.names[i] if header.names else i for i in range(header.width) if i not in used]
+    told = f"{len(left)} column(s) of {header.file} are not in the mapping and were left out: {shorten(left)}"
     return [told] if left else []
 
 
-def _index(column: Column, names: list[str], width: int, file: str) -> int:
-    if isinstance(column, str):
-        if column not in names:
-            available = ", ".join(names[:40]) or "none: header is false, so columns are given by index"
-            raise InputError(f"{file} has no column {column!r}; available: {available}")
-        if names.count(column) > 1:
-            raise InputError(f"{file} has {names.count(column)} columns named {column!r}: give it by index")
-        return names.index(column)
-    if not 0 <= column < width:
-        raise InputError(f"{file} has {width} columns, 0 to {width - 1}: there is no column {column}")
-    return column
-
-
-def _rows(
-    table: NDArray, names: list[str], options: ColumnMapping, file: str
-) -> tuple[NDArray, list[str]]:
-    history = []
+def _rows(table: NDArray, header: Header, options: ColumnMapping) -> tuple[NDArray, list[str]]:
+    history, file = [], header.file
     if options.select is not None:
-        values = table[:, _index(options.select.column, names, table.shape[1], file)]
+        values = table[:, header.index(options.select.column)]
         keep = values == options.select.value
         if not keep.any():
             found = ", ".join(f"{v:g}" for v in np.unique(values[np.isfinite(values)])[:20])
@@ -129,12 +140,11 @@ def _rows(
     return table, history
 
 
-def _time(table: NDArray, names: list[str], options: ColumnMapping, file: str) -> tuple[NDArray, list[str]]:
+def _time(table: NDArray, header: Header, options: ColumnMapping) -> tuple[NDArray, list[str]]:
     if options.time is None:
         rate = options.rate_hz or (options.camera.rate_hz if options.camera else None)
         return np.arange(len(table)) / float(rate or np.nan), []
-    column = _index(options.time, names, table.shape[1], file)
-    return unwrapped(table[:, column], options.time_unit, file)
+    return unwrapped(table[:, header.index(options.time)], options.time_unit, header.file)
 
 
 def _log(time: NDArray, pressure: dict[str, Any], history: list[str], file: str) -> xr.Dataset:
@@ -148,14 +158,14 @@ def _log(time: NDArray, pressure: dict[str, Any], history: list[str], file: str)
 
 
 def _turning(
-    time: NDArray, table: NDArray, names: list[str], options: ColumnMapping, history: list[str], file: str
+    time: NDArray, table: NDArray, header: Header, options: ColumnMapping, history: list[str]
 ) -> xr.Dataset:
     """A recording of stations that were seen by their angles alone."""
-    angles = options.angles or {}
+    angles, file = options.angles or {}, header.file
     keep, repeats = without_repeats(time, file)
-    columns = [_index(column, names, table.shape[1], file) for column in angles.values()]
+    columns = [header.index(column) for column in angles.values()]
     angle, turns = whole_turns(table[keep][:, columns] * radian_per(options.angle_unit or "rad"))
-    pressure = _pressure(table[keep], names, options, file)
+    pressure = _pressure(table[keep], header, options)
     try:
         return make_recording(
             time[keep], angle=angle, station=list(angles), frame="planar", arc_length=options.arc_length,
@@ -182,14 +192,14 @@ def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
     return result, [f"{jumps} jump(s) of an angle by a whole turn are undone"] if jumps else []
 
 
-def _layout(options: ColumnMapping, columns: int, file: str) -> dict[str, StationColumns]:
-    """Columns of each station of a file with so many `columns`."""
+def _layout(options: ColumnMapping, header: Header) -> dict[str, StationColumns]:
+    """Columns of each station."""
     if options.points is None:
         return options.stations or {}
     points, width = options.points, len(options.points.order)
-    if (last := points.first + points.count * width) > columns:
-        raise InputError(f"the mapping's points take columns {points.first} to {last - 1}, but {file} has {columns} "
-                         "columns: correct points.count, points.first or points.order")
+    if (last := points.first + points.count * width) > header.width:
+        raise InputError(f"the mapping's points take columns {points.first} to {last - 1}, but {header.file} has "
+                         f"{header.width} columns: correct points.count, points.first or points.order")
     stations = {}
     for i in range(points.count):
         at = points.first + i * width
@@ -198,18 +208,16 @@ def _layout(options: ColumnMapping, columns: int, file: str) -> dict[str, Statio
     return stations
 
 
-def _stations(
-    table: NDArray, names: list[str], options: ColumnMapping, file: str
-) -> tuple[dict[str, Any], list[str]]:
-    stations = _layout(options, table.shape[1], file)
+def _stations(table: NDArray, header: Header, options: ColumnMapping) -> tuple[dict[str, Any], list[str]]:
+    stations = _layout(options, header)
     position = np.zeros((len(table), len(stations), 3))
     quaternion = np.full((len(table), len(stations), 4), np.nan)
     history = []
     for s, (name, columns) in enumerate(stations.items()):
-        indices = [_index(c, names, table.shape[1], file) for c in columns.position]
+        indices = [header.index(c) for c in columns.position]
         position[:, s, : len(indices)] = table[:, indices] * metre_per(options.length_unit or "m")
         if columns.quaternion is not None:
-            raw = table[:, [_index(c, names, table.shape[1], file) for c in columns.quaternion]]
+            raw = table[:, [header.index(c) for c in columns.quaternion]]
             quaternion[:, s], lost = unit_quaternions(raw)
             if lost:
                 history.append(f"{lost} quaternion(s) of {name} are incomplete or far from unit length and became NaN")
@@ -230,10 +238,10 @@ def unit_quaternions(raw: NDArray) -> tuple[NDArray, int]:
     return np.where(good, raw / np.where(good, norm, 1.0), np.nan), lost
 
 
-def _pressure(table: NDArray, names: list[str], options: ColumnMapping, file: str) -> dict[str, Any]:
+def _pressure(table: NDArray, header: Header, options: ColumnMapping) -> dict[str, Any]:
     if options.pressure is None:
         return {}
-    indices = [_index(c, names, table.shape[1], file) for c in options.pressure.columns]
+    indices = [header.index(c) for c in options.pressure.columns]
     values = table[:, indices] * pascal_per(options.pressure.unit)
     if len(indices) == 1 and options.pressure.chamber is None:
         return {"pressure": values[:, 0]}

@@ -15,7 +15,7 @@ from pliant.errors import InputError
 from pliant.recording.apart import read_apart
 from pliant.recording.pandas_layout import read_frame
 from pliant.recording.registry import ENDINGS, Reader
-from pliant.recording.tables import parse_numbers, read_text, split_cells
+from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
 from pliant.recording.trackers import TrackerMapping, tracked
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def read_deeplabcut(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.
     """Read the points of one animal; options are those of `TrackerMapping`."""
     options = TrackerMapping.load(mapping, path.name)
     hdf = path.suffix.lower() in (".h5", ".hdf5")
-    columns, frame, table = from_hdf(path) if hdf else from_csv(path)
+    columns, frame, table, findings = from_hdf(path) if hdf else from_csv(path)
     animals = list(dict.fromkeys(c[1] for c in columns))
     animal = options.individual or (animals[0] if len(animals) == 1 else None)
     if animal not in animals:
@@ -47,13 +47,13 @@ def read_deeplabcut(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.
     likelihood = None
     if all((animal, n, "likelihood") in where for n in names):
         likelihood = np.stack([table[:, where[animal, n, "likelihood"]] for n in names], axis=1)
-    history = [f"individual {animal} of {len(animals)}"] if len(animals) > 1 else []
+    history = [*findings, *([f"individual {animal} of {len(animals)}"] if len(animals) > 1 else [])]
     points, likelihood, more = whole_clock(frame, points, likelihood, path.name)
     return tracked(path, options, names, points, likelihood=likelihood, history=[*history, *more])
 
 
-def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray]:
-    """Columns (scorer, individual, point, coordinate), frame numbers (T,) and values (T, columns)."""
+def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[str]]:
+    """Columns (scorer, individual, point, coordinate), frame numbers (T,), values (T, columns), findings at the end."""
     lines = read_text(path).split("\n")
     head = [split_cells(line, ",") for line in lines[:4]]
     rows = {row[0].lower(): row for row in head if row and row[0].lower() in LEVELS}
@@ -62,28 +62,29 @@ def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray]:
     first, width = len(rows), len(rows["coords"])
     if any(len(row) != width for row in rows.values()):
         raise InputError(f"the header rows of {path.name} differ in length: the file is damaged")
-    table = parse_numbers(lines[first:], name=path.name, first_line=first + 1, delimiter=",", columns=width)
+    body, findings = judge_end(lines[first:], ",", path.name)
+    table = parse_numbers(body, name=path.name, first_line=first + 1, delimiter=",", columns=width)
     columns = [tuple(rows[level][k] if level in rows else "" for level in LEVELS) for k in range(1, width)]
-    return columns, table[:, 0], table[:, 1:]
+    return columns, table[:, 0], table[:, 1:], findings
 
 
-def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray]:
+def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[str]]:
     """The same of the HDF5 file."""
     frame = read_frame(*read_apart("hdf5", path, "DeepLabCut"), path.name)
     known = [name.lower() for name in frame.levels]
     if not {"bodyparts", "coords"} <= set(known):
         raise InputError(f"{path.name} is no DeepLabCut table: its columns have no levels bodyparts and coords")
     columns = [tuple(c[known.index(level)] if level in known else "" for level in LEVELS) for c in frame.columns]
-    return columns, frame.rows, frame.values
+    return columns, frame.rows, frame.values, []
 
 
 def whole_clock(
     frame: NDArray, points: NDArray, likelihood: NDArray | None, file: str
 ) -> tuple[NDArray, NDArray | None, list[str]]:
     """Points on every frame from the first to the last: frames that the table leaves out become gaps, told."""
-    number = np.round(frame).astype(int)
-    if np.any(np.diff(number) <= 0) or np.abs(frame - number).max(initial=0.0) > 0:
+    if not (np.abs(frame) < 2**53).all() or np.any(frame != np.round(frame)) or np.any(np.diff(frame) <= 0):
         raise InputError(f"the first column of {file} must be frame numbers that rise")
+    number = frame.astype(int)
     count = int(number[-1] - number[0]) + 1
     if count == len(number):
         return points, likelihood, []

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,18 +18,18 @@ class FileMapping(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     @classmethod
-    def load(cls, mapping: Mapping[str, Any] | None, name: str) -> Self:
+    def load(cls, mapping: Mapping[str, Any] | None, name: str, what: str = "mapping for") -> Self:
         """Check a mapping for the file `name`; InputError names the key that does not fit."""
         try:
             return cls.model_validate(dict(mapping or {}))
         except ValidationError as error:
             first = error.errors()[0]
-            key = ".".join(map(str, first["loc"])) or "the whole"
+            key = clipped(".".join(map(str, first["loc"]))) or "the whole"
             if first["type"] == "extra_forbidden":
                 problem = f"unknown key {key!r}; known are {', '.join(cls.model_fields)}"
             else:
                 problem = f"{key}: {first['msg'].removeprefix('Value error, ')}"
-            raise InputError(f"the mapping for {name} does not fit: {problem}") from None
+            raise InputError(f"the {what} {name} does not fit: {problem}") from None
 
 
 def shorten(names: Sequence[object], most: int = 20) -> str:

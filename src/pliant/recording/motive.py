@@ -7,6 +7,7 @@ of each column, and the frames: number, time in seconds, values; empty cells whe
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from pliant.recording.columns import unit_quaternions
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
-from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
+from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells, whole_number
 from pliant.units import metre_per
 
 if TYPE_CHECKING:
@@ -60,6 +61,7 @@ class _Header:
         self.columns: dict[str, dict[tuple[str, str], int]] = {}
         self.left_out = [i for i in range(2, self.width) if types[i] not in options.types]
         self.renamed: list[str] = []
+        self.same: Counter[str] = Counter()  # names that are taken -> how many were
         of: dict[tuple[str, ...], str] = {}  # type, name and ID of an asset -> the name of its station
         ids = labelled.get("id", [])
         for i in (i for i in range(2, self.width) if types[i] in options.types):
@@ -72,10 +74,10 @@ class _Header:
 
     def _new_name(self, name: str) -> str:
         """A station of this name, with a number where there is one already."""
-        count, fresh = 1, name
+        fresh = name
         while fresh in self.columns:
-            count += 1
-            fresh = f"{name} #{count}"
+            self.same[name] += 1
+            fresh = f"{name} #{self.same[name] + 1}"
         if fresh != name:
             self.renamed.append(fresh)
         self.columns[fresh] = {}
@@ -111,8 +113,8 @@ def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
 
 def _facts(table: NDArray, header: _Header, name: str) -> list[str]:
     """Compare what the header says of rows and rate with the rows; what a cut or a lost line changes."""
-    stated = header.keys.get("Total Exported Frames", "")
-    if stated.isdigit() and int(stated) != len(table):
+    stated = whole_number(header.keys.get("Total Exported Frames", ""))
+    if stated not in (None, len(table)):
         raise InputError(f"{name} says that it has {stated} frames, but {len(table)} came: it may be cut")
     said = []
     lost = int((np.diff(table[:, 0]) != 1).sum())
@@ -130,9 +132,9 @@ def _facts(table: NDArray, header: _Header, name: str) -> list[str]:
 
 def _other_columns(header: _Header, names: list[str]) -> list[str]:
     """Columns of assets that are read, or of assets without a position, that no station holds."""
-    used = {*(("Position", a) for a in "XYZ"), *(("Rotation", a) for a in "XYZW")}
+    read, used = set(names), {*(("Position", a) for a in "XYZ"), *(("Rotation", a) for a in "XYZW")}
     left = [f"{name}: {' '.join(filter(None, key))}" for name, columns in header.columns.items()
-            for key in columns if name not in names or key not in used]  # fmt: skip
+            for key in columns if name not in read or key not in used]  # fmt: skip
     return [f"{len(left)} column(s) were left out: {shorten(left)}"] if left else []
 
 

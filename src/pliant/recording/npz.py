@@ -1,14 +1,20 @@
-"""NumPy .npz: named arrays; pickled objects are refused."""
+"""NumPy .npz: named arrays; pickled objects are refused.
+
+What an array announces is compared with what the file can hold before memory is taken for it.
+"""
 
 from __future__ import annotations
 
+import math
 import zipfile
 import zlib
+from tokenize import TokenError
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped
+from pliant.recording.apart_worker import content_bound
 from pliant.recording.arrays import recording_from_arrays
 from pliant.recording.registry import ENDINGS, Reader
 
@@ -19,7 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 BROKEN = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, SyntaxError, MemoryError,
-          zipfile.BadZipFile, zlib.error, OverflowError, TypeError)  # fmt: skip
+          zipfile.BadZipFile, zlib.error, OverflowError, TypeError, TokenError)  # fmt: skip
 LONGEST_END = 22 + 65535  # bytes of the record at the end of an archive, with its comment
 
 
@@ -27,14 +33,35 @@ def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     """Read the arrays of a .npz file; options are those of `pliant.recording.arrays.ArrayMapping`."""
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            check_announced(file.zip, path.stat().st_size, path.name)
             arrays = {name: file[name] for name in file.files}
             told = entries_told(stream)
+    except InputError:
+        raise
     except BROKEN as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise InputError(f"{path.name} is no readable .npz file, or it is damaged: {reason}") from None
     if told != len(arrays):
         raise InputError(f"{path.name} is damaged: its index shows {len(arrays)} arrays, its end says {told}")
     return recording_from_arrays(arrays, mapping, path.name)
+
+
+def check_announced(archive: zipfile.ZipFile, size: int, name: str) -> None:
+    """Refuse an archive of `size` bytes whose entries, or the arrays in them, announce more than it can hold."""
+    most, entries = content_bound(size), archive.infolist()
+    if (announced := sum(entry.file_size for entry in entries)) > most:
+        raise InputError(f"{name} has {size} bytes and announces {announced}, more than the {most} that are read from "
+                         "a file of its size; write it without compression if that is right")  # fmt: skip
+    for entry in entries:
+        with archive.open(entry) as file:
+            if not entry.filename.endswith(".npy"):
+                continue
+            version = np.lib.format.read_magic(file)
+            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, _, dtype = read(file)
+        if math.prod(shape) * dtype.itemsize > entry.file_size:
+            raise InputError(f"{name} is damaged: its array {entry.filename[:-4]!r:.60} announces the shape "
+                             f"{clipped(str(shape))}, but has {entry.file_size} bytes")  # fmt: skip
 
 
 def entries_told(stream: BinaryIO) -> int:

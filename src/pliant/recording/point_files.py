@@ -14,7 +14,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.registry import ENDINGS, Reader
-from pliant.recording.tables import parse_numbers, read_text, split_cells
+from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
 from pliant.recording.trackers import TrackerMapping, seconds, tracked
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+SPARSEST = 100  # places of a table for each sample in it
 Track = tuple["NDArray", "NDArray"]  # times (T,) and places (T, 2)
 
 
@@ -31,24 +32,27 @@ def read_tracker(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     """Read tracks of Tracker, one file for each; options are those of `TrackerMapping`."""
     options = TrackerMapping.load(mapping, path.name)
     tracks: dict[str, Track] = {}
+    findings: list[str] = []
     for file in (path, *(path.parent / name for name in options.more)):
         if not file.is_file():
             raise InputError(f"{path.name} names a further file {file.name!r}, which is absent")
-        name, track = one_track(file)
+        name, track, more = one_track(file)
+        findings += more
         tracks[name if name not in tracks else file.stem] = track
-    return together(path, options, tracks, "s")
+    return together(path, options, tracks, "s", findings)
 
 
-def one_track(path: Path) -> tuple[str, Track]:
-    """Name, times and places of the one track in a file of Tracker."""
+def one_track(path: Path) -> tuple[str, Track, list[str]]:
+    """Name, times and places of the one track in a file of Tracker, and what was found at its end."""
     lines = read_text(path).split("\n")
     at = next((k for k, line in enumerate(lines[:4]) if header_of(line)), None)
     if at is None:
         raise InputError(f"{path.name} is no data table of Tracker: a row t, x, y is missing in its header")
     delimiter, cells = header_of(lines[at]) or ("", [])
-    table = parse_numbers(lines[at + 1 :], name=path.name, first_line=at + 2, delimiter=delimiter, columns=len(cells))
+    rows, findings = judge_end(lines[at + 1 :], delimiter, path.name)
+    table = parse_numbers(rows, name=path.name, first_line=at + 2, delimiter=delimiter, columns=len(cells))
     name = split_cells(lines[0], delimiter)[0] if at else path.stem
-    return name or path.stem, (table[:, cells.index("t")], table[:, [cells.index("x"), cells.index("y")]])
+    return name or path.stem, (table[:, cells.index("t")], table[:, [cells.index("x"), cells.index("y")]]), findings
 
 
 def header_of(line: str) -> tuple[str, list[str]] | None:
@@ -65,7 +69,8 @@ def read_kinovea(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     options = TrackerMapping.load(mapping, path.name)
     blocks: dict[str, tuple[int, list[str]]] = {}
     name = ""
-    for number, line in enumerate(read_text(path).split("\n"), 1):
+    lines, findings = judge_end(read_text(path).split("\n"), None, path.name)
+    for number, line in enumerate(lines, 1):
         if line.startswith("#"):
             name = line.lstrip("# ").strip() if number > 2 else ""
         elif line.strip():
@@ -73,22 +78,28 @@ def read_kinovea(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
                 raise InputError(f"{path.name} has timecodes: let Kinovea write time as numbers (milliseconds)")
             blocks.setdefault(name or "track", (number, []))[1].append(line)
     tracks = {}
-    for label, (first, lines) in blocks.items():
-        table = parse_numbers(lines, name=path.name, first_line=first, delimiter=None, columns=3)
+    for label, (first, rows) in blocks.items():
+        table = parse_numbers(rows, name=path.name, first_line=first, delimiter=None, columns=3)
         tracks[label] = (table[:, 0], table[:, 1:])
     if not tracks:
         raise InputError(f"{path.name} holds no trajectory")
-    return together(path, options, tracks, "ms")
+    return together(path, options, tracks, "ms", findings)
 
 
-def together(path: Path, options: TrackerMapping, tracks: dict[str, Track], unit: str) -> xr.Dataset:
+def together(
+    path: Path, options: TrackerMapping, tracks: dict[str, Track], unit: str, findings: list[str]
+) -> xr.Dataset:
     """Tracks on the union of their times; a point that has no sample there is a gap, told."""
+    samples = sum(len(t) for t, _ in tracks.values())
     clock = np.unique(np.concatenate([np.round(t, 9) for t, _ in tracks.values()]))
+    if clock.size * len(tracks) > SPARSEST * samples:
+        raise InputError(f"the {len(tracks)} tracks of {path.name} share hardly any times: {samples} samples at "
+                         f"{clock.size} times; export tracks of one film")  # fmt: skip
     points = np.full((clock.size, len(tracks), 2), np.nan)
     for k, (t, place) in enumerate(tracks.values()):
         points[np.searchsorted(clock, np.round(t, 9)), k] = place
     gaps = int(np.isnan(points[..., 0]).sum())
-    history = [f"{gaps} points are not in every track's times: gaps"] if gaps else []
+    history = [*findings, *([f"{gaps} points are not in every track's times: gaps"] if gaps else [])]
     return tracked(path, options, list(tracks), points, time=seconds(clock, options, unit), history=history)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -143,9 +144,9 @@ def _check_stations(ds: xr.Dataset) -> None:
     names = [str(n) for n in ds["station"].values] if "station" in ds.coords else []
     if not names or len(names) != ds.sizes["station"]:
         raise InputError(f"{shown} needs at least one station and a name for each")
-    repeated = sorted({n for n in names if names.count(n) > 1})
+    repeated = sorted(name for name, count in Counter(names).items() if count > 1)
     if repeated:
-        raise InputError(f"station names must differ, but these repeat: {', '.join(repeated)}")
+        raise InputError(f"station names must differ, but these repeat: {clipped(', '.join(repeated), 200)}")
     if shown == "angle":
         return
     axes = [str(a) for a in ds["axis"].values] if "axis" in ds.coords else []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
+from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,6 +56,16 @@ def split_cells(line: str, delimiter: str | None) -> list[str]:
     """Cells of one line without surrounding blanks and quotes; `None` splits at white space."""
     cells = line.split() if delimiter is None else line.split(delimiter)
     return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def repeated_names(names: Sequence[str]) -> list[str]:
+    """Those of the names that occur more than once, sorted."""
+    return sorted(name for name, count in Counter(names).items() if count > 1)
+
+
+def whole_number(text: str) -> int | None:
+    """The number that at most nine decimal digits write; None for any other text."""
+    return int(text) if re.fullmatch("[0-9]{1,9}", text) else None
 
 
 def judge_end(lines: list[str], delimiter: str | None, name: str) -> tuple[list[str], list[str]]:

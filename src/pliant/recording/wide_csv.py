@@ -12,17 +12,27 @@ import json
 import re
 from difflib import get_close_matches
 from hashlib import sha256
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import ConfigDict
 
-from pliant.errors import InputError, shown
+from pliant.errors import InputError, clipped, shown
 from pliant.files import whole
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.mapping import shorten
+from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
-from pliant.recording.tables import find_delimiter, judge_end, parse_numbers, read_text, split_cells
+from pliant.recording.tables import (
+    find_delimiter,
+    judge_end,
+    parse_numbers,
+    read_text,
+    repeated_names,
+    split_cells,
+    whole_number,
+)
 from pliant.units import PASCAL, metre_per, pascal_per
 
 if TYPE_CHECKING:
@@ -35,15 +45,35 @@ if TYPE_CHECKING:
 CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us"}
 KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 STATION_COLUMN = re.compile(r"(x|y|z|qx|qy|qz|qw|angle)_(.+)")
-KNOWN_METADATA = {"length_unit", "station", "arc_length", "frame", "nominal_pressure", "rows", "history",
-                  "source", "source_format", "source_sha256", "angle_reference", "table_sha256"}  # fmt: skip
+
+class TableMetadata(FileMapping):
+    """What a table says of itself in its first line or beside it; other entries are kept, but nothing reads them."""
+
+    model_config = ConfigDict(extra="allow", coerce_numbers_to_str=True)
+
+    length_unit: str = "m"
+    station: list[str] | None = None
+    arc_length: list[float] | None = None
+    frame: str = "tracker"
+    nominal_pressure: float | None = None
+    rows: int | None = None
+    history: str = ""
+    source: str | None = None
+    source_format: str | None = None
+    source_sha256: str | None = None
+    angle_reference: str | None = None
+    table_sha256: str | None = None
+
+
+KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
 
 def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read a wide CSV; `mapping` adds to or replaces the metadata of the file."""
     lines = read_text(path).split("\n")
     metadata, start = _metadata(path, lines)
-    metadata = metadata | dict(mapping or {})
+    metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
+    metadata = TableMetadata.load(metadata, path.name, "metadata of").model_dump(exclude_unset=True)
     header = lines[start]
     delimiter = find_delimiter(header, path.name)
     names = split_cells(header, delimiter)
@@ -102,7 +132,7 @@ def _changed(metadata: dict[str, Any], lines: list[str]) -> list[str]:
 
 def _misspelt(metadata: dict[str, Any]) -> list[str]:
     """Entries that nothing reads and whose names are nearly those of entries that are read."""
-    near = {name: get_close_matches(name.lower().replace("-", "_"), KNOWN_METADATA, 1, 0.8)
+    near = {name: get_close_matches(name[:80].lower().replace("-", "_"), KNOWN_METADATA, 1, 0.8)
             for name in metadata if name not in KNOWN_METADATA}
     return [f"the metadata entry {shown(name)} is not known and was not used: is it {match[0]!r}?"
             for name, match in near.items() if match]
@@ -123,19 +153,18 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
     try:
         metadata = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"the metadata of {path.name} in {origin} are not JSON: {error}") from None
+        raise InputError(f"the metadata of {path.name} in {origin} are not JSON: {clipped(str(error))}") from None
     if not isinstance(metadata, dict):
         raise InputError(f"the metadata of {path.name} in {origin} must be a JSON object")
     return metadata, start
 
 
 def _check_names(names: list[str], file: str) -> None:
-    repeated = sorted({n for n in names if names.count(n) > 1}) if len(set(names)) < len(names) else []
-    if repeated:
-        raise InputError(f"{file} has repeated columns: {', '.join(repeated[:5])}")
+    if repeated := repeated_names(names):
+        raise InputError(f"{file} has repeated columns: {shorten(repeated, 5)}")
     clocks = [n for n in names if n in CLOCKS]
     if len(clocks) != 1:
-        found = ", ".join(names[:8])[:200]
+        found = shorten(names, 8)
         raise InputError(
             f"{file} must have one column t (seconds), t_ms or t_us in its first row, but that row is: {found}; "
             "a table without such a header needs a mapping"
@@ -174,13 +203,15 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
 def _station_labels(columns: dict[str, NDArray]) -> list[str]:
     found = [m.group(2) for m in map(STATION_COLUMN.fullmatch, columns) if m]
     labels = list(dict.fromkeys(found))
-    if labels and all(label.isdigit() for label in labels):
-        labels = sorted(labels, key=int)
-        width = len(labels[0])
-        missing = [f"x_{i:0{width}d}" for i in range(int(labels[0]), int(labels[-1])) if
-                   f"{i:0{width}d}" not in set(labels)][:5]  # fmt: skip
-        if missing:
-            raise InputError(f"stations are missing between the first and the last: no column {missing}")
+    numbers = {label: number for label in labels if (number := whole_number(label)) is not None}
+    if len(numbers) < len(labels):
+        return labels
+    labels = sorted(labels, key=numbers.__getitem__)
+    for before, after in pairwise(labels):
+        if numbers[after] > numbers[before] + 1:
+            missing = f"x_{numbers[before] + 1:0{len(labels[0])}d}"
+            raise InputError(f"stations are missing between the first and the last: after x_{before} comes x_{after}, "
+                             f"there is no column {missing}")  # fmt: skip
     return labels
 
 
@@ -189,7 +220,7 @@ def _stations(
 ) -> tuple[dict[str, Any], list[str]]:
     flat = not any(f"z_{label}" in columns for label in labels)
     planar = metadata.get("frame", "tracker") == "planar"
-    scale = metre_per(str(metadata.get("length_unit", "m")))
+    scale = metre_per(metadata.get("length_unit", "m"))
     wanted = {"position": ["x", "y"] if flat else ["x", "y", "z"]}
     if any(f"q{c}_{label}" in columns for label in labels for c in COMPONENTS):
         wanted["quaternion"] = ["qx", "qy", "qz", "qw"]
@@ -199,7 +230,7 @@ def _stations(
     for variable, kinds in wanted.items():
         missing = [f"{k}_{s}" for s in labels for k in kinds if f"{k}_{s}" not in columns]
         if missing:
-            raise InputError(f"{file} lacks the column(s) {', '.join(missing[:5])}")
+            raise InputError(f"{file} lacks the column(s) {shorten(missing, 5)}")
         stack = [np.stack([columns[f"{k}_{s}"] for k in kinds], -1) for s in labels]
         arrays[variable] = np.stack(stack, 1)
     arrays["position"] = arrays["position"] * scale
@@ -210,7 +241,7 @@ def _stations(
         shape = (*arrays["position"].shape[:2], 1)
         arrays["position"] = np.concatenate([arrays["position"], np.zeros(shape)], -1)
         history.append("the table has no z columns: z = 0 at every station")
-    arrays["station"] = metadata.get("station") or [f"s{s}" if s.isdigit() else s for s in labels]
+    arrays["station"] = metadata.get("station") or [f"s{s}" if s[0].isdigit() else s for s in labels]
     return arrays, history
 
 
@@ -234,13 +265,13 @@ def _pressure(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | 
 
 
 def _lines(metadata: dict[str, Any]) -> list[str]:
-    return [line for line in str(metadata.get("history", "")).split("\n") if line]
+    return [line for line in metadata.get("history", "").split("\n") if line]
 
 
 def _kept(metadata: dict[str, Any]) -> dict[str, Any]:
     names = ("frame", "nominal_pressure", "arc_length", "source", "source_format", "source_sha256",
              "angle_reference")  # fmt: skip
-    kept = {name: metadata[name] for name in names if metadata.get(name) is not None}
+    kept = {name: metadata[name] for name in names if name in metadata}
     other = {k: v for k, v in metadata.items() if k not in KNOWN_METADATA}
     if other:
         kept["attrs"] = {"metadata": json.dumps(other, ensure_ascii=False)}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped
 from pliant.failures import NotComputed
 from pliant.identification import Band, Experiment, FitResult, Ladder, Parameter
 from pliant.identification.ladder_fit import Step
@@ -32,7 +32,7 @@ from pliant.validation.outcome import (
 )
 from pliant.validation.store import FILE
 
-BROKEN = (OSError, ValueError, KeyError, RuntimeError, TypeError, AttributeError)
+BROKEN = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, ArithmeticError, StopIteration)
 Groups = Mapping[str, xr.Dataset]
 
 
@@ -57,7 +57,8 @@ def load_outcome(folder: str | Path) -> StudyOutcome:
     try:
         return restored(told, groups)
     except BROKEN as error:
-        raise InputError(f"{folder}: metrics.json and results.nc do not belong together ({error}); run the study again"
+        reason = clipped(f"{type(error).__name__}: {error}")
+        raise InputError(f"{folder}: metrics.json and results.nc do not belong together ({reason}); run the study again"
                          ) from None
 
 
@@ -71,8 +72,8 @@ def metrics_of(folder: Path) -> dict[str, Any]:
         if (folder / FILE).exists():
             cure = "a run was interrupted while it replaced its files: run the study again"
         raise InputError(f"cannot read {path}: {reason}; {cure}") from None
-    except ValueError as error:
-        raise InputError(f"{path} is no JSON: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is no JSON: {clipped(str(error))}") from None
     if not isinstance(told, dict) or told.get("schema") != "pliant-metrics":
         raise InputError(f"{path} is no metrics.json of `pliant run`")
     return told
