@@ -64,7 +64,7 @@ def is_module(name: str) -> bool:
 
 def reached() -> dict[str, str]:
     """Sources of all modules that reading reaches, from the readers, the registry and the helper process on."""
-    targets = [entry if isinstance(entry, str) else entry[0] for entry in BUILT_IN.values()]
+    targets = [target for target, _ in BUILT_IN.values()]
     waiting = {"pliant.recording.registry", "pliant.recording.apart", *apart_worker.READ.values(),
                *(target.partition(":")[0] for target in targets)}  # fmt: skip
     sources: dict[str, str] = {}

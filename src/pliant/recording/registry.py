@@ -24,37 +24,22 @@ if TYPE_CHECKING:
 GROUP = "pliant.readers"
 HEAD_BYTES = 65536
 
-BUILT_IN = {
-    "deeplabcut": "pliant.recording.deeplabcut:READER",
-    "sleap": "pliant.recording.sleap:READER",
-    "netcdf": "pliant.recording.netcdf:READER",
-    "c3d": "pliant.recording.c3d:READER",
-    "columns": "pliant.recording.columns:READER",
-    "npz": "pliant.recording.npz:READER",
-    "mat": "pliant.recording.mat:READER",
-    "luna": "pliant.recording.luna:READER",
-    "motive": "pliant.recording.motive:READER",
-    "tracker": "pliant.recording.point_files:TRACKER",
-    "kinovea": "pliant.recording.point_files:KINOVEA",
-    "angles": "pliant.recording.angle_log:READER",
-    "csv": "pliant.recording.wide_csv:READER",  # last: it takes any table that no other reader knows
+BUILT_IN = {  # name -> where the reader is, and endings of its files: a reader of other endings is not loaded
+    "deeplabcut": ("pliant.recording.deeplabcut:READER", (".csv", ".h5", ".hdf5")),
+    "sleap": ("pliant.recording.sleap:READER", (".h5", ".hdf5")),
+    "netcdf": ("pliant.recording.netcdf:READER", (".nc", ".nc4", ".cdf", ".h5", ".hdf5")),
+    "c3d": ("pliant.recording.c3d:READER", (".c3d",)),
+    "columns": ("pliant.recording.columns:READER", (".txt", ".dat")),
+    "npz": ("pliant.recording.npz:READER", (".npz",)),
+    "mat": ("pliant.recording.mat:READER", (".mat",)),
+    "luna": ("pliant.recording.luna:READER", (".tsv", ".txt")),
+    "motive": ("pliant.recording.motive:READER", (".csv",)),
+    "tracker": ("pliant.recording.point_files:TRACKER", (".txt", ".csv", ".tsv")),
+    "kinovea": ("pliant.recording.point_files:KINOVEA", (".txt",)),
+    "angles": ("pliant.recording.angle_log:READER", (".csv", ".txt", ".tsv", ".log", ".dat")),
+    "csv": ("pliant.recording.wide_csv:READER", (".csv", ".tsv")),  # last: it takes any table that no other knows
 }
-
-ENDINGS = {  # of file names: a reader whose endings do not fit is not loaded
-    "deeplabcut": (".csv", ".h5", ".hdf5"),
-    "sleap": (".h5", ".hdf5"),
-    "netcdf": (".nc", ".nc4", ".cdf", ".h5", ".hdf5"),
-    "c3d": (".c3d",),
-    "columns": (".txt", ".dat"),
-    "npz": (".npz",),
-    "mat": (".mat",),
-    "luna": (".tsv", ".txt"),
-    "motive": (".csv",),
-    "tracker": (".txt", ".csv", ".tsv"),
-    "kinovea": (".txt",),
-    "angles": (".csv", ".txt", ".tsv", ".log", ".dat"),
-    "csv": (".csv", ".tsv"),
-}
+ENDINGS = {name: endings for name, (_, endings) in BUILT_IN.items()}
 
 MARKS = {  # words by which a person would know what wrote a file, wherever in its head they stand
     "deeplabcut": (b"scorer", b"bodyparts", b"coords"),
@@ -91,7 +76,7 @@ class Reader:
 
 def readers() -> dict[str, Reader]:
     """All known readers by name: the built-in ones first, then those of installed packages."""
-    return offered(GROUP, BUILT_IN, Reader)
+    return offered(GROUP, {name: target for name, (target, _) in BUILT_IN.items()}, Reader)
 
 
 def read_recording(
@@ -187,7 +172,7 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
             raise InputError(f"unknown format {name!r}: use one of {', '.join(known)}")
         return known[name]
     suffix = path.suffix.lower()
-    ours = {own: target for own, target in BUILT_IN.items() if suffix in ENDINGS[own]}
+    ours = {own: target for own, (target, endings) in BUILT_IN.items() if suffix in endings}
     fitting = [r for r in offered(GROUP, ours, Reader).values() if suffix in r.suffixes and r.recognises(head)]
     ready = [r for r in fitting if not r.needs_mapping] or fitting
     if not ready:
