@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pliant.errors import InputError
 from pliant.files import whole
 from pliant.recording.camera import opencv
 from pliant.video.movie import movie
@@ -19,21 +18,14 @@ TILES, ACROSS, TILE = 12, 3, 560  # frames of a sheet, side by side, and pixels 
 GAPS = 3  # so many of them are shown where they begin, too
 FILM = 1280  # pixels across of the film, at most
 LINE, EDGE, BASE, TIP, ALARM = (40, 40, 255), (255, 255, 255), (255, 160, 0), (0, 200, 255), (60, 150, 255)
+ENDINGS = (".png", ".mp4")  # a sheet of pictures, a film
 Draw = Callable[[float, Array, Array | None], None]
 
 
 @contextmanager
 def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
-    """Takes time, picture and points of each frame; the files are there when all went well.
-
-    Raises
-    ------
-    InputError
-        When a path ends neither in .png nor in .mp4.
-    """
-    sheets, films = ([p for p in paths if p.suffix.lower() == ending] for ending in (".png", ".mp4"))
-    if strange := [p.name for p in paths if p not in (*sheets, *films)]:
-        raise InputError(f"an overlay is a sheet (.png) or a film (.mp4), not {strange[0]!r}")
+    """Takes time, picture and points of each frame; the files are there when all went well."""
+    sheets, films = ([p for p in paths if p.suffix.lower() == ending] for ending in ENDINGS)
     shown = set(np.linspace(0, reel.count - 1, TILES).round().astype(int).tolist()) if sheets else set()
     tiles: list[Array] = []
     size = _size(reel, FILM)

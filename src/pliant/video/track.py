@@ -15,7 +15,7 @@ from pliant.errors import InputError, explain_validation
 from pliant.recording import append_history, make_recording
 from pliant.recording.camera import Camera, in_plane
 from pliant.video.marks import follow_aruco, follow_dots
-from pliant.video.overlay import overlay
+from pliant.video.overlay import ENDINGS, overlay
 from pliant.video.pace import doubled_and_leaps, lost_in_times
 from pliant.video.reel import Reel, open_reel
 from pliant.video.silhouette import follow_silhouette
@@ -68,6 +68,8 @@ class Tracking:
             raise InputError(f"stations lie between 4 and 200, got {self.stations}")
         if self.method != "dots" and (self.count is not None or self.region is not None):
             raise InputError("count and region concern dots: leave them out, or follow dots")
+        if strange := [p.name for p in self.overlays if p.suffix.lower() not in ENDINGS]:
+            raise InputError(f"an overlay is a sheet (.png) or a film (.mp4), not {strange[0]!r}")
         if self.count is not None and (not isinstance(self.count, int) or self.count < 2):
             raise InputError(f"count is a number of dots, 2 or more, got {self.count!r:.40}")
         if self.region is not None and not _is_region(self.region):
