@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pliant.compiler import cache
+from pliant.compiler import cache, kernel_cache
 
 
 def doubled(x):
@@ -18,7 +18,7 @@ def doubled(x):
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A cache with one kernel in it."""
-    monkeypatch.setattr(cache, "folder", lambda: tmp_path)
+    monkeypatch.setattr(kernel_cache, "folder", lambda: tmp_path)
     assert asked()[0] == ["compiled"]
     assert sorted(file.suffix for file in tmp_path.iterdir()) == [".lock", ".nbc", ".nbi"]
     return tmp_path
@@ -26,7 +26,7 @@ def folder(tmp_path, monkeypatch):
 
 def asked():
     """What a process that begins does for the kernel, and the lines of its warnings; its value is always right."""
-    cache.tell_damaged.cache_clear()
+    kernel_cache.tell_damaged.cache_clear()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         kernel = cache.kept(doubled)
@@ -112,7 +112,7 @@ def test_with_an_index_all_that_it_listed_is_removed(folder):
     (index,) = folder.glob("*.nbi")
     (data,) = folder.glob("*.nbc")
     index.write_bytes(b"")
-    cache.tell_damaged.cache_clear()
+    kernel_cache.tell_damaged.cache_clear()
     with pytest.warns(RuntimeWarning, match="damaged kernels"):
         assert cache.kept(doubled)._cache._cache_file._load_index() == {}
     assert not index.exists()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.compiler import cache, choose, duals, simd, twin
+from pliant.compiler import cache, choose, duals, kernel_cache, simd, twin
 from pliant.compiler.twin import fingerprint, reached, stable
 from pliant.equations import extension_linearised, linearised, motion
 from pliant.estimation import kalman_loops
@@ -175,8 +175,8 @@ def test_a_process_that_hangs_holds_nobody_up(tmp_path):
 
 def test_where_nothing_can_be_written_numba_chooses(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
-    monkeypatch.setattr(cache.config, "CACHE_DIR", str(tmp_path / "file"))
-    assert cache.folder.__wrapped__() is None
+    monkeypatch.setattr(kernel_cache.config, "CACHE_DIR", str(tmp_path / "file"))
+    assert kernel_cache.folder.__wrapped__() is None
 
 
 def test_everything_that_machine_code_comes_from_is_in_its_digest():
