@@ -18,7 +18,7 @@ from pliant.simulation.inputs import Trace
 from pliant.testbed import fibre
 
 gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed: pip install 'pliant[gym]'")
-from pliant.exporters.gymnasium import Task  # noqa: E402  registers them
+from pliant.exporters.gymnasium import EpisodeTask  # noqa: E402  registers them
 
 ERRORS = {"stiffness": 0.2, "damping": 1e-3}
 
@@ -35,13 +35,13 @@ def test_clean(name, model):
             gymnasium.make(name, model=model).reset(seed=1)
         model = model.with_(valve=replace(model.valve, dead_time=0.0))
     for observe in ("perfect", "fibre"):
-        task = Task(observe=observe, bodies=2)
+        task = EpisodeTask(observe=observe, bodies=2)
         check_env(gymnasium.make(name, model=model, task=task, fit=ERRORS).unwrapped, skip_render_check=True)
 
 
 def test_the_motion_is_that_of_simulate():
     model = chen2018.model()
-    env = gymnasium.make("pliant/Reach-v0", model=model, highest=2e5, task=Task(duration=0.4))
+    env = gymnasium.make("pliant/Reach-v0", model=model, highest=2e5, task=EpisodeTask(duration=0.4))
     env.reset(seed=1)
     actions, tips = np.linspace(-1.0, 1.0, 20), []
     for k, a in enumerate(actions):
@@ -75,7 +75,7 @@ def test_seeds_and_drawn_bodies():
 def test_a_batch_moves_each_body_as_alone(model):
     """Eleven bodies, more than a group of lanes holds; an episode that ends begins anew at the next step."""
     model = model.with_(valve=replace(model.valve, dead_time=0.0))
-    task = Task(duration=0.1)
+    task = EpisodeTask(duration=0.1)
     envs = gymnasium.make_vec("pliant/Reach-v0", num_envs=11, model=model, task=task)
     seen, info = envs.reset(seed=3)
     assert seen.shape == (11, envs.single_observation_space.shape[0])
@@ -177,7 +177,7 @@ def test_bad_input(tmp_path):
     with pytest.raises(InputError, match="50 draws in a row are no bodies"):
         reset(fit={"stiffness": 1e18})
     with pytest.raises(InputError, match="observe is 'perfect' or 'fibre'"):
-        reset(task=Task(observe="camera"))
+        reset(task=EpisodeTask(observe="camera"))
     with pytest.raises(InputError, match="no pressure bends this model"):
         gymnasium.make("pliant/Reach-v0", model=chen2018.model(torque=[0.0]))
     with pytest.raises(InputError, match="Bouc-Wen: not expressible in MuJoCo"):

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.compiler.c_values import Expressions, Frame, Real, Truth, Turn
+from pliant.compiler.c_values import CScope, Expressions, Real, Truth, Turn
 from pliant.errors import InputError
 from pliant.numerics import trig
 
@@ -43,13 +43,13 @@ def tree_of(kernel: FunctionType) -> ast.FunctionDef:
     return ast.parse(textwrap.dedent(inspect.getsource(kernel))).body[0]  # type: ignore[return-value]
 
 
-class Writer(Expressions):
+class CWriter(Expressions):
     """Writes the body of one function of C: calls, branches and loops."""
 
     def call(self, kernel: Any, *arguments: Any) -> Any:
         """Write a call of a kernel out; returns what it returns."""
         self.count += 1
-        frame = Frame(self.count, {**kernel.__globals__, **self.constants})
+        frame = CScope(self.count, {**kernel.__globals__, **self.constants})
         tree = tree_of(kernel)
         defaults = kernel.__defaults__ or ()
         given = (*arguments, *defaults[len(defaults) - (len(tree.args.args) - len(arguments)) :])
@@ -76,21 +76,21 @@ class Writer(Expressions):
             return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
         return self.keep(value, name)
 
-    def block(self, frame: Frame, statements: list[ast.stmt]) -> None:
+    def block(self, frame: CScope, statements: list[ast.stmt]) -> None:
         """One statement after the other."""
         for statement in statements:
             getattr(self, f"do_{type(statement).__name__}")(frame, statement)
 
-    def do_Expr(self, frame: Frame, node: ast.Expr) -> None:
+    def do_Expr(self, frame: CScope, node: ast.Expr) -> None:
         if not isinstance(node.value, ast.Constant):
             self.value(frame, node.value)
 
-    def do_Assign(self, frame: Frame, node: ast.Assign) -> None:
+    def do_Assign(self, frame: CScope, node: ast.Assign) -> None:
         value = self.value(frame, node.value)
         for target in node.targets:
             self.assign(frame, target, value)
 
-    def assign(self, frame: Frame, target: ast.expr, value: Any) -> None:
+    def assign(self, frame: CScope, target: ast.expr, value: Any) -> None:
         """Give a name or an element a value."""
         if isinstance(target, ast.Tuple):
             if len(target.elts) > 1:
@@ -109,7 +109,7 @@ class Writer(Expressions):
         else:
             frame.names[target.id] = value  # type: ignore[attr-defined]
 
-    def do_Return(self, frame: Frame, node: ast.Return) -> None:
+    def do_Return(self, frame: CScope, node: ast.Return) -> None:
         value = self.value(frame, node.value) if node.value else None
         if not frame.depth and not frame.jumped:  # the only one
             frame.result = self.keep(value, f"result_{frame.number}")
@@ -135,7 +135,7 @@ class Writer(Expressions):
         self.say(f"{held} = {self.number(value)};")
         return held
 
-    def do_If(self, frame: Frame, node: ast.If) -> None:
+    def do_If(self, frame: CScope, node: ast.If) -> None:
         test = self.value(frame, node.test)
         if not isinstance(test, Truth):
             self.block(frame, node.body if test else node.orelse)
@@ -147,7 +147,7 @@ class Writer(Expressions):
             self.branch(frame, node.orelse)
         self.say("}")
 
-    def branch(self, frame: Frame, statements: list[ast.stmt]) -> None:
+    def branch(self, frame: CScope, statements: list[ast.stmt]) -> None:
         """Statements that may or may not be reached."""
         frame.depth += 1
         self.indent += 1
@@ -159,7 +159,7 @@ class Writer(Expressions):
         self.indent -= 1
         frame.depth -= 1
 
-    def do_For(self, frame: Frame, node: ast.For) -> None:
+    def do_For(self, frame: CScope, node: ast.For) -> None:
         turns = self.value(frame, node.iter)
         leaves = any(isinstance(n, (ast.Return, ast.Break)) for n in ast.walk(node))
         name = node.target.id  # type: ignore[attr-defined]
@@ -178,7 +178,7 @@ class Writer(Expressions):
         if mark[1]:
             self.say(f"{mark[0]}:;")
 
-    def loop(self, frame: Frame, node: ast.For, name: str, turns: range) -> None:
+    def loop(self, frame: CScope, node: ast.For, name: str, turns: range) -> None:
         """A loop that C turns."""
         turn = f"{name.strip('_') or 'turn'}_{self.fresh()}"
         self.say(f"for (int {turn} = {turns.start}; {turn} < {turns.stop}; {turn}++) {{")
@@ -186,7 +186,7 @@ class Writer(Expressions):
         self.branch(frame, node.body)
         self.say("}")
 
-    def do_Break(self, frame: Frame, _node: ast.Break) -> None:
+    def do_Break(self, frame: CScope, _node: ast.Break) -> None:
         mark = frame.breaks[-1]
         if frame.depth == mark[2]:
             raise Broken
@@ -196,7 +196,7 @@ class Writer(Expressions):
 
 def cosine_and_sine(kind: str, prefix: str, *, single: bool) -> str:
     """A function of C with the text of `numerics.trig.cos_sin`."""
-    writer = Writer(single)
+    writer = CWriter(single)
     pair = writer.call(trig.cos_sin, Real("x"))
     for place, name in zip(pair, "cs", strict=True):
         writer.say(f"*{name} = {place};")

@@ -55,7 +55,7 @@ def cells(name: str, shape: tuple[int, ...], pattern: str = "[{}]") -> np.ndarra
     return made
 
 
-class Frame:
+class CScope:
     """One call: its names, where it returns to, and what it returned."""
 
     def __init__(self, number: int, scope: dict[str, Any]) -> None:
@@ -126,40 +126,40 @@ class Expressions:
         """Write a call of a kernel out; see `compiler.c.Writer`."""
         raise NotImplementedError
 
-    def value(self, frame: Frame, node: ast.expr) -> Any:
+    def value(self, frame: CScope, node: ast.expr) -> Any:
         """What an expression comes to: a known value, cells, or an expression of C."""
         return getattr(self, f"of_{type(node).__name__}")(frame, node)
 
-    def of_Constant(self, _frame: Frame, node: ast.Constant) -> Any:
+    def of_Constant(self, _frame: CScope, node: ast.Constant) -> Any:
         return node.value
 
-    def of_Name(self, frame: Frame, node: ast.Name) -> Any:
+    def of_Name(self, frame: CScope, node: ast.Name) -> Any:
         if node.id in frame.names:
             return frame.names[node.id]
         return frame.scope[node.id] if node.id in frame.scope else getattr(builtins, node.id)
 
-    def of_Tuple(self, frame: Frame, node: ast.Tuple) -> Any:
+    def of_Tuple(self, frame: CScope, node: ast.Tuple) -> Any:
         return tuple(self.value(frame, part) for part in node.elts)
 
-    def of_Attribute(self, frame: Frame, node: ast.Attribute) -> Any:
+    def of_Attribute(self, frame: CScope, node: ast.Attribute) -> Any:
         owner = self.value(frame, node.value)
         if node.attr == "real" and isinstance(owner, (Real, int, float)):
             return owner
         return getattr(owner, node.attr)
 
-    def of_Subscript(self, frame: Frame, node: ast.Subscript) -> Any:
+    def of_Subscript(self, frame: CScope, node: ast.Subscript) -> Any:
         return self.value(frame, node.value)[self.value(frame, node.slice)]
 
-    def of_Slice(self, frame: Frame, node: ast.Slice) -> slice:
+    def of_Slice(self, frame: CScope, node: ast.Slice) -> slice:
         return slice(*(self.value(frame, part) if part else None for part in (node.lower, node.upper, node.step)))
 
-    def of_UnaryOp(self, frame: Frame, node: ast.UnaryOp) -> Any:
+    def of_UnaryOp(self, frame: CScope, node: ast.UnaryOp) -> Any:
         value = self.value(frame, node.operand)
         if isinstance(node.op, ast.Not):
             return Truth(f"!({value})") if isinstance(value, Truth) else not value
         return Real(f"(-{value})") if isinstance(value, Real) else -value
 
-    def of_BinOp(self, frame: Frame, node: ast.BinOp) -> Any:
+    def of_BinOp(self, frame: CScope, node: ast.BinOp) -> Any:
         left, right = self.value(frame, node.left), self.value(frame, node.right)
         sign, known = OPERATORS[type(node.op)]
         if not isinstance(left, Real) and not isinstance(right, Real):
@@ -175,7 +175,7 @@ class Expressions:
             return Real(f"({held} * {held})")
         return Real(f"pow{self.suffix}({self.number(base)}, {self.number(exponent)})")
 
-    def of_Compare(self, frame: Frame, node: ast.Compare) -> Any:
+    def of_Compare(self, frame: CScope, node: ast.Compare) -> Any:
         left, right = self.value(frame, node.left), self.value(frame, node.comparators[0])
         sign, known = COMPARISONS[type(node.ops[0])]
         if isinstance(left, Turn):
@@ -184,7 +184,7 @@ class Expressions:
             return known(left, right)
         return Truth(f"{self.number(left)} {sign} {self.number(right)}")
 
-    def of_BoolOp(self, frame: Frame, node: ast.BoolOp) -> Any:
+    def of_BoolOp(self, frame: CScope, node: ast.BoolOp) -> Any:
         stops = isinstance(node.op, ast.Or)
         open_ones = []
         for part in node.values:
@@ -197,7 +197,7 @@ class Expressions:
             return not stops
         return Truth((" || " if stops else " && ").join(open_ones))
 
-    def of_Call(self, frame: Frame, node: ast.Call) -> Any:
+    def of_Call(self, frame: CScope, node: ast.Call) -> Any:
         made = self.value(frame, node.func)
         arguments = [self.value(frame, a) for a in node.args]
         if isinstance(made, FunctionType) and made.__module__.startswith("pliant."):

@@ -17,7 +17,7 @@ from numba.core.extending import intrinsic
 from numba.core.typing.templates import signature
 
 from pliant.compiler.cache import kept
-from pliant.compiler.trace import Mark, Recording
+from pliant.compiler.trace import KernelProgram, Mark
 from pliant.compiler.trig import pair
 
 OPERATORS = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}
@@ -25,10 +25,12 @@ FLOATS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 Value = tuple[Any, Any]  # Numba's type and LLVM's value
 
 
-class Writer:
+class LlvmWriter:
     """Writes one recording into one function of LLVM, for arguments of one set of types."""
 
-    def __init__(self, target: tuple[Any, Any], made: Recording, arguments: dict[str, Value], *, fused: bool) -> None:
+    def __init__(
+        self, target: tuple[Any, Any], made: KernelProgram, arguments: dict[str, Value], *, fused: bool,
+    ) -> None:
         self.context, self.builder = target
         self.made, self.arguments, self.flags = made, arguments, ("contract",) if fused else ()
         self.values: dict[int, Value] = {}
@@ -108,7 +110,7 @@ class Writer:
         return kind.dtype, cgutils.get_item_pointer(self.context, self.builder, kind, array, place)
 
 
-def compiled(name: str, recorded: Callable[[], Recording], *, fused: bool = False) -> Any:
+def compiled(name: str, recorded: Callable[[], KernelProgram], *, fused: bool = False) -> Any:
     """The recording as a compiled function, cached on disk under `name`, which must say all that it depends on.
 
     `fused`: a product and the sum that it goes into may be rounded once, where the processor can do both at once.
@@ -120,7 +122,7 @@ def compiled(name: str, recorded: Callable[[], Recording], *, fused: bool = Fals
             made = recorded()
             parts = (builder.extract_value(values[0], i) for i in range(len(arguments)))
             given = zip(made.names, zip(arguments, parts, strict=True), strict=True)
-            Writer((context, builder), made, dict(given), fused=fused).write()
+            LlvmWriter((context, builder), made, dict(given), fused=fused).write()
             return context.get_dummy_value()
 
         return types.void(arguments), generate

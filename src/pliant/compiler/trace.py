@@ -100,7 +100,7 @@ def changed(argument: Any, before: Any, name: str, kept: tuple[str, ...]) -> lis
     return [(f"{name}[{', '.join(map(str, i))}]", marked[i]) for i in moved]
 
 
-class Recording(NamedTuple):
+class KernelProgram(NamedTuple):
     """What a kernel does for arguments of given shapes."""
 
     names: tuple[str, ...]  # of the arguments
@@ -109,7 +109,7 @@ class Recording(NamedTuple):
     stores: list[tuple[str, Mark]]  # what goes where in the end
 
 
-def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]) -> Recording:
+def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]) -> KernelProgram:
     """Run `kernel` on symbols in arguments of the examples' shapes; of scratch arrays only those `kept` are results."""
     tape = Tape()
     arguments = {name: marks(tape, name, example) for name, example in examples.items()}
@@ -123,7 +123,7 @@ def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]
         if row not in needed:
             needed.add(row)
             todo += [o.row for o in tape.rows[row][1] if isinstance(o, Mark)]
-    return Recording(tuple(examples), tape.rows, sorted(needed), stores)
+    return KernelProgram(tuple(examples), tape.rows, sorted(needed), stores)
 
 
 def example_arguments(n: int) -> dict[str, Any]:
@@ -159,7 +159,7 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
     }
 
 
-def recording(kernel: FunctionType, n: int, segments: int = 0) -> Recording:
+def recording(kernel: FunctionType, n: int, segments: int = 0) -> KernelProgram:
     """The recording of a kernel for n links, and so many segments that lengthen."""
     examples = extensible_arguments(n, segments) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]

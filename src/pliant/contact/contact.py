@@ -129,7 +129,7 @@ def free_motion(
 class ShownFree(NamedTuple):
     """Recordings in which nothing touches, as the tests see them: what thresholds of any rate are learnt from."""
 
-    parts: list[Seen]
+    parts: list[ContactSeen]
     answer: Answer
     ratios: list[Array]  # (T,) of each recording
 
@@ -161,7 +161,7 @@ def check_pace(found: xr.Dataset, period: float) -> None:
         )
 
 
-class Seen(NamedTuple):
+class ContactSeen(NamedTuple):
     """A recording as the tests see it."""
 
     found: xr.Dataset
@@ -176,7 +176,7 @@ class Seen(NamedTuple):
         return self.found["innovation"].values, self.motion, self.angle
 
 
-def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> Seen:
+def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> ContactSeen:
     """Estimate of a recording with its disturbance torques, and the features of the free motion beside it."""
     if not noise.random_walk > 0:
         raise InputError("contact is seen in the disturbance torques: noise.random_walk must be positive")
@@ -188,10 +188,10 @@ def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict
     chain = mechanics_of(model)
     features = features_of(model, times, found["pressure"].values, chain.gathered(run, 0), chain.gathered(run, 1))
     torque, x = chain.gathered(found, 2) * chain.lever, chain.coordinates(chain.gathered(found, 0))
-    return Seen(found, torque, features, x, found["motion"].values)
+    return ContactSeen(found, torque, features, x, found["motion"].values)
 
 
-class Event(NamedTuple):
+class ContactEvent(NamedTuple):
     """One contact: frames of its onset, of the alarm and after its end, and the torques [N m] that are not its own."""
 
     onset: int
@@ -202,7 +202,7 @@ class Event(NamedTuple):
 
 def episodes(
     slow: Array, fast: Array, since: Array, left: Array, learnt: FreeMotion, scale: Array
-) -> list[Event]:
+) -> list[ContactEvent]:
     """Contacts, one after the other: each begins with an alarm and ends when its torques have gone for some frames.
 
     What was left of the torques before the onset is taken off, as far as it lasts; the longer ago, the farther free
@@ -223,7 +223,7 @@ def episodes(
         quiet = np.convolve(~there, np.ones(calm), mode="full")[: len(there)]
         gone = np.flatnonzero(quiet[calm:] >= calm) + calm
         end = k + int(gone[0]) if gone.size else len(left)
-        events.append(Event(onset, k, end, before))
+        events.append(ContactEvent(onset, k, end, before))
         k = end + shy
     return events
 
@@ -243,8 +243,8 @@ def external(model: Model, left: Array) -> dict[str, Any]:
 
 
 def described(
-    seen: Seen, left: dict[str, Any], statistic: Array, touching: Array, pushes: dict[int, Push],
-    learnt: FreeMotion, events: list[Event],
+    seen: ContactSeen, left: dict[str, Any], statistic: Array, touching: Array, pushes: dict[int, Push],
+    learnt: FreeMotion, events: list[ContactEvent],
 ) -> xr.Dataset:
     """The dataset of `find_contact`."""
     found = seen.found

@@ -28,7 +28,7 @@ Array = np.ndarray
 LARGEST = 0.5  # rad, or lengths of the body: a larger innovation means that model and body have parted
 
 
-class Event(NamedTuple):
+class FilterEvent(NamedTuple):
     """Something that reached the filter, in the order of its own time."""
 
     time: float  # s
@@ -132,7 +132,7 @@ class KalmanFilter:
         self._own = FilterState(x, v, d, self.covariance, self.memory)
         self._densities = FilterNoise(*self.noise.densities(model), self._state[-1:])
         self.innovation = np.empty(0)
-        self._events: deque[tuple[Snapshot, Event]] = deque()
+        self._events: deque[tuple[Snapshot, FilterEvent]] = deque()
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
         """Take a pressure sample [Pa] of a `time` [s], (C,) of several chambers; it is held until the next one.
@@ -145,7 +145,7 @@ class KalmanFilter:
         held = self.model.actuation.pressures(pressure)
         if not (np.isfinite(held).all() and math.isfinite(time)):
             raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s")
-        self._take(Event(float(time), held, None, None, None))
+        self._take(FilterEvent(float(time), held, None, None, None))
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
         """Take a frame of the shape: `rows` (m, 4) as `rows_of` makes them, their values (m,) and variances (m,).
@@ -163,7 +163,7 @@ class KalmanFilter:
         if not np.isfinite(values).any():
             self.counts.skipped += 1
             return
-        self._take(Event(float(time) - self.latency, None, rows, values, variance))
+        self._take(FilterEvent(float(time) - self.latency, None, rows, values, variance))
 
     def state(self, time: float) -> State:
         """What is known of `time` [s], or of the newest event where that is later."""
@@ -203,7 +203,7 @@ class KalmanFilter:
             self._workspaces[rows] = make_workspace(self.model, self.covariance.shape[0], rows)
         return self._workspaces[rows]
 
-    def _take(self, event: Event) -> None:
+    def _take(self, event: FilterEvent) -> None:
         if math.isinf(self.time):
             self.time = event.time
         if event.time >= self.time - 1e-12:
@@ -216,7 +216,7 @@ class KalmanFilter:
         while self._events and self._events[0][0].time < self.time - self.buffer:
             self._events.popleft()
 
-    def _replay(self, event: Event) -> None:
+    def _replay(self, event: FilterEvent) -> None:
         """Go back to before the event, take it, and take again what had come after it."""
         now, again = self.time, []
         while self._events and self._events[-1][1].time > event.time:
@@ -234,7 +234,7 @@ class KalmanFilter:
             self._apply(e)
         self.advance(now)
 
-    def _apply(self, event: Event) -> None:
+    def _apply(self, event: FilterEvent) -> None:
         self._events.append((Snapshot(self.time, self.pressure, self._slow.copy(), self._state.copy()), event))
         self.advance(event.time)
         if event.pressure is not None:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.compiler.c import Writer
+from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real, cells
 from pliant.equations import energy, inertia, motion, symbols
 from pliant.mechanics import mechanics_of, planar
@@ -98,16 +98,16 @@ class Text:
         self.phi, self.w = cells("s->angle", (model.n,)), cells("s->rate", (model.n,))
         self.branches = state.relaxed(model, np.zeros(model.n)).shape[1] if model.memory else 0
 
-    def writer(self) -> Writer:
+    def writer(self) -> CWriter:
         """An empty function."""
-        return Writer(self.single, LIMITS if self.single else {}, f"{self.prefix}_")
+        return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_")
 
-    def workspace(self, writer: Writer) -> symbols.Workspace:
+    def workspace(self, writer: CWriter) -> symbols.Workspace:
         """Scratch arrays as local numbers."""
         example = planar.workspace(self.model.n)
         return symbols.Workspace(*(writer.scratch(f"work_{f}", v.shape) for f, v in example._asdict().items()))
 
-    def past(self, writer: Writer) -> symbols.Past:
+    def past(self, writer: CWriter) -> symbols.Past:
         """The memory, with scratch arrays as local numbers."""
         rows = {
             f: writer.scratch(f"held_{f}", (self.model.n,)) for f in symbols.Held._fields if f != "springs"
@@ -145,11 +145,11 @@ class Text:
         """The parameters as an argument."""
         return f"const {self.prefix}_parameters *p"
 
-    def function(self, returns: str, name: str, arguments: str, writer: Writer) -> str:
+    def function(self, returns: str, name: str, arguments: str, writer: CWriter) -> str:
         """A function of C."""
         return f"{returns} {self.prefix}_{name}({arguments})\n{{\n{writer.body(self.kind)}\n}}\n"
 
-    def reading(self, name: str, room: str, writer: Writer) -> str:
+    def reading(self, name: str, room: str, writer: CWriter) -> str:
         """A function of C that reads the state and fills arrays."""
         return self.function("void", name, f"const {self.state}, {self.constants}, {self.kind} {room}", writer)
 
@@ -250,7 +250,7 @@ class Text:
                 w.say(f"B[{n + i}][{c}] = {answer[i]};")
         return self.reading("linearise", f"A[{2 * n}][{2 * n}], {self.kind} B[{2 * n}][{C}]", w)
 
-    def law(self, w: Writer, tau: Array) -> Array:
+    def law(self, w: CWriter, tau: Array) -> Array:
         """Torques of the joints at the present pressures into `tau`; slopes (C,) of the chambers' laws, rubber held."""
         actuation, pressure = self.given.drives.actuation, self.given.drives.pressure
         slope = w.scratch("slope", (len(self.model.chambers),))
@@ -267,7 +267,7 @@ class Text:
                 w.say(f"{tau[i]} = {before}{actuation.gain[c, i]} * {torque};")
         return slope
 
-    def stiff_memory(self, w: Writer, work: symbols.Workspace, out: symbols.Slopes) -> None:
+    def stiff_memory(self, w: CWriter, work: symbols.Workspace, out: symbols.Slopes) -> None:
         """Take the stiffness of the memory before it gives way off the slopes of the acceleration."""
         m, n = self.given.memory, self.model.n
         if not self.model.memory:

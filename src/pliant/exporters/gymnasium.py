@@ -33,7 +33,7 @@ Array = np.ndarray
 LOST = -10.0  # reward of a body that gives way
 
 
-class Task(NamedTuple):
+class EpisodeTask(NamedTuple):
     """How an episode runs and what is seen of it."""
 
     step: float = 1e-3  # s, of the model
@@ -63,7 +63,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         What `pliant.exporters.draw_models` draws bodies from; default: all bodies are the model.
     moving : bool
         Whether targets move along the body's reachable curve, or stand.
-    task : Task
+    task : EpisodeTask
         With ``observe="fibre"`` angles are those of the virtual laboratory's fibre, its latency included, and rates
         differences of frames; tips come from these angles. Rewards are always of the true tip.
     render_mode : None
@@ -74,11 +74,11 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
 
     def __init__(
         self, num_envs: int = 1, model: Model | str | Path = "", *, highest: float = 0.0, fit: Fit | None = None,
-        moving: bool = False, task: Task | None = None, render_mode: None = None,
+        moving: bool = False, task: EpisodeTask | None = None, render_mode: None = None,
     ) -> None:
         self.model = model if isinstance(model, Model) else load_model(model)
         self.num_envs, self.fit, self.moving, self.render_mode = num_envs, fit, moving, render_mode
-        self.task = checked_task(task or Task())
+        self.task = checked_task(task or EpisodeTask())
         self.highest = highest or 2.0 * typical_pressure(self.model)
         if not self.highest > 0:
             raise InputError("no pressure bends this model: there is nothing to reach")
@@ -219,7 +219,7 @@ def alone(info: dict[str, Any]) -> dict[str, Any]:
     return {name: value[0] for name, value in info.items() if not name.startswith("_")}
 
 
-def checked_task(task: Task) -> Task:
+def checked_task(task: EpisodeTask) -> EpisodeTask:
     """The task; InputError where it makes no sense."""
     if task.observe not in ("perfect", "fibre"):
         raise InputError(f"observe is 'perfect' or 'fibre', got {task.observe!r}")

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from pliant.errors import InputError
 from pliant.exporters.features import missing, named
 from pliant.exporters.fibre_view import FibreView
-from pliant.exporters.gymnasium import LOST, Array, Task, checked_task, reachable
+from pliant.exporters.gymnasium import LOST, Array, EpisodeTask, checked_task, reachable
 from pliant.exporters.mjcf import CAN, branches, control, controls, mjcf, number
 from pliant.exporters.provenance import Told
 from pliant.exporters.randomisation import Fit, draw_models
@@ -52,12 +52,12 @@ class PushEnv(gymnasium.Env[Array, Array]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  Gymnasium's own way
 
     def __init__(
-        self, model: Model | str | Path, *, highest: float = 0.0, fit: Fit | None = None, task: Task | None = None,
-        render_mode: None = None,
+        self, model: Model | str | Path, *, highest: float = 0.0, fit: Fit | None = None,
+        task: EpisodeTask | None = None, render_mode: None = None,
     ) -> None:
         self.mujoco = imported()
         self.model = model if isinstance(model, Model) else load_model(model)
-        self.fit, self.task, self.render_mode = fit, checked_task(task or Task()), render_mode
+        self.fit, self.task, self.render_mode = fit, checked_task(task or EpisodeTask()), render_mode
         if lost := missing(self.model, CAN):
             raise InputError(f"{', '.join(named(self.model, lost))}: not expressible in MuJoCo, on which the puck is "
                              "pushed; take a model without")  # fmt: skip

@@ -25,7 +25,7 @@ class Hidden(NamedTuple):
     inertia: float  # kg m^2
 
 
-class Chain(NamedTuple):
+class HingeChain(NamedTuple):
     """An exported chain about its rest shape, M a + D v + K q = 0."""
 
     M: Array  # (N, N)
@@ -33,7 +33,7 @@ class Chain(NamedTuple):
     K: Array  # (N, N)
 
 
-def linear_chain(model: Model, hidden: list[Hidden]) -> Chain:
+def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
     """Return inertia, damping and stiffness of joints and hidden hinges; one that dry friction holds is a spring."""
     n, moving = model.n, [h for h in hidden if h.time]
     N = n * (1 + len(moving))
@@ -47,10 +47,10 @@ def linear_chain(model: Model, hidden: list[Hidden]) -> Chain:
         own, spring = joints + (b + 1) * n, share * model.stiffness
         M[own, own], D[own, own], K[own, own] = inertia, spring * time, spring
         K[own, joints] = K[joints, own] = -spring
-    return Chain(M, D, K)
+    return HingeChain(M, D, K)
 
 
-def bounded_by(chain: Chain, integrator: str) -> Callable[[float], bool]:
+def bounded_by(chain: HingeChain, integrator: str) -> Callable[[float], bool]:
     """Return the test whether an integrator lets no mode of the chain grow at a step [s].
 
     MuJoCo's Euler and implicit methods take dampers at the end of the step and springs at its beginning:
@@ -80,7 +80,7 @@ def is_definite(a: Array) -> bool:
     return True
 
 
-def checked_step(chain: Chain, integrator: str, step: float) -> float:
+def checked_step(chain: HingeChain, integrator: str, step: float) -> float:
     """Return the step [s]: the given one, or for 0 the longest of 1 ms, 0.5 ms, ... with a margin.
 
     Raises

@@ -21,7 +21,7 @@ Array = np.ndarray
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
-class Kind(NamedTuple):
+class ObservationKind(NamedTuple):
     """A kind of numbers that the compiled loops run on."""
 
     of: Callable[[Any], Any]  # a float, or an array of floats, as such numbers, in memory of their own
@@ -34,14 +34,14 @@ def copied(a: Any) -> Any:
     return np.array(a, dtype=float) if isinstance(a, Array) else float(a)
 
 
-REAL = Kind(copied, lambda a: a, twin)
+REAL = ObservationKind(copied, lambda a: a, twin)
 
 
-def dual_kind() -> Kind:
+def dual_kind() -> ObservationKind:
     """Dual numbers (`pliant.compiler.duals`)."""
     from pliant.compiler.duals import dual_twin, duals  # loads the compiler
 
-    return Kind(duals, lambda a: a[..., 0], dual_twin)
+    return ObservationKind(duals, lambda a: a[..., 0], dual_twin)
 
 
 def moved(made: SetUp, numbers: Numbers, rows: int) -> Array:
@@ -70,12 +70,12 @@ def moved_slopes(made: SetUp, numbers: Numbers, rows: int, count: int) -> Array:
     ])
 
 
-def in_kind(record: Any, kind: Kind) -> Any:
+def in_kind(record: Any, kind: ObservationKind) -> Any:
     """A record of floats, arrays of them and records, as numbers of a kind."""
     return type(record)(*(in_kind(e, kind) if isinstance(e, tuple) else kind.of(e) for e in record))
 
 
-def followed(made: SetUp, numbers: Numbers, kind: Kind, rows: int) -> Array:
+def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) -> Array:
     """Rows of the motion as the compiled loop shows them, before sensors, of numbers of a kind."""
     model = made.model
     n, S = model.n, len(model.extensions)
@@ -114,7 +114,7 @@ def lost(made: SetUp, after: float, length: float, phi: Array) -> SimulationErro
     )
 
 
-def slipped(made: SetUp, numbers: Numbers, kind: Kind) -> Array:
+def slipped(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Array:
     """States (n, branches) of the memory at the start: unstretched, or as the way into a measured pose left them."""
     states: Array = kind.of(state.relaxed(made.model, np.zeros(made.model.n)))
     if not made.pulled:
@@ -128,7 +128,7 @@ def slipped(made: SetUp, numbers: Numbers, kind: Kind) -> Array:
     return states
 
 
-def held_of(made: SetUp, joints: Joints, kind: Kind) -> Held:
+def held_of(made: SetUp, joints: Joints, kind: ObservationKind) -> Held:
     """Scratch arrays for the steps of a model with memory."""
     rows = {name: kind.of(row) for name, row in state.held(made.model)._asdict().items() if name != "springs"}
     rows["K"][:] = joints.K  # with axial ones: the step writes those of the joints alone

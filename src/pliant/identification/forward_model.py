@@ -12,7 +12,7 @@ from pliant.identification.following import REAL, slipped
 from pliant.identification.loop_inputs import Numbers, SetUp
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
-from pliant.identification.pose import Chain, link_coordinates, posed
+from pliant.identification.pose import PoseChain, link_coordinates, posed
 from pliant.identification.sensor import between_frames, lags_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
@@ -201,7 +201,7 @@ def reattached(made: SetUp, numbers: Numbers) -> Numbers:
     if made.first_seen is None:
         return numbers
     seen = (made.first_seen - numbers.shift) * [made.model.bend_sign, 1]
-    chain = Chain(numbers.phi, numbers.length, numbers.base_length, numbers.joints.base_angle, numbers.share)
+    chain = PoseChain(numbers.phi, numbers.length, numbers.base_length, numbers.joints.base_angle, numbers.share)
     links = made.carrier + 1
     along, across = (row[np.arange(links.size), links] for row in link_coordinates(chain, seen))
     return numbers._replace(along=along, across=across)

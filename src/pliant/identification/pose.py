@@ -14,7 +14,7 @@ LEAST_PULL = 1e-6  # of a held pose towards the unloaded shape, in pulls of a me
 POSE_STEPS = 60
 
 
-class Chain(NamedTuple):
+class PoseChain(NamedTuple):
     """What the places of the links follow from: floats, or complex numbers that carry a derivative."""
 
     x: Any  # (n + S,) absolute angles, rad, strains behind them
@@ -24,7 +24,7 @@ class Chain(NamedTuple):
     share: Any  # (n + 1, S) part of each link that lies in each segment that lengthens
 
 
-def link_coordinates(chain: Chain, points: Array) -> tuple[Array, Array]:
+def link_coordinates(chain: PoseChain, points: Array) -> tuple[Array, Array]:
     """Coordinates along and across (P, n + 1) each link of points (P, 2) [m], `bend_sign` undone, the base first.
 
     Coordinates along a link are those of the link unstretched.
@@ -40,7 +40,7 @@ def link_coordinates(chain: Chain, points: Array) -> tuple[Array, Array]:
 
 def beside_links(model: Model, x: Array, points: Array) -> tuple[Array, Array]:
     """Coordinates along and across (P, n + 1) the links of a model, at absolute angles and strains x (n + S,)."""
-    chain = Chain(x, model.link_length, model.base_length, model.base_angle, model.stretch_share)
+    chain = PoseChain(x, model.link_length, model.base_length, model.base_angle, model.stretch_share)
     return link_coordinates(chain, points)
 
 

@@ -1,12 +1,12 @@
 """From a continuous shape to the lowest-order chain: how many links, where, and their angles."""
 
-from pliant.reduction.links import Links, links_of
+from pliant.reduction.links import LinkPlacement, links_of
 from pliant.reduction.order import select_order
 from pliant.reduction.order_result import OrderResult
 from pliant.reduction.reconstruct import curvature_profile, curvature_shape, spline_shape
 
 __all__ = [
-    "Links",
+    "LinkPlacement",
     "OrderResult",
     "curvature_profile",
     "curvature_shape",

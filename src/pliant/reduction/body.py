@@ -20,7 +20,7 @@ TANGENT_SHARE = 0.1  # of the length: the stretch at the base whose fit gives th
 
 
 @dataclass(frozen=True)
-class Body:
+class BodyShape:
     """Whole frames of a body as plain arrays.
 
     Attributes
@@ -45,7 +45,7 @@ class Body:
     notes: tuple[str, ...]
 
 
-def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> Body:
+def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
     """Take the whole frames of a recording, its arc length and base tangent.
 
     Arc length is the recording's own where it carries one, otherwise the time-mean sum of chords. The base
@@ -76,7 +76,7 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> Body:
     if stretch is not None:
         tangent = tangent * stretch[:, None]
         notes.append("joints keep their share of a length that changes; the slope at the base stretches along")
-    return Body(time, position, arc_length, tangent, dropped, tuple(notes))
+    return BodyShape(time, position, arc_length, tangent, dropped, tuple(notes))
 
 
 def _base_stretch(chords: NDArray[np.float64], arc_length: NDArray[np.float64]) -> NDArray[np.float64] | None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from pliant.reduction.body import Body
+    from pliant.reduction.body import BodyShape
 
 CHUNK_VALUES = 1 << 16  # working set of about 0.5 MB an array: stays in cache
 
@@ -54,13 +54,13 @@ def spline_map(arc_length: NDArray[np.float64], knots: NDArray[np.float64], boun
 
 
 def frame_errors(
-    body: Body, maps: Sequence[SplineMap], metric: str = "arc"
+    body: BodyShape, maps: Sequence[SplineMap], metric: str = "arc"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Largest and mean error over the stations of every frame, for every map.
 
     Parameters
     ----------
-    body : Body
+    body : BodyShape
     maps : K maps
     metric : {"arc", "closest"}
         Distance at equal arc length, or to the closest point of the spline.

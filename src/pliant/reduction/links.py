@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import ArrayLike, NDArray
 
-    from pliant.reduction.body import Body
+    from pliant.reduction.body import BodyShape
 
 REST_DURATION = 0.1
 PRESSURE_AT_REST = 0.05  # of the range of the pressure
 
 
 @dataclass(frozen=True)
-class Links:
+class LinkPlacement:
     """A chain laid through a shape. Joint i owns link i; index 0 is the base.
 
     Attributes
@@ -93,7 +93,7 @@ def links_of(
     stations: Sequence[str] | None = None,
     length: str = "rest",
     rest: tuple[float, float] | None = None,
-) -> Links:
+) -> LinkPlacement:
     """Lay a chain through a planar shape.
 
     alpha_i = atan2(-dx, dy) of chord i;  theta_i = alpha_i - alpha_{i-1}, alpha_0 = 0 (the base tangent +y);
@@ -116,7 +116,7 @@ def links_of(
 
     Returns
     -------
-    Links
+    LinkPlacement
 
     Raises
     ------
@@ -139,7 +139,7 @@ def links_of(
     base = nodes[:, 0].mean(axis=0)
     tips = nodes[:, 1:]
     chain = forward_tips(turns, link_length) + base
-    return Links(
+    return LinkPlacement(
         time=body.time,
         link_length=link_length,
         rest_angle=rest_angle,
@@ -184,7 +184,7 @@ def _unwrapped_from(relative: NDArray[np.float64], rest: NDArray[np.float64], st
 
 def _chosen_nodes(
     recording: xr.Dataset,
-    body: Body,
+    body: BodyShape,
     n: int | None,
     node_arc_length: ArrayLike | None,
     stations: Sequence[str] | None,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-    from pliant.reduction.body import Body
+    from pliant.reduction.body import BodyShape
 
 PLACEMENTS = ("equal", "best")
 METRICS = ("arc", "closest")
@@ -111,7 +111,7 @@ def _check_options(**options: str) -> None:
             raise InputError(f"{name} must be one of {', '.join(known[name])}, not {value!r}")
 
 
-def _knots(body: Body, max_order: int, boundary: str, placement: str, nodes: str) -> list[NDArray[np.float64]]:
+def _knots(body: BodyShape, max_order: int, boundary: str, placement: str, nodes: str) -> list[NDArray[np.float64]]:
     """Node arc lengths of every order that the stations allow."""
     s = body.arc_length
     knots = []

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.numerics.spline import NATURAL, NOT_A_KNOT, spline_matrix
-from pliant.reduction.body import Body
+from pliant.reduction.body import BodyShape
 from pliant.reduction.error import frame_errors, spline_map
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def equal_nodes(arc_length: NDArray[np.float64], n: int, nodes: str = "auto") ->
     return arc_length[nearest]
 
 
-def best_nodes(body: Body, n: int, boundary: str, start: NDArray[np.float64]) -> NDArray[np.float64]:
+def best_nodes(body: BodyShape, n: int, boundary: str, start: NDArray[np.float64]) -> NDArray[np.float64]:
     """Nodes (n + 1,) that make the largest error over all frames and stations small; never worse than `start`.
 
     Base and tip stay. The search exchanges stations, alone and in blocks, on the frames that matter, and takes
@@ -44,7 +44,7 @@ def best_nodes(body: Body, n: int, boundary: str, start: NDArray[np.float64]) ->
 
     Parameters
     ----------
-    body : Body
+    body : BodyShape
     n : int
         Number of segments.
     boundary : str
@@ -78,14 +78,14 @@ def stations_between(arc_length: NDArray[np.float64], knots: NDArray[np.float64]
     return int(min(inside))
 
 
-def _largest(body: Body, knots: NDArray[np.float64], boundary: str) -> NDArray[np.float64]:
+def _largest(body: BodyShape, knots: NDArray[np.float64], boundary: str) -> NDArray[np.float64]:
     return frame_errors(body, [spline_map(body.arc_length, knots, boundary)])[0][0]
 
 
 class _Search:
     """Exchange of stations on a fixed set of frames; a segment always keeps a station inside."""
 
-    def __init__(self, body: Body, frames: NDArray[np.intp], boundary: str) -> None:
+    def __init__(self, body: BodyShape, frames: NDArray[np.intp], boundary: str) -> None:
         self.s = body.arc_length
         self.points = np.ascontiguousarray(body.position[frames].transpose(1, 2, 0)).reshape(self.s.size, -1)
         self.tangent = np.ascontiguousarray(body.tangent[frames].T).reshape(-1)
@@ -135,7 +135,7 @@ def _to_indices(s: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[n
     return index
 
 
-def _equidistributed(body: Body, n: int) -> NDArray[np.float64]:
+def _equidistributed(body: BodyShape, n: int) -> NDArray[np.float64]:
     """Nodes that share int |x''''|^(1/4) ds equally, x'''' from the jumps of a fine spline's third derivative."""
     s = body.arc_length
     segments = max(2, min(START_SEGMENTS, (s.size - 1) // 2))

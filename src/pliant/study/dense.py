@@ -15,7 +15,7 @@ from pliant.preprocessing.cap import find_tip
 from pliant.preprocessing.curvature import curvature_of
 from pliant.preprocessing.cut import cut_body
 from pliant.recording import make_recording
-from pliant.reduction import Links, OrderResult, links_of, select_order
+from pliant.reduction import LinkPlacement, OrderResult, links_of, select_order
 from pliant.study.schema import Fibre, Reduction, Study
 from pliant.validation.outcome import Shape
 
@@ -95,7 +95,7 @@ def on_body(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
     return nodes * (length / nodes[-1]) if abs(length / nodes[-1] - 1.0) < SAME_LENGTH else nodes
 
 
-def link_experiment(study: Study, name: str, body: xr.Dataset, chain: Links) -> Experiment:
+def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacement) -> Experiment:
     """The experiment that sees the link tips of a dense shape, nodes where `chain` has them."""
     entry = study.recordings[name]
     links = links_of(body, node_arc_length=on_body(chain.node_arc_length, body))

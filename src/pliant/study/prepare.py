@@ -21,7 +21,7 @@ from pliant.preprocessing.plausibility.pressure import LEAST_PRESSURE
 from pliant.preprocessing.quality import quality, standing_stations
 from pliant.recording import read
 from pliant.recording.published import PREFIX
-from pliant.reduction import Links
+from pliant.reduction import LinkPlacement
 from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
 from pliant.study.doubts import of_body, preset, presets, stated_case
@@ -221,7 +221,7 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
 
 
 def study_model(
-    actuator: Actuator, rotation: Array | None, links: Links | None = None, usual: int | None = None,
+    actuator: Actuator, rotation: Array | None, links: LinkPlacement | None = None, usual: int | None = None,
 ) -> Model:
     """The model of the study's actuator; `rotation` (3, 3) takes tracker vectors to the base frame.
 
@@ -271,7 +271,7 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int) -> tuple[Chambe
     return tuple(made)
 
 
-def measured_chain(values: dict[str, Any], links: Links) -> Model:
+def measured_chain(values: dict[str, Any], links: LinkPlacement) -> Model:
     """The chain laid through a measured shape, with the link tips as its observed points."""
     for key in ("length", "links", "joint_placement"):
         values.pop(key, None)

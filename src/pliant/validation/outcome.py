@@ -16,7 +16,7 @@ from pliant.model import Model
 from pliant.model.file import model_to_dict
 from pliant.preprocessing.lag_model import body_course, pressure_course
 from pliant.preprocessing.sync import Delay
-from pliant.reduction import Links, OrderResult
+from pliant.reduction import LinkPlacement, OrderResult
 
 Array = np.ndarray
 Role = Literal["train", "held_out", "forecast"]
@@ -91,7 +91,7 @@ class Shape:
     curvature: Array  # (T, S) 1/m
     rest_curvature: Array  # (S,) 1/m
     order: OrderResult
-    links: Links
+    links: LinkPlacement
     tip_status: str  # how the tip was found
 
 

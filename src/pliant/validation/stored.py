@@ -18,7 +18,7 @@ from pliant.identification.rungs import Rung
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.model.file import read_model
-from pliant.reduction import Links, OrderResult
+from pliant.reduction import LinkPlacement, OrderResult
 from pliant.simulation import Trace
 from pliant.validation.outcome import (
     Clocks,
@@ -196,7 +196,7 @@ def shape_of(groups: Groups) -> Shape | None:
         links.attrs["json"]).items()}
     chain |= {str(k): v.values for k, v in links.data_vars.items()}
     arc, position, curvature, rest = (own[k].values for k in ("arc_length", "position", "curvature", "rest_curvature"))
-    return Shape(str(own.attrs["name"]), arc, position, curvature, rest, OrderResult(**facts), Links(**chain),
+    return Shape(str(own.attrs["name"]), arc, position, curvature, rest, OrderResult(**facts), LinkPlacement(**chain),
                  str(own.attrs["tip_status"]))
 
 
