@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple
 
+from pliant.text import escaped
+
 MOST_ROWS = 12
 
 
@@ -34,13 +36,14 @@ class Shown:
 
 def as_text(card: Card) -> str:
     """A card as lines of text, the table aligned, numbers to the right."""
-    table = [list(row) for row in (card.head, *shortened(card)) if row]
+    table = [[escaped(cell, "line") for cell in row] for row in (card.head, *shortened(card)) if row]
     width = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []
     rows = []
     for row in table:
         cells = [cell.rjust(w) for cell, w in zip(row[1:], width[1:], strict=True)]
         rows.append("  " + "  ".join([row[0].ljust(width[0]), *cells]))
-    return "\n".join(line.rstrip() for line in (card.title, *rows, *card.lines))
+    lines = (escaped(card.title, "line"), *rows, *(escaped(line, "line") for line in card.lines))
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def as_html(card: Card) -> str:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
+from pliant.text import escaped
+
 
 class PliantError(Exception):
     """Root of all errors that pliant raises on purpose.
 
     The message says what was expected, what came and what to do about it. The command line prints
     it as one sentence and leaves with ``exit_code``: 2 for bad input, 1 for a job that failed.
+    It is one printable line, whatever a file that it quotes holds: see `pliant.text.escaped`.
     """
 
     exit_code = 1
+
+    def __init__(self, message: object = "", *more: object) -> None:
+        super().__init__(escaped(message, "line"), *more)
 
 
 class InputError(PliantError, ValueError):

@@ -1,7 +1,7 @@
-"""Names and other free text on their way into files that another program reads as code or markup.
+"""Names and other free text on their way into files that another program reads as code or markup, and to terminals.
 
 A model's name, its stations, chambers and sources come from files that anybody may have written. `escaped` is the one
-function that such text passes before an exporter, a figure or a page writes it.
+function that such text passes before an exporter, a figure, a page, a message or the command line writes it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from typing import Literal
-from unicodedata import combining, normalize
+from unicodedata import category, combining, normalize
 
 Form = Literal["line", "c_comment", "xml_comment", "identifier"]
 LONGEST = 63  # characters of an identifier that every C99 compiler tells apart
@@ -23,8 +23,8 @@ def escaped(text: object, form: Form) -> str:
     text : object
         Anything; its `str` is taken.
     form : {"line", "c_comment", "xml_comment", "identifier"}
-        ``line``: control characters, line ends and characters that change the direction of text become ``\uXXXX``; what
-        remains is allowed in XML, whose writer escapes ``<``, ``&`` and quotes.
+        ``line``: control characters, line ends and characters that change the direction of text become ``\uXXXX``,
+        other blanks a space; what remains is allowed in XML, whose writer escapes ``<``, ``&`` and quotes.
         ``c_comment``: as ``line``, in ASCII, without ``/*``, ``*/`` and ``??`` (trigraphs), and no ``\`` at its end.
         ``xml_comment``: as ``line``, without ``--`` and without ``-`` at its end.
         ``identifier``: at most 63 ASCII letters, digits and ``_``, no digit first, as C, FMI, MuJoCo and ROS take a
@@ -42,7 +42,9 @@ def escaped(text: object, form: Form) -> str:
             return str(text)
         name = re.sub(r"[^A-Za-z0-9]+", "_", plain_letters(str(text))).strip("_")[:LONGEST]
         return f"_{name}" if not name or name[0].isdigit() else name
-    line = "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in str(text))
+    line = str(text)
+    if not line.isprintable():
+        line = "".join(c if c.isprintable() else " " if category(c) == "Zs" else f"\\u{ord(c):04x}" for c in line)
     if form == "xml_comment":
         line = re.sub("-(?=-|$)", "- ", line)
     if form == "c_comment":
@@ -50,6 +52,11 @@ def escaped(text: object, form: Form) -> str:
         line = re.sub(r"\*(?=/)|/(?=\*)|\?(?=\?)", r"\g<0> ", line)
         line = f"{line}." if line.rstrip().endswith("\\") else line
     return line
+
+
+def is_line(text: str) -> bool:
+    """Return whether a text is one line that `escaped` changes at most in its blanks."""
+    return text.isprintable() or all(c.isprintable() or category(c) == "Zs" for c in text)
 
 
 def plain_letters(text: str) -> str:

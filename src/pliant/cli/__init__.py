@@ -29,10 +29,12 @@ from pliant.cli.shape import shape
 from pliant.cli.simulate import simulate
 from pliant.cli.sweep import sweep
 from pliant.cli.sync import sync
+from pliant.cli.terminal import say
 from pliant.cli.testbed import run_testbed
 from pliant.cli.track import track
 from pliant.cli.view import view
 from pliant.errors import PliantError
+from pliant.text import escaped
 from pliant.version import __version__
 
 INTERRUPTED = 130
@@ -52,7 +54,7 @@ class Panels(TyperGroup):
 def version(asked: bool) -> None:
     """Print the version and leave."""
     if asked:
-        typer.echo(f"pliant {__version__}")
+        say(f"pliant {__version__}")
         raise typer.Exit
 
 
@@ -101,7 +103,7 @@ def __getattr__(name: str) -> Any:
 
 def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line, without the place in the code that it comes from."""
-    typer.echo(f"warning: {message}", err=True)
+    say(escaped(f"warning: {message}", "line"), error=True)
 
 
 def run() -> None:
@@ -111,10 +113,10 @@ def run() -> None:
     try:
         app_of(*(asked if set(asked) & set(COMMANDS) else COMMANDS))()
     except PliantError as error:
-        typer.echo(f"pliant: {error}", err=True)
+        say(f"pliant: {error}", error=True)
         sys.exit(error.exit_code)
     except (KeyboardInterrupt, SystemExit) as left:
         if isinstance(left, SystemExit) and left.code != INTERRUPTED:  # typer turns the one into the other
             raise
-        typer.echo("pliant: interrupted; nothing half written was left behind", err=True)
+        say("pliant: interrupted; nothing half written was left behind", error=True)
         sys.exit(INTERRUPTED)

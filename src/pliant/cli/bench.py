@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from pliant.cli.terminal import say
+
 
 def bench(
     part: Annotated[str | None, typer.Argument(help="kernels or startup; both when left out.")] = None,
@@ -29,8 +31,8 @@ def bench(
             texts: list[str] = []
             results |= measure({name: job}, message=texts.append)
         if not json:
-            typer.echo("\n".join(texts))
+            say("\n".join(texts))
     if output is not None:
         write(results, output)
     if json:
-        typer.echo(jsonlib.dumps(results))
+        say(jsonlib.dumps(results))

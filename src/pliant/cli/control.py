@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pliant.cli.terminal import say
 from pliant.units import quantity
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def print_task(wanted: bool) -> None:
     if wanted:
         from pliant.control.task import EXAMPLE
 
-        typer.echo(EXAMPLE, nl=False)
+        say(EXAMPLE.rstrip("\n"))
         raise typer.Exit
 
 
@@ -85,13 +86,13 @@ def control(
     if json:
         from json import dumps
 
-        typer.echo(dumps({"plant": plant, "folder": str(output), **reached(done), **done.summary,
+        say(dumps({"plant": plant, "folder": str(output), **reached(done), **done.summary,
                           "settling_s": settling(done)}, default=float))
         return
-    typer.echo("\n".join([f"stability margins of {plant} by pressure, full state known:", str(done.prepared.design),
+    say("\n".join([f"stability margins of {plant} by pressure, full state known:", str(done.prepared.design),
                           *unmodelled(done)]))
     print_numbers(reached(done), as_json=False, title="what was reached", meaning=MEANING)
-    typer.echo(f"log, report and figures: {output}")
+    say(f"log, report and figures: {output}")
 
 
 def columns(log: Any, name: str) -> Any:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from pliant.cli.progress import busy
+from pliant.cli.terminal import say
 
 
 def data(
@@ -30,13 +31,13 @@ def data(
     if action == "list":
         told = [entry(name) for name in names or data_sets()]
         if json:
-            typer.echo(jsonlib.dumps({"folder": str(data_folder()), "data": told}))
+            say(jsonlib.dumps({"folder": str(data_folder()), "data": told}))
             return
-        typer.echo(f"folder: {data_folder()}")
+        say(f"folder: {data_folder()}")
         for one in told:
-            typer.echo(f"\n{one['name']}: {one['what']}\n  {one['licence']}; {one['origin']}")
+            say(f"\n{one['name']}: {one['what']}\n  {one['licence']}; {one['origin']}")
             for file in one["files"]:
-                typer.echo(f"  {'here  ' if file['here'] else 'absent'}  {file['file']}"
+                say(f"  {'here  ' if file['here'] else 'absent'}  {file['file']}"
                            + (f"  (by hand: {file['by_hand']})" if file["by_hand"] else ""))  # fmt: skip
         return
     paths = []
@@ -47,8 +48,8 @@ def data(
             except InputError as error:
                 if names or any(f.address for f in data_set(name).files.values()):
                     raise
-                typer.echo(f"left out: {error}", err=True)  # of all, what has to be brought by hand
-    typer.echo(jsonlib.dumps([str(p) for p in paths]) if json else "\n".join(map(str, paths)))
+                say(f"left out: {error}", error=True)  # of all, what has to be brought by hand
+    say(jsonlib.dumps([str(p) for p in paths]) if json else "\n".join(map(str, paths)))
 
 
 def entry(name: str) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pliant.cli.progress import telling
+from pliant.cli.terminal import say
 
 if TYPE_CHECKING:
     from pliant.identification.design import Design
@@ -35,7 +36,7 @@ def design(
     with telling() as tell:
         found = design_study(load_study(study), highest=highest, criterion=criterion, progress=tell)
     if json:
-        typer.echo(json_format.dumps(found.to_dict(), indent=2))
+        say(json_format.dumps(found.to_dict(), indent=2))
         return
     print_design(found)
 
@@ -44,11 +45,11 @@ def print_design(found: Design) -> None:
     """The proposals as a table: expected standard errors after one more recording."""
     from pliant.cli.output import aligned
 
-    typer.echo(
+    say(
         f"Known worst: {', '.join(found.direction)}, to {100 * found.now.weakest:.3g} % along their weakest direction; "
         f"all directions together {100 * found.now.volume:.3g} %."
     )
     rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in found.proposals[:8]]
-    typer.echo("\n".join(aligned([["one more recording", "weakest", "all"], *rows])))
+    say("\n".join(aligned([["one more recording", "weakest", "all"], *rows])))
     for line in found.refused:
-        typer.echo(f"  left out: {line}")
+        say(f"  left out: {line}")

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from pliant.cli.terminal import say
 from pliant.errors import InputError
 
 
@@ -45,4 +46,4 @@ def export(
     errors = standard_errors(fit) if fit else None
     with busy("exporting"):
         done = write(model, to, output, approximate=approximate, standard_errors=errors, **chosen)
-    typer.echo(jsonlib.dumps(done.to_dict()) if json else repr(done))
+    say(jsonlib.dumps(done.to_dict()) if json else repr(done))

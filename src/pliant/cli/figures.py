@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from pliant.cli.progress import busy, mention
+from pliant.cli.terminal import say
 
 
 def figures(
@@ -35,7 +36,7 @@ def figures(
             load_outcome(result), output or result / "figures", kinds=split(kinds), width_mm=width_mm,
             records=split(records), warn=mention,
         ))
-    typer.echo(json_format.dumps([str(f) for f in files]) if as_json else "\n".join(map(str, files)))
+    say(json_format.dumps([str(f) for f in files]) if as_json else "\n".join(map(str, files)))
 
 
 def split(text: str) -> list[str]:

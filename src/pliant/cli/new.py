@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pliant.cli.terminal import say
+
 if TYPE_CHECKING:
     from pliant.study.draft import Draft
 
@@ -75,12 +77,12 @@ def tell(study: Path, draft: Draft, *, as_json: bool) -> None:
     if as_json:
         import json
 
-        typer.echo(json.dumps({"study": str(study), "open": list(draft.questions), "doubts": list(draft.doubts)}))
+        say(json.dumps({"study": str(study), "open": list(draft.questions), "doubts": list(draft.doubts)}))
         return
-    typer.echo(f"wrote {study}")
+    say(f"wrote {study}")
     for doubt in draft.doubts:
-        typer.echo(f"! {doubt}")
+        say(f"! {doubt}")
     for question in draft.questions:
-        typer.echo(f"? {question}")
+        say(f"? {question}")
     answer = 'answer the "?" in it, then: ' if draft.questions else ""
-    typer.echo(f"next: {answer}pliant run {study} -o results/{study.stem}")
+    say(f"next: {answer}pliant run {study} -o results/{study.stem}")

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pliant.cli.output import aligned
 from pliant.cli.progress import busy
 from pliant.cli.reading import read_with_mapping
+from pliant.cli.terminal import say
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,37 +54,30 @@ def order(
         )
     if figure is not None:
         for path in _draw(result, figure):
-            typer.echo(f"figure: {path}", err=True)
+            say(f"figure: {path}", error=True)
     if as_json:
-        typer.echo(json_format.dumps(result.to_dict(), indent=2))
+        say(json_format.dumps(result.to_dict(), indent=2))
         if result.frames_left_out:
-            typer.echo(f"{result.frames_left_out} frame(s) with missing stations left out", err=True)
+            say(f"{result.frames_left_out} frame(s) with missing stations left out", error=True)
         return
     _print_table(result)
 
 
 def _print_table(result: OrderResult) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=f"{result.frames} frames, {result.stations} stations, errors in mm")
-    columns = ("n", "max", "mean", "median of max", "95 % of max", "within bound", "stations between", "flops")
-    for name in columns:
-        table.add_column(name, justify="right")
+    head = ("n", "max", "mean", "median of max", "95 % of max", "within bound", "stations between", "flops")
+    rows = []
     for n, row in zip(result.orders, result.to_dict()["orders"].values(), strict=True):
         numbers = (f"{row[key]:.3f}" for key in ("max_mm", "mean_mm", "median_of_max_mm", "p95_of_max_mm"))
         within = "" if result.bound is None else f"{100 * result.fraction_within(n):.1f} %"
         between = str(result.stations_between[result.orders.index(n)])
-        chosen = "bold" if n == result.chosen else None
-        table.add_row(str(n), *numbers, within, between, str(result.operations(n)), style=chosen)
-    console = Console(soft_wrap=True)
-    console.print(table)
-    console.print(result.summary(), highlight=False)
+        mark = " <" if n == result.chosen else ""
+        rows.append((f"{n}{mark}", *numbers, within, between, str(result.operations(n))))
     shown = result.chosen or result.orders[-1]
     worst = ", ".join(f"{t:.3f} s ({e * 1e3:.2f} mm)" for t, e in result.worst_frames(shown, 3))
-    console.print(f"Worst frames for n = {shown}: {worst}.", highlight=False)
-    for note in result.notes:
-        console.print(f"- {note}", highlight=False)
+    say("\n".join([
+        f"{result.frames} frames, {result.stations} stations, errors in mm", *aligned([head, *rows]), result.summary(),
+        f"Worst frames for n = {shown}: {worst}.", *(f"- {note}" for note in result.notes),
+    ]))  # fmt: skip
 
 
 def _draw(result: OrderResult, path: Path) -> list[Path]:

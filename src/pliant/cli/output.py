@@ -9,9 +9,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from pliant.cli.progress import busy, mention
+from pliant.cli.terminal import say
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.units import quantity
@@ -107,7 +106,7 @@ def print_numbers(
 ) -> None:
     """Print named numbers as JSON, or as a table: what it is, its value, its unit, and what it means where told."""
     if as_json:
-        typer.echo(jsonlib.dumps(numbers, default=float))
+        say(jsonlib.dumps(numbers, default=float))
         return
     rows, sentences = [], []
     for name, value in numbers.items():
@@ -116,7 +115,7 @@ def print_numbers(
             sentences.append(f"  {words}: {value}")
         else:
             rows.append([words, shown(value), unit, *([meaning.get(name, "")] if meaning else [])])
-    typer.echo("\n".join([*([title] if title else []), *aligned(rows), *sentences]))
+    say("\n".join([*([title] if title else []), *aligned(rows), *sentences]))
 
 
 def shown(value: Any) -> str:

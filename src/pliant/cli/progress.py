@@ -15,6 +15,9 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from pliant.cli.terminal import say
+from pliant.text import escaped
+
 QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 
 
@@ -64,7 +67,7 @@ def busy(what: str) -> Iterator[None]:
 
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False)
-    bar.add_task(what, total=None)
+    bar.add_task(escaped(what, "line"), total=None)
     begin = threading.Timer(1.0, bar.start)
     begin.start()
     try:
@@ -80,7 +83,7 @@ def telling() -> Iterator[Callable[[str], None]]:
     """Takes one line for each thing done: above a running clock on a terminal, plain in a pipe, none if quiet."""
     quiet = QUIET.get()
     if quiet or not sys.stderr.isatty():
-        yield (lambda _line: None) if quiet else (lambda line: typer.echo(line, err=True))
+        yield (lambda _line: None) if quiet else (lambda line: say(line, error=True))
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -91,6 +94,7 @@ def telling() -> Iterator[Callable[[str], None]]:
         task = bar.add_task("reading", total=None)
 
         def tell(line: str) -> None:
+            line = escaped(line, "line")
             console.print(line, markup=False, highlight=False)
             bar.update(task, description=f"after: {line[:60]}")
 
@@ -100,7 +104,7 @@ def telling() -> Iterator[Callable[[str], None]]:
 def mention(line: str) -> None:
     """Tell one line, unless quiet."""
     if not QUIET.get():
-        typer.echo(line, err=True)
+        say(line, error=True)
 
 
 @contextmanager
@@ -113,7 +117,7 @@ def counting(what: str) -> Iterator[Callable[[float], None]]:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     shown = sys.stderr.isatty() and not QUIET.get()
     bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False)
-    task, told = bar.add_task(what, total=1.0), [0]
+    task, told = bar.add_task(escaped(what, "line"), total=1.0), [0]
 
     def update(done: float) -> None:
         late = monotonic() - began > 1.0

@@ -6,10 +6,10 @@ import json as jsonlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from pliant.cli.progress import busy
+from pliant.cli.terminal import say
 from pliant.files import read_entries
+from pliant.text import escaped
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -41,15 +41,15 @@ def print_recording(ds: xr.Dataset, path: Path, *, as_json: bool) -> None:
         content = {"file": str(path), "format": ds.attrs.get("source_format"), "sizes": dict(ds.sizes)}
         content["station_names"] = [str(s) for s in ds["station"].values] if "station" in ds else []
         content["history"] = history_of(ds)
-        typer.echo(jsonlib.dumps({**content, "quality": plain(found.to_dict())}))
+        say(jsonlib.dumps({**content, "quality": plain(found.to_dict())}))
         return
-    typer.echo(f"{path} ({ds.attrs.get('source_format', 'unknown format')})")
+    say(escaped(f"{path} ({ds.attrs.get('source_format', 'unknown format')})", "line"))
     if "station" in ds:
         names = [str(s) for s in ds["station"].values]
-        typer.echo(f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}")
-    typer.echo(found.summary())
+        say(f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}")
+    say(found.summary())
     for line in history_of(ds):
-        typer.echo(f"  {line}")
+        say(f"  {line}")
 
 
 def history_of(ds: xr.Dataset) -> list[str]:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from pliant.cli.progress import telling
+from pliant.cli.terminal import say
 
 
 def run(
@@ -35,9 +36,9 @@ def run(
     with telling() as tell:
         outcome = run_study(load_study(study), output, progress=tell, workers=workers)
     if json:
-        typer.echo((output / "metrics.json").read_text(encoding="utf-8"))
+        say((output / "metrics.json").read_text(encoding="utf-8"))
     else:
-        typer.echo(repr(outcome))
-        typer.echo(f"report: {output / 'report.html'}")
+        say(repr(outcome))
+        say(f"report: {output / 'report.html'}")
     if strict and outcome.headline is not None and outcome.headline.state == "missed":
         raise typer.Exit(1)

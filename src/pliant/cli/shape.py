@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from pliant.cli.terminal import say
+
 
 def shape(
     file: Annotated[Path, typer.Argument(help="Raw recording of a body's shape.")],
@@ -62,9 +64,9 @@ def tell(found: list[str], status: str, history: list[str], output: Path, *, as_
     if as_json:
         import json
 
-        typer.echo(json.dumps({"quality": found, "tip": status or None, "history": history, "recording": str(output)}))
+        say(json.dumps({"quality": found, "tip": status or None, "history": history, "recording": str(output)}))
         return
-    typer.echo("\n".join([*found, *([status] if status else []), *history, f"wrote {output}"]))
+    say("\n".join([*found, *([status] if status else []), *history, f"wrote {output}"]))
 
 
 def direction(text: str) -> str | list[float]:

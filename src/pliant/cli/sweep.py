@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pliant.cli.terminal import say
+
 if TYPE_CHECKING:
     from pliant.model import Model
     from pliant.study import Study
@@ -47,13 +49,13 @@ def sweep(
         write_figure(sweep_figure(result.samples), figure)
     summary = result.summary()
     if json:
-        typer.echo(jsonlib.dumps(summary))
+        say(jsonlib.dumps(summary))
         return
     rows = [[name.replace("_", " "), *(f"{told[key]:.5g}" for key in ("median", "low", "high")), told["unit"]]
             for name, told in summary["numbers"].items() if told]
-    typer.echo("\n".join(aligned([["", "median", "2.5 %", "97.5 %", "unit"], *rows])))
-    typer.echo(f"{summary['samples']} samples, {summary['failed_samples']} of them failed; {summary['told']}")
-    typer.echo(f"samples: {output / 'samples.nc'}")
+    say("\n".join(aligned([["", "median", "2.5 %", "97.5 %", "unit"], *rows])))
+    say(f"{summary['samples']} samples, {summary['failed_samples']} of them failed; {summary['told']}")
+    say(f"samples: {output / 'samples.nc'}")
 
 
 def prepare(path: Path, model: Path | None, seed: int | None) -> tuple[Sweep, Model, dict[str, Any]]:

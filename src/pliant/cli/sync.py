@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from pliant.cli.terminal import say
+
 
 def sync(
     shape: Annotated[Path, typer.Argument(help="Recording of the shape.")],
@@ -54,7 +56,7 @@ def sync(
         from dataclasses import asdict
         from json import dumps
 
-        typer.echo(dumps(asdict(found)))
+        say(dumps(asdict(found)))
         return
-    typer.echo(found.summary())
-    typer.echo(f'in a study: clock = {found.delay_s:.4f}, or clock = "align"')
+    say(found.summary())
+    say(f'in a study: clock = {found.delay_s:.4f}, or clock = "align"')

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from pliant.cli.progress import counting
+from pliant.cli.terminal import say
 
 
 def run_testbed(
@@ -57,9 +58,9 @@ def run_testbed(
         lab = replace(lab, angle=sensor) if sensor else lab
         ran = generate_file(scenario, path, body=actuator, seed=seed, lab=lab, truth=truth, progress=progress)
     if json:
-        typer.echo(jsonlib.dumps({"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran}))
+        say(jsonlib.dumps({"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran}))
         return
-    typer.echo(f"{path}: {'recorded' if ran else 'already there, nothing to do'}")
+    say(f"{path}: {'recorded' if ran else 'already there, nothing to do'}")
 
 
 def _list_scenarios(*, as_json: bool) -> None:
@@ -67,9 +68,9 @@ def _list_scenarios(*, as_json: bool) -> None:
 
     if as_json:
         told = [{"duration_s": c.duration, "rate_hz": c.rate, "summary": c.summary} for c in SCENARIOS.values()]
-        typer.echo(jsonlib.dumps(dict(zip(SCENARIOS, told, strict=True))))
+        say(jsonlib.dumps(dict(zip(SCENARIOS, told, strict=True))))
         return
 
     width = max(map(len, SCENARIOS))
     for case in SCENARIOS.values():
-        typer.echo(f"{case.name:{width}}  {case.duration:5.1f} s  {case.rate:5.1f} Hz  {case.summary}")
+        say(f"{case.name:{width}}  {case.duration:5.1f} s  {case.rate:5.1f} Hz  {case.summary}")

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from pliant.cli.terminal import say
+
 
 def track(
     video: Annotated[Path, typer.Argument(help="Video of the body, anything that OpenCV reads.")],
@@ -46,9 +48,9 @@ def track(
     if json:
         from json import dumps
 
-        typer.echo(dumps({"history": history_of(ds), "written": written}))
+        say(dumps({"history": history_of(ds), "written": written}))
         return
-    typer.echo("\n".join([*history_of(ds), *(f"wrote {p}" for p in written)]))
+    say("\n".join([*history_of(ds), *(f"wrote {p}" for p in written)]))
 
 
 def pixels(text: str | None) -> tuple[float, float] | None:

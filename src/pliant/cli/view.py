@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from pliant.cli.terminal import say
+
 
 def view(
     source: Annotated[Path, typer.Argument(help="Model file, or folder that `pliant run` has written.")],
@@ -34,7 +36,7 @@ def view(
     from pliant.view.server import Server
 
     server = Server(played_from(source, loop, 1e-3 * touch_mn_m), port)
-    typer.echo(dumps({"address": server.address}) if json else server.address)
+    say(dumps({"address": server.address}) if json else server.address)
     if browser:
         webbrowser.open(server.address)
     server.run()

@@ -16,6 +16,7 @@ from pliant.loop.intake import streams
 from pliant.loop.log import LoopLog
 from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, Sink, Source, nanoseconds, sample
 from pliant.loop.watchdog import Watchdog
+from pliant.text import escaped
 
 Array = np.ndarray
 MOST = 256  # samples read in one period: a flood cannot hold up the loop
@@ -177,7 +178,7 @@ class ControlLoop:
         if self.log is None or not self.log.fault or self._log_told:
             return
         self._log_told = True
-        logging.getLogger(__name__).error("%s", self.log.fault)
+        logging.getLogger(__name__).error("%s", escaped(self.log.fault, "line"))
         if self._log_needed:
             self.watchdog.trip(self.log.fault, now)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError, clipped
+from pliant.text import is_line
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -73,6 +74,7 @@ def check_recording(ds: xr.Dataset) -> xr.Dataset:
         _check_clock(ds, "time")
     if "pressure" in ds:
         _check_clock(ds, "pressure_time")
+    _check_names(ds)
     _check_stations(ds)
     _check_rotations(ds)
     return ds
@@ -100,6 +102,8 @@ def _check_texts(what: str, attributes: Mapping[Any, Any], names: Sequence[str])
         value = attributes.get(name, "")
         if not isinstance(value, str):
             raise InputError(f"the attribute {name} of {what} must be a text, not {clipped(repr(value), 60)}")
+        if name != "history" and not is_line(value):
+            raise InputError(f"the attribute {name} of {what} must be one printable line: {clipped(repr(value), 60)}")
 
 
 def _check_array(array: xr.DataArray, name: str, allowed: Sequence[tuple[str, ...]], units: str) -> None:
@@ -135,6 +139,14 @@ def _check_clock(ds: xr.Dataset, name: str) -> None:
             f"{name} must increase strictly, but {int(back.sum())} step(s) do not; the first is at "
             f"sample {row + 1}: {clock[row]:.6g} s is followed by {clock[row + 1]:.6g} s"
         )
+
+
+def _check_names(ds: xr.Dataset) -> None:
+    """No name breaks out of the line, the table or the figure that it is written into."""
+    for kind in ("station", "chamber", "core"):
+        for name in ds[kind].values if kind in ds.coords else ():
+            if not is_line(str(name)):
+                raise InputError(f"the name of a {kind} must be one printable line: {clipped(repr(str(name)), 60)}")
 
 
 def _check_stations(ds: xr.Dataset) -> None:
