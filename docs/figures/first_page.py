@@ -30,8 +30,8 @@ def layout():
     """The figure and its four axes: two bodies above, two curves below."""
     figure = Figure(figsize=(7.6, 4.5), dpi=100)
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2, 2, height_ratios=(2.3, 1), left=0.075, right=0.985, bottom=0.105, top=0.91, wspace=0.36,
-                               hspace=0.3)
+    grid = figure.add_gridspec(2, 2, height_ratios=(2.3, 1), left=0.075, right=0.985, bottom=0.105, top=0.91,
+                               wspace=0.36, hspace=0.3)
     axes = [figure.add_subplot(grid[row, column]) for row in (0, 1) for column in (0, 1)]
     figure.add_artist(FancyArrowPatch((0.36, 0.6), (0.47, 0.6), arrowstyle="-|>", mutation_scale=26, linewidth=3,
                                       color=MODELLED, transform=figure.transFigure))
@@ -49,7 +49,8 @@ def scenery(axes, record, dense):
                        label="modelled,\nfive links")
     for ax, title in ((seen, "In: a recording"), (said, "Out: a model that moves with it")):
         ax.set_title(title, fontsize=11, loc="left")
-        ax.set(xlim=(shape[..., 0].min() - 12, 25), ylim=(-12, shape[..., 1].max() + 8), aspect="equal", xlabel="x (mm)")
+        ax.set(xlim=(shape[..., 0].min() - 12, 25), ylim=(-12, shape[..., 1].max() + 8), aspect="equal",
+               xlabel="x (mm)")
         ax.set_anchor("W")
         ax.fill_between([-14, 14], -12, 0, color="0.3", linewidth=0)
     seen.set_ylabel("y (mm)")
@@ -92,7 +93,6 @@ def main(folder=None):
     palette = pictures[len(pictures) // 3].quantize(32)
     pictures = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
     pictures[0].save(TARGET, save_all=True, append_images=pictures[1:], duration=FRAME_MS, loop=0, optimize=True)
-    print(f"{TARGET}: {len(pictures)} frames, {TARGET.stat().st_size / 1e3:.0f} kB")
 
 
 if __name__ == "__main__":

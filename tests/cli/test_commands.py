@@ -281,7 +281,7 @@ def test_a_run_without_a_folder_goes_where_the_study_is_called(study: Path, monk
 def test_a_quiet_run_tells_nothing_but_the_result(study: Path, tmp_path: Path) -> None:
     done = invoke("run", study, "-o", tmp_path / "quiet", "--quiet")
     assert (done.exit_code, done.stderr) == (0, "")
-    assert "Record middle, not seen by the fit" in done.stdout
+    assert "The model predicts the held-out record middle" in done.stdout
 
 
 def test_work_in_a_pipe_tells_quarters_once_it_has_lasted_and_nothing_if_quiet(capsys, monkeypatch) -> None:

@@ -75,7 +75,7 @@ def test_everything_else_is_computed_and_judged(folder: Path) -> None:
     assert any(line.startswith(SENTENCE) for line in metrics["verdict"])
     headline = metrics["headline"]
     assert headline["state"] == "missed"  # a target is stated, and the first fit cannot predict
-    assert headline["sentence"].startswith("Record high, not seen by the fit, could not be predicted.")
+    assert headline["sentence"].startswith("Held-out record high could not be predicted.")
     assert any("Fit fixed could not be computed" in line for line in headline["warnings"])
 
 

@@ -27,7 +27,7 @@ from small_study import (
 from pliant.errors import FitError, InputError, PliantError
 from pliant.model import load_model
 from pliant.study import load_study, run_study
-from pliant.study.headline import record_warnings, worst
+from pliant.study.headline import largest_shortfall, record_warnings
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.outcome import StudyOutcome
 
@@ -110,8 +110,7 @@ def test_the_headline_judges_what_was_held_out(done: tuple[StudyOutcome, Path, l
     headline = done[0].headline
     assert headline is not None
     assert headline.state == "good"
-    assert headline.sentence.startswith("Record middle, not seen by the fit, is predicted to 0.")
-    assert " Worst is middle: " in headline.sentence
+    assert headline.sentence.startswith("The model predicts the held-out record middle with an RMS error of 0.")
     assert headline.sentence.endswith("The target is met.")
     assert headline.warnings == ()
 
@@ -120,13 +119,13 @@ def test_the_headline_names_what_is_worst_of_all_records(done: tuple[StudyOutcom
     """By hand: each flaw put into a record's metrics is what is named, when it is the greatest."""
     (record,) = (r for r in done[0].fits[0].records if r.role == "held_out")
     for key, value, said in (
-        ("overshoot_percent", {"measured": 20.0, "modelled": 29.0}, "overshoot +9 points off the measured 20 %"),
-        ("frequency_hz", {"measured": 5.0, "modelled": 4.0}, "frequency -20 % off"),
-        ("damping_ratio", {"measured": 0.1, "modelled": 0.16}, "damping ratio +60 % off the measured 0.1"),
+        ("overshoot_percent", {"measured": 20.0, "modelled": 29.0}, "overshoot +9 points relative to the measured 20 %"),
+        ("frequency_hz", {"measured": 5.0, "modelled": 4.0}, "frequency -20 % relative"),
+        ("damping_ratio", {"measured": 0.1, "modelled": 0.16}, "damping ratio +60 % relative to the measured 0.1"),
         ("within_band_percent", 50.0, "the 95 % band holds only 50 %"),
     ):  # fmt: skip
         bad = replace(record, name="bad", metrics={**record.metrics, key: value})
-        assert worst([record, bad, record]).startswith(f" Worst is bad: {said}")
+        assert largest_shortfall([record, bad, record]).startswith(f" Largest deviation: bad: {said}")
         assert any(said in line for line in record_warnings(bad))
         assert not any(said in line for line in record_warnings(record))
 

@@ -1,4 +1,4 @@
-"""The headline: one sentence about the first fit's predictions, and what a reader must beware of."""
+"""The headline of a study: how well the first fit predicts, and the warnings."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ OVERSHOOT = 5.0  # points of the overshoot
 OFF = 10.0  # % of a frequency
 DAMPED = 25.0  # % of a damping ratio
 STEADY = 5.0  # % of travel
+WORTH_NAMING = 0.5  # of the limit beyond which a deviation is warned of
 COVERED = 80.0  # % of the coordinates within a band that should hold 95
 
 
 def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
-    """The first fit in one sentence, held out before training, with the warnings that matter."""
+    """Return state, sentence and warnings of the first fit, judged by its held-out records where it has some."""
     fit = outcome.fits[0]
     held = [r for r in fit.records if r.role == "held_out"]
     lost = [m for m in fit.missing if m.role == "held_out"]
@@ -34,7 +35,7 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     else:
         state = "good" if any(verdicts) else "open"
     verdicts += ["missed"] * (len(lost) if targets != Targets() else 0)
-    said = [sentence(shown, held=bool(held)) + worst(shown)] if shown else []
+    said = [sentence(shown, held=bool(held)) + largest_shortfall(shown)] if shown else []
     said += [lost_sentence(lost)] if lost else []
     return Headline(state, " ".join([*said, target_sentence(verdicts)]), warnings)  # type: ignore[arg-type]
 
@@ -42,7 +43,7 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
 def lost_sentence(lost: Sequence[NotComputed]) -> str:
     """Which held-out records the fit cannot predict."""
     names = ", ".join(m.record for m in lost)
-    return f"Record{'s' * (len(lost) > 1)} {names}, not seen by the fit, could not be predicted."
+    return f"Held-out record{'s' * (len(lost) > 1)} {names} could not be predicted."
 
 
 def failure_warnings(outcome: StudyOutcome) -> Iterator[str]:
@@ -53,16 +54,15 @@ def failure_warnings(outcome: StudyOutcome) -> Iterator[str]:
 
 
 def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
-    """How well the records are met, as a range where there are several."""
+    """Return the error of the records as a sentence, as a range where there are several."""
     share = sorted(r.metrics["rmse_percent_of_travel"] for r in shown)
     error, (_, unit) = sorted(sized(r.metrics, "rmse")[0] for r in shown), sized(shown[0].metrics, "rmse")
     many = len(shown) > 1
-    which = f"{len(shown)} records" if many else f"Record {shown[0].name}"
-    seen = "not seen by the fit" if held else "seen by the fit"
-    verb = ("are" if many else "is") + (" predicted" if held else " followed")
+    verb, role = ("predicts", "held-out") if held else ("follows", "training")
+    which = f"{len(shown)} {role} records" if many else f"the {role} record {shown[0].name}"
     to = f"{share[0]:.1f} to {share[-1]:.1f}" if many else f"{share[0]:.1f}"
     size = f"{error[0]:.2g} to {error[-1]:.2g}" if many else f"{error[0]:.2g}"
-    return f"{which}, {seen}, {verb} to {to} % of {'their' if many else 'its'} travel ({size} {unit} RMSE)."
+    return f"The model {verb} {which} with an RMS error of {to} % of travel ({size} {unit})."
 
 
 def target_sentence(verdicts: Sequence[str]) -> str:
@@ -85,18 +85,18 @@ def fit_warnings(fit: FitOutcome, *, held: bool) -> Iterator[str]:
 
 
 def record_warnings(record: RecordOutcome) -> Iterator[str]:
-    """Where a record and its model part in a way that a small mean error hides."""
+    """Yield a sentence for each deviation beyond its limit, which a small mean error may hide."""
     yield from (told for size, told in shortfalls(record) if size > 1.0)
 
 
-def worst(shown: Sequence[RecordOutcome]) -> str:
-    """What is predicted worst of all records, measured by what would be warned of; empty where nothing can be said."""
-    found = [one for r in shown for one in shortfalls(r) if one[0] > 0.0]
-    return f" Worst is {max(found)[1]}" if found else ""
+def largest_shortfall(shown: Sequence[RecordOutcome]) -> str:
+    """The largest of all shortfalls in units of its warning limit; empty where none comes near to its limit."""
+    found = [one for r in shown for one in shortfalls(r) if one[0] > WORTH_NAMING]
+    return f" Largest deviation: {max(found)[1]}" if found else ""
 
 
 def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
-    """Every way in which a record and its model part, in shares of what is warned of, and in words."""
+    """Yield every deviation of model from record as a fraction of its warning limit, and as a sentence."""
     m, name = record.metrics, record.name
     (travel, unit), (most, _), (steady, _) = (sized(m, k) for k in ("travel", "max", "steady_state_error"))
     far = 100 * most / travel
@@ -104,7 +104,7 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
     measured, modelled = m["overshoot_percent"]["measured"], m["overshoot_percent"]["modelled"]
     if measured is not None:
         off = (modelled or 0.0) - measured
-        yield abs(off) / OVERSHOOT, f"{name}: overshoot {off:+.0f} points off the measured {measured:.0f} %."
+        yield abs(off) / OVERSHOOT, f"{name}: overshoot {off:+.0f} points relative to the measured {measured:.0f} %."
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
     if (measured is None) != (modelled is None):
         rings = (f"the body rings at {measured:.3g} Hz, the model does not ring." if measured is not None
@@ -112,14 +112,14 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
         yield 2.0, f"{name}: {rings}"
     elif measured:
         off = 100 * (modelled / measured - 1)
-        yield abs(off) / OFF, f"{name}: frequency {off:+.0f} % off the measured {measured:.3g} Hz."
+        yield abs(off) / OFF, f"{name}: frequency {off:+.0f} % relative to the measured {measured:.3g} Hz."
     measured, modelled = m["damping_ratio"]["measured"], m["damping_ratio"]["modelled"]
     if measured and modelled:
         off = 100 * (modelled / measured - 1)
-        yield abs(off) / DAMPED, f"{name}: damping ratio {off:+.0f} % off the measured {measured:.2g}."
+        yield abs(off) / DAMPED, f"{name}: damping ratio {off:+.0f} % relative to the measured {measured:.2g}."
     if steady is not None:
         share = 100 * abs(steady) / travel
-        yield share / STEADY, f"{name}: steady state {steady:+.2g} {unit} off, {share:.0f} % of travel."
+        yield share / STEADY, f"{name}: steady state off by {steady:+.2g} {unit}, {share:.0f} % of travel."
     held = m.get("within_band_percent", 95.0)
     yield (95.0 - held) / (95.0 - COVERED), f"{name}: the 95 % band holds only {held:.0f} % of what was measured."
     longer = m.get("extension_percent") or 0.0
