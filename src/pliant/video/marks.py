@@ -18,6 +18,9 @@ HALF_COLOUR = 0.4  # share of the dots' colour from which on a pixel belongs to 
 LEAST_PIXELS = 9
 ROUND = (0.68, 0.88)  # share of the box around it that a disc fills, as pixels count it
 MASS = (0.6, 1.6)  # of a dot's usual size, within which it is that dot
+BLURRED = 0.35  # the least of it of a dot that moves by more than its width from frame to frame
+NEARER, FARTHER = 0.75, 1.2  # of the distance along the body, between which the next dot lies
+MOST_TURN = 1.2  # rad, of the way from dot to dot, beyond that of the dots before
 FIRST = 30  # frames in which all marks must have been seen at once
 APART = 2.5  # usual distances between neighbours, beyond which a mark is not on the same body
 COLOURED = 40.0  # levels by which a dot's colour must differ from grey
@@ -91,23 +94,88 @@ def follow_dots(
 
 
 def _dots_by_frame(reel: Reel, dots: Dots, place: Array, usual: Array) -> Iterator[Frame]:
-    step = np.zeros_like(place)
-    reach = 0.5 * float(np.median(np.linalg.norm(np.diff(place, axis=0), axis=1)))
+    follow = ChainOfDots(place, usual)
     for time, picture in reel.frames():
-        centres, masses = dots.all(picture)
-        found = np.full_like(place, np.nan)
-        if len(centres):
-            apart = np.linalg.norm((place + step)[:, None] - centres[None], axis=2)
-            nearest = apart.argmin(axis=1)
-            row = np.arange(len(place))
-            size = masses[nearest] / usual
-            good = (apart[row, nearest] < reach) & (size > MASS[0]) & (size < MASS[1])
-            good &= np.bincount(nearest[good], minlength=len(centres))[nearest] == 1
-            found[good] = centres[nearest[good]]
-        seen = np.isfinite(found[:, 0])
-        step = np.where(seen[:, None], found - place, 0.0)
-        place = np.where(seen[:, None], found, place)
-        yield time, picture, found
+        yield time, picture, follow(*dots.all(picture))
+
+
+class ChainOfDots:
+    """Finds the dots (M, 2) of a body again in each frame, from the slowest dot outwards.
+
+    The slowest dot is sought where it is expected, within a reach that grows with its speed and with the frames since
+    it was last seen. Each neighbour is then sought from the dot already found: at their known distance, in the
+    direction in which it last lay. So a body may swing by several distances between its dots from frame to frame.
+    """
+
+    def __init__(self, place: Array, mass: Array) -> None:
+        self.place, self.mass = place, mass
+        self.step = np.zeros_like(place)
+        self.gap = np.zeros(len(place))  # frames since each dot was seen
+        self.travel = np.zeros(len(place))  # pixels, all steps together
+        self.spacing = np.linalg.norm(np.diff(place, axis=0), axis=1)
+
+    def __call__(self, centres: Array, masses: Array) -> Array:
+        """Return the dots (M, 2), NaN where one is hidden, among centres (N, 2) of the given masses (N,)."""
+        chosen = self._from_slowest(centres, masses) if len(centres) else np.full(len(self.place), -1)
+        seen = chosen >= 0
+        found = np.full_like(self.place, np.nan)
+        found[seen] = centres[chosen[seen]]
+        steady = seen & (self.gap == 0)  # a step over a gap is no speed
+        self.step = np.where(steady[:, None], found - self.place, 0.0)
+        self.travel += np.linalg.norm(self.step, axis=1)
+        self.place = np.where(seen[:, None], found, self.place)
+        self.gap = np.where(seen, 0, self.gap + 1)
+        return found
+
+    def _from_slowest(self, centres: Array, masses: Array) -> Array:
+        """Return which centre (M,) is each dot, -1 where none; the first dot found leads to the others."""
+        best = np.full(len(self.place), -1)
+        for start in np.argsort(self.travel, kind="stable").tolist():
+            k = self._nearest(start, centres, masses)
+            if k < 0:
+                continue
+            chosen = np.full(len(self.place), -1)
+            chosen[start] = k
+            for way in (1, -1):
+                self._along(chosen, start, way, centres, masses)
+            if (chosen >= 0).sum() > (best >= 0).sum():
+                best = chosen
+            if (best >= 0).sum() > 0.5 * len(best):
+                break
+        return best
+
+    def _nearest(self, dot: int, centres: Array, masses: Array) -> int:
+        """Return the centre nearest to where a dot is expected, -1 where none is within reach."""
+        apart = np.linalg.norm(centres - self.place[dot] - self.step[dot], axis=1)
+        reach = (1.0 + self.gap[dot]) * (0.5 * self.spacing.min() + float(np.linalg.norm(self.step[dot])))
+        apart[~self._alike(dot, masses) | (apart >= reach)] = np.inf
+        k = int(apart.argmin())
+        return k if np.isfinite(apart[k]) else -1
+
+    def _along(self, chosen: Array, start: int, way: int, centres: Array, masses: Array) -> None:
+        """Choose, one after another to one side of `start`, the centre at the known distance from the dot before."""
+        last, turn = start, 0.0
+        dot = start + way
+        while 0 <= dot < len(chosen):
+            apart = float(self.spacing[min(last, dot) : max(last, dot)].sum())
+            before = self.place[dot] - self.place[last]
+            offset = centres - centres[chosen[last]]
+            far = np.linalg.norm(offset, axis=1)
+            turned = np.arctan2(offset[:, 1], offset[:, 0]) - np.arctan2(before[1], before[0]) - turn
+            turned = (turned + np.pi) % (2.0 * np.pi) - np.pi
+            good = (far > NEARER * apart) & (far < FARTHER * apart) & (np.abs(turned) < MOST_TURN)
+            good &= self._alike(dot, masses) & ~np.isin(np.arange(len(centres)), chosen)
+            if good.any():
+                k = int(np.where(good, np.abs(turned) + np.abs(far / apart - 1.0), np.inf).argmin())
+                chosen[dot], last, turn = k, dot, turn + float(turned[k])
+            dot += way
+
+    def _alike(self, dot: int, masses: Array) -> Array:
+        """Return which masses (N,) are a dot's; one that moves fast is blurred and shows less of its colour."""
+        wide = 2.0 * np.sqrt(self.mass[dot] / np.pi)
+        least = MASS[0] if np.linalg.norm(self.step[dot]) < wide and not self.gap[dot] else BLURRED
+        size = masses / self.mass[dot]
+        return np.asarray((size > least) & (size < MASS[1]))
 
 
 def _first_dots(

@@ -15,17 +15,45 @@ from pliant.recording.camera import opencv
 
 Array = np.ndarray
 FEWEST = 8  # frames in which a motion can be seen
+COARSE = 160  # points across of the grid on which brightness is compared
+DARK, BRIGHT, SATURATED = 30.0, 215.0, 250.0  # levels between which a pixel shows a change of brightness
+FEWEST_POINTS = 200  # of the grid
 
 
 @dataclass(frozen=True)
 class Reel:
-    """A film, opened: its size in pixels, rate in Hz, and how many frames it announces."""
+    """A film: its size in pixels, rate in Hz, and how many frames it announces.
+
+    With a `reference`, the usual frame on a coarse grid, every frame is brought to its brightness.
+    """
 
     path: Path
     width: int
     height: int
     rate: float
     count: int
+    reference: Array | None = None  # (h, w, 3)
+
+    @property
+    def coarse(self) -> int:
+        """Pixels from point to point of the coarse grid."""
+        return max(1, self.width // COARSE)
+
+    def gain(self, part: Array) -> Array:
+        """Return the brightness (3,) of a coarse picture (h, w, 3) relative to the reference; 1 where too few show."""
+        if self.reference is None:
+            return np.ones(3)
+        good = (self.reference > DARK) & (self.reference < BRIGHT) & (part > DARK / 2) & (part < SATURATED)
+        ratios = [part[..., c][good[..., c]] / self.reference[..., c][good[..., c]] for c in range(3)]
+        return np.array([np.median(r) if r.size > FEWEST_POINTS else 1.0 for r in ratios])
+
+    def even(self, picture: Array) -> Array:
+        """Return the picture (H, W, 3) at the brightness of the reference; the picture itself without one."""
+        if self.reference is None:
+            return picture
+        gain = self.gain(picture[:: self.coarse, :: self.coarse])
+        table = np.clip(np.arange(256.0)[:, None] / gain + 0.5, 0, 255).astype(np.uint8)
+        return np.stack([table[:, c][picture[..., c]] for c in range(3)], axis=2)
 
     def frames(self) -> Iterator[tuple[float, Array]]:
         """Time [s] and picture (H, W, 3), uint8, blue green red, of each frame, one at a time."""
@@ -34,7 +62,7 @@ class Reel:
                 whole, picture = film.read()
                 if not whole:
                     return
-                yield 1e-3 * film.get(cv2.CAP_PROP_POS_MSEC), picture
+                yield 1e-3 * film.get(cv2.CAP_PROP_POS_MSEC), self.even(picture)
 
     def sampled(self, count: int, width: int) -> Array:
         """(K, h, w, 3) uint8: so many frames or fewer, evenly over the film, made small."""
@@ -53,7 +81,7 @@ class Reel:
             film.set(cv2.CAP_PROP_POS_FRAMES, frame)
             whole, picture = film.read()
             if whole:
-                yield picture
+                yield self.even(picture)
 
 
 def open_reel(path: Path) -> Reel:

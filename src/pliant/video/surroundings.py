@@ -108,8 +108,9 @@ def moving_pixels(stack: Array, middle: Array, reel: Reel) -> tuple[Array, float
     ).astype(bool)
     if moving.mean() < LEAST_AREA:
         raise InputError(
-            f"{reel.path.name}: nothing moves before its background: {100 * moving.mean():.2g} % of the picture "
-            f"changes by more than {max(LEAST_MOTION, NOISES * noise):.0f} of 255 levels"
+            f"{reel.path.name}: no motion found above the change of brightness: {100 * moving.mean():.2g} % of the "
+            f"picture changes by more than {max(LEAST_MOTION, NOISES * noise):.0f} of 255 levels; lock the camera's "
+            "exposure and check the contrast between body and background"
         )
     return moving, max(noise, 0.5)
 

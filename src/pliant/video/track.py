@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from pliant.errors import InputError, explain_validation
 from pliant.recording import append_history, make_recording
 from pliant.recording.camera import Camera, in_plane
+from pliant.video.exposure import even_exposure
 from pliant.video.marks import follow_aruco, follow_dots
 from pliant.video.overlay import ENDINGS, overlay
 from pliant.video.pace import doubled_and_leaps, lost_in_times
@@ -154,7 +155,8 @@ def _camera(camera: Camera | dict[str, Any]) -> Camera:
 def _followed(reel: Reel, how: Tracking) -> tuple[list[str], list[str], Iterator[tuple[float, Array, Array | None]]]:
     """Names of the stations, empty for a silhouette's; what to tell; and what is seen frame by frame."""
     if how.method == "silhouette":
-        return [], [], follow_silhouette(reel, how.base)
+        even, told = even_exposure(reel)
+        return [], told, follow_silhouette(even, how.base)
     if how.method == "dots":
         return [], *follow_dots(reel, how.blue_green_red, how.count, how.region)
     numbers, frames = follow_aruco(reel)
@@ -193,7 +195,7 @@ def _recording(reel: Reel, camera: Camera, how: Tracking, names: list[str], seen
         told.append(f"the body is {1e3 * arc[-1]:.2f} mm long in the picture")
         if strange:
             told.append(f"{strange} frames in which its length differs by more than {100 * LENGTH:g} % are gaps")
-    told += [f"{int(hidden.sum())} of {len(time)} frames are gaps: the body was hidden in part",
+    told += [f"{int(hidden.sum())} of {len(time)} frames are gaps: the body was hidden, or not recognised",
              f"{int(doubled.sum())} frames repeat the one before and are gaps"]  # fmt: skip
     if leaps.any():
         told.append(f"{int(leaps.sum())} steps are twice as long as their neighbours: frames may be missing in silence")

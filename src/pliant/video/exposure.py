@@ -1,0 +1,28 @@
+"""Brightness of a film whose camera sets its exposure or white balance by itself: measured, and taken out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pliant.video.reel import Reel
+
+Array = np.ndarray
+SAMPLES = 32  # frames in which brightness is compared
+STEADY = 0.02  # change of brightness, as a fraction, that noise and a moving body explain
+
+
+def even_exposure(reel: Reel) -> tuple[Reel, list[str]]:
+    """Return the film with every frame brought to its usual brightness, colour by colour, and a line for the history.
+
+    Brightness is the median ratio of a frame to the median frame, so that what moves has no say while it covers less
+    than half of the picture. A film of steady brightness is returned as it is.
+    """
+    parts = np.array([p[:: reel.coarse, :: reel.coarse] for p in reel.pictures(SAMPLES)])
+    probe = replace(reel, reference=np.median(parts, axis=0).astype(np.float32))
+    gains = np.array([probe.gain(part) for part in parts])
+    change = float(np.abs(gains - 1.0).max())
+    if change <= STEADY:
+        return reel, []
+    return probe, [f"brightness changes by up to {100 * change:.0f} % and was compensated: lock the camera's exposure"]
