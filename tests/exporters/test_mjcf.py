@@ -211,7 +211,7 @@ def test_static_to_a_millionth_of_a_radian(model):
     if m.na:
         d.act[:] = level
     put(model, m, d, q)
-    slopes = springs.slopes(model, q)
+    slopes = springs.springs_of(model).slope(q)
     joints = [m.joint(f"q_{i + 1}").dofadr[0] for i in range(model.n)]
     history = d.qfrc_actuator[joints] if not model.valve.dead_time else model.joint_gain * model.torque_at(level)
     residual = history + d.qfrc_passive[joints] - d.qfrc_bias[joints]

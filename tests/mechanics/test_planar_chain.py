@@ -8,6 +8,7 @@ import pytest
 from pliant.equations import elastic
 from pliant.mechanics import mechanics_of, springs
 from pliant.model import Extension, Model, Station
+from pliant.model.spring import SPRING_TERMS
 
 H = 1e-6
 
@@ -107,7 +108,8 @@ def test_a_motion_has_the_energies_of_its_moments(mechanics):
 
 def test_slope_and_energy_are_those_of_the_torque_of_a_spring():
     """The law stands in four functions; the three others follow from the torque, by complex steps."""
-    law, rng, tiny = (1.6, -0.5, 0.7), np.random.default_rng(2), 1e-30
+    rng, tiny = np.random.default_rng(2), 1e-30
+    law = 0, springs.Springs(np.array([1.6]), rng.uniform(-0.5, 0.7, (elastic.TERMS, 1)))
     for q in rng.uniform(-1.0, 1.0, 20):
         bend = q + 0.05
         slope = elastic.spring_torque(*law, q + 1j * tiny, bend + 1j * tiny).imag / tiny
@@ -123,4 +125,5 @@ def test_slope_and_energy_are_those_of_the_torque_of_a_spring():
 def test_the_angle_under_a_torque_undoes_the_springs():
     model = chain(3, 4, 0)
     q = np.array([0.1, -0.2, 0.4, 0.3])
-    np.testing.assert_allclose(springs.angle_under(model, springs.torques(model, q)), q, rtol=1e-12)
+    assert len(SPRING_TERMS) == elastic.TERMS
+    np.testing.assert_allclose(springs.angle_under(model, springs.springs_of(model).torque(q)), q, rtol=1e-12)

@@ -43,8 +43,8 @@ class Chain(NamedTuple):
 
     def joints(self):
         own = {name: np.array(getattr(self, name)) for name in ("theta0", "K", "D")}
-        bent = {"K2": self.K * self.stiffening, "K3": self.K * self.cubic_stiffening}
-        return Joints(self.base_angle, **own, **bent, unbent=np.array(self.theta0))
+        hardening = np.stack([self.K * self.stiffening, self.K * self.cubic_stiffening])
+        return Joints(self.base_angle, **own, hardening=hardening, unbent=np.array(self.theta0))
 
     def actuator(self):
         """The same chain for `pliant.basic`, which has no base angle: it goes into the first rest angle."""

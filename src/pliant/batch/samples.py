@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations import inertia, symbols
-from pliant.equations.elastic import spring_slope
+from pliant.equations import symbols
 from pliant.errors import InputError, SimulationError
-from pliant.mechanics import springs
+from pliant.mechanics.many import small_motions
+from pliant.mechanics.springs import springs_of
 from pliant.model import Model, Valve, fixed_length
 from pliant.model import model as model_fields
 from pliant.model.chamber import grown, remembering
+from pliant.model.inertia import inertia_constants
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -54,12 +55,8 @@ class Samples:
 
     def inertia(self) -> tuple[Array, Array, Array]:
         """B (n, n, N), I (n, N) and h (n, N) of `symbols.Body`, by the kernel that one model uses."""
-        n, v = self.template.n, self.values
-        rod = self.template.mass_at == "rod"
-        l, m = v["link_length"], v["link_mass"]
-        B, h = np.empty((n, n, self.size)), np.empty((n, self.size))
-        inertia.body_constants(l, m, l * (0.5 if rod else 1.0), v["tip_mass"], B, h)
-        return B, m * l**2 / 12.0 * rod, h
+        v, rod = self.values, self.template.mass_at == "rod"
+        return inertia_constants(v["link_length"], v["link_mass"], v["tip_mass"], rod=rod)
 
     def gravity(self) -> Array:
         """Gravity (2, N) as the kernels take it, m/s^2."""
@@ -79,8 +76,7 @@ class Samples:
     def rest(self, pressure: Array) -> Array:
         """Joint angles (n, N) at rest under `pressure` (N,) [Pa] and gravity."""
         if not self.values["gravity"].any():
-            q = self.values["joint_gain"] * self.torque_at(pressure) / self.values["stiffness"]
-            q = springs.bend(q, self.values["stiffening"], self.values["cubic_stiffening"])
+            q = springs_of(self.values).bend(self.values["joint_gain"] * self.torque_at(pressure))
             if not np.isfinite(q).all():
                 raise SimulationError(
                     f"in {int((~np.isfinite(q).all(axis=0)).sum())} of {self.size} samples the springs, which soften "
@@ -102,19 +98,8 @@ class Samples:
 
     def small_motions(self) -> tuple[Array, Array]:
         """Inertia and stiffness (N, n, n) of small motions about rest without pressure, in joint angles."""
-        n, v = self.template.n, self.values
-        B, rotary, h = self.inertia()
         q = self.rest(np.zeros(self.size))
-        phi = self.absolute(q)
-        c, s, g = np.cos(phi), np.sin(phi), self.gravity()
-        X, M = np.empty_like(B), np.empty_like(B)
-        inertia.inertia_absolute(c, s, B, rotary, X)
-        inertia.to_joint_angles(X, M)
-        tail = np.cumsum((h * (g[1] * c - g[0] * s))[::-1], axis=0)[::-1]
-        K = v["stiffness"]
-        tangents = spring_slope(K, K * v["stiffening"], K * v["cubic_stiffening"], q)
-        stiffness = tangents * np.eye(n)[..., None] + tail[np.maximum.outer(np.arange(n), np.arange(n))]
-        return np.moveaxis(M, -1, 0), np.moveaxis(stiffness, -1, 0)
+        return small_motions(self.inertia(), self.gravity(), springs_of(self.values), q, self.absolute(q))
 
     def first_frequency(self) -> Array:
         """Undamped first natural frequency (N,) at rest without pressure, Hz; see `simulation.modes`."""

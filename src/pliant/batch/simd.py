@@ -14,6 +14,7 @@ from pliant.batch.samples import Samples
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd_loops import Lane, Output
 from pliant.compiler.simd import WIDTH, aligned, lane_twin
+from pliant.mechanics.springs import springs_of
 from pliant.simulation import march_loops
 
 Array = np.ndarray
@@ -28,10 +29,10 @@ def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, 
 
 
 def constant_arrays(samples: Samples) -> list[Array]:
-    """B, I, h, gravity, the joints (6, n, N) and the place (n + 3, N): what the march needs of the samples."""
+    """B, I, h, gravity, the joints (4 + terms, n, N) and the place (n + 3, N): what the march needs of the samples."""
     v = samples.values
-    bent = [v["stiffness"] * v[name] for name in ("stiffening", "cubic_stiffening")]
-    joints = np.stack([v["rest_angle"], v["stiffness"], v["damping"], v["joint_gain"], *bent])
+    springs = springs_of(v)
+    joints = np.stack([v["rest_angle"], springs.K, v["damping"], v["joint_gain"], *springs.hardening])
     base = v["base_length"] * np.stack([-np.sin(v["base_angle"]), np.cos(v["base_angle"])])
     place = np.concatenate([v["link_length"], base, v["base_angle"][None]])
     return [*samples.inertia(), samples.gravity(), joints, place]

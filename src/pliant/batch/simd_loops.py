@@ -46,7 +46,7 @@ class Lane(NamedTuple):
     """What the samples of a group are, the lanes last."""
 
     body: tuple[np.ndarray, ...]  # B (n, n, W), I (n, W), h (n, W), gravity (2, W)
-    joints: np.ndarray  # (6, n, W) theta0, K, D, gain, K2 and K3
+    joints: np.ndarray  # (4 + terms, n, W) theta0, K, D, gain, hardening
     place: np.ndarray  # (n + 3, W) lengths of the links, first joint, base angle
 
 
@@ -90,7 +90,7 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
     gravity = as_lanes(g)
     body = Body(as_lanes(B), as_lanes(I), as_lanes(first_moment), gravity[0], gravity[1])
     where = as_lanes(samples.place)
-    joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4], chain[0], chain[5])
+    joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4:], chain[0])
     gain = chain[3:4]
     A, S, vectors = scratch
     rows = as_lanes(vectors)
@@ -131,8 +131,9 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
     """Take as many `steps` of h [s] of every group of a batch under held commands, as `march_loops.hold` of one chain.
 
     Groups come first, lanes last: state (G, 2, n, W) the angles and rates, advanced in place; `samples` (`Lane`) with
-    a body of (G, ...), joints (G, 6, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch as in
-    `march_lanes`; failed (G, W) is set to 1 for a chain that fails, which goes on as it may, and to 0 for the others.
+    a body of (G, ...), joints (G, 4 + terms, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch
+    as in `march_lanes`; failed (G, W) is set to 1 for a chain that fails, which goes on as it may, and to 0 for the
+    others.
     """
     n = state.shape[2]
     B, I, first_moment, g = samples.body
@@ -146,7 +147,7 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
         gravity = as_lanes(g[group])
         body = Body(as_lanes(B[group]), as_lanes(I[group]), as_lanes(first_moment[group]), gravity[0], gravity[1])
         chain, where = as_lanes(samples.joints[group]), as_lanes(samples.place[group])
-        joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4], chain[0], chain[5])
+        joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4:], chain[0])
         both = as_lanes(state[group])
         phi, w = both[0], both[1]
         good = (1 << WIDTH) - 1

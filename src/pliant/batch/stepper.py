@@ -125,7 +125,7 @@ def pool_of(models: Sequence[Model]) -> dict[str, Array]:
         rows.append({
             "state": np.stack([phi, np.zeros(m.n)]), "B": body.B, "I": body.I, "h": body.h,
             "gravity": np.array([body.gx, body.gy]),
-            "joints": np.stack([joints.theta0, joints.K, joints.D, np.zeros(m.n), joints.K2, joints.K3]),
+            "joints": np.stack([joints.theta0, joints.K, joints.D, np.zeros(m.n), *joints.hardening]),
             "place": np.array([*m.link_length, *m.first_joint, joints.base_angle]),
             "law": drive.law, "gain": drive.gain, "rubber": drive.rubber,
             "valve": np.array([lag_of(c.valve) for c in m.chambers]), "pressure": none,

@@ -8,6 +8,7 @@ from pliant.control.equilibria import Equilibria, equilibria
 from pliant.equations import memory as kernels
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.springs import springs_of
 from pliant.model import Model
 from pliant.simulation import state
 
@@ -63,9 +64,9 @@ class Feedforward:
             K = self.model.stiffness
             kernels.remember(self._q, q - self._q, period, K, self._states, self._law)
             self._q = q
-            more = [kernels.memory_angle(i, q[i], self._states, self._law) for i in range(self.model.n)]
+            more = np.array([kernels.memory_angle(i, q[i], self._states, self._law) for i in range(self.model.n)])
             gain = self.model.joint_gain
-            held = K * (q + (self.model.stiffening + self.model.cubic_stiffening * q) * q * q + more)
+            held = springs_of(self.model).torque(q) + K * more
             mean = float(gain @ held / (gain @ gain))  # one pressure for all joints: least squares
             wanted = float(np.interp(mean, *self._inverse))
         command = min(max(wanted, 0.0), self.highest)

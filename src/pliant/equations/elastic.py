@@ -5,37 +5,60 @@ from __future__ import annotations
 LEAST_STRETCH = 0.05  # of a segment: pressed further, it is none
 
 
-def spring_torque(K, K2, K3, q, bend):
-    """Torque of a joint's spring, N m, on numbers or arrays: K q + K2 bend^2 + K3 bend^3.
+TERMS = 2  # of a spring's torque beyond the linear one: the rows of `symbols.Joints.hardening`
+
+
+def spring_torque(i, joints, q, bend):
+    """Torque of the spring of joint i, N m, on numbers or arrays: K q + K2 bend^2 + K3 bend^3, as many as `TERMS` says.
 
     `q` [rad] is the joint's angle from where its spring holds nothing, `bend` [rad] the angle from the unloaded rest
     shape; the two differ where hysteresis moves the first. K2 = K s, K3 = K a make springs K q (1 + s q + a q^2), which
     soften (s < 0) and then stiffen (a > 0) with the angle; s = a = 0 is the paper's.
 
-    The law of the springs is written in this and the next three functions, and nowhere else.
+    The law of the springs is written in this and the next three functions, and nowhere else. On whole arrays i is a
+    slice of joints.
 
     Paper: Eq. (5) [eq:eom]
     """
-    return K * q + (K2 + K3 * bend) * bend * bend
+    more = joints.hardening[TERMS - 1, i]
+    for k in range(TERMS - 2, -1, -1):
+        more = more * bend + joints.hardening[k, i]
+    return joints.K[i] * q + more * bend * bend
 
 
-def spring_slope(K, K2, K3, bend):
-    """Slope d(torque)/d(angle) of a joint's spring, N m/rad: K + 2 K2 bend + 3 K3 bend^2."""
-    return K + (2.0 * K2 + 3.0 * K3 * bend) * bend
+def spring_slope(i, joints, bend):
+    """Slope d(torque)/d(angle) of the spring of joint i, N m/rad: K + 2 K2 bend + 3 K3 bend^2."""
+    more = (TERMS + 1.0) * joints.hardening[TERMS - 1, i]
+    for k in range(TERMS - 2, -1, -1):
+        more = more * bend + (k + 2.0) * joints.hardening[k, i]
+    return joints.K[i] + more * bend
 
 
-def spring_slope_between(K, K2, K3, bend, change):
+def spring_slope_between(i, joints, bend, change):
     """Slope of a spring in the linearised step, N m/rad: that at the middle `bend` and how it changes with it.
 
-    d/d(bend) of [torque + slope times half of `change`], both at `bend`.
+    d/d(bend) of [torque + slope times half of `change`], both at `bend`: the sum of K and
+    p K_p bend^(p-2) (bend + (p-1)/2 change) for p = 2, 3 ...
     """
     moved = bend + 0.5 * change
-    return K + 2.0 * K2 * moved + 3.0 * K3 * bend * (moved + 0.5 * change)
+    slope = joints.K[i] + 2.0 * joints.hardening[0, i] * moved
+    power = bend
+    for k in range(1, TERMS):
+        moved = moved + 0.5 * change
+        slope = slope + (k + 2.0) * joints.hardening[k, i] * power * moved
+        power = power * bend
+    return slope
 
 
-def spring_energy(K, K2, K3, q, bend):
-    """Energy of a joint's spring, J, 0 in the rest shape: K q^2 / 2 + K2 bend^3 / 3 + K3 bend^4 / 4."""
-    return 0.5 * K * q * q + (K2 * bend * bend * bend / 3.0 + 0.25 * K3 * bend * bend * bend * bend)
+def spring_energy(i, joints, q, bend):
+    """Energy of the spring of joint i, J, 0 in the rest shape: K q^2 / 2 + K2 bend^3 / 3 + K3 bend^4 / 4."""
+    more = 0.0 * bend
+    for k in range(TERMS):
+        term = joints.hardening[k, i] * bend * bend * bend
+        for _ in range(k):
+            term = term * bend
+        more = more + term / (k + 3.0)
+    return 0.5 * joints.K[i] * q * q + more
 
 
 def joint_torques(phi, w, joints, torque, ahead, t):
@@ -54,7 +77,7 @@ def joint_torques(phi, w, joints, torque, ahead, t):
         q = phi[i] - angle - joints.theta0[i]
         dq = w[i] - rate
         bend = phi[i] - angle - joints.unbent[i] + ahead * dq
-        spring = spring_torque(joints.K[i], joints.K2[i], joints.K3[i], q + ahead * dq, bend)
+        spring = spring_torque(i, joints, q + ahead * dq, bend)
         t[i] = torque[i] - spring - joints.D[i] * dq
         angle = phi[i]
         rate = w[i]
@@ -67,7 +90,7 @@ def joint_tangents(phi, w, joints, ahead, slope):
     rate = 0.0 * w[0]
     for i in range(len(joints.theta0)):
         bend = phi[i] - angle - joints.unbent[i] + ahead * (w[i] - rate)
-        slope[i] = spring_slope(joints.K[i], joints.K2[i], joints.K3[i], bend)
+        slope[i] = spring_slope(i, joints, bend)
         angle = phi[i]
         rate = w[i]
 
@@ -79,7 +102,7 @@ def tangent(i, phi, joints):
         angle = angle - phi[i - 1]
     else:
         angle = angle - joints.base_angle
-    return spring_slope(joints.K[i], joints.K2[i], joints.K3[i], angle)
+    return spring_slope(i, joints, angle)
 
 
 def bending_energy(phi, joints):
@@ -89,7 +112,7 @@ def bending_energy(phi, joints):
     for i in range(len(joints.theta0)):
         q = phi[i] - before - joints.theta0[i]
         bend = phi[i] - before - joints.unbent[i]
-        value = value + spring_energy(joints.K[i], joints.K2[i], joints.K3[i], q, bend)
+        value = value + spring_energy(i, joints, q, bend)
         before = phi[i]
     return value
 

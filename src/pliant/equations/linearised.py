@@ -105,7 +105,7 @@ def tridiagonal_terms(phi, w, h, joints, work, J):
             change = a[i]
             if i > 0:
                 change = change - a[i - 1]
-            spring = h * spring_slope_between(joints.K[i], joints.K2[i], joints.K3[i], bend, 0.5 * h * change)
+            spring = h * spring_slope_between(i, joints, bend, 0.5 * h * change)
             damper = h * (0.5 * spring + joints.D[i])
             J[2 * N + i, o + i] = J[2 * N + i, o + i] + h
             J[i, o + i] = J[i, o + i] - spring

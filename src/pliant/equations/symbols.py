@@ -62,9 +62,8 @@ class Joints(NamedTuple):
     theta0: np.ndarray  # (n,) rad, rest angle of each joint; theta0[0] is measured from the base tangent
     K: np.ndarray  # (n,) N m/rad
     D: np.ndarray  # (n,) N m s/rad
-    K2: np.ndarray  # (n,) N m/rad^2, of a spring that stiffens with its angle: K times the stiffening
-    unbent: np.ndarray  # (n,) rad, theta0, from which K2, K3 count also where memory moves a step's theta0
-    K3: np.ndarray  # (n,) N m/rad^3, of one that stiffens further out: K times the cubic stiffening
+    hardening: np.ndarray  # (terms, n) K2 [N m/rad^2], K3 [N m/rad^3] ... of springs that soften or stiffen: `elastic`
+    unbent: np.ndarray  # (n,) rad, theta0, from which these count also where memory moves a step's theta0
 
 
 class Memory(NamedTuple):

@@ -26,6 +26,7 @@ from pliant.estimation.workspace import make_observer_workspace
 from pliant.linear.linearisation import linearise
 from pliant.linear.sampled import hold
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.springs import stiffer_springs
 from pliant.model import Memory, Model, Valve, fixed_length
 from pliant.options import with_defaults
 from pliant.simulation import state
@@ -198,10 +199,7 @@ ESTIMATOR = EstimatorKind("observer", make, fixed_length=True)
 def frozen(model: Model, share: float = 1.0) -> Model:
     """The model without its memory, stiffer by a share of what the memory holds before anything creeps or slips."""
     stiffer = 1.0 + share * model.memory.instantaneous  # branches are straight: the springs bend as before
-    return model.with_(
-        stiffness=model.stiffness * stiffer, stiffening=model.stiffening / stiffer,
-        cubic_stiffening=model.cubic_stiffening / stiffer, memory=Memory(),
-    )
+    return model.with_(**stiffer_springs(model, stiffer), memory=Memory())
 
 
 def without_valves(model: Model) -> Model:

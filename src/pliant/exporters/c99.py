@@ -18,7 +18,7 @@ import numpy as np
 
 from pliant.compiler.c import cosine_and_sine
 from pliant.errors import InputError, shown
-from pliant.exporters.c_functions import Text, parameters
+from pliant.exporters.c_functions import DERIVED, Text, parameters
 from pliant.exporters.features import ALL
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Told
@@ -49,7 +49,7 @@ def defaults(text: Text) -> str:
     """The numbers of the model."""
     w = text.writer()
     for field, value in parameters(text.model).items():
-        if field not in ("B", "I", "h", "K2", "K3", "dead_time"):
+        if field not in (*DERIVED, "dead_time"):
             for index in np.ndindex(*value.shape):
                 w.say(f"p->{field}{''.join(f'[{i}]' for i in index)} = {w.number(float(value[index]))};")
     w.say(f"{text.prefix}_update(p);")
@@ -129,7 +129,7 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
     if queue:
         rows += [f"{kind} queue[{queue}][{C}]; /* Pa, commands on their way */", "int next; /* place of the next */"]
     units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s", "B": "derived", "I": "derived", "h": "derived",
-             "K2": "derived", "K3": "derived", "torque": "N m/Pa^k", "joint_gain": "1",
+             "hardening": "derived", "torque": "N m/Pa^k", "joint_gain": "1",
              "boucwen": "1, 1/rad^n, 1/rad^n, 1"}  # fmt: skip
     known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}
     held = [

@@ -11,12 +11,14 @@ from pliant.compiler.c_values import Real, cells
 from pliant.equations import energy, inertia, motion, symbols
 from pliant.mechanics import mechanics_of, planar
 from pliant.model import Model
+from pliant.model.spring import SPRING_TERMS
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation import march_loops, state
 from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
+DERIVED = ("B", "I", "h", "hardening")  # of the parameters, what `update` works out of the others
 LIMITS = {"AGREE": 2e-6}  # rad, what single precision can agree to; see `equations.memory`
 
 
@@ -36,8 +38,7 @@ def parameters(model: Model) -> dict[str, Array]:
     lags = np.array([lag_of(c.valve) for c in model.chambers])
     held: dict[str, Any] = {
         "link_length": model.link_length, "link_mass": model.link_mass, "tip_mass": model.tip_mass,
-        "stiffness": model.stiffness, "damping": model.damping, "stiffening": model.stiffening,
-        "cubic_stiffening": model.cubic_stiffening,
+        "stiffness": model.stiffness, "damping": model.damping, **{t: getattr(model, t) for t in SPRING_TERMS},
         "rest_angle": model.rest_angle, "base_length": model.base_length, "base_angle": model.base_angle,
         "gravity": model.gravity, "torque": actuation.law, "joint_gain": actuation.gain, "valve": lags,
         "rubber": actuation.rubber, "creep_share": memory.creep_share, "creep_time": memory.creep_time,
@@ -46,7 +47,7 @@ def parameters(model: Model) -> dict[str, Array]:
         "dead_time": np.array([c.valve.dead_time for c in model.chambers]),
     }
     body = mechanics_of(model).body
-    derived = {"B": body.B, "I": body.I, "h": body.h, "K2": np.zeros(n), "K3": np.zeros(n)}
+    derived = {"B": body.B, "I": body.I, "h": body.h, "hardening": np.zeros((len(SPRING_TERMS), n))}
     return {k: np.asarray(v, dtype=float) for k, v in (held | derived).items() if np.size(v)}
 
 
@@ -68,8 +69,7 @@ def names(model: Model) -> Names:
     gravity = of("gravity")
     gx: Any = Real(f"({'-' if model.bend_sign < 0 else ''}{gravity[0]})")
     joints = symbols.Joints(
-        of("base_angle"), of("rest_angle"), of("stiffness"), of("damping"), of("K2"), of("rest_angle"),
-        of("K3"),
+        of("base_angle"), of("rest_angle"), of("stiffness"), of("damping"), of("hardening"), of("rest_angle"),
     )
     law = model.memory.law()
     boucwen = [of("boucwen")[i] if law.boucwen_share else v for i, v in enumerate(law[4:])]
@@ -162,8 +162,8 @@ class Text:
             w.say(f"{centre[k]} = {w.number(0.5 if rod else 1.0)} * {l[k]};")
             inertia_of = f"{m[k]} * {l[k]} * {l[k]} / {w.number(12.0)}" if rod else w.number(0.0)
             w.say(f"p->I[{k}] = {inertia_of};")
-            w.say(f"p->K2[{k}] = p->stiffness[{k}] * p->stiffening[{k}];")
-            w.say(f"p->K3[{k}] = p->stiffness[{k}] * p->cubic_stiffening[{k}];")
+            for j, term in enumerate(SPRING_TERMS):
+                w.say(f"{self.given.joints.hardening[j, k]} = p->stiffness[{k}] * p->{term}[{k}];")
         w.call(inertia.body_constants, l, m, centre, Real("p->tip_mass"), self.given.body.B, self.given.body.h)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 

@@ -11,6 +11,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
 from pliant.model.model import DEFAULTS
+from pliant.model.spring import SPRING_TERMS
 from pliant.simulation.levels import typical_pressure
 
 
@@ -95,6 +96,14 @@ def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple
     return names
 
 
+def spring_term(name: str) -> Feature:
+    """One term of the springs beyond the linear one, of its field of `Model`."""
+    return Feature(
+        f"spring term {name}", when(f"spring term {name}", lambda m: getattr(m, name).any()),
+        lambda m: m.with_(**{name: [0.0]}), (f"Model.{name}",),
+    )
+
+
 FEATURES: dict[str, Feature] = {
     "springs": Feature(
         "springs and dampers", when("springs and dampers", lambda _: True), lambda m: m,
@@ -128,6 +137,9 @@ FEATURES: dict[str, Feature] = {
         when("softening springs", lambda m: m.stiffening.any() or m.cubic_stiffening.any()),
         lambda m: m.with_(stiffening=[0.0], cubic_stiffening=[0.0]), ("Model.stiffening", "Model.cubic_stiffening"),
     ),
+    **{  # terms that came later than the first two: a target that does not name them refuses them
+        term: spring_term(term) for term in tuple(SPRING_TERMS)[2:]
+    },
     "law": Feature(
         "torque law beyond a multiple", some("torque law of higher degree", curved), straight_law, ("Chamber.torque",)
     ),
@@ -188,6 +200,7 @@ EVERYWHERE = (  # fields that every target writes, or that name and gather other
 )
 KNOWN = frozenset(EVERYWHERE).union(*(feature.fields for feature in FEATURES.values()))
 ALL = frozenset(FEATURES)
+LATER_TERMS = frozenset(tuple(SPRING_TERMS)[2:])  # of the springs, see `SPRING_TERMS`
 RUBBER = frozenset({"swelling", "inflation"})
 MEMORY = frozenset({"creep", "slip", "boucwen"})
 

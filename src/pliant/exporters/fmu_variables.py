@@ -10,18 +10,20 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from pliant.exporters.c_functions import parameters
+from pliant.exporters.c_functions import DERIVED, parameters
 from pliant.exporters.names import with_identifiers
 from pliant.model import Model
+from pliant.model.spring import SPRING_TERMS
 from pliant.text import identifiers
 
-DERIVED = ("B", "I", "h", "K2", "K3", "dead_time")
+INSIDE = (*DERIVED, "dead_time")
 UNIT_OF = {  # of each parameter; of an array whose columns differ, one unit for each column
     "link_length": "m", "link_mass": "kg", "tip_mass": "kg", "stiffness": "N.m/rad", "damping": "N.m.s/rad",
-    "stiffening": "1/rad", "cubic_stiffening": "1/rad2", "rest_angle": "rad", "base_length": "m", "base_angle": "rad",
+    "rest_angle": "rad", "base_length": "m", "base_angle": "rad",
     "gravity": "m/s2", "joint_gain": "", "valve": ("s", "s", "Pa/s", "Pa/s"), "rubber": ("", "s", "Pa", "s"),
     "creep_share": "", "creep_time": "s", "slip_share": "", "slip_angle": "rad",
     "boucwen": ("", "1/rad^n", "1/rad^n", ""),
+    **{name: term.unit.replace("^", "") for name, term in SPRING_TERMS.items()},
 }
 BASE = {  # exponents of kg, m, s and rad
     "m": (0, 1, 0, 0), "kg": (1, 0, 0, 0), "s": (0, 0, 1, 0), "rad": (0, 0, 0, 1), "Pa": (1, -1, -2, 0),
@@ -47,7 +49,7 @@ def variables(model: Model, pressure: float) -> list[Variable]:
         *(f"q_{i + 1}" for i in range(model.n)),
         *(f"{kind}_energy" for kind in ("kinetic", "elastic", "gravitational")),
     ]
-    held = [name for name in parameters(model) if name not in DERIVED]
+    held = [name for name in parameters(model) if name not in INSIDE]
     chambers = list(identifiers(chambers, ["time", *scalars, *held]))
     behind = list(identifiers([f"{name}_behind_valve" for name in chambers], ["time", *chambers, *scalars, *held]))
     taken = ["time", *chambers, *behind, *scalars, *held]

@@ -16,18 +16,21 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
-from pliant.exporters.features import ALL, RUBBER
+from pliant.exporters.features import ALL, LATER_TERMS, RUBBER
 from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
+from pliant.mechanics.springs import springs_of
 from pliant.model import Chamber, Model
 from pliant.simulation.levels import typical_pressure
 from pliant.simulation.state import equilibrium
 from pliant.text import identifiers
 
-CAN = ALL - RUBBER - {"lengthening", "lagging_law", "two_lags", "second_order", "rates", "settling", "boucwen"}
+CAN = ALL - RUBBER - LATER_TERMS - {
+    "lengthening", "lagging_law", "two_lags", "second_order", "rates", "settling", "boucwen",
+}
 ARMATURE = 1e-7  # kg m^2, of a hidden hinge: MuJoCo moves nothing without inertia
 TINY = 1e-12  # kg m^2, of a mass that is a point in pliant
 DRY = {"solreffriction": "0.001 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # as hard as MuJoCo's friction gets
@@ -107,7 +110,7 @@ def link(parent: ET.Element, model: Model, i: int, prefix: str, size: float) -> 
     body = ET.SubElement(parent, "body", attrib={"name": f"{prefix}link_{i + 1}", **place})
     ET.SubElement(
         body, "joint", name=f"{prefix}q_{i + 1}", type="hinge", axis=axis, damping=number(model.damping[i]),
-        stiffness=number(*spring(K, model.stiffening[i], model.cubic_stiffening[i])),
+        stiffness=number(*np.trim_zeros(springs_of(model).powers[:, i], "b")),
     )
     mass, centre, inertia = link_inertia(model, i)
     across = max(min(0.5 * mass * size**2, 2.0 * inertia), TINY)
@@ -117,13 +120,6 @@ def link(parent: ET.Element, model: Model, i: int, prefix: str, size: float) -> 
     capsule(body, f"{prefix}skin_{i + 1}", float(model.link_length[i]), size)
     sites(body, model, i, prefix)
     return body
-
-
-def spring(K: float, s: float, a: float) -> tuple[float, ...]:
-    """Coefficients of q, q^2, q^3 of a joint's torque, as many as are not zero."""
-    if a:
-        return K, K * s, K * a
-    return (K, K * s) if s else (K,)
 
 
 def branches(model: Model) -> list[Branch]:

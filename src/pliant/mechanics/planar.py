@@ -81,10 +81,10 @@ class PlanarChain(Mechanics):
     def joints(self) -> Joints:
         model = self.model
         axial = np.reshape([(e.stiffness, e.damping) for e in model.extensions], (-1, 2)).T * model.segment_length
-        _, K2, K3 = springs.coefficients(model)
         K, D = np.append(model.stiffness, axial[0]), np.append(model.damping, axial[1])
+        hardening = springs.springs_of(model).hardening
         # copies: kernels are compiled anew for each mixture of arrays that may and may not be written to
-        return Joints(model.base_angle, np.array(model.rest_angle), K, D, K2, np.array(model.rest_angle), K3)
+        return Joints(model.base_angle, np.array(model.rest_angle), K, D, hardening, np.array(model.rest_angle))
 
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
         return workspace(self.n, self.segments, kind)
@@ -313,8 +313,7 @@ class PlanarChain(Mechanics):
     def _springs(self, q: Array) -> tuple[Array, Array]:
         """Torques and slopes (N,) of all springs by joint coordinates."""
         n, joints, bent = self.n, self.joints, q[: self.n]
-        law = joints.K[:n], joints.K2, joints.K3
-        held, slope = spring_torque(*law, bent, bent), spring_slope(*law, bent)
+        held, slope = spring_torque(slice(0, n), joints, bent, bent), spring_slope(slice(0, n), joints, bent)
         return np.append(held, joints.K[n:] * q[n:]), np.append(slope, joints.K[n:])
 
     def linear_parts(self, q: Array) -> tuple[Array, Array]:

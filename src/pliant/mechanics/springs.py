@@ -1,33 +1,109 @@
-"""The springs of a model on whole arrays: slopes, the angle under a torque, and where a softening spring holds no more.
+"""The springs of joints on whole arrays: torques, slopes, the angle under a torque, and where a softening spring ends.
 
-The law itself is `equations.elastic.spring_torque`; here stand its inverse and its limits.
+The law itself is `equations.elastic.spring_torque`; its terms are those of `model.spring.SPRING_TERMS`. Here are its
+inverse and its limits.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
 import numpy as np
 
-from pliant.equations.elastic import spring_slope, spring_torque
+from pliant.equations.elastic import TERMS, spring_slope, spring_torque
 from pliant.errors import SimulationError
 from pliant.model import Model
+from pliant.model.spring import SPRING_TERMS
 
 Array = np.ndarray
+EVERY = slice(None)  # joint
 
 
-def coefficients(model: Model) -> tuple[Array, Array, Array]:
-    """Return K [N m/rad], K2 [N m/rad^2] and K3 [N m/rad^3] (n,) of the joints' springs."""
-    K = model.stiffness
-    return K, K * model.stiffening, K * model.cubic_stiffening
+class Springs:
+    """The springs of n joints; behind the joints may stand the samples of a batch.
+
+    Attributes
+    ----------
+    K : array (n, ...)
+        N m/rad.
+    terms : array (terms, n, ...)
+        Coefficients of the other terms in parts of K, 1/rad, 1/rad^2 ...
+    """
+
+    def __init__(self, K: Array, terms: Array) -> None:
+        self.K, self.terms = K, terms
+
+    @cached_property
+    def hardening(self) -> Array:
+        """Coefficients (terms, n, ...) of the other terms, N m/rad^2 ...; see `symbols.Joints`."""
+        return np.asarray(self.K * self.terms)
+
+    @property
+    def powers(self) -> Array:
+        """Coefficients (terms + 1, n, ...) of q, q^2 ... in the torque, N m/rad ..."""
+        return np.concatenate([self.K[None], self.hardening])
+
+    def torque(self, q: Array) -> Array:
+        """Return the torques of the springs at joint angles q, N m."""
+        return np.asarray(spring_torque(EVERY, self, q, q))
+
+    def slope(self, q: Array) -> Array:
+        """Return their slopes, N m/rad."""
+        return np.asarray(spring_slope(EVERY, self, q))
+
+    def towards(self, sign: Array) -> Springs:
+        """Return springs of K = 1 whose positive angles are those on the side of `sign` (n, ...)."""
+        turned = np.stack([term * sign**k for k, term in enumerate(self.terms, 1)])
+        return Springs(np.ones_like(self.K), turned)
+
+    def turn(self) -> Array:
+        """Return the smallest positive angles at which the slope falls to 0, infinite where it never does."""
+        s, a = self.terms  # roots of 1 + 2 s q + 3 a q^2
+        inside = s * s - 3.0 * a
+        inverse = np.where(inside > 0, np.sqrt(np.maximum(inside, 0.0)) - s, 0.0)
+        with np.errstate(divide="ignore"):
+            return np.where(inverse > 0, 1.0 / inverse, np.inf)
+
+    def most(self, torque: Array) -> Array:
+        """Return the sizes of the largest torques that the springs hold on the side of `torque`, N m."""
+        unit = self.towards(np.sign(torque))
+        turn = unit.turn()
+        at = np.where(np.isfinite(turn), turn, 0.0)
+        return np.asarray(self.K * np.where(np.isfinite(turn), unit.torque(at), np.inf))
+
+    def bend(self, torque: Array) -> Array:
+        """Return the joint angles at which the springs hold a torque, from 0 on without a turn; NaN where none does."""
+        x = np.asarray(torque / self.K)
+        if not self.terms[1:].any():
+            root = 1.0 + 4.0 * self.terms[0] * x
+            with np.errstate(invalid="ignore"):
+                return np.where(root > 0, x * (2.0 / (1.0 + np.sqrt(root))), np.nan)
+        size, unit = np.abs(x), self.towards(np.sign(x))
+        turn = unit.turn()
+        low, high = np.zeros_like(x), np.minimum(turn, size)
+        while (short := (unit.torque(high) < size) & (high < turn)).any():
+            high = np.where(short, np.minimum(turn, 2.0 * high), high)
+        held = unit.torque(high) >= size
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            below = unit.torque(middle) < size
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        return np.where(held, np.sign(x) * 0.5 * (low + high), np.nan)
 
 
-def torques(model: Model, q: Array) -> Array:
-    """Return the torques (..., n) of the springs at joint angles (..., n), N m."""
-    return np.asarray(spring_torque(*coefficients(model), q, q))
+def springs_of(source: Model | Mapping[str, Any]) -> Springs:
+    """Return the springs of a model, or of the values of its fields, which may be arrays of samples."""
+    values = vars(source) if isinstance(source, Model) else source
+    K = values["stiffness"]
+    return Springs(K, np.reshape([values[name] for name in SPRING_TERMS], (TERMS, *np.shape(K))))
 
 
-def slopes(model: Model, q: Array) -> Array:
-    """Return the slopes (..., n) of the springs at joint angles (..., n), N m/rad."""
-    return np.asarray(spring_slope(*coefficients(model), q))
+def stiffer_springs(model: Model, factor: Any) -> dict[str, Array]:
+    """Return the fields of a model whose linear terms are `factor` (n,) times as stiff, and whose others stay."""
+    terms = {name: getattr(model, name) / factor for name in SPRING_TERMS}
+    return {"stiffness": model.stiffness * factor, **terms}
 
 
 def angle_under(model: Model, torque: Array) -> Array:
@@ -38,55 +114,27 @@ def angle_under(model: Model, torque: Array) -> Array:
     SimulationError
         When softening springs cannot hold it.
     """
-    x = np.asarray(torque / model.stiffness)
-    q = bend(x, model.stiffening, model.cubic_stiffening)
+    springs = springs_of(model)
+    q = springs.bend(torque)
     if not np.isfinite(q).all():
         i = int(np.argmin(np.isfinite(q)))
-        most = model.stiffness[i] * softest_bend(x, model.stiffening, model.cubic_stiffening)[1][i]
         raise SimulationError(
             f"the spring of joint {i + 1}, which softens with its angle, holds at most "
-            f"{np.copysign(most, torque[i]):.4g} N m, but {torque[i]:.4g} N m bend it: lower the "
+            f"{np.copysign(springs.most(torque)[i], torque[i]):.4g} N m, but {torque[i]:.4g} N m bend it: lower the "
             "pressure or the size of the stiffening"
         )
     return q
 
 
-def bend(x: Array, s: Array, a: Array) -> Array:
-    """Return q, from 0 on without a turn, of q (1 + s q + a q^2) = x; not a number where there is none."""
-    root = 1.0 + 4.0 * s * x
-    with np.errstate(invalid="ignore"):
-        q = np.where(root > 0, x * (2.0 / (1.0 + np.sqrt(root))), np.nan)
-    if not np.any(a):
-        return q
-    turn, most = softest_bend(x, s, a)
-    size, s = np.abs(x), np.sign(x) * s
-    low, high = np.zeros_like(q), np.minimum(turn, 4.0 * size)  # a spring that never softens to nothing: x > q/4
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        below = spring_torque(1.0, s, a, middle, middle) < size
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return np.where(size < most, np.sign(x) * 0.5 * (low + high), np.nan)
-
-
-def softest_bend(x: Array, s: Array, a: Array) -> tuple[Array, Array]:
-    """Return the size of q at which the slope 1 + 2 s q + 3 a q^2 falls to 0 on the side of x, and that of x there."""
-    s = np.sign(x) * s
-    inside = s * s - 3.0 * a
-    inverse = np.where(inside > 0, np.sqrt(np.maximum(inside, 0.0)) - s, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        q = np.where(inverse > 0, 1.0 / inverse, np.inf)
-        most = np.where(inverse > 0, spring_torque(1.0, s, a, q, q), np.inf)
-    return q, most
-
-
 def softened(model: Model, q: Array, least: float = 0.0) -> str:
     """Return a sentence on the first spring whose slope at q (n,) falls to a fraction `least` of K, or ''."""
-    lost = np.flatnonzero(slopes(model, q) <= least * model.stiffness)
+    lost = np.flatnonzero(springs_of(model).slope(q) <= least * model.stiffness)
     if not lost.size:
         return ""
     i = int(lost[0])
-    cubic = f"and {model.cubic_stiffening[i]:.4g} 1/rad^2 " if model.cubic_stiffening[i] else ""
+    sizes = [(getattr(model, name)[i], term.unit) for name, term in SPRING_TERMS.items()]
+    described = " and ".join(f"{size:.4g} {unit}" for k, (size, unit) in enumerate(sizes) if size or not k)
     return (
         f"the spring of joint {i + 1} has softened to nothing at {q[i]:.4g} rad, beyond what the stiffening of "
-        f"{model.stiffening[i]:.4g} 1/rad {cubic}describes: lower the pressure or the size of the stiffening"
+        f"{described} describes: lower the pressure or the size of the stiffening"
     )

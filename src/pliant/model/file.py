@@ -17,6 +17,7 @@ from pliant.model.chamber import Chamber
 from pliant.model.extension import Extension
 from pliant.model.memory import Memory
 from pliant.model.model import Model
+from pliant.model.spring import SPRING_TERMS
 from pliant.model.station import Station
 from pliant.model.valve import Valve
 
@@ -26,8 +27,8 @@ UNITS = {
     "link_length": "m", "rest_angle": "rad", "link_mass": "kg", "stiffness": "N m/rad", "damping": "N m s/rad",
     "torque": "N m/Pa^k", "tip_mass": "kg", "base_length": "m", "base_angle": "rad", "gravity": "m/s^2",
     "valve": "s, Hz", "valve rates": "Pa/s", "stations": "m", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
-    "inflation_limit": "Pa", "inflation_time": "s", "stiffening": "1/rad", "axial_gain": "1/m",
-    "extensions": "N, N s, m", "cubic_stiffening": "1/rad^2",
+    "inflation_limit": "Pa", "inflation_time": "s", "axial_gain": "1/m",
+    "extensions": "N, N s, m", **{name: term.unit for name, term in SPRING_TERMS.items()},
 }
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from pliant.errors import InputError
+from pliant.model.spring import SPRING_TERMS
 
 MOST_LINKS = 128  # beyond, compiling and stepping take minutes, and a chain is no reduced model
 MOST_TERMS = 16  # of the torque law, and branches of each kind of memory
@@ -31,8 +32,7 @@ LIMITS = {
     "base_length": Limit(0.0, 1e3, "m"),
     "stiffness": Limit(1e-12, 1e9, "N m/rad"),
     "damping": Limit(0.0, 1e9, "N m s/rad"),
-    "stiffening": Limit(0.0, 1e6, "1/rad"),
-    "cubic_stiffening": Limit(0.0, 1e9, "1/rad^2"),
+    **{name: Limit(0.0, term.most, term.unit) for name, term in SPRING_TERMS.items()},
     "rest_angle": Limit(0.0, 1e3, "rad"),
     "base_angle": Limit(0.0, 1e3, "rad"),
     "joint_gain": Limit(0.0, 1e6, ""),

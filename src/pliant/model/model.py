@@ -17,12 +17,13 @@ from pliant.model.extension import Extension, extensions_of, joints_inside, shar
 from pliant.model.limits import MOST_LINKS
 from pliant.model.memory import Memory
 from pliant.model.physical import check_physical
+from pliant.model.spring import SPRING_TERMS
 from pliant.model.station import Station, stations_of
 from pliant.model.summary import model_card
 from pliant.model.valve import Valve
 
 Array = np.ndarray
-PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", "stiffening", "cubic_stiffening")
+PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", *SPRING_TERMS)
 ARRAYS = (*PER_LINK, "gravity")
 SCALARS = ("tip_mass", "base_length", "base_angle")
 
@@ -52,7 +53,7 @@ class Values(ChamberValues, total=False):
 
 
 DEFAULTS: dict[str, Any] = {
-    "rest_angle": 0.0, "stiffening": 0.0, "cubic_stiffening": 0.0, "mass_at": "rod", "tip_mass": 0.0,
+    "rest_angle": 0.0, **dict.fromkeys(SPRING_TERMS, 0.0), "mass_at": "rod", "tip_mass": 0.0,
     "base_length": 0.0, "base_angle": 0.0, "gravity": (0.0, 0.0), "bend_sign": 1, "memory": Memory(), "extensions": (),
     "stations": (), "name": "model", "source": {},
 }

@@ -10,6 +10,7 @@ from pliant.errors import InputError
 from pliant.model.checks import check_numbers
 from pliant.model.extension import check_extensions
 from pliant.model.limits import LIMITS, MOST_STATIONS, check_limit
+from pliant.model.spring import SPRING_TERMS
 
 if TYPE_CHECKING:
     from pliant.model.model import Model
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 LIGHTEST = LIMITS["link_mass"].least
 POSITIVE = ("link_length", "stiffness")
 NOT_NEGATIVE = ("link_mass", "damping", "tip_mass", "base_length")
-OF_ANY_SIGN = ("rest_angle", "stiffening", "cubic_stiffening", "gravity", "base_angle")
+OF_ANY_SIGN = ("rest_angle", *SPRING_TERMS, "gravity", "base_angle")
 
 
 def check_physical(model: Model, given: Collection[str]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from pliant.display import Card
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
+from pliant.model.spring import SPRING_TERMS, in_words
 
 if TYPE_CHECKING:
     from pliant.model.model import Model
@@ -33,13 +34,12 @@ def sentences(model: Model) -> list[str]:
     said[0] += f", bending {'-x' if model.bend_sign > 0 else '+x'}"
     section = " to ".join(dict.fromkeys(f"{f(bending_stiffness(model)):.3g}" for f in (np.min, np.max)))
     said.append(f"bending stiffness EI = K l: {section} N m^2, {PLACEMENT[joint_placement(model)]}")
-    if model.stiffening.any() or model.cubic_stiffening.any():
-        sizes = ", ".join(f"{s:.3g}" for s in np.unique(model.stiffening))
-        law, more = "1 + s q", ""
-        if model.cubic_stiffening.any():
-            law = "1 + s q + a q^2"
-            more = "; a in 1/rad^2: " + ", ".join(f"{a:.3g}" for a in np.unique(model.cubic_stiffening))
-        said.insert(1, f"springs K q ({law}), s in 1/rad: {sizes}{more}")
+    if used := [k for k, name in enumerate(SPRING_TERMS, 1) if getattr(model, name).any()]:
+        sizes = (
+            f"{term.letter} in {term.unit}: {', '.join(f'{c:.3g}' for c in np.unique(getattr(model, name)))}"
+            for name, term in list(SPRING_TERMS.items())[: used[-1]]
+        )
+        said.insert(1, f"springs {in_words(used[-1])}, {'; '.join(sizes)}")
     for e, length in zip(model.extensions, model.segment_length, strict=True):
         damper = f", {e.damping:.4g} N s" if e.damping else ""
         said.append(f"segment {e.name!r} of {1e3 * length:.4g} mm lengthens: EA {e.stiffness:.4g} N{damper}")

@@ -16,7 +16,8 @@ from pliant.compiler.choose import twin
 from pliant.equations import energy, symbols
 from pliant.equations.chamber import secant, share_out, slow_rates, torque_now
 from pliant.errors import InputError, SimulationError
-from pliant.mechanics import mechanics_of, springs
+from pliant.mechanics import mechanics_of
+from pliant.mechanics.springs import springs_of
 from pliant.model import Model, Valve
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation.drive import inputs_of, merge
@@ -100,11 +101,12 @@ def tolerances(at: Layout, rtol: float) -> Array:
 
 def softest(model: Model) -> Callable[[float, Array], float] | None:
     """What stops a solver where a spring has softened to nothing: beyond, the motion may run away in finite time."""
-    if not (model.stiffening.any() or model.cubic_stiffening.any()):
+    springs = springs_of(model)
+    if not springs.hardening.any():
         return None
 
     def least(_t: float, y: Array) -> float:
-        return float((springs.slopes(model, mechanics_of(model).joint_angles(y[: model.n])) / model.stiffness).min())
+        return float((springs.slope(mechanics_of(model).joint_angles(y[: model.n])) / springs.K).min())
 
     least.terminal = True  # type: ignore[attr-defined]  # SciPy's way
     return least
