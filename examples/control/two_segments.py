@@ -15,7 +15,7 @@ import numpy as np
 
 import pliant
 from pliant.control import TaskFile
-from pliant.loop.model_plant import ModelPlant
+from pliant.control.model_plant import ModelPlant
 from pliant.loop.task import Done, run_task
 
 PERIOD = 4e-3  # s

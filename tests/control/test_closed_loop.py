@@ -10,10 +10,10 @@ import pytest
 from pliant.actuators import chen2018
 from pliant.control import Limits, SupplyValve, Task, Tuning, design_lqr, equilibria, prepare_control
 from pliant.control.lqr import with_integral
+from pliant.control.model_plant import ModelPlant
 from pliant.linear import linearise
 from pliant.linear.sampled import loop_curve, sample
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
-from pliant.loop.model_plant import ModelPlant
 from pliant.model import load_model
 from pliant.testbed.plant import Plant
 

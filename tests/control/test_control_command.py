@@ -70,9 +70,13 @@ def test_another_estimator_by_its_name(tmp_path, capsys, estimator, bound):
         "duration_s = 0.4\nplanned = false\n[[setpoint]]\ntime_s = 0.0\ndisplacement_mm = 10.0\n"
     )
     control(model=MODEL, task=tmp_path / "t.toml", plant="testbed:a", output=tmp_path / "out", estimator=estimator)
-    assert "fault: none" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "fault: none" in said
     table = read_log(tmp_path / "out" / "log.csv")
     assert abs(table["error_m"].iloc[-20:].mean()) < bound
+    for text in (said, (tmp_path / "out" / "report.md").read_text(), *table.attrs["remarks"]):
+        assert "gain margin" in text
+        assert "rehearsed on the model within 0 ... 190 kPa: set-points settle after" in text
 
 
 def test_an_estimator_that_is_none(tmp_path):

@@ -100,12 +100,12 @@ def test_the_observer_is_its_formula(body):
         if k:
             by = F @ by + G[:, 0] * body.torque_at(pressure)
             variance += 0.02**2 * PERIOD
-            joints = body.joints()._replace(theta0=body.rest_angle + own)
+            joints = mechanics_of(body).joints._replace(theta0=body.rest_angle + own)
             for _ in range(2):
                 made = advance(2e-3, Interval(*[pressure] * 4), chamber._replace(law=now), slow)
                 past = Past(law, memory, state.held(body.with_(rest_angle=joints.theta0)))
                 step_with_memory(
-                    phi, w, 2e-3, made * body.joint_gain, body.body(), joints, past, planar.workspace(n)
+                    phi, w, 2e-3, made * body.joint_gain, mechanics_of(body).body, joints, past, planar.workspace(n)
                 )
         nu = seen - phi
         weight = precision @ by[:n]

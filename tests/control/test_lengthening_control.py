@@ -19,11 +19,11 @@ from pliant.control import (
     read_task,
     steady_inputs,
 )
+from pliant.control.model_plant import ModelPlant
 from pliant.errors import InputError
 from pliant.estimation import Frame, KalmanFilter, State, rows_of
 from pliant.estimation.link_tips import rested
 from pliant.loop import Bounds, ControlLoop, LoopLog, VirtualActuator, VirtualClock, Watchdog, log_columns
-from pliant.loop.model_plant import ModelPlant
 from pliant.loop.task import run_task
 from pliant.model import Chamber, Extension, Valve, chain_model
 

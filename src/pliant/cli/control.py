@@ -26,6 +26,10 @@ MEANING = {
     "frames_lost": "shapes with missing points", "frames_late": "older than one before",
     "fault_time_s": "0 where there was none", "controller_faults": "periods that followed an earlier plan",
     "commands_at_a_limit": "of pressure or its rate",
+    "rehearsed_settling_s": "on the model within the limits, the slowest set-point",
+    "rehearsed_error_mm": "on the model, at the end of the task, held",
+    "rehearsed_recovery_s": "on the model, after a disturbance as large as the largest displacement",
+    "effort_weight": "of the design, raised until the rehearsed loop settles",
 }
 
 
@@ -89,8 +93,8 @@ def control(
         say(dumps({"plant": plant, "folder": str(output), **reached(done), **done.summary,
                           "settling_s": settling(done)}, default=float))
         return
-    say("\n".join([f"stability margins of {plant} by pressure, full state known:", str(done.prepared.design),
-                          *unmodelled(done)]))
+    say("\n".join([f"stability margins of {plant} by pressure, full state known, no limits:",
+                   str(done.prepared.design), *unmodelled(done), str(done.prepared.rehearsal)]))
     print_numbers(reached(done), as_json=False, title="what was reached", meaning=MEANING)
     say(f"log, report and figures: {output}")
 
@@ -161,8 +165,9 @@ def unmodelled(done: Done) -> list[str]:
 
 def report(plant: str, done: Done) -> str:
     """What was reached, in Markdown."""
-    lines = [f"# Control of {plant}", "", "Stability margins by pressure, full state known:", ""]
-    lines += ["```", str(done.prepared.design), "```", "", *unmodelled(done), ""]
+    lines = [f"# Control of {plant}", "", "Stability margins by pressure, full state known, no limits:", ""]
+    lines += ["```", str(done.prepared.design), "```", "", *unmodelled(done), "",
+              *(f"{line}  " for line in str(done.prepared.rehearsal).splitlines()), ""]
     lines += ["| | value | unit | |", "|---|---|---|---|"]
     for name, value in reached(done).items():
         words, unit = quantity(name)

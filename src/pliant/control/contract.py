@@ -130,6 +130,8 @@ class ControllerKind:
         Controller of a Plan.
     follows : bool
         Whether it follows a trajectory that was planned ahead.
+    tunable : bool
+        Whether the weights of the task's `Tuning` change it.
     outputs : callable, optional
         Controller of an OutputDesign, Task and Limits: of a body of several chambers; without it the body has one.
     """
@@ -137,4 +139,5 @@ class ControllerKind:
     name: str
     make: Callable[[Plan], Controller]
     follows: bool = True
+    tunable: bool = True
     outputs: Callable[[OutputDesign, Task, Limits], Controller] | None = None

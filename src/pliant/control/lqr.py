@@ -7,6 +7,7 @@ would set a bound to the damping, and not the first joint, whose zeros lie in th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from pliant.control.symbols import (
 from pliant.errors import InputError
 from pliant.estimation.contract import State
 from pliant.linear.linearisation import LinearModel, linearise
-from pliant.linear.sampled import KILO, Margins, Sampled, loop_curve, margins, sample
+from pliant.linear.sampled import KILO, Margins, Sampled, least_margins, loop_curve, margins, sample
 from pliant.model import Model
 
 Array = np.ndarray
@@ -72,8 +73,8 @@ class LqrDesign:
         Pa
     gain : array (G, N)
         Of the state (angles, rates, valve, commands on their way, integral of the tip's error), Pa per SI unit.
-    margins : tuple of Margins
-        At each pressure, of the loop cut at the command, with the full state known.
+    plant : tuple of Sampled
+        At each pressure, the sampled model that the gain was designed for.
     slowest : array (G,)
         Largest magnitude of a closed-loop pole at each pressure, below 1.
     """
@@ -82,12 +83,23 @@ class LqrDesign:
     equilibria: Equilibria
     pressure: Array
     gain: Array
-    margins: tuple[Margins, ...]
+    plant: tuple[Sampled, ...]
     slowest: Array
     period: float
     latency: float
     waiting: int
     tuning: Tuning
+
+    @cached_property
+    def margins(self) -> tuple[Margins, ...]:
+        """At each pressure, of the loop cut at the command, with the full state known."""
+        rows = zip(self.plant, self.gain, strict=True)
+        return tuple(margins(loop_curve(plant, gain, self.period)) for plant, gain in rows)
+
+    @property
+    def least_margins(self) -> Margins:
+        """The smallest of each margin."""
+        return least_margins(self.margins)
 
     def __str__(self) -> str:
         rows = (f"{p * 1e-3:6.1f} kPa: {m}" for p, m in zip(self.pressure, self.margins, strict=True))
@@ -138,17 +150,17 @@ def design_lqr(
             "square: feedback has nothing to hold it with there; fit it with a linear term, torque_1"
         )
     pressures = np.linspace(0.0, highest, grid)
-    gains, found, slowest = [], [], []
+    gains, plants, slowest = [], [], []
     for p in pressures:
         linear = linearise(model, float(p))
         plant = with_integral(linear, sample(linear, period, latency), family.at(p)[2], period)
         K = riccati_gain(plant, tip_row(linear, family.at(p)[2], plant.A.shape[0]), linear, family.at(p)[2], tuning)
         gains.append(K)
-        found.append(margins(loop_curve(plant, K, period)))
+        plants.append(plant)
         slowest.append(np.abs(np.linalg.eigvals(plant.A - plant.B * K)).max())
     waiting = sum(sample(rest, period, latency).waiting)
     return LqrDesign(
-        model, family, pressures, np.array(gains), tuple(found), np.array(slowest), period, latency, waiting, tuning
+        model, family, pressures, np.array(gains), tuple(plants), np.array(slowest), period, latency, waiting, tuning
     )
 
 

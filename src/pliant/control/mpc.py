@@ -87,10 +87,10 @@ class Mpc(OutputLqr):
         J, C, stage = self.tuning.stages, self.chambers, max(1, round(self.tuning.stage / design.period))
         self.horizon = Horizon(design, stage, J)
         moves = design.path and len(design.at) > 1
-        self._speed, self._growth = (
+        self._speed, self._growth, self._turn = (
             np.gradient(rows, design.period, axis=0) if moves else 0.0 * rows
-            for rows in (design.wanted, design.pressure)
-        )  # of the outputs and the steady pressures, per second
+            for rows in (design.wanted, design.pressure, design.angle)
+        )  # of the outputs, the steady pressures and the angles, per second
         steps = np.kron(np.eye(J) - np.eye(J, k=-1), np.eye(C))  # from the command before to the first node, and on
         self._steep = np.repeat(self._reach * np.where(np.arange(J), stage, 1), C) / KILO
         if not np.isfinite(self._reach):
@@ -148,7 +148,7 @@ class Mpc(OutputLqr):
         design, scale, K = self.design, state.torque_scale, self.horizon.periods
         rows = design.periods(now.k, K + 1) if design.path else np.full(K + 1, now.k)
         after = self._after(now.k)
-        y, dy, speed, turn = self._outputs(rows[1:], after[1:], ahead)
+        y, dy, speed, turn = self._outputs(rows[1:], after[1:], ahead, moves=self._moves(now.k))
         z, dz = self._integrals(now, y, dy)
         gains = design.gains[design.at[rows[0]]]
         worth = np.sqrt(np.diag(gains.R))  # of each command, per kPa
@@ -177,9 +177,15 @@ class Mpc(OutputLqr):
         """
         known = len(self.design.at) - 1
         beyond = np.arange(k, k + self.horizon.periods + 1) - known
-        return np.maximum(beyond, 0) * self.design.period * (self.design.path and k < known)
+        return np.maximum(beyond, 0) * self.design.period * self._moves(k)
 
-    def _outputs(self, rows: Array, after: Array, ahead: Ahead) -> tuple[Array, Array, Array, Array]:
+    def _moves(self, k: int) -> bool:
+        """Whether period k lies before the end of a path, which is held from then on."""
+        return self.design.path and k < len(self.design.at) - 1
+
+    def _outputs(
+        self, rows: Array, after: Array, ahead: Ahead, *, moves: bool
+    ) -> tuple[Array, Array, Array, Array]:
         """Errors (K, m) [m] and their derivatives (K, m, Z) [m/kPa], then those of their speeds [m/s]."""
         design, weight, n = self.design, self._weight, self.design.model.size
         value = output_values(design.model, ahead.position, design.outputs)
@@ -188,7 +194,7 @@ class Mpc(OutputLqr):
         each = weight[:, None]
         return (
             weight * (value - design.still - design.wanted[rows] - after[:, None] * self._speed[rows]),
-            KILO * each * (row @ by_x), weight * (speed - self._speed[rows]),
+            KILO * each * (row @ by_x), weight * (speed - moves * self._speed[rows]),
             KILO * each * (row_speed @ by_x + row @ by_v),
         )
 
@@ -210,7 +216,9 @@ class Mpc(OutputLqr):
         design, scale, (row, after) = self.design, state.torque_scale, when
         rest = self._rest(row, design.gains[design.at[row]], now.turn, now.more)
         rest += design.resting @ (after * self._growth[row]) / KILO
-        rest[: design.model.size] += after * design.rate[row]
+        n = design.model.size
+        rest[:n] += after * self._turn[row]
+        rest[n : 2 * n] = self._moves(now.k) * self._turn[row]
         pressures = scale * np.concatenate([ahead.valve, ahead.waiting]) / KILO
         full = np.concatenate([ahead.position[-1], ahead.rate[-1], pressures, integral[0]])
         by_pressure = scale * np.concatenate([ahead.valve_slope, ahead.waiting_slope])

@@ -18,7 +18,7 @@ from pliant.control.output_gains import Gains, loop_margins, regulator
 from pliant.control.steady_inputs import output_values, output_weights, steady_inputs
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
-from pliant.linear.sampled import KILO, periods_late
+from pliant.linear.sampled import KILO, Margins, least_margins, periods_late
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
@@ -46,8 +46,8 @@ class OutputDesign:
     wanted : array (K, m)
         Changes of the outputs from `still`.
     pressure, angle, rate : array (K, C), (K, n), (K, n)
-        Of the rest that is wanted, Pa and rad; how fast it turns, rad/s. Of a body that lengthens (K, n + S), strains
-        and their rates behind.
+        Of the rest that is wanted, Pa and rad; how fast it turns, rad/s, 0 in the last period, which is held. Of a body
+        that lengthens (K, n + S), strains and their rates behind.
     lead, ahead : array (K, C), (K + 1, N)
         Command beside the steady inputs, kPa, and slope of the cost of the state, both by what is wanted later.
     path : bool
@@ -110,12 +110,22 @@ class OutputDesign:
         out[n : 2 * n] -= self.rate[then]
         return np.asarray(out + self.resting @ (self.pressure[k] - self.pressure[then]) / KILO)
 
+    @cached_property
+    def margins(self) -> dict[int, tuple[Margins, ...]]:
+        """Of each chamber's loop, the others closed, at some of the rests, by their index in `gains`."""
+        some = np.unique(np.linspace(0, len(self.gains) - 1, SHOWN).round().astype(int))
+        return {int(k): loop_margins(self.gains[k], self.period) for k in some}
+
+    @property
+    def least_margins(self) -> Margins:
+        """The smallest of each margin."""
+        return least_margins(m for each in self.margins.values() for m in each)
+
     def __str__(self) -> str:
         rows = []
-        for k in np.unique(np.linspace(0, len(self.gains) - 1, SHOWN).round().astype(int)):
+        for k, each in self.margins.items():
             kilo = ", ".join(f"{p * 1e-3:.1f}" for p in self.gains[k].rest.pressure)
-            told = zip(self.model.chambers, loop_margins(self.gains[k], self.period), strict=True)
-            rows += [f"{kilo} kPa, {chamber.name}: {m}" for chamber, m in told]
+            rows += [f"{kilo} kPa, {chamber.name}: {m}" for chamber, m in zip(self.model.chambers, each, strict=True)]
         return "\n".join(rows)
 
 
@@ -166,6 +176,7 @@ def design_outputs(
     pressure = between(rows, knots, [gains[i].rest.pressure for i in index])
     angle = between(rows, knots, [gains[i].rest.linear.position for i in index])
     rate = np.gradient(angle, period, axis=0) if path and len(rows) > 1 else np.zeros_like(angle)
+    rate[-1] = 0.0  # the last row holds on
     lead, ahead = np.zeros_like(pressure), np.zeros((len(rows) + 1, gains[0].A.shape[0]))
     made = OutputDesign(
         model, outputs, still, period, latency, tuple(gains), index[np.searchsorted(knots, rows)], wanted, pressure,

@@ -8,12 +8,14 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from pliant.control.contract import Controller, Pipeline, Plan, Task
+from pliant.control.contract import Controller, ControllerKind, Pipeline, Plan, Task
 from pliant.control.limits import Limits
 from pliant.control.lqr import LqrDesign, design_lqr
 from pliant.control.output_design import OutputDesign, design_outputs
 from pliant.control.registry import controller_kind
+from pliant.control.rehearsal import Rehearsal, RehearsalSetting, limit_aware
 from pliant.control.setpoint import Course, SetPoint
+from pliant.control.steady_inputs import output_weights
 from pliant.control.trajectory import Planner, Trajectory
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
@@ -41,8 +43,10 @@ class Prepared:
     estimator : Estimator
     control : Controller
     design : LqrDesign or OutputDesign
-        Its margins are told by ``print``.
+        ``print`` shows its margins.
     trajectory : Trajectory or None
+    rehearsal : Rehearsal or None
+        How the loop behaves on the body's model within its limits; ``print`` shows it.
     """
 
     body: Model
@@ -51,6 +55,12 @@ class Prepared:
     control: Controller
     design: LqrDesign | OutputDesign
     trajectory: Trajectory | None
+    rehearsal: Rehearsal | None = None
+
+    @property
+    def summary(self) -> str:
+        """The least margins of the linear loop and the rehearsal within the limits, in one line."""
+        return "; ".join([f"without limits {self.design.least_margins}", *str(self.rehearsal or "").splitlines()])
 
     @property
     def pipeline(self) -> Pipeline:
@@ -74,7 +84,10 @@ def prepare_control(
     model: Model, arc_length: Array, frames: Array, task: Task, limits: Limits, period: float,
     **rig: Unpack[Rig],
 ) -> Prepared:
-    """Calibrate the rest, design the gains, plan the trajectory, make estimator and controller.
+    """Calibrate the rest, design the gains, plan the trajectory, make estimator and controller, and rehearse the loop.
+
+    The loop is rehearsed on the model of the body within its limits before it is returned: the task, its end held, and
+    a disturbance as large as the task's largest displacement. The effort weight is raised until it settles.
 
     Parameters
     ----------
@@ -105,8 +118,8 @@ def prepare_control(
     Raises
     ------
     InputError
-        When the task is out of reach, or the parts do not fit; and for a body that lengthens where the points do not
-        ride on it: a dense curve does not show how it does.
+        When the task is out of reach, the parts do not fit, or no effort weight lets the rehearsed loop settle; and for
+        a body that lengthens where the points do not ride on it: a dense curve does not show how it does.
     TypeError
         For an unknown keyword.
 
@@ -116,28 +129,73 @@ def prepare_control(
     >>> print(ready.design)  # doctest: +SKIP
     """
     known = with_defaults(prepare_control, rig, RIG)
-    late, supply = known["late"], known["supply"]
     seeing, law = estimator_kind(known["estimator"]), controller_kind(task.feedback)
     body, link_angles = calibration(model, arc_length, frames, seeing, rides=known["rides"])
-    each = supplies(body, supply)
-    body = behind_rig(body, each)
-    old = 0 if seeing.predicts else late  # a state that is predicted to the present is not late
-    setting = Setting(body, period, late)
-    design: LqrDesign | OutputDesign
-    trajectory = None
-    if len(body.chambers) > 1 or body.extensions:
-        if law.outputs is None:
-            raise InputError(f"the controller {law.name!r} takes one chamber and a fixed length: use lqr or mpc")
-        design = output_design(task, body, limits, (period, old * period), each)
-        control = law.outputs(design, task, limits)
-    else:
-        design = design_lqr(frozen(body), highest_of(task, limits), period, tuning=task.tuning, latency=old * period)
-        course = course_of(task, design, body, limits, each[0], planned=law.follows and task.planned)
-        control = law.make(Plan(task, body, design, limits, period, old, course, each[0]))
-        trajectory = course.trajectory
+    each = supplies(body, known["supply"])
     rest = frames[np.isfinite(frames).all(axis=(1, 2))][0]
-    warm_up(Pipeline(link_angles.frame, seeing.make(setting), control), rest, period)
-    return Prepared(body, link_angles, seeing.make(setting), control, design, trajectory)
+    setting = RehearsalSetting(behind_rig(body, each), arc_length, each, period, known["late"])
+    maker = Maker(link_angles, rest, seeing, law, limits, setting)
+    tuned, rehearsal = limit_aware(
+        lambda tuned: maker.make(tuned).pipeline, setting, task, limits, maker.weight(task), tunable=law.tunable
+    )
+    return replace(maker.make(tuned), rehearsal=rehearsal)
+
+
+class Maker:
+    """Makes estimator and controller of a body for tasks that differ in their tuning alone.
+
+    Parameters
+    ----------
+    link_angles : LinkAngles or LinkTips
+    rest : array (S, 2)
+        A shape at rest, m.
+    seeing : EstimatorKind
+    law : ControllerKind
+    limits : Limits
+    setting : RehearsalSetting
+    """
+
+    def __init__(
+        self, link_angles: LinkAngles | LinkTips, rest: Array, seeing: EstimatorKind, law: ControllerKind,
+        limits: Limits, setting: RehearsalSetting,
+    ) -> None:
+        self.link_angles, self.seeing, self.law, self.limits, self.setting = link_angles, seeing, law, limits, setting
+        self._rest, self._latency = rest, 0.0 if seeing.predicts else setting.late * setting.period
+        self.several = len(setting.body.chambers) > 1 or bool(setting.body.extensions)
+        if self.several and law.outputs is None:
+            raise InputError(f"the controller {law.name!r} takes one chamber and a fixed length: use lqr or mpc")
+        self._course: Course | None = None
+
+    def weight(self, task: Task) -> Array:
+        """Metres (m,) that a unit of each output of a task counts as."""
+        return output_weights(self.setting.body, task.outputs) if self.several else np.ones(1)
+
+    def make(self, task: Task) -> Prepared:
+        """Estimator and controller at their beginning, not rehearsed."""
+        body, period = self.setting.body, self.setting.period
+        design, control, trajectory = self._several(task) if self.several else self._one(task)
+        estimators = [self.seeing.make(Setting(body, period, self.setting.late)) for _ in range(2)]
+        warm_up(Pipeline(self.link_angles.frame, estimators[0], control), self._rest, period)
+        return Prepared(body, self.link_angles, estimators[1], control, design, trajectory)
+
+    def _several(self, task: Task) -> tuple[OutputDesign, Controller, None]:
+        setting = self.setting
+        design = output_design(task, setting.body, self.limits, (setting.period, self._latency), setting.supply)
+        if self.law.outputs is None:
+            raise InputError(f"the controller {self.law.name!r} takes one chamber")
+        return design, self.law.outputs(design, task, self.limits), None
+
+    def _one(self, task: Task) -> tuple[LqrDesign, Controller, Trajectory | None]:
+        body, period, supply, limits = self.setting.body, self.setting.period, self.setting.supply[0], self.limits
+        design = design_lqr(
+            frozen(body), highest_of(task, limits), period, tuning=task.tuning, latency=self._latency
+        )
+        if self._course is None:  # the same for every tuning
+            planned = self.law.follows and task.planned
+            self._course = course_of(task, design, body, limits, supply, planned=planned)
+        late = round(self._latency / period)
+        control = self.law.make(Plan(task, body, design, limits, period, late, self._course, supply))
+        return design, control, self._course.trajectory
 
 
 def calibration(

@@ -30,7 +30,7 @@ class LqrControl:
     chambers, fault = 1, ""  # the law always has a command
 
     def __init__(self, plan: Plan) -> None:
-        self.law, self.target = Lqr(plan.design, plan.limits), 0.0
+        self.law = Lqr(plan.design, plan.limits)
         self._course, self._equilibria = plan.course, plan.design.equilibria
         self._valve = ValveObserver(plan.design.model.valve, plan.period, late=plan.late, supply=plan.supply)
         self.reset()
@@ -47,6 +47,7 @@ class LqrControl:
 
     def reset(self) -> None:
         """Start anew from no pressure."""
+        self.target = 0.0
         self.law.reset()
         self._valve.reset()
         self._course.reset()

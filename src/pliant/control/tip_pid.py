@@ -33,7 +33,7 @@ class PidControl:
     chambers, fault = 1, ""  # the law always has a command
 
     def __init__(self, plan: Plan) -> None:
-        self.model, self._setpoint, self.target = plan.body, plan.course.setpoint, 0.0
+        self.model, self._setpoint = plan.body, plan.course.setpoint
         self._impulses = [(1.0, 0.0)]
         if plan.task.planned:
             frequency, damping = (float(row[0]) for row in modes(frozen(plan.body, 0.5)))
@@ -56,7 +56,7 @@ class PidControl:
 
     def reset(self) -> None:
         """Start anew from no pressure."""
-        self._moved = 0.0
+        self._moved = self.target = 0.0
         self.pid.start(0.0)
         self.forward.reset()
 
@@ -68,4 +68,4 @@ class PidControl:
         return self.pid.step(self.target, self._moved, self.forward.pressure(self.target, self.pid.period))
 
 
-CONTROLLER = ControllerKind("pid", PidControl, follows=False)
+CONTROLLER = ControllerKind("pid", PidControl, follows=False, tunable=False)

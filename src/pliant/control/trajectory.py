@@ -36,7 +36,7 @@ SMOOTH = 2e-3  # weight of a change of the command against the tip error that it
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A command and the motion that it makes of the model, period by period.
+    """A command and the motion that it makes of the model, period by period; the last row is the rest that is held.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Trajectory:
     period: float
 
     def at(self, time_s: float) -> int:
-        """The row for a time [s]; the last one holds on."""
+        """The row for a time [s]; the last one, at rest, holds on."""
         return min(max(round(time_s / self.period), 0), self.target.size - 1)
 
 
@@ -264,4 +264,9 @@ class Planner:
         lead[:, -1] = command - hold
         far = np.linalg.norm(tip - design.equilibria.tip[0], axis=1)
         rest_far = np.interp(target, design.equilibria.pressure, design.equilibria.displacement)
-        return Trajectory(target, lead, far, rest_far, wanted, design.period)
+        last = slice(-1, None)  # once more, at rest
+        return Trajectory(
+            np.append(target, target[last]), np.vstack([lead, np.zeros_like(lead[last])]),
+            np.append(far, rest_far[last]), np.append(rest_far, rest_far[last]), np.append(wanted, wanted[last]),
+            design.period,
+        )

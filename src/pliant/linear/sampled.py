@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -39,6 +40,14 @@ class Margins(NamedTuple):
             f"gain margin {self.gain_db:.1f} dB, phase margin {self.phase_deg:.0f} deg, delay margin "
             f"{self.delay * 1e3:.1f} ms, modulus margin {self.modulus:.2f}, crossover {self.crossover:.1f} Hz"
         )
+
+
+def least_margins(each: Iterable[Margins]) -> Margins:
+    """The smallest of each margin over several loops, and the highest crossover."""
+    gain, phase, delay, modulus, crossover = np.array(list(each)).T
+    return Margins(
+        float(gain.min()), float(phase.min()), float(delay.min()), float(modulus.min()), float(crossover.max())
+    )
 
 
 @dataclass(frozen=True)

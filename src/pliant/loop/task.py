@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from pliant.control.model_plant import ModelPlant
 from pliant.control.preparation import Prepared, prepare_control
 from pliant.control.task import TaskFile
 from pliant.errors import InputError
 from pliant.loop.clock import SystemClock, VirtualClock
 from pliant.loop.log import LoopLog, read_log
-from pliant.loop.model_plant import ModelPlant
 from pliant.loop.run import ControlLoop, log_columns
 from pliant.loop.sample import connection
 from pliant.loop.virtual import VirtualActuator
@@ -106,6 +106,7 @@ def run_task(
     path = folder / "log.csv"
     path.unlink(missing_ok=True)
     log = LoopLog(path, log_columns(model.n, ready.control.chambers, wanted.task.outputs))
+    log.remark(f"design: {ready.summary}")
     clock = SystemClock() if real_time else VirtualClock()
     arm = VirtualActuator(plant, clock)
     watchdog = Watchdog(Bounds(ABOVE * wanted.limits.highest))
@@ -115,6 +116,7 @@ def run_task(
         loop.run(wanted.duration_s)
     finally:
         log.close()
-    summary = loop.summary() | ({"plant_periods_left_out": arm.behind} if arm.behind else {})
+    rehearsed = ready.rehearsal.summary if ready.rehearsal else {}
+    summary = loop.summary() | rehearsed | ({"plant_periods_left_out": arm.behind} if arm.behind else {})
     return Done(ready, {**summary, "commands_at_a_limit": ready.control.saturated}, read_log(path),
                 tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint if p.displacement_mm is not None))

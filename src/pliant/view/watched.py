@@ -56,6 +56,7 @@ class Watched:
             raise InputError(f"the log {path} is of {len(self.angles)} links, the model has {model.n}")
         self.model, self.rows, self.rest = fixed_length(model), deque[list[float]](maxlen=KEPT), b""
         self.shown, self.told, self.fault, self.touch = -np.inf, "", "", touch
+        self.design = ""  # margins and rehearsal of the loop
         self.since = np.inf  # s, time of the first row behind the last fault
         self.chambers = len(self.named("pressure"))
         self.pending = False  # nothing is built here
@@ -74,6 +75,8 @@ class Watched:
             *lines, self.rest = (self.rest + file.read()).split(b"\n")
             self.read = file.tell()
         for line in lines:
+            if line.startswith(b"# design: "):
+                self.design = f"; {line[10:].decode('ascii', 'replace')}"
             if line.startswith(b"# fault"):
                 self.fault, self.since = line[2:].decode("ascii", "replace"), np.nan
             try:
@@ -100,7 +103,7 @@ class Watched:
         vented = f"VENTED, {self.fault or 'by a fault'}" if value.get("vented") else "in control"
         if not value.get("vented") and row[0] >= self.since:
             vented = f"in control, but {self.fault}"
-        told = f"{vented}; {self.wanted(value)}; a period's work took {value['work_us']:.0f} us"
+        told = f"{vented}; {self.wanted(value)}; a period's work took {value['work_us']:.0f} us{self.design}"
         return {
             "t": round(row[0], 6), "body": np.nan_to_num(np.round(1e3 * joints, 3)).tolist(), "told": told,
             "measured": None, "force": [0, 0],

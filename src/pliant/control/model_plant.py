@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pliant.control.valve import FINE, SupplyValve
 from pliant.errors import InputError
 from pliant.linear.linearisation import behind_valve
 from pliant.linear.sampled import hold
@@ -36,6 +37,10 @@ class ModelPlant:
     pressure_noise : float
         Of a reading, Pa.
     seed : int
+    supply : tuple of SupplyValve or None, optional
+        The rig's valve of each chamber, where more is known of it than the model holds.
+    arc_length : array (S,), optional
+        Of the points along the body that a shape holds, m; default: 41 at equal distances.
 
     Raises
     ------
@@ -47,7 +52,8 @@ class ModelPlant:
 
     def __init__(
         self, model: Model, *, period: float = 4e-3, step: float = 1e-3, noise: float = 1e-4,
-        pressure_noise: float = 300.0, seed: int = 1,
+        pressure_noise: float = 300.0, seed: int = 1, supply: tuple[SupplyValve | None, ...] = (),
+        arc_length: Array | None = None,
     ) -> None:
         self._parts = round(period / step)
         if self._parts < 1 or abs(self._parts * step - period) > 1e-9:
@@ -58,6 +64,7 @@ class ModelPlant:
             for c in model.chambers
         ]
         self._stepper = Stepper(model.with_(chambers=tuple(bare)), step)
+        self._supply = supply or (None,) * len(bare)
         self._valves = [
             hold(*behind_valve(np.zeros((0, 0)), np.zeros(0), c.valve)[:2], step) if c.valve.natural_frequency else None
             for c in model.chambers
@@ -66,7 +73,8 @@ class ModelPlant:
         self._waiting = [deque([0.0] * round(c.valve.dead_time / step)) for c in model.chambers]
         self._rng, self._noise = np.random.default_rng(seed), (noise, pressure_noise)
         ends = model.base_length + np.append(0.0, np.cumsum(model.link_length))
-        self.arc_length, self._ends = np.linspace(0.0, ends[-1], POINTS), np.append(0.0, ends)
+        self._ends, self._first = np.unique(np.append(0.0, ends), return_index=True)
+        self.arc_length = np.linspace(0.0, ends[-1], POINTS) if arc_length is None else np.asarray(arc_length)
 
     @property
     def tip(self) -> Array:
@@ -89,19 +97,32 @@ class ModelPlant:
         self.time += self.period
         shape, read = self._noise
         pressure = np.ravel(self._pressure()) + read * self._rng.standard_normal(asked.size)
-        points = self._points() + shape * self._rng.standard_normal((POINTS, 2))
+        points = self.points() + shape * self._rng.standard_normal((self.arc_length.size, 2))
         return self.time, points, float(pressure[0]) if asked.size == 1 else pressure
+
+    @property
+    def position(self) -> Array:
+        """Absolute link angles (n,) [rad], then strains."""
+        return self._stepper.position.copy()
+
+    def displace(self, change: Array) -> None:
+        """Change angles and strains (n + S,) at once, as a hand that lets go of the body does."""
+        self._stepper.position[:] += change
 
     def _behind(self, c: int, asked: float) -> float:
         """Mean pressure [Pa] that the stepper takes of a chamber over a step, from a command [Pa]."""
         waiting, valve, held = self._waiting[c], self._valves[c], self._held[c]
         waiting.append(asked)
-        arrived = waiting.popleft()
+        arrived, supply = waiting.popleft(), self._supply[c]
         if valve is None:
             return arrived
         before = held[0]
-        held[:] = valve[0] @ held + valve[1] * arrived
-        held[0] = max(held[0], 0.0)
+        if supply is None:
+            held[:] = valve[0] @ held + valve[1] * arrived
+            held[0] = max(held[0], 0.0)
+        else:
+            parts = max(1, round(self._step / FINE))
+            supply.march(np.full(parts, arrived), self._step / parts, held)
         return float(0.5 * (before + held[0]))
 
     def _pressure(self) -> Array:
@@ -109,8 +130,7 @@ class ModelPlant:
         own = np.ravel(self._stepper.pressure)
         return np.array([own[c] if v is None else self._held[c][0] for c, v in enumerate(self._valves)])
 
-    def _points(self) -> Array:
+    def points(self) -> Array:
         """Points (S, 2) of the body along its links, m."""
-        known = mechanics_of(self._stepper.model).nodes(self._stepper.position)
-        ends, first = np.unique(self._ends, return_index=True)
-        return np.stack([np.interp(self.arc_length, ends, known[first, k]) for k in range(2)], axis=1)
+        known = mechanics_of(self._stepper.model).nodes(self._stepper.position)[self._first]
+        return np.stack([np.interp(self.arc_length, self._ends, column) for column in known.T], axis=1)
