@@ -118,6 +118,11 @@ def seal(path: Path) -> None:
         file.write(SEAL + digest.encode() + b"\n")
 
 
+def seal_of(content: bytes | memoryview) -> bytes:
+    """The checksum of bytes, as it stands behind them."""
+    return SEAL + sha256(content).hexdigest().encode() + b"\n"
+
+
 def is_sealed(path: Path) -> bool | None:
     """Whether a file keeps the checksum that it ends in; None where it ends in none.
 

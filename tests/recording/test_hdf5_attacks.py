@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import subprocess
 import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+import xarray as xr
 from benchmark_scripts import loaded
 
 from pliant.errors import InputError
@@ -17,6 +20,9 @@ from pliant.files import seal
 from pliant.recording import make_recording, read, write
 from pliant.recording.apart import SOURCES, read_apart
 from pliant.recording.apart_worker import WORKING, content_bound
+from pliant.recording.netcdf import read_groups
+from pliant.testbed.truth import read_truth
+from pliant.validation.stored import load_outcome
 
 files = loaded("hdf5_files")
 CAMERA = {"camera": {"rate_hz": 60.0, "pixels_per_mm": 4.0}}
@@ -149,6 +155,33 @@ def test_the_helper_is_the_only_one_that_opens_hdf5(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "20"
+
+
+OPENS = re.compile(r"\b(xr\.(open|load)_\w+|(h5py|h5netcdf)\.File|netcdf_file|read_hdf)\(")
+
+
+def test_only_the_helper_opens_hdf5_in_the_whole_package():
+    """Files that pliant wrote itself come from anybody, too: results of a run, truths of the test bed."""
+    opens = {path.relative_to(SOURCES).as_posix() for path in Path(SOURCES).glob("pliant/**/*.py")
+             if OPENS.search(path.read_text(encoding="utf-8"))}  # fmt: skip
+    assert opens == {"pliant/recording/apart_hdf5.py", "pliant/recording/apart_classic.py"}
+
+
+@pytest.mark.parametrize("attack", [
+    files.external_link, *(pytest.param(a, marks=pytest.mark.slow) for a in (files.external_storage, files.virtual)),
+])
+def test_files_of_our_own_are_followed_nowhere_either(tmp_path, attack):
+    path = tmp_path / "results.nc"
+    about = {"schema": "pliant-results", "run_id": ""}
+    group = xr.Dataset({"position": (("time", "axis"), np.ones((4, 2)))})
+    xr.DataTree.from_dict({"/": xr.Dataset(attrs=about), "/recording_0": group}).to_netcdf(path, engine="h5netcdf")
+    (tmp_path / "metrics.json").write_text('{"schema": "pliant-metrics"}')
+    assert read_groups(path)["/recording_0"]["position"].shape == (4, 2)
+    attack(path, "recording_0/position", tmp_path / "secret")
+    for reads in (lambda: load_outcome(tmp_path), lambda: read_truth(path)):
+        with pytest.raises(InputError, match=files.ATTACKS[attack]) as caught:
+            reads()
+        assert "\n" not in str(caught.value)
 
 
 def test_the_helper_finds_the_pliant_that_started_it(tmp_path):

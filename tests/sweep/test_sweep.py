@@ -8,6 +8,7 @@ import shutil
 import signal
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -73,8 +74,8 @@ def test_a_design_is_every_combination(paper, tmp_path):
 
 def test_it_goes_on_where_it_stopped(done, whole, monte_carlo, paper, tmp_path):
     folder = shutil.copytree(done[1], tmp_path / "parts")
-    (folder / "chunks" / "chunk_000002.nc").unlink()
-    damaged = folder / "chunks" / "chunk_000004.nc"
+    (folder / "chunks" / "chunk_000002.npz").unlink()
+    damaged = folder / "chunks" / "chunk_000004.npz"
     damaged.write_bytes(damaged.read_bytes()[:1000])
     again = run_sweep(monte_carlo, paper, folder)
     assert again.samples.equals(whole)
@@ -141,15 +142,15 @@ def test_a_disk_that_takes_no_more_is_told_and_loses_nothing(whole, monte_carlo,
 
     def fill(line):
         if line.startswith("chunk 2 written"):
-            resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+            resource.setrlimit(resource.RLIMIT_FSIZE, (1024, before[1]))
 
     try:
-        with pytest.raises(PliantError, match=r"cannot write .*chunk_000003\.nc: File too large.*start the same sweep"):
+        with pytest.raises(PliantError, match=r"cannot write .*chunk_000003\.npz: File too large.*the same sweep"):
             run_sweep(monte_carlo, paper, tmp_path / "a", progress=fill)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     names = sorted(p.name for p in (tmp_path / "a" / "chunks").iterdir())
-    assert names == [f"chunk_{k:06d}.nc" for k in range(3)]
+    assert names == [f"chunk_{k:06d}.npz" for k in range(3)]
     again = run_sweep(monte_carlo, paper, tmp_path / "a")
     assert again.account.found == 3
     assert again.samples.equals(whole)
@@ -253,8 +254,36 @@ def test_every_bit_of_a_chunk_counts(tmp_path):
         broken[place] ^= 1 << int(place % 8)
         kept.path(0).write_bytes(broken)
         assert kept.load(0, 0, 4) is None, place
-    kept.path(0).write_bytes(data[:end])  # as chunks were written before they had one
-    assert kept.load(0, 0, 4) is not None
+    kept.path(0).write_bytes(data[:end])
+    assert kept.load(0, 0, 4) is None
+
+
+class Creates:
+    """An object whose pickle creates a file when somebody loads it."""
+
+    def __init__(self, path):
+        self.path = str(path)
+
+    def __reduce__(self):
+        return open, (self.path, "w")
+
+
+@pytest.mark.parametrize("entries", [
+    lambda marker: {"x": np.array([Creates(marker)] * 2, dtype=object)}, lambda _: {"sample": np.arange(3)},
+    lambda _: {"sample": np.array(["a", "b"])}, lambda _: {"campaign": np.array("other")},
+    lambda _: {"campaign": np.arange(9.0)}, lambda _: {"x": np.array(["a", "b"])}, lambda _: {"x": np.arange(3.0)},
+    lambda _: {"x": np.float64(3)},
+])  # fmt: skip
+def test_a_chunk_that_somebody_made_is_made_again(tmp_path, entries):
+    """Its checksum is right, as anybody can write one; nothing in it is run, and nothing else than numbers is taken."""
+    kept = store.Store(tmp_path / "sweep", {"a": 1})
+    right = {"campaign": np.array([kept.key, "0"]), "sample": np.arange(2), "x": np.arange(2.0)}
+    for made, found in ((right, True), ({**right, **entries(tmp_path / "marker")}, False)):
+        content = BytesIO()
+        np.savez(content, **made)
+        store.write_sealed(content, kept.path(0))
+        assert (kept.load(0, 0, 2) is not None) == found
+    assert not (tmp_path / "marker").exists()
 
 
 def arms():

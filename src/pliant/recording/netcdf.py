@@ -35,23 +35,44 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
         classic = file.read(3) == b"CDF"
     if is_sealed(path) is False:
         raise InputError(f"{path.name} is damaged: its content has another checksum than it was written with")
-    loaded = _decoded("classic" if classic else "hdf5", path)
+    loaded = _decoded("classic" if classic else "hdf5", path)["/"]
     if loaded.attrs.get("schema") is None:
         names = ", ".join(map(str, loaded.variables)) or "nothing"
         raise InputError(f"{path.name} is netCDF, but no pliant recording; it holds {names}")
     return _in_memory(loaded)
 
 
-def _decoded(kind: str, path: Path) -> xr.Dataset:
-    """The variables of the file's root, through the helper process, with their encoding undone."""
+def read_groups(path: Path) -> dict[str, xr.Dataset]:
+    """Return the groups of a netCDF file by path, its root as ``/``, in memory; times stay numbers.
+
+    The file is opened in the helper process: one of pliant's own may come from anybody.
+
+    Raises
+    ------
+    InputError
+        When the file is absent, no netCDF, damaged, or leads out of itself.
+    """
+    try:
+        return _decoded("hdf5", path)
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+
+
+def _decoded(kind: str, path: Path) -> dict[str, xr.Dataset]:
+    """The groups of a file by path, read through the helper process, with the encoding of their variables undone."""
     arrays, facts = read_apart(kind, path, "netCDF")
     import xarray as xr  # not before: it is imported while the helper reads
 
     try:
-        variables = {name: xr.Variable(dims, arrays[key], _attributes(attrs))
-                     for name, (key, dims, attrs) in facts["variables"].items() if "/" not in name}  # fmt: skip
-        raw = xr.Dataset(variables, attrs=_attributes(facts["groups"][""]))
-        return xr.decode_cf(raw, decode_times=False).load()
+        variables: dict[str, dict[str, Any]] = {group: {} for group in facts["groups"]}
+        for name, (key, dims, attrs) in facts["variables"].items():
+            group, _, short = name.rpartition("/")
+            variables[group][short] = xr.Variable(dims, arrays[key], _attributes(attrs))
+        return {
+            f"/{group}": xr.decode_cf(
+                xr.Dataset(held, attrs=_attributes(facts["groups"][group])), decode_times=False).load()
+            for group, held in variables.items()
+        }  # fmt: skip
     except BROKEN_FILE as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise InputError(f"{path.name} is no readable netCDF file, or it is damaged: {reason}") from None

@@ -32,18 +32,28 @@ LONGEST_END = 22 + 65535  # bytes of the record at the end of an archive, with i
 def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read the arrays of a .npz file; options are those of `pliant.recording.arrays.ArrayMapping`."""
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            check_announced(file.zip, path.stat().st_size, path.name)
-            arrays = {name: file[name] for name in file.files}
+        with path.open("rb") as stream:
+            arrays = read_arrays(stream, path.stat().st_size, path.name)
+    except OSError as error:
+        raise InputError(f"{path.name} cannot be read: {error.strerror or error}") from None
+    return recording_from_arrays(arrays, mapping, path.name)
+
+
+def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:
+    """Return the arrays of an .npz of `size` bytes; InputError names the file `name` where it is none or damaged."""
+    try:
+        with np.load(stream, allow_pickle=False) as file:
+            check_announced(file.zip, size, name)
+            arrays = {key: file[key] for key in file.files}
             told = entries_told(stream)
     except InputError:
         raise
     except BROKEN as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(f"{path.name} is no readable .npz file, or it is damaged: {reason}") from None
+        raise InputError(f"{name} is no readable .npz file, or it is damaged: {reason}") from None
     if told != len(arrays):
-        raise InputError(f"{path.name} is damaged: its index shows {len(arrays)} arrays, its end says {told}")
-    return recording_from_arrays(arrays, mapping, path.name)
+        raise InputError(f"{name} is damaged: its index shows {len(arrays)} arrays, its end says {told}")
+    return arrays
 
 
 def check_announced(archive: zipfile.ZipFile, size: int, name: str) -> None:

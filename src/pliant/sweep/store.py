@@ -1,4 +1,7 @@
-"""Chunks on disk: each file whole or absent, named by its place, so that nothing is lost and nothing counted twice."""
+"""Chunks on disk: each file whole or absent, named by its place, so that nothing is lost and nothing counted twice.
+
+A chunk is an .npz, which no library follows out of the file or out of its bounds: campaigns are handed on, too.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,13 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError, PliantError
-from pliant.files import SEAL, is_sealed, whole, write_text
+from pliant.files import SEAL_BYTES, seal_of, whole, write_text
+from pliant.recording.npz import read_arrays
 from pliant.version import __version__
 
 Array = np.ndarray
 Arrays = dict[str, Array]
+ABOUT, SAMPLE = "campaign", "sample"  # names in a chunk: key and version, and the places of its samples
 
 
 class DiskError(PliantError):
@@ -34,10 +39,15 @@ def write_dataset(ds: xr.Dataset, path: Path) -> None:
     """
     content = BytesIO()  # in memory first: HDF5 that meets a full disk takes the process down with it
     ds.to_netcdf(content, engine="h5netcdf")
+    write_sealed(content, path)
+
+
+def write_sealed(content: BytesIO, path: Path) -> None:
+    """Write bytes and their checksum behind them; see `write_dataset`."""
     try:
         with whole(path) as draft, draft.open("wb") as file:
             file.write(content.getbuffer())
-            file.write(SEAL + hashlib.sha256(content.getbuffer()).hexdigest().encode() + b"\n")
+            file.write(seal_of(content.getbuffer()))
             file.flush()
             os.fsync(file.fileno())
     except InputError as error:
@@ -85,7 +95,7 @@ class Store:
 
     def path(self, chunk: int) -> Path:
         """The file of a chunk."""
-        return self.chunks / f"chunk_{chunk:06d}.nc"
+        return self.chunks / f"chunk_{chunk:06d}.npz"
 
     def save(self, chunk: int, first: int, arrays: Arrays) -> None:
         """Write one chunk, whole or not at all.
@@ -95,24 +105,31 @@ class Store:
         DiskError
             See `write_dataset`.
         """
-        ds = xr.Dataset(
-            {name: (("sample", *(f"{name}_{k}" for k in range(1, a.ndim))), a) for name, a in arrays.items()},
-            coords={"sample": first + np.arange(len(next(iter(arrays.values()))))},
-            attrs={"campaign": self.key, "chunk": chunk, "source": f"pliant {__version__}"},
-        )
-        write_dataset(ds, self.path(chunk))
+        content = BytesIO()
+        samples = first + np.arange(len(next(iter(arrays.values()))))
+        entries: dict[str, Any] = {ABOUT: np.array([self.key, __version__]), SAMPLE: samples, **arrays}
+        np.savez(content, **entries)
+        write_sealed(content, self.path(chunk))
 
     def load(self, chunk: int, first: int, last: int) -> xr.Dataset | None:
-        """A chunk that is there, whole by its checksum where it has one, and of this campaign; None otherwise."""
+        """A chunk that is there, whole by its checksum, and of this campaign; None otherwise."""
         try:
-            if is_sealed(self.path(chunk)) is False:
+            data = self.path(chunk).read_bytes()
+            content, end = data[:-SEAL_BYTES], data[-SEAL_BYTES:]
+            if end != seal_of(content):
                 return None
-            with xr.open_dataset(self.path(chunk), engine="h5netcdf") as opened:
-                ds = opened.load()
-        except (OSError, ValueError, KeyError, RuntimeError):
+            arrays = read_arrays(BytesIO(content), len(content), self.path(chunk).name)
+        except (OSError, InputError):
             return None
-        right = ds.attrs.get("campaign") == self.key and ds.sizes.get("sample") == last - first
-        return ds if right and int(ds["sample"].values[0]) == first else None
+        samples, about = np.arange(first, last), [str(text) for text in np.ravel(arrays.pop(ABOUT, ()))]
+        if len(about) != 2 or about[0] != self.key or not np.array_equal(arrays.pop(SAMPLE, ()), samples):
+            return None
+        if any(a.dtype.kind not in "fiub" or a.shape[:1] != samples.shape for a in arrays.values()):
+            return None
+        return xr.Dataset(
+            {name: (("sample", *(f"{name}_{k}" for k in range(1, a.ndim))), a) for name, a in arrays.items()},
+            coords={"sample": samples}, attrs={"campaign": self.key, "source": f"pliant {about[1]}"},
+        )
 
     def combine(self, bounds: list[tuple[int, int]]) -> xr.Dataset:
         """All chunks as one dataset, every sample once and in order."""
@@ -125,5 +142,4 @@ class Store:
         whole = xr.concat(parts, dim="sample", data_vars="all", join="exact", combine_attrs="override")
         if not np.array_equal(whole["sample"].values, np.arange(bounds[-1][1])):
             raise PliantError("the chunks do not make every sample once: remove the folder and sweep again")
-        whole.attrs.pop("chunk", None)
         return whole

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from pliant.errors import InputError
+from pliant.errors import InputError, shown
 from pliant.files import whole
+from pliant.recording.netcdf import read_groups
 from pliant.testbed.rod.body import build_body, material_fields
 
 if TYPE_CHECKING:
@@ -107,10 +108,9 @@ def read_truth(path: Path) -> xr.Dataset:
         When the file is absent or holds no truth.
     """
     try:
-        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as ds:
-            loaded = ds.load()
-    except (OSError, ValueError) as error:
+        loaded = read_groups(path)["/"]
+    except InputError as error:
         raise InputError(f"cannot read the truth {path}: {error}") from None
-    if loaded.attrs.get("schema") != SCHEMA:
-        raise InputError(f"{path} holds no truth of the test bed: schema {loaded.attrs.get('schema')!r}")
+    if str(schema := loaded.attrs.get("schema")) != SCHEMA:
+        raise InputError(f"{path} holds no truth of the test bed: schema {shown(schema)}")
     return loaded

@@ -18,6 +18,7 @@ from pliant.identification.rungs import Rung
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.model.file import read_model
+from pliant.recording.netcdf import read_groups
 from pliant.reduction import LinkPlacement, OrderResult
 from pliant.simulation import Trace
 from pliant.validation.outcome import (
@@ -52,7 +53,7 @@ def load_outcome(folder: str | Path) -> StudyOutcome:
     folder = Path(folder)
     told = metrics_of(folder)
     groups = groups_of(folder)
-    if told.get("run_id", "") != groups["/"].attrs.get("run_id", ""):
+    if str(told.get("run_id", "")) != str(groups["/"].attrs.get("run_id", "")):
         raise InputError(f"{folder}: metrics.json and results.nc are of different runs; run the study again")
     try:
         return restored(told, groups)
@@ -84,14 +85,8 @@ def groups_of(folder: Path) -> Groups:
     path = folder / FILE
     if not path.is_file():
         raise InputError(f"{folder} has no {FILE}: it was written by an older pliant; run the study again")
-    try:
-        groups = xr.open_groups(path, engine="h5netcdf", decode_times=False)
-        loaded = {name: ds.load() for name, ds in groups.items()}
-        for ds in groups.values():
-            ds.close()
-    except BROKEN as error:
-        raise InputError(f"{path} cannot be read: {error}") from None
-    if loaded["/"].attrs.get("schema") != "pliant-results":
+    loaded = read_groups(path)
+    if str(loaded["/"].attrs.get("schema")) != "pliant-results":
         raise InputError(f"{path} holds no results of `pliant run`")
     return loaded
 
