@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
@@ -46,6 +47,7 @@ RC: dict[str, Any] = {
     "pdf.fonttype": 42,
 }
 WIDTH: ContextVar[float] = ContextVar("width", default=PAGE_WIDTH)  # inches, of the figures being drawn
+TALLEST = 4.6  # inches, of a narrow figure: its page has room for a caption
 NARROW = 5.0  # inches: below, panels stand on each other and letters are smaller
 SMALL = {"font.size": 6.5, "axes.titlesize": 6.5, "axes.labelsize": 6.5, "legend.fontsize": 6, "xtick.labelsize": 6,
          "ytick.labelsize": 6, "legend.handlelength": 2.0}
@@ -65,7 +67,15 @@ def side_by_side(count: int, ratios: tuple[float, ...], height: float, **kw: Any
     """Panels beside each other, or on each other where the page is narrow; figure and axes."""
     if WIDTH.get() >= NARROW:
         return new_figure(1, count, width_ratios=ratios, height=height, **kw)
-    return new_figure(count, 1, height=0.85 * count * height, **kw)
+    return new_figure(count, 1, height=min(0.85 * count * height, TALLEST), **kw)
+
+
+def letter_panels(figure: Figure) -> None:
+    """Mark the panels (a), (b), ... above their upper left corner, as a caption refers to them; a single one not."""
+    size = SMALL["font.size"] if WIDTH.get() < NARROW else RC["font.size"]
+    for k, ax in enumerate(figure.axes if len(figure.axes) > 1 else ()):
+        title = ax.get_title(loc="left")
+        ax.set_title(f"({ascii_lowercase[k % 26]}) {title}".strip(), loc="left", fontsize=size, pad=2.0)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from pliant.validation.draw import draw_figures, file_name
 
 @pytest.mark.slow
 def test_every_figure_of_a_study_is_drawn_once(outcome, shape, tmp_path):
-    files = list(draw_figures(replace(outcome, shape=shape), tmp_path, kinds=["svg"]))
+    files = list(draw_figures(replace(outcome, shape=shape), tmp_path, kinds=["svg"], all_fits=True))
     assert len(files) == len(set(files)) == 3 * 5 + 2 + 1 + 2 + 1  # records, compared, torque law, shape, forecast
     assert all(f.is_file() for f in files)
 
@@ -51,11 +51,17 @@ def test_a_figure_that_cannot_be_drawn_is_named_and_the_others_are_drawn(outcome
     monkeypatch.setattr("pliant.validation.figures.path_figure", fail)
     monkeypatch.setattr("pliant.validation.figures.residual_figure", fail)
     warned = []
-    drawn = [p.stem for p in draw_figures(outcome, tmp_path, kinds=["svg"], records=["low"], warn=warned.append)]
+    drawn = [p.stem for p in draw_figures(
+        outcome, tmp_path, kinds=["svg"], records=["low"], all_fits=True, warn=warned.append)]
     assert drawn == ["linear-low-motion", "square-low-motion", "compare-low"]
     assert warned[1] == "warning: The figure linear-low-path could not be computed: no path today."
     assert len(warned) == 4
     for name in ("record_figure", "comparison_figure"):
         monkeypatch.setattr(f"pliant.validation.figures.{name}", fail)
     with pytest.raises(PliantError, match="The figure linear-low-motion could not be computed"):
-        list(draw_figures(outcome, tmp_path, kinds=["svg"], records=["low"]))
+        list(draw_figures(outcome, tmp_path, kinds=["svg"], records=["low"], all_fits=True))
+
+
+def test_the_chosen_fit_alone_by_default(outcome, tmp_path):
+    files = [f.stem for f in draw_figures(outcome, tmp_path, kinds=["svg"], records=["low"])]
+    assert files == ["linear-low-motion", "linear-low-residual", "linear-low-path"]

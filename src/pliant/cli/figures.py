@@ -22,9 +22,13 @@ def figures(
         float | None, typer.Option("--width-mm", help="Width, mm; 88 is one column. Default: two columns, 182 mm.")
     ] = None,
     records: Annotated[str, typer.Option("--records", help="Only these records: a,b. Default: the whole study.")] = "",
+    all_fits: Annotated[bool, typer.Option("--all-fits", help="Every fit, not the chosen model alone.")] = False,
+    letters: Annotated[bool, typer.Option("--letters", help="Mark the panels (a), (b), ...")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the files as JSON.")] = False,
 ) -> None:
-    """Draw the figures of a study that has run: motion, residual, path, fits side by side, torque law, order, ladder.
+    """Draw figures for a paper from the results of a study: motion, residual, path, torque law, order of the chain.
+
+    Figures have no title: the caption is yours. At 88 mm width none is higher than 120 mm.
 
     Example: pliant figures results/demo --format pdf,svg --width-mm 88 --records pulse_119
     """
@@ -34,7 +38,7 @@ def figures(
     with busy("drawing"):
         files = list(draw_figures(
             load_outcome(result), output or result / "figures", kinds=split(kinds), width_mm=width_mm,
-            records=split(records), warn=mention,
+            records=split(records), all_fits=all_fits, letters=letters, warn=mention,
         ))
     say(json_format.dumps([str(f) for f in files]) if as_json else "\n".join(map(str, files)))
 

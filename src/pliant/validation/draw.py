@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,8 @@ INCH = 25.4  # mm
 
 def draw_figures(
     outcome: StudyOutcome, folder: str | Path, *, kinds: Sequence[str] = ("pdf",), width_mm: float | None = None,
-    records: Sequence[str] = (), warn: Callable[[str], None] | None = None,
+    records: Sequence[str] = (), all_fits: bool = False, letters: bool = False,
+    warn: Callable[[str], None] | None = None,
 ) -> Iterator[Path]:
     """Draw a study's figures into a folder, one after another.
 
@@ -38,6 +40,10 @@ def draw_figures(
         smaller.
     records : sequence of str
         Only these; by default all.
+    all_fits : bool
+        Draw every fit, and each record under all of them; by default only the first fit, which is the study's model.
+    letters : bool
+        Mark the panels (a), (b), ...
     warn : callable, optional
         Called with a line for each figure that cannot be drawn; the others are drawn.
 
@@ -53,11 +59,12 @@ def draw_figures(
     PliantError
         When no figure can be drawn.
     """
-    from pliant.plotting import PAGE_WIDTH, page
+    from pliant.plotting import PAGE_WIDTH, letter_panels, page
     from pliant.validation.figures import save
 
-    known = list(dict.fromkeys(r.name for f in outcome.fits for r in f.records))
-    missing = {m.record: m.sentence for f in outcome.fits for m in f.missing if m.record not in known}
+    drawn = outcome.fits if all_fits else outcome.fits[:1]
+    known = list(dict.fromkeys(r.name for f in drawn for r in f.records))
+    missing = {m.record: m.sentence for f in drawn for m in f.missing if m.record not in known}
     if strange := [k for k in kinds if k not in KINDS]:
         raise InputError(f"a figure is {', '.join(KINDS)}, not {strange[0]!r}")
     if none := [r for r in records if r in missing]:
@@ -69,8 +76,11 @@ def draw_figures(
     taken: set[str] = set()
     failures = Failures("", warn)
     with page(PAGE_WIDTH if width_mm is None else width_mm / INCH):
-        for name, draw in figures_of(outcome, records or known, only=bool(records)):
+        shown = replace(outcome, fits=drawn)
+        for name, draw in figures_of(shown, records or known, only=bool(records)):
             if (figure := failures.attempt(f"figure {name}", "", draw)) is not None:
+                if letters:
+                    letter_panels(figure)
                 yield from save(figure, folder, file_name(name, taken), list(dict.fromkeys(kinds)))
     if failures and not taken:
         raise PliantError(failures[0].sentence)

@@ -14,16 +14,18 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from pliant.errors import InputError
 from pliant.files import whole
-from pliant.plotting import NARROW, WIDTH, side_by_side, style
+from pliant.plotting import NARROW, TALLEST, WIDTH, side_by_side, style
 from pliant.validation.curves import autocorrelation, axes_of, evenly_spaced, instants, laws_of, slenderness, thin
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome
-from pliant.validation.wording import ROLE, clip, digits, heading, sized
+from pliant.validation.wording import ROLE, clip, digits, readable, sized
 
 Array = np.ndarray
 MOST_FITS = 4
+STATIONS = 3  # of a record's figure
 BAND: dict[str, Any] = {"facecolor": "0.9", "edgecolor": "0.75", "linewidth": 0.4, "zorder": 0.5}
 TIMELESS: dict[str, Any] = {"svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None}}
 SPARSE = 120  # up to so many frames, measured points are drawn one by one
@@ -43,34 +45,33 @@ def drawing() -> Iterator[None]:
 
 
 def record_figure(record: RecordOutcome) -> Figure:
-    """Measured and modelled x and y of each station in time, the residual, and the pressure below.
+    """Draw measured and modelled x and y of three stations in time, the residuals, and the pressure once below.
 
-    At most six stations, evenly spread, the last one always among them.
+    The stations are spread evenly, the last one among them; angles alone fill one column.
     """
     exp = record.experiment
-    chosen, (names, unit, factor) = evenly_spaced(len(exp.stations)), axes_of(exp.shown_in[0])
+    chosen, (names, unit, factor) = evenly_spaced(len(exp.stations), STATIONS), axes_of(exp.shown_in[0])
     forced = exp.excitation != "release"
     with drawing():
-        figure, axes = columns_in_time([*[1.0] * len(chosen), 0.8, *[0.7] * forced], len(names))
+        figure, axes = columns_in_time([*[1.0] * len(chosen), 0.8], len(names), below=0.7 * forced)
         for row, s in enumerate(chosen):
             for axis, ax in enumerate(axes[row]):
                 draw_band(ax, record, s, axis)
                 measured(ax, exp.time, factor * exp.compared[:, s, axis])
                 ax.plot(*thin(exp.time, factor * record.modelled[:, s, axis]), **MODELLED)
-                ax.set_ylabel(f"{clip(exp.stations[s], 18)} {names[axis]} ({unit})")
+                ax.set_ylabel(f"{clip(readable(exp.stations[s]), 18)} {names[axis]} ({unit})")
         for axis, ax in enumerate(axes[len(chosen)]):
             draw_residuals(ax, exp.time, factor * (record.modelled - exp.compared)[..., axis])
-            ax.set_ylabel(f"residual {names[axis]}\n({unit})")
-        for ax in axes[-1] if forced else ():
-            draw_pressure(ax, record)
-        some = f"; {len(chosen)} of {len(exp.stations)} stations" * (len(chosen) < len(exp.stations))
-        figure.suptitle(heading(record) + some, fontsize="medium", wrap=True)
-        legend(figure, axes[:, 0])
+            ax.set_ylabel(f"residual\n{names[axis]} ({unit})")
+        if forced:
+            draw_pressure(figure.axes[-1], record)
+        figure.align_ylabels()
+        legend(figure, [*axes[:, 0], *figure.axes[-1:]])
     return figure
 
 
 def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
-    """The last station of one record under several fits side by side, on shared scales; at most four fits.
+    """Draw the last station of one record under several fits side by side, on shared scales; at most four fits.
 
     Raises
     ------
@@ -93,15 +94,14 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
             distance = factor * np.linalg.norm(record.modelled[:, -1] - exp.last_station, axis=-1)
             column[-1].plot(*thin(exp.time, distance), color="black", linestyle="-", linewidth=0.7, label="distance")
             column[-1].set_xlabel("time (s)")
-            title = fill(clip(fit.title, 2 * (letters // len(shown))), letters // len(shown))
             rmse = f"RMSE {digits(sized(record.metrics, 'rmse')[0])} {unit}"
-            column[0].set_title(f"{title}\n{ROLE[record.role]}:\n{rmse}", fontsize="small")
+            wide = letters // len(shown)
+            column[0].set_title(f"{fill(clip(fit.title), wide)}\n{ROLE[record.role]}:\n{rmse}", fontsize="small")
         axes[-1, 0].set_ylim(0, None)
-        last = clip(shown[0][1].experiment.stations[-1], 18)
+        last = clip(readable(shown[0][1].experiment.stations[-1]), 18)
         for ax, what in zip(axes[:, 0], (*(f"{last} {name}" for name in names), "distance"), strict=True):
             ax.set_ylabel(f"{what} ({unit})")
-        more = f" (first {len(shown)} of {len(pairs)} fits)" if len(shown) < len(pairs) else ""
-        figure.suptitle(f"{clip(record_name)} under each fit{more}", fontsize="medium", wrap=True)
+        figure.align_ylabels()
         legend(figure, axes[:-1, 0])
     return figure
 
@@ -118,13 +118,11 @@ def residual_figure(record: RecordOutcome) -> Figure:
             right.plot(*autocorrelation(exp.time, residual[:, axis]), **line)
         band = 1.96 / np.sqrt(max(np.isfinite(residual[:, 0]).sum(), 1))
         right.axhspan(-band, band, color="0.85", zorder=0, label="95 % of white noise")
-        left.set(xlabel="time (s)", ylabel=f"residual ({unit})")
-        left.set_title(f"{clip(exp.stations[-1], 18)}, modelled − measured")
+        left.set(xlabel="time (s)", ylabel=f"residual of {clip(readable(exp.stations[-1]), 18)} ({unit})")
         right.set(xlabel="lag (s)", ylabel="autocorrelation", ylim=(-1.05, 1.05))
-        right.set_title("Pure measurement noise would stay in the band")
         left.legend(ncols=2)
         right.legend(ncols=3)
-        figure.suptitle(heading(record), fontsize="medium", wrap=True)
+        figure.align_ylabels()
     return figure
 
 
@@ -141,8 +139,10 @@ def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
                 ax.plot(1e-3 * p, 1e3 * chamber.torque_at(p), linestyle="", marker=mark, markersize=5.5,
                         color=line.get_color(), markerfacecolor=line.get_color() if role == "train" else "white")
         ax.set(xlabel="gauge pressure (kPa)", ylabel="torque on each joint (mN m)", xlim=(0, None))
-        ax.set_title("Torque law; filled marks: training levels, open marks: held out")
-        ax.legend()
+        marks = [Line2D([], [], linestyle="", marker="o", color="0.3", label=f"{ROLE[role]} level", markersize=5.5,
+                        markerfacecolor="0.3" if role == "train" else "white")
+                 for role in dict.fromkeys(role for _, _, levels in laws for role in levels.values())]
+        ax.legend(handles=[*ax.get_legend_handles_labels()[0], *marks])
     return figure
 
 
@@ -165,11 +165,10 @@ def path_figure(record: RecordOutcome) -> Figure:
                     label="measured stations" if first else None)
             if k in (shown[0], shown[-1]):
                 ax.annotate(f"{exp.time[k]:.2f} s", chain[-1], textcoords="offset points", xytext=(0, 9), fontsize=7,
-                            ha="center")
+                            ha="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5})
         ax.plot(*(1e3 * exp.last_station[seen][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
                 linestyle="", label="first frame")
         ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", adjustable="datalim")
-        figure.suptitle(f"Path of {clip(exp.stations[-1], 18)}, {heading(record)}", fontsize="medium", wrap=True)
         legend(figure, [ax])
     return figure
 
@@ -186,17 +185,31 @@ def forecast_figure(forecast: Forecast) -> Figure:
                 half = factor * forecast.half_width[:, axis]
                 ax.fill_between(forecast.time, tip - half, tip + half, color="0.8", linewidth=0, label="95 % band")
             ax.set_ylabel(f"tip {names[axis]} ({unit})")
-        figure.suptitle(f"Forecast: {clip(forecast.title)}", fontsize="medium", wrap=True)
+        figure.align_ylabels()
         legend(figure, axes[:, 0])
     return figure
 
 
-def columns_in_time(heights: Sequence[float], columns: int = 2) -> tuple[Figure, Any]:
-    """A figure with rows of the given relative heights and columns for x and y, or an angle, on one time axis."""
-    figure = Figure(figsize=(WIDTH.get(), 0.6 + 1.3 * sum(heights)), layout="constrained")
-    tall = {"height_ratios": list(heights)}
-    axes = figure.subplots(len(heights), columns, sharex=True, squeeze=False, gridspec_kw=tall)
-    for ax in axes[-1]:
+def columns_in_time(heights: Sequence[float], columns: int = 2, *, below: float = 0.0) -> tuple[Figure, Any]:
+    """Return a figure and its axes: rows of relative heights, columns for x and y or an angle, one time axis.
+
+    With `below`, one panel of that relative height lies below all columns; it is the last of ``figure.axes``.
+    """
+    rows = [*heights, *[below] * (below > 0)]
+    height = 0.6 + 1.3 * sum(rows)
+    figure = Figure(figsize=(WIDTH.get(), min(height, TALLEST) if WIDTH.get() < NARROW else height),
+                    layout="constrained")
+    grid = figure.add_gridspec(len(rows), columns, height_ratios=rows)
+    axes = np.empty((len(heights), columns), dtype=object)
+    for row in range(len(heights)):
+        for column in range(columns):
+            axes[row, column] = figure.add_subplot(grid[row, column], sharex=axes.flat[0])
+    if below:
+        figure.add_subplot(grid[-1, :], sharex=axes[0, 0])
+    last = figure.axes[-1:] if below else axes[-1].tolist()
+    for ax in figure.axes:
+        ax.tick_params(labelbottom=ax in last)
+    for ax in last:
         ax.set_xlabel("time (s)")
     return figure, axes
 
@@ -221,9 +234,9 @@ def draw_band(ax: Axes, record: RecordOutcome, station: int, axis: int) -> None:
 def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:
     """Residuals (T, S): the last station as a line, every other one thin and light behind it."""
     for k, s in enumerate(evenly_spaced(residual.shape[1] - 1)):
-        label = "residual, other stations" if k == 0 else None
+        label = "other stations" if k == 0 else None
         ax.plot(*thin(time, residual[:, s]), color="0.7", linestyle="-", linewidth=0.6, label=label)
-    ax.plot(*thin(time, residual[:, -1]), color="black", linestyle="-", linewidth=0.7, label="residual, last station")
+    ax.plot(*thin(time, residual[:, -1]), color="black", linestyle="-", linewidth=0.7, label="last station")
     ax.axhline(0.0, color="0.4", linestyle="-", linewidth=0.5)
 
 
@@ -236,16 +249,16 @@ def draw_pressure(ax: Axes, record: RecordOutcome) -> None:
         ax.plot(*thin(trace.time[near], 1e-3 * trace.pressure[near]), **line)
     if exp.pressure is None:
         ax.axhline(1e-3 * exp.level, color="0.5", linestyle=":", linewidth=1.2, label="nominal pressure")
-    pressure = MODELLED | {"color": "black", "linestyle": (0, (5, 1.5)), "label": "modelled, behind the valve"}
+    pressure = MODELLED | {"color": "black", "linestyle": (0, (5, 1.5)), "label": "pressure behind the valve"}
     for modelled in np.reshape(record.pressure, (exp.time.size, -1)).T:
         ax.plot(*thin(exp.time, 1e-3 * modelled), **pressure)
-    ax.set_ylabel("pressure (kPa)")
+    ax.set_ylabel("pressure\n(kPa)")
 
 
 def legend(figure: Figure, axes: Iterable[Axes]) -> None:
     """One legend below the figure for all that the axes show, each label once."""
     entries = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    room = figure.get_figwidth() / ((0.65 + 0.062 * max(map(len, entries))) * (1 if WIDTH.get() >= NARROW else 0.8))
+    room = figure.get_figwidth() / ((0.65 + 0.062 * max(map(len, entries))) * (1 if WIDTH.get() >= NARROW else 0.75))
     columns = max(1, min(len(entries), int(room)))
     figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
 

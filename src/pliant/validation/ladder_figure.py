@@ -1,4 +1,4 @@
-"""The figure of a ladder of models: what each rung buys on records that it has not seen, and what it costs."""
+"""The figure of a model selection: errors of each stage on held-out records, and what it costs."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from typing import Any
 import numpy as np
 
 from pliant.identification import Ladder
-from pliant.plotting import side_by_side
+from pliant.plotting import NARROW, WIDTH, side_by_side
 from pliant.validation.figures import drawing
 from pliant.validation.wording import clip, digits
 
 
 def ladder_figure(ladder: Ladder) -> Any:
-    """Errors of every rung on training and held-out records, the time of its fits, and that of a simulated step."""
+    """Draw the errors of every stage on training and held-out records; on a wide page also what the stages cost."""
     steps = [s for s in ladder.steps if s.result]
     at = np.arange(len(steps))
+    narrow = WIDTH.get() < NARROW
     with drawing():
         height = 0.9 + 0.32 * len(steps)
-        figure, axes = side_by_side(3, (2, 1, 1), height, sharey=True)
+        figure, axes = side_by_side(1 if narrow else 3, (1,) if narrow else (2, 1, 1), height, sharey=True)
+        axes = np.atleast_1d(axes)
         draw_errors(axes[0], ladder, at)
-        for ax, cost, what in (
-            (axes[1], [s.seconds for s in steps], "time of the fits (s)"),
-            (axes[2], [s.step_ns for s in steps], "simulated step (ns)"),
-        ):
+        for ax, (cost, what) in zip(axes[1:], (
+            ([s.seconds for s in steps], "time of the fits (s)"), ([s.step_ns for s in steps], "simulated step (ns)"),
+        ), strict=False):
             bars = ax.barh(at, cost, height=0.5, color="0.75", edgecolor="black", linewidth=0.5)
             ax.bar_label(bars, [digits(c, 2) for c in cost], padding=2, fontsize=6.5)
             ax.set(xlabel=what, xlim=(0, 1.3 * max(cost)))
             ax.grid(visible=False, axis="y")
-        figure.suptitle("Ladder of models", fontsize="medium", wrap=True)
     return figure
 
 

@@ -16,7 +16,6 @@ from pliant.errors import InputError
 from pliant.plotting import DASHES, REST_COLOUR, new_figure, style
 from pliant.validation.curves import evenly_spaced, thin
 from pliant.validation.figures import columns_in_time, drawing, legend
-from pliant.validation.wording import clip
 
 
 def motion_figure(trajectory: xr.Dataset) -> Figure:
@@ -33,19 +32,18 @@ def motion_figure(trajectory: xr.Dataset) -> Figure:
     time, tips = trajectory["time"].values, trajectory["tip_position"].transpose("time", "link", "axis").values
     greys = [f"{grey:.2f}" for grey in np.linspace(0.6, 0.0, 6)]
     with drawing():
-        figure, axes = columns_in_time([2.6, 1.0])
+        figure, axes = columns_in_time([2.6], below=1.0)
         for axis, ax in enumerate(axes[0]):
             for i, colour, dash in zip(evenly_spaced(tips.shape[1]), greys, DASHES, strict=False):
                 line: dict[str, Any] = {"color": colour, "linestyle": dash, "label": f"tip of link {i + 1}"}
                 ax.plot(*thin(time, 1e3 * tips[:, i, axis]), **line)
             ax.set_ylabel(f"{'XY'[axis]} of the link tips (mm)")
-        for ax in axes[1]:
-            for name, dash, p in zip(names, cycle(DASHES), pressure.T):
-                ax.plot(*thin(time, p), color="black", linestyle=dash, linewidth=0.9, label=name)
-            ax.set_ylabel("pressure (kPa)")
-        model = clip(str(trajectory.attrs.get("model", "model")))
-        figure.suptitle(f"{model}: simulated motion of the link tips", fontsize="medium", wrap=True)
-        legend(figure, axes[:, 0])
+        below = figure.axes[-1]
+        for name, dash, p in zip(names, cycle(DASHES), pressure.T):
+            below.plot(*thin(time, p), color="black", linestyle=dash, linewidth=0.9, label=name)
+        below.set_ylabel("pressure (kPa)")
+        figure.align_ylabels()
+        legend(figure, [axes[0, 0], below])
     return figure
 
 

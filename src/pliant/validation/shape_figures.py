@@ -12,7 +12,6 @@ from pliant.reduction import spline_shape
 from pliant.validation.curves import instants
 from pliant.validation.figures import drawing
 from pliant.validation.outcome import Shape
-from pliant.validation.wording import clip
 
 Array = np.ndarray
 
@@ -25,7 +24,7 @@ def order_figure(shape: Shape) -> Any:
         figure, (left, right) = side_by_side(2, (2, 1), 2.8)
         error_by_order(left, order.time, errors, bound=order.bound)
         order_bars(right, errors, bound=order.bound)
-        figure.suptitle(f"{clip(shape.name)}: error of the shape by number of segments", fontsize="medium")
+        figure.align_ylabels()
     return figure
 
 
@@ -35,7 +34,6 @@ def shape_figure(shape: Shape) -> Any:
         figure, (left, right) = side_by_side(2, (1, 1), 3.4)
         curvature_fan(left, shape.arc_length, shape.curvature, shape.rest_curvature)
         snapshots(right, *chain_through(shape))
-        figure.suptitle(f"{clip(shape.name)}: curvature, and the chain of {shape.links.n} links", fontsize="medium")
     return figure
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from pliant.text import escaped
 from pliant.units import quantity
-from pliant.validation.outcome import RecordOutcome
 
 ROLE = {"train": "training", "held_out": "held out", "forecast": "forecast"}
 NO_PLACES = "The recordings hold angles and no places: shapes, order and path are left out."
@@ -46,16 +45,14 @@ def clip(text: str, width: int = 60) -> str:
     return line if len(line) <= width else f"{line[: width - 1]}…"
 
 
+def readable(name: str) -> str:
+    """Return a name of a station or record as a person writes it: ``link_5`` is "link 5"."""
+    return " ".join(name.replace("_", " ").split()) or name
+
+
 def sized(metrics: dict[str, Any], name: str) -> tuple[Any, str]:
     """A metric of a length or of an angle, whichever was compared, and its unit: ``rmse_mm`` or ``rmse_deg``."""
     return (metrics[f"{name}_deg"], "°") if f"{name}_deg" in metrics else (metrics.get(f"{name}_mm"), "mm")
-
-
-def heading(record: RecordOutcome) -> str:
-    """Name, role and error of a record, for a title."""
-    rmse, unit = sized(record.metrics, "rmse")
-    travel = digits(record.metrics.get("rmse_percent_of_travel"))
-    return f"{clip(record.name)}, {ROLE[record.role]}: RMSE {digits(rmse)} {unit}, {travel} % of travel"
 
 
 def metric_label(key: str) -> tuple[str, str]:
