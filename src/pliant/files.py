@@ -58,6 +58,26 @@ def writable(folder: str | Path) -> Path:
 
 
 @contextmanager
+def output_folder(folder: str | Path) -> Iterator[Path]:
+    """Yield a folder to write to, made where it is absent; one that was made and is empty is removed after a failure.
+
+    Raises
+    ------
+    InputError
+        When no file can be written into it.
+    """
+    folder = Path(folder)
+    absent = [part for part in (folder, *folder.parents) if not part.exists()]
+    try:
+        yield writable(folder)
+    except BaseException:  # Ctrl-C among them
+        for part in absent:
+            with suppress(OSError):
+                part.rmdir()
+        raise
+
+
+@contextmanager
 def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     """Yield a draft folder whose files replace those of the same names in `folder`, as one set.
 

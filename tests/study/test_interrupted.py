@@ -17,7 +17,7 @@ import pytest
 from small_study import STUDY, write_study
 
 from pliant.errors import InputError
-from pliant.files import DRAFTS, replaced_together, writable
+from pliant.files import DRAFTS, output_folder, replaced_together, writable
 from pliant.study import load_study, run_study
 from pliant.study.run import WRITTEN, write_outcome
 from pliant.validation.outcome import StudyOutcome
@@ -48,9 +48,24 @@ def test_a_run_stopped_while_it_writes_leaves_no_model_alone(tmp_path: Path, mon
     monkeypatch.setattr("pliant.view.report.write_report", stop)
     with pytest.raises(KeyboardInterrupt):
         run_study(study, tmp_path / "out")
-    left = {path.name for path in (tmp_path / "out").iterdir()}
-    assert not left & {"model.json", "metrics.json"}
-    assert not any(name.endswith(".tmp") for name in left)
+    assert not (tmp_path / "out").exists()  # the run had made it
+
+
+def stopped_in(folder: Path, *, writes: bool) -> None:
+    with output_folder(folder):
+        if writes:
+            (folder / "log").write_text("kept")
+        raise KeyboardInterrupt
+
+
+def test_a_folder_that_was_there_or_holds_something_stays(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    for name, writes in (("mine", False), ("new/deep", True), ("other/deep", False)):
+        with pytest.raises(KeyboardInterrupt):
+            stopped_in(tmp_path / name, writes=writes)
+    assert (tmp_path / "mine").is_dir()
+    assert (tmp_path / "new/deep/log").exists()
+    assert not (tmp_path / "other").exists()
 
 
 class Killed(BaseException):

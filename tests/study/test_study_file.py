@@ -53,7 +53,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "unknown key in a parameter": (
         changed("fits", "linear", "parameters", stiffness={"start": 1.0}), "'start' is not a known entry; use value",
     ),
-    "unknown parameter": (changed("fits", "linear", "parameters", stifness="free"), "unknown parameter 'stifness'"),
+    "unknown parameter": (changed("fits", "linear", "parameters", stifness="free"),
+                          "unknown parameter 'stifness': did you mean 'stiffness'?"),
     "impossible start": (changed("fits", "linear", "parameters", stiffness=-1.0), "not within its bounds"),
     "word for a number": (
         changed("fits", "linear", "parameters", stiffness={"value": "big"}), "value must be a float, got 'big'",
@@ -71,7 +72,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "recordings.low.forces.0.force_n.0",
     ),
     "unknown known": (
-        changed("recordings", "low", known={"tip_mas": 0.1}), "recording low: unknown parameter 'tip_mas'",
+        changed("recordings", "low", known={"tip_mas": 0.1}),
+        "recording low: unknown parameter 'tip_mas': did you mean 'tip_mass'",
     ),
     "impossible known": (changed("recordings", "low", known={"tip_mass": -0.1}), "not within its bounds"),
     "unknown known of a forecast": (

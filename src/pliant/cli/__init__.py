@@ -52,14 +52,19 @@ class Panels(TyperGroup):
 
 
 def version(asked: bool) -> None:
-    """Print the version and leave."""
+    """Print the version and what a report of a fault needs, and leave."""
     if asked:
+        import platform
+        from importlib.metadata import version as installed
+
         say(f"pliant {__version__}")
+        say(f"Python {platform.python_version()}, numpy {installed('numpy')}, numba {installed('numba')}, "
+            f"{platform.system()} {platform.machine()}")
         raise typer.Exit
 
 
 def common(
-    _version: bool = typer.Option(False, "--version", callback=version, is_eager=True, help="Show the version."),
+    _version: bool = typer.Option(False, "--version", callback=version, is_eager=True, help="Show all versions."),
 ) -> None:
     """Options of the program itself."""
 

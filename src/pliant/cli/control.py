@@ -69,24 +69,25 @@ def control(
     from pliant.cli.output import print_numbers, write_figure
     from pliant.cli.progress import telling
     from pliant.control.task import read_task
-    from pliant.files import write_text
+    from pliant.files import output_folder, write_text
     from pliant.loop.task import make_plant, run_task
     from pliant.model import load_model
     from pliant.validation.use_figures import control_figure
 
     wanted = read_task(task)
-    output.mkdir(parents=True, exist_ok=True)
-    with telling() as tell:
-        done = run_task(load_model(model), make_plant(plant), wanted, output, estimator=estimator,
-                        real_time=real_time, progress=tell)
-    write_text(output / "report.md", report(plant, done))
-    target, error, command, pressure = (columns(done.log, name) for name in ("target", "error", "command", "pressure"))
-    figure = control_figure(
-        done.log["time_s"], target, target.to_numpy() + error.to_numpy(), command, pressure,
-        [str(name).removeprefix("target_").rpartition("_")[0] for name in target],
-    )
-    for ending in (".png", ".svg"):
-        write_figure(figure, output / f"control{ending}")
+    with output_folder(output):
+        with telling() as tell:
+            done = run_task(load_model(model), make_plant(plant), wanted, output, estimator=estimator,
+                            real_time=real_time, progress=tell)
+        write_text(output / "report.md", report(plant, done))
+        target, error, command, pressure = (
+            columns(done.log, name) for name in ("target", "error", "command", "pressure"))
+        figure = control_figure(
+            done.log["time_s"], target, target.to_numpy() + error.to_numpy(), command, pressure,
+            [str(name).removeprefix("target_").rpartition("_")[0] for name in target],
+        )
+        for ending in (".png", ".svg"):
+            write_figure(figure, output / f"control{ending}")
     if json:
         from json import dumps
 

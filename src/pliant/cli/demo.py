@@ -32,20 +32,20 @@ def demo(
 def filmed(output: Path) -> Path:
     """Follow the body through the bundled film, into `output`; the study of what was found there comes back."""
     from pliant.cli.progress import counting
-    from pliant.files import read_entries, write_text
+    from pliant.files import output_folder, read_entries, write_text
     from pliant.recording import write
     from pliant.study import camera_study
     from pliant.testbed.bundle import FOLDER
     from pliant.video import Tracking, track_video
 
     study = camera_study()
-    output.mkdir(parents=True, exist_ok=True)
-    found, sheet = output / "film.nc", output / "film.png"
-    with counting("following the body through film.mp4") as progress:
-        seen = track_video(FOLDER / "film.mp4", read_entries(study, "study")["camera"], Tracking(overlays=(sheet,)),
-                           progress=progress)  # fmt: skip
-    write(seen, found)
-    text = study.read_text(encoding="utf-8")
-    for bundled, here in (("film.csv", found), ("film_log.csv", FOLDER / "film_log.csv")):
-        text = text.replace(f"../../testbed/bundled/{bundled}", here.resolve().as_posix())
-    return write_text(output / "study.toml", text)
+    with output_folder(output):
+        found, sheet = output / "film.nc", output / "film.png"
+        with counting("following the body through film.mp4") as progress:
+            seen = track_video(FOLDER / "film.mp4", read_entries(study, "study")["camera"], Tracking(overlays=(sheet,)),
+                               progress=progress)  # fmt: skip
+        write(seen, found)
+        text = study.read_text(encoding="utf-8")
+        for bundled, here in (("film.csv", found), ("film_log.csv", FOLDER / "film_log.csv")):
+            text = text.replace(f"../../testbed/bundled/{bundled}", here.resolve().as_posix())
+        return write_text(output / "study.toml", text)

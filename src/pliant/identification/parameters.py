@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cache
 from typing import Any
 
@@ -154,8 +155,10 @@ def kind_of(name: str) -> Kind:
             return Kind(*law_parameters()[candidate])
     readable = [p.replace(r"(\d+|\*)", "<i>").replace("[1-9]", "<k>").replace(r".+\.", "<station>.") for p in KNOWN]
     readable += law_parameters()
+    near = get_close_matches(name[:80].rpartition(".")[2], readable, 1, 0.6)
+    meant = f"did you mean {near[0]!r}? Known are " if near else "use one of "
     raise InputError(
-        f"unknown parameter {name!r}: use one of {', '.join(readable)}, or <record>.<one of these>, or <chamber>.<one "
+        f"unknown parameter {name!r}: {meant}{', '.join(readable)}, or <record>.<one of these>, or <chamber>.<one "
         "of a chamber's>"
     )
 

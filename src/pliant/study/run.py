@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -15,7 +16,7 @@ import xarray as xr
 
 from pliant.errors import FitError, InputError
 from pliant.failures import FAILED, Failures, NotComputed, fit_failure
-from pliant.files import replaced_together, writable, write_text
+from pliant.files import output_folder, replaced_together, write_text
 from pliant.identification import Experiment, Ladder
 from pliant.identification.drives import at_rest
 from pliant.model import Model, save_model
@@ -71,32 +72,32 @@ def run_study(
     """
     began = clock.perf_counter()
     tell = progress or (lambda _line: None)
-    target = writable(folder) if folder is not None else None
-    ready = prepare_all(study, tell)
-    study = without(study, ready.dropped, ready.doubts)
-    check_forecasts(study, ready.experiments)
-    prepared = clock.perf_counter()
-    wirings = compare_wirings(study, ready.bodies, ready.model, tell)
-    ends, climbed = all_fits(study, ready, tell, workers)
-    fits, failed = computed(ends)
-    fitted = clock.perf_counter()
-    first = fits[0].result
-    failures = Failures(fits[0].name, tell)
-    forecasts = run_forecasts(study, ready.experiments, first, failures)
-    outcome = StudyOutcome(
-        study.name, study.title or study.name, study.description, replace(first.model, name=study.name), fits,
-        forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
-        {"pliant": __version__, **ready.provenance}, climbed, clocks=ready.clocks, failed=(*failed, *failures),
-        wirings=wirings,
-        doubts=(*ready.doubts, *doubts_of(wirings),
-                *of_models([(f.title, f.result.model) for f in fits], study.actuator)),
-    )
-    outcome = replace(
-        outcome, verdict=verdict(outcome, study.targets), headline=headline(outcome, study.targets)
-    )
-    if target is not None:
-        outcome = write_outcome(study, outcome, target, began, tell)
-    return outcome
+    with output_folder(folder) if folder is not None else nullcontext() as target:
+        ready = prepare_all(study, tell)
+        study = without(study, ready.dropped, ready.doubts)
+        check_forecasts(study, ready.experiments)
+        prepared = clock.perf_counter()
+        wirings = compare_wirings(study, ready.bodies, ready.model, tell)
+        ends, climbed = all_fits(study, ready, tell, workers)
+        fits, failed = computed(ends)
+        fitted = clock.perf_counter()
+        first = fits[0].result
+        failures = Failures(fits[0].name, tell)
+        forecasts = run_forecasts(study, ready.experiments, first, failures)
+        outcome = StudyOutcome(
+            study.name, study.title or study.name, study.description, replace(first.model, name=study.name), fits,
+            forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
+            {"pliant": __version__, **ready.provenance}, climbed, clocks=ready.clocks, failed=(*failed, *failures),
+            wirings=wirings,
+            doubts=(*ready.doubts, *doubts_of(wirings),
+                    *of_models([(f.title, f.result.model) for f in fits], study.actuator)),
+        )
+        outcome = replace(
+            outcome, verdict=verdict(outcome, study.targets), headline=headline(outcome, study.targets)
+        )
+        if target is not None:
+            outcome = write_outcome(study, outcome, target, began, tell)
+        return outcome
 
 
 def all_fits(

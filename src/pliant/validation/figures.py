@@ -139,10 +139,10 @@ def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
                 ax.plot(1e-3 * p, 1e3 * chamber.torque_at(p), linestyle="", marker=mark, markersize=5.5,
                         color=line.get_color(), markerfacecolor=line.get_color() if role == "train" else "white")
         ax.set(xlabel="gauge pressure (kPa)", ylabel="torque on each joint (mN m)", xlim=(0, None))
-        marks = [Line2D([], [], linestyle="", marker="o", color="0.3", label=f"{ROLE[role]} level", markersize=5.5,
-                        markerfacecolor="0.3" if role == "train" else "white")
-                 for role in dict.fromkeys(role for _, _, levels in laws for role in levels.values())]
-        ax.legend(handles=[*ax.get_legend_handles_labels()[0], *marks])
+        dots = [Line2D([], [], linestyle="", marker="o", color="0.3", label=f"{ROLE[role]} level", markersize=5.5,
+                       markerfacecolor="0.3" if role == "train" else "white")
+                for role in dict.fromkeys(role for _, _, levels in laws for role in levels.values())]
+        ax.legend(handles=[*ax.get_legend_handles_labels()[0], *dots])
     return figure
 
 
