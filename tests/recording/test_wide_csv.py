@@ -113,7 +113,7 @@ def test_columns_of_no_known_kind_are_told(tmp_path):
         (SIMPLE.replace("y_001", "temperature"), "lacks the column.s. y_001"),
         (SIMPLE.replace("_001", "_003"), "x_001"),
         (SIMPLE.replace("y_001", "x_001"), "repeated columns: x_001"),
-        (SIMPLE.replace("t,p", "time,p"), "one column t"),
+        (SIMPLE.replace("t,p", "moment,p"), "one column t"),
         (SIMPLE.replace("p_kpa", "p"), "does not say its unit"),
         ("t,q\n0,1\n", "neither stations"),
         (SIMPLE[:-3] + "\n", r"line 3 .* 7 cell.s. where 8"),

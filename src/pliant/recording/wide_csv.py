@@ -2,8 +2,9 @@
 
 Columns: ``t`` (s), ``t_ms`` or ``t_us``; ``p_<unit>`` or ``<unit>`` for one pressure or ``p_<unit>_<chamber>`` for
 several (gauge); ``x_<station>``, ``y_<station>`` and, unless planar, ``z_<station>``; optional ``qx_ qy_ qz_
-qw_<station>`` and ``angle_<station>`` (rad). Their order is free. Metadata stand in a first line ``# {...}`` or in a
-JSON file of the same name beside the table; ``length_unit`` (default m), ``station``, ``arc_length`` (m), ``frame``.
+qw_<station>`` and ``angle_<station>`` (rad). Their order is free; other spellings (``time_ms``, ``tip_x [mm]``,
+``Pressure (mbar)``) are those of `column_names`. Metadata stand in a first line ``# {...}`` or in a JSON file of the
+same name beside the table; ``length_unit`` (default m), ``station``, ``arc_length`` (m), ``frame``.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from pydantic import ConfigDict
 from pliant.errors import InputError, clipped, shown
 from pliant.files import whole
 from pliant.recording.clock import unwrapped, without_repeats
+from pliant.recording.column_names import standard_names
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
@@ -76,10 +78,12 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     metadata = TableMetadata.load(metadata, path.name, "metadata of").model_dump(exclude_unset=True)
     header = lines[start]
     delimiter = find_delimiter(header, path.name)
-    names = split_cells(header, delimiter)
+    names, unit, renamed = standard_names(split_cells(header, delimiter), path.name)
     _check_names(names, path.name)
+    if unit and metadata.setdefault("length_unit", unit) != unit:
+        raise InputError(f"{path.name}: its columns state {unit} and length_unit {metadata['length_unit']}: keep one")
     rows, findings = judge_end(lines[start + 1 :], delimiter, path.name)
-    findings += _changed(metadata, lines[start:]) + _misspelt(metadata)
+    findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
     table = parse_numbers(rows, name=path.name, first_line=start + 2, delimiter=delimiter, columns=len(names))
     if "rows" in metadata and metadata["rows"] != len(table):
         raise InputError(

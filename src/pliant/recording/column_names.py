@@ -1,0 +1,95 @@
+"""Spellings of column names that laboratories use, and the names that the wide CSV has for them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from pliant.errors import InputError, shown
+from pliant.recording.clock import SECONDS
+from pliant.units import METRE, PASCAL
+
+CLOCK = re.compile(r"t|time|timestamp", re.IGNORECASE)
+PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNORECASE)
+BEFORE = re.compile(r"([xyz])[_ .:](.+)", re.IGNORECASE)  # x_tip
+BEHIND = re.compile(r"(.+?)[_ .:]([xyz])", re.IGNORECASE)  # tip_x
+BRACKETED = re.compile(r"(.+?)[\s_]*[\[(]\s*([^\[\]()]+?)\s*[\])]")  # tip_x [mm]
+ENDING = re.compile(r"(.+)[_ ]([A-Za-z]+)")  # tip_x_mm
+OTHERS = re.compile(r"f|force|a|acc\w*|gyro\w*|mag\w*|v|vel\w*|torque|moment|rot\w*|angle|q", re.IGNORECASE)
+WORDS = {"in"}  # units that are words as well: a name states them in brackets alone
+
+
+class Renamed(NamedTuple):
+    """Names of columns as the wide CSV has them."""
+
+    names: list[str]
+    length_unit: str  # "" where no name states one
+    findings: list[str]
+
+
+def standard_names(names: list[str], file: str) -> Renamed:
+    """Return the names of a wide CSV for columns such as ``time_ms``, ``Pressure (mbar)`` and ``tip_x [mm]``.
+
+    A name that no rule knows stays as it is; so does one whose standard name another column has.
+
+    Raises
+    ------
+    InputError
+        When positions state several units of length, or some of them none.
+    """
+    positions = {name: found for name in names if (found := _position(name))}
+    if any(BEFORE.fullmatch(name) for name in names):  # the table names its positions that way: x of something else
+        positions = {name: found for name, found in positions.items() if BEFORE.fullmatch(name)}
+    units = {unit for _, unit in positions.values()}
+    if len(units) > 1:
+        stated = ", ".join(sorted(unit or "no unit" for unit in units))
+        raise InputError(f"{file} states several units of length in the names of its columns ({stated}): use one")
+    standard = {name: found[0] for name, found in positions.items()}
+    standard |= {name: other for name in names if name not in standard and (other := _clock(name) or _pressure(name))}
+    taken = set(names)
+    changed = {old: new for old, new in standard.items() if old != new and new not in taken}
+    if len(set(changed.values())) < len(changed):
+        return Renamed(names, "", [])
+    return Renamed([changed.get(n, n) for n in names], next(iter(units), ""), _sentence(changed, units))
+
+
+def _sentence(changed: Mapping[str, str], units: Iterable[str]) -> list[str]:
+    if not changed:
+        return []
+    old, new = next(iter(changed.items()))
+    unit = "".join(f"; positions are in {unit}" for unit in units if unit)
+    return [f"{len(changed)} column(s) are read by other names, {shown(old)} as {shown(new)} for one{unit}"]
+
+
+def _position(name: str) -> tuple[str, str] | None:
+    """Standard name and unit of a coordinate of a station."""
+    bare, unit = _without_unit(name, METRE)
+    if match := BEFORE.fullmatch(bare):
+        return f"{match[1].lower()}_{match[2]}", unit
+    if (match := BEHIND.fullmatch(bare)) and not OTHERS.fullmatch(match[1]):
+        return f"{match[2].lower()}_{match[1]}", unit
+    return None
+
+
+def _clock(name: str) -> str | None:
+    bare, unit = _without_unit(name, SECONDS)
+    return (f"t_{unit}" if unit in ("ms", "us") else "t") if CLOCK.fullmatch(bare) else None
+
+
+def _pressure(name: str) -> str | None:
+    bare, unit = _without_unit(name, PASCAL)
+    match = PRESSURE.fullmatch(bare)
+    if not match or not unit:
+        return None
+    chamber = match[1] or match[2]
+    return f"p_{unit}_{chamber}" if chamber else f"p_{unit}"
+
+
+def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:
+    """A name without the unit that it ends with, and that unit; "" where it states none of `units`."""
+    for pattern in (BRACKETED, ENDING):
+        match = pattern.fullmatch(name)
+        if match and match[2].lower() in units and not (pattern is ENDING and match[2].lower() in WORDS):
+            return match[1], match[2].lower()
+    return name, ""

@@ -1,0 +1,53 @@
+"""Column names as laboratories write them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant import read
+from pliant.errors import InputError
+from pliant.recording.column_names import standard_names
+
+
+@pytest.mark.parametrize(("names", "expected", "unit"), [
+    (["time_ms", "tip_x_mm", "tip_y_mm", "Pressure (mbar)"], ["t_ms", "x_tip", "y_tip", "p_mbar"], "mm"),
+    (["Time (s)", "M 1.X [cm]", "M 1.Y [cm]", "p_kPa"], ["t", "x_M 1", "y_M 1", "p_kpa"], "cm"),
+    (["t", "x_tip", "y_tip", "p_kpa_left", "force_x", "force_y"],) * 2 + ("",),
+    (["t", "x_tip_mm", "y_tip_mm", "pressure_left_kPa", "right pressure [psi]"],
+     ["t", "x_tip", "y_tip", "p_kpa_left", "p_psi_right"], "mm"),
+    (["t", "tip_x", "tip_y", "acc_x", "acc_y"], ["t", "x_tip", "y_tip", "acc_x", "acc_y"], ""),
+    (["t", "x_m", "y_m"],) * 2 + ("",),  # a station called m
+    (["t", "x_000", "y_000", "qx_000", "angle_000", "psi"],) * 2 + ("",),
+    (["timestamp_us", "tip x", "tip y"], ["t_us", "x_tip", "y_tip"], ""),
+])  # fmt: skip
+def test_spellings(names: list[str], expected: list[str], unit: str) -> None:
+    renamed = standard_names(names, "a.csv")
+    assert (renamed.names, renamed.length_unit) == (expected, unit)
+    assert bool(renamed.findings) == (names != expected)
+
+
+def test_two_names_of_one_column_stay_as_they_are() -> None:
+    names = ["t", "time", "x_tip", "tip_x", "y_tip"]
+    assert standard_names(names, "a.csv").names == names
+
+
+def test_units_that_differ_are_refused() -> None:
+    with pytest.raises(InputError, match=r"several units of length .* \(m, mm\)"):
+        standard_names(["t", "x_a_mm", "y_a_m"], "a.csv")
+    with pytest.raises(InputError, match=r"several units of length .* \(mm, no unit\)"):
+        standard_names(["t", "x_a_mm", "y_a"], "a.csv")
+
+
+def test_a_table_in_millimetres_and_milliseconds(tmp_path) -> None:
+    path = tmp_path / "lab.csv"
+    rows = [f"{10 * k};{k}.5;{2 * k};0.0;{k}" for k in range(12)]
+    path.write_text("time_ms;tip_x_mm;tip_y_mm;tip_z_mm;Pressure (mbar)\n" + "\n".join(rows) + "\n")
+    ds = read(path)
+    assert ds.time.values[-1] == pytest.approx(0.11)
+    np.testing.assert_allclose(ds.position.values[3, 0], [3.5e-3, 6e-3, 0.0])
+    np.testing.assert_allclose(ds.pressure.values[:2], [0.0, 100.0])
+    assert "5 column(s) are read by other names, 'tip_x_mm' as 'x_tip' for one; positions are in mm" in ds.history
+    path.with_suffix(".json").write_text('{"length_unit": "m"}')
+    with pytest.raises(InputError, match=r"its columns state mm and length_unit m: keep one"):
+        read(path)
