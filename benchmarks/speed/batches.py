@@ -17,7 +17,7 @@ from pliant.cores import cores
 from pliant.mechanics import mechanics_of
 from pliant.simulation import Pulse, simulate, state
 from pliant.simulation.drive import drive
-from pliant.simulation.solve import march
+from pliant.simulation.initial_value import march
 
 SAMPLES = 1024  # as many as a Monte Carlo run takes: the label on the arrays is then a small part
 STEP = 1e-3  # s

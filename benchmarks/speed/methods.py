@@ -16,9 +16,9 @@ from pliant.equations import motion
 from pliant.equations.symbols import Slopes
 from pliant.mechanics import mechanics_of, planar
 from pliant.simulation import state
-from pliant.simulation.drive import Drive, drive
-from pliant.simulation.extrapolated import Marched, march_extrapolated
-from pliant.simulation.solve import march
+from pliant.simulation.drive import drive
+from pliant.simulation.extrapolated import march_extrapolated
+from pliant.simulation.initial_value import march, posed
 from speed.problem import Problem
 
 Array = np.ndarray
@@ -54,11 +54,8 @@ def pliant_extrapolated(problem: Problem) -> Method:
     model = problem.model
 
     def solve(h: float) -> Array:
-        def marched(plan: Drive) -> Marched:
-            start = (mechanics_of(model).coordinates(state.equilibrium(model, plan.initial)), np.zeros(model.n))
-            return *march(model, plan, start, problem.times.size), np.zeros(0)
-
-        return mechanics_of(model).tips(march_extrapolated(model, problem.pressure, problem.times, h, marched)[0])
+        posed_problem = posed(model, problem.pressure, problem.times, ()).started(None, None, None)
+        return mechanics_of(model).tips(march_extrapolated(posed_problem, h).marched[0])
 
     return Method("pliant, extrapolated", STEPS, solve)
 

@@ -75,7 +75,7 @@ def test_the_stepper_moves_alike(request, which):
 
 
 def test_what_is_no_force_is_refused(body):
-    with pytest.raises(InputError, match="by method='midpoint' alone"):
+    with pytest.raises(InputError, match="by method='midpoint' or 'accurate' alone"):
         simulate(body, Pulse(0.0), duration=0.1, method="Radau", forces=[held()])
     with pytest.raises(InputError, match="pulls at 'nowhere'"):
         simulate(body, Pulse(0.0), duration=0.1, forces=[held(at="nowhere")])

@@ -10,8 +10,8 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Valve, load_model, save_model
 from pliant.simulation import Pulse, Stepper, Trace, equilibrium, modes, simulate, state, step, triangle
 from pliant.simulation.drive import drive
+from pliant.simulation.initial_value import march
 from pliant.simulation.memory import march_with_memory
-from pliant.simulation.solve import march
 
 CREEP = Memory(creep_share=(0.1, 0.2), creep_time=(0.05, 1.0))
 SLIP = Memory(slip_share=(0.1, 0.2), slip_angle=(0.005, 0.02))

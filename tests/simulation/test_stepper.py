@@ -176,11 +176,11 @@ def test_a_point_force_does_the_work_that_it_gives(awkward):
     at = model.points[0]
     stepper.push(force, at.name)
     start = stepper.stations()[0][0].copy()
-    from pliant.simulation.balance import held_energy
+    from pliant.simulation.balance import stored_energy
 
-    before = held_energy(model, stepper.angle, stepper.rate, (0.0,)).energy
+    before = stored_energy(model, stepper.angle, stepper.rate, stepper.memory).sum()
     stepper.step(0.0, 3000)
-    gained = held_energy(model, stepper.angle, stepper.rate, (0.0,)).energy - before
+    gained = stored_energy(model, stepper.angle, stepper.rate, stepper.memory).sum() - before
     way = stepper.stations()[0][0] - start
     assert gained == pytest.approx(float(force @ way), rel=1e-4)
     assert abs(gained) > 1e-6

@@ -16,7 +16,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import Pulse, state
 from pliant.simulation.drive import drive
-from pliant.simulation.solve import march
+from pliant.simulation.initial_value import march
 
 CALLS = 20_000
 TORQUE = 0.0793  # N m, the paper's at 119 kPa

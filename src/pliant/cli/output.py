@@ -91,13 +91,15 @@ def summary(trajectory: xr.Dataset) -> dict[str, Any]:
 
     tip = trajectory["tip_position"].to_numpy()[:, -1]
     moved = np.linalg.norm(tip - tip[0], axis=1)
+    error = trajectory.attrs.get("tip_error")
     return {
         "duration_s": float(trajectory.time[-1] - trajectory.time[0]),
         "frames": int(trajectory.sizes["time"]),
         "largest_tip_displacement_mm": 1e3 * float(moved.max()),
         "final_tip_mm": [1e3 * float(v) for v in tip[-1]],
         "largest_pressure_kpa": 1e-3 * largest(trajectory["pressure"].to_numpy()),
-        "method": trajectory.attrs["method"],
+        "method": trajectory.attrs["method"], "step_ms": 1e3 * trajectory.attrs["step_s"],
+        **({} if error is None else {"largest_tip_error_estimated_mm": 1e3 * error}),
     }
 
 

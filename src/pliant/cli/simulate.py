@@ -30,8 +30,13 @@ def simulate(
     duration: Annotated[
         float | None, typer.Option(help="Simulated time, s.", show_default="4, or the length of the trace")
     ] = None,
-    step_ms: Annotated[float, typer.Option("--step-ms", help="Longest step, ms.")] = 1.0,
-    method: Annotated[str, typer.Option(help="midpoint, extrapolated, LSODA, BDF or Radau.")] = "midpoint",
+    step_ms: Annotated[
+        float | None,
+        typer.Option("--step-ms", help="Longest step, ms.", show_default="1, or shorter where the tip needs it"),
+    ] = None,
+    method: Annotated[
+        str, typer.Option(help="midpoint, extrapolated, accurate, LSODA, BDF or Radau.")
+    ] = "midpoint",
     load_g: Annotated[
         float, typer.Option("--load-g", help="Mass hung on the tip, g; it weighs where the model has gravity.")
     ] = 0.0,
@@ -54,8 +59,9 @@ def simulate(
     from pliant.simulation import simulate as solve
 
     loaded = with_load(load_model(model), load_g)
+    step = None if step_ms is None else step_ms * 1e-3
     pull = point_forces(loaded, force, start, start + width)
-    options: dict[str, Any] = {"step": step_ms * 1e-3, "method": method, "forces": pull}
+    options: dict[str, Any] = {"step": step, "method": method, "forces": pull}
     if trace is None:
         high = own_levels(loaded) if level_kpa is None else levels(loaded, level_kpa)
         pressure: list[Input] = [Pulse(level, start, width) for level in high]
@@ -63,7 +69,7 @@ def simulate(
     elif level_kpa is not None:
         raise InputError("give either --level-kpa for a pulse or --trace for a measured pressure, not both")
     else:
-        pressure, options["times"] = measured_pressures(trace, loaded, drive, duration, step_ms * 1e-3)
+        pressure, options["times"] = measured_pressures(trace, loaded, drive, duration, step)
     with busy("simulating"):
         result = solve(loaded, pressure, **options)
     if output is not None:
@@ -114,7 +120,7 @@ def own_levels(model: Model) -> list[float]:
 
 
 def measured_pressures(
-    path: Path, model: Model, drive: str, duration: float | None, step: float
+    path: Path, model: Model, drive: str, duration: float | None, step: float | None
 ) -> tuple[list[Input], Any]:
     """The pressure of a recording for each chamber, and the output times (T,) [s] from its first sample on."""
     from pliant.identification.drives import measured

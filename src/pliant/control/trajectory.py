@@ -225,7 +225,7 @@ class Planner:
             late, model = late + self.valve.dead_time, model.with_(valve=Valve())
             drive = Trace(*(row[::COARSER] for row in behind_supply(self.valve, command, self.design.period)))
         model = model.with_(valve=replace(model.valve, dead_time=late))
-        moved = simulate(model, drive, times=edge, step=STEP)
+        moved = simulate(model, drive, times=edge, step=STEP, check=False)
         q, dq = np.asarray(moved["joint_angle"].values), np.asarray(moved["joint_rate"].values)
         angle = model.base_angle + np.cumsum(q + model.rest_angle, axis=1)
         shift = np.zeros_like(q)

@@ -184,14 +184,20 @@ def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: f
 
 def laid_out(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Layout:
     """The layout of a drive by one input for each chamber; arguments and errors as of `drive`."""
-    times = np.asarray(times, dtype=float)
-    if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0):
-        raise InputError("simulation times must be at least two, strictly increasing, in seconds")
+    times = check_times(times)
     if not (np.isfinite(step) and step > 0):
         raise InputError(f"the step must be a positive time in seconds, got {step}")
     if (times[-1] - times[0]) / step > LONGEST:
         raise InputError(f"{times[-1] - times[0]:.6g} s in steps of {step:.3g} s are too many steps: use a longer step")
     return Layout(inputs, dead_times, times, step)
+
+
+def check_times(times: Array) -> Array:
+    """The output times (T,) as an array; InputError where there are less than two, or they do not increase."""
+    times = np.asarray(times, dtype=float)
+    if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0):
+        raise InputError("simulation times must be at least two, strictly increasing, in seconds")
+    return times
 
 
 def driven(model: Model, layout: Layout) -> Drive:

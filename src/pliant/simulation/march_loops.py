@@ -165,10 +165,11 @@ def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
 def hold(phi, w, held, drives, body, joints, work):
     """As `held_step`, several times and under a force, of plain tuples; the index of the step that fails, or -1.
 
-    `held` is (h, steps, command, load): load (n, 2) is that of `equations.contact.add_link_loads`, (0, 2) for none.
-    Python hands the arrays of plain tuples over in a third of the time of named ones.
+    `held` is (h, steps, command, load, total): load (n, 2) is that of `equations.contact.add_link_loads`, (0, 2) for
+    none; total (3,) takes input work, loss of the dampers and loss of the memory, J. Python hands the arrays of plain
+    tuples over in a third of the time of named ones.
     """
-    h, steps, command, load = held
+    h, steps, command, load, total = held
     actuation, valve, pressure, state = drives
     chambers = Drives(Actuation(*actuation), valve, pressure, state)
     mass, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
@@ -179,12 +180,13 @@ def hold(phi, w, held, drives, body, joints, work):
         step(phi, w, h, scratch.tau, mass, springs, scratch)
         if not follows(phi, w, h, springs):
             return k
+        add_step_work(w, h, scratch.tau, springs, scratch, total)
     return -1
 
 
 def hold_with_memory(phi, w, held, drives, chain, past, work):
     """As `hold` with memory; chain is (body, joints)."""
-    h, steps, command, load = held
+    h, steps, command, load, total = held
     actuation, valve, pressure, state = drives
     chambers = Drives(Actuation(*actuation), valve, pressure, state)
     body, joints = chain
@@ -198,6 +200,8 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
         taken = step_with_memory(phi, w, h, scratch.tau, mass, springs, own, scratch)
         if not (taken >= 0.0 and follows(phi, w, h, springs)):
             return k
+        add_step_work(w, h, scratch.tau, springs, scratch, total)
+        total[2] = total[2] + taken
     return -1
 
 

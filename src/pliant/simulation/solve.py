@@ -3,25 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from pliant.compiler.choose import twin
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.simulation import march_loops, memory, state
-from pliant.simulation.balance import tell_gain
-from pliant.simulation.drive import LONGEST, Drive, drive, inputs_of, too_fast
-from pliant.simulation.extrapolated import Marched, march_extrapolated
-from pliant.simulation.forces import PointForce, checked, loads_at, mean_loads
+from pliant.simulation import memory, state
+from pliant.simulation.accuracy import LIMIT, step_for, tip_error
+from pliant.simulation.accurate import march_accurate
+from pliant.simulation.balance import Defects, energy_defects, warn_of_defects
+from pliant.simulation.drive import LONGEST
+from pliant.simulation.extrapolated import march_extrapolated
+from pliant.simulation.forces import PointForce
+from pliant.simulation.initial_value import InitialValueProblem, Solution, posed
 from pliant.simulation.inputs import Input
 from pliant.simulation.reference import METHODS, Start, solve_reference
 from pliant.simulation.result import Motion, by_chamber, trajectory
+from pliant.simulation.time_step import EVERY, nice, time_step
 
 Array = np.ndarray
 STEPS_PER_PERIOD = 8  # of the first mode: below, a step cannot draw the oscillation that it claims to follow
+OWN_METHODS = ("midpoint", "extrapolated", "accurate")
+WITH_FORCES = ("midpoint", "accurate")
+REFINEMENTS = 8  # of a step that nobody gave
+SHORTER = 0.15  # of the first such step
+MOST_STEPS = 500_000  # that such a step may lead to
+
+
+class Settings(NamedTuple):
+    """How a motion is to be computed: the arguments of `simulate`."""
+
+    step: float | None
+    method: str
+    rtol: float
+    tolerance: float
+    check: bool
 
 
 def simulate(
@@ -30,13 +50,15 @@ def simulate(
     *,
     duration: float | None = None,
     times: Array | None = None,
-    step: float = 1e-3,
+    step: float | None = None,
     method: str = "midpoint",
     initial_angle: Array | None = None,
     initial_rate: Array | None = None,
     initial_memory: Array | None = None,
     forces: Sequence[PointForce] = (),
     rtol: float = 1e-8,
+    tolerance: float = 1e-4,
+    check: bool = True,
 ) -> xr.Dataset:
     """Simulate the chain under a pressure input. Paper: Eq. (5) [eq:eom], solver D14.
 
@@ -46,15 +68,18 @@ def simulate(
     pressure : Input, or one for each chamber in their order
         What is commanded, Pa gauge: `Pulse`, `Trace`, `Chirp`, ... or any object with the same three members.
     duration : float
-        s from time 0, output every `step`; or give `times`.
+        s from time 0, output every `step` (every millisecond without one); or give `times`.
     times : array (T,)
         Output times, s, strictly increasing; the first is the start.
-    step : float
-        Longest step, s. Steps end at every output time and at every jump of the pressure.
-    method : {"midpoint", "extrapolated", "LSODA", "BDF", "Radau"}
+    step : float, optional
+        Longest step, s. Steps end at every output time and at every jump of the pressure. Default: that of
+        `pliant.simulation.time_step.time_step`, at most 1 ms, shortened until the estimated error of the tip is below
+        1 % of the length.
+    method : {"midpoint", "extrapolated", "accurate", "LSODA", "BDF", "Radau"}
         The linearly implicit midpoint rule of fixed cost (second order, stable); the same extrapolated to fourth order
-        from two marches, where errors below a hundredth of a millimetre count; or a SciPy solver with the compiled
-        right-hand side and Jacobian as reference (relative tolerance `rtol`).
+        from two marches, where errors below a hundredth of a millimetre count; the same with steps halved until the
+        tip is known to `tolerance`; or a SciPy solver with the compiled right-hand side and Jacobian as reference
+        (relative tolerance `rtol` of each step).
     initial_angle, initial_rate : array (n,)
         Joint angles and rates at the start, rad and rad/s; default: at rest under gravity and the
         pressure just before the first time, so that a step at the first time moves the chain. Of a body that lengthens
@@ -64,7 +89,14 @@ def simulate(
         creep relaxed, slip elements and Bouc-Wen unstretched.
     forces : sequence of `pliant.simulation.forces.PointForce`
         That pull at points of the body, N in the base frame; their mean over each step acts at the angles half a step
-        ahead, and their work is part of the input work. By ``method="midpoint"`` alone.
+        ahead, and their work is part of the input work. By ``method="midpoint"`` or ``"accurate"``.
+    rtol : float
+        Of the SciPy solvers.
+    tolerance : float
+        Of ``method="accurate"``: largest error of the tip, as a fraction of the length.
+    check : bool
+        Whether to estimate the error of the tip and to warn of it and of missing energy: half as many steps more, and
+        twice as many again where the first look does not clear the motion.
 
     Returns
     -------
@@ -74,69 +106,114 @@ def simulate(
         With memory also memory_state (time, joint, memory), memory_torque (time, joint), memory_energy,
         memory_dissipation (time). Where segments lengthen also axial_strain, axial_strain_rate and extension [m]
         (time, segment). Kinetic + elastic + gravitational + memory energy then balance input work less both
-        losses. Of a fixed step the attribute energy_gain: the share of energy that came from nothing; beyond 1 % an
-        `EnergyWarning` tells it.
+        losses. Attributes: step_s; energy_gain and energy_loss, the fractions of the energy in play that the
+        computed motion gains from nothing and loses to nothing; tip_error, an upper estimate of the largest error
+        of the tip, m (not with `check` = False, nor of a SciPy solver).
 
     Raises
     ------
     InputError
         When times, step or method are not usable, or the step is too long for the model's first mode.
     SimulationError
-        When a value stops being finite, or no rest exists to start from.
+        When a value stops being finite, no rest exists to start from, or `tolerance` cannot be reached.
+
+    Warns
+    -----
+    AccuracyWarning
+        When the estimated error of the tip is more than 1 % of the length.
+    EnergyWarning
+        When more than 1 % of the energy in play appears or disappears.
     """
-    inputs_of(model, pressure)
     check_step(model, step, method)
-    times = output_times(duration, times, step)
-    forces = [checked("simulate", force) for force in forces]
-    plan = pulled(model, drive(model, pressure, times, step), forces, times, method)
-    before = loads_before(model, forces, times)
-    rest = initial_angle is None
-    q0 = state.equilibrium(model, plan.initial, link_load=before) if rest else state.vector(model, initial_angle)
-    dq0 = np.zeros(model.size) if initial_rate is None else state.vector(model, initial_rate)
-    start = (mechanics_of(model).coordinates(q0), mechanics_of(model).rates(dq0))
-    states = memory.first_states(model, q0, initial_memory)
-    stretch = None
-
-    def marched(plan: Drive) -> Marched:
-        if model.memory:
-            return memory.march_with_memory(model, plan, start, states, times.size)
-        return *march(model, plan, start, times.size), states
-
-    if method in METHODS:
-        phi, w, work, kept, stretch = solve_reference(
-            model, pressure, times, Start(*start, plan.initial, states), method, rtol
-        )
-    elif method == "extrapolated":
-        phi, w, work, kept = march_extrapolated(model, pressure, times, step, marched)
-    else:
-        phi, w, work, kept = marched(plan)
-    if lost := state.first_given_way(model, times, phi):
+    how = Settings(step, method, rtol, tolerance, check)
+    problem = posed(model, pressure, output_times(duration, times, step), forces)
+    problem = problem.started(initial_angle, initial_rate, initial_memory)
+    solution = solved(problem, how)
+    phi, w, work, states = solution.marched
+    if lost := state.first_given_way(model, problem.times, phi):
         raise SimulationError(lost)
-    told = memory.told(model, phi, kept, work[:, -1])
-    if plan.stretch is not None:
-        told["hoop_stretch"] = by_chamber(plan.stretch if stretch is None else stretch)
+    extra = memory.told(model, phi, states, work[:, -1])
+    if solution.stretch is not None:
+        extra["hoop_stretch"] = by_chamber(solution.stretch)
     motion = trajectory(
-        model, Motion(times, plan.pressure, phi, w), energies(model, phi, w, work), told, method=method, step=step
+        model, Motion(problem.times, solution.pressure, phi, w), energies(model, phi, w, work), extra,
+        method=method, step=solution.step,
     )
-    return motion if method in METHODS else tell_gain(motion, step)
+    return judged(motion, solution, how, model.length)
 
 
-def pulled(model: Model, plan: Drive, forces: Sequence[PointForce], times: Array, method: str) -> Drive:
-    """The plan with the mean loads of forces on the links; InputError for a method that takes none."""
-    if not forces:
-        return plan
-    if method != "midpoint":
-        raise InputError("forces pull at a body by method='midpoint' alone")
-    return plan._replace(load=mean_loads(model, forces, times[0] + np.append(0.0, np.cumsum(plan.h))))
+def judged(motion: xr.Dataset, solution: Solution, how: Settings, length: float) -> xr.Dataset:
+    """The motion with its defects as attributes, and a warning of them where they are to be checked."""
+    gain, loss = energy_defects(motion)
+    motion.attrs |= {"energy_gain": gain, "energy_loss": loss}  # `assign_attrs` would copy the whole
+    if np.isfinite(solution.error):
+        motion.attrs["tip_error"] = solution.error * length
+    if how.check and how.method != "accurate":
+        advice = "use method='accurate' or simulate a shorter time"
+        if how.step is not None and how.method in OWN_METHODS:
+            shorter = nice(solution.step * step_for(max(solution.error, LIMIT)))
+            advice = f"use step={shorter:g} or leave it out"
+        warn_of_defects(Defects(solution.error, length, gain, loss), solution.step, advice)
+    return motion
 
 
-def loads_before(model: Model, forces: Sequence[PointForce], times: Array) -> Array | None:
-    """Loads (n, 2) of the links before anything happens at the first time, N m; None where no force pulls."""
-    return loads_at(model, forces, float(np.nextafter(times[0], -np.inf))) if forces else None
+def solved(problem: InitialValueProblem, how: Settings) -> Solution:
+    """The motion of a problem by one of the methods."""
+    step = how.step or EVERY
+    if problem.forces and how.method not in WITH_FORCES:
+        raise InputError("forces pull at a body by method='midpoint' or 'accurate' alone")
+    if how.method in METHODS:
+        plan = problem.plan(step)
+        start = Start(*problem.start, problem.initial, problem.states)
+        phi, w, work, states, stretch = solve_reference(
+            problem.model, problem.pressure, problem.times, start, how.method, how.rtol
+        )
+        return Solution(plan.pressure, (phi, w, work, states), step, None if plan.stretch is None else stretch)
+    if how.method == "accurate":
+        return march_accurate(problem, first_step(problem, how), how.tolerance)
+    if how.method == "extrapolated":
+        return march_extrapolated(problem, first_step(problem, how))
+    return by_midpoint(problem, how)
 
 
-def output_times(duration: float | None, times: Array | None, step: float) -> Array:
-    """The output times, from a duration or as given."""
+def first_step(problem: InitialValueProblem, how: Settings) -> float:
+    """The given step [s], or the one that the model needs."""
+    if how.step is not None:
+        return how.step
+    model, duration = problem.model, float(np.ptp(problem.times))
+    moved = mechanics_of(model).joint_coordinates(problem.start[0]) - state.equilibrium(model)
+    return time_step(model, moved, duration)
+
+
+def by_midpoint(problem: InitialValueProblem, how: Settings) -> Solution:
+    """The motion by the midpoint rule; a step that nobody gave is shortened until the tip is right.
+
+    A motion that is too fast for the first such step is refused, unless a shorter one makes it right.
+    """
+    step = first = first_step(problem, how)
+    refused: SimulationError | None = None
+    error = np.nan
+    for _ in range(REFINEMENTS):
+        try:
+            plan = problem.plan(step)
+            marched = problem.marched(plan)
+        except SimulationError as failure:
+            if how.step is not None or step < SHORTER * first:
+                raise refused or failure from None
+            refused, step = refused or failure, nice(0.5 * step)
+            continue
+        error = tip_error(partial(problem.repeated, plan, marched[0])) if how.check else np.nan
+        if how.step is not None or not error > LIMIT or plan.h.size > MOST_STEPS * step_for(error):
+            break
+        step = nice(step * step_for(error))
+    if refused is not None and error > LIMIT:
+        raise refused
+    return Solution(plan.pressure, marched, step, plan.stretch, error)
+
+
+def output_times(duration: float | None, times: Array | None, step: float | None) -> Array:
+    """The output times, from a duration, every `step` [s] or every millisecond, or as given."""
+    step = EVERY if step is None else step
     if (duration is None) == (times is None):
         raise InputError("give either duration (s) or times (s), not both and not neither")
     if times is not None:
@@ -148,14 +225,16 @@ def output_times(duration: float | None, times: Array | None, step: float) -> Ar
     return np.linspace(0.0, duration, max(2, round(duration / step) + 1))
 
 
-def check_step(model: Model, step: float, method: str) -> None:
+def check_step(model: Model, step: float | None, method: str) -> None:
     """Refuse a step that is none, an unknown method, and a fixed step that cannot draw the model's first mode."""
-    if not (np.isfinite(step) and step > 0):
+    if step is not None and not (np.isfinite(step) and step > 0):
         raise InputError(f"the step must be a positive time in seconds, got {step}")
     if method in METHODS:
         return
-    if method not in ("midpoint", "extrapolated"):
-        raise InputError(f"unknown method {method!r}: use midpoint, extrapolated, {', '.join(METHODS)}")
+    if method not in OWN_METHODS:
+        raise InputError(f"unknown method {method!r}: use {', '.join((*OWN_METHODS, *METHODS))}")
+    if step is None:
+        return
     first = float(state.modes(model)[0][0])
     longest = 1.0 / (STEPS_PER_PERIOD * first)
     if step > longest:
@@ -163,25 +242,6 @@ def check_step(model: Model, step: float, method: str) -> None:
             f"a step of {step * 1e3:.3g} ms is too long: the first mode rings at {first:.3g} Hz and needs at least "
             f"{STEPS_PER_PERIOD} steps a period; use a step of {longest * 1e3:.3g} ms or less"
         )
-
-
-def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> tuple[Array, Array, Array]:
-    """Absolute angles and rates (rows, n) and input work and loss (rows, 2) by the compiled march.
-
-    A model with memory starts relaxed at these angles.
-    """
-    if model.memory:
-        states = state.relaxed(model, mechanics_of(model).joint_angles(start[0]))
-        return memory.march_with_memory(model, plan, start, states, rows)[:3]
-    out = march_loops.rows_for(rows, model.size, (model.n, 0), 2)
-    out.phi[0], out.w[0] = start
-    now = start[0].copy()
-    failed = twin(march_loops.march, model.n, len(model.extensions))(
-        now, start[1].copy(), plan.steps, *mechanics_of(model).parts(), out
-    )
-    if failed >= 0:
-        raise too_fast(plan, failed, state.given_way(model, now))
-    return out.phi, out.w, out.energy
 
 
 def energies(model: Model, phi: Array, w: Array, work: Array) -> dict[str, Array]:

@@ -113,13 +113,23 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
         When the chain is not stable at this shape, or no equilibrium is found.
     """
     q = equilibrium(model) if q is None else vector(model, q)
-    M, K = mechanics_of(model).linear_parts(q)
-    L = np.linalg.cholesky(M)
-    inverse = np.linalg.inv(L)
+    omega, _, decay = modal(model, *mechanics_of(model).linear_parts(q))
+    return omega / (2 * np.pi), decay / omega
+
+
+def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
+    """Modes of `linear_parts`: angular frequencies (n,) [rad/s], ascending; shapes, columns of (n, n); decay [1/s].
+
+    Shapes V have V'MV = 1; the rates of decay (n,) are those of the modal diagonal of D.
+
+    Raises
+    ------
+    SimulationError
+        When the chain is not stable at this shape.
+    """
+    inverse = np.linalg.inv(np.linalg.cholesky(M))
     squared, V = np.linalg.eigh(inverse @ K @ inverse.T)
     if squared[0] <= 0:
         raise SimulationError("the chain is not stable at this shape: it has no frequency of oscillation there")
-    omega = np.sqrt(squared)
-    modal = inverse.T @ V
-    damping = np.einsum("ik,i,ik->k", modal, mechanics_of(model).joints.D, modal)
-    return omega / (2 * np.pi), damping / (2 * omega)
+    shapes = inverse.T @ V
+    return np.sqrt(squared), shapes, 0.5 * np.einsum("ik,i,ik->k", shapes, mechanics_of(model).joints.D, shapes)

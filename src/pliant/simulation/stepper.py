@@ -16,6 +16,7 @@ from pliant.simulation.balance import EnergyWatch
 from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.forces import PointForce, checked, link_loads
 from pliant.simulation.solve import check_step
+from pliant.simulation.time_step import warn_too_coarse
 
 Array = np.ndarray
 
@@ -55,15 +56,22 @@ class Stepper:
         Pressure behind the valve, Pa; hoop stretch of a chamber that inflates, 1 for a rigid wall.
     time : float
         s since the start.
-    energy_gain : float
-        Largest share of energy that came from nothing while the pressure did not change, looked at every 256 steps; an
-        `EnergyWarning` tells it beyond 1 %. Models that remember or whose chamber swells or inflates are not watched.
+    energy_gain, energy_loss : float
+        Largest energy that came from nothing and that went to nothing, as fractions of the energy in play, balanced
+        every 256 steps against the work of pressures and forces and the losses.
 
     Raises
     ------
     InputError
         When the step is not a positive time short enough for the model, or the valve is of second order or has a
         dead time.
+
+    Warns
+    -----
+    AccuracyWarning
+        When the step is too long for a mode that moves the tip; see `pliant.simulation.time_step.time_step`.
+    EnergyWarning
+        When more than 1 % of the energy in play appears or disappears while the chain is stepped.
     """
 
     def __init__(self, model: Model, step: float = 1e-3, pressure: float | Array = 0.0) -> None:
@@ -74,6 +82,7 @@ class Stepper:
                     "a Stepper takes an ideal or first-order valve: pass it the pressure behind another one"
                 )
         check_step(model, step, "midpoint")
+        warn_too_coarse(model, step)
         self.model = model
         self.length = step
         self._drives = march_loops.Drives(
@@ -132,8 +141,13 @@ class Stepper:
 
     @property
     def energy_gain(self) -> float:
-        """Largest share of energy that came from nothing under a pressure that did not change."""
+        """Largest energy that came from nothing, as a fraction of the energy in play."""
         return self._watch.gain
+
+    @property
+    def energy_loss(self) -> float:
+        """Largest energy that went to nothing, as a fraction of the energy in play."""
+        return self._watch.loss
 
     @property
     def pressure(self) -> float | Array:
@@ -183,7 +197,8 @@ class Stepper:
             When the pressure is not finite, or moves a link faster than the step can follow; `reset` before going on.
         """
         self._command[:] = pressure
-        failed = self._advance(self._x, self._v, (self.length, steps, self._command, self._load), *self._parts)
+        held = (self.length, steps, self._command, self._load, self._watch.total)
+        failed = self._advance(self._x, self._v, held, *self._parts)
         self.time += self.length * (steps if failed < 0 else failed + 1)
         if failed >= 0:
             if lost := state.given_way(self.model, self._x):
@@ -192,10 +207,7 @@ class Stepper:
                 f"at {self.time:.6g} s, under {pressure} Pa, a link turns by more than a radian within the step of "
                 f"{self.length * 1e3:.3g} ms, or the pressure is not finite; use a shorter step or a smaller pressure"
             )
-        if len(self._load):
-            self._watch.forget()
-        else:
-            self._watch.look(self._x, self._v, tuple(self._drives.pressure.tolist()), self.length, steps)
+        self._watch.look(self._x, self._v, self.memory, self.length, steps)
         return self.angle, self.rate
 
     def tips(self) -> Array:
@@ -227,3 +239,4 @@ class Stepper:
         for own, value in zip(held, saved[:5], strict=True):
             own[...] = value  # in place: the compiled step holds these arrays
         self.time = saved.time
+        self._watch.forget()

@@ -1,0 +1,122 @@
+"""A motion to be computed, and its march by the midpoint rule."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pliant.compiler.choose import twin
+from pliant.errors import SimulationError
+from pliant.mechanics import mechanics_of
+from pliant.model import Model
+from pliant.simulation import march_loops, memory, state
+from pliant.simulation.drive import Drive, before, check_times, drive, inputs_of, too_fast
+from pliant.simulation.forces import PointForce, checked, loads_at, mean_loads
+from pliant.simulation.inputs import Input
+
+Array = np.ndarray
+Marched = tuple[Array, Array, Array, Array]  # angles, rates, work, states of the memory, at the output times
+
+
+class Solution(NamedTuple):
+    """A computed motion, and how it was computed."""
+
+    pressure: Array  # (T, C) Pa, behind the valves
+    marched: Marched
+    step: float  # s, the longest
+    stretch: Array | None = None  # (T, C), of chambers that inflate
+    error: float = np.nan  # upper estimate of the error of the tip, of the length; not a number: not estimated
+
+
+class InitialValueProblem(NamedTuple):
+    """A motion to be computed."""
+
+    model: Model
+    pressure: tuple[Input, ...]
+    times: Array  # (T,) s
+    forces: tuple[PointForce, ...]
+    initial: Array  # (C,) Pa, before anything happens at the first time
+    start: tuple[Array, Array] = (np.zeros(0), np.zeros(0))  # absolute angles and rates (N,)
+    states: Array = np.zeros((0, 0))  # (n, branches) rad, of the memory
+
+    def started(self, angle: Array | None, rate: Array | None, states: Array | None) -> InitialValueProblem:
+        """The problem with its start: the arguments of `simulate`."""
+        model, load = self.model, loads_before(self.model, self.forces, self.times)
+        rest = angle is None
+        q = state.equilibrium(model, self.initial, link_load=load) if rest else state.vector(model, angle)
+        dq = np.zeros(model.size) if rate is None else state.vector(model, rate)
+        start = mechanics_of(model).coordinates(q), mechanics_of(model).rates(dq)
+        return self._replace(start=start, states=memory.first_states(model, q, states))
+
+    def plan(self, step: float, times: Array | None = None) -> Drive:
+        """The steps of at most `step` [s] that meet `times` (default: all), under the pressure and the forces."""
+        times = self.times if times is None else times
+        return self.loaded(drive(self.model, self.pressure, times, step))
+
+    def loaded(self, plan: Drive) -> Drive:
+        """A plan with the mean loads of the forces on the links."""
+        if not self.forces:
+            return plan
+        nodes = self.times[0] + np.append(0.0, np.cumsum(plan.h))
+        return plan._replace(load=mean_loads(self.model, self.forces, nodes))
+
+    def marched(self, plan: Drive, rows: int | None = None) -> Marched:
+        """What the midpoint rule makes of a plan that keeps so many rows (default: those of its pressure)."""
+        rows = len(plan.pressure) if rows is None else rows
+        if self.model.memory:
+            return memory.march_with_memory(self.model, plan, self.start, self.states, rows)
+        return *march(self.model, plan, self.start, rows), self.states
+
+    def tips(self, phi: Array) -> Array:
+        """Positions (T, 2) of the tip, over the length of the body."""
+        return np.asarray(mechanics_of(self.model).tips(phi)[:, -1] / self.model.length)
+
+    def repeated(self, plan: Drive, phi: Array, factor: float) -> tuple[Array, Array]:
+        """Tips of a motion and of its repetition with `factor` times the steps of its plan, at equal times."""
+        every = 2 if factor > 1.0 and self.times.size > 2 else 1  # every second time: no step reaches beyond one
+        other = self.plan(factor * float(plan.h.max()), self.times[::every])
+        if factor > 1.0 and other.h.size > 0.75 * plan.h.size:
+            raise SimulationError("the output times and jumps leave no room for longer steps")
+        return self.tips(phi[::every]), self.tips(self.marched(other)[0])
+
+
+def posed(
+    model: Model, pressure: Input | Sequence[Input], times: Array, forces: Sequence[PointForce]
+) -> InitialValueProblem:
+    """The problem, yet without its start.
+
+    Raises
+    ------
+    InputError
+        When the inputs are not those of the model, the times do not increase, or a force is none.
+    """
+    inputs, times = inputs_of(model, pressure), check_times(times)
+    pull = tuple(checked("simulate", force) for force in forces)
+    initial = [before(u, c.valve.dead_time, times) for u, c in zip(inputs, model.chambers, strict=True)]
+    return InitialValueProblem(model, inputs, times, pull, np.array(initial))
+
+
+def loads_before(model: Model, forces: Sequence[PointForce], times: Array) -> Array | None:
+    """Loads (n, 2) of the links before anything happens at the first time, N m; None where no force pulls."""
+    return loads_at(model, forces, float(np.nextafter(times[0], -np.inf))) if forces else None
+
+
+def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> tuple[Array, Array, Array]:
+    """Absolute angles and rates (rows, n) and input work and loss (rows, 2) by the compiled march.
+
+    A model with memory starts relaxed at these angles.
+    """
+    if model.memory:
+        states = state.relaxed(model, mechanics_of(model).joint_angles(start[0]))
+        return memory.march_with_memory(model, plan, start, states, rows)[:3]
+    out = march_loops.rows_for(rows, model.size, (model.n, 0), 2)
+    out.phi[0], out.w[0] = start
+    now = start[0].copy()
+    failed = twin(march_loops.march, model.n, len(model.extensions))(
+        now, start[1].copy(), plan.steps, *mechanics_of(model).parts(), out
+    )
+    if failed >= 0:
+        raise too_fast(plan, failed, state.given_way(model, now))
+    return out.phi, out.w, out.energy

@@ -1,0 +1,111 @@
+"""The time step that a model needs: from the highest mode of small motions that matters at the tip.
+
+The midpoint rule slows a mode of angular frequency w by the fraction (w h)^2 / 12 (Hairer, Norsett and Wanner I, Sec.
+II.16, applied to an oscillator). A mode that moves the tip by A and decays at the rate d is then wrong by at most
+A w (w h)^2 / 12 t exp(-d t), largest at t = 1/d.
+"""
+
+from __future__ import annotations
+
+from warnings import warn
+
+import numpy as np
+
+from pliant.mechanics import mechanics_of
+from pliant.model import Model, Station
+from pliant.simulation import state
+from pliant.simulation.accuracy import LIMIT, AccuracyWarning
+
+Array = np.ndarray
+EVERY = 1e-3  # s, between output times that nobody gave, and the longest step that nobody gave
+SHORTEST = 1e-6  # s
+TOLERANCE = 3e-3  # of the length: error of one mode at the tip, a third of what a simulation reports
+TYPICAL = 0.25  # of the length: static displacement of the tip by a typical pressure, a bend of half a radian
+DURATION = 1.0  # s, over which an undamped mode keeps its phase
+NICE = (5.0, 2.0, 1.0)
+
+
+def time_step(model: Model, displacement: Array | None = None, duration: float = DURATION) -> float:
+    """Return the longest step, s, that follows every mode which matters at the tip.
+
+    A mode matters when a sudden pressure in one of the chambers, which displaces the tip by a quarter of the length at
+    rest, or the given displacement, moves the tip in this mode by more than 0.15 % of the length. The step keeps the
+    error of each such mode below 0.3 % of the length.
+
+    Parameters
+    ----------
+    model : Model
+    displacement : array (N,), optional
+        Joint coordinates at the start of a free motion, from rest, rad (and strains).
+    duration : float
+        s, for which a mode without damping must keep its phase.
+
+    Returns
+    -------
+    float
+        1 ms or less: 1, 0.5, 0.2, 0.1, ... ms.
+
+    Raises
+    ------
+    SimulationError
+        When the chain is not stable at rest.
+
+    Examples
+    --------
+    >>> time_step(pliant.actuators.chen2018.model())
+    0.001
+    """
+    return nice(min(EVERY, longest_step(model, displacement, duration)))
+
+
+def longest_step(model: Model, displacement: Array | None = None, duration: float = DURATION) -> float:
+    """Longest step [s] that follows every mode which matters; infinite where none does. See `time_step`."""
+    return float(mode_steps(*tip_modes(model, displacement), duration).min())
+
+
+def mode_steps(
+    omega: Array, decay: Array, moved: Array, duration: float = DURATION, tolerance: float = TOLERANCE
+) -> Array:
+    """Longest step (N,) [s] by which each of `tip_modes` errs by `tolerance`; infinite for those that never do."""
+    peak = np.minimum(duration, 1.0 / np.maximum(decay, 1e-300))
+    error = moved * omega**3 / 12.0 * peak * np.exp(-decay * peak)  # over the square of the step
+    return np.where(2.0 * moved > tolerance, np.sqrt(tolerance / np.maximum(error, 1e-300)), np.inf)
+
+
+def warn_too_coarse(model: Model, step: float) -> None:
+    """Issue an `AccuracyWarning` where a step [s] errs by more than 1 % of the length in a mode that matters."""
+    omega, decay, moved = tip_modes(model)
+    longest = mode_steps(omega, decay, moved, tolerance=LIMIT)
+    worst = int(longest.argmin())
+    if step > longest[worst]:
+        shorter = nice(mode_steps(omega, decay, moved).min())
+        warn(
+            f"a step of {1e3 * step:.3g} ms is too long for the mode of {omega[worst] / (2 * np.pi):.3g} Hz, in which "
+            f"a sudden pressure moves the tip by {100 * moved[worst]:.2g} % of the length: use step={shorter:g}",
+            AccuracyWarning, stacklevel=3,
+        )
+
+
+def tip_modes(model: Model, displacement: Array | None = None) -> tuple[Array, Array, Array]:
+    """Angular frequencies [rad/s], rates of decay [1/s] and tip displacements [of the length] (N,) of the modes.
+
+    The displacement is the largest of those by the sudden loads of `time_step`.
+    """
+    body, q = mechanics_of(model), state.equilibrium(model)
+    M, K = body.linear_parts(q)
+    omega, shapes, decay = state.modal(model, M, K)
+    tip = Station("tip", model.n - 1, float(model.link_length[-1]))
+    J = body.position_jacobian(body.coordinates(q), tip) @ body.from_joints / model.length
+    pushed = np.linalg.solve(K, np.array(model.actuation.gain).T)
+    reach = np.linalg.norm(J @ pushed, axis=0)
+    loads = [q * (TYPICAL / r) for q, r in zip(pushed.T, reach, strict=True) if r > 0.0]
+    loads += [] if displacement is None else [np.asarray(displacement, dtype=float)]
+    amplitude = np.abs(shapes.T @ M @ np.array(loads).reshape(-1, model.size).T).max(axis=1, initial=0.0)
+    return omega, decay, amplitude * np.linalg.norm(J @ shapes, axis=0)
+
+
+def nice(step: float) -> float:
+    """The longest of 1, 0.5, 0.2, 0.1, ... ms, or of such a series of any power of ten, that is not above `step`."""
+    step = max(step, SHORTEST)
+    power = 10.0 ** np.floor(np.log10(step * (1 + 1e-9)))
+    return float(f"{next(k * power for k in NICE if k * power <= step * (1 + 1e-9)):.6g}")
