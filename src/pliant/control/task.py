@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -62,9 +63,19 @@ def _flag(value: Any) -> Any:
     return value
 
 
+def _address(value: Any) -> Any:
+    try:
+        return str(IPv4Address(value))
+    except ValueError:
+        raise ValueError("must be the address of a machine, such as '192.168.7.2'") from None
+
+
 Number = Annotated[float, BeforeValidator(_number)]
 Positive = Annotated[float, BeforeValidator(_positive)]
 Flag = Annotated[bool, BeforeValidator(_flag)]
+Pressures = Annotated[float | list[float], BeforeValidator(_pressures)]
+Host = Annotated[str, BeforeValidator(_address)]
+LONGEST_MS = 5000.0  # that a receiver lets a command be in force, whatever its task says
 
 
 class Entry(BaseModel):
@@ -135,11 +146,37 @@ class ValveEntry(Entry):
         return SupplyValve(self.rise_hz, self.fall_hz, self.damping_ratio, 1e-3 * self.dead_time_ms)
 
 
+class ReceiverEntry(Entry):
+    """What the receiver at the valve lets through; see `pliant.loop.receiver_of`."""
+
+    host: str = Field("127.0.0.1", min_length=1, description="address of this machine at which it listens")
+    port: int = Field(5005, ge=1, le=65535)
+    key_file: str | None = Field(None, description="shared with the loop; its folder is the task's")
+    private_link: Flag = Field(False, description="only trusted machines share the link to `host`: no key is needed")
+    senders: list[Host] = Field([], description="addresses that may send; default: any")
+    chambers: int | None = Field(None, ge=1, le=64, description="default: as many as `highest_kpa` has")
+    highest_kpa: Pressures | None = Field(None, description="default: the task's")
+    hold_ms: Positive = Field(100.0, description="how long a command is in force that does not say it itself")
+    longest_hold_ms: Positive = Field(500.0, description="how long any command is in force, at most 5000")
+    window_ms: Positive | None = Field(
+        None, description="how far a stamp may lie ahead, at most 5000; default: `longest_hold_ms`"
+    )
+
+    @model_validator(mode="after")
+    def _within_bounds(self) -> ReceiverEntry:
+        if not self.hold_ms <= self.longest_hold_ms <= LONGEST_MS or (self.window_ms or 0.0) > LONGEST_MS:
+            raise ValueError(f"needs hold_ms <= longest_hold_ms <= {LONGEST_MS:g} and window_ms <= {LONGEST_MS:g}")
+        each = self.highest_kpa
+        if isinstance(each, list) and self.chambers not in (None, len(each)):
+            raise ValueError(f"has {len(each)} pressures in highest_kpa for {self.chambers} chambers")
+        return self
+
+
 class TaskFile(Entry):
     """A task file."""
 
     period_ms: Positive = Field(4.0, description="of frames and loop; that of the plant")
-    highest_kpa: Annotated[float | list[float], BeforeValidator(_pressures)] = Field(
+    highest_kpa: Pressures = Field(
         190.0, description="pressure that a command does not pass, one or one for each chamber; it never falls below 0"
     )
     slew_kpa_per_s: Positive = Field(math.inf, description="fastest change of a command")
@@ -154,6 +191,7 @@ class TaskFile(Entry):
     path: PathEntry | None = Field(None, description="in place of set-points")
     valve: ValveEntry | None = Field(None, description="the rig's, of every chamber; default: the model's")
     valves: dict[str, ValveEntry] = Field({}, description="the rig's, in place of `valve`: by the names of chambers")
+    receiver: ReceiverEntry | None = Field(None, description="limits of the receiver at the valve")
 
     @field_validator("feedback")
     @classmethod

@@ -1,5 +1,6 @@
 """The loop: sources, sinks, clocks, watchdog and log; the receiver at the valve."""
 
+from pliant.loop.at_valve import receiver_of
 from pliant.loop.clock import SystemClock, Timing, VirtualClock
 from pliant.loop.keyed import new_key, read_key
 from pliant.loop.log import LoopLog, read_log
@@ -14,5 +15,6 @@ from pliant.loop.watchdog import Bounds, Watchdog
 __all__ = [
     "COLUMNS", "Bounds", "ControlLoop", "LoopLog", "Playback", "Sample", "Sender", "Sink", "Source", "SystemClock",
     "Timing", "UdpSink", "UdpSource", "ValveReceiver", "VirtualActuator", "VirtualClock", "Watchdog", "ZmqSink",
-    "ZmqSource", "connection", "log_columns", "new_key", "read_key", "read_log", "sample",
+    "ZmqSource", "connection", "log_columns", "new_key", "read_key", "read_log", "receiver_of",
+    "sample",
 ]

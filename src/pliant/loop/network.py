@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from ipaddress import ip_address
@@ -30,11 +31,13 @@ class UdpSource:
     private_link : bool
         The address belongs to a cable or network that only trusted machines share, so that no key is needed.
         "0.0.0.0", every network of the machine, asks for a key all the same.
+    senders : sequence of str
+        Addresses (IPv4) that may send; none means any. Without a key an address can be forged.
 
     Attributes
     ----------
     rejected : int
-        Packets that were no samples: malformed, without the key, or repeated.
+        Packets that were no samples: malformed, without the key, repeated, or from an address that may not send.
 
     Raises
     ------
@@ -43,9 +46,11 @@ class UdpSource:
     """
 
     def __init__(
-        self, address: Address = ("127.0.0.1", 0), key: bytes | None = None, *, private_link: bool = False
+        self, address: Address = ("127.0.0.1", 0), key: bytes | None = None, *, private_link: bool = False,
+        senders: Sequence[str] = (),
     ) -> None:
         host = numeric(address[0])
+        self._senders = frozenset(numeric(name) for name in senders)
         if key is None:
             refuse_open_host(host, private_link=private_link)
         self._sessions = None if key is None else Sessions(key)
@@ -74,6 +79,9 @@ class UdpSource:
                 data, (host, port) = self._socket.recvfrom(LARGEST + 1)
             except (BlockingIOError, ConnectionError):
                 return None
+            if self._senders and host not in self._senders:
+                self._malformed += 1
+                continue
             session = b""
             if self._sessions is not None:
                 data, session, answer = self._sessions.open(data)

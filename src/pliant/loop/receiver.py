@@ -35,7 +35,8 @@ class ValveReceiver:
 
     It runs where the valve is: nothing that happens to the loop's program, its machine or the network (a kill, a crash,
     a lost supply, a pulled cable) leaves the valve at pressure for longer than a command's `Sample.hold`. What happens
-    to this program itself is the hardware's part: the valve that it drives must close without current.
+    to this program itself is the hardware's part: the valve that it drives must close without current. `receiver_of`
+    takes the limits from a task file.
 
     The sender of the command in force is the only one that commands until that command's time is over. A command counts
     from when it was sent: the sender's clock is set against this one's by the packet that came fastest. A vent, a
@@ -55,8 +56,10 @@ class ValveReceiver:
     hold : float
         s that a command is in force that does not say it itself.
     longest_hold : float
-        s, at most 5; a command that would hold for longer, holds for this. A sender's time that lies further ahead of
-        what its earlier commands led to expect is not used.
+        s, at most 5; a command that would hold for longer, holds for this.
+    window : float, optional
+        s, at most 5: a sender's time that lies further ahead of what its earlier commands led to expect is not used.
+        Default: `longest_hold`.
 
     Attributes
     ----------
@@ -72,12 +75,12 @@ class ValveReceiver:
     Raises
     ------
     InputError
-        When a limit is not positive, or `longest_hold` exceeds 5 s.
+        When a limit is not positive, or `longest_hold` or `window` exceeds 5 s.
     """
 
     def __init__(
         self, source: Source, drive: Callable[[float | Array], None], highest: float | Sequence[float], clock: Clock,
-        *, hold: float = 0.1, longest_hold: float = 0.5,
+        *, hold: float = 0.1, longest_hold: float = 0.5, window: float | None = None,
     ) -> None:
         limits = np.array(highest, dtype=float)
         if limits.ndim > 1 or not (limits.size and np.isfinite(limits).all() and (limits > 0).all()):
@@ -86,6 +89,10 @@ class ValveReceiver:
             raise InputError(
                 f"a receiver needs 0 < hold <= longest_hold <= {LONGEST_HOLD:g} s, got {hold} s and {longest_hold} s"
             )
+        window = longest_hold if window is None else window
+        if not 0 < window <= LONGEST_HOLD:
+            raise InputError(f"a receiver needs 0 < window <= {LONGEST_HOLD:g} s, got {window} s")
+        self._window = nanoseconds(window)
         self._source, self._drive, self._highest, self._clock = source, drive, limits, clock
         self._hold, self._longest, self._until = hold, longest_hold, clock.now()
         self._held_down = clock.now()  # until when another sender's vent keeps the valve vented
@@ -148,7 +155,7 @@ class ValveReceiver:
         """When a command of that stamp ceases to hold, ns of the own clock; None, counted, where it is not in order."""
         delay = now - stamp
         fastest = min(delay, of.fastest + (now - of.heard) // DRIFT)
-        if of.fastest - delay > nanoseconds(self._longest):
+        if of.fastest - delay > self._window:
             self.ahead += 1
         elif stamp <= of.newest or stamp + fastest + hold <= now:
             self.late += 1
