@@ -16,6 +16,7 @@ import typer
 from pliant.cli import app
 from pliant.cli.new import new
 from pliant.recording.arrays import ArrayMapping
+from pliant.recording.curvature import CurvatureMapping
 from pliant.study import load_study
 from pliant.study.schema import Recording, Study
 
@@ -124,7 +125,7 @@ def test_toml_of_the_data_page_is_what_pliant_takes():
         for entry in part.get("recordings", {}).values():
             Recording.model_validate(entry)
         if not {"alignment", "recordings"} & set(part):
-            ArrayMapping.model_validate(part)
+            (CurvatureMapping if "curvature" in part else ArrayMapping).model_validate(part)
 
 
 CELL = re.compile(r"^```\{code-cell\}[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)

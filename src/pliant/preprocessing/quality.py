@@ -35,6 +35,8 @@ class Quality(Shown):
     Attributes
     ----------
     frames, stations : int
+    pressure_samples : int
+        Of a log without a shape; 0 otherwise.
     duration_s, rate_hz : float
         The rate is that of the median step of the clock.
     irregular_steps : int
@@ -69,6 +71,7 @@ class Quality(Shown):
     """
 
     frames: int = 0
+    pressure_samples: int = 0
     stations: int = 0
     duration_s: float = 0.0
     rate_hz: float = float("nan")
@@ -96,8 +99,12 @@ class Quality(Shown):
 
     def summary(self) -> str:
         """Text that one can read at a glance."""
-        size = f"{self.frames} frames of {f'{self.stations} station(s)' if self.stations else 'strain or pressure'}"
+        what = f"{self.stations} station(s)" if self.stations else "strain"
+        size = f"{self.frames} frames of {what}" if self.frames else f"log of {self.pressure_samples} pressure samples"
         lines = [f"{size}, {self.duration_s:.2f} s at {self.rate_hz:.4g} Hz"]
+        if not self.frames:
+            lines.append("it holds no shape: give it to a study as pressure_file, or to `pliant new` by --from beside "
+                         "the recording of the shape")  # fmt: skip
         for travel, noises, unit, factor, what in ((self.travel_m, self.noise_m, "mm", 1e3, "travel"),
                                                    (self.travel_deg, self.noise_deg, "degrees", 1.0, "turn")):
             seen = [v for v in travel.values() if np.isfinite(v)]
@@ -139,6 +146,10 @@ def quality(ds: xr.Dataset) -> Quality:
     found: dict[str, Any] = {}
     if "time" in ds.coords:
         found |= _clock(ds["time"].values)
+    elif "pressure" in ds:
+        clock = ds["pressure_time"].values
+        found |= {"pressure_samples": clock.size, "duration_s": float(clock[-1] - clock[0])}
+        found |= {"rate_hz": 1.0 / float(np.median(np.diff(clock)))} if clock.size > 1 else {}
     if "position" in ds:
         found |= _positions(ds)
     elif "angle" in ds:

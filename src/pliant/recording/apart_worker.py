@@ -23,6 +23,8 @@ READ = {  # kind of file -> module with `read(path)`; a module loads its library
     "c3d": "pliant.recording.apart_c3d",
     "classic": "pliant.recording.apart_classic",
     "mat5": "pliant.recording.apart_mat5",
+    "tdms": "pliant.recording.apart_tdms",
+    "bag": "pliant.recording.apart_bag",
 }
 CONTENT, CONTENT_FACTOR = 2**26, 40  # bytes that a file may hold: a small file, and for each byte of a compressed one
 WORKING = 2**28  # bytes of address space beside the content: buffers of a library

@@ -1,6 +1,6 @@
 """From the strain of a multicore fibre to curvature and shape."""
 
-from pliant.sensing.curve import planar_curve, spatial_curve
+from pliant.numerics.curve import planar_curve, spatial_curve
 from pliant.sensing.recording import shape_from_strain
 from pliant.sensing.strain import CoreLayout, FibreState, curvature_from_strain
 from pliant.sensing.uncertainty import point_covariance, tip_sigma

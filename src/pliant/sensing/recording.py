@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.numerics.curve import spatial_curve
 from pliant.recording.schema import check_recording, make_recording
-from pliant.sensing.curve import spatial_curve
 from pliant.sensing.strain import CoreLayout, curvature_from_strain
 from pliant.sensing.uncertainty import tip_sigma
 

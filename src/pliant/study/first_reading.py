@@ -69,6 +69,9 @@ def narrowed(
     return {**mapping, "pressure": told}, chosen
 
 
+LOGS = (".csv", ".txt", ".tsv", ".log", ".dat", ".mat", ".npz", ".lvm", ".tdms", ".mcap", ".db3")
+
+
 def with_logs(files: Sequence[Path]) -> list[tuple[Path, Path | None]]:
     """Recordings of shapes, each with the log of its pressure where a file of pressure alone shares its name's start.
 
@@ -90,8 +93,8 @@ def with_logs(files: Sequence[Path]) -> list[tuple[Path, Path | None]]:
 
 
 def holds_pressure_alone(path: Path) -> bool:
-    """Whether a table is a log of pressure, readable without being told more."""
-    if path.suffix.lower() not in (".csv", ".txt", ".tsv", ".log", ".dat"):
+    """Whether a file is a log of pressure that needs no mapping."""
+    if path.suffix.lower() not in LOGS:
         return False
     try:
         return set(read(path)) == {"pressure"}

@@ -1,0 +1,64 @@
+"""Read poses, points and pressures of a ROS 2 bag (.mcap, .db3) in the helper process, by rosbags."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from pliant.recording.apart_worker import Content, Refused
+
+
+def point(p: Any) -> list[float]:
+    """Return x, y, z and no orientation."""
+    return [p.x, p.y, p.z, *[float("nan")] * 4]
+
+
+def pose(p: Any) -> list[float]:
+    """Return x, y, z and the quaternion x, y, z, w."""
+    q = p.orientation
+    return [p.position.x, p.position.y, p.position.z, q.x, q.y, q.z, q.w]
+
+
+ROWS = {  # type of message -> its rows of numbers, a pose or a number each
+    "geometry_msgs/msg/PoseStamped": lambda m: [pose(m.pose)],
+    "geometry_msgs/msg/PoseArray": lambda m: [pose(p) for p in m.poses],
+    "geometry_msgs/msg/PointStamped": lambda m: [point(m.point)],
+    "sensor_msgs/msg/PointCloud": lambda m: [point(p) for p in m.points],
+    "sensor_msgs/msg/FluidPressure": lambda m: [[m.fluid_pressure]],
+    "std_msgs/msg/Float64": lambda m: [[m.data]],
+    "std_msgs/msg/Float32": lambda m: [[m.data]],
+}
+
+
+def stamp_of(message: Any, received: int) -> int:
+    """Return the time of the header [ns], or when the message was received where it has none."""
+    header = getattr(message, "header", None)
+    stamp = 0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
+    return int(stamp or received)
+
+
+def read(path: str) -> Content:
+    """Return stamps [ns] (M,) and rows (M, R, 7 or 1) of each topic of a known type; others by name."""
+    arrays: dict[str, np.ndarray] = {}
+    topics = []
+    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
+        known = [c for c in bag.connections if c.msgtype in ROWS]
+        others = sorted({c.topic for c in bag.connections} - {c.topic for c in known})
+        stamps: dict[str, list[int]] = {c.topic: [] for c in known}
+        rows: dict[str, list[list[list[float]]]] = {c.topic: [] for c in known}
+        kinds = {c.topic: c.msgtype for c in known}
+        for connection, received, raw in bag.messages(connections=known) if known else ():
+            message = bag.deserialize(raw, connection.msgtype)
+            stamps[connection.topic].append(stamp_of(message, received))
+            rows[connection.topic].append(ROWS[connection.msgtype](message))
+    for k, topic in enumerate(rows):
+        if len({len(r) for r in rows[topic]}) > 1:
+            raise Refused(f"has another number of points from message to message in topic {topic[:60]}")
+        if rows[topic]:
+            arrays[f"t{k}"], arrays[f"v{k}"] = np.array(stamps[topic], np.int64), np.array(rows[topic], np.float64)
+            topics.append({"name": topic, "type": kinds[topic], "times": f"t{k}", "rows": f"v{k}"})
+    return arrays, {"topics": topics, "others": others}

@@ -1,0 +1,36 @@
+"""Read a LabVIEW TDMS file in the helper process, by nptdms."""
+
+from __future__ import annotations
+
+import numpy as np
+from nptdms import TdmsFile
+
+from pliant.recording.apart_worker import Content, Refused, content_bound
+
+
+def read(path: str) -> Content:
+    """Return the numeric channels with their times; others by name. No more values than the file can hold are read."""
+    from pathlib import Path
+
+    arrays: dict[str, np.ndarray] = {}
+    listed, others = [], []
+    room = content_bound(Path(path).stat().st_size)
+    with TdmsFile.open(path) as file:
+        if file.file_status.incomplete_final_segment:
+            raise Refused("is cut: its last segment is not whole")
+        channels = [c for group in file.groups() for c in group.channels()]
+        names = [c.name for c in channels]
+        if 8 * sum(len(c) for c in channels) > room:
+            raise Refused("announces more values than it can hold")
+        for k, channel in enumerate(channels):
+            name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
+            if channel.dtype.kind not in "iuf" or not len(channel):
+                others.append(name)
+                continue
+            arrays[f"v{k}"] = np.asarray(channel[:], np.float64)
+            step = channel.properties.get("wf_increment")
+            start = channel.properties.get("wf_start_offset", 0.0)
+            unit = str(channel.properties.get("unit_string", ""))
+            listed.append({"name": name, "key": f"v{k}", "unit": unit, "start": float(start),
+                           "step": None if step is None else float(step)})  # fmt: skip
+    return arrays, {"channels": listed, "others": others}

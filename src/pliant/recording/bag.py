@@ -1,0 +1,167 @@
+"""ROS 2 bags and MCAP files (.mcap, .db3), read by rosbags (extra ``ros``) in a process of its own.
+
+Poses and points of topics become stations, pressures a log; times are those of the messages' headers, or when a message
+without a header was received. Known types: PoseStamped, PoseArray, PointStamped, PointCloud, FluidPressure, Float64 and
+Float32. A FluidPressure is absolute: take the ambient pressure off by ``linear.pressure``.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError, clipped
+from pliant.recording.apart import read_apart
+from pliant.recording.clock import without_repeats
+from pliant.recording.mapping import FileMapping, shorten
+from pliant.recording.registry import ENDINGS, Reader
+from pliant.recording.schema import make_recording
+from pliant.units import metre_per, pascal_per
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    import xarray as xr
+    from numpy.typing import NDArray
+
+FLUID, NUMBERS = "sensor_msgs/msg/FluidPressure", ("std_msgs/msg/Float64", "std_msgs/msg/Float32")
+TOGETHER = 0.5  # of the time between two frames, within which messages of two topics are of one frame
+
+
+class BagMapping(FileMapping):
+    """Which topics are what.
+
+    Attributes
+    ----------
+    topics : dict of str, optional
+        Topic of each station, base first; of an array or a cloud, the stations are numbered: ``name_000``. Default: all
+        topics of poses and points, named by the last part of the topic.
+    pressure : dict of str, optional
+        Topic of each chamber. Default: all topics of FluidPressure.
+    pressure_unit : str, optional
+        Of topics of plain numbers; a FluidPressure is in Pa.
+    length_unit : str
+        Of positions; ROS states metres.
+    """
+
+    topics: dict[str, str] | None = None
+    pressure: dict[str, str] | None = None
+    pressure_unit: str | None = None
+    length_unit: str = "m"
+
+
+class Topic(NamedTuple):
+    """Type, stamps (M,) [ns] and rows (M, R, 7 or 1) of a topic."""
+
+    kind: str
+    stamps: NDArray[np.int64]
+    rows: NDArray[np.float64]
+
+
+def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Read stations and pressures of a ROS 2 bag; options are those of `BagMapping`."""
+    options = BagMapping.load(mapping, path.name)
+    if find_spec("rosbags") is None:
+        raise InputError(f"{path.name}: ROS 2 bags need rosbags, which is not installed: pip install 'pliant[ros]'")
+    arrays, facts = read_apart("bag", path, "ROS 2 bag")
+    held = {t["name"]: Topic(t["type"], arrays[t["times"]], arrays[t["rows"]]) for t in facts["topics"]}
+    stations = chosen(held, options.topics, {n.rpartition("/")[2] or n: n for n, t in held.items()
+                                             if t.rows.shape[2] == 7}, path.name)  # fmt: skip
+    pressures = chosen(held, options.pressure, {n.rpartition("/")[2] or n: n for n, t in held.items()
+                                                if t.kind == FLUID}, path.name)  # fmt: skip
+    if not stations and not pressures:
+        raise InputError(f"{path.name} has no topic of poses, points or FluidPressure: name the topics in its mapping; "
+                         f"it has {shorten([*held, *facts['others']]) or 'none'}")  # fmt: skip
+    origin = min(t.stamps.min() for t in (*stations.values(), *pressures.values()))
+    history = [f"times are those of the headers, from {origin / 1e9:.3f} s of the clock of ROS"]
+    left = [*(n for n, t in held.items() if not any(t is u for u in (*stations.values(), *pressures.values()))),
+            *facts["others"]]  # fmt: skip
+    history += [f"{len(left)} topic(s) of {path.name} were not used: {shorten(left)}"] if left else []
+    arrays_of, told = frames_of(stations, origin, metre_per(options.length_unit), path.name)
+    try:
+        return make_recording(
+            **arrays_of, **pressures_of(pressures, origin, options.pressure_unit, path.name),
+            history=[*history, *told],
+        )  # fmt: skip
+    except InputError as error:
+        raise InputError(f"{path.name}: {error}") from None
+
+
+def chosen(
+    held: Mapping[str, Topic], named: Mapping[str, str] | None, default: Mapping[str, str], file: str
+) -> dict[str, Topic]:
+    """Return the topics by the names of stations or chambers, as the mapping or the default has them."""
+    for topic in (named or {}).values():
+        if topic not in held:
+            raise InputError(f"{file} has no topic {clipped(topic)!r} of a known type; it has {shorten(list(held))}")
+    return {name: held[topic] for name, topic in (named or default).items()}
+
+
+def frames_of(
+    stations: Mapping[str, Topic], origin: int, scale: float, file: str
+) -> tuple[dict[str, Any], list[str]]:
+    """Return time, position and quaternion of all stations on the clock of the first, and what was left out."""
+    if not stations:
+        return {}, []
+    first = next(iter(stations.values()))
+    keep, told = without_repeats(1e-9 * (first.stamps - origin), file)
+    time = (1e-9 * (first.stamps - origin))[keep]
+    reach = TOGETHER * float(np.median(np.diff(time))) if time.size > 1 else np.inf
+    columns, names = [], []
+    for name, topic in stations.items():
+        if topic.rows.shape[2] != 7:
+            raise InputError(f"topic of station {clipped(name)} of {file} holds numbers, no places")
+        own = 1e-9 * (topic.stamps - origin)
+        order = np.argsort(own, kind="stable")
+        nearest = order[nearest_in(own[order], time)]
+        near = np.abs(own[nearest] - time) <= reach
+        columns.append(np.where(near[:, None, None], topic.rows[nearest], np.nan))
+        told += [f"{int((~near).sum())} frame(s) have no message of {name} and are gaps"] if not near.all() else []
+        count = topic.rows.shape[1]
+        names += [name] if count == 1 else [f"{name}_{k:03d}" for k in range(count)]
+    rows = np.concatenate(columns, axis=1)
+    arrays: dict[str, Any] = {"time": time, "position": scale * rows[..., :3], "station": names}
+    if np.isfinite(rows[..., 3:]).any():
+        arrays["quaternion"] = rows[..., 3:]
+    return arrays, told
+
+
+def nearest_in(ordered: NDArray, wanted: NDArray) -> NDArray:
+    """Return the index of the nearest of ordered times for each wanted one."""
+    after = np.clip(np.searchsorted(ordered, wanted), 1, max(len(ordered) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(ordered) - 1)
+    return np.where(wanted - ordered[before] <= ordered[after] - wanted, before, after)
+
+
+def pressures_of(
+    pressures: Mapping[str, Topic], origin: int, unit: str | None, file: str
+) -> dict[str, Any]:
+    """Return pressure [Pa] of the chambers on the clock of the first; the others are interpolated onto it."""
+    if not pressures:
+        return {}
+    clock, values = None, []
+    for name, topic in pressures.items():
+        if topic.kind not in (FLUID, *NUMBERS):
+            raise InputError(f"topic of chamber {clipped(name)} of {file} holds no number")
+        if topic.kind != FLUID and unit is None:
+            raise InputError(f"topic of chamber {clipped(name)} of {file} is a plain number: state pressure_unit")
+        own = 1e-9 * (topic.stamps - origin)
+        keep, _ = without_repeats(own, file)
+        clock = own[keep] if clock is None else clock
+        scale = 1.0 if topic.kind == FLUID else pascal_per(str(unit))
+        values.append(np.interp(clock, own[keep], scale * topic.rows[keep, 0, 0]))
+    single = len(pressures) == 1
+    return {"pressure_time": clock, "pressure": values[0] if single else np.stack(values, axis=1),
+            "chamber": None if single else list(pressures)}  # fmt: skip
+
+
+def recognises(head: bytes) -> bool:
+    """Whether the file is an MCAP file or an SQLite database, as bags are."""
+    return head.startswith((b"\x89MCAP0\r\n", b"SQLite format 3\0"))
+
+
+READER = Reader("bag", ENDINGS["bag"], read_bag, recognises)

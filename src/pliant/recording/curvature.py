@@ -1,0 +1,141 @@
+"""Tables of curvature along a body, as fibre Bragg grating interrogators export them: integrated to a shape.
+
+The first row names the columns: one time (``t``, ``t_ms``, ``time``), curvatures ``k_<arc length>``, and for a body
+that leaves the plane directions of bending ``a_<arc length>``; the mapping states the unit. A file with other names is
+read by ``format = "curvature"``. The base is at the origin, its tangent along +y.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from pliant.errors import InputError, clipped
+from pliant.numerics.curve import planar_curve, spatial_curve
+from pliant.recording.angle_log import parted
+from pliant.recording.clock import SECONDS, unwrapped
+from pliant.recording.mapping import FileMapping, shorten
+from pliant.recording.registry import ENDINGS, Reader
+from pliant.recording.schema import make_recording
+from pliant.recording.tables import find_delimiter, judge_end, parse_numbers, read_text, split_cells
+from pliant.units import metre_per, radian_per
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    import xarray as xr
+    from numpy.typing import NDArray
+
+PER_METRE = {"1/m": 1.0, "1/cm": 1e2, "1/mm": 1e3}
+
+
+class CurvatureMapping(FileMapping):
+    """What the header of such a table does not say.
+
+    Attributes
+    ----------
+    curvature_unit : {"1/m", "1/cm", "1/mm"}
+    arc_unit : str
+        Of the arc lengths in the names of the columns.
+    curvature, direction : str
+        What the names of these columns begin with, before the arc length.
+    direction_unit : {"deg", "rad"}
+    time_unit : {"s", "ms", "us"}, optional
+        Default: as the name of the column says, else seconds.
+    rate_hz : float, optional
+        Frame rate of a table without a column of time.
+    skip_lines : int
+        Lines before the row of names.
+    """
+
+    curvature_unit: Literal["1/m", "1/cm", "1/mm"]
+    arc_unit: str = "mm"
+    curvature: str = "k_"
+    direction: str = "a_"
+    direction_unit: Literal["deg", "rad"] = "deg"
+    time_unit: Literal["s", "ms", "us"] | None = None
+    rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    skip_lines: int = Field(default=0, ge=0)
+
+
+def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Read a table of curvatures and integrate it; options are those of `CurvatureMapping`."""
+    options = CurvatureMapping.load(mapping, path.name)
+    lines = read_text(path).split("\n")[options.skip_lines :]
+    if not lines or not lines[0].strip():
+        raise InputError(f"{path.name} has no row of names after its first {options.skip_lines} line(s)")
+    delimiter = find_delimiter(lines[0], path.name)
+    names = split_cells(lines[0], delimiter)
+    rows, history = judge_end(lines[1:], delimiter, path.name)
+    table = parse_numbers(rows, name=path.name, first_line=options.skip_lines + 2, delimiter=delimiter,
+                          columns=len(names))  # fmt: skip
+    columns = arcs_of(names, options.curvature, options.arc_unit, path.name)
+    if len(columns) < 2:
+        raise InputError(f"{path.name} has {len(columns)} columns of curvature, named {options.curvature}<arc length>; "
+                         f"two or more are needed, and its columns are {shorten(names, 8)}")  # fmt: skip
+    arc = np.array(sorted(columns))
+    kappa = table[:, [columns[s] for s in arc.tolist()]] * PER_METRE[options.curvature_unit]
+    turning = arcs_of(names, options.direction, options.arc_unit, path.name)
+    if turning and sorted(turning) != arc.tolist():
+        raise InputError(f"{path.name} has directions at other arc lengths than curvatures")
+    if turning:
+        angle = table[:, [turning[s] for s in arc.tolist()]] * radian_per(options.direction_unit)
+        position = spatial_curve(kappa[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1), arc)[0]
+    else:
+        position = np.pad(planar_curve(kappa, arc), ((0, 0), (0, 0), (0, 1)))
+    time, wrapped = time_of(table, names, options, path.name)
+    used = {*columns.values(), *turning.values()}
+    left = [n for k, n in enumerate(names) if k not in used and not is_time(n)]
+    history += [f"{len(left)} column(s) of {path.name} were left out: {shorten(left)}"] if left else []
+    history.append(f"integrated curvature at {len(arc)} stations, {1e3 * (arc[-1] - arc[0]):.1f} mm, to a shape")
+    try:
+        return make_recording(time, position, arc_length=arc - arc[0], history=[*history, *wrapped])
+    except InputError as error:
+        raise InputError(f"{path.name}: {error}") from None
+
+
+def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, int]:
+    """Return the column of each arc length [m] whose name begins with `start`."""
+    found: dict[float, int] = {}
+    for k, name in enumerate(names):
+        if not name.startswith(start):
+            continue
+        try:
+            arc = metre_per(unit) * float(name[len(start) :])
+        except ValueError:
+            continue
+        if not np.isfinite(arc) or arc in found:
+            raise InputError(f"{file} has no finite arc length of its own in column {clipped(name)!r}")
+        found[arc] = k
+    return found
+
+
+def is_time(name: str) -> bool:
+    """Whether a column is the clock."""
+    return parted(name)[0] in ("t", "time", "timestamp")
+
+
+def time_of(
+    table: NDArray[np.float64], names: list[str], options: CurvatureMapping, file: str
+) -> tuple[NDArray[np.float64], list[str]]:
+    """Return the times [s] (T,) by the column of time or the frame rate."""
+    clocks = [k for k, name in enumerate(names) if is_time(name)]
+    if not clocks and options.rate_hz:
+        return np.arange(len(table)) / options.rate_hz, []
+    if len(clocks) != 1:
+        raise InputError(f"{file} has {len(clocks)} columns of time where one belongs, or rate_hz in its mapping")
+    named = parted(names[clocks[0]])[1]
+    return unwrapped(table[:, clocks[0]], options.time_unit or (named if named in SECONDS else "s"), file)
+
+
+def recognises(head: bytes) -> bool:
+    """Whether the first row names a time and curvatures by arc length, as the defaults have it."""
+    line = head.removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].decode("utf-8", "replace").strip()
+    cells = split_cells(line, find_delimiter(line[:10_000], "the file"))
+    return any(is_time(c) for c in cells) and sum(c.startswith("k_") for c in cells) >= 2
+
+
+READER = Reader("curvature", ENDINGS["curvature"], read_curvature, recognises)

@@ -1,0 +1,86 @@
+"""Channels of a data logger: those that hold pressure, by name or by unit, become a recording of pressure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError, clipped
+from pliant.recording.clock import without_repeats
+from pliant.recording.mapping import FileMapping, shorten
+from pliant.recording.schema import make_recording
+from pliant.units import PASCAL, pascal_per
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+
+class Channel(NamedTuple):
+    """One channel: times [s] and values (T,), and its unit as the file writes it, '' where it does not."""
+
+    time: NDArray[np.float64]
+    values: NDArray[np.float64]
+    unit: str
+
+
+class ChannelMapping(FileMapping):
+    """Which channels are pressures.
+
+    Attributes
+    ----------
+    pressure : list of str, optional
+        Names of the channels of gauge pressure. Default: all whose unit is one of pressure.
+    pressure_unit : str, optional
+        Of these channels, where the file does not say it or says it wrongly.
+    chamber : list of str, optional
+        Names of the chambers, one for each channel.
+    """
+
+    pressure: list[str] | None = None
+    pressure_unit: str | None = None
+    chamber: list[str] | None = None
+
+
+def pressure_log(
+    channels: Mapping[str, Channel], mapping: Mapping[str, Any] | None, file: str, history: Sequence[str] = (),
+) -> xr.Dataset:
+    """Return the pressures among the channels of `file` as a recording; options are those of `ChannelMapping`.
+
+    Raises
+    ------
+    InputError
+        When no channel holds pressure, one has no unit, or the chosen ones have different clocks.
+    """
+    options = ChannelMapping.load(mapping, file)
+    names = options.pressure or [n for n, c in channels.items() if c.unit.strip().lower() in PASCAL]
+    listing = ", ".join(f"{clipped(n, 40)} ({c.unit or 'no unit'})" for n, c in list(channels.items())[:20]) or "none"
+    if missing := [n for n in names if n not in channels]:
+        raise InputError(f"{file} has no channel {clipped(missing[0])!r}; its channels are: {listing}")
+    if not names:
+        raise InputError(f"{file} has no channel whose unit is one of pressure: name the channels in its mapping, "
+                         f"pressure = [...] and pressure_unit; its channels are: {listing}")  # fmt: skip
+    if options.chamber is not None and len(options.chamber) != len(names):
+        raise InputError(f"the mapping for {file} names {len(options.chamber)} chambers for {len(names)} channels")
+    units = [options.pressure_unit or channels[n].unit for n in names]
+    if not all(units):
+        raise InputError(f"{file} does not say the unit of {clipped(names[units.index('')])}: state pressure_unit")
+    time = channels[names[0]].time
+    for name in names[1:]:
+        if not np.array_equal(channels[name].time, time):
+            raise InputError(f"channels {clipped(names[0])} and {clipped(name)} of {file} have different clocks: "
+                             "read each by itself")  # fmt: skip
+    keep, repeats = without_repeats(time, file)
+    values = np.stack([channels[n].values * pascal_per(u) for n, u in zip(names, units, strict=True)], axis=1)[keep]
+    single = len(names) == 1 and options.chamber is None
+    left = [n for n in channels if n not in names]
+    told = [f"{len(left)} channel(s) of {file} are no pressure and were left out: {shorten(left)}"] if left else []
+    try:
+        return make_recording(
+            pressure=values[:, 0] if single else values, pressure_time=time[keep],
+            chamber=None if single else options.chamber or names, history=[*history, *told, *repeats],
+        )  # fmt: skip
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None

@@ -1,0 +1,111 @@
+"""LabVIEW measurement files (.lvm): a header of `Key<separator>value` lines, then columns of numbers and a comment.
+
+The first header describes the file, the second the channels; each ends with ``***End_of_Header***``. Time is the first
+column (``X_Columns`` One), one before each channel (Multi), or counted from ``X0`` and ``Delta_X`` (No). The last
+column holds comments and is left out. A file of several segments is refused: export them one by one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.recording.logger_channels import Channel, pressure_log
+from pliant.recording.registry import ENDINGS, Reader
+from pliant.recording.tables import parse_numbers, read_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    import xarray as xr
+    from numpy.typing import NDArray
+
+END = "***End_of_Header***"
+SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
+LONGEST_HEADER = 200  # lines
+
+
+def read_lvm(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Read the pressures of a LabVIEW measurement file; options are those of `ChannelMapping`."""
+    lines = read_text(path).split("\n")
+    ends = [k for k, line in enumerate(lines) if line.startswith(END)]
+    if len(ends) < 2:
+        raise InputError(f"{path.name} has {len(ends)} headers where a LabVIEW measurement has two: it may be cut")
+    if len(ends) > 2:
+        raise InputError(f"{path.name} has {len(ends) - 1} segments: export each to a file of its own")
+    separator = separator_of(lines, path.name)
+    facts, about = (entries(part, separator) for part in (lines[: ends[0]], lines[ends[0] + 1 : ends[1]]))
+    names = [c.strip() for c in lines[ends[1] + 1].split(separator)] if ends[1] + 1 < len(lines) else []
+    decimal, layout = (facts.get(key, [usual])[0] for key, usual in (("Decimal_Separator", "."), ("X_Columns", "One")))
+    table, rows = table_of(lines[ends[1] + 2 :], names, separator, decimal, path.name, ends[1] + 3)
+    channels = channels_of(table, names, about, layout, path.name)
+    told = [f"{rows} rows of {path.name} have a comment"] if rows else []
+    return pressure_log(channels, mapping, path.name, told)
+
+
+def entries(lines: list[str], separator: str) -> dict[str, list[str]]:
+    """Return the values of each line of a header by its first cell; lines without a value are passed over."""
+    cells = [[cell.strip() for cell in line.split(separator)] for line in lines]
+    return {row[0]: row[1:] for row in cells if len(row) > 1 and row[0]}
+
+
+def separator_of(lines: list[str], file: str) -> str:
+    """Return the separator that the header names, a tab where it names none."""
+    for line in lines[:LONGEST_HEADER]:
+        if line.startswith("Separator"):
+            word = line[len("Separator") :].strip().strip(",;").lower()
+            if word in SEPARATORS:
+                return SEPARATORS[word]
+            raise InputError(f"{file} names the separator {word[:20]!r}: known are {', '.join(SEPARATORS)}")
+    return "\t"
+
+
+def table_of(
+    body: list[str], names: list[str], separator: str, decimal: str, file: str, first: int,
+) -> tuple[NDArray[np.float64], int]:
+    """Return the numbers (T, C) without the column of comments, and how many rows had a comment."""
+    columns = len(names) - (names[-1:] == ["Comment"])
+    if columns < 1:
+        raise InputError(f"{file} names no columns after its second header: it may be cut")
+    rows, comments = [], 0
+    for line in body:
+        cells = line.split(separator)
+        comments += bool(separator.join(cells[columns:]).strip())
+        rows.append(separator.join(cells[:columns]) if line.strip() else "")
+    if separator != "," and decimal == ",":
+        rows = [row.replace(",", ".") for row in rows]
+    return parse_numbers(rows, name=file, first_line=first, delimiter=separator, columns=columns), comments
+
+
+def channels_of(
+    table: NDArray[np.float64], names: list[str], about: Mapping[str, list[str]], layout: str, file: str,
+) -> dict[str, Channel]:
+    """Return the channels by name, with their own times, for the layout of X columns that the header states."""
+    units = about.get("Y_Unit_Label", [])
+    starts, steps = about.get("X0", []), about.get("Delta_X", [])
+    stride, first = (2, 1) if layout == "Multi" else (1, 1)
+    channels: dict[str, Channel] = {}
+    for k, column in enumerate(range(first, table.shape[1], stride)):
+        if layout == "No":
+            try:
+                time = float(starts[k]) + float(steps[k]) * np.arange(len(table))
+            except (IndexError, ValueError):
+                raise InputError(f"{file} states no X0 and Delta_X of channel {names[column]}") from None
+        else:
+            time = table[:, column - 1 if layout == "Multi" else 0]
+        name = names[column] or f"channel {k + 1}"
+        seen = np.isfinite(time)
+        unit = units[k] if k < len(units) else ""
+        channels[name if name not in channels else f"{name} {k + 1}"] = Channel(time[seen], table[seen, column], unit)
+    return channels
+
+
+def recognises(head: bytes) -> bool:
+    """Whether the file begins as LabVIEW writes it."""
+    return head.removeprefix(b"\xef\xbb\xbf").startswith(b"LabVIEW Measurement")
+
+
+READER = Reader("lvm", ENDINGS["lvm"], read_lvm, recognises)

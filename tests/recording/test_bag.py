@@ -1,0 +1,90 @@
+"""ROS 2 bags, written here by rosbags: poses of three bodies at their own stamps, a pressure, a plain number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from pliant.errors import InputError
+from pliant.recording import read
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+NS = 1_700_000_000_000_000_000
+T = np.arange(60) / 50
+
+
+def make(name, **fields):
+    return STORE.types[name](**fields)
+
+
+def header(t):
+    ns = NS + round(1e9 * t)
+    stamp = make("builtin_interfaces/msg/Time", sec=ns // 10**9, nanosec=ns % 10**9)
+    return make("std_msgs/msg/Header", stamp=stamp, frame_id="world")
+
+
+def pose(t, x):
+    turn = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    place = make("geometry_msgs/msg/Point", x=x, y=0.1, z=0.2)
+    return make("geometry_msgs/msg/PoseStamped", header=header(t),
+                pose=make("geometry_msgs/msg/Pose", position=place, orientation=turn))  # fmt: skip
+
+
+def swing(t):
+    return 0.1 * np.sin(5 * t)
+
+
+def bag(folder: Path, plugin: StoragePlugin, *, lost: int = -1) -> Path:
+    """Poses 3 ms late of one another, received 1 s after their stamps; the tip's message `lost` is absent."""
+    with Writer(folder, version=9, storage_plugin=plugin) as writer:
+        poses = {n: writer.add_connection(f"/mocap/{n}", "geometry_msgs/msg/PoseStamped", typestore=STORE)
+                 for n in ("base", "tip")}  # fmt: skip
+        fluid = writer.add_connection("/valve/pressure", "sensor_msgs/msg/FluidPressure", typestore=STORE)
+        level = writer.add_connection("/valve/level", "std_msgs/msg/Float64", typestore=STORE)
+        for k, t in enumerate(T.tolist()):
+            received = NS + round(1e9 * (t + 1.0))
+            for late, (name, connection) in enumerate(poses.items()):
+                if k != lost or name == "base":
+                    message = pose(t + 3e-3 * late, 0.0 if name == "base" else float(swing(t)))
+                    writer.write(connection, received, STORE.serialize_cdr(message, connection.msgtype))
+            pressure = make(fluid.msgtype, header=header(t), fluid_pressure=101e3 + 1e3 * k, variance=0.0)
+            writer.write(fluid, received, STORE.serialize_cdr(pressure, fluid.msgtype))
+            writer.write(level, received, STORE.serialize_cdr(make(level.msgtype, data=0.5 * k), level.msgtype))
+    return next(f for f in folder.iterdir() if f.suffix in (".mcap", ".db3"))
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_poses_and_pressure_by_header_stamp(tmp_path, plugin):
+    ambient = {"linear": {"pressure": {"offset": -101.0, "unit": "kPa"}}}
+    ds = read(bag(tmp_path / "bag", plugin, lost=20), mapping=ambient)
+    assert ds["station"].values.tolist() == ["base", "tip"]
+    np.testing.assert_allclose(ds["time"], T, atol=1e-8)
+    there = np.arange(60) != 20
+    np.testing.assert_allclose(ds["position"].values[there, 1, 0], swing(T)[there], atol=1e-12)
+    assert np.isnan(ds["position"].values[20, 1]).all()
+    assert "1 frame(s) have no message of tip and are gaps" in ds.attrs["history"]
+    np.testing.assert_allclose(ds["pressure"], 1e3 * np.arange(60), atol=1e-9)
+    assert "/valve/level" in ds.attrs["history"]
+
+
+def test_topics_are_chosen_by_name_and_plain_numbers_by_unit(tmp_path):
+    path = bag(tmp_path / "bag", StoragePlugin.MCAP)
+    mapping = {"topics": {"end": "/mocap/tip"}, "pressure": {"left": "/valve/level"}}
+    with pytest.raises(InputError, match="plain number: state pressure_unit"):
+        read(path, mapping=mapping)
+    ds = read(path, mapping={**mapping, "pressure_unit": "kPa"})
+    assert ds["station"].values.tolist() == ["end"]
+    assert float(ds["pressure"].max()) == pytest.approx(0.5e3 * 59)
+    with pytest.raises(InputError, match="no topic '/mocap/nose' of a known type; it has /mocap/base"):
+        read(path, mapping={"topics": {"end": "/mocap/nose"}})
+
+
+def test_a_cut_bag_is_refused(tmp_path):
+    path = bag(tmp_path / "bag", StoragePlugin.MCAP)
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(InputError, match=r"is no readable ROS 2 bag file, or it is damaged"):
+        read(path)

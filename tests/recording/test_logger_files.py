@@ -1,0 +1,111 @@
+"""Pressures of LabVIEW's files, text and binary, made here as LabVIEW writes them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
+
+from pliant.errors import InputError
+from pliant.preprocessing.quality import quality
+from pliant.recording import read, write
+from pliant.study.first_reading import with_logs
+
+T = np.arange(200) / 100
+P = 10 * (T > 0.5)  # psi
+PSI = 6894.757293168361
+
+
+def lvm(path, *, layout="One", separator="\t", decimal=".", unit="psi"):
+    """A file with a junk line in its header and a comment beside one row."""
+    def line(*cells):
+        return separator.join(cells)
+
+    head = ["LabVIEW Measurement\t", line("Writer_Version", "2"),
+            line("Separator", "Tab" if separator == "\t" else "Comma"),
+            line("Decimal_Separator", decimal), line("X_Columns", layout), "something that nobody knows",
+            "***End_of_Header***", "", line("Channels", "2"), line("Y_Unit_Label", unit, "Deg C"),
+            line("X0", "0.0", "0.0"), line("Delta_X", "0.01", "0.01"), "***End_of_Header***"]  # fmt: skip
+    multi = ["X_Value"] if layout == "Multi" else []
+    rows = [line("X_Value", "Chamber", *multi, "Temp", "Comment")]
+    for k, (t, p) in enumerate(zip(T, P, strict=True)):
+        x = "" if layout == "No" else f"{t:.6f}"
+        cells = [c.replace(".", decimal) for c in (x, f"{p:.6f}", *[x for _ in multi], "21.5")]
+        rows.append(line(*cells, *(["valve opened"] if k == 50 else [])))
+    path.write_text("\n".join([*head, *rows, ""]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("options", [
+    {}, {"layout": "No"}, {"layout": "Multi"}, {"separator": ","}, {"decimal": ","},
+])
+def test_lvm_of_every_layout(tmp_path, options):
+    ds = read(lvm(tmp_path / "log.lvm", **options))
+    np.testing.assert_allclose(ds["pressure_time"], T, atol=1e-12)
+    np.testing.assert_allclose(ds["pressure"], P * PSI, rtol=1e-12)
+    assert "1 rows of log.lvm have a comment" in ds.attrs["history"]
+    assert "left out: Temp" in ds.attrs["history"]
+
+
+def test_a_channel_without_a_unit_is_named_by_the_mapping(tmp_path):
+    path = lvm(tmp_path / "log.lvm", unit="Volts")
+    with pytest.raises(InputError, match=r"no channel whose unit is one of pressure: name .* Chamber \(Volts\)"):
+        read(path)
+    ds = read(path, mapping={"pressure": ["Chamber"], "pressure_unit": "kPa", "linear": {"pressure": {"scale": 2.0}}})
+    assert float(ds["pressure"].max()) == pytest.approx(20e3)
+    with pytest.raises(InputError, match="no channel 'Chamer'"):
+        read(path, mapping={"pressure": ["Chamer"]})
+
+
+def test_damaged_lvm_is_refused(tmp_path):
+    path = lvm(tmp_path / "log.lvm")
+    text = path.read_text()
+    for content, said in (
+        (text[: text.rindex("***End")], "1 headers where a LabVIEW measurement has two"),
+        (text + text, "3 segments"), (text.replace("\t21.5\n0.500", "\tx\n0.500", 1), "is not a number: 'x'"),
+    ):  # fmt: skip
+        path.write_text(content)
+        with pytest.raises(InputError, match=said):
+            read(path)
+
+
+def tdms(path, *, step=True):
+    waveform = {"wf_start_offset": 0.0, "wf_increment": 0.01} if step else {}
+    channels = [ChannelObject("valves", "left", P, properties={**waveform, "unit_string": "psi"}),
+                ChannelObject("valves", "right", 2 * P, properties={**waveform, "unit_string": "psi"}),
+                ChannelObject("room", "note", ["a", "b"])]  # fmt: skip
+    with TdmsWriter(path) as writer:
+        writer.write_segment(channels if step else [*channels, ChannelObject("valves", "Time", T)])
+    return path
+
+
+@pytest.mark.parametrize("step", [True, False])
+def test_tdms_by_waveform_and_by_a_channel_of_time(tmp_path, step):
+    ds = read(tdms(tmp_path / "log.tdms", step=step))
+    np.testing.assert_allclose(ds["pressure_time"], T, atol=1e-12)
+    np.testing.assert_allclose(ds["pressure"], np.stack([P, 2 * P], 1) * PSI, rtol=1e-12)
+    assert ds["chamber"].values.tolist() == ["left", "right"]
+    assert "hold no numbers: note" in ds.attrs["history"]
+
+
+@pytest.mark.parametrize(("cut", "said"), [(150, "hold|no channel"), (-100, "is cut")])
+def test_a_cut_tdms_is_refused(tmp_path, cut, said):
+    path = tdms(tmp_path / "log.tdms")
+    path.write_bytes(path.read_bytes()[:cut])
+    with pytest.raises(InputError, match=said):
+        read(path)
+
+
+@pytest.mark.parametrize("ending", ["lvm", "tdms", "mat"])
+def test_a_log_of_any_format_is_laid_beside_its_recording_and_says_what_it_is(tmp_path, recording, ending):
+    shape = write(recording, tmp_path / "push.csv")
+    log = tmp_path / f"push_log.{ending}"
+    if ending == "mat":
+        savemat(log, {"t": T, "p_psi": P})
+    else:
+        {"lvm": lvm, "tdms": tdms}[ending](log)
+    assert with_logs([log, shape]) == [(shape, log)]
+    first, second, *_ = quality(read(log)).summary().splitlines()
+    assert first == "log of 200 pressure samples, 1.99 s at 100 Hz"
+    assert "no shape" in second
