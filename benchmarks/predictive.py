@@ -21,8 +21,9 @@ from pliant.control import Limits, Mpc, design_outputs
 from pliant.control.quadratic_program import QuadraticProgram
 from pliant.errors import InputError
 from pliant.estimation import State
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model, Valve, chain_model
-from pliant.simulation import state as rests
+from pliant.simulation import equilibrium
 
 EACH = 10  # problems for each body
 
@@ -53,7 +54,7 @@ def a_body(rng: np.random.Generator, highest: float) -> Model:
 
 def a_state(rng: np.random.Generator, body: Model, pressure: np.ndarray) -> State:
     """Near the rest under a pressure."""
-    n, angle = body.n, rests.absolute(body, rests.equilibrium(body, pressure))
+    n, angle = body.n, mechanics_of(body).coordinates(equilibrium(body, pressure))
     none = np.zeros((2, n))
     return State(
         0.0, angle + 0.1 * rng.standard_normal(n), rng.standard_normal(n), *none, np.zeros((2 * n, 2 * n)),
@@ -90,6 +91,12 @@ def suboptimal(H, g, rows, bounds, found) -> float:
     return max(float(left) / size, beyond / float(np.abs(high).max()))
 
 
+def tip_at(body: Model, pressure: np.ndarray | float) -> np.ndarray:
+    """Tip (2,) at rest under a pressure, m."""
+    chain = mechanics_of(body)
+    return chain.tips(chain.coordinates(equilibrium(body, pressure)))[-1]
+
+
 def tried(seed: int, problems: int, *, slew: bool, zero: bool) -> dict[str, float]:
     """Counts over random problems, ten for each body, one after the other."""
     rng, count, failed, refused, worst = np.random.default_rng(seed), 0, 0, 0, 0.0
@@ -100,9 +107,9 @@ def tried(seed: int, problems: int, *, slew: bool, zero: bool) -> dict[str, floa
         steep = highest / np.exp(rng.uniform(np.log(0.02), np.log(2.0)))
         limits = Limits(highest, steep if slew else np.inf)
         outputs = ("tip_x",) if C == 1 else ("tip_x", "tip_y")
-        still = rests.tips(body, rests.absolute(body, rests.equilibrium(body, 0.0)))[-1]
+        still = tip_at(body, 0.0)
         pressures = np.zeros((EACH, C)) if zero else rng.uniform(0.0, highest, (EACH, C))
-        wanted = np.array([rests.tips(body, rests.absolute(body, rests.equilibrium(body, p)))[-1] for p in pressures])
+        wanted = np.array([tip_at(body, p) for p in pressures])
         try:
             law = Mpc(design_outputs(body, outputs, (wanted - still)[:, : len(outputs)], limits, period), limits)
         except InputError:  # tip_x turns back before full pressure, or a rest is not found

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from pliant.model.spring import SPRING_TERMS
+
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "pliant"
 MODULES = sorted(p.relative_to(SOURCE).as_posix() for p in SOURCE.rglob("*.py") if "__pycache__" not in p.parts)
@@ -142,6 +144,75 @@ def test_compiled_code_lives_in_three_places():
 def test_only_few_files_draw():
     found = [name for name in MODULES if name not in PLOTS and "matplotlib" in roots(name)]
     assert not found, f"matplotlib belongs in {' and '.join(sorted(PLOTS))}: {listed(found)}"
+
+
+MECHANICS = ("equations/", "mechanics/", "exporters/")  # the packages that may spell how a chain moves
+ASKS_LATER = ("estimation/measurement_loops.py", "identification/follow_loops.py")
+OWN_MECHANICS = ("basic.py", "testbed/")  # written apart, to compare with; no line is shared
+SPRING_FUNCTIONS = {"spring_torque", "spring_slope", "spring_slope_between", "spring_energy"}
+INERTIA_FUNCTIONS = {"inertia_absolute", "body_constants", "inertia_from_jacobians"}
+CONSTANT_MAKERS = {"model/inertia.py"}  # the constants of the inertia, which checks of a model need as well
+
+
+def attributes(node):
+    return {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
+
+
+def names_in(node):
+    return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)} | attributes(node)
+
+
+def of_inertia(node):
+    """Whether a node is the constants B of a body: those of a linear model have the same letter."""
+    return isinstance(node, ast.Attribute) and node.attr == "B" and ast.unparse(node.value).endswith("body")
+
+
+def asks_extensions(test):
+    """Whether a condition asks if there are extensions at all."""
+    parts = test.values if isinstance(test, ast.BoolOp) else [test]
+    bare = (part.operand if isinstance(part, ast.UnaryOp) else part for part in parts)
+    return any(isinstance(part, ast.Attribute) and part.attr == "extensions" for part in bare)
+
+
+def spelled(node):
+    """What a node spells of link kinematics, springs or inertia, instead of asking the mechanics; "" for nothing."""
+    own = SPRING_FUNCTIONS | INERTIA_FUNCTIONS
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in {"sin", "cos"}:
+        return "the sine or cosine of a link angle" if "phi" in set().union(*map(names_in, node.args)) else ""
+    if isinstance(node, ast.BinOp) and attributes(node) & {*SPRING_TERMS, "hardening"}:
+        return "arithmetic on the terms of the springs"
+    if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and node.slice.value in SPRING_TERMS:
+        return "a term of the springs by its name"
+    if isinstance(node, ast.ImportFrom) and {a.name for a in node.names} & own:
+        return "the law of the springs or the inertia"
+    if isinstance(node, ast.Attribute) and node.attr in own:
+        return "the law of the springs or the inertia"
+    if isinstance(node, ast.BinOp) and any(map(of_inertia, ast.walk(node))):
+        return "arithmetic on the constants of the inertia"
+    if isinstance(node, ast.If | ast.IfExp) and asks_extensions(node.test):
+        return "a branch on whether the body lengthens"
+    return ""
+
+
+def spelled_mechanics(syntax):
+    return [(n.lineno, reason) for n in ast.walk(syntax) if (reason := spelled(n))]
+
+
+def test_mechanics_is_spelled_once():
+    """Who needs a position, a slope, an energy or a kind of coordinates asks `mechanics_of(model)`."""
+    apart = (*MECHANICS, *OWN_MECHANICS, *CONSTANT_MAKERS, *ASKS_LATER)
+    asking = [name for name in MODULES if not name.startswith(apart)]
+    found = [f"{name}:{line}: {reason}" for name in asking for line, reason in spelled_mechanics(tree(name))]
+    assert not found, listed(found)
+
+
+@pytest.mark.parametrize("text", [
+    "x = np.cos(phi)", "x = np.sin(state.phi[i])", "x = K * model.stiffening", "x = q + joints.hardening[0] * q * q",
+    "from pliant.equations.elastic import spring_torque", "M = body.B * c", "x = values['cubic_stiffening']",
+    "if model.extensions: pass", "inertia.inertia_absolute(c, s, B, I, M)",
+])  # fmt: skip
+def test_spelled_mechanics_is_found(text):
+    assert spelled_mechanics(ast.parse(text))
 
 
 MAKERS = {"empty", "zeros", "ones", "full", "empty_like", "zeros_like", "ones_like", "array", "copy"}

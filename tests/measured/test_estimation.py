@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import butter, filtfilt
 
 from pliant.estimation import Noise, estimate, release_of
-from pliant.identification.pose import beside_links
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.frames import beside_links
 from pliant.model import Chamber, Extension, Memory, Station, Valve, chain_model
 from pliant.preprocessing.align import align
 from pliant.preprocessing.clusters import assemble

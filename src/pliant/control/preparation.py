@@ -24,6 +24,7 @@ from pliant.estimation.contract import Estimator, EstimatorKind, Setting
 from pliant.estimation.link_angles import LinkAngles, calibrated
 from pliant.estimation.link_tips import LinkTips, rested
 from pliant.estimation.registry import estimator_kind
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
 
@@ -161,7 +162,7 @@ class Maker:
     ) -> None:
         self.link_angles, self.seeing, self.law, self.limits, self.setting = link_angles, seeing, law, limits, setting
         self._rest, self._latency = rest, 0.0 if seeing.predicts else setting.late * setting.period
-        self.several = len(setting.body.chambers) > 1 or bool(setting.body.extensions)
+        self.several = len(setting.body.chambers) > 1 or mechanics_of(setting.body).lengthens
         if self.several and law.outputs is None:
             raise InputError(f"the controller {law.name!r} takes one chamber and a fixed length: use lqr or mpc")
         self._course: Course | None = None
@@ -202,7 +203,7 @@ def calibration(
     model: Model, arc_length: Array, frames: Array, seeing: EstimatorKind, *, rides: bool,
 ) -> tuple[Model, LinkAngles | LinkTips]:
     """The model with the rest shape of the body at hand, and what its shapes are measured by."""
-    if not model.extensions:
+    if not mechanics_of(model).lengthens:
         body = calibrated(model, arc_length, frames)
         return body, LinkAngles(body, arc_length)
     if not rides:

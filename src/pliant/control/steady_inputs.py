@@ -50,19 +50,9 @@ def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> 
     row_speed : array (K, m, N)
         Derivatives of the speeds by x.
     """
-    n, K = model.n, len(x)
-    length, share = np.append(model.base_length, model.link_length), model.stretch_share
-    phi = np.concatenate([np.full((K, 1), model.base_angle), x[:, :n]], axis=1)
-    turn = np.concatenate([np.zeros((K, 1)), v[:, :n]], axis=1)
-    stretch, growth = length * (1.0 + x[:, n:] @ share.T), length * (v[:, n:] @ share.T)
-    sign, part = float(model.bend_sign), length[:, None] * share
-    along = np.stack([-sign * np.sin(phi), np.cos(phi)], axis=1)  # (K, 2, n + 1) of each link
-    across = np.stack([-sign * np.cos(phi), -np.sin(phi)], axis=1)
-    rows, moved = np.zeros((2, K, 3, model.size))
-    rows[:, :2, :n], rows[:, :2, n:] = (across * stretch[:, None])[:, :, 1:], along @ part
-    rows[:, 2, n - 1] = 1.0
-    moved[:, :2, :n] = (across * growth[:, None] - along * (stretch * turn)[:, None])[:, :, 1:]
-    moved[:, :2, n:] = (across * turn[:, None]) @ part
+    rows, moved = np.zeros((2, len(x), 3, model.size))
+    rows[:, :2], moved[:, :2] = mechanics_of(model).tip_jacobian(x, v)
+    rows[:, 2, model.n - 1] = 1.0
     which = [("tip_x", "tip_y", "angle_sum").index(name) for name in outputs]
     return rows[:, which], (rows[:, which] @ v[:, :, None])[..., 0], moved[:, which]
 

@@ -10,6 +10,7 @@ import numpy as np
 from pliant.identification.chamber_parameters import prefixes
 from pliant.identification.experiment import Experiment
 from pliant.identification.extension_parameters import OWN
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.numerics.arcs import arc_lengths
 
@@ -21,7 +22,7 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
 
     `torques` holds coefficients of the chambers' laws where these begin.
     """
-    if not model.extensions:
+    if not mechanics_of(model).lengthens:
         return {}
     found = {name: float(np.mean([getattr(e, f) for e in model.extensions])) for name, f in OWN.items()}
     found |= {f"{e.name}.{name}": getattr(e, f) for e in model.extensions for name, f in OWN.items()}

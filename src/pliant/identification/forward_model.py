@@ -12,9 +12,10 @@ from pliant.identification.following import REAL, slipped
 from pliant.identification.loop_inputs import Numbers, SetUp
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
-from pliant.identification.pose import PoseChain, link_coordinates, posed
+from pliant.identification.pose import posed
 from pliant.identification.sensor import between_frames, lags_of
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.frames import LinkFrames, link_coordinates
 from pliant.model import Model, Station, fixed_length
 from pliant.simulation import Pulse, Trace, equilibrium
 from pliant.simulation.drive import Drive, driven, laid_out
@@ -130,7 +131,7 @@ def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans:
             f"the model {model.name!r} lengthens: leave out held (as measured), or the model's extensions",
         )
         shift = np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)])
-        return posed(model, carriers(here, exp), observed(here, exp), exp.held - shift, plans.poses)
+        return posed(model, observed(here, exp), exp.held - shift, plans.poses)
     if "hold_force" in own:
         return equilibrium(model, 0.0, np.array([own["hold_force"], 0.0]))
     return np.zeros(model.size)
@@ -201,7 +202,7 @@ def reattached(made: SetUp, numbers: Numbers) -> Numbers:
     if made.first_seen is None:
         return numbers
     seen = (made.first_seen - numbers.shift) * [made.model.bend_sign, 1]
-    chain = PoseChain(numbers.phi, numbers.length, numbers.base_length, numbers.joints.base_angle, numbers.share)
+    chain = LinkFrames(numbers.phi, numbers.length, numbers.base_length, numbers.joints.base_angle, numbers.share)
     links = made.carrier + 1
     along, across = (row[np.arange(links.size), links] for row in link_coordinates(chain, seen))
     return numbers._replace(along=along, across=across)

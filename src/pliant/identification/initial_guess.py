@@ -16,9 +16,9 @@ from pliant.identification.extension_start import extension_starts
 from pliant.identification.layout_bands import bands_of_layouts
 from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name
-from pliant.identification.pose import beside_links
 from pliant.identification.torque_start import highest_level, torque_starts, typical_sizes
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.frames import beside_links
 from pliant.model import Model, Station
 from pliant.model.torque_law import unfinished_law
 from pliant.numerics.ringdown import RingDown, ring_down

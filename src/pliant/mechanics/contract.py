@@ -212,6 +212,10 @@ class Mechanics(ABC):
     def position_jacobian(self, x: Array, point: Station) -> Array:
         """Return the Jacobian (dimension, N) of a point's position by x at one moment, m/rad."""
 
+    @abstractmethod
+    def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:
+        """Return the Jacobians (K, dimension, N) of the last tip by x (K, N), and their rates at rates v (K, N)."""
+
     # forces and energies
 
     @abstractmethod

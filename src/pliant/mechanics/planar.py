@@ -22,6 +22,7 @@ from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.model import Station, fixed_length
 from pliant.model.extension import extensible_inertia
 from pliant.model.inertia import inertia_constants
+from pliant.numerics.arcs import tangents
 
 Array = np.ndarray
 NEAR = 1e-6  # rad and strains: where a rest under part of a load is near enough to go on from
@@ -184,8 +185,7 @@ class PlanarChain(Mechanics):
 
     def directions(self, x: Array) -> Array:
         """Return unit vectors e = (-sin, cos) (..., n + 1, 2) along the base and the links, in the kernels' frame."""
-        angle = self.angles(x)
-        return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+        return tangents(self.angles(x))
 
     def angles(self, x: Array) -> Array:
         """Return absolute angles (..., n + 1) of the base and of the links, rad."""
@@ -223,6 +223,16 @@ class PlanarChain(Mechanics):
         turned = (reach * stretch)[:, None] * side - (point.across * (rows == k))[:, None] * ahead
         grown = self.stretch_share.T @ (reach[:, None] * ahead)
         return np.asarray(np.concatenate([turned[1:], grown]).T * self.mirror[:, None])
+
+    def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:
+        n, part, ahead = self.n, self.length[:, None] * self.stretch_share, self.directions(x)
+        turn = np.concatenate([np.zeros((len(v), 1)), v[:, :n]], axis=1)
+        stretch, growth = self.length * self.stretches(x), v[:, n:] @ part.T
+        along = np.swapaxes(ahead * self.mirror, 1, 2)  # (K, 2, n + 1) of each link
+        across = np.stack([-ahead[..., 1], ahead[..., 0]], axis=1) * self.mirror[:, None]
+        turned = across * growth[:, None] - along * (stretch * turn)[:, None]
+        rows = np.concatenate([(across * stretch[:, None])[:, :, 1:], along @ part], axis=2)
+        return rows, np.concatenate([turned[:, :, 1:], (across * turn[:, None]) @ part], axis=2)
 
     # forces and energies
 

@@ -1,10 +1,15 @@
-"""Circular arcs through points: a length that bending does not change."""
+"""Directions of planar curves, and circular arcs through points: a length that bending does not change."""
 
 from __future__ import annotations
 
 import numpy as np
 
 Array = np.ndarray
+
+
+def tangents(angle: Array) -> Array:
+    """Unit vectors (-sin, cos) (..., 2) of curves that turn by an angle (...) [rad] from +y."""
+    return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
 
 
 def arc_lengths(position: Array) -> Array:

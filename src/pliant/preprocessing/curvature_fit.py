@@ -115,12 +115,12 @@ class _Model:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Residual (T, 2 S) and its Jacobian (T, 2 S, 3 + m)."""
         frames, stations = position.shape[:2]
-        phi = parameters[:, 2:3] + parameters[:, 3:] @ self.integrals.T
-        c, w = np.cos(phi) * self.weights, np.sin(phi) * self.weights
+        tangent = parameters[:, 2:3] + parameters[:, 3:] @ self.integrals.T
+        c, w = np.cos(tangent) * self.weights, np.sin(tangent) * self.weights
         jacobian = np.zeros((frames, 2, stations, parameters.shape[1]))
         residual = parameters[:, :2, None] - position.transpose(0, 2, 1)
-        for axis, tangent, normal in ((0, -w, -c), (1, c, -w)):
-            residual[:, axis, 1:] += self._sums(tangent, self.turns[:, :1])[..., 0]
+        for axis, ahead, normal in ((0, -w, -c), (1, c, -w)):
+            residual[:, axis, 1:] += self._sums(ahead, self.turns[:, :1])[..., 0]
             jacobian[:, axis, :, axis] = 1.0
             jacobian[:, axis, 1:, 2:] = self._sums(normal, self.turns)
         return residual.reshape(frames, -1), jacobian.reshape(frames, 2 * stations, -1)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.numerics.arcs import tangents
 from pliant.numerics.spline import local_cubic_matrix
 from pliant.reduction.body import body_of
 from pliant.reduction.placement import equal_nodes
@@ -167,8 +168,7 @@ def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -
 
     Paper: Eq. (3) [eq:Rp^i]
     """
-    phi = np.cumsum(turns, axis=1)
-    return np.cumsum(np.stack([-np.sin(phi), np.cos(phi)], axis=2) * link_length[..., None], axis=1)
+    return np.cumsum(tangents(np.cumsum(turns, axis=1)) * link_length[..., None], axis=1)
 
 
 def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.numerics.arcs import tangents
 from pliant.numerics.spline import BOUNDARIES, CLAMPED, spline_matrix
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def curvature_shape(
     half = np.diff(grid) / 2
     gauss = (grid[:-1] + half)[:, None] + half[:, None] * x
     phi = _angle_spline(turns, knots, gauss.ravel(), 1).reshape(-1, *gauss.shape)
-    step = np.stack([-np.sin(phi), np.cos(phi)], axis=-1) * w[:, None]
+    step = tangents(phi) * w[:, None]
     points = np.zeros((len(phi), grid.size, 2))
     np.cumsum(step.sum(axis=2) * half[:, None], axis=1, out=points[:, 1:])
     return points[:, np.searchsorted(grid, at)] + np.asarray(base, dtype=np.float64)

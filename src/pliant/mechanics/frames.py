@@ -1,0 +1,42 @@
+"""Where points lie beside the links: their coordinates along and across each of them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.model import Model
+from pliant.numerics.arcs import tangents
+
+Array = np.ndarray
+
+
+class LinkFrames(NamedTuple):
+    """What the positions of the links follow from: floats, or complex numbers that carry a derivative."""
+
+    x: Any  # (n + S,) absolute angles, rad, strains behind them
+    length: Any  # (n,) m
+    base_length: Any  # m
+    base_angle: Any  # rad
+    share: Any  # (n + 1, S) part of each link that lies in each segment that lengthens
+
+
+def link_coordinates(chain: LinkFrames, points: Array) -> tuple[Array, Array]:
+    """Coordinates along and across (P, n + 1) each link of points (P, 2) [m], `bend_sign` undone, the base first.
+
+    Coordinates along a link are those of the link unstretched.
+    """
+    n = len(chain.length)
+    angle = np.append(chain.base_angle, chain.x[:n])
+    stretch = 1.0 + chain.share @ chain.x[n:]
+    (minus_s, c) = ahead = tangents(angle).T
+    tips = np.cumsum(np.append(chain.base_length, chain.length) * stretch * ahead, axis=1)
+    dx, dy = (points.T[:, :, None] - np.column_stack([np.zeros(2), tips[:, :-1]])[:, None])
+    return (c * dy + minus_s * dx) / stretch, minus_s * dy - c * dx
+
+
+def beside_links(model: Model, x: Array, points: Array) -> tuple[Array, Array]:
+    """Coordinates along and across (P, n + 1) the links of a model, at absolute angles and strains x (n + S,)."""
+    chain = LinkFrames(x, model.link_length, model.base_length, model.base_angle, model.stretch_share)
+    return link_coordinates(chain, points)
