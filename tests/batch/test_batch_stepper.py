@@ -16,7 +16,7 @@ def test_every_lane_is_a_stepper():
     plain = chen2018.model(valve=Valve(rise_time=0.02, fall_time=0.03))
     soft = chen2018.model(
         stiffness=2.0, gravity=[1.0, -9.0], swell_share=0.3, swell_time=0.4, inflation_limit=9e5, stiffening=-0.1,
-        cubic_stiffening=0.3,
+        cubic_stiffening=0.3, stiffening_bound=0.6,
         torque=[1e-6, 1e-12], valve=Valve(rise_time=0.05, rise_rate=4e5, fall_rate=8e5),
     )
     which = np.array([3, 9])

@@ -8,7 +8,7 @@ import pytest
 from pliant.compiler.choose import twin
 from pliant.compiler.duals import SLOTS, WIDTH, dual_twin, duals
 from pliant.equations import motion
-from pliant.equations.elastic import TERMS
+from pliant.equations.elastic import ROWS
 from pliant.equations.extension import step as extensible_step
 from pliant.equations.memory import step_with_memory
 from pliant.equations.symbols import Body, ExtensibleBody, Held, Joints, Memory, Past
@@ -30,7 +30,7 @@ def rebuilt(record, entries):
 
 def joints_of(rng, n, more=0):
     rows = {name: rng.uniform(0.5, 1.5, n + more * (name in "KD")) for name in Joints._fields[1:]}
-    rows |= {"theta0": 0.3 * rng.normal(size=n), "D": 0.01 * rows["D"], "hardening": rng.uniform(0.5, 1.5, (TERMS, n))}
+    rows |= {"theta0": 0.3 * rng.normal(size=n), "D": 0.01 * rows["D"], "hardening": rng.uniform(0.5, 1.5, (ROWS, n))}
     return Joints(0.2, **{name: rows[name] for name in Joints._fields[1:]})
 
 

@@ -11,7 +11,7 @@ import pytest
 from pliant.compiler import trace
 from pliant.compiler.choose import straight, twin
 from pliant.equations import energy, motion
-from pliant.equations.elastic import TERMS
+from pliant.equations.elastic import ROWS
 from pliant.equations.symbols import Body, Joints, Slopes
 from pliant.mechanics import mechanics_of, planar
 from pliant.mechanics.planar import workspace
@@ -27,7 +27,7 @@ def arguments(rng: np.random.Generator, n: int, kind: type = float) -> dict[str,
 
     body_constants(l, m, c, 0.007, B, h)
     body = Body(B.astype(kind), (m * l**2 / 12).astype(kind), h.astype(kind), 3.0, -9.0)
-    sizes = {"hardening": (TERMS, n)}
+    sizes = {"hardening": (ROWS, n)}
     joints = Joints(kind(0.2), *(rng.uniform(0.5, 1.5, sizes.get(f, n)).astype(kind) for f in Joints._fields[1:]))
     joints = joints._replace(theta0=(0.3 * rng.normal(size=n)).astype(kind), D=joints.D * 0.01)
     work = type(workspace(n))(*(a.astype(kind) for a in workspace(n)))

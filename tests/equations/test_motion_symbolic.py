@@ -97,7 +97,7 @@ def test_whole_equation_of_motion(absolute, rng):
     """The accelerations, LDL^T and all, put back into Lagrange's equations; exact numbers keep it quick."""
     phi, w, _, _, body = absolute
     K, D = sym.vector(sym.K), sym.vector(sym.D)
-    joints = Joints(sym.base, THETA0, K, D, sym.zeros((2, 2)), THETA0)
+    joints = Joints(sym.base, THETA0, K, D, sym.zeros((3, 2)), THETA0)
     drive = sym.vector([sym.torque, sp.Rational(3, 4) * sym.torque])
     a = sym.zeros(2)
     sym.on_symbols(acceleration)(phi, w, drive, body, joints, sym.workspace(), a)

@@ -17,10 +17,11 @@ from pliant.equations.symbols import Slopes
 TORQUE = 0.05
 
 
-@pytest.fixture(params=[0.0, 0.4], ids=["soft", "stiff-again"])
+@pytest.fixture(params=[(0.0, 0.0), (0.4, 0.0), (0.0, 4.0)], ids=["soft", "stiff-again", "bounded"])
 def bent(rng, request):
-    """A softening chain of five links, which may stiffen again, and where it is."""
-    chain = random_chain(rng, 5)._replace(stiffening=-0.6, cubic_stiffening=request.param)
+    """A softening chain of five links, which may stiffen again or soften within a bound, and where it is."""
+    cubic, scale = request.param
+    chain = random_chain(rng, 5)._replace(stiffening=-0.6, cubic_stiffening=cubic, bend_scale=scale)
     q, dq = random_state(rng, 5)
     return chain, q, dq
 
@@ -34,7 +35,7 @@ def springs(phi, joints, n):
 def test_torque_is_the_slope_of_the_energy_and_the_tangent_that_of_the_torque(bent):
     chain, q, dq = bent
     joints, phi, n, a = chain.joints(), chain.phi(q), chain.n, chain.cubic_stiffening
-    assert springs(phi, joints, n) == pytest.approx(-chain.K * q * (1 - 0.6 * q + a * q * q), rel=1e-12)
+    assert springs(phi, joints, n) == pytest.approx(chain.torques(q, 0.0 * q, 0.0), rel=1e-12)
     by_phi = complex_step(lambda at: np.array([elastic_energy(at, joints)]), phi)[0]
     t = springs(phi, joints, n)
     assert by_phi == pytest.approx(np.append(t[1:], 0.0) - t, abs=1e-13)
@@ -45,11 +46,15 @@ def test_torque_is_the_slope_of_the_energy_and_the_tangent_that_of_the_torque(be
     assert [tangent(i, phi, joints) for i in range(n)] == pytest.approx(found, rel=1e-13)
     joint_tangents(phi, np.cumsum(dq), joints, 0.01, found)
     ahead = q + 0.01 * dq
+    if chain.bend_scale:
+        slopes = -complex_step(lambda x: chain.torques(x, 0.0 * x, 0.0), ahead)
+        assert found == pytest.approx(np.diag(slopes), rel=1e-12)
+        return
     assert found == pytest.approx(chain.K * (1 - 1.2 * ahead + 3 * a * ahead**2), rel=1e-12)
 
 
 def test_without_stiffening_the_torque_is_the_linear_one_bit_for_bit(bent):
-    chain, q, dq = bent[0]._replace(stiffening=0.0, cubic_stiffening=0.0), *bent[1:]
+    chain, q, dq = bent[0]._replace(stiffening=0.0, cubic_stiffening=0.0), *bent[1:]  # whatever the bound
     joints, phi, w = chain.joints(), chain.phi(q), np.cumsum(dq)
     t = np.zeros(6)
     joint_torques(phi, w, joints, chain.drive(TORQUE), 5e-4, t)

@@ -42,6 +42,7 @@ def rich(*, second_order: bool = False) -> Model:
     return Model(
         link_length=[0.05, 0.04], link_mass=0.01, stiffness=1.0, damping=5e-3, chambers=chambers, tip_mass=0.003,
         memory=Memory((0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.05), stiffening=-0.1, cubic_stiffening=0.2,
+        stiffening_bound=0.7,
         stations=[("middle", 0, 0.03, 0.001), ("tip", 1, 0.04, 0.0)], gravity=[0.5, -9.0], rest_angle=0.1,
         base_length=0.02, base_angle=0.1, extensions=(Extension(300.0, 1.0, 0.01, 0.1, name="whole"),),
     )

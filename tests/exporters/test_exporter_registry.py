@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 
+import numpy as np
 import pytest
 from command_line import invoke
 
@@ -14,12 +15,14 @@ from pliant.exporters.difference import difference
 from pliant.exporters.features import FEATURES, missing, named, without
 from pliant.exporters.provenance import standard_errors
 from pliant.exporters.registry import BUILT_IN, exporters
+from pliant.mechanics import springs
 from pliant.model import Chamber, Extension, Memory, Valve, load_model, save_model
 from pliant.simulation import equilibrium
 from pliant.simulation.levels import typical_pressure
 
 EVERYTHING = chen2018.model(
-    gravity=[0.0, -9.8], stiffening=-0.1, torque=[6e-7, 1e-13], swell_share=0.2, inflation_limit=2e6,
+    gravity=[0.0, -9.8], stiffening=-0.1, stiffening_bound=0.7,
+    torque=[6e-7, 1e-13], swell_share=0.2, inflation_limit=2e6,
     valve=Valve(rise_time=0.02, fall_time=0.03, dead_time=0.01, rise_rate=1e6, settle_share=0.1),
     memory=Memory((0.1, 0.05), (0.5, 5.0), (0.1,), (0.02,), boucwen_share=0.05),
 )
@@ -155,3 +158,14 @@ def test_the_file_is_the_model(tmp_path):
     pliant.export(load_model(file), "mjcf", tmp_path / "b.xml")
     one, other = ((tmp_path / n).read_text(encoding="utf-8") for n in ("a.xml", "b.xml"))
     assert one.replace(str(file), "MODEL.json").replace("a.xml", "b.xml") == other
+
+
+def test_the_polynomial_in_the_place_of_a_bounded_spring_is_near_it():
+    soft = chen2018.model(stiffening=-1.5, stiffening_bound=0.75)
+    near = FEATURES["bounded"].without(soft)
+    q = equilibrium(soft, typical_pressure(soft))
+    for share in np.linspace(-1.0, 1.0, 9):
+        torque = springs.springs_of(soft).torque(share * q)
+        off = springs.springs_of(near).torque(share * q) - torque
+        assert np.abs(off).max() < 0.01 * np.abs(springs.springs_of(soft).torque(q)).max()
+    assert not near.stiffening_bound.any()

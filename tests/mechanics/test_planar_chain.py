@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.equations import elastic
+from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of, springs
 from pliant.model import Extension, Model, Station
 from pliant.model.spring import SPRING_TERMS
@@ -109,8 +110,9 @@ def test_a_motion_has_the_energies_of_its_moments(mechanics):
 def test_slope_and_energy_are_those_of_the_torque_of_a_spring():
     """The law stands in four functions; the three others follow from the torque, by complex steps."""
     rng, tiny = np.random.default_rng(2), 1e-30
-    law = 0, springs.Springs(np.array([1.6]), rng.uniform(-0.5, 0.7, (elastic.TERMS, 1)))
-    for q in rng.uniform(-1.0, 1.0, 20):
+    terms = rng.uniform(-0.5, 0.7, (elastic.TERMS, 1))
+    for k, q in enumerate(rng.uniform(-1.0, 1.0, 20)):
+        law = 0, springs.Springs(np.array([1.6]), terms, np.array([0.3 * (k % 2)]))
         bend = q + 0.05
         slope = elastic.spring_torque(*law, q + 1j * tiny, bend + 1j * tiny).imag / tiny
         assert elastic.spring_slope(*law, bend) == pytest.approx(slope, rel=1e-13)
@@ -127,3 +129,33 @@ def test_the_angle_under_a_torque_undoes_the_springs():
     q = np.array([0.1, -0.2, 0.4, 0.3])
     assert len(SPRING_TERMS) == elastic.TERMS
     np.testing.assert_allclose(springs.angle_under(model, springs.springs_of(model).torque(q)), q, rtol=1e-12)
+
+
+def test_bounded_springs_hold_any_torque_and_no_slope_leaves_the_bound():
+    """Twice the slope's size of s bend at rest, as without the bound; never below K (1 - f), never above K (1 + f)."""
+    model = chain(3, 4, 0).with_(stiffening=-2.0, cubic_stiffening=0.0, stiffening_bound=0.75)
+    q = np.array([0.1, -0.2, 0.4, 3.0])
+    np.testing.assert_allclose(springs.angle_under(model, springs.springs_of(model).torque(q)), q, rtol=1e-12)
+    turns = np.linspace(-50.0, 50.0, 2001)
+    bent = springs.Springs(np.ones(2001), np.stack([np.full(2001, -2.0), np.zeros(2001)]), np.full(2001, 0.75))
+    slope = bent.slope(turns)
+    assert (np.diff(slope) < 0).all()
+    assert slope[[-1, 0]] == pytest.approx([0.25, 1.75], abs=1e-3)
+    small = springs.springs_of(model).slope(1e-5 * np.ones(4)) / model.stiffness
+    assert small == pytest.approx(1.0 - 4e-5, rel=1e-8)
+    assert not springs.softened(model, np.full(4, 50.0))
+    again = model.with_(stiffening=0.5, cubic_stiffening=-0.3)  # stiffens, then gives way
+    held = springs.springs_of(again).torque(np.full(4, 0.5))
+    np.testing.assert_allclose(springs.angle_under(again, held), 0.5, rtol=1e-12)
+    with pytest.raises(SimulationError, match=r"holds at most .* or bound it"):
+        springs.angle_under(again, 50.0 * held)
+    with pytest.raises(InputError, match="stiffening_bound must be below 1"):
+        again.with_(stiffening_bound=1.0)
+
+
+def test_without_a_bound_the_springs_are_the_polynomial():
+    K, s, a = 1.3, -0.4, 0.2
+    q = np.linspace(-1.0, 1.0, 101)
+    law = springs.Springs(np.full(101, K), np.stack([np.full(101, s), np.full(101, a)]))
+    np.testing.assert_array_equal(law.torque(q), K * q + (K * a * q + K * s) * q * q)
+    np.testing.assert_allclose(law.slope(q), K + (2 * K * s + 3.0 * K * a * q) * q, rtol=1e-15)

@@ -31,6 +31,7 @@ class Chain(NamedTuple):
     base_angle: float = 0.0
     stiffening: float = 0.0
     cubic_stiffening: float = 0.0
+    bend_scale: float = 0.0  # R of the springs' law
 
     @property
     def n(self):
@@ -43,7 +44,8 @@ class Chain(NamedTuple):
 
     def joints(self):
         own = {name: np.array(getattr(self, name)) for name in ("theta0", "K", "D")}
-        hardening = np.stack([self.K * self.stiffening, self.K * self.cubic_stiffening])
+        scale = np.full(self.n, self.bend_scale)
+        hardening = np.stack([self.K * self.stiffening, self.K * self.cubic_stiffening, scale])
         return Joints(self.base_angle, **own, hardening=hardening, unbent=np.array(self.theta0))
 
     def actuator(self):
@@ -67,8 +69,10 @@ class Chain(NamedTuple):
         )
 
     def torques(self, q, dq, torque):
-        """tau - K q (1 + s q + a q^2) - D dq, (n,)."""
-        bent = 1.0 + self.stiffening * q + self.cubic_stiffening * q * q
+        """tau - K q (1 + s q g + a q^2) - D dq, (n,); g from the energy s q^3 (2/3) / (1 + root) by R."""
+        root = np.sqrt(1.0 + self.bend_scale * q * q)
+        g = 2.0 / (1.0 + root) - 2.0 / 3.0 * self.bend_scale * q * q / (root * (1.0 + root) ** 2)
+        bent = 1.0 + self.stiffening * q * g + self.cubic_stiffening * q * q
         return self.gain * torque - self.K * q * bent - self.D * dq
 
 

@@ -44,7 +44,8 @@ class Extensible(NamedTuple):
         return ExtensibleBody(B, self.l, h, self.share, *self.gravity)
 
     def joints(self):
-        return Joints(self.base_angle, self.theta0, self.K, self.D, np.stack([self.K2, -0.5 * self.K2]), self.theta0)
+        hardening = np.stack([self.K2, -0.5 * self.K2, 0 * self.K2])
+        return Joints(self.base_angle, self.theta0, self.K, self.D, hardening, self.theta0)
 
     def masses(self, x, cos=np.cos, sin=np.sin):
         """(mass, x, y) of every point mass at the coordinates x (n + S,)."""

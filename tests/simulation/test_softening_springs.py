@@ -9,7 +9,7 @@ import pytest
 
 from pliant.batch.batch import simulate_batch
 from pliant.errors import SimulationError
-from pliant.mechanics.springs import slopes as tangents
+from pliant.mechanics.springs import springs_of
 from pliant.model import Memory, Model
 from pliant.simulation import Pulse, Stepper, equilibrium, modes, simulate
 
@@ -82,7 +82,7 @@ def test_rest_where_springs_stiffen_again(soft):
         q = equilibrium(again, level)
         held = again.stiffness * q * (1 + again.stiffening * q + again.cubic_stiffening * q**2)
         assert held == pytest.approx(again.joint_gain * again.torque_at(level), rel=1e-13)
-        assert (tangents(again, q) > 0).all()
+        assert (springs_of(again).slope(q) > 0).all()
     with pytest.raises(SimulationError, match=r"joint 1, which softens with its angle, holds at most"):
         equilibrium(again.with_(cubic_stiffening=[0.01, 1.0, 2.0, 0.1, 1.0]), 6e5)
     batch = simulate_batch(
@@ -106,6 +106,19 @@ def test_a_batch_is_its_single_runs_and_tells_which_gave_way(soft):
     some = {"stiffening": np.array([-0.3, -8.0])}
     lost = simulate_batch(damped, PULSE, parameters=some, times=TIMES, failures="mark")
     assert np.isnan(lost["failed_at"].values).tolist() == [True, False]
+
+
+def test_bounded_springs_never_give_way_and_a_batch_is_its_single_runs(soft):
+    """What ends the simulation of springs without a bound is a motion with one; the rest is the torque's."""
+    weak = soft.with_(stiffening=-8.0, stiffening_bound=0.75, damping=8e-3)
+    batch = simulate_batch(weak, PULSE, parameters={"stiffening": np.array([-0.3, -8.0])}, times=TIMES)
+    alone = simulate(weak, PULSE, times=TIMES)
+    assert batch["tip_position"].values[1].reshape(len(TIMES), -1)[:, -2:] == pytest.approx(
+        alone["tip_position"].values[:, -1], abs=1e-12)
+    q = equilibrium(weak, 6e5)
+    root = np.sqrt(1.0 + (4 * 8.0 / (3 * 0.75)) ** 2 * q * q)
+    held = weak.stiffness * (q - 8.0 * q * q * (2 / 3) * (1 + 2 * root) / (root * (1 + root)))
+    assert held == pytest.approx(weak.torque_at(6e5) * weak.joint_gain, rel=1e-12)
 
 
 def test_springs_that_give_way_end_the_simulation_in_a_sentence(soft):

@@ -29,7 +29,7 @@ def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, 
 
 
 def constant_arrays(samples: Samples) -> list[Array]:
-    """B, I, h, gravity, the joints (4 + terms, n, N) and the place (n + 3, N): what the march needs of the samples."""
+    """B, I, h, gravity, the joints (5 + terms, n, N) and the place (n + 3, N): what the march needs of the samples."""
     v = samples.values
     springs = springs_of(v)
     joints = np.stack([v["rest_angle"], springs.K, v["damping"], v["joint_gain"], *springs.hardening])

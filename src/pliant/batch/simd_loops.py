@@ -46,7 +46,7 @@ class Lane(NamedTuple):
     """What the samples of a group are, the lanes last."""
 
     body: tuple[np.ndarray, ...]  # B (n, n, W), I (n, W), h (n, W), gravity (2, W)
-    joints: np.ndarray  # (4 + terms, n, W) theta0, K, D, gain, hardening
+    joints: np.ndarray  # (5 + terms, n, W) theta0, K, D, gain, hardening
     place: np.ndarray  # (n + 3, W) lengths of the links, first joint, base angle
 
 
@@ -131,7 +131,7 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
     """Take as many `steps` of h [s] of every group of a batch under held commands, as `march_loops.hold` of one chain.
 
     Groups come first, lanes last: state (G, 2, n, W) the angles and rates, advanced in place; `samples` (`Lane`) with
-    a body of (G, ...), joints (G, 4 + terms, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch
+    a body of (G, ...), joints (G, 5 + terms, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch
     as in `march_lanes`; failed (G, W) is set to 1 for a chain that fails, which goes on as it may, and to 0 for the
     others.
     """

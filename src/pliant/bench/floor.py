@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from pliant.bench.timing import best
-from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
@@ -46,12 +45,10 @@ def library() -> Any:
 def constants(model: Model) -> Array:
     """All numbers of the chain in the order of `Chain` in floor.c."""
     body, joints = mechanics_of(model).body, mechanics_of(model).joints
-    second, third = joints.hardening[:2]  # the law as floor.c has it
-    if joints.hardening[2:].any():
-        raise InputError("the floor in plain C knows springs of two terms beyond the linear one")
+    second, third, scale = joints.hardening  # the law as floor.c has it
     parts = (
         body.B, body.I, body.h, body.gx, body.gy, joints.base_angle, joints.theta0, joints.K, joints.D, second,
-        joints.unbent, third,
+        joints.unbent, third, scale,
     )
     return np.concatenate([np.ravel(part) for part in parts]).astype(float)
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any
 
+import numpy as np
 from numba import types
 from numba.core import cgutils
 from numba.core.extending import intrinsic
@@ -23,6 +24,11 @@ from pliant.compiler.trig import pair
 OPERATORS = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}
 FLOATS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 Value = tuple[Any, Any]  # Numba's type and LLVM's value
+
+
+def square_root(x):
+    """The root of a number of any kind."""
+    return np.sqrt(x)
 
 
 class LlvmWriter:
@@ -52,6 +58,9 @@ class LlvmWriter:
         if what in ("cos", "sin"):
             kind, both = self.cosine_and_sine(operands[0])
             return kind, self.builder.extract_value(both, int(what == "sin"))
+        if what == "sqrt":
+            kind, value = self.values[operands[0].row]
+            return kind, self.context.compile_internal(self.builder, square_root, signature(kind, kind), [value])
         values = [self.values[o.row] if isinstance(o, Mark) else self.constant(o) for o in operands]
         kind = next((k for k, _ in values if k != types.float64), types.float64)
         if len(values) == 1:

@@ -123,7 +123,7 @@ def _unary(name: str) -> Any:
     return call
 
 
-_floor, _rint = _unary("floor"), _unary("rint")
+_floor, _rint, _sqrt = _unary("floor"), _unary("rint"), _unary("sqrt")
 _cos_sin = register_jitable(trig.pair)
 
 
@@ -135,6 +135,11 @@ def _np_floor(x):
 @overload(np.rint)
 def _np_rint(x):
     return (lambda x: _rint(x)) if x == lanes else None  # noqa: PLW0108
+
+
+@overload(np.sqrt)
+def _np_sqrt(x):
+    return (lambda x: _sqrt(x)) if x == lanes else None  # noqa: PLW0108
 
 
 @overload(np.sin)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.elastic import TERMS
+from pliant.equations.elastic import ROWS
 from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleWorkspace, Joints, Slopes, Workspace
 
 
@@ -76,6 +76,10 @@ class Mark:
         """NumPy's np.sin asks an object for this."""
         return self.tape.write("sin", self)
 
+    def sqrt(self) -> Mark:
+        """NumPy's np.sqrt asks an object for this."""
+        return self.tape.write("sqrt", self)
+
 
 def marks(tape: Tape, name: str, example: Any) -> Any:
     """Marks in the place of every number of an argument: a number, an array, or a NamedTuple of these."""
@@ -137,7 +141,7 @@ def example_arguments(n: int) -> dict[str, Any]:
     return {
         "phi": zeros(n), "w": zeros(n), "h": 0.0, "torque": zeros(n),
         "body": Body(zeros(n, n), zeros(n), zeros(n), 0.0, 0.0),
-        "joints": Joints(0.0, zeros(n), zeros(n), zeros(n), zeros(TERMS, n), zeros(n)),
+        "joints": Joints(0.0, zeros(n), zeros(n), zeros(n), zeros(ROWS, n), zeros(n)),
         "work": Workspace(*(zeros(*shapes.get(f, (n,))) for f in Workspace._fields)),
         "a": zeros(n), "total": zeros(3), "out": Slopes(zeros(n), zeros(n, n), zeros(n, n)), "J": zeros(3 * n, 2 * n),
     }
@@ -155,7 +159,7 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size), "a": zeros(size),
         "w": zeros(size), "total": zeros(3),
         "body": ExtensibleBody(zeros(n + 1, n + 1), zeros(n + 1), zeros(n + 1), zeros(n + 1, segments), 0.0, 0.0),
-        "joints": Joints(0.0, zeros(n), zeros(size), zeros(size), zeros(TERMS, n), zeros(n)),
+        "joints": Joints(0.0, zeros(n), zeros(size), zeros(size), zeros(ROWS, n), zeros(n)),
         "work": ExtensibleWorkspace(*(zeros(*shapes.get(f, (size,))) for f in ExtensibleWorkspace._fields)),
     }
 

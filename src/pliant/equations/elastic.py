@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 LEAST_STRETCH = 0.05  # of a segment: pressed further, it is none
-
-
-TERMS = 2  # of a spring's torque beyond the linear one: the rows of `symbols.Joints.hardening`
+TERMS = 2  # of a spring's torque beyond the linear one: the first rows of `symbols.Joints.hardening`
+ROWS = TERMS + 1  # of `hardening`: the last one, R, bounds what the first term does to the slope
+TWO_THIRDS = 2.0 / 3.0
 
 
 def spring_torque(i, joints, q, bend):
@@ -15,33 +17,43 @@ def spring_torque(i, joints, q, bend):
     shape; the two differ where hysteresis moves the first. K2 = K s, K3 = K a make springs K q (1 + s q + a q^2), which
     soften (s < 0) and then stiffen (a > 0) with the angle; s = a = 0 is the paper's.
 
+    K2 comes with a factor (2/3) r (2 + r) / (1 + r), r = 1 / sqrt(1 + R bend^2), R = (4 s / (3 f))^2: its slope runs
+    steadily from 0 at rest to -f K far out on the side that softens, f K on the other, so that for f < 1 the torque
+    never runs out. R = 0 is no bound.
+
     The law of the springs is written in this and the next three functions, and nowhere else. On whole arrays i is a
     slice of joints.
 
     Paper: Eq. (5) [eq:eom]
     """
-    more = joints.hardening[TERMS - 1, i]
-    for k in range(TERMS - 2, -1, -1):
-        more = more * bend + joints.hardening[k, i]
+    more = 0.0 * bend
+    for k in range(TERMS - 1, 0, -1):
+        more = (more + joints.hardening[k, i]) * bend
+    r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    more = more + joints.hardening[0, i] * (r * (2.0 + r) / (1.0 + r) * TWO_THIRDS)
     return joints.K[i] * q + more * bend * bend
 
 
 def spring_slope(i, joints, bend):
-    """Slope d(torque)/d(angle) of the spring of joint i, N m/rad: K + 2 K2 bend + 3 K3 bend^2."""
-    more = (TERMS + 1.0) * joints.hardening[TERMS - 1, i]
-    for k in range(TERMS - 2, -1, -1):
-        more = more * bend + (k + 2.0) * joints.hardening[k, i]
+    """Slope d(torque)/d(angle) of the spring of joint i, N m/rad: K + K2 bend (2/3) r (2 + r^2) + 3 K3 bend^2."""
+    more = 0.0 * bend
+    for k in range(TERMS - 1, 0, -1):
+        more = (more + (k + 2.0) * joints.hardening[k, i]) * bend
+    r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    more = more + joints.hardening[0, i] * (r * (2.0 + r * r) * TWO_THIRDS)
     return joints.K[i] + more * bend
 
 
 def spring_slope_between(i, joints, bend, change):
     """Slope of a spring in the linearised step, N m/rad: that at the middle `bend` and how it changes with it.
 
-    d/d(bend) of [torque + slope times half of `change`], both at `bend`: the sum of K and
-    p K_p bend^(p-2) (bend + (p-1)/2 change) for p = 2, 3 ...
+    d/d(bend) of [torque + slope times half of `change`], both at `bend`: the slope of K and K2 there with half of
+    `change` times 2 K2 r^5, and p K_p bend^(p-2) (bend + (p-1)/2 change) for p = 3, 4 ...
     """
+    r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    curved = r * (2.0 + r * r) * TWO_THIRDS * bend + r * r * r * r * r * change
+    slope = joints.K[i] + joints.hardening[0, i] * curved
     moved = bend + 0.5 * change
-    slope = joints.K[i] + 2.0 * joints.hardening[0, i] * moved
     power = bend
     for k in range(1, TERMS):
         moved = moved + 0.5 * change
@@ -51,9 +63,10 @@ def spring_slope_between(i, joints, bend, change):
 
 
 def spring_energy(i, joints, q, bend):
-    """Energy of the spring of joint i, J, 0 in the rest shape: K q^2 / 2 + K2 bend^3 / 3 + K3 bend^4 / 4."""
-    more = 0.0 * bend
-    for k in range(TERMS):
+    """Energy of the spring of joint i, J, 0 at rest: K q^2 / 2 + K2 bend^3 (2/3) / (1 + 1/r) + K3 bend^4 / 4."""
+    root = np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    more = joints.hardening[0, i] * bend * bend * bend * (TWO_THIRDS / (1.0 + root))
+    for k in range(1, TERMS):
         term = joints.hardening[k, i] * bend * bend * bend
         for _ in range(k):
             term = term * bend

@@ -62,7 +62,7 @@ class Joints(NamedTuple):
     theta0: np.ndarray  # (n,) rad, rest angle of each joint; theta0[0] is measured from the base tangent
     K: np.ndarray  # (n,) N m/rad
     D: np.ndarray  # (n,) N m s/rad
-    hardening: np.ndarray  # (terms, n) K2 [N m/rad^2], K3 [N m/rad^3] ... of springs that soften or stiffen: `elastic`
+    hardening: np.ndarray  # (terms + 1, n) K2 [N m/rad^2], K3 [N m/rad^3] ..., bound R [1/rad^2] of springs: `elastic`
     unbent: np.ndarray  # (n,) rad, theta0, from which these count also where memory moves a step's theta0
 
 

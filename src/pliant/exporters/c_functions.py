@@ -9,9 +9,10 @@ import numpy as np
 from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real, cells
 from pliant.equations import energy, inertia, motion, symbols
+from pliant.equations.elastic import ROWS, TERMS
 from pliant.mechanics import mechanics_of, planar
 from pliant.model import Model
-from pliant.model.spring import SPRING_TERMS
+from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation import march_loops, state
 from pliant.simulation.chamber_course import lag_of
@@ -38,7 +39,8 @@ def parameters(model: Model) -> dict[str, Array]:
     lags = np.array([lag_of(c.valve) for c in model.chambers])
     held: dict[str, Any] = {
         "link_length": model.link_length, "link_mass": model.link_mass, "tip_mass": model.tip_mass,
-        "stiffness": model.stiffness, "damping": model.damping, **{t: getattr(model, t) for t in SPRING_TERMS},
+        "stiffness": model.stiffness, "damping": model.damping,
+        **{t: getattr(model, t) for t in (*SPRING_TERMS, SPRING_BOUND)},
         "rest_angle": model.rest_angle, "base_length": model.base_length, "base_angle": model.base_angle,
         "gravity": model.gravity, "torque": actuation.law, "joint_gain": actuation.gain, "valve": lags,
         "rubber": actuation.rubber, "creep_share": memory.creep_share, "creep_time": memory.creep_time,
@@ -47,7 +49,7 @@ def parameters(model: Model) -> dict[str, Array]:
         "dead_time": np.array([c.valve.dead_time for c in model.chambers]),
     }
     body = mechanics_of(model).body
-    derived = {"B": body.B, "I": body.I, "h": body.h, "hardening": np.zeros((len(SPRING_TERMS), n))}
+    derived = {"B": body.B, "I": body.I, "h": body.h, "hardening": np.zeros((ROWS, n))}
     return {k: np.asarray(v, dtype=float) for k, v in (held | derived).items() if np.size(v)}
 
 
@@ -164,8 +166,19 @@ class Text:
             w.say(f"p->I[{k}] = {inertia_of};")
             for j, term in enumerate(SPRING_TERMS):
                 w.say(f"{self.given.joints.hardening[j, k]} = p->stiffness[{k}] * p->{term}[{k}];")
+            self.bound(w, k)
         w.call(inertia.body_constants, l, m, centre, Real("p->tip_mass"), self.given.body.B, self.given.body.h)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
+
+    def bound(self, w: CWriter, k: int) -> None:
+        """Lay what bounds the first term of the spring of joint k, as `Springs.hardening` does."""
+        row, first = self.given.joints.hardening[TERMS, k], next(iter(SPRING_TERMS))
+        w.say(f"{row} = {w.number(0.0)};")
+        w.say(f"if (p->{SPRING_BOUND}[{k}] > {w.number(0.0)}) {{")
+        inverse = f"({w.number(1.0)} / p->{SPRING_BOUND}[{k}])"
+        w.say(f"    {row} = {w.number(4.0 / 3.0)} * p->{first}[{k}] * {inverse};")
+        w.say(f"    {row} = {row} * {row};")
+        w.say("}")
 
     def tips(self) -> str:
         """Positions of the first joint and the link tips."""

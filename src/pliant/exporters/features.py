@@ -9,10 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.mechanics.springs import springs_of
 from pliant.model import Chamber, Model
 from pliant.model.model import DEFAULTS
 from pliant.model.spring import SPRING_TERMS
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.levels import first_alone, typical_pressure
+from pliant.simulation.state import equilibrium
 
 
 class Feature(NamedTuple):
@@ -69,6 +71,16 @@ def straight_law(model: Model) -> Model:
         return replace(chamber, torque=np.array([float(rigid.torque_at(level)) / level]))
 
     return of_chambers(straight)(model)
+
+
+def unbounded(model: Model) -> Model:
+    """Springs K q (1 + s q + a q^2) nearest to bounded ones up to the bend of the typical pressure."""
+    most = max(np.abs(equilibrium(model, first_alone(model, typical_pressure(model)))).max(), 0.01)
+    bend = np.linspace(-most, most, 41)[:, None]
+    held = np.array([springs_of(model).torque(np.full(model.n, q)) for q in bend[:, 0]])
+    more = (held / model.stiffness - bend) / most
+    shape, *_ = np.linalg.lstsq((bend / most) ** [2, 3], more)
+    return model.with_(stiffening=shape[0] / most, cubic_stiffening=shape[1] / most**2, stiffening_bound=[0.0])
 
 
 def one_lag(chamber: Chamber) -> Chamber:
@@ -135,7 +147,13 @@ FEATURES: dict[str, Feature] = {
     "softening": Feature(
         "springs that soften or stiffen",
         when("softening springs", lambda m: m.stiffening.any() or m.cubic_stiffening.any()),
-        lambda m: m.with_(stiffening=[0.0], cubic_stiffening=[0.0]), ("Model.stiffening", "Model.cubic_stiffening"),
+        lambda m: m.with_(stiffening=[0.0], cubic_stiffening=[0.0], stiffening_bound=[0.0]),
+        ("Model.stiffening", "Model.cubic_stiffening"),
+    ),
+    "bounded": Feature(
+        "springs that soften within a bound",
+        when("bounded softening", lambda m: (m.stiffening * m.stiffening_bound).any()), unbounded,
+        ("Model.stiffening_bound",),
     ),
     **{  # terms that came later than the first two: a target that does not name them refuses them
         term: spring_term(term) for term in tuple(SPRING_TERMS)[2:]

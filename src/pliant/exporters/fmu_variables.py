@@ -13,7 +13,7 @@ import numpy as np
 from pliant.exporters.c_functions import DERIVED, parameters
 from pliant.exporters.names import with_identifiers
 from pliant.model import Model
-from pliant.model.spring import SPRING_TERMS
+from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.text import identifiers
 
 INSIDE = (*DERIVED, "dead_time")
@@ -23,7 +23,7 @@ UNIT_OF = {  # of each parameter; of an array whose columns differ, one unit for
     "gravity": "m/s2", "joint_gain": "", "valve": ("s", "s", "Pa/s", "Pa/s"), "rubber": ("", "s", "Pa", "s"),
     "creep_share": "", "creep_time": "s", "slip_share": "", "slip_angle": "rad",
     "boucwen": ("", "1/rad^n", "1/rad^n", ""),
-    **{name: term.unit.replace("^", "") for name, term in SPRING_TERMS.items()},
+    **{name: term.unit.replace("^", "") for name, term in SPRING_TERMS.items()}, SPRING_BOUND: "",
 }
 BASE = {  # exponents of kg, m, s and rad
     "m": (0, 1, 0, 0), "kg": (1, 0, 0, 0), "s": (0, 0, 1, 0), "rad": (0, 0, 0, 1), "Pa": (1, -1, -2, 0),

@@ -13,7 +13,7 @@ from pliant.errors import InputError
 from pliant.identification.chamber_parameters import matching
 from pliant.model import Model
 from pliant.model.memory import Payne, Springpot, payne, springpot
-from pliant.model.spring import SPRING_TERMS, in_words
+from pliant.model.spring import SPRING_BOUND, SPRING_TERMS, in_words
 
 # name: (unit, lower, upper, scale, meaning)
 ROWS: dict[str, tuple[str, float, float, float, str]] = {
@@ -38,6 +38,7 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
         name: (term.unit, *term.fit, f"{term.letter} of springs {in_words()}, the same for all joints")
         for name, term in SPRING_TERMS.items()
     },
+    SPRING_BOUND: ("1", 1e-3, 0.99, 0.2, "f of the same springs: what s does to their slope at most, in parts of K"),
     "swell_share": ("1", 0.0, 1.0, 0.1, "share of the torque law's growth with pressure that comes late"),
     "valve_rise_rate": ("Pa/s", 1e3, 1e9, 0.0, "fastest rise of the pressure"),
     "valve_fall_rate": ("Pa/s", 1e3, 1e9, 0.0, "fastest fall of the pressure"),
@@ -64,7 +65,8 @@ def usual_start(name: str) -> float | None:
     single = {"fractional_share": 0.05, "fractional_order": 0.25,
               "payne_share": 3.0, "payne_angle": 0.02, "payne_exponent": 0.4,
               "boucwen_share": 0.1, "boucwen_beta": 20.0, "boucwen_gamma": 10.0, "boucwen_exponent": 1.5,
-              **dict.fromkeys(SPRING_TERMS, 0.0), "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05,
+              **dict.fromkeys(SPRING_TERMS, 0.0), SPRING_BOUND: 0.75,
+              "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05,
               "valve_settle_share": 0.1, "valve_settle_time": 2.0,
               "valve_rise_rate": 3e5, "valve_fall_rate": 3e5}  # fmt: skip
     if own in single:
@@ -99,7 +101,7 @@ def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
 def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     """The model's memory and stiffening with those of `values` put in; new branches follow the model's own."""
     changes: dict[str, Any] = {}
-    for field in SPRING_TERMS:
+    for field in (*SPRING_TERMS, SPRING_BOUND):
         if field in values:
             changes[field] = np.full(model.n, values[field])
     names = tuple(values)

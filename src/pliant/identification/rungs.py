@@ -54,13 +54,14 @@ LAGS = (0.02, 0.1, 0.4, 1.5)
 ELASTIC = ("stiffness", "damping")
 CREEP = ("creep_share_1", "creep_time_1")
 BOUC_WEN = ("boucwen_share", "boucwen_beta", Parameter("boucwen_gamma", 0.0, free=False))
+SOFTEN = ("stiffening", Parameter("stiffening_bound", 0.75, free=False))  # as of a neo-Hookean wall
 RUNGS: tuple[Rung, ...] = (
     Rung("given", "as given"),
     Rung("elastic", "K and D", (ELASTIC,)),
     Rung("torque", "+ torque law", ((*ELASTIC, "*.torque_1", "*.torque_2"), (*ELASTIC, "*.torque_1"))),
     Rung("lag", "+ lag of the pressure", (("valve_rise", "valve_fall"), ("valve_rise",)),
          scan=(("valve_rise", LAGS), ("valve_fall", LAGS))),
-    Rung("soften", "+ springs that soften", (("stiffening",),)),
+    Rung("soften", "+ springs that soften", (SOFTEN,)),
     Rung("joints", "+ K of each joint", ((Parameter("stiffness_*", shrink=0.3),),), drops=("stiffness",)),
     Rung("creep", "+ creep", (CREEP,), scan=(("creep_time_1", (0.1, 0.7, 5.0)),)),
     Rung("hysteresis", "+ hysteresis", (("slip_share_1", "slip_angle_1"), BOUC_WEN),

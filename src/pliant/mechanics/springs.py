@@ -15,7 +15,7 @@ import numpy as np
 from pliant.equations.elastic import TERMS, spring_slope, spring_torque
 from pliant.errors import SimulationError
 from pliant.model import Model
-from pliant.model.spring import SPRING_TERMS
+from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 
 Array = np.ndarray
 EVERY = slice(None)  # joint
@@ -30,20 +30,25 @@ class Springs:
         N m/rad.
     terms : array (terms, n, ...)
         Coefficients of the other terms in parts of K, 1/rad, 1/rad^2 ...
+    bound : array (n, ...)
+        What the first of them does to the slope at most, in parts of K; 0: no bound.
     """
 
-    def __init__(self, K: Array, terms: Array) -> None:
-        self.K, self.terms = K, terms
+    def __init__(self, K: Array, terms: Array, bound: Array | None = None) -> None:
+        self.K, self.terms, self.bound = K, terms, np.zeros_like(K) if bound is None else bound
 
     @cached_property
     def hardening(self) -> Array:
-        """Coefficients (terms, n, ...) of the other terms, N m/rad^2 ...; see `symbols.Joints`."""
-        return np.asarray(self.K * self.terms)
+        """Coefficients (terms + 1, n, ...) of the other terms, N m/rad^2 ..., and R; see `symbols.Joints`."""
+        with np.errstate(divide="ignore"):
+            inverse = np.where(self.bound > 0, 1.0 / self.bound, 0.0)
+        scale = (4.0 / 3.0 * self.terms[0] * inverse) ** 2
+        return np.concatenate([self.K * self.terms, scale[None]])
 
     @property
     def powers(self) -> Array:
         """Coefficients (terms + 1, n, ...) of q, q^2 ... in the torque, N m/rad ..."""
-        return np.concatenate([self.K[None], self.hardening])
+        return np.concatenate([self.K[None], self.K * self.terms])
 
     def torque(self, q: Array) -> Array:
         """Return the torques of the springs at joint angles q, N m."""
@@ -56,7 +61,7 @@ class Springs:
     def towards(self, sign: Array) -> Springs:
         """Return springs of K = 1 whose positive angles are those on the side of `sign` (n, ...)."""
         turned = np.stack([term * sign**k for k, term in enumerate(self.terms, 1)])
-        return Springs(np.ones_like(self.K), turned)
+        return Springs(np.ones_like(self.K), turned, self.bound)
 
     def turn(self) -> Array:
         """Return the smallest positive angles at which the slope falls to 0, infinite where it never does."""
@@ -64,7 +69,14 @@ class Springs:
         inside = s * s - 3.0 * a
         inverse = np.where(inside > 0, np.sqrt(np.maximum(inside, 0.0)) - s, 0.0)
         with np.errstate(divide="ignore"):
-            return np.where(inverse > 0, 1.0 / inverse, np.inf)
+            free = np.where(inverse > 0, 1.0 / inverse, np.inf)
+            high = np.where(a < 0, np.sqrt(2.0 / np.maximum(-3.0 * a, 1e-300)), 0.0)  # a takes all of a slope below 2
+        low = np.zeros_like(high)
+        for _ in range(60 if self.bound.any() else 0):
+            middle = 0.5 * (low + high)
+            holds = self.slope(middle) > 0
+            low, high = np.where(holds, middle, low), np.where(holds, high, middle)
+        return np.where(self.bound > 0, np.where(a < 0, low, np.inf), free)
 
     def most(self, torque: Array) -> Array:
         """Return the sizes of the largest torques that the springs hold on the side of `torque`, N m."""
@@ -76,7 +88,7 @@ class Springs:
     def bend(self, torque: Array) -> Array:
         """Return the joint angles at which the springs hold a torque, from 0 on without a turn; NaN where none does."""
         x = np.asarray(torque / self.K)
-        if not self.terms[1:].any():
+        if not self.terms[1:].any() and not self.bound.any():
             root = 1.0 + 4.0 * self.terms[0] * x
             with np.errstate(invalid="ignore"):
                 return np.where(root > 0, x * (2.0 / (1.0 + np.sqrt(root))), np.nan)
@@ -97,13 +109,15 @@ def springs_of(source: Model | Mapping[str, Any]) -> Springs:
     """Return the springs of a model, or of the values of its fields, which may be arrays of samples."""
     values = vars(source) if isinstance(source, Model) else source
     K = values["stiffness"]
-    return Springs(K, np.reshape([values[name] for name in SPRING_TERMS], (TERMS, *np.shape(K))))
+    terms = np.reshape([values[name] for name in SPRING_TERMS], (TERMS, *np.shape(K)))
+    return Springs(K, terms, np.asarray(values[SPRING_BOUND]))
 
 
 def stiffer_springs(model: Model, factor: Any) -> dict[str, Array]:
     """Return the fields of a model whose linear terms are `factor` (n,) times as stiff, and whose others stay."""
     terms = {name: getattr(model, name) / factor for name in SPRING_TERMS}
-    return {"stiffness": model.stiffness * factor, **terms}
+    bound = getattr(model, SPRING_BOUND) / factor
+    return {"stiffness": model.stiffness * factor, **terms, SPRING_BOUND: bound}
 
 
 def angle_under(model: Model, torque: Array) -> Array:
@@ -121,7 +135,7 @@ def angle_under(model: Model, torque: Array) -> Array:
         raise SimulationError(
             f"the spring of joint {i + 1}, which softens with its angle, holds at most "
             f"{np.copysign(springs.most(torque)[i], torque[i]):.4g} N m, but {torque[i]:.4g} N m bend it: lower the "
-            "pressure or the size of the stiffening"
+            "pressure or the size of the stiffening, or bound it (stiffening_bound)"
         )
     return q
 

@@ -17,7 +17,7 @@ from pliant.model.chamber import Chamber
 from pliant.model.extension import Extension
 from pliant.model.memory import Memory
 from pliant.model.model import Model
-from pliant.model.spring import SPRING_TERMS
+from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.model.station import Station
 from pliant.model.valve import Valve
 
@@ -29,6 +29,7 @@ UNITS = {
     "valve": "s, Hz", "valve rates": "Pa/s", "stations": "m", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
     "inflation_limit": "Pa", "inflation_time": "s", "axial_gain": "1/m",
     "extensions": "N, N s, m", **{name: term.unit for name, term in SPRING_TERMS.items()},
+    SPRING_BOUND: "1",
 }
 
 
@@ -112,6 +113,7 @@ class ModelFile(BaseModel):
     damping: list[float]
     stiffening: list[float] = [0.0]
     cubic_stiffening: list[float] = [0.0]
+    stiffening_bound: list[float] = [0.0]
     mass_at: Literal["rod", "tip"] = "rod"
     tip_mass: float = 0.0
     base_length: float = 0.0

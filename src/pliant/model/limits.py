@@ -33,6 +33,7 @@ LIMITS = {
     "stiffness": Limit(1e-12, 1e9, "N m/rad"),
     "damping": Limit(0.0, 1e9, "N m s/rad"),
     **{name: Limit(0.0, term.most, term.unit) for name, term in SPRING_TERMS.items()},
+    "stiffening_bound": Limit(1e-3, 1.0, "", zero=True),
     "rest_angle": Limit(0.0, 1e3, "rad"),
     "base_angle": Limit(0.0, 1e3, "rad"),
     "joint_gain": Limit(0.0, 1e6, ""),

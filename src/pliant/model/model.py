@@ -17,13 +17,13 @@ from pliant.model.extension import Extension, extensions_of, joints_inside, shar
 from pliant.model.limits import MOST_LINKS
 from pliant.model.memory import Memory
 from pliant.model.physical import check_physical
-from pliant.model.spring import SPRING_TERMS
+from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.model.station import Station, stations_of
 from pliant.model.summary import model_card
 from pliant.model.valve import Valve
 
 Array = np.ndarray
-PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", *SPRING_TERMS)
+PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", *SPRING_TERMS, SPRING_BOUND)
 ARRAYS = (*PER_LINK, "gravity")
 SCALARS = ("tip_mass", "base_length", "base_angle")
 
@@ -39,6 +39,7 @@ class Values(ChamberValues, total=False):
     rest_angle: Any
     stiffening: Any
     cubic_stiffening: Any
+    stiffening_bound: Any
     mass_at: str
     tip_mass: float
     base_length: float
@@ -53,7 +54,7 @@ class Values(ChamberValues, total=False):
 
 
 DEFAULTS: dict[str, Any] = {
-    "rest_angle": 0.0, **dict.fromkeys(SPRING_TERMS, 0.0), "mass_at": "rod", "tip_mass": 0.0,
+    "rest_angle": 0.0, **dict.fromkeys((*SPRING_TERMS, SPRING_BOUND), 0.0), "mass_at": "rod", "tip_mass": 0.0,
     "base_length": 0.0, "base_angle": 0.0, "gravity": (0.0, 0.0), "bend_sign": 1, "memory": Memory(), "extensions": (),
     "stations": (), "name": "model", "source": {},
 }
@@ -75,6 +76,9 @@ class Model(Shown):
     stiffening, cubic_stiffening : array (n,)
         s [1/rad] and a [1/rad^2] of springs K q (1 + s q + a q^2): s < 0 where a joint softens with its angle, a > 0
         where it stiffens again. The paper's are 0.  # D15
+    stiffening_bound : array (n,)
+        f, by which s changes the slope of a spring at most: it stays within K (1 - f) and K (1 + f). Below 1, so that
+        no spring runs out of torque; 0: no bound. A neo-Hookean wall on a layer that does not stretch has 3/4.
     mass_at : {"rod", "tip"}
         A link is a uniform rod, or all its mass sits at its tip (the paper's frames taken literally).
     tip_mass : float
@@ -108,6 +112,7 @@ class Model(Shown):
     rest_angle: Array
     stiffening: Array
     cubic_stiffening: Array
+    stiffening_bound: Array
     mass_at: str
     tip_mass: float
     base_length: float

@@ -1,7 +1,8 @@
 """The terms of the joints' springs beyond the linear one: their names, units and bounds, in one table.
 
 A spring's torque is K q (1 + s q + a q^2 ...): the k-th term of the table, counted from 0, adds K c q^(k + 2). The law
-itself is `equations.elastic`, whose `TERMS` says how many there are.
+itself is `equations.elastic`, whose `TERMS` says how many there are. `SPRING_BOUND`
+bounds what the first does to the slope.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ SPRING_TERMS = {
     "stiffening": SpringTerm("s", "1/rad", 1e6, (-10.0, 10.0, 0.2)),
     "cubic_stiffening": SpringTerm("a", "1/rad^2", 1e9, (-100.0, 100.0, 0.5)),
 }
+SPRING_BOUND = "stiffening_bound"  # field: f, what the first term does to a spring's slope at most, in parts of K
 
 
 def in_words(count: int = len(SPRING_TERMS)) -> str:
