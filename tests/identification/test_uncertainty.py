@@ -112,6 +112,29 @@ def test_a_prior_holds_what_the_data_leave_open(clean: tuple[Model, Experiment])
     mass = next(p for p in found.parameters if p.name == "mass")
     assert mass.value == pytest.approx(0.047, rel=1e-4)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
+    assert mass.rests_on == "prior 0.047 +- 0.001 alone"
+    assert next(p for p in found.parameters if p.name == "gain").rests_on == "data"
+    assert "rests on" in str(found)
+
+
+def test_a_prior_and_the_data_share_what_is_known_as_of_normal_errors(clean: tuple[Model, Experiment]) -> None:
+    """As one more measurement: precisions add, values are weighted by them. The data alone are fitted for it."""
+    model, exp = clean
+    noise = 3e-4 * np.random.default_rng(7).standard_normal(exp.position.shape)
+    seen = replace(exp, position=exp.position + noise)
+
+    def damping(*more: Parameter) -> Parameter:
+        found = fit([seen], model, ["stiffness", *(more or ("damping",))], step=STEP, starts=1)
+        return next(p for p in found.parameters if p.name == "damping")
+
+    alone = damping()
+    mean, sd = alone.value + 2.0 * alone.std, 1.5 * alone.std
+    both = damping(Parameter("damping", alone.value, prior=mean, prior_std=sd))
+    weight = alone.std**2 / (alone.std**2 + sd**2)
+    assert (both.value - alone.value) / (mean - alone.value) == pytest.approx(weight, abs=0.05)
+    assert both.narrowed == pytest.approx(alone.std / np.hypot(alone.std, sd), abs=0.05)
+    assert both.moved == pytest.approx((both.value - mean) / sd)
+    assert both.rests_on.startswith("data and prior")
 
 
 def test_joints_lean_on_their_mean_as_far_as_told(clean: tuple[Model, Experiment]) -> None:

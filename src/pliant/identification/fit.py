@@ -220,6 +220,11 @@ def check_choices(loss: str, weighting: str) -> None:
             raise InputError(f"unknown {what} {value!r}: use one of {', '.join(known)}")
 
 
+def prior_mean(start: Parameter) -> float | None:
+    """Return the mean of a parameter's prior: where it states none, its start value."""
+    return start.value if start.prior is None and start.prior_std else start.prior
+
+
 def finished(
     problem: Problem, best: OptimizeResult, loss: str, section_area: float | None, seconds: float,
 ) -> FitResult:
@@ -227,7 +232,9 @@ def finished(
     values = problem.values(best.x)
     found = covariance(problem, best.x, robust=loss != "linear")
     named = dict(zip(found.names, found.std, strict=True))
-    parameters = tuple(p.with_(value=values[p.name], std=named.get(p.name)) for p in problem.parameters)
+    parameters = tuple(
+        p.with_(value=values[p.name], std=named.get(p.name), prior=prior_mean(p)) for p in problem.parameters
+    )
     own = tuple(f"{e.name}." for e in problem.experiments)
     model = apply(problem.model, {k: v for k, v in values.items() if not k.startswith(own)})
     rmse = {

@@ -18,6 +18,8 @@ from pliant.identification.memory_parameters import ROWS, memory_changes, usual_
 from pliant.model import Model
 from pliant.model.torque_law import law_parameters
 
+MOSTLY_PRIOR = 0.7  # of the prior's standard deviation left after a fit: half of the information is the prior's
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -91,6 +93,31 @@ class Parameter:
     def with_(self, **changes: Any) -> Parameter:
         """A copy with some entries changed."""
         return replace(self, **changes)
+
+    @property
+    def narrowed(self) -> float | None:
+        """Standard error in parts of the prior's after a fit: 1 where the data say nothing; None without a prior."""
+        return None if self.prior_std is None or self.std is None else self.std / self.prior_std
+
+    @property
+    def moved(self) -> float | None:
+        """By how many standard deviations of its prior the data moved the value; None without a prior."""
+        if self.prior_std is None or self.prior is None or self.value is None:
+            return None
+        return (self.value - self.prior) / self.prior_std
+
+    @property
+    def rests_on(self) -> str:
+        """What the value rests on after a fit: "data", or its prior and by how much the data moved and narrowed it."""
+        if not self.free:
+            return "given"
+        if self.prior_std is None:
+            return "data"
+        told = f"prior {self.prior:.4g} +- {self.prior_std:.2g}" if self.prior is not None else "prior"
+        if self.narrowed is None or self.moved is None:
+            return f"{told} alone"
+        which = told if self.narrowed > MOSTLY_PRIOR else f"data and {told}"
+        return f"{which}; moved by {self.moved:+.1f} of its sd, narrowed to {100 * min(self.narrowed, 1.0):.0f} %"
 
 
 @dataclass(frozen=True)

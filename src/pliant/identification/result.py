@@ -89,13 +89,13 @@ class FitResult(Shown):
         """Status, parameters with standard errors, errors of the training records."""
         rows = [
             [p.name, "" if p.value is None else f"{p.value:.5g}", "" if p.std is None else f"+- {p.std:.2g}",
-             p.unit.replace("^k", f"^{p.name[-1]}").replace("^1", ""), "free" if p.free else "fixed"]
+             p.unit.replace("^k", f"^{p.name[-1]}").replace("^1", ""), p.rests_on]
             for p in self.parameters
         ]
         unit, factor = self.shown_in
         errors = ", ".join(f"{name} {factor * value:.3g} {unit}" for name, value in self.rmse.items())
         lines = [*self.notes, *([f"RMSE of the training records: {errors}"] if errors else [])]
-        return Card(self.status, lines, ["parameter", "value", "std. error", "unit", ""], rows)
+        return Card(self.status, lines, ["parameter", "value", "std. error", "unit", "rests on"], rows)
 
 
 def covariance_dict(c: Covariance) -> dict[str, Any]:
@@ -109,7 +109,7 @@ def parameter_dict(p: Parameter) -> dict[str, Any]:
     return {
         "value": p.value, "unit": p.unit, "free": p.free, "std": p.std, "source": p.source,
         "lower": p.lower if np.isfinite(p.lower) else None, "upper": p.upper if np.isfinite(p.upper) else None,
-        "scale": p.scale,
+        "scale": p.scale, "prior": p.prior, "prior_std": p.prior_std, "rests_on": p.rests_on,
     }
 
 

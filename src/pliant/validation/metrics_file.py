@@ -102,6 +102,9 @@ class Value(Entry):
     source: str = Field(description="where its start value comes from")
     lower: float | None = Field(description="bound; null where there is none")
     upper: float | None = Field(description="bound; null where there is none")
+    prior: float | None = Field(None, description="mean of what is known before, SI; null without a prior")
+    prior_std: float | None = Field(None, description="its standard deviation")
+    rests_on: str = Field("", description="data, or the prior and by how much the data moved and narrowed it")
     scale: float = Field(description="the change that the optimiser takes for one")
 
 

@@ -156,7 +156,8 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
     """What the optimisation gave."""
     parameters = tuple(
         Parameter(name, p["value"], -np.inf if p["lower"] is None else p["lower"],
-                  np.inf if p["upper"] is None else p["upper"], p["free"], p["unit"], p["scale"], p["source"], p["std"])
+                  np.inf if p["upper"] is None else p["upper"], p["free"], p["unit"], p["scale"], p["source"], p["std"],
+                  p.get("prior"), p.get("prior_std"))
         for name, p in entry["parameters"].items()
     )
     stored = entry["covariance"]

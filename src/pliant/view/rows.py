@@ -109,7 +109,7 @@ def parameter_row(p: Parameter) -> dict[str, str]:
         "name": p.name, "meaning": kind_of(p.name).meaning.replace("^k", power), "unit": p.unit.replace("^k", power),
         "value": digits(p.value, 5, zeros=p.free), "std": digits(p.std, 2), "share": share, "bounds": bounds(p),
         "interval": interval(p),
-        "source": source,
+        "source": source, "rests_on": p.rests_on.replace("+-", "±"),
         "state": ("free, at a bound" if at_bound else "free") if p.free else "fixed",
     }
 
