@@ -28,6 +28,8 @@ from pliant.errors import FitError, InputError, PliantError
 from pliant.model import load_model
 from pliant.study import load_study, run_study
 from pliant.study.headline import largest_shortfall, record_warnings
+from pliant.study.schema import Targets
+from pliant.study.verdict import judged
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.outcome import StudyOutcome
 
@@ -41,6 +43,12 @@ def run(where: Path, content: dict[str, Any] | None = None, **options: Any) -> S
     """Run the small study, or a changed one, on its recordings, which are written to the folder `where`."""
     return run_study(load_study(write_study(where, content)), **options)
 
+
+UNSPLIT = {  # of a record whose swings are all of one size
+    f"{what}_{unit}": {"measured": None, "modelled": None}
+    for what, unit in (("frequency_large", "hz"), ("frequency_small", "hz"), ("damping_ratio", "large"),
+                       ("damping_ratio", "small"))
+}  # fmt: skip
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyOutcome, Path, list[str]]:
@@ -124,10 +132,27 @@ def test_the_headline_names_what_is_worst_of_all_records(done: tuple[StudyOutcom
         ("damping_ratio", {"measured": 0.1, "modelled": 0.16}, "damping ratio +60 % relative to the measured 0.1"),
         ("within_band_percent", 50.0, "the 95 % band holds only 50 %"),
     ):  # fmt: skip
-        bad = replace(record, name="bad", metrics={**record.metrics, key: value})
+        bad = replace(record, name="bad", metrics={**record.metrics, **UNSPLIT, key: value})
         assert largest_shortfall([record, bad, record]).startswith(f" Largest deviation: bad: {said}")
         assert any(said in line for line in record_warnings(bad))
         assert not any(said in line for line in record_warnings(record))
+
+
+def test_large_and_small_swings_are_judged_apart(done: tuple[StudyOutcome, Path, list[str]]) -> None:
+    """Friction damps small swings most: one number over both hides it."""
+    (record,) = (r for r in done[0].fits[0].records if r.role == "held_out")
+    same, off = {"measured": 5.0, "modelled": 5.0}, {"measured": 0.1, "modelled": 0.05}
+    split = {"frequency_large_hz": same, "frequency_small_hz": {"measured": 6.0, "modelled": 5.0},
+             "damping_ratio_large": {"measured": 0.1, "modelled": 0.1}, "damping_ratio_small": off}  # fmt: skip
+    told = list(record_warnings(replace(record, name="bad", metrics={**record.metrics, **split})))
+    assert told == ["bad: frequency of small swings -17 % relative to the measured 6 Hz.",
+                    "bad: damping ratio of small swings -50 % relative to the measured 0.1."]  # fmt: skip
+    verdict = judged(split | {"steady_state_mm": same}, Targets(frequency_percent=5.0, damping_percent=15.0))
+    assert verdict == (
+        " (frequency of large swings +0.0 %, target 5 %: met; frequency of small swings -16.7 %, target 5 %: missed; "
+        "damping ratio of large swings +0.0 %, target 15 %: met; "
+        "damping ratio of small swings -50.0 %, target 15 %: missed)"
+    )
 
 
 def test_nothing_unfinished_is_left_behind(done: tuple[StudyOutcome, Path, list[str]]) -> None:
@@ -170,8 +195,8 @@ def test_an_unreachable_target_is_missed_in_so_many_words(tmp_path: Path) -> Non
     assert outcome.headline is not None
     assert outcome.headline.state == "missed"
     assert outcome.headline.sentence.endswith("The target is missed.")
-    assert "target 0.001 %: missed; frequency " in outcome.verdict[0]
-    assert outcome.verdict[0].count("missed") == 3
+    assert "target 0.001 %: missed; frequency of large swings" in outcome.verdict[0]
+    assert outcome.verdict[0].count("missed") == 4  # the error, both frequencies, the steady state
     assert "at a bound: stiffness" in outcome.verdict[-1]
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from pliant.failures import NotComputed
 from pliant.study.schema import Targets
-from pliant.study.verdict import LONGER, by_the_model, judged
+from pliant.study.verdict import LONGER, by_the_model, judged, ringing
 from pliant.validation.outcome import FitOutcome, Headline, RecordOutcome, StudyOutcome
 from pliant.validation.wording import sized
 
@@ -111,12 +112,7 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
                  else f"the model rings at {modelled:.3g} Hz, the body does not ring.")
         yield 2.0, f"{name}: {rings}"
     elif measured:
-        off = 100 * (modelled / measured - 1)
-        yield abs(off) / OFF, f"{name}: frequency {off:+.0f} % relative to the measured {measured:.3g} Hz."
-    measured, modelled = m["damping_ratio"]["measured"], m["damping_ratio"]["modelled"]
-    if measured and modelled:
-        off = 100 * (modelled / measured - 1)
-        yield abs(off) / DAMPED, f"{name}: damping ratio {off:+.0f} % relative to the measured {measured:.2g}."
+        yield from ringing_shortfalls(m, name)
     if steady is not None:
         share = 100 * abs(steady) / travel
         yield share / STEADY, f"{name}: steady state off by {steady:+.2g} {unit}, {share:.0f} % of travel."
@@ -126,3 +122,14 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
     if longer > 0:
         shorter = abs(longer - (m.get("extension_modelled_percent") or 0.0))
         yield shorter / LONGER, f"{name}: the body lengthens by {longer:.1f} %, {by_the_model(m)}."
+
+
+def ringing_shortfalls(m: dict[str, Any], name: str) -> Iterator[tuple[float, str]]:
+    """Yield the deviations of frequency and damping ratio, as `shortfalls`: of large and of small swings apart."""
+    for which, frequency, ratio in ringing(m):
+        for what, pair, limit, unit in (("frequency", frequency, OFF, " Hz"), ("damping ratio", ratio, DAMPED, "")):
+            measured, modelled = pair["measured"], pair["modelled"]
+            if measured and modelled:
+                off = 100 * (modelled / measured - 1)
+                digits = f"{measured:.3g}" if unit else f"{measured:.2g}"
+                yield abs(off) / limit, f"{name}: {what}{which} {off:+.0f} % relative to the measured {digits}{unit}."

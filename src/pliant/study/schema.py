@@ -206,7 +206,8 @@ class Targets(Entry):
     """What the verdict holds the predictions against."""
 
     rmse_percent_of_travel: float | None = None
-    frequency_percent: float | None = None
+    frequency_percent: float | None = None  # of large and of small swings, where a record shows both
+    damping_percent: float | None = None  # of the damping ratio, likewise
     steady_state_percent: float | None = None
 
 

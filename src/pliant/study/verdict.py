@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -97,16 +98,29 @@ def by_the_model(m: dict[str, Any]) -> str:
     return f"the model by {longer:.1f} %"
 
 
+def ringing(m: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
+    """Frequency and damping ratio, of large and of small swings where the record shows both, else of all together.
+
+    One number over both hides a body whose friction or stiffness depends on the amplitude.
+    """
+    sizes = [s for s in ("large", "small") if m[f"frequency_{s}_hz"]["measured"]]
+    if len(sizes) < 2:
+        yield "", m["frequency_hz"], m["damping_ratio"]
+        return
+    for size in sizes:
+        yield f" of {size} swings", m[f"frequency_{size}_hz"], m[f"damping_ratio_{size}"]
+
+
 def judged(m: dict[str, Any], targets: Targets) -> str:
     """The targets and whether the metrics meet them, as the tail of a sentence."""
     parts = []
     if targets.rmse_percent_of_travel is not None:
         good = m["rmse_percent_of_travel"] <= targets.rmse_percent_of_travel
         parts.append(f"target {targets.rmse_percent_of_travel:g} %: {'met' if good else 'missed'}")
-    for pair, what, limit in (
-        (m["frequency_hz"], "frequency", targets.frequency_percent),
-        (sized(m, "steady_state")[0], "steady state", targets.steady_state_percent),
-    ):
+    rows = [(frequency, f"frequency{which}", targets.frequency_percent) for which, frequency, _ in ringing(m)]
+    rows += [(ratio, f"damping ratio{which}", targets.damping_percent) for which, _, ratio in ringing(m)]
+    rows += [(sized(m, "steady_state")[0], "steady state", targets.steady_state_percent)]
+    for pair, what, limit in rows:
         measured, modelled = pair["measured"], pair["modelled"]
         if limit is not None and measured:
             if modelled is None:
