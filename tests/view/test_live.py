@@ -400,7 +400,7 @@ def until(page, true):
 def test_two_pages_follow_their_own_steps(browser, served, model):
     pages, asked, complaints = [], [], []
     for _ in range(2):
-        page = browser.new_page(viewport={"width": 900, "height": 900})
+        page = browser.new_page(viewport={"width": 900, "height": 900}, reduced_motion="reduce")
         page.on("request", lambda request: asked.append(request.url))
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("console", lambda message: complaints.append(message.text))
@@ -423,7 +423,7 @@ def test_two_pages_follow_their_own_steps(browser, served, model):
 
 @pytest.mark.slow
 def test_the_body_is_dragged_and_ten_minutes_of_frames_do_not_grow(browser, served):
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page = browser.new_page(viewport={"width": 1280, "height": 900}, reduced_motion="reduce")
     page.goto(served)
     until(page, "pliantLive.now && pliantLive.now.t > 0.1")
     box = page.locator("#body").bounding_box()
@@ -442,13 +442,26 @@ def test_the_body_is_dragged_and_ten_minutes_of_frames_do_not_grow(browser, serv
 
 
 @pytest.mark.slow
-def test_the_slider_shows_the_pressure_that_the_model_holds(browser, served):
+def test_the_page_begins_with_a_pulse_until_a_person_asks_for_something(browser, served):
     page = browser.new_page(viewport={"width": 900, "height": 900})
+    page.goto(served)
+    until(page, "pliantLive.now && pliantLive.now.kpa[0] > 1")
+    page.evaluate("pliantLive.ask({pressure_kpa: [7]})")
+    until(page, "pliantLive.now.kpa[0] === 7")
+    page.wait_for_timeout(2000)  # longer than the pulse
+    assert page.evaluate("pliantLive.now.kpa[0]") == 7
+    assert page.locator("#pressures input").get_attribute("step") == "1"
+    page.close()
+
+
+@pytest.mark.slow
+def test_the_slider_shows_the_pressure_that_the_model_holds(browser, served):
+    page = browser.new_page(viewport={"width": 900, "height": 900}, reduced_motion="reduce")
     page.goto(served)
     until(page, "pliantLive.now && pliantLive.now.t > 0.1")
     for kpa in (12, 0):
         page.evaluate(f"pliantLive.ask({{pressure_kpa: [{kpa}]}})")
         until(page, f"pliantLive.now.kpa[0] === {kpa}")
         shown = page.locator("#pressures output")
-        assert shown.inner_text() == f"{kpa:#.4g} kPa" if kpa else shown.inner_text() == "0.000 kPa"
+        assert shown.inner_text() == f"{kpa:.1f} kPa"
     page.close()

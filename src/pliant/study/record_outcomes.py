@@ -63,7 +63,9 @@ def records_of(
 def held_out_of(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:
     """A record that the fit has not seen, as predicted, and the fit of its edge times."""
     _, own = predict_held_out(exp, result, step=step)
-    return outcome_of(exp, "held_out", own, own.values, step), own
+    made = outcome_of(exp, "held_out", own, own.values, step)
+    edges = {p.name.removeprefix(f"{exp.name}."): own.values[p.name] for p in own.parameters if p.free}
+    return replace(made, metrics={**made.metrics, **({"fitted_edges_s": edges} if edges else {})}), own
 
 
 def band_of(

@@ -36,6 +36,7 @@ DEFINITIONS = {
     "travel_mm": "largest measured displacement of the last station from its rest, the median of 5 frames, mm",
     "frames": "frames of the recording that were compared",
     "points_not_seen": "stations of frames that have no measured place",
+    "fitted_edges_s": "start and stop of a held-out pulse whose pressure was not measured, fitted to this record, s",
     **details.DEFINITIONS,
 }
 FORMULAS = {  # in TeX; the page of metrics says what the letters mean

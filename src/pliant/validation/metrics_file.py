@@ -60,6 +60,8 @@ class Compared(Entry):
     joint_steady_error_mrad: list[float] | None
     frames: int
     points_not_seen: int
+    fitted_edges_s: dict[str, float] | None = Field(
+        None, description="start and stop of a held-out pulse whose pressure was not measured, fitted to it")
 
 
 class Record(Compared):

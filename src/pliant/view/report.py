@@ -113,7 +113,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
     meaning = definitions(turns=turns)
     return {
         "no_places": NO_PLACES if turns else "", "unit": "°" if turns else "mm",
-        "outcome": outcome, "headline": headline, "sign": sign, "word": word,
+        "first_look": first_look(outcome), "outcome": outcome, "headline": headline, "sign": sign, "word": word,
         "records": {
             "held_out": [row for f in outcome.fits for row in (
                 *(record_row(f, r) for r in f.records if r.role == "held_out"),
@@ -141,6 +141,17 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
         "pairs": columns(PAIRS, turns=turns), "single": columns(SINGLE, turns=turns), "facts": model_facts(outcome),
         "torque": moves_torque(outcome.fits), "clocks": [clock_title(n, c.delay) for n, c in outcome.clocks.items()],
     }
+
+
+def first_look(outcome: StudyOutcome) -> str:
+    """Return in one line what to look at first: the first fit's worst held-out record, else its worst record."""
+    records = outcome.fits[0].records
+    shown = [r for r in records if r.role == "held_out"] or list(records)
+    if not shown:
+        return ""
+    worst = max(shown, key=lambda r: r.metrics.get("rmse_percent_of_travel") or 0.0)
+    which = "held-out record" if worst.role == "held_out" else "record"
+    return f"Look first at {worst.name}, the {which} with the largest error: click its cell in the table, then Play."
 
 
 def clock_title(name: str, delay: float) -> str:

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, PliantError
 from pliant.failures import NotComputed
 from pliant.identification.ladder import Ladder
 from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.result import FitResult
+from pliant.model import Model
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
+from pliant.simulation import modes
 from pliant.validation.outcome import FitOutcome, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import digits, sized
 
@@ -48,12 +50,19 @@ def record_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
     off = 100 * (modelled / measured - 1) if measured and modelled else None
     return {
         "name": record.name, "fit": fit.title, "missing": "",
-        "notes": [n.sentence for n in fit.not_computed if n.record == record.name],
+        "notes": [*(n.sentence for n in fit.not_computed if n.record == record.name), *edge_notes(m)],
         "single": {k: digits(m.get(k)) for k in columns(SINGLE, turns=record.experiment.placeless)},
         "pairs": {k: [digits(pairs[k].get(who)) for who in ("measured", "modelled")] for k in pairs},
         "frequency_difference": digits(off, 2, "+"),
         "steady_state_error": digits(sized(m, "steady_state_error")[0], 2, "+"),
     }
+
+
+def edge_notes(metrics: dict[str, Any]) -> list[str]:
+    """Return which times of a held-out record were fitted to it, its pressure not having been measured."""
+    found = metrics.get("fitted_edges_s") or {}
+    times = ", ".join(f"{name} {digits(value, 4)} s" for name, value in found.items())
+    return [f"Fitted to this record, since its pressure was not measured: {times}."] if times else []
 
 
 def missing_row(fit: FitOutcome, missing: NotComputed) -> dict[str, Any]:
@@ -169,17 +178,33 @@ def known_unit(parameter: str) -> str:
         return ""
 
 
+RUBBER = 1070.0  # kg/m^3, of silicones
+
+
 def model_facts(outcome: StudyOutcome) -> list[tuple[str, str]]:
-    """The body in a few numbers."""
+    """Return the body in a few numbers, those by which a person sees whether it can be."""
     m = outcome.model
     length, mass = (digits(1e3 * v, 4, zeros=False) for v in (m.length, m.mass))
     gravity = ", ".join(digits(g, zeros=False) for g in m.gravity)
     section = " to ".join(dict.fromkeys(digits(f(bending_stiffness(m)), 3, zeros=False) for f in (np.min, np.max)))
     return [
         ("links", str(m.n)), ("length", f"{length} mm"), ("moving mass", f"{mass} g"),
-        ("bending stiffness EI", f"{section} N m², {PLACEMENT[joint_placement(m)]}"),
+        ("bending stiffness EI", f"{section} N m², {PLACEMENT[joint_placement(m)]}"), *plausible(m),
         ("gravity in the base frame", f"({gravity}) m/s²" if m.gravity.any() else "none"),
     ]
+
+
+def plausible(m: Model) -> list[tuple[str, str]]:
+    """Return the first mode, and thickness and modulus of a solid silicone rod of the same mass, length and EI."""
+    area = m.mass / m.length / RUBBER
+    modulus = float(np.mean(bending_stiffness(m))) * 4.0 * np.pi / area**2  # I = A^2 / (4 pi) of a disc
+    rod = (f"as a solid silicone rod of {RUBBER:.0f} kg/m³: {digits(1e3 * np.sqrt(4 * area / np.pi))} mm thick, "
+           f"modulus {digits(1e-6 * modulus)} MPa (soft silicones have 0.03 to 3 MPa)")
+    try:
+        frequency, damping = modes(m)
+    except PliantError:  # no rest under its own load
+        return [("plausibility", rod)]
+    return [("first mode", f"{digits(frequency[0])} Hz, damping ratio {digits(damping[0])}"), ("plausibility", rod)]
 
 
 def ladder_rows(ladder: Ladder) -> list[dict[str, Any]]:

@@ -43,7 +43,8 @@ def live_page(played: Played, live: Live | Watched) -> str:
     }
     scripts = [asset("uPlot.iife.min.js"), asset("figures.js"), asset("live.js")]
     return str(template("live.html.j2").render(
-        name=m.name, data=script_json(data), scripts=scripts, styles=[asset("uPlot.min.css"), asset("page.css")]))
+        name=m.name, records=data["records"], data=script_json(data), scripts=scripts,
+        styles=[asset("uPlot.min.css"), asset("page.css")]))
 
 
 def chamber_names(model: Model, count: int) -> list[str]:

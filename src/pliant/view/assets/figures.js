@@ -95,7 +95,7 @@ const Pliant = (() => {
       scales: { x: { time: false }, y: o.log ? { distr: 3 } : { range: o.range } },
       cursor: { y: false, drag: { x: true, y: false, setScale: true }, points: { size: 6 } },
       axes: [axis(o.xlabel ?? "", { size: o.xlabel ? 30 : 22, labelSize: o.xlabel ? 16 : 0 }),
-             axis(o.ylabel, { size: 48 })],
+             axis(o.ylabel, { size: 48, ...(o.log ? {} : { values: (_, v) => v.map((x) => x === null ? "" : uPlot.fmtNum(x).replace("-", "−")) }) })],
       series: [{ label: "x" }, ...series],
       bands: (o.bands ?? []).map(([a, b]) => ({ series: [a + 1, b + 1], fill: () => paint("band") })),
       hooks: {

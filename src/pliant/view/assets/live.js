@@ -8,6 +8,7 @@
   const socket = new WebSocket(`${location.href.replace(/^http/, "ws")}live`);
   const roll = { t: [], series: [] }; // of the last ten seconds, whatever the speed
   const touched = []; // mm, where a loop's body was touched
+  let untouched = true; // until a person moves, pulls or chooses something
   let now = null, pull = null, drawn = 0, counted = performance.now(), frames = 0;
   const ask = (wish) => socket.readyState === 1 && socket.send(JSON.stringify(wish));
 
@@ -15,14 +16,15 @@
     const row = document.createElement("label"), range = document.createElement("input"), out = document.createElement("output");
     row.className = "wide";
     range.type = "range";
-    Object.assign(range, { min: o.low, max: o.high, step: (o.high - o.low) / 400, value: o.value });
-    const tell = () => { out.textContent = `${Number(range.value).toPrecision(4)} ${o.unit}`; };
+    Object.assign(range, { min: o.low, max: o.high, step: o.step ?? (o.high - o.low) / 400, value: o.value });
+    const write = (value) => { out.textContent = `${(o.step ? value.toFixed(1) : value.toPrecision(4)).replace("-", "−")} ${o.unit}`; };
+    const tell = () => write(Number(range.value));
     let moved = -Infinity; // ms, when the hand moved it last
-    range.addEventListener("input", () => { moved = performance.now(); tell(); act(Number(range.value)); });
+    range.addEventListener("input", () => { moved = performance.now(); untouched = false; tell(); act(Number(range.value)); });
     range.follow = (value) => { // what the model has, unless a hand is at the slider
       if (performance.now() - moved < HELD) return false;
       range.value = value;
-      out.textContent = `${value.toPrecision(4)} ${o.unit}`;
+      write(value);
       return true;
     };
     tell();
@@ -33,7 +35,7 @@
 
   const kpa = Array(data.chambers.length).fill(0), several = data.chambers.length > 1;
   const levels = kpa.map((_, c) => slider($("pressures"), several ? `pressure, ${data.chambers[c]}` : data.chambers[c],
-    { low: 0, high: data.highest, value: 0, unit: "kPa" }, (v) => { kpa[c] = v; ask({ pressure_kpa: kpa }); }));
+    { low: 0, high: data.highest, value: 0, unit: "kPa", step: 1 }, (v) => { kpa[c] = v; ask({ pressure_kpa: kpa }); }));
   const gravity = [...data.gravity];
   ["x", "y"].forEach((name, c) => slider($("numbers"), `gravity ${name}`, { low: -10, high: 10, value: gravity[c],
     unit: "m/s²" }, (v) => { gravity[c] = v; ask({ gravity }); }));
@@ -44,7 +46,7 @@
     $("drag").textContent = "as the loop's log tells it";
   }
   $("recording").hidden = !data.records.length;
-  $("record").addEventListener("change", () => ask({ record: $("record").value || null }));
+  $("record").addEventListener("change", () => { untouched = false; ask({ record: $("record").value || null }); });
   $("speed").addEventListener("change", () => ask({ speed: Number($("speed").value) }));
   $("reset").addEventListener("click", () => ask({ reset: true }));
 
@@ -89,6 +91,7 @@
 
   body.canvas.addEventListener("pointerdown", (e) => {
     if (data.watched || !now || !(pull = grasp(hand(e)))) return;
+    untouched = false;
     body.canvas.setPointerCapture(e.pointerId);
     ask({ pull });
   });
@@ -102,9 +105,12 @@
   }
 
   const empty = (n) => Array.from({ length: n }, () => []);
-  roll.series = empty(2 + data.chambers.length);
-  const tip = plot($("plot-tip"), { x: [], height: 220, ylabel: "tip (mm)", series: [0, 1].map((c) => ({ label: "xy"[c],
-    values: [], colour: () => paint("tip"), dash: c ? [6, 4] : undefined, tag: "xy"[c] })) });
+  const CURVES = 4; // x and y measured, x and y modelled
+  roll.series = empty(CURVES + data.chambers.length);
+  const tip = plot($("plot-tip"), { x: [], height: 220, ylabel: "tip (mm)", series: [
+    ...[0, 1].map(() => ({ label: "measured", values: [], width: 4, colour: () => paint("measured") })),
+    ...[0, 1].map((c) => ({ label: "xy"[c], values: [], colour: () => paint("tip"), dash: c ? [6, 4] : undefined,
+      tag: "xy"[c] }))] });
   const chambers = plot($("plot-pressure"), { x: [], height: 150, ylabel: "pressure (kPa)", xlabel: "time (s)",
     room: true, series: kpa.map((_, c) => ({ label: data.chambers[c], values: [], width: 1.6,
       colour: () => ramp(several ? c / (kpa.length - 1) : 1), tag: several ? data.chambers[c] : "" })) });
@@ -112,18 +118,30 @@
   function keep(f) {
     if (roll.t.length && f.t < roll.t[roll.t.length - 1]) {
       roll.t = [];
-      roll.series = empty(2 + data.chambers.length);
+      roll.series = empty(CURVES + data.chambers.length);
     }
     if (f.t === roll.t[roll.t.length - 1]) return;
     roll.t.push(f.t);
-    [...f.body[f.body.length - 1], ...f.kpa].forEach((v, i) => roll.series[i].push(v));
+    const seen = f.measured ? f.measured[f.measured.length - 1] : [null, null];
+    [...seen, ...f.body[f.body.length - 1], ...f.kpa].forEach((v, i) => roll.series[i].push(v));
     while (roll.t[0] < f.t - KEPT || roll.t.length > MOST) {
       roll.t.shift();
       roll.series.forEach((s) => s.shift());
     }
   }
 
-  socket.addEventListener("open", () => { $("told").textContent = "The model steps a thousand times a second."; });
+  // The page begins with a pulse, so that the body moves before anything is touched.
+  const PULSE = [0.4, 1500, 2500]; // of the highest pressure; ms of the pulse, and until the next
+  function pulse(left) {
+    const send = (share) => { if (untouched) ask({ pressure_kpa: kpa.map((_, c) => (c ? 0 : Math.round(share * data.highest))) }); };
+    send(PULSE[0]);
+    setTimeout(() => { send(0); if (left > 1 && untouched) setTimeout(() => pulse(left - 1), PULSE[2]); }, PULSE[1]);
+  }
+
+  socket.addEventListener("open", () => {
+    $("told").textContent = "The model steps a thousand times a second.";
+    if (!data.watched && !matchMedia("(prefers-reduced-motion: reduce)").matches) pulse(2);
+  });
   socket.addEventListener("close", () => { $("told").textContent = "The program behind this page has ended."; });
   socket.addEventListener("message", (e) => {
     now = JSON.parse(e.data);
@@ -140,8 +158,8 @@
     if (!now || drawn === now.t && !pull) return;
     drawn = now.t;
     body.draw();
-    tip.setData([roll.t, roll.series[0], roll.series[1]]);
-    chambers.setData([roll.t, ...roll.series.slice(2)]);
+    tip.setData([roll.t, ...roll.series.slice(0, CURVES)]);
+    chambers.setData([roll.t, ...roll.series.slice(CURVES)]);
     $("clock").textContent = `${now.t.toFixed(2)} s`;
     const force = Math.hypot(...(now.touch ? now.touch.slice(2) : now.force));
     $("force").textContent = force ? `${now.touch ? "touched with" : "pull"} ${digits(force, "N")}` : "";
@@ -153,5 +171,5 @@
   }
   requestAnimationFrame(tick);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { body.draw(); tip.redraw(); chambers.redraw(); });
-  window.pliantLive = { ask, keep, get now() { return now; }, roll, body };
+  window.pliantLive = { ask: (wish) => { untouched = false; ask(wish); }, keep, get now() { return now; }, roll, body };
 })();
