@@ -107,5 +107,6 @@ def test_a_log_of_any_format_is_laid_beside_its_recording_and_says_what_it_is(tm
         {"lvm": lvm, "tdms": tdms}[ending](log)
     assert with_logs([log, shape]) == [(shape, log)]
     first, second, *_ = quality(read(log)).summary().splitlines()
-    assert first == "log of 200 pressure samples, 1.99 s at 100 Hz"
+    of = " of 2 chambers" if read(log)["pressure"].ndim == 2 else ""
+    assert first == f"log of 200 pressure samples{of}, 1.99 s at 100 Hz"
     assert "no shape" in second

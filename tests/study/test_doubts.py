@@ -9,6 +9,7 @@ from small_study import AXES, LEVELS_KPA, changed, table, write_recording, write
 from pliant.errors import InputError
 from pliant.study import load_study, run_study
 from pliant.study.draft import draft_study
+from pliant.study.new import look_at
 
 HANGS = (9.81 * AXES[:, 1]).tolist()  # along the base tangent
 
@@ -113,3 +114,37 @@ def test_a_study_that_reduces_places_the_joints_itself(tmp_path):
     content["fits"]["linear"]["joint_placement"] = "base"
     with pytest.raises(InputError, match=r"fit linear has joint_placement, and \[reduction\]"):
         load_study(write_study(tmp_path, content))
+
+
+def in_millimetres(columns):
+    columns[:, 2:] *= 1e3
+
+
+def in_milliseconds(columns):
+    columns[:, 0] *= 1e3
+
+
+LATER = changed("recordings", "low", stations=["nobody"])
+EARLY = changed("alignment", "options", value={"base": "nobody"})
+
+
+@pytest.mark.parametrize("content", [EARLY, LATER], ids=["alignment", "experiment"])
+@pytest.mark.parametrize(("edit", "unit"), [
+    (in_millimetres, r"recording low: the stations lie within 12\d m: check the unit of length\. Then: "),
+    (in_milliseconds, r"recording low: the frames are 10 s apart: are the times ms or us, .* time_unit .*\. Then: "),
+    (None, "(?!.*unit)"),
+])
+def test_a_wrong_unit_is_named_before_what_may_follow_from_it(tmp_path, content, edit, unit):
+    with pytest.raises(InputError, match=f"^{unit}.*nobody"):
+        headline(tmp_path, content, edit)
+
+
+def test_a_draft_names_the_unit_before_the_alignment(tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise InputError("the base moves by 3 m")
+
+    monkeypatch.setattr("pliant.study.new.align", refuse)
+    columns = table(60.0).copy()
+    in_millimetres(columns)
+    look = look_at(write_recording(tmp_path / "a.csv", columns))
+    assert look.problem == "the stations lie within 123 m: check the unit of length. Then: the base moves by 3 m"

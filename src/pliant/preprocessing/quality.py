@@ -13,8 +13,9 @@ from pliant.preprocessing import detectors
 from pliant.preprocessing.angles import angle_facts, angle_sentences
 from pliant.preprocessing.detectors import by_blocks
 from pliant.preprocessing.labels import exchanged
-from pliant.preprocessing.plausibility import Case, doubts
+from pliant.preprocessing.plausibility import UNITS, Case, doubts
 from pliant.preprocessing.plausibility.shape import extent
+from pliant.preprocessing.pressure_clock import clock_sentences, pressure_clock
 from pliant.recording.schema import check_recording
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ STRETCH_SHARE = 0.05
 DENSE_STATIONS = 8  # chords between fewer stations change with bending, so their spacing is not judged
 STANDING_SHARE = 0.03
 LEAST_TRAVEL = 0.01  # of the extent
+OF_A_LOG = {"duration_s": "pressure_duration_s", "rate_hz": "pressure_rate_hz"}  # whose clock is the only one
 
 
 @dataclass(frozen=True, repr=False)
@@ -35,8 +37,6 @@ class Quality(Shown):
     Attributes
     ----------
     frames, stations : int
-    pressure_samples : int
-        Of a log without a shape; 0 otherwise.
     duration_s, rate_hz : float
         The rate is that of the median step of the clock.
     irregular_steps : int
@@ -64,6 +64,12 @@ class Quality(Shown):
         the first to the last station that holds most of the motion.
     pressure_kpa : dict
         Per chamber: (smallest, largest).
+    pressure_samples, pressure_duration_s, pressure_rate_hz : int, float, float
+        Of a pressure with a clock of its own.
+    pressure_gaps : tuple of (sample, start_s, length_s, missing)
+        Of that clock: behind which sample, counted from 1, how many are missing.
+    pressure_steps_s : tuple of float
+        Shortest and longest step of that clock, where it is irregular.
     findings : tuple of str
         One sentence for each thing that a user should know, the doubts among them.
     doubts : dict
@@ -71,7 +77,6 @@ class Quality(Shown):
     """
 
     frames: int = 0
-    pressure_samples: int = 0
     stations: int = 0
     duration_s: float = 0.0
     rate_hz: float = float("nan")
@@ -94,17 +99,27 @@ class Quality(Shown):
     step_deg: dict[str, float] = field(default_factory=dict)
     out_of_plane_share: float = float("nan")
     pressure_kpa: dict[str, tuple[float, float]] = field(default_factory=dict)
+    pressure_samples: int = 0
+    pressure_duration_s: float = 0.0
+    pressure_rate_hz: float = float("nan")
+    pressure_gaps: tuple[tuple[int, float, float, int], ...] = ()
+    pressure_steps_s: tuple[float, ...] = ()
     findings: tuple[str, ...] = ()
     doubts: dict[str, str] = field(default_factory=dict)
 
     def summary(self) -> str:
         """Text that one can read at a glance."""
-        what = f"{self.stations} station(s)" if self.stations else "strain"
-        size = f"{self.frames} frames of {what}" if self.frames else f"log of {self.pressure_samples} pressure samples"
-        lines = [f"{size}, {self.duration_s:.2f} s at {self.rate_hz:.4g} Hz"]
-        if not self.frames:
+        if self.frames:
+            of = f"{self.stations} station(s)" if self.stations else "strain"
+            lines = [f"{self.frames} frames of {of}{spanned(self.duration_s, self.rate_hz)}"]
+        else:
+            of = f" of {len(self.pressure_kpa)} chambers" if len(self.pressure_kpa) > 1 else ""
+            lines = [f"log of {self.pressure_samples} pressure samples{of}{spanned(self.duration_s, self.rate_hz)}"]
             lines.append("it holds no shape: give it to a study as pressure_file, or to `pliant new` by --from beside "
                          "the recording of the shape")  # fmt: skip
+        if self.frames and self.pressure_samples:
+            clock = spanned(self.pressure_duration_s, self.pressure_rate_hz)
+            lines.append(f"pressure on a clock of its own: {self.pressure_samples} samples{clock}")
         for travel, noises, unit, factor, what in ((self.travel_m, self.noise_m, "mm", 1e3, "travel"),
                                                    (self.travel_deg, self.noise_deg, "degrees", 1.0, "turn")):
             seen = [v for v in travel.values() if np.isfinite(v)]
@@ -129,6 +144,11 @@ class Quality(Shown):
         return asdict(self)
 
 
+def spanned(duration: float, rate: float) -> str:
+    """How long and how fast, behind a count; a single sample has neither."""
+    return f", {duration:.2f} s at {rate:.4g} Hz" if np.isfinite(rate) else ""
+
+
 def quality(ds: xr.Dataset) -> Quality:
     """Find and count what is suspicious in a recording; nothing is changed.
 
@@ -146,10 +166,6 @@ def quality(ds: xr.Dataset) -> Quality:
     found: dict[str, Any] = {}
     if "time" in ds.coords:
         found |= _clock(ds["time"].values)
-    elif "pressure" in ds:
-        clock = ds["pressure_time"].values
-        found |= {"pressure_samples": clock.size, "duration_s": float(clock[-1] - clock[0])}
-        found |= {"rate_hz": 1.0 / float(np.median(np.diff(clock)))} if clock.size > 1 else {}
     if "position" in ds:
         found |= _positions(ds)
     elif "angle" in ds:
@@ -158,10 +174,15 @@ def quality(ds: xr.Dataset) -> Quality:
         lost = np.isnan(ds["strain"].values).sum((0, 2))
         found["missing"] = {str(c): int(n) for c, n in zip(ds["core"].values, lost, strict=True) if n}
     if "pressure" in ds:
-        found["pressure_kpa"] = _pressure_range(ds)
+        found |= {"pressure_kpa": _pressure_range(ds), **pressure_clock(ds)}
+    if "time" not in ds.coords:
+        found |= {to: found[of] for to, of in OF_A_LOG.items() if of in found}
     found["doubts"] = doubts(Case(ds, found.get("swapped", {})), "recording")
     result = Quality(**found)
-    findings = (*_sentences(result), *_lost_pressure(ds), *_hardly_moves(ds, result), *result.doubts.values())
+    first = [sentence for check, sentence in result.doubts.items() if check in UNITS]  # the rest may follow from it
+    later = [sentence for check, sentence in result.doubts.items() if check not in UNITS]
+    clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
+    findings = (*first, *_sentences(result), *clock, *_lost_pressure(ds), *_hardly_moves(ds, result), *later)
     return replace(result, findings=findings)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
 from pkgutil import iter_modules
@@ -13,7 +14,7 @@ import xarray as xr
 from pliant import actuators
 from pliant.errors import InputError
 from pliant.model import Model
-from pliant.preprocessing.plausibility import CHECKS, Case, doubts
+from pliant.preprocessing.plausibility import CHECKS, UNITS, Case, doubts
 from pliant.study.resting import Aligned
 from pliant.study.schema import Actuator
 
@@ -45,6 +46,24 @@ def stated_case(actuator: Actuator) -> Case:
 def of_body(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
     """What looks wrong in what is stated of the body, beside one recording of it."""
     return doubts(replace(case, recording=stations, aligned=aligned), "body")
+
+
+@contextmanager
+def units_first(doubted: Mapping[str, str]) -> Iterator[None]:
+    """Within it a refusal begins with the unit that looks wrong: a base that moves by metres may follow from it.
+
+    Parameters
+    ----------
+    doubted : mapping of str to str
+        Sentences by the name of the check, which may follow the name of a recording.
+    """
+    try:
+        yield
+    except InputError as error:
+        unit = next((line for check, line in doubted.items() if check.endswith(UNITS)), "")
+        if not unit or unit in str(error):
+            raise
+        raise InputError(f"{unit}{'' if unit.endswith('?') else '.'} Then: {error}") from None
 
 
 def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.quality import Quality, quality
 from pliant.recording import read
 from pliant.study.clocks import with_pressure
+from pliant.study.doubts import units_first
 from pliant.study.first_reading import narrowed, read_or_guess, several
 from pliant.units import PASCAL, pascal_per
 
@@ -173,7 +174,8 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
     if look.capped:
         return look
     try:
-        return replace(look, aligned=align(assemble(ds, stations) if stations else ds, **look.options))
+        with units_first(found.doubts):
+            return replace(look, aligned=align(assemble(ds, stations) if stations else ds, **look.options))
     except InputError as error:
         return replace(look, problem=str(error))
 

@@ -24,7 +24,7 @@ from pliant.recording.published import PREFIX
 from pliant.reduction import LinkPlacement
 from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
-from pliant.study.doubts import of_body, preset, presets, stated_case
+from pliant.study.doubts import of_body, preset, presets, stated_case, units_first
 from pliant.study.resting import Aligned, at_one_rest
 from pliant.study.schema import Actuator, Alignment, ChamberTable, Recording, Study
 from pliant.units import pascal_per
@@ -99,7 +99,8 @@ def planar(study: Study, name: str, normal: Array | None = None) -> Aligned:
     if alignment.swaps is not None:
         raw = (undo_swaps if alignment.swaps == "undo" else exclude_swaps)(raw)
     looked = quality(raw)
-    stations, body, tip = in_frame(study, name, raw, alignment, normal)
+    with units_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
+        stations, body, tip = in_frame(study, name, raw, alignment, normal)
     found = [*told, *(str(line) for line in looked.findings)]
     if tip:
         found.append(tip)

@@ -23,11 +23,12 @@ from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.angles import supported_links
 from pliant.study.dense import link_experiment, shape_of
-from pliant.study.doubts import of_models, of_study
+from pliant.study.doubts import of_models, of_study, units_first
 from pliant.study.fits import ladder_fit, run_ladder, rungs_of
 from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.headline import headline
 from pliant.study.prepare import all_planar, hardly_moved, study_experiment, study_model, without
+from pliant.study.resting import Aligned
 from pliant.study.schema import Study
 from pliant.study.side_by_side import run_fits
 from pliant.study.verdict import verdict
@@ -155,6 +156,13 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
     doubts = of_study(aligned)
     for line in doubts:
         tell(f"warning: {line}")
+    doubted = {f"{n} {check}": f"recording {n}: {line}" for n, a in aligned.items() for check, line in a.doubts.items()}
+    with units_first(doubted):
+        return assembled(study, aligned, doubts, tell)
+
+
+def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, ...], tell: Tell) -> Prepared:
+    """Experiments and model of the study, from its recordings in the base frame."""
     shape = None
     if study.reduction:
         name = study.reduction.recording or next(iter(aligned))

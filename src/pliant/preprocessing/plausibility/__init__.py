@@ -5,12 +5,14 @@ Each check is one function in one list; `doubts` runs them. A check warns, it ch
 
 from __future__ import annotations
 
-from pliant.preprocessing.plausibility import body, fitted, pressure, shape
+from pliant.preprocessing.plausibility import body, clock, fitted, pressure, shape
 from pliant.preprocessing.plausibility.contract import Case, Check, Subject
 
-CHECKS: tuple[Check, ...] = (*pressure.CHECKS, *shape.CHECKS, *body.CHECKS, *fitted.CHECKS)
+CHECKS: tuple[Check, ...] = (*clock.CHECKS, *pressure.CHECKS, *shape.CHECKS, *body.CHECKS, *fitted.CHECKS)
 
-__all__ = ["CHECKS", "Case", "Check", "doubts"]
+UNITS = tuple(check.name for check in CHECKS if check.name.startswith("unit of "))
+
+__all__ = ["CHECKS", "UNITS", "Case", "Check", "doubts"]
 
 
 def doubts(case: Case, *subjects: Subject) -> dict[str, str]:

@@ -1,0 +1,30 @@
+"""Checks of the clocks: times in milliseconds that were read as seconds, and the other way round."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.preprocessing.plausibility.contract import Case, Check
+
+SLOWEST, FASTEST = 1.0, 5e-5  # s from sample to sample
+
+
+def unit(case: Case) -> str:
+    """Samples too far apart or too close for the motion of a soft body."""
+    for name, what in (("time", "frames"), ("pressure_time", "samples of pressure")):
+        if case.recording is None or name not in case.recording.coords or case.recording.sizes.get(name, 0) < 2:
+            continue
+        step = float(np.median(np.diff(case.recording[name].values)))
+        if step > SLOWEST:
+            return (f"the {what} are {step:.4g} s apart: are the times ms or us, read as s? Name the column t_ms or "
+                    "t_us, or state time_unit in the mapping")  # fmt: skip
+        if step < FASTEST:
+            return f"the {what} are {step:.3g} s apart: are the times s, read as ms or us? Check time_unit"
+    return ""
+
+
+CHECKS = (
+    Check("unit of time", "recording", "the median step of each clock",
+          f"above {SLOWEST:g} s, too slow for a motion; below {1e6 * FASTEST:g} us, faster than sensors of motion and "
+          "pressure are", unit),
+)  # fmt: skip

@@ -1,0 +1,54 @@
+"""The clock of a pressure that has one of its own: how many samples, how fast, and which of them are missing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+NEAR = 0.2  # of the usual step: a step that differs by less from a whole number of them is that many
+REGULAR = 0.6  # of all steps: so many are near such a number where a clock is regular; 0.4 are by chance
+MOST_NAMED = 5
+Gap = tuple[int, float, float, int]  # sample before it, its start and length [s], samples missing
+
+
+def pressure_clock(ds: xr.Dataset) -> dict[str, Any]:
+    """Return what is known of the clock of a pressure, as fields of `Quality`; none where it is that of the shape.
+
+    A step of a regular clock that is longer than 1.5 usual ones is a gap, with as many samples missing as fit into it.
+    """
+    if "pressure" not in ds:
+        return {}
+    time = ds["pressure_time"].values
+    if "time" in ds.coords and np.array_equal(time, ds["time"].values):
+        return {}
+    found: dict[str, Any] = {"pressure_samples": len(time), "pressure_duration_s": float(time[-1] - time[0])}
+    if len(time) < 2:
+        return found
+    step = np.diff(time)
+    usual = float(np.median(step[step <= 1.5 * np.percentile(step, 25)]))  # where many are missing, not the median one
+    found["pressure_rate_hz"] = 1.0 / usual
+    if np.mean(np.abs(step / usual - np.rint(step / usual)) < NEAR) < REGULAR:
+        return found | {"pressure_steps_s": (float(step.min()), float(step.max()))}
+    lost = np.rint(step / usual).astype(int) - 1
+    gaps = np.flatnonzero(lost > 0)
+    return found | {
+        "pressure_gaps": tuple((int(k) + 1, float(time[k]), float(step[k]), int(lost[k])) for k in gaps),
+    }
+
+
+def clock_sentences(samples: int, gaps: tuple[Gap, ...], steps: tuple[float, ...]) -> list[str]:
+    """Return what a user should know of that clock, one sentence each."""
+    if steps:
+        return [f"the clock of the pressure is irregular: steps of {steps[0]:.3g} to {steps[1]:.3g} s"]
+    if not gaps:
+        return []
+    missing, longest = sum(gap[3] for gap in gaps), max(gaps, key=lambda gap: gap[2])
+    where = ", ".join(f"{row} ({start:.4g} s)" for row, start, _, _ in gaps[:MOST_NAMED])
+    more = f" and {len(gaps) - MOST_NAMED} more" if len(gaps) > MOST_NAMED else ""
+    count = f"{missing} of {samples + missing} samples of the pressure are missing, in {len(gaps)} gap(s)"
+    length = f"the longest gap is {longest[2]:.3g} s ({longest[3]} missing) at {longest[1]:.4g} s"
+    return [f"{count} behind sample {where}{more}; {length}"]
