@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.identification import RUNGS, Experiment, Rung, ladder
+from pliant.identification import MORE_RUNGS, RUNGS, Experiment, Rung, ladder
 from pliant.identification.ladder import climbed
 from pliant.identification.ladder_fit import Step
 from pliant.identification.model_selection import Follows
@@ -61,6 +61,21 @@ def test_a_lag_far_from_the_first_guess_is_found(truth: Model, traced: Any) -> N
     found = ladder([traced(slow)], [], truth.with_(valve=Valve()), common=["torque_1"], step=STEP, rungs=rungs)
     assert found.result.values["valve_rise"] == pytest.approx(0.6, rel=0.02)
     assert found.result.values["valve_fall"] == pytest.approx(0.6, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_wall_takes_the_place_of_a_curved_law_and_predicts_beyond_it(truth: Model, traced: Any) -> None:
+    """Taught by 20 and 50 kPa; at 80 kPa the quadratic law that the wall replaces has run out of curvature."""
+    tube = truth.with_(valve=Valve(), torque=[5e-7], inflation_limit=1.6e5, inflation_time=0.05)
+    wall = next(r for r in MORE_RUNGS if r.name == "wall")
+    train, held = [traced(tube, "a", 2e4), traced(tube, "b", 5e4)], [traced(tube, "beyond", 8e4)]
+    found = ladder(train, held, truth.with_(valve=Valve()), step=STEP, rungs=(RUNGS[2], wall._replace(scan=())))
+    torque, chosen = found.steps
+    assert found.chosen == "wall"
+    assert "torque_2" in torque.freed
+    assert "torque_2" not in chosen.freed
+    assert found.result.values["inflation_limit"] == pytest.approx(1.6e5, rel=0.03)
+    assert chosen.error < 0.3 * torque.error
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 SHOWN_ONLY = {  # fits that no test asks for: half a minute of them
     "quadratic_beyond", "linear_beyond", "rigid_beyond", "creeping_beyond", "no_settling_beyond",
-    "no_fall_limit_beyond",
+    "no_fall_limit_beyond", "together_between", "together_within", "together_beyond", "together_below",
 }
 STEP_S = {"pneumatic_arm_pulses": 5e-3}  # 25 steps a period: errors within a tenth of a per cent of the travel
 
