@@ -274,12 +274,12 @@ def module_name(name):
 
 @cache
 def edges():
-    """Module -> the modules of this package that it imports, those inside functions too."""
+    """Module -> the modules of this package that it imports, those inside functions and for types alone too."""
     known = {module_name(name): name for name in MODULES}
     graph = {}
     for module, name in known.items():
         found = set()
-        for node in imports(name):
+        for node in ast.walk(tree(name)):
             if isinstance(node, ast.ImportFrom) and node.module:
                 full = {f"{node.module}.{alias.name}" for alias in node.names}
                 found |= {f if f in known else node.module for f in full}

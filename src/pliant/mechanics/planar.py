@@ -20,7 +20,7 @@ from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.model import Station, fixed_length
-from pliant.model.extension import extensible_inertia
+from pliant.model.extensible import extensible_inertia
 from pliant.model.inertia import inertia_constants
 from pliant.numerics.arcs import tangents
 

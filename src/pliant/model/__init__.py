@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 from pliant.model.actuation import Actuation
 from pliant.model.build import chain_model
 from pliant.model.chamber import Chamber
-from pliant.model.extension import Extension, fixed_length
+from pliant.model.extensible import fixed_length
+from pliant.model.extension import Extension
 from pliant.model.memory import Memory, payne, springpot
 from pliant.model.model import Model
 from pliant.model.station import Station

@@ -8,17 +8,19 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from pliant.display import Card, Shown
+from pliant.display import Card
 from pliant.errors import InputError
 from pliant.model.actuation import Actuation, chambers_of
 from pliant.model.chamber import FIELDS, Chamber, ChamberValues
 from pliant.model.checks import numbers, one_number
-from pliant.model.extension import Extension, extensions_of, joints_inside, shares
+from pliant.model.extensible import joints_inside
+from pliant.model.extension import Extension, extensions_of
 from pliant.model.limits import MOST_LINKS
 from pliant.model.memory import Memory
+from pliant.model.parameters import ModelParameters
 from pliant.model.physical import check_physical
 from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
-from pliant.model.station import Station, stations_of
+from pliant.model.station import stations_of
 from pliant.model.summary import model_card
 from pliant.model.valve import Valve
 
@@ -61,7 +63,7 @@ DEFAULTS: dict[str, Any] = {
 
 
 @dataclass(frozen=True, repr=False, init=False, eq=False)
-class Model(Shown):
+class Model(ModelParameters):
     """Parameters of the reduced-order model, all SI; Eqs. (1)-(5) of the paper say what they do.
 
     Parameters
@@ -103,27 +105,6 @@ class Model(Shown):
     InputError
         When a parameter is missing, not finite or not physical.
     """
-
-    link_length: Array
-    link_mass: Array
-    stiffness: Array
-    damping: Array
-    chambers: tuple[Chamber, ...]
-    rest_angle: Array
-    stiffening: Array
-    cubic_stiffening: Array
-    stiffening_bound: Array
-    mass_at: str
-    tip_mass: float
-    base_length: float
-    base_angle: float
-    gravity: Array
-    bend_sign: int
-    memory: Memory
-    extensions: tuple[Extension, ...]
-    stations: tuple[Station, ...]
-    name: str
-    source: dict[str, str]
 
     def __init__(self, **given: Unpack[Values]) -> None:
         names = {f.name for f in fields(self)}
@@ -201,47 +182,6 @@ class Model(Shown):
     def valve(self) -> Valve:
         """The valve of the only chamber."""
         return self.chamber.valve
-
-    @property
-    def n(self) -> int:
-        """Number of links."""
-        return self.link_length.size
-
-    @property
-    def size(self) -> int:
-        """Number of coordinates, n + S: the links' angles and the strains of the segments that lengthen."""
-        return self.link_length.size + len(self.extensions)
-
-    @cached_property
-    def stretch_share(self) -> Array:
-        """Part (n + 1, S) of each link that lies in each segment; row 0 is the part before the first joint."""
-        return shares(self.link_length, self.base_length, self.extensions)
-
-    @property
-    def segment_length(self) -> Array:
-        """Length (S,) of each segment that lengthens, unstretched, m."""
-        return np.asarray(np.append(self.base_length, self.link_length) @ self.stretch_share)
-
-    @property
-    def length(self) -> float:
-        """Length from the origin to the last tip along the chain, m."""
-        return float(self.base_length + self.link_length.sum())
-
-    @property
-    def mass(self) -> float:
-        """Moving mass, tip mass included, kg."""
-        return float(self.link_mass.sum() + self.tip_mass)
-
-    @property
-    def points(self) -> tuple[Station, ...]:
-        """The observed points: `stations`, or the link tips named link_1 ... link_n."""
-        tips = (Station(f"link_{i + 1}", i, float(length)) for i, length in enumerate(self.link_length))
-        return self.stations or tuple(tips)
-
-    @property
-    def first_joint(self) -> Array:
-        """Position of the first joint (2,), m, before `bend_sign` is applied."""
-        return self.base_length * np.array([-np.sin(self.base_angle), np.cos(self.base_angle)])
 
     def torque_at(self, pressure: Any) -> Any:
         """Torque of the only chamber at rest at gauge `pressure` [Pa], N m; see `Chamber.torque_at`."""

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from math import inf, isfinite
-from typing import TYPE_CHECKING
 
 from pliant.errors import InputError
 from pliant.model.checks import check_numbers
-from pliant.model.extension import check_extensions
+from pliant.model.extensible import check_extensions
 from pliant.model.limits import LIMITS, MOST_STATIONS, check_limit
+from pliant.model.parameters import ModelParameters
 from pliant.model.spring import SPRING_TERMS
-
-if TYPE_CHECKING:
-    from pliant.model.model import Model
 
 LIGHTEST = LIMITS["link_mass"].least
 POSITIVE = ("link_length", "stiffness")
@@ -21,7 +18,7 @@ NOT_NEGATIVE = ("link_mass", "damping", "tip_mass", "base_length", "stiffening_b
 OF_ANY_SIGN = ("rest_angle", *SPRING_TERMS, "gravity", "base_angle")
 
 
-def check_physical(model: Model, given: Collection[str]) -> None:
+def check_physical(model: ModelParameters, given: Collection[str]) -> None:
     """Raise InputError when a parameter `given` to `model` is not finite or not physical."""
     kinds = ([name for name in kind if name in given] for kind in (POSITIVE, NOT_NEGATIVE, OF_ANY_SIGN))
     check_numbers(model, "model", *kinds)
@@ -43,7 +40,7 @@ def check_physical(model: Model, given: Collection[str]) -> None:
     check_extensions(model)
 
 
-def check_stations(model: Model) -> None:
+def check_stations(model: ModelParameters) -> None:
     """Raise InputError when an observed point does not sit on the body, or is called like another."""
     names = [s.name for s in model.stations]
     if len(names) > MOST_STATIONS:

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from pliant.display import Card
+from pliant.model.parameters import ModelParameters
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.model.spring import SPRING_TERMS, in_words
-
-if TYPE_CHECKING:
-    from pliant.model.model import Model
 
 HEAD = ("link", "length mm", "mass g", "stiffness N m/rad", "damping N m s/rad", "rest angle deg")
 
 
-def model_card(model: Model) -> Card:
+def model_card(model: ModelParameters) -> Card:
     """Links, drive, valve, memory, gravity; a body of equal links in one row."""
     table = np.column_stack([
         1e3 * model.link_length, 1e3 * model.link_mass, model.stiffness, model.damping, np.degrees(model.rest_angle)
@@ -28,7 +24,7 @@ def model_card(model: Model) -> Card:
     return Card(title, sentences(model), HEAD, rows)
 
 
-def sentences(model: Model) -> list[str]:
+def sentences(model: ModelParameters) -> list[str]:
     """What is more than links, as far as the model has it."""
     said = [line for c in model.chambers for line in c.sentences(alone=len(model.chambers) == 1)]
     said[0] += f", bending {'-x' if model.bend_sign > 0 else '+x'}"
