@@ -133,7 +133,7 @@ def speed():
     from pliant.control import frame_loops
     from pliant.estimation import default_noise
     from pliant.estimation import kalman_loops as filter_loops
-    from pliant.estimation.offline import chain_of
+    from pliant.estimation.offline import chain_of, observed_chain
     from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
     from pliant.estimation.workspace import make_workspace
 
@@ -159,7 +159,7 @@ def speed():
     rest = np.zeros(n)
     state_of = FilterState(mechanics_of(body).coordinates(rest), np.zeros(n), np.zeros(n), P, state.relaxed(body, rest))
     frame_of = FilterFrame(
-        body.link_length, body.first_joint, rows, body.rest_angle.copy(), np.full(n, 1e-6), np.empty(n)
+        body.base_angle, observed_chain(body), rows, body.rest_angle.copy(), np.full(n, 1e-6), np.empty(n)
     )
     kernels = frame_loops.many_filtered, frame_loops.filter_and_steer
     many, one = (twin(kernel, n) for kernel in kernels)

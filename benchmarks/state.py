@@ -91,7 +91,7 @@ def rates():
 def speed():
     from pliant.compiler.choose import twin
     from pliant.estimation import kalman_loops, measurement_loops
-    from pliant.estimation.offline import chain_of
+    from pliant.estimation.offline import chain_of, observed_chain
     from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
     from pliant.estimation.workspace import make_workspace
     from pliant.simulation import state
@@ -102,7 +102,7 @@ def speed():
         start = mechanics_of(chain).coordinates(rest)
         own = FilterState(start, np.zeros(n), np.zeros(n), P, state.relaxed(chain, rest))
         noise, many = FilterNoise(*NOISE.densities(chain), np.zeros(1)), twin(kalman_loops.many_frames, n)
-        frame = FilterFrame(chain.link_length, chain.first_joint, rows, chain.rest_angle.copy(),
+        frame = FilterFrame(chain.base_angle, observed_chain(chain), rows, chain.rest_angle.copy(),
                             np.full(n, NOISE.angle**2), np.empty(n))  # fmt: skip
         for steps in (1, 2, 3):
             ahead = Prediction(steps, 1.0 / RATE / steps, np.full(n, 0.05), noise)
@@ -133,7 +133,7 @@ def seen_at_rest(rows):
     seen_at_rest.chain = chain
     seen, slopes = np.empty(len(rows)), np.empty((len(rows), chain.n))
     at_rest = mechanics_of(chain).coordinates(np.zeros(chain.n))
-    observe(at_rest, frame_of(chain, rows, seen, seen), seen, slopes)
+    observe(at_rest, frame_of(chain, rows, seen, seen), np.empty((5, chain.n + 1)), seen, slopes)
     return seen
 
 

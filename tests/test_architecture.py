@@ -147,7 +147,6 @@ def test_only_few_files_draw():
 
 
 MECHANICS = ("equations/", "mechanics/", "exporters/")  # the packages that may spell how a chain moves
-ASKS_LATER = ("estimation/measurement_loops.py", "identification/follow_loops.py")
 OWN_MECHANICS = ("basic.py", "testbed/")  # written apart, to compare with; no line is shared
 SPRING_FUNCTIONS = {"spring_torque", "spring_slope", "spring_slope_between", "spring_energy"}
 INERTIA_FUNCTIONS = {"inertia_absolute", "body_constants", "inertia_from_jacobians"}
@@ -200,7 +199,7 @@ def spelled_mechanics(syntax):
 
 def test_mechanics_is_spelled_once():
     """Who needs a position, a slope, an energy or a kind of coordinates asks `mechanics_of(model)`."""
-    apart = (*MECHANICS, *OWN_MECHANICS, *CONSTANT_MAKERS, *ASKS_LATER)
+    apart = (*MECHANICS, *OWN_MECHANICS, *CONSTANT_MAKERS)
     asking = [name for name in MODULES if not name.startswith(apart)]
     found = [f"{name}:{line}: {reason}" for name in asking for line, reason in spelled_mechanics(tree(name))]
     assert not found, listed(found)

@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.estimation import AdaptiveObserver, LinkAngles, State, default_noise, frozen
 from pliant.estimation import kalman_loops as filter_loops
 from pliant.estimation.measurement_loops import ANGLE
-from pliant.estimation.offline import chain_of
+from pliant.estimation.offline import chain_of, observed_chain
 from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
 from pliant.estimation.workspace import make_workspace
 from pliant.mechanics import mechanics_of, planar
@@ -151,7 +151,7 @@ def test_filter_and_regulator_in_one_frame(body, design):
         rest = np.zeros(n)
         x = FilterState(mechanics_of(body).coordinates(rest), np.zeros(n), np.zeros(n), P, state.relaxed(body, rest))
         prediction = Prediction(1, PERIOD, np.full(n, 0.01), FilterNoise(*noise.densities(body), np.zeros(1)))
-        frame = FilterFrame(body.link_length, body.first_joint, rows, z, np.full(n, 1e-6), np.empty(n))
+        frame = FilterFrame(body.base_angle, observed_chain(body), rows, z, np.full(n, 1e-6), np.empty(n))
         out.append((x, prediction, frame, make_workspace(body, P.shape[0], n)))
     x, prediction, frame, workspace = out[0]
     model = (chain_of(body), AdaptiveObserver(body, PERIOD).body)

@@ -124,7 +124,7 @@ def test_what_a_frame_sees_is_where_the_stations_are(arm):
     rows, sign = rows_of(body, body.points, angle=True), [body.bend_sign, 1]
     frame, x = frame_of(body, rows, np.zeros(6), np.ones(6)), np.array([0.3, 0.7, 1.2, 0.15, -0.05])
     value, H = np.empty(6), np.empty((6, 5))
-    observe(x, frame, value, H)
+    observe(x, frame, np.empty((5, 4)), value, H)
 
     def places(at):
         where, angle = mechanics_of(body).stations(at)

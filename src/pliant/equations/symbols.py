@@ -66,6 +66,14 @@ class Joints(NamedTuple):
     unbent: np.ndarray  # (n,) rad, theta0, from which these count also where memory moves a step's theta0
 
 
+class ObservedChain(NamedTuple):
+    """Lengths that the positions of points on a chain follow from: `equations.observation`."""
+
+    base_length: float  # m, from the origin to the first joint
+    length: np.ndarray  # (n,) m, of the links, unstretched
+    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment that lengthens; (., 0) where none does
+
+
 class Memory(NamedTuple):
     """Creep, slip and Bouc-Wen of `equations.memory`, the same for all joints, each a share of the joint's K."""
 

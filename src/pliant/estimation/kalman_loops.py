@@ -135,7 +135,7 @@ def update(state, model, frame, workspace):
     n = len(phi)
     N = P.shape[0]
     H, gain, change = workspace.H, workspace.gain, workspace.change
-    observe(phi, frame, workspace.seen, H)
+    observe(phi, frame, workspace.links, workspace.seen, H)
     used = 0
     square = 0.0
     logdet = 0.0
@@ -229,7 +229,7 @@ def filter_record(state, model, plan, noise, frames, out, workspace):
             chain_transition(out.transition[f], N, n, workspace.J, workspace.W)
         store(state, out.predicted[f], out.predicted_covariance[f])
         frame = FilterFrame(
-            frames.link_length, frames.first_joint, frames.rows, z[f], frames.variance, out.innovation[f], frames.share
+            frames.base_angle, frames.chain, frames.rows, z[f], frames.variance, out.innovation[f]
         )
         used, square, logdet = update(state, model, frame, workspace)
         out.score[f, 0] = used

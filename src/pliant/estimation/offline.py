@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.compiler.choose import twin
+from pliant.equations.symbols import ObservedChain
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.consistency import mean_bounds, whiteness
@@ -181,8 +182,12 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
 
 def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> FilterFrame:
     """What the loops take of values (m,), or of those of many frames (T, m), and room for innovations (m,)."""
-    share = np.array(model.stretch_share)
-    return FilterFrame(model.link_length, model.first_joint, rows, value, variance, np.empty(len(rows)), share)
+    return FilterFrame(model.base_angle, observed_chain(model), rows, value, variance, np.empty(len(rows)))
+
+
+def observed_chain(model: Model) -> ObservedChain:
+    """Lengths that the positions of points follow from, for the loops."""
+    return ObservedChain(model.base_length, np.array(model.link_length), np.array(model.stretch_share))
 
 
 def chain_of(model: Model) -> FilterModel:

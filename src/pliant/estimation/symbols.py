@@ -14,6 +14,7 @@ from pliant.equations.symbols import (
     Held,
     Joints,
     Memory,
+    ObservedChain,
     Workspace,
 )
 
@@ -115,13 +116,12 @@ class Prediction(NamedTuple):
 class FilterFrame(NamedTuple):
     """What the filter is corrected by: one frame, or the frames of a record with values (T, m)."""
 
-    link_length: np.ndarray  # (n,) m
-    first_joint: np.ndarray  # (2,) m
-    rows: np.ndarray  # (m, 4), see `kalman_loops.observe`
+    base_angle: float  # rad
+    chain: ObservedChain
+    rows: np.ndarray  # (m, 4), see `measurement_loops.observe`
     values: np.ndarray  # (m,) m or rad, NaN where one is missing
     variance: np.ndarray  # (m,)
     innovation: np.ndarray  # (m,) takes the whitened innovations
-    share: np.ndarray = np.zeros((0, 0))  # (n + 1, S) part of each link that lies in each segment that lengthens
 
 
 class FilterWorkspace(NamedTuple):
@@ -139,6 +139,7 @@ class FilterWorkspace(NamedTuple):
     change: np.ndarray  # (N,)
     seen: np.ndarray  # (m,)
     H: np.ndarray  # (m, n)
+    links: np.ndarray  # (5, links + 1), see `equations.observation.place_links`
 
 
 class FilterOutput(NamedTuple):

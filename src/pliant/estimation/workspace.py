@@ -18,6 +18,7 @@ def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
     springs = joints._replace(theta0=joints.theta0.copy(), K=joints.K.copy())  # writable, like those of `held`
     shapes = [
         (3 * n, 2 * n), (states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n),
+        (5, model.n + 1),
     ]
     work = mechanics_of(model).workspace()
     return FilterWorkspace(work, state.held(model), springs, *(np.zeros(shape) for shape in shapes))

@@ -15,6 +15,8 @@ from pliant.equations.contact import add_link_loads
 from pliant.equations.elastic import follows
 from pliant.equations.memory import step_with_memory
 from pliant.equations.motion import step
+from pliant.equations.observation import place_links, position
+from pliant.equations.symbols import ObservedChain
 
 
 class Course(NamedTuple):
@@ -38,12 +40,11 @@ class Before(NamedTuple):
 class Places(NamedTuple):
     """Where the observed points are."""
 
-    length: np.ndarray  # (n,) m
-    base_length: float  # m
+    chain: ObservedChain
+    links: np.ndarray  # (5, n + 1) scratch of `place_links`
     carrier: np.ndarray  # (S,) index of the link that carries each point, -1 the base
     along: np.ndarray  # (S,) m
     across: np.ndarray  # (S,) m
-    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment that lengthens
     sign: float  # 1, or -1 where the x axis is mirrored
     shift_x: float  # m
     shift_y: float  # m
@@ -64,7 +65,7 @@ def follow(phi, w, course, before, body, joints, work, seen):
     keep[k] - 1 + before.rows where keep[k] >= 0.
     Returns the index of the first step in which a link turns by more than a radian or a spring holds nothing, or -1.
     """
-    look_before(before, seen, work)
+    look_before(before, seen)
     for k in range(len(course.h)):
         h = course.h[k]
         take_torques(k, phi, w, course, body, joints, work.tau)
@@ -72,7 +73,7 @@ def follow(phi, w, course, before, body, joints, work, seen):
         if not follows(phi, w, h, joints):
             return k
         if course.keep[k] >= 0:
-            observe(phi, joints.base_angle, seen.places, work.c, work.s, seen.rows[course.keep[k] - 1 + before.rows])
+            observe(phi, joints.base_angle, seen.places, seen.rows[course.keep[k] - 1 + before.rows])
     return -1
 
 
@@ -83,7 +84,7 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
     branches find no agreement, or -1.
     """
     body, joints = chain
-    look_before(before, seen, work)
+    look_before(before, seen)
     last = joints.base_angle
     for i in range(len(joints.theta0)):
         for j in range(len(past.memory.creep_share)):
@@ -98,7 +99,7 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
         if not follows(phi, w, h, joints):
             return k
         if course.keep[k] >= 0:
-            observe(phi, joints.base_angle, seen.places, work.c, work.s, seen.rows[course.keep[k] - 1 + before.rows])
+            observe(phi, joints.base_angle, seen.places, seen.rows[course.keep[k] - 1 + before.rows])
     return -1
 
 
@@ -110,52 +111,25 @@ def take_torques(k, phi, w, course, body, joints, tau):
         add_link_loads(phi, w, 0.5 * course.h[k], course.load[k], body, joints, tau)
 
 
-def look_before(before, seen, work):
+def look_before(before, seen):
     """The rows of a chain that is held before it moves."""
     for row in range(before.rows):
-        observe(before.phi, before.base_angle, seen.places, work.c, work.s, seen.rows[row])
+        observe(before.phi, before.base_angle, seen.places, seen.rows[row])
 
 
-def observe(phi, base_angle, places, c, s, seen):
-    """Position [m] and angle [rad] of the observed points, seen (S, 3), at absolute angles phi (n,).
+def observe(phi, base_angle, places, seen):
+    """Position [m] and angle [rad] of the observed points, seen (S, 3), at coordinates phi (n + S,).
 
-    p = joint + along e(phi) + across n(phi), as `equations.chain.station`, with every joint found once; x mirrored by
-    `places.sign`; angles less `places.reference`. Links stretch with the strains behind the angles.
+    x mirrored by `places.sign`; angles less `places.reference`.
     """
-    n = len(places.length)
-    S = len(places.carrier)
-    before = np.sin(base_angle)
-    across = np.cos(base_angle)
-    stretch = link_stretch(0, phi, places)
-    x = -places.base_length * stretch * before
-    y = places.base_length * stretch * across
-    for j in range(S):
-        if places.carrier[j] < 0:
-            along = places.along[j] * stretch
-            seen[j, 0] = -along * before - places.across[j] * across
-            seen[j, 1] = along * across - places.across[j] * before
-            seen[j, 2] = base_angle
-    for i in range(n):
-        c[i] = np.cos(phi[i])
-        s[i] = np.sin(phi[i])
-        stretch = link_stretch(i + 1, phi, places)
-        for j in range(S):
-            if places.carrier[j] == i:
-                along = places.along[j] * stretch
-                seen[j, 0] = x - along * s[i] - places.across[j] * c[i]
-                seen[j, 1] = y + along * c[i] - places.across[j] * s[i]
-                seen[j, 2] = phi[i]
-        x = x - places.length[i] * stretch * s[i]
-        y = y + places.length[i] * stretch * c[i]
-    for j in range(S):
-        seen[j, 0] = places.sign * seen[j, 0] + places.shift_x
-        seen[j, 1] = seen[j, 1] + places.shift_y
-        seen[j, 2] = places.sign * (seen[j, 2] - places.reference)
-
-
-def link_stretch(k, x, places):
-    """1 + sum_s a_ks e_s, with the strains e_s behind the angles in x (n + S,); 1 where nothing lengthens."""
-    stretch = 1.0 + 0.0 * x[0]
-    for s in range(places.share.shape[1]):
-        stretch = stretch + places.share[k, s] * x[len(places.length) + s]
-    return stretch
+    place_links(phi, base_angle, places.chain, places.links)
+    for j in range(len(places.carrier)):
+        link = places.carrier[j]
+        x = position(0, link, places.along[j], places.across[j], places.links)
+        y = position(1, link, places.along[j], places.across[j], places.links)
+        angle = base_angle
+        if link >= 0:
+            angle = phi[link]
+        seen[j, 0] = places.sign * x + places.shift_x
+        seen[j, 1] = y + places.shift_y
+        seen[j, 2] = places.sign * (angle - places.reference)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations.symbols import Held, Joints, Memory, Past
+from pliant.equations.symbols import Held, Joints, Memory, ObservedChain, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.follow_loops import Before, Course, Places, Seen
@@ -82,8 +82,8 @@ def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) ->
     rows = rows if made.between is None else made.between[0].size
     work = in_kind(mechanics_of(model).workspace(), kind)
     places = Places(
-        numbers.length, numbers.base_length, made.carrier, numbers.along, numbers.across, numbers.share,
-        kind.of(model.bend_sign), numbers.shift[0], numbers.shift[1], numbers.reference,
+        ObservedChain(numbers.base_length, numbers.length, numbers.share), kind.of(np.zeros((5, n + 1))), made.carrier,
+        numbers.along, numbers.across, kind.of(model.bend_sign), numbers.shift[0], numbers.shift[1], numbers.reference,
     )
     out: Array = kind.of(np.zeros((rows, made.carrier.size, 3)))
     course = Course(numbers.h, numbers.torque, numbers.gain, made.keep, numbers.load)

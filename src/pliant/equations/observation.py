@@ -1,0 +1,79 @@
+"""What sensors see of a chain: positions of points that are fixed to links, and how they move with its coordinates.
+
+The one text for fits, filters and contact; whole arrays of a motion take `mechanics.PlanarChain.stations`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def place_links(x, base_angle, chain, links):
+    """Cosine, sine, stretch and joint (x, y) [m] of the base and all links into `links` (5, n + 1).
+
+    Coordinates x (n + S,) are absolute angles, strains behind them; `chain` is `symbols.ObservedChain`. The joint of
+    the base is the origin.
+    """
+    n = len(chain.length)
+    px = 0.0 * x[0]
+    py = 0.0 * x[0]
+    for k in range(n + 1):
+        angle = base_angle
+        reach = chain.base_length
+        if k > 0:
+            angle = x[k - 1]
+            reach = chain.length[k - 1]
+        c = np.cos(angle)
+        s = np.sin(angle)
+        stretch = 1.0 + 0.0 * x[0]
+        for i in range(n, len(x)):
+            stretch = stretch + chain.share[k, i - n] * x[i]
+        links[0, k] = c
+        links[1, k] = s
+        links[2, k] = stretch
+        links[3, k] = px
+        links[4, k] = py
+        px = px - reach * stretch * s
+        py = py + reach * stretch * c
+
+
+def position(axis, link, along, across, links):
+    """Position along an axis (0: x, 1: y) of a point fixed to a link (-1: the base), m; see `place_links`.
+
+    p = joint + stretch along e(phi) + across n(phi),  e = (-sin, cos),  n = (-cos, -sin)
+    """
+    k = link + 1
+    reach = along * links[2, k]
+    if axis == 0:
+        return links[3, k] - reach * links[1, k] - across * links[0, k]
+    return links[4, k] + reach * links[0, k] - across * links[1, k]
+
+
+def point_slope(axis, place, chain, links, row):
+    """Slopes (n + S,) by the coordinates of `position`; `place` is (link, along, across)."""
+    link, along, across = place
+    n = len(chain.length)
+    for i in range(len(row)):
+        row[i] = 0.0 * along
+    for k in range(link + 2):
+        c = links[0, k]
+        s = links[1, k]
+        reach = chain.base_length
+        aside = 0.0 * across
+        if k > 0:
+            reach = chain.length[k - 1]
+        if k == link + 1:
+            reach = along
+            aside = across
+        for i in range(n, len(row)):
+            part = chain.share[k, i - n] * reach
+            if axis == 0:
+                row[i] = row[i] - part * s
+            else:
+                row[i] = row[i] + part * c
+        if k > 0:
+            whole = reach * links[2, k]
+            if axis == 0:
+                row[k - 1] = -whole * c + aside * s
+            else:
+                row[k - 1] = -whole * s - aside * c

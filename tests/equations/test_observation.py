@@ -1,0 +1,49 @@
+"""Points on links as fits and filters see them: where the mechanics has them, with the slopes of their positions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.equations.observation import place_links, point_slope, position
+from pliant.equations.symbols import ObservedChain
+from pliant.mechanics import mechanics_of
+from pliant.model import Extension, Model, Station
+
+POINTS = [Station("base", -1, 0.006, 0.002), Station("first", 0, 0.01, 0.004), Station("last", 2, 0.03, -0.003)]
+
+
+@pytest.fixture(params=[0, 1], ids=["fixed length", "lengthens"])
+def model(request):
+    return Model(
+        link_length=[0.04, 0.03, 0.05], link_mass=0.01, stiffness=1.0, damping=1e-3, torque=[1e-6], base_length=0.02,
+        base_angle=0.3, stations=POINTS, extensions=[Extension(100.0)] * request.param,
+    )
+
+
+def placed(model, x):
+    chain = ObservedChain(model.base_length, model.link_length, np.array(model.stretch_share))
+    links = np.zeros((5, model.n + 1), dtype=x.dtype)
+    place_links(x, model.base_angle, chain, links)
+    return chain, links
+
+
+def test_points_lie_where_the_mechanics_has_them(model, rng):
+    x = 0.3 * rng.normal(size=model.size)
+    _, links = placed(model, x)
+    found = [[position(axis, p.link, p.along, p.across, links) for axis in range(2)] for p in POINTS]
+    np.testing.assert_allclose(found, mechanics_of(model).stations(x)[0], atol=1e-15)
+
+
+def test_slopes_are_those_of_the_positions(model, rng):
+    """Against complex steps through the positions."""
+    x, tiny = 0.3 * rng.normal(size=model.size), 1e-30
+    chain, links = placed(model, x)
+    row = np.empty(model.size)
+    for p in POINTS:
+        for axis in range(2):
+            point_slope(axis, (p.link, p.along, p.across), chain, links, row)
+            for k in range(model.size):
+                _, tilted = placed(model, x + 1j * tiny * (np.arange(model.size) == k))
+                slope = position(axis, p.link, p.along, p.across, tilted).imag / tiny
+                assert row[k] == pytest.approx(slope, abs=1e-15)
