@@ -9,7 +9,8 @@ import pytest
 
 from pliant.actuators import chen2018
 from pliant.errors import InputError
-from pliant.model import Model, Station, Valve, chain_model
+from pliant.model import Chamber, Extension, Model, Station, Valve, chain_model
+from pliant.model.statics import torques_over
 
 GOOD = {"link_length": [0.05, 0.03], "link_mass": 0.01, "stiffness": [1.0, 0.5], "damping": 5e-3, "torque": 6e-7}
 
@@ -147,3 +148,22 @@ def test_a_body_that_is_none_is_refused(changes, words):
 def test_a_changed_number_of_the_papers_model_does_not_claim_the_paper():
     assert "stiffness" in chen2018.model().source
     assert "stiffness" not in chen2018.model(stiffness=2.0).source
+
+
+def test_an_extension_stops_after_its_start_or_at_the_tip():
+    assert Extension(200.0, start=0.03).stop is None
+    assert Extension(200.0, start=0.03, stop=0.04).stop == 0.04
+    for stop in (0.03, 0.02):
+        with pytest.raises(InputError, match=r"must stop after its start at 0\.03 m"):
+            Extension(200.0, start=0.03, stop=stop)
+
+
+def test_torques_over_a_record_take_one_pressure_for_each_chamber():
+    one = Model(**GOOD).actuation
+    np.testing.assert_allclose(torques_over(one, [1e5, 2e5])[:, 0], [0.06, 0.12], rtol=1e-12)
+    two = Model(**{k: v for k, v in GOOD.items() if k != "torque"}, chambers=(
+        Chamber(torque=[6e-7], name="a"), Chamber(torque=[4e-7], name="b"))).actuation  # fmt: skip
+    np.testing.assert_allclose(torques_over(two, [[1e5, 2e5]]), [[0.06, 0.08]], rtol=1e-12)
+    for wrong in ([1e5, 2e5], np.zeros((3, 1)), np.zeros((1, 2, 2))):
+        with pytest.raises(InputError, match=r"expected pressures \(T, 2\) in Pa"):
+            torques_over(two, wrong)
