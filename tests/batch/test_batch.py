@@ -11,6 +11,7 @@ from pliant.errors import InputError, SimulationError
 from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Valve
 from pliant.simulation import Chirp, Multisine, Pulse, Trace, modes, simulate
+from pliant.simulation.time_step import time_step
 
 TIMES = np.arange(61) / 75.0
 EVERYTHING = ("joint_angle", "joint_rate", "tip_position")
@@ -38,6 +39,16 @@ def test_parameters_of_one_model(paper):
     check_same(batch, models, [pulse] * 19)
     assert batch.attrs["failed_samples"] == 0
     assert np.isnan(batch["failed_at"]).all()
+
+
+def test_a_batch_without_a_step_takes_what_its_models_need(paper):
+    """And gives a row for every millisecond, whatever the step."""
+    ringing, pulse = paper.with_(damping=1e-5), Pulse(9e4, 0.01)
+    batch = simulate_batch([paper, ringing], pulse, duration=0.1)
+    assert batch.attrs["step_s"] == time_step(ringing) < time_step(paper) == 1e-3
+    assert batch.sizes["time"] == 101
+    alone = simulate(paper, pulse, times=batch.time.values, step=batch.attrs["step_s"])
+    assert np.abs(alone.joint_angle.values - batch.joint_angle.values[0]).max() < 1e-12
 
 
 def test_models_with_everything(awkward):

@@ -18,6 +18,8 @@ from pliant.exporters.provenance import Told
 from pliant.mechanics import mechanics_of, planar
 from pliant.model import Chamber, Memory, Model, Valve
 from pliant.simulation import Stepper, simulate
+from pliant.simulation.accuracy import AccuracyWarning
+from pliant.simulation.time_step import time_step
 
 VALVES = [Valve(), Valve(rise_time=0.03, fall_time=0.05), Valve(rise_time=0.02, rise_rate=4e5, fall_rate=8e5)]
 MEMORIES = [
@@ -310,3 +312,13 @@ def test_two_files_that_find_each_other(tmp_path):
     assert [f.name for f in done.files] == ["finger.c", "finger.h"]
     if COMPILER:
         subprocess.run([COMPILER, *STRICT, "-c", str(done.files[0]), "-o", str(tmp_path / "finger.o")], check=True)
+
+
+def test_an_export_without_a_step_takes_what_the_model_needs():
+    ringing = chen2018.model(links=2, damping=1e-5)
+    options = {"precision": "double", "pressure": 0.0, "prefix": "arm"}
+    step = time_step(ringing)
+    assert step < 1e-3
+    assert f"#define ARM_STEP {step!r} /* s */" in code(ringing, Told(ringing, "c99", "x"), step=0.0, **options).header
+    with pytest.warns(AccuracyWarning, match="a step of 5 ms is too long for the mode of"):
+        code(ringing, Told(ringing, "c99", "x"), step=5e-3, **options)

@@ -36,6 +36,14 @@ def played(model):
     return Played(model, sliders_of(model), {})
 
 
+def test_a_body_that_rings_takes_shorter_steps(model):
+    ringing = model.with_(damping=1e-5)
+    live = Live(Played(ringing, sliders_of(ringing), {}))
+    assert 1e-4 <= live.stepper.length < 1e-3
+    live.advance(0.02)
+    assert live.stepper.time == pytest.approx(0.02)
+
+
 def test_frames_of_any_length_are_the_steps_of_the_model(played, model):
     live, alone = Live(played), Stepper(model, 1e-3)
     live.ask(Wish(pressure_kpa=[20.0]))

@@ -21,6 +21,7 @@ from pliant.options import with_defaults
 from pliant.simulation.inputs import Input
 from pliant.simulation.result import LABELS
 from pliant.simulation.solve import STEPS_PER_PERIOD, output_times
+from pliant.simulation.time_step import shared_step
 from pliant.version import __version__
 
 Array = np.ndarray
@@ -48,7 +49,7 @@ def simulate_batch(
     parameters: Mapping[str, Any] | None = None,
     duration: float | None = None,
     times: Array | None = None,
-    step: float = 1e-3,
+    step: float | None = None,
     variables: Sequence[str] = ("joint_angle", "tip_position"),
     **options: Unpack[BatchOptions],
 ) -> xr.Dataset:
@@ -65,8 +66,12 @@ def simulate_batch(
     parameters : mapping of arrays (N,) or (N, n)
         Of one model: names as in a fit (``stiffness``, ``damping_2``, ``torque_1``, ``mass``, ``valve_rise``, ...) or
         fields of `Model`; an array (N, n) gives every link its own.
-    duration, times, step
+    duration, times
         s, as in `simulate`; the times (T,) are those of all samples.
+    step : float, optional
+        Longest step, s. Default: the shortest that `pliant.simulation.time_step.time_step` gives for the models, at
+        most 1 ms; `parameters` do not change it. Nothing estimates the error of a batch: check a few samples by
+        `simulate`.
     initial_angle, initial_rate : array (n,) or (N, n)
         rad and rad/s, as in `simulate`; default: at rest there.
     variables : sequence of {"joint_angle", "joint_rate", "tip_position", "axial_strain", "axial_strain_rate"}
@@ -95,17 +100,17 @@ def simulate_batch(
     """
     how = with_defaults(simulate_batch, options, BATCH_OPTIONS)
     device, failures = how["device"], how["failures"]
+    times = output_times(duration, times, step)
+    step = shared_step((models,) if isinstance(models, Model) else models) if step is None else step
     if one_by_one(models):
         many_models, sets = samples_alone(models, pressures, parameters)
         check_choices(variables, device, failures, dimensions(many_models[0]))
-        times = output_times(duration, times, step)
         found = run_alone(many_models, sets, times, step, {**how, "threads": how["threads"] or cores()})
         found = {k: found[k] for k in (*variables, "failed_at")}
         return labelled(many_models[0], times, found, failures, {"step_s": step, "device": device})
     many: tuple[Any, ...] = (pressures,) if callable(pressures) else tuple(pressures)
     samples = gather(models, parameters, len(many))
     check_request(samples, many, variables, device, failures)
-    times = output_times(duration, times, step)
     check_steps(samples, step)
     schedule = Schedule(samples, many, times, step)
     start = initial_state(samples, schedule, how["initial_angle"], how["initial_rate"])

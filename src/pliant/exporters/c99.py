@@ -29,6 +29,7 @@ from pliant.model import Model
 from pliant.model.file import UNITS
 from pliant.simulation import state
 from pliant.simulation.solve import check_step
+from pliant.simulation.time_step import shared_step, warn_too_coarse
 from pliant.text import escaped
 
 Array = np.ndarray
@@ -145,7 +146,9 @@ def code(model: Model, told: Told, *, step: float, precision: str, pressure: flo
         raise InputError(f"c99 precision must be double or single, got {precision!r}")
     if model.n > MOST_LINKS:
         raise InputError(f"c99 writes every link out: at most {MOST_LINKS} links, got {model.n}: take a lower order")
+    step = step or shared_step([model])
     check_step(model, step, "midpoint")
+    warn_too_coarse(model, step)
     model = with_identifiers(model)
     prefix = escaped(prefix or model.name, "identifier").lower()
     single = precision == "single"
@@ -189,5 +192,5 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
 
 EXPORTER = Exporter(
     "c99", "C99: one .c and one .h, no dependencies, allocation or globals", (".c",), CAN, write,
-    {"step": 1e-3, "precision": "double", "pressure": 0.0, "prefix": ""},
+    {"step": 0.0, "precision": "double", "pressure": 0.0, "prefix": ""},
 )

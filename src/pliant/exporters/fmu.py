@@ -27,6 +27,7 @@ from pliant.exporters.provenance import Told
 from pliant.exporters.registry import Exporter
 from pliant.files import whole
 from pliant.model import Model
+from pliant.simulation.time_step import shared_step
 from pliant.text import escaped
 from pliant.version import __version__
 
@@ -170,7 +171,7 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
         raise InputError(f"fmu fmi must be 2.0 or 3.0, got {options['fmi']!r}")
     token = "{" + hashlib.sha256("\n".join([version, *told.lines("line")]).encode()).hexdigest()[:32] + "}"
     name = escaped(path.stem, "identifier")
-    this = Identity(name, version, token, float(options["step"]), float(options["pressure"]))
+    this = Identity(name, version, token, float(options["step"]) or shared_step([model]), float(options["pressure"]))
     text = sources(model, told, this)
     with tempfile.TemporaryDirectory() as folder:
         binary, why = compiled(text, Path(folder), version[0])
@@ -195,5 +196,5 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
 
 EXPORTER = Exporter(
     "fmu", "FMU for co-simulation, FMI 2.0 or 3.0", (".fmu",), c99.CAN, write,
-    {"fmi": "2.0", "step": 1e-3, "pressure": 0.0},
+    {"fmi": "2.0", "step": 0.0, "pressure": 0.0},
 )

@@ -36,7 +36,7 @@ def tip_error(again: Again) -> float:
         of the motion and of its repetition at equal times, over the length of the body. It may raise SimulationError.
     """
     coarse = difference(again, 2.0)
-    if coarse <= CLEARED:
+    if 0.0 < coarse <= CLEARED:  # without any difference, other times may have ended the same steps
         return coarse
     fine = difference(again, 0.5)
     if not (np.isfinite(coarse) and fine > 0.0):

@@ -7,10 +7,13 @@ A w (w h)^2 / 12 t exp(-d t), largest at t = 1/d.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from contextlib import suppress
 from warnings import warn
 
 import numpy as np
 
+from pliant.errors import SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
 from pliant.simulation import state
@@ -56,6 +59,15 @@ def time_step(model: Model, displacement: Array | None = None, duration: float =
     0.001
     """
     return nice(min(EVERY, longest_step(model, displacement, duration)))
+
+
+def shared_step(models: Iterable[Model]) -> float:
+    """The shortest `time_step` [s] of some models; 1 ms for those that are not stable at rest."""
+    steps = [EVERY]
+    for model in models:
+        with suppress(SimulationError):
+            steps.append(time_step(model))
+    return min(steps)
 
 
 def longest_step(model: Model, displacement: Array | None = None, duration: float = DURATION) -> float:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from pliant.failures import Failures, finite
 from pliant.identification import (
     Band,
@@ -17,8 +19,12 @@ from pliant.identification import (
     residual_noise,
 )
 from pliant.identification.prediction import predict_body
+from pliant.simulation.accuracy import LIMIT, step_for, tip_error
+from pliant.simulation.time_step import nice
 from pliant.validation.metrics import compare
 from pliant.validation.outcome import RecordOutcome, Role
+
+Array = np.ndarray
 
 
 def outcome_of(
@@ -46,11 +52,13 @@ def records_of(
         followed = partial(outcome_of, exp, "train", result, result.values, step)
         if (made := failures.attempt("prediction", exp.name, followed, "train")) is not None:
             records.append(made)
+            warn_of_step(made, result, result.values, step, failures)
     for exp in held_out:
         predicted = failures.attempt("prediction", exp.name, partial(held_out_of, exp, result, step), "held_out")
         if predicted is None:
             continue
         made, own = predicted
+        warn_of_step(made, own, own.values, step, failures)
         if result.covariance is not None:
             banded = partial(band_of, train, result, made, own, step, weighting)
             if (band := failures.attempt("band", exp.name, banded, "held_out")) is not None:
@@ -58,6 +66,25 @@ def records_of(
                 made = replace(made, metrics={**made.metrics, "within_band_percent": held}, band=band)
         records.append(made)
     return tuple(records)
+
+
+def warn_of_step(
+    made: RecordOutcome, result: FitResult, values: Mapping[str, float], step: float, failures: Failures,
+) -> None:
+    """Pass on a warning where the step [s] may make the tip of a record wrong by more than 1 % of the length."""
+    model, exp = result.model, made.experiment
+
+    def tips(h: float) -> Array:
+        return predict_body(model, exp, values, h)[:, -1] / model.length
+
+    given = tips(step) if made.body is None else made.body[:, -1] / model.length
+    error = tip_error(lambda factor: (given, tips(factor * step)))
+    if error > LIMIT and failures.warn is not None:
+        size = f"by {1e3 * error * model.length:.3g} mm" if np.isfinite(error) else "by an unknown amount"
+        failures.warn(
+            f"warning: fit {failures.fit}: the tip of record {exp.name} may be wrong {size}: the step of "
+            f"{1e3 * step:.3g} ms is too long for its motion; set step = {nice(step * step_for(error)):g} in the study"
+        )
 
 
 def held_out_of(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:

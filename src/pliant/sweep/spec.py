@@ -72,7 +72,7 @@ class Sweep(BaseModel):
     fit: str | None = None  # of bootstrap and multi_start: which fit of the study; default the first
     duration: float = Field(4.0, gt=0)  # s
     rate: float = Field(75.0, gt=0)  # Hz, of what is kept
-    step: float = Field(1e-3, gt=0)  # s
+    step: float | None = Field(None, gt=0)  # s; none: what the model needs before its parameters vary, at most 1 ms
     block: float = Field(0.25, gt=0)  # s, of the blocks in which a bootstrap moves residuals
 
     @model_validator(mode="after")

@@ -51,6 +51,7 @@ def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
     """The tip of every sample against time, its highest deflection, and the parameters that made it."""
     from pliant.batch.batch import simulate_batch
     from pliant.simulation import Pulse
+    from pliant.simulation.time_step import shared_step
 
     sweep = campaign.sweep
     varied = table(sweep, first, last)
@@ -65,9 +66,10 @@ def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
         each = [{k: everything.pop(f"{c.name}.{k}", edges[k]) for k in PULSE} for c in campaign.model.chambers]
         pressures = [tuple(Pulse(*(float(own[k][i]) for k in PULSE)) for own in each) for i in range(count)]
     times = np.arange(round(sweep.duration * sweep.rate) + 1) / sweep.rate
+    step = sweep.step or shared_step([campaign.model])  # one for all chunks
     run = simulate_batch(
         campaign.model, pressures, parameters=everything or {"tip_mass": np.full(count, campaign.model.tip_mass)},
-        times=times, step=sweep.step, variables=("tip_position",), threads=campaign.threads, failures="mark",
+        times=times, step=step, variables=("tip_position",), threads=campaign.threads, failures="mark",
     )
     tip = run["tip_position"].values[:, :, -1]
     moved = np.linalg.norm(tip - tip[:, :1], axis=-1)

@@ -1,4 +1,4 @@
-"""A model that runs behind the live page: steps of a millisecond, pulled by hand, driven by sliders or a recording."""
+"""A model that runs behind the live page: in short steps, pulled by hand, driven by sliders or a recording."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
 from pliant.simulation import Stepper
 from pliant.simulation.balance import EnergyWarning
+from pliant.simulation.time_step import shared_step
 
 Array = np.ndarray
-STEP = 1e-3  # s
+SHORTEST = 1e-4  # s, of a step: a page cannot follow many more
 TINY = 1e-9  # s, that a sum of frames may lack of a step
 LATEST = 0.1  # s of motion that one frame of the page may catch up with
 WIDE = 1.959964  # standard errors to each side of a 95 % interval
@@ -89,6 +90,11 @@ def moves(model: Model, name: str, value: float) -> bool:
         return False
 
 
+def step_of(model: Model) -> float:
+    """Length of a step, s: what the model needs, as far as a page can follow."""
+    return max(shared_step([model]), SHORTEST)
+
+
 class Job(NamedTuple):
     """What a page asked for that takes a new stepper: numbers of the model, a start from rest, a recording."""
 
@@ -118,7 +124,7 @@ class Live:
     def __init__(self, played: Played) -> None:
         self.played = played
         self.model = played.model
-        self.stepper = Stepper(self.model, STEP)
+        self.stepper = Stepper(self.model, step_of(self.model))
         self.chambers = int(np.size(self.stepper.pressure))
         self.command = np.zeros(self.chambers)
         self.speed, self.debt, self.told = 1.0, 0.0, ""
@@ -168,7 +174,7 @@ class Live:
             model = apply(model, numbers)
             if "gravity" in job.changed:
                 model = model.with_(gravity=job.changed["gravity"])
-            return model, Stepper(model, STEP, pressure)
+            return model, Stepper(model, step_of(model), pressure)
         except (InputError, SimulationError) as error:
             return str(error)
 
@@ -204,8 +210,8 @@ class Live:
         self.debt = min(self.debt + self.speed * elapsed, LATEST)
         with catch_warnings():
             simplefilter("ignore", EnergyWarning)  # a hand that pulls brings energy
-            while self.debt >= STEP - TINY:
-                self.debt -= STEP
+            while self.debt >= self.stepper.length - TINY:
+                self.debt -= self.stepper.length
                 self.one()
 
     def one(self) -> None:
@@ -243,7 +249,7 @@ class Live:
         gap = np.clip(1e-3 * np.array([self.pull.x_mm, self.pull.y_mm]) - at, -m.length, m.length)
         self.force[:] = stiffness * gap
         push = chain.position_jacobian(x, hand).T @ self.force
-        self.stepper.velocity[:] += STEP * np.linalg.solve(chain.inertia(x), push)
+        self.stepper.velocity[:] += self.stepper.length * np.linalg.solve(chain.inertia(x), push)
 
     def frame(self) -> dict[str, Any]:
         """What the page draws now: mm, kPa, N."""
