@@ -30,6 +30,8 @@ HDF5 = {  # originals that are HDF5 -> a data set of theirs that an attack repla
 }  # fmt: skip
 HDF5_KINDS = ("attack", "attack", "pickle", "attribute", "size", "size")
 CAMERA = {"camera": {"rate_hz": 50.0, "pixels_per_mm": 4.0}}
+# mappings of the texts that need no camera
+TOLD = {"csv, angles": None, "lvm, LabVIEW": None, "csv, curvature": {"curvature_unit": "1/m"}}
 MARKER = Path(tempfile.gettempdir()) / "pliant_pickle_was_run"
 KINDS = ("bits", "bytes", "cut", "lose", "double", "swap", "number", "unit", "encoding", "append", "lines", "zeros")
 
@@ -110,11 +112,17 @@ def tracker_texts() -> dict[str, str]:
         f"{1e3 * t:.0f} {x:.3f} {y:.3f}" for t, (x, y) in zip(TIME, pixels[:, s], strict=True)))]  # fmt: skip
     points = [f"{t:.3f}\t{x:.3f}\t{y:.3f}" for t, (x, y) in zip(TIME, pixels[:, 2], strict=True)]
     angles = [f"{t:.3f};{20 * np.sin(t):.4f};{10 * t:.3f}" for t in TIME]
+    logged = [f"{t:.6f}\t{5 * t:.6f}\t{21 + t:.3f}" for t in TIME]
+    bends = [f"{t:.3f},{0.1 + np.sin(t):.5f},{np.sin(2 * t):.5f},{t:.5f}" for t in TIME]
     return {
         "csv, DeepLabCut": "\n".join([*scored, *rows, ""]),
         "txt, Kinovea": "\n".join(["#Kinovea Trajectory data export", "#T X Y", *paths, ""]),
         "txt, Tracker": "\n".join(["tip", "t\tx\ty", *points, ""]),
         "csv, angles": "\n".join(["time_s;angle_deg;pressure_kpa", *angles, ""]),
+        "lvm, LabVIEW": "\n".join([
+            "LabVIEW Measurement\t", "Separator\tTab", "X_Columns\tOne", "***End_of_Header***", "", "Channels\t2",
+            "Y_Unit_Label\tpsi\tDeg C", "***End_of_Header***", "X_Value\tChamber\tTemp\tComment", *logged, ""]),
+        "csv, curvature": "\n".join(["time_s,k_0,k_40,k_80", *bends, ""]),
     }
 
 
@@ -169,7 +177,7 @@ def originals(folder: Path) -> list[Original]:
         Original("nc, classic", ".nc", of("classic.nc"), None, False, False, False),
         Original("mat, plain", ".mat", of("plain.mat"), None, False, False, False),
         Original("mat, packed", ".mat", of("packed.mat"), None, True, False, False),
-        *(Original(name, f".{name[:3]}", text.encode(), None if name == "csv, angles" else CAMERA, False, False, True)
+        *(Original(name, f".{name[:3]}", text.encode(), TOLD.get(name, CAMERA), False, False, True)
           for name, text in tracker_texts().items()),
         *hdf5_originals(folder),
     ]
@@ -264,7 +272,7 @@ def _encoded(data: bytes, rng: np.random.Generator) -> bytes:
 
 def _cells(original: Original, lines: list[bytes], kind: str, rng: np.random.Generator) -> tuple[bytes, str, int]:
     """Columns swapped, or one number replaced."""
-    separator = {".csv": b",", ".tsv": b"\t", ".txt": b" "}[original.suffix]
+    separator = {".csv": b",", ".tsv": b"\t", ".lvm": b"\t", ".txt": b" "}[original.suffix]
     row = int(rng.integers(0, len(lines) - 1))
     cells = lines[row].split(separator)
     i, j = rng.integers(0, len(cells), 2)

@@ -25,6 +25,7 @@ from hostile_models import (
 )
 
 import pliant
+from pliant.exporters.fmu import compiled
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.registry import BUILT_IN, exporters
 from pliant.model import Model
@@ -148,6 +149,30 @@ def test_it_compiles_without_a_warning_and_its_binary_holds_no_byte_of_them(tmp_
     pliant.export(hostile_everywhere(plain_model(), *HOSTILE), "c99", tmp_path / "arm.c")
     subprocess.run(["cc", *flags, "arm.c", "-o", "arm.so", "-lm"], cwd=tmp_path, check=True)
     assert MARK.encode() not in (tmp_path / "arm.so").read_bytes()
+
+
+def strings(data: bytes) -> set[bytes]:
+    """Runs of ten printable bytes and more, without the token that tells one FMU from another."""
+    plain = re.sub(rb"\{[0-9a-f]{32}\}", b"", data)
+    return set(re.findall(rb"[ -~]{10,}", plain))
+
+
+@pytest.mark.parametrize("version", ["2.0", pytest.param("3.0", marks=pytest.mark.slow)])
+def test_the_binary_of_an_fmu_holds_no_byte_of_them(tmp_path, monkeypatch, version):
+    """Every text field of the model is hostile; the library differs from a calm model's in its token alone."""
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler (cc) is on the path")
+    monkeypatch.setattr("pliant.exporters.fmu.compiled", compiled)
+    libraries, others = [], []
+    for model in (plain_model(), hostile_everywhere(plain_model(), *HOSTILE)):
+        pliant.export(model, "fmu", tmp_path / "arm.fmu", fmi=version)
+        with zipfile.ZipFile(tmp_path / "arm.fmu") as archive:
+            held = {name: archive.read(name) for name in archive.namelist()}
+        libraries.append(next(held.pop(name) for name in list(held) if name.startswith("binaries/")))
+        others.append(b"".join(held.values()))
+    assert MARK.encode() in others[1], "the texts are in the archive, as comments and descriptions"
+    assert MARK.encode() not in libraries[1]
+    assert strings(libraries[1]) == strings(libraries[0])
 
 
 @pytest.mark.filterwarnings("ignore:Glyph:UserWarning")  # a font without a letter draws a box

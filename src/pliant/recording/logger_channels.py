@@ -75,7 +75,8 @@ def pressure_log(
     keep, repeats = without_repeats(time, file)
     values = np.stack([channels[n].values * pascal_per(u) for n, u in zip(names, units, strict=True)], axis=1)[keep]
     single = len(names) == 1 and options.chamber is None
-    left = [n for n in channels if n not in names]
+    read = set(names)
+    left = [n for n in channels if n not in read]
     told = [f"{len(left)} channel(s) of {file} are no pressure and were left out: {shorten(left)}"] if left else []
     try:
         return make_recording(

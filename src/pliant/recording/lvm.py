@@ -14,7 +14,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.recording.logger_channels import Channel, pressure_log
 from pliant.recording.registry import ENDINGS, Reader
-from pliant.recording.tables import parse_numbers, read_text
+from pliant.recording.tables import judge_end, parse_numbers, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,9 +40,8 @@ def read_lvm(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     facts, about = (entries(part, separator) for part in (lines[: ends[0]], lines[ends[0] + 1 : ends[1]]))
     names = [c.strip() for c in lines[ends[1] + 1].split(separator)] if ends[1] + 1 < len(lines) else []
     decimal, layout = (facts.get(key, [usual])[0] for key, usual in (("Decimal_Separator", "."), ("X_Columns", "One")))
-    table, rows = table_of(lines[ends[1] + 2 :], names, separator, decimal, path.name, ends[1] + 3)
+    table, told = table_of(lines[ends[1] + 2 :], names, separator, decimal, path.name, ends[1] + 3)
     channels = channels_of(table, names, about, layout, path.name)
-    told = [f"{rows} rows of {path.name} have a comment"] if rows else []
     return pressure_log(channels, mapping, path.name, told)
 
 
@@ -65,8 +64,8 @@ def separator_of(lines: list[str], file: str) -> str:
 
 def table_of(
     body: list[str], names: list[str], separator: str, decimal: str, file: str, first: int,
-) -> tuple[NDArray[np.float64], int]:
-    """Return the numbers (T, C) without the column of comments, and how many rows had a comment."""
+) -> tuple[NDArray[np.float64], list[str]]:
+    """Return the numbers (T, C) without the column of comments, and lines of history: rows with a comment, the end."""
     columns = len(names) - (names[-1:] == ["Comment"])
     if columns < 1:
         raise InputError(f"{file} names no columns after its second header: it may be cut")
@@ -77,7 +76,9 @@ def table_of(
         rows.append(separator.join(cells[:columns]) if line.strip() else "")
     if separator != "," and decimal == ",":
         rows = [row.replace(",", ".") for row in rows]
-    return parse_numbers(rows, name=file, first_line=first, delimiter=separator, columns=columns), comments
+    rows, told = judge_end(rows, separator, file)
+    told += [f"{comments} rows of {file} have a comment"] if comments else []
+    return parse_numbers(rows, name=file, first_line=first, delimiter=separator, columns=columns), told
 
 
 def channels_of(
