@@ -60,7 +60,7 @@ def defaults(text: Text) -> str:
 def start(text: Text, pressure: float, queue: int) -> str:
     """At rest under a pressure."""
     model, w = text.model, text.writer()
-    q = state.equilibrium(model, pressure if len(model.chambers) == 1 else np.full(len(model.chambers), pressure))
+    q = state.equilibrium(model, np.full(len(model.chambers), pressure))
     levels = np.full(len(model.chambers), pressure)
     values: dict[str, Array] = {
         "angle": mechanics_of(model).coordinates(q), "rate": np.zeros(model.n), "pressure": levels,

@@ -201,8 +201,7 @@ class Live:
 
     def restart(self, pressure: float) -> None:
         """Back to rest."""
-        start: Any = np.full(self.chambers, pressure) if self.chambers > 1 else pressure
-        self.stepper.reset(start)
+        self.stepper.reset(np.full(self.chambers, pressure))
         self.debt = 0.0
 
     def advance(self, elapsed: float) -> None:
@@ -220,8 +219,7 @@ class Live:
             self.play(self.record)
         try:
             self.push()
-            command: Any = self.command if self.chambers > 1 else float(self.command[0])
-            self.stepper.step(command)
+            self.stepper.step(self.command)
         except SimulationError as error:
             self.told, self.pull = f"{error} The body is back at rest.", None
             self.command[:] = self.by_hand[:] = 0.0
