@@ -24,7 +24,6 @@ from pliant.control.activity import command_activity, settling_time
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.mechanics import mechanics_of
 from pliant.model import load_model
-from pliant.simulation import state
 from pliant.testbed.plant import Plant
 
 MODELS = Path(__file__).parents[1] / "examples" / "control"
@@ -128,50 +127,23 @@ def spent(call, frames=1, calls=300):
 
 
 def speed():
-    """Time of a frame at the loop's period: filter or observer with memory, and the regulator; us."""
-    from pliant.compiler.choose import twin
-    from pliant.control import frame_loops
-    from pliant.estimation import default_noise
-    from pliant.estimation import kalman_loops as filter_loops
-    from pliant.estimation.offline import chain_of, observed_chain
-    from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
-    from pliant.estimation.workspace import make_workspace
+    """Time of a frame called from Python, with observer or filter, and of the regulator's step alone; us."""
+    found = {}
+    for estimator in ("observer", "filter"):
+        run = Loop("a", "a", True, time=[0.0], displacement=[STEP], duration=1.0, estimator=estimator)
+        run.go(0.3)
+        seen, control, angles = run.ready.estimator, run.ready.control, run.ready.link_angles
+        points, now = run.plant.advance(0.0).shape, [0.3]
 
-    run = Loop("a", "a", True, time=[0.0], displacement=[STEP], duration=1.0)
-    run.go(0.3)
-    seen, control, lead = run.ready.estimator, run.ready.control, run.ready.trajectory.lead[9]
-    points, now = run.plant.advance(0.0).shape, [0.3]
-    regulator = control.law.inputs(6e4, np.zeros(2), lead)
-    observer = seen.inputs(run.ready.link_angles.frame(points).values)
-    many = twin(frame_loops.many_followed, seen.model.n)
-    many(1, observer, regulator)
-    found = {"observer_lqr_us": spent(lambda: many(50, observer, regulator), 50)}
+        def frame(seen=seen, control=control, angles=angles, points=points, now=now):
+            now[0] += PERIOD
+            seen.push_pressure(now[0], 6e4)
+            seen.push_frame(now[0], *angles.frame(points))
+            control.step(now[0], seen.state(now[0]), 6e4)
 
-    def frame():
-        now[0] += PERIOD
-        seen.push_pressure(now[0], 6e4)
-        seen.push_frame(now[0], *run.ready.link_angles.frame(points))
-        control.step(now[0], seen.state(now[0]), 6e4)
-
-    found["observer_lqr_python_us"] = spent(frame, calls=3000)
-    body, n, noise = seen.model, seen.model.n, default_noise(seen.model)
-    rows, P = np.array([(filter_loops.JOINT, i, 0.0, 0.0) for i in range(n)]), noise.initial(body)
-    rest = np.zeros(n)
-    state_of = FilterState(mechanics_of(body).coordinates(rest), np.zeros(n), np.zeros(n), P, state.relaxed(body, rest))
-    frame_of = FilterFrame(
-        body.base_angle, observed_chain(body), rows, body.rest_angle.copy(), np.full(n, 1e-6), np.empty(n)
-    )
-    kernels = frame_loops.many_filtered, frame_loops.filter_and_steer
-    many, one = (twin(kernel, n) for kernel in kernels)
-    for name, steps, span in (("filter_lqr", 1, PERIOD), ("filter_lqr_75hz_3_steps", 3, 1 / 75)):
-        prediction = Prediction(steps, span / steps, np.full(n, 0.05), FilterNoise(*noise.densities(body), np.zeros(1)))
-        call = (state_of, np.zeros(n), (chain_of(body), seen.body), prediction, frame_of, regulator,
-                make_workspace(body, P.shape[0], n))  # fmt: skip
-        many(1, *call)
-        found[f"{name}_us"] = spent(lambda call=call: many(50, *call), 50)
-        one(*call)
-        found[f"{name}_python_us"] = spent(lambda call=call: one(*call), calls=3000)
-    return found
+        found[f"{estimator}_lqr_us"] = spent(frame, calls=3000)
+    known = seen.state(now[0])
+    return found | {"lqr_step_us": spent(lambda: control.step(now[0], known, 6e4), calls=3000)}
 
 
 def figure(traces, path):

@@ -9,10 +9,9 @@ import pytest
 
 from pliant.actuators import chen2018
 from pliant.control import Limits, SupplyValve, Task, Tuning, design_lqr, equilibria, prepare_control
-from pliant.control.lqr import with_integral
 from pliant.control.model_plant import ModelPlant
 from pliant.linear import linearise
-from pliant.linear.sampled import loop_curve, sample
+from pliant.linear.sampled import Sampled, loop_curve, sample
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.model import load_model
 from pliant.testbed.plant import Plant
@@ -61,11 +60,11 @@ def settled(moved, level):
 
 @pytest.fixture(scope="module")
 def reached():
-    """The step of 25 mm on b with perfect sensors, then a push of 50 mN at the cap for half a second, then none."""
+    """The step of 25 mm on b with perfect sensors, then a push of 50 mN at the cap for 0.64 s, then none."""
     run = Run("b", perfect=True)
     parts = [run.go(1.0)]
     run.plant.push(0.05)
-    parts.append(run.go(0.6))
+    parts.append(run.go(0.64))
     run.plant.push(0.0)
     parts.append(run.go(0.6))
     return run, parts
@@ -111,7 +110,7 @@ def test_predictive_control_follows_the_trajectory():
     pytest.importorskip("osqp", reason="the extra mpc is not installed")
     run = Run("a", perfect=True, feedback="mpc", duration=0.6)
     moved, command = run.go(0.6)
-    law = run.ready.control.law
+    law = run.ready.control
     assert (run.loop.watchdog.fault, law.failed) == ("", 0)
     assert settled(moved, 0.025) < 0.25
     assert command.min() >= 0.0
@@ -146,7 +145,7 @@ def test_prediction_finds_a_command_in_every_period(slew, planned):
         body, Limits(HIGHEST, slew), feedback="mpc", time=[0.1], displacement=[level], duration=0.8, planned=planned,
     )
     assert (ready.control.failed, ready.control.fault, loop.watchdog.fault) == (0, "", "")
-    assert ready.control.law.solved == 199  # no frame has come in the first period
+    assert ready.control.solved == 199  # no frame has come in the first period
     assert np.abs(moved[-50:] - level).max() < 1.5e-4
     assert np.abs(np.diff(command, prepend=0.0)).max() <= slew * PERIOD * (1 + 1e-9)
     assert command.min() >= 0.0
@@ -188,22 +187,39 @@ def test_the_filter_closes_the_loop(body, perfect, bound):
 def test_margins_are_told(reached):
     design = reached[0].design
     assert "phase margin" in str(design)
-    assert all(m.phase_deg > 40 and m.modulus > 0.6 for m in design.margins)
-    assert (design.slowest < 1.0).all()
+    told = [m for each in design.margins.values() for m in each]
+    assert all(m.phase_deg > 40 and m.modulus > 0.6 for m in told)
+    assert design.least_margins.phase_deg == min(m.phase_deg for m in told)
+    for gains in design.gains:
+        assert np.abs(np.linalg.eigvals(gains.A - gains.B @ gains.K)).max() <= 1.0 + 1e-9  # one integral stays
 
 
 @pytest.mark.parametrize("latency", [0.0, PERIOD, 2.25 * PERIOD])
 def test_a_loop_ends_where_its_margins_say(latency):
     """The curve against direct solves; and the gain upwards that makes the loop unstable, often at half the rate."""
     design = design_lqr(chen2018.model(), 190e3, PERIOD, latency=latency, grid=5)
-    for p, gain, told in zip(design.pressure, design.gain, design.margins, strict=True):
-        linear = linearise(design.model, float(p))
-        plant = with_integral(linear, sample(linear, PERIOD, latency), design.equilibria.at(p)[2], PERIOD)
-        curve = loop_curve(plant, gain, PERIOD, 50)
+    assert list(design.margins) == [0, 1, 2, 3, 4]
+    for gains, (told,) in zip(design.gains, design.margins.values(), strict=True):
+        A, B, K = gains.A, gains.B, gains.K[0]
+        curve = loop_curve(Sampled(A, B, (0,)), K, PERIOD, 50)
         z = np.exp(1j * curve.omega * PERIOD)[:, None, None]
-        states = np.linalg.solve(z * np.eye(len(gain)) - plant.A, plant.B.astype(complex))[..., 0]
-        np.testing.assert_allclose(curve.value, states @ gain, rtol=1e-9)
+        states = np.linalg.solve(z * np.eye(len(A)) - A, B.astype(complex))[..., 0]
+        np.testing.assert_allclose(curve.value, states @ K, rtol=1e-9)
         bound = 10 ** (told.gain_db / 20)
         for factor, holds in ((0.99, True), (1.01, False)):
-            closed = plant.A - factor * bound * plant.B * gain
-            assert (np.abs(np.linalg.eigvals(closed)).max() < 1.0) == holds
+            size = np.sort(np.abs(np.linalg.eigvals(A - factor * bound * B * K)))
+            assert (size[-1] < 1.0 + 1e-9) == holds  # one integral is not driven
+
+
+def test_the_sampled_model_of_a_gain_is_the_linear_one():
+    """State and input of the regulator against `sample`, pressures in kPa, and the integral of the tip's error."""
+    design = design_lqr(chen2018.model(), 190e3, PERIOD, latency=PERIOD, grid=3)
+    for gains, p in zip(design.gains, design.pressure[:, 0], strict=True):
+        linear = linearise(design.model, float(p))
+        plant, n = sample(linear, PERIOD, PERIOD), design.model.n
+        N = plant.A.shape[0]
+        unit = np.where(np.arange(N) < 2 * n, 1.0, 1e3)
+        np.testing.assert_allclose(gains.A[:N, :N], plant.A * unit / unit[:, None], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(gains.B[:N], plant.B * 1e3 / unit[:, None], rtol=1e-9, atol=1e-12)
+        rows = np.array([linear.row("tip_x"), linear.row("tip_y")])
+        np.testing.assert_allclose(gains.A[N:, : rows.shape[1]], PERIOD * rows, atol=1e-15)

@@ -10,8 +10,8 @@ from scipy.optimize import root
 
 from pliant.control import (
     Limits,
+    Lqr,
     Mpc,
-    OutputLqr,
     Pipeline,
     Task,
     design_outputs,
@@ -97,7 +97,7 @@ def test_steady_inputs_bend_and_lengthen():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [OutputLqr, Mpc])
+@pytest.mark.parametrize("kind", [Lqr, Mpc])
 def test_the_tip_goes_where_bending_alone_does_not_lead(kind):
     """From rest to 12 mm further out, then to the side at that length; the state is known."""
     body = pair()
@@ -128,7 +128,7 @@ def test_a_filter_and_a_regulator_make_up_for_an_unlike_body(tmp_path):
     start, wanted = plant.tip, tip_at(model, [8e4, 3e4]) - tip_at(model, [0.0, 0.0])
     rows, variance = rows_of(model, model.points), np.full(6, 2e-4**2)
     seeing = KalmanFilter(model, time=-np.inf)
-    law = OutputLqr(design_outputs(model, BOTH, wanted[None], LIMITS, PERIOD), LIMITS)
+    law = Lqr(design_outputs(model, BOTH, wanted[None], LIMITS, PERIOD), LIMITS)
     pipeline = Pipeline(lambda shape: Frame(rows, shape.ravel(), variance), seeing, law)
     arm, log = VirtualActuator(plant, clock), LoopLog(tmp_path / "log.csv", log_columns(3, 2, BOTH))
     loop = ControlLoop([arm], arm, pipeline, Watchdog(Bounds(1.3e5)), PERIOD, clock, log)

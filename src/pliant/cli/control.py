@@ -160,7 +160,7 @@ def settling(done: Done) -> list[float | None]:
 
 def unmodelled(done: Done) -> list[str]:
     """A sentence where the model holds no valve."""
-    valves = [c.valve for c in done.prepared.design.model.chambers]
+    valves = [c.valve for c in done.prepared.body.chambers]
     return [] if any(v.natural_frequency or v.rise_time for v in valves) else [NO_VALVE]
 
 

@@ -1,28 +1,29 @@
 """Control by one pressure or several: shaping, feedforward, PI-D, linear-quadratic and predictive control."""
 
-from pliant.control.contract import Controller, ControllerKind, Pipeline, Plan, Task
+from pliant.control.contract import Controller, ControllerKind, Pipeline
+from pliant.control.design import LqrDesign, design_lqr, design_outputs
 from pliant.control.equilibria import Equilibria, equilibria
 from pliant.control.feedforward import Feedforward
 from pliant.control.limits import Limits
-from pliant.control.lqr import Lqr, LqrDesign, Tuning, design_lqr
-from pliant.control.mpc import Mpc, MpcTuning
-from pliant.control.output_control import OutputLqr
-from pliant.control.output_design import OutputDesign, design_outputs
-from pliant.control.pid import Pid, PidTuning
+from pliant.control.lqr import Lqr
+from pliant.control.mpc import Mpc
+from pliant.control.pid import Pid
+from pliant.control.plan import Plan, SetPoint, Task
 from pliant.control.preparation import Prepared, prepare_control
 from pliant.control.registry import controllers
-from pliant.control.setpoint import Course, SetPoint
+from pliant.control.rehearsal import Rehearsal
 from pliant.control.shaping import Shaper, shaper
 from pliant.control.steady_inputs import steady_inputs
 from pliant.control.task import TaskFile, read_task
 from pliant.control.trajectory import Planner, Trajectory
+from pliant.control.tuning import MpcTuning, PidTuning, Tuning
 from pliant.control.valve import SupplyValve, ValveFit, ValveRun, identify_valve, supply_of, valve_answer
 from pliant.control.valve_states import ValveObserver
 
 __all__ = [
-    "Controller", "ControllerKind", "Course", "Equilibria", "Feedforward", "Limits", "Lqr", "LqrDesign", "Mpc",
-    "MpcTuning", "OutputDesign", "OutputLqr", "Pid", "PidTuning", "Pipeline", "Plan", "Planner",
-    "Prepared", "SetPoint", "Shaper", "SupplyValve", "Task", "TaskFile", "Trajectory", "Tuning", "ValveFit",
-    "ValveObserver", "ValveRun", "controllers", "design_lqr", "design_outputs", "equilibria", "identify_valve",
-    "prepare_control", "read_task", "shaper", "steady_inputs", "supply_of", "valve_answer",
+    "Controller", "ControllerKind", "Equilibria", "Feedforward", "Limits", "Lqr", "LqrDesign", "Mpc", "MpcTuning",
+    "Pid", "PidTuning", "Pipeline", "Plan", "Planner", "Prepared", "Rehearsal", "SetPoint", "Shaper", "SupplyValve",
+    "Task", "TaskFile", "Trajectory", "Tuning", "ValveFit", "ValveObserver", "ValveRun", "controllers", "design_lqr",
+    "design_outputs", "equilibria", "identify_valve", "prepare_control", "read_task", "shaper", "steady_inputs",
+    "supply_of", "valve_answer",
 ]

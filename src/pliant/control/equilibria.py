@@ -67,6 +67,10 @@ class Equilibria:
             )
         return float(np.interp(displacement, far[:rising], self.pressure[:rising]))
 
+    def moved(self, displacement: Array) -> Array:
+        """Changes (K, 2) of the tip from its rest without pressure to those `displacement` (K,) [m] away."""
+        return np.array([self.at(self.pressure_for(float(d)))[1] for d in displacement]) - self.tip[0]
+
     def at(self, pressure: float) -> tuple[Array, Array, Array]:
         """Angles (n,), tip (2,) and direction (2,) at the rest under a pressure, straight between the grid's."""
         p = float(np.clip(pressure, self.pressure[0], self.pressure[-1]))

@@ -1,99 +1,143 @@
-"""The arithmetic of one control step, compiled.
-
-Records of `symbols` are taken apart by position, so that plain tuples do as well: Python hands those over faster.
-"""
+"""The arithmetic of one control step, compiled: the regulator in two parts, and the valve of a rig."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from pliant.control.symbols import COMMAND, DIRECTION, ERROR, HOLD, INTEGRAL, SATURATED, SEEN, TIP, WISH
+KILO = 1e3  # pressures of the state and commands of the gains are in kPa
 
 
-def between(grid, value):
-    """Index k and share b of a value between grid[k] and grid[k + 1]; held at the ends of the grid."""
-    k = 0
-    while k < len(grid) - 2 and value >= grid[k + 1]:
-        k = k + 1
-    b = (value - grid[k]) / (grid[k + 1] - grid[k])
-    return k, min(1.0, max(0.0, b))
+def look(gains, row, geometry, known, rules, resting, memory):
+    """Compare the state with what is wanted, and find the regulator's commands before their limits.
 
-
-def feedback(schedule, aim, seen, lead, memory):
-    """Command of a gain-scheduled state feedback before its limits; Pa.
-
-    Gains and rests are interpolated between the pressures of the schedule. The state is that of body and valve, the
-    commands on their way and the integral of the tip's error. Where the joints' rest angles are off by a shift, another
-    pressure brings the tip to where the model rests at `aim.target`: out[HOLD]; angles, valve and commands are
-    deviations from the rest there, less those of a trajectory, `lead` (N,), whose last entry is added to the command.
-    Where the body turns as if under `aim.scale` times the pressure, pressures are counted so often and the command is
-    divided by it. out[WISH] takes the command, out[TIP:] the tip [m] at the rest and out[DIRECTION:] that of its path.
+    `gains` are (K, slope, inverse, driven, row) of `Gains`, `row` those of an `LqrDesign` for this period, `geometry`
+    of `tip_geometry`. `memory` (commands on their way, integrals, last commands, errors, shifts, pressures that make up
+    for the shifts, deviations of the state, commands) takes the last five. Where the joints' rest angles are off by a
+    shift, other pressures bring the outputs to their places; where the body turns as if under `scale` times the
+    pressure, pressures are counted so often and the commands are divided by it.
     """
-    gains, grid, rest_angle, rest_tip, direction, tip_by_angle, tip_by_pressure = schedule
-    target, scale, _lead_tip = aim
-    angle, rate, shift, valve = seen
-    waiting, held, out = memory
-    k, b = between(grid, target)
-    a = 1.0 - b
+    K, slope, inverse, _driven, by_position = gains
+    pressure, lead, position, beside, wanted, still = row
+    angle, rate, rest_shift, strain, strain_rate, strain_shift, scale, behind = known
+    weight = rules[4]
+    queue, integral, _command, error, turn, more, away, wish = memory
     n = len(angle)
-    moved = 0.0
-    turn = 0.0
-    for i in range(n):
-        turn = turn + shift[i]
-        moved = moved + (a * tip_by_angle[k, i] + b * tip_by_angle[k + 1, i]) * turn
-    hold = target - moved / (a * tip_by_pressure[k] + b * tip_by_pressure[k + 1])
-    j, d = between(grid, hold)
-    c = 1.0 - d
+    size = n + len(strain)
+    outputs(angle, strain, geometry, error)
+    for j in range(len(error)):
+        error[j] = error[j] - still[j] - wanted[j]
     total = 0.0
-    turn = 0.0
     for i in range(n):
-        turn = turn + shift[i]
-        rest = c * rest_angle[j, i] + d * rest_angle[j + 1, i] + turn
-        total = total + (a * gains[k, i] + b * gains[k + 1, i]) * (angle[i] - rest - lead[i])
-        total = total + (a * gains[k, n + i] + b * gains[k + 1, n + i]) * (rate[i] - lead[n + i])
-    base = 2 * n
-    offset = hold
-    for i in range(len(valve)):
-        off = scale * valve[i] - offset - lead[base + i]
-        total = total + (a * gains[k, base + i] + b * gains[k + 1, base + i]) * off
-        offset = 0.0
-    base = base + len(valve)
-    for i in range(len(waiting)):
-        off = scale * waiting[i] - hold - lead[base + i]
-        total = total + (a * gains[k, base + i] + b * gains[k + 1, base + i]) * off
-    base = base + len(waiting)
-    total = total + (a * gains[k, base] + b * gains[k + 1, base]) * held[INTEGRAL]
-    out[HOLD] = hold / scale
-    out[WISH] = (hold + lead[len(lead) - 1] - total) / scale
-    for i in range(2):
-        out[TIP + i] = a * rest_tip[k, i] + b * rest_tip[k + 1, i]
-        out[DIRECTION + i] = a * direction[k, i] + b * direction[k + 1, i]
+        total = total + rest_shift[i]
+        turn[i] = total
+        away[i] = angle[i]
+        away[size + i] = rate[i]
+    for i in range(n, size):
+        turn[i] = strain_shift[i - n]
+        away[i] = strain[i - n]
+        away[size + i] = strain_rate[i - n]
+    for c in range(len(more)):
+        more[c] = 0.0
+        for j in range(len(weight)):
+            moved = 0.0
+            for i in range(size):
+                moved = moved + by_position[j, i] * turn[i]
+            more[c] = more[c] - inverse[c, j] * weight[j] * moved
+    fill(away, 2 * size, scale / KILO, behind, queue, integral)
+    for i in range(size):
+        away[i] = away[i] - position[i] - turn[i]
+        for c in range(len(more)):
+            away[i] = away[i] - slope[i, c] * more[c]
+    ask((K, pressure, lead, beside, resting), scale, more, away, wish)
 
 
-def steer(law, aim, seen, lead, memory):
-    """One step of the linear-quadratic regulator: feedback, limits, integral action without windup; the command, Pa."""
-    schedule, geometry, rules = law
-    link_length, x0, y0, sign = geometry
-    highest, slew, period, band = rules
-    waiting, held, out = memory
-    feedback(schedule, aim, seen, lead, memory)
-    tip_of(seen[0], link_length, x0, y0, out)
-    error = (sign * out[SEEN] - out[TIP]) * out[DIRECTION] + (out[SEEN + 1] - out[TIP + 1]) * out[DIRECTION + 1]
-    error = error - aim[2]
-    wish = out[WISH]
-    command = within(wish, held[COMMAND], highest, slew * period)
-    if command != wish:
-        held[SATURATED] = held[SATURATED] + 1.0
-    if (wish - command) * error >= 0.0:  # at a limit, only what leads away from it is summed up
-        share = band / max(abs(error), 1e-12)
-        held[INTEGRAL] = held[INTEGRAL] + min(1.0, share * share) * error * period
-    for i in range(len(waiting) - 1, 0, -1):
-        waiting[i] = waiting[i - 1]
-    if len(waiting) > 0:
-        waiting[0] = command
-    held[COMMAND] = command
-    held[ERROR] = error
-    return command
+def fill(away, first, scale, behind, queue, integral):
+    """Put the states of the valves, commands on their way and integrals into the state (N,), from `first` on."""
+    for i in range(len(behind)):
+        away[first + i] = scale * behind[i]
+    first = first + len(behind)
+    for i in range(len(queue)):
+        away[first + i] = scale * queue[i]
+    first = first + len(queue)
+    for j in range(len(integral)):
+        away[first + j] = integral[j]
+
+
+def ask(row, scale, more, away, wish):
+    """Take what is wanted from the state (N,), and find the commands (C,) [Pa] of the regulator."""
+    K, pressure, lead, beside, resting = row
+    for i in range(len(away)):
+        away[i] = away[i] - beside[i]
+        for c in range(len(more)):
+            away[i] = away[i] - resting[i, c] * (pressure[c] + more[c]) / KILO
+    for c in range(len(more)):
+        total = lead[c]
+        for i in range(len(away)):
+            total = total - K[c, i] * away[i]
+        wish[c] = (pressure[c] + more[c] + KILO * total) / scale
+
+
+def outputs(angle, strain, geometry, out):
+    """Outputs at absolute angles (n,) and strains (S,): tip x, tip y [m] or the last link's angle, as `which` says."""
+    length, share, x0, y0, sign, which = geometry
+    x = 0.0
+    y = 0.0
+    for i in range(len(length)):
+        stretch = 1.0
+        for s in range(len(strain)):
+            stretch = stretch + share[i, s] * strain[s]
+        if i == 0:
+            x = x0 * stretch
+            y = y0 * stretch
+        else:
+            x = x - length[i] * stretch * np.sin(angle[i - 1])
+            y = y + length[i] * stretch * np.cos(angle[i - 1])
+    for j in range(len(out)):
+        if which[j] == 0:
+            out[j] = sign * x
+        elif which[j] == 1:
+            out[j] = y
+        else:
+            out[j] = angle[len(angle) - 1]
+
+
+def finish(gains, rules, memory):
+    """Bring the commands within their limits, sum up the errors without windup, and put the commands on their way.
+
+    Returns whether a limit changed a command. At a limit, only what leads away from it is summed up.
+    """
+    K, _slope, _inverse, driven, _row = gains
+    highest, reach, band, period, weight, waiting = rules
+    queue, integral, command, error, _turn, _more, _away, wish = memory
+    m = len(weight)
+    first = K.shape[1] - m
+    far = 0.0
+    for j in range(m):
+        part = 0.0
+        for i in range(m):
+            part = part + driven[j, i] * weight[i] * error[i]
+        far = far + part * part
+    share = min(1.0, band * band / far) if far > 0.0 else 1.0
+    met = False
+    left = 0.0
+    place = 0
+    for c in range(len(command)):
+        sent = within(wish[c], command[c], highest[c], reach)
+        met = met or sent != wish[c]
+        for j in range(m):
+            for i in range(m):
+                left = left + (wish[c] - sent) * K[c, first + j] * driven[j, i] * weight[i] * error[i]
+        for i in range(waiting[c] - 1, 0, -1):
+            queue[place + i] = queue[place + i - 1]
+        if waiting[c] > 0:
+            queue[place] = sent
+        place = place + waiting[c]
+        command[c] = sent
+    if left >= 0.0:
+        for j in range(m):
+            for i in range(m):
+                integral[j] = integral[j] + share * period * driven[j, i] * weight[i] * error[i]
+    return met
 
 
 def within(command, before, highest, reach):
@@ -110,15 +154,6 @@ def within(command, before, highest, reach):
     if command > before + reach:
         command = before + reach
     return command
-
-
-def tip_of(angle, link_length, x0, y0, out):
-    """Tip of the last link from absolute angles (n,), m, before any mirror, into out[SEEN:]."""
-    out[SEEN] = x0
-    out[SEEN + 1] = y0
-    for i in range(len(angle)):
-        out[SEEN] = out[SEEN] - link_length[i] * np.sin(angle[i])
-        out[SEEN + 1] = out[SEEN + 1] + link_length[i] * np.cos(angle[i])
 
 
 def regulate(command, h, rise, fall, damping, held, out):
@@ -148,7 +183,8 @@ def regulate(command, h, rise, fall, damping, held, out):
 def follow_valve(asked, seen, valve, held, command, out):
     """As `regulate` under one command [Pa], len(command) steps, then corrected by a gauge's reading [Pa] if finite.
 
-    `valve` is a `SupplyNumbers`, `held` (2,) the pressure and its rate, `command` and `out` are workspace.
+    `valve` are (h, rise, fall, damping, gain): step [s], rad/s while it fills and empties, damping ratio, and gain (2,)
+    of the gauge; `held` (2,) the pressure and its rate, `command` and `out` are workspace.
     """
     h, rise, fall, damping, gain = valve
     for k in range(len(command)):

@@ -14,7 +14,7 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.control import horizon_loops
-from pliant.control.output_design import OutputDesign
+from pliant.control.design import LqrDesign
 from pliant.control.valve import SupplyValve, supply_of
 from pliant.estimation.contract import State
 from pliant.linear.linearisation import behind_valve
@@ -47,14 +47,14 @@ class Horizon:
 
     Parameters
     ----------
-    design : OutputDesign
+    design : LqrDesign
         Its model, valves, period and latency count.
     stage : int
         Periods between two nodes.
     nodes : int
     """
 
-    def __init__(self, design: OutputDesign, stage: int, nodes: int) -> None:
+    def __init__(self, design: LqrDesign, stage: int, nodes: int) -> None:
         model, self.period = design.model, design.period
         self.model, self.stage, self.nodes, self.chambers = model, stage, nodes, len(model.chambers)
         self.periods = stage * (nodes - 1) + 1

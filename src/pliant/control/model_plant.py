@@ -107,7 +107,8 @@ class ModelPlant:
 
     def displace(self, change: Array) -> None:
         """Change angles and strains (n + S,) at once, as a hand that lets go of the body does."""
-        self._stepper.position[:] += change
+        saved = self._stepper.snapshot()
+        self._stepper.restore(saved._replace(angle=saved.angle + change))
 
     def _behind(self, c: int, asked: float) -> float:
         """Mean pressure [Pa] that the stepper takes of a chamber over a step, from a command [Pa]."""

@@ -10,18 +10,17 @@ Sources: Diehl, Bock and Schloeder, SIAM J. Control Optim. 43(5), 2005 (real-tim
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from pliant.control.contract import ControllerKind
+from pliant.control.design import LqrDesign
+from pliant.control.gains import SQUARE
 from pliant.control.horizon import Ahead, Horizon
 from pliant.control.limits import Limits
-from pliant.control.output_control import OutputLqr, Present
-from pliant.control.output_design import OutputDesign
-from pliant.control.output_gains import SQUARE
+from pliant.control.lqr import Lqr, Present
 from pliant.control.quadratic_program import QuadraticProgram
 from pliant.control.steady_inputs import output_rates, output_values
-from pliant.errors import InputError
+from pliant.control.tuning import MpcTuning
 from pliant.estimation.contract import State
 from pliant.linear.sampled import KILO
 
@@ -29,35 +28,15 @@ Array = np.ndarray
 MILLI = SQUARE**0.5  # errors are counted in mm, pressures in kPa
 
 
-@dataclass(frozen=True)
-class MpcTuning:
-    """Horizon of the predictive control; its weights are those of the regulator, `Tuning`.
-
-    Parameters
-    ----------
-    stage : float
-        Time between two nodes of the plan, s; commands are straight between them. Rounded to whole periods.
-    stages : int
-        Nodes of the plan, for each chamber.
-    """
-
-    stage: float = 0.012
-    stages: int = 16
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.stage) and self.stage > 0 and self.stages >= 2):
-            raise InputError(f"predictive control needs a stage > 0 s and two stages or more, got {self}")
-
-
-class Mpc(OutputLqr):
-    """Predictive control of an `OutputDesign` within its limits.
+class Mpc(Lqr):
+    """Predictive control of an `LqrDesign` within its limits.
 
     A period whose quadratic program was not solved is a fault: it is counted, `fault` says so until a later one is
     solved, and meanwhile the last plan is followed, within the limits.
 
     Parameters
     ----------
-    design : OutputDesign
+    design : LqrDesign
     limits : Limits
     tuning : MpcTuning, optional
 
@@ -70,8 +49,6 @@ class Mpc(OutputLqr):
     program : QuadraticProgram
     solved, failed : int
         Periods whose quadratic program was solved, and was not.
-    period : int
-        Row of the design that the last step took its wishes from.
     fault : str
         Why the command of the last period is that of an earlier plan, in one sentence; empty where it is not.
 
@@ -81,14 +58,13 @@ class Mpc(OutputLqr):
         When OSQP is missing.
     """
 
-    def __init__(self, design: OutputDesign, limits: Limits, tuning: MpcTuning | None = None) -> None:
+    def __init__(self, design: LqrDesign, limits: Limits, tuning: MpcTuning | None = None) -> None:
         self.tuning = tuning or MpcTuning()
         super().__init__(design, limits)
         J, C, stage = self.tuning.stages, self.chambers, max(1, round(self.tuning.stage / design.period))
         self.horizon = Horizon(design, stage, J)
-        moves = design.path and len(design.at) > 1
-        self._speed, self._growth, self._turn = (
-            np.gradient(rows, design.period, axis=0) if moves else 0.0 * rows
+        self._speed, self._growth, self._rates = (
+            speeds(rows, design.period) if design.path and len(rows) > 2 else 0.0 * rows
             for rows in (design.wanted, design.pressure, design.angle)
         )  # of the outputs, the steady pressures and the angles, per second
         steps = np.kron(np.eye(J) - np.eye(J, k=-1), np.eye(C))  # from the command before to the first node, and on
@@ -100,15 +76,14 @@ class Mpc(OutputLqr):
     def reset(self) -> None:
         """Start anew from no pressure."""
         super().reset()
-        self.solved, self.failed, self.fault, self.period = 0, 0, "", 0
+        self.solved, self.failed, self.fault = 0, 0, ""
         self.plan, self.age = np.zeros((self.tuning.stages, self.chambers)), 0
 
-    def _wish(self, now: Present, state: State) -> Array:
-        """Commands (C,) [Pa] of the plan for this period."""
-        self.period = now.k
-        self.age += 1
+    def _wish(self, now: Present, state: State) -> None:
+        """Commands (C,) [Pa] of the plan for this period, into `_wishes`."""
+        self.age, self._before = self.age + 1, self.command.copy()
         last = self._within(self.horizon.later(self.plan, self.age))
-        ahead = self.horizon.predict(state, now.valves, self._waiting, last)
+        ahead = self.horizon.predict(state, self._parts, self._waiting, last)
         H, g = self._cost(now, state, ahead)
         start = last.ravel() / KILO
         before = np.zeros(len(self._steep))
@@ -120,10 +95,11 @@ class Mpc(OutputLqr):
                 f"the quadratic program of the predictive control was not solved ({self.program.status}): the last "
                 "plan is followed"
             )
-            return last[0]
+            self._wishes[:] = last[0]
+            return
         self.solved, self.fault, self.age = self.solved + 1, "", 0
         self.plan = self._within(KILO * found.reshape(last.shape))
-        return self.plan[0].copy()
+        self._wishes[:] = self.plan[0]
 
     def _within(self, plan: Array) -> Array:
         """The plan within the limits: of pressure, and of slew from the last command on."""
@@ -135,10 +111,12 @@ class Mpc(OutputLqr):
             reach = self._reach * self.horizon.stage
         return out
 
-    def _met(self, wish: Array, low: Array, high: Array) -> Array:
-        """Which commands (C,) lie at a limit: a plan never lies beyond."""
-        edge = 1e-6 * self._highest
-        return (wish <= np.maximum(low, 0.0) + edge) | (wish >= np.minimum(high, self._highest) - edge)
+    def _met(self, met: bool) -> bool:
+        """Whether a command lies at a limit: a plan never lies beyond."""
+        del met
+        before, edge = self._before, 1e-6 * self._highest
+        low, high = np.maximum(before - self._reach, 0.0), np.minimum(before + self._reach, self._highest)
+        return bool(((self._wishes <= low + edge) | (self._wishes >= high - edge)).any())
 
     def _cost(self, now: Present, state: State, ahead: Ahead) -> tuple[Array, Array]:
         """Hessian (Z, Z) and slope (Z,) at the plan that `ahead` predicts, commands in kPa.
@@ -201,7 +179,7 @@ class Mpc(OutputLqr):
     def _integrals(self, now: Present, y: Array, dy: Array) -> tuple[Array, Array]:
         """Integrals (K, m) [m s] of the errors (K, m) at the ends of the periods; their derivatives (K, m, Z)."""
         driven, period = now.gains.driven, self.design.period
-        start = (driven @ (self._weight * self.error))[None]
+        start = (driven @ (self._weight * self._off))[None]
         error = np.concatenate([start, y[:-1] @ driven.T])  # at the beginnings of the periods
         moved = np.concatenate([np.zeros((1, *dy.shape[1:])), driven @ dy[:-1]])
         return self._integral + period * np.cumsum(error, axis=0), period * np.cumsum(moved, axis=0)
@@ -217,9 +195,18 @@ class Mpc(OutputLqr):
         rest = self._rest(row, design.gains[design.at[row]], now.turn, now.more)
         rest += design.resting @ (after * self._growth[row]) / KILO
         n = design.model.size
-        rest[:n] += after * self._turn[row]
-        rest[n : 2 * n] = self._moves(now.k) * self._turn[row]
+        rest[:n] += after * self._rates[row]
+        rest[n : 2 * n] = self._moves(now.k) * self._rates[row]
         pressures = scale * np.concatenate([ahead.valve, ahead.waiting]) / KILO
         full = np.concatenate([ahead.position[-1], ahead.rate[-1], pressures, integral[0]])
         by_pressure = scale * np.concatenate([ahead.valve_slope, ahead.waiting_slope])
         return full - rest, np.concatenate([KILO * ahead.slope[-1], by_pressure, integral[1]])
+
+
+def speeds(rows: Array, period: float) -> Array:
+    """Changes per second of rows (K, ...) along a path; the last row, which is held, takes that of the one before."""
+    found = np.gradient(rows[:-1], period, axis=0)
+    return np.concatenate([found, found[-1:]])
+
+
+CONTROLLER = ControllerKind("mpc", lambda plan: Mpc(plan.design, plan.limits, plan.task.mpc), follows="path")

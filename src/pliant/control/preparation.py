@@ -8,18 +8,16 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from pliant.control.contract import Controller, ControllerKind, Pipeline, Plan, Task
+from pliant.control.contract import Controller, ControllerKind, Pipeline
+from pliant.control.design import LqrDesign
 from pliant.control.limits import Limits
-from pliant.control.lqr import LqrDesign, design_lqr
-from pliant.control.output_design import OutputDesign, design_outputs
+from pliant.control.plan import Plan, Task
 from pliant.control.registry import controller_kind
 from pliant.control.rehearsal import Rehearsal, RehearsalSetting, limit_aware
-from pliant.control.setpoint import Course, SetPoint
 from pliant.control.steady_inputs import output_weights
-from pliant.control.trajectory import Planner, Trajectory
+from pliant.control.trajectory import Trajectory
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
-from pliant.estimation.adaptive_observer import frozen
 from pliant.estimation.contract import Estimator, EstimatorKind, Setting
 from pliant.estimation.link_angles import LinkAngles, calibrated
 from pliant.estimation.link_tips import LinkTips, rested
@@ -43,8 +41,8 @@ class Prepared:
         What its shapes are measured by.
     estimator : Estimator
     control : Controller
-    design : LqrDesign or OutputDesign
-        ``print`` shows its margins.
+    design : LqrDesign or None
+        ``print`` shows its margins; None of a controller without a linear design.
     trajectory : Trajectory or None
     rehearsal : Rehearsal or None
         How the loop behaves on the body's model within its limits; ``print`` shows it.
@@ -54,14 +52,15 @@ class Prepared:
     link_angles: LinkAngles | LinkTips
     estimator: Estimator
     control: Controller
-    design: LqrDesign | OutputDesign
+    design: LqrDesign | None
     trajectory: Trajectory | None
     rehearsal: Rehearsal | None = None
 
     @property
     def summary(self) -> str:
         """The least margins of the linear loop and the rehearsal within the limits, in one line."""
-        return "; ".join([f"without limits {self.design.least_margins}", *str(self.rehearsal or "").splitlines()])
+        margins = f"without limits {self.design.least_margins}" if self.design else "no linear design"
+        return "; ".join([margins, *str(self.rehearsal or "").splitlines()])
 
     @property
     def pipeline(self) -> Pipeline:
@@ -135,9 +134,12 @@ def prepare_control(
     each = supplies(body, known["supply"])
     rest = frames[np.isfinite(frames).all(axis=(1, 2))][0]
     setting = RehearsalSetting(behind_rig(body, each), arc_length, each, period, known["late"])
-    maker = Maker(link_angles, rest, seeing, law, limits, setting)
+    latency = 0.0 if seeing.predicts else setting.late * period  # a state that is predicted to the present is not late
+    plan = Plan(task, setting.body, limits, period, latency, each, follows=law.follows)
+    maker = Maker(link_angles, rest, seeing, law, plan, setting)
+    weight = output_weights(body, task.outputs) if plan.several else np.ones(1)
     tuned, rehearsal = limit_aware(
-        lambda tuned: maker.make(tuned).pipeline, setting, task, limits, maker.weight(task), tunable=law.tunable
+        lambda tuned: maker.make(tuned).pipeline, setting, task, limits, weight, tunable=law.tunable
     )
     return replace(maker.make(tuned), rehearsal=rehearsal)
 
@@ -152,51 +154,27 @@ class Maker:
         A shape at rest, m.
     seeing : EstimatorKind
     law : ControllerKind
-    limits : Limits
+    plan : Plan
     setting : RehearsalSetting
     """
 
     def __init__(
         self, link_angles: LinkAngles | LinkTips, rest: Array, seeing: EstimatorKind, law: ControllerKind,
-        limits: Limits, setting: RehearsalSetting,
+        plan: Plan, setting: RehearsalSetting,
     ) -> None:
-        self.link_angles, self.seeing, self.law, self.limits, self.setting = link_angles, seeing, law, limits, setting
-        self._rest, self._latency = rest, 0.0 if seeing.predicts else setting.late * setting.period
-        self.several = len(setting.body.chambers) > 1 or mechanics_of(setting.body).lengthens
-        if self.several and law.outputs is None:
+        if plan.several and not law.several:
             raise InputError(f"the controller {law.name!r} takes one chamber and a fixed length: use lqr or mpc")
-        self._course: Course | None = None
-
-    def weight(self, task: Task) -> Array:
-        """Metres (m,) that a unit of each output of a task counts as."""
-        return output_weights(self.setting.body, task.outputs) if self.several else np.ones(1)
+        self.link_angles, self.seeing, self.law, self._rest = link_angles, seeing, law, rest
+        self.plan = replace(plan, trajectory=plan.planned())
+        self._setting = Setting(plan.body, plan.period, setting.late)
 
     def make(self, task: Task) -> Prepared:
         """Estimator and controller at their beginning, not rehearsed."""
-        body, period = self.setting.body, self.setting.period
-        design, control, trajectory = self._several(task) if self.several else self._one(task)
-        estimators = [self.seeing.make(Setting(body, period, self.setting.late)) for _ in range(2)]
-        warm_up(Pipeline(self.link_angles.frame, estimators[0], control), self._rest, period)
-        return Prepared(body, self.link_angles, estimators[1], control, design, trajectory)
-
-    def _several(self, task: Task) -> tuple[OutputDesign, Controller, None]:
-        setting = self.setting
-        design = output_design(task, setting.body, self.limits, (setting.period, self._latency), setting.supply)
-        if self.law.outputs is None:
-            raise InputError(f"the controller {self.law.name!r} takes one chamber")
-        return design, self.law.outputs(design, task, self.limits), None
-
-    def _one(self, task: Task) -> tuple[LqrDesign, Controller, Trajectory | None]:
-        body, period, supply, limits = self.setting.body, self.setting.period, self.setting.supply[0], self.limits
-        design = design_lqr(
-            frozen(body), highest_of(task, limits), period, tuning=task.tuning, latency=self._latency
-        )
-        if self._course is None:  # the same for every tuning
-            planned = self.law.follows and task.planned
-            self._course = course_of(task, design, body, limits, supply, planned=planned)
-        late = round(self._latency / period)
-        control = self.law.make(Plan(task, body, design, limits, period, late, self._course, supply))
-        return design, control, self._course.trajectory
+        plan = replace(self.plan, task=task)
+        control, (first, estimator) = self.law.make(plan), (self.seeing.make(self._setting) for _ in range(2))
+        warm_up(Pipeline(self.link_angles.frame, first, control), self._rest, plan.period)
+        design = getattr(control, "design", None)
+        return Prepared(plan.body, self.link_angles, estimator, control, design, plan.trajectory)
 
 
 def calibration(
@@ -210,7 +188,7 @@ def calibration(
         raise InputError(
             f"{model.name!r} lengthens, and a dense curve does not show which of its points belong to which link: take "
             "a plant whose points ride on the body (`rides`), or make a Pipeline of its stations, a KalmanFilter and "
-            "an OutputLqr or Mpc of design_outputs"
+            "an Lqr or Mpc of design_outputs"
         )
     if seeing.fixed_length:
         raise InputError(f"{model.name!r} lengthens, which the estimator {seeing.name!r} does not follow: use filter")
@@ -230,57 +208,6 @@ def behind_rig(model: Model, each: tuple[SupplyValve | None, ...]) -> Model:
     """The model with the valves of a rig, each by the one frequency that a linear design takes."""
     made = (c if s is None else replace(c, valve=s.mean) for c, s in zip(model.chambers, each, strict=True))
     return model.with_(chambers=tuple(made))
-
-
-def course_of(
-    task: Task, design: LqrDesign, body: Model, limits: Limits, supply: SupplyValve | None, *, planned: bool
-) -> Course:
-    """What is wanted, and when: the set-point of a task, and its trajectory where one is planned."""
-    period, wanted = design.period, np.asarray(task.displacement, dtype=float)
-    if task.path:
-        clock = np.arange(round(task.duration / period)) * period
-        wanted = np.interp(clock, task.time, task.displacement)
-    setpoint = SetPoint(clock, wanted, 0.0) if task.path else SetPoint(task.time, wanted, task.ramp)
-    if not planned:
-        return Course(setpoint)
-    planner = Planner(design, body, limits, valve=supply)
-    made = planner.path(wanted) if task.path else planner.steps(task.time, wanted, task.duration)
-    return Course(setpoint, made)
-
-
-def highest_of(task: Task, limits: Limits) -> float:
-    """Highest pressure [Pa] of a body of one chamber; refuses a task of several."""
-    if task.outputs or np.ndim(task.displacement) != 1:
-        raise InputError("a body of one chamber is given displacements of its tip: its path has one dimension")
-    return float(limits.each(1)[0])
-
-
-def output_design(
-    task: Task, body: Model, limits: Limits, clock: tuple[float, float], supply: tuple[SupplyValve | None, ...],
-) -> OutputDesign:
-    """The design for a body of several chambers: what its outputs shall do, period by period.
-
-    `clock` are period and latency, s; `supply` the rig's valve of each chamber.
-    """
-    period, latency = clock
-    levels = np.asarray(task.displacement, dtype=float)
-    if not task.outputs or levels.ndim != 2 or levels.shape[1] != len(task.outputs):
-        names = body.actuation.names
-        raise InputError(
-            f"a task for several chambers ({names}) or a body that lengthens names its outputs and gives a value of "
-            "each (tip_x_mm, tip_y_mm, angle_deg in a task file)"
-        )
-    times = np.arange(max(round(task.duration / period), 1)) * period
-    courses = (
-        np.interp(times, task.time, column) if task.path
-        else np.array([SetPoint(task.time, column, task.ramp)(t) for t in times])
-        for column in levels.T
-    )
-    made = design_outputs(
-        frozen(body), task.outputs, np.stack(list(courses), axis=1), limits, period, tuning=task.tuning,
-        latency=latency, path=task.path and task.planned,
-    )
-    return replace(made, supply=supply)
 
 
 def warm_up(pipeline: Pipeline, shape: Array, period: float) -> None:

@@ -7,9 +7,9 @@ from pliant.plugins import chosen, offered
 
 GROUP = "pliant.controllers"
 BUILT_IN = {
-    "lqr": "pliant.control.tip_lqr:CONTROLLER",
-    "mpc": "pliant.control.tip_mpc:CONTROLLER",
-    "pid": "pliant.control.tip_pid:CONTROLLER",
+    "lqr": "pliant.control.lqr:CONTROLLER",
+    "mpc": "pliant.control.mpc:CONTROLLER",
+    "pid": "pliant.control.pid:CONTROLLER",
 }
 
 

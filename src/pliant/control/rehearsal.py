@@ -11,22 +11,25 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
 from pliant.control.activity import BAND, settling_time
-from pliant.control.contract import Pipeline, Task
+from pliant.control.contract import Pipeline
 from pliant.control.limits import Limits
 from pliant.control.model_plant import ModelPlant
+from pliant.control.plan import Task
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
+from pliant.simulation.balance import EnergyWarning
 
 Array = np.ndarray
 LEAST_BAND = 1e-4  # m, within which the outputs of a small task have settled
 QUIET = 0.4  # s for which they must stay there
 LONGEST = 3.0  # s for which they are waited for, and as long again as the slew limit takes to the highest pressure
-STEP = 2e-3  # s, longest step of the model
+STEP = 1e-3  # s, longest step of the model
 RAISES = tuple(2.0**k for k in range(11))  # times the effort weight of the task
 
 
@@ -222,15 +225,17 @@ def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: 
     run, final, disturbance, recovery = Rehearsed(pipeline, setting, wanted, weight), np.inf, 0.0, None
     settling: tuple[float | None, ...] = ()
     try:
-        run.go(round(task.duration / setting.period))
-        held = run.wait(band, longest)
-        final = float(np.max(run.error[-round(QUIET / setting.period) :]))
-        settling = () if task.path else settling_of(np.array(run.error), setting.period, task.time, levels)
-        if held is not None:
-            run.displace()
-            first = len(run.error)
-            recovery = run.wait(band, longest)
-            disturbance = float(np.max(run.error[first:]))
+        with catch_warnings():
+            simplefilter("ignore", EnergyWarning)  # a loop that grows moves faster than any step of the model follows
+            run.go(round(task.duration / setting.period))
+            held = run.wait(band, longest)
+            final = float(np.max(run.error[-round(QUIET / setting.period) :]))
+            settling = () if task.path else settling_of(np.array(run.error), setting.period, task.time, levels)
+            if held is not None:
+                run.displace()
+                first = len(run.error)
+                recovery = run.wait(band, longest)
+                disturbance = float(np.max(run.error[first:]))
     except SimulationError:
         final = np.inf
     error = np.array(run.error)

@@ -11,10 +11,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from pliant.control.contract import Task
 from pliant.control.limits import Limits
-from pliant.control.lqr import Tuning
+from pliant.control.plan import Task
 from pliant.control.registry import controller_kind
+from pliant.control.tuning import Tuning
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError, explain_validation
 from pliant.files import read_entries

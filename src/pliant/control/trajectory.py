@@ -13,19 +13,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pliant.control.bounded_least_squares import bounded_least_squares
+from pliant.control.equilibria import Equilibria
 from pliant.control.limits import Limits
-from pliant.control.lqr import LqrDesign, tip_row, tip_slopes
 from pliant.control.valve import SupplyValve, supply_of
 from pliant.control.valve_states import behind_supply, valve_under
 from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import frozen
-from pliant.linear.linearisation import linearise
-from pliant.linear.sampled import sample
+from pliant.linear.linearisation import LinearModel, linearise
+from pliant.linear.sampled import periods_late, sample
 from pliant.model import Model, Valve
 from pliant.simulation import Trace, simulate
 
 Array = np.ndarray
 STEP = 2e-3  # s, longest step of the model
+RESTS = 9  # at which the model is linearised
 COARSER = 4  # steps of the valve's equation in a straight piece of pressure
 ROUNDS = 8  # of correction by the whole model
 CLOSE = 5e-3  # of a step: what is left of it when it counts as done
@@ -70,11 +71,13 @@ class Planner:
 
     Parameters
     ----------
-    design : LqrDesign
-        Made for ``frozen(model)``.
     model : Model
-        The body's, with its memory.
+        The body's, with its memory and its valve.
+    family : Equilibria
+        Of ``frozen(model)``.
     limits : Limits
+    period, latency : float
+        s, of the control, and by which a shape is old.
     valve : SupplyValve, optional
         The rig's, where more is known of it than the model holds.
     share : float
@@ -84,17 +87,29 @@ class Planner:
     """
 
     def __init__(
-        self, design: LqrDesign, model: Model, limits: Limits, *, valve: SupplyValve | None = None, share: float = 0.9,
-        slack: float = 1.25,
+        self, model: Model, family: Equilibria, limits: Limits, period: float, *, latency: float = 0.0,
+        valve: SupplyValve | None = None, share: float = 0.9, slack: float = 1.25,
     ) -> None:
         if not (0.0 < share <= 1.0 and slack >= 1.0):
             raise InputError(f"a trajectory needs a share in 0 ... 1 and a slack >= 1, got {share} and {slack}")
-        self.design, self.model, self.limits, self.ceiling = design, model, limits, share * limits.highest
-        self.slack = slack
+        self.model, self.family, self.limits, self.ceiling = model, family, limits, share * limits.highest
+        self.period, self.latency, self.slack = period, latency, slack
         self.valve = valve or supply_of(model.valve)
-        linear, self._slopes = linearise(frozen(model, 0.5), 0.5 * self.ceiling), tip_slopes(design)
-        plant = sample(linear, design.period)
-        self._plant = plant, tip_row(linear, design.equilibria.at(linear.pressure)[2], plant.A.shape[0])
+        linear = linearise(frozen(model, 0.5), 0.5 * self.ceiling)
+        plant = sample(linear, period)
+        self._plant = plant, self._row(linear, plant.A.shape[0])
+        about = [linearise(frozen(model), float(p)) for p in np.linspace(0.0, family.pressure[-1], RESTS)]
+        rows = np.array([self._row(linear, model.n) for linear in about])
+        gains = [[linear.static_gain(x) for x in ("tip_x", "tip_y")] for linear in about]
+        slopes = [family.at(linear.pressure)[2] @ gain for linear, gain in zip(about, gains, strict=True)]
+        self._slopes = np.array([float(linear.pressure) for linear in about]), rows, np.array(slopes)
+
+    def _row(self, linear: LinearModel, size: int) -> Array:
+        """Row (size,) that gives the tip's displacement along its path of rests from the state."""
+        way, row = self.family.at(linear.pressure)[2], np.zeros(size)
+        count = min(size, linear.A.shape[0])
+        row[:count] = (way[0] * linear.row("tip_x") + way[1] * linear.row("tip_y"))[:count]
+        return row
 
     def steps(self, time: Array, displacement: Array, duration: float) -> Trajectory:
         """The trajectory of a set-point that jumps: every change as fast as the model can make it and then stay.
@@ -111,7 +126,7 @@ class Planner:
         InputError
             When the times do not increase by a period or more, or a displacement is out of reach.
         """
-        period, family = self.design.period, self.design.equilibria
+        period, family = self.period, self.family
         at = np.rint(np.asarray(time, dtype=float) / period).astype(int)
         if at.size == 0 or at[0] < 0 or np.any(np.diff(at) <= 0):
             raise InputError("the times of a set-point must increase by at least a period, from 0 s on")
@@ -132,9 +147,9 @@ class Planner:
             When a displacement is out of reach.
         """
         wanted = np.asarray(displacement, dtype=float)
-        target = np.array([self.design.equilibria.pressure_for(float(d)) for d in wanted])
+        target = np.array([self.family.pressure_for(float(d)) for d in wanted])
         command = np.clip(target, 0.0, self.ceiling)
-        block = round(0.4 / self.design.period)
+        block = round(0.4 / self.period)
         for _ in range(ROUNDS // 2):
             for first in range(0, wanted.size, block):
                 part = slice(first, min(first + 2 * block, wanted.size))
@@ -148,7 +163,7 @@ class Planner:
         size = abs(float(wanted[first] - (wanted[first - 1] if first else 0.0)))
         if size == 0.0:
             return command
-        few, many = 2, min(round(LONGEST / self.design.period), last - first - 1)
+        few, many = 2, min(round(LONGEST / self.period), last - first - 1)
         while many - few > 1:
             middle = (few + many) // 2
             if self._moved(target, wanted, command, first, middle)[1] <= CLOSE * size:
@@ -156,7 +171,7 @@ class Planner:
             else:
                 few = middle
         count = min(round(self.slack * many), last - first - 1)
-        later = first + count + round(AFTER / self.design.period)
+        later = first + count + round(AFTER / self.period)
         made = self._moved(target, wanted, command, first, count)[0]
         for _ in range(2):  # then what the memory asks for from there on
             made[later:] = np.clip(self._hold(target, self._run(made, 0.0)[2])[later:], 0.0, self.ceiling)
@@ -164,7 +179,7 @@ class Planner:
 
     def _moved(self, target: Array, wanted: Array, command: Array, first: int, count: int) -> tuple[Array, float]:
         """Commands, `count` of them from `first` on free and the later ones equal; and the largest error left, m."""
-        end = min(first + count + round(AFTER / self.design.period), target.size)
+        end = min(first + count + round(AFTER / self.period), target.size)
         made, before = command.copy(), float(command[first - 1]) if first else 0.0
         made[first:] = min(float(target[first]), self.ceiling)
         part = slice(first, end)
@@ -204,7 +219,7 @@ class Planner:
         size = abs(float(answer.sum()))
         aim, effect = (weight * left + effect @ command) / size, effect @ free / size
         change, behind = (np.eye(K) - np.eye(K, k=-1)) @ free, np.append(before, np.zeros(K - 1))
-        reach, cost = self.limits.slew * self.design.period, SMOOTH
+        reach, cost = self.limits.slew * self.period, SMOOTH
         start = np.linalg.lstsq(free, command)[0]
         for _ in range(12):
             H = effect.T @ effect + cost**2 * change.T @ change
@@ -217,13 +232,13 @@ class Planner:
 
     def _run(self, command: Array, late: float) -> tuple[Array, Array, Array, Array]:
         """Angles, rates and shifts (K, n) of the whole model at the beginning of every period, and its tip (K, 2)."""
-        model, edge = self.model, np.arange(command.size) * self.design.period
+        model, edge = self.model, np.arange(command.size) * self.period
         if self.valve is None:
             levels = np.stack([np.append(0.0, command[:-1]), command], axis=1).ravel()
             late, drive = late + model.valve.dead_time, Trace(np.repeat(edge, 2), levels)
         else:
             late, model = late + self.valve.dead_time, model.with_(valve=Valve())
-            drive = Trace(*(row[::COARSER] for row in behind_supply(self.valve, command, self.design.period)))
+            drive = Trace(*(row[::COARSER] for row in behind_supply(self.valve, command, self.period)))
         model = model.with_(valve=replace(model.valve, dead_time=late))
         moved = simulate(model, drive, times=edge, step=STEP, check=False)
         q, dq = np.asarray(moved["joint_angle"].values), np.asarray(moved["joint_rate"].values)
@@ -236,24 +251,24 @@ class Planner:
 
     def _tip(self, command: Array) -> Array:
         """Displacement of the tip (K,) [m] under commands."""
-        return np.asarray(np.linalg.norm(self._run(command, 0.0)[3] - self.design.equilibria.tip[0], axis=1))
+        return np.asarray(np.linalg.norm(self._run(command, 0.0)[3] - self.family.tip[0], axis=1))
 
     def _hold(self, target: Array, shift: Array) -> Array:
         """Pressures (K,) [Pa] that bring the tip where it rests under `target` once rest angles shifted by (K, n)."""
-        grid, (rows, slopes) = self.design.pressure, self._slopes
+        grid, rows, slopes = self._slopes
         by_angle = np.stack([np.interp(target, grid, row) for row in rows.T], axis=1)
         moved = np.einsum("kn,kn->k", by_angle, np.cumsum(shift, axis=1))
         return np.asarray(target - moved / np.interp(target, grid, slopes))
 
     def _followed(self, target: Array, wanted: Array, command: Array) -> Trajectory:
         """The trajectory of a row of commands: what the model does under them, seen as late as the shape is."""
-        design, n, K = self.design, self.model.n, command.size
-        angle, rate, shift, tip = self._run(command, design.latency)
+        family, n, K = self.family, self.model.n, command.size
+        angle, rate, shift, tip = self._run(command, self.latency)
         hold = self._hold(target, shift)
-        valve = valve_under(design.model.valve, self.valve, command, design.period, design.latency)
-        D, order = design.waiting, valve.shape[1]
+        valve = valve_under(self.model.valve, self.valve, command, self.period, self.latency)
+        D, order = periods_late(self.model.valve.dead_time + self.latency, self.period)[2], valve.shape[1]
         lead = np.zeros((K, 2 * n + order + D + 1))
-        rest = np.array([design.equilibria.at(p)[0] for p in hold])
+        rest = np.array([family.at(p)[0] for p in hold])
         lead[:, :n], lead[:, n : 2 * n] = angle - rest - np.cumsum(shift, axis=1), rate
         lead[:, 2 * n : 2 * n + order] = valve
         if order:
@@ -262,11 +277,11 @@ class Planner:
         for age in range(D):
             lead[:, 2 * n + order + age] = sent[D - 1 - age : D - 1 - age + K] - hold
         lead[:, -1] = command - hold
-        far = np.linalg.norm(tip - design.equilibria.tip[0], axis=1)
-        rest_far = np.interp(target, design.equilibria.pressure, design.equilibria.displacement)
+        far = np.linalg.norm(tip - family.tip[0], axis=1)
+        rest_far = np.interp(target, family.pressure, family.displacement)
         last = slice(-1, None)  # once more, at rest
         return Trajectory(
             np.append(target, target[last]), np.vstack([lead, np.zeros_like(lead[last])]),
             np.append(far, rest_far[last]), np.append(rest_far, rest_far[last]), np.append(wanted, wanted[last]),
-            design.period,
+            self.period,
         )

@@ -61,7 +61,7 @@ class ValveObserver:
         P = solve_discrete_are(self._A.T, H.T, Q * 1e-6, np.array([[noise**2 * 1e-6]]))
         self._gain = np.ascontiguousarray((P @ H.T / (P[0, 0] + noise**2 * 1e-6))[:, 0])
         if self._supply is not None:
-            self._numbers = (*numbers, self._gain)  # of `SupplyNumbers`
+            self._numbers = (*numbers, self._gain)
 
     def reset(self) -> None:
         """No pressure, and none on its way."""

@@ -1,4 +1,4 @@
-"""Control of several outputs by several pressures: the rest that is wanted in each period, and the regulator about it.
+"""Control of outputs by one pressure or several: the rest that is wanted in each period, and the regulator about it.
 
 A path is known ahead: the optimal regulator's answer to what is wanted later stands beside the steady inputs.
 
@@ -12,10 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
+from pliant.control.equilibria import equilibria
+from pliant.control.gains import Gains, loop_margins, regulator
 from pliant.control.limits import Limits
-from pliant.control.lqr import Tuning
-from pliant.control.output_gains import Gains, loop_margins, regulator
-from pliant.control.steady_inputs import output_values, output_weights, steady_inputs
+from pliant.control.steady_inputs import output_values, output_weights, rest_under, steady_inputs
+from pliant.control.tuning import Tuning
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
 from pliant.linear.sampled import KILO, Margins, least_margins, periods_late
@@ -25,11 +26,11 @@ from pliant.simulation import state
 
 Array = np.ndarray
 APART = 0.04  # s, between the rests about which a path is linearised
-SHOWN = 5  # rests whose margins are told
+SHOWN = 5  # rests whose margins are shown
 
 
 @dataclass(frozen=True)
-class OutputDesign:
+class LqrDesign:
     """What is wanted period by period, the inputs that bring it, and the regulator about them.
 
     Attributes
@@ -45,16 +46,22 @@ class OutputDesign:
         Which gains hold in each period.
     wanted : array (K, m)
         Changes of the outputs from `still`.
-    pressure, angle, rate : array (K, C), (K, n), (K, n)
-        Of the rest that is wanted, Pa and rad; how fast it turns, rad/s, 0 in the last period, which is held. Of a body
-        that lengthens (K, n + S), strains and their rates behind.
+    pressure, angle : array (K, C), (K, n)
+        Of the rest that is wanted, Pa and rad; of a body that lengthens (K, n + S), strains behind.
+    beside : array (K, N)
+        Of the state that is wanted, from that rest: how fast it turns, and on a planned trajectory all that the model
+        does; rad, rad/s, kPa. In the last period, which is held, it rests.
     lead, ahead : array (K, C), (K + 1, N)
         Command beside the steady inputs, kPa, and slope of the cost of the state, both by what is wanted later.
     path : bool
         Whether what is wanted later is known ahead.
     tuning : Tuning
+    late : int
+        Periods by which the state is older than the row of its command.
     supply : tuple of SupplyValve or None
         The rig's valve of each chamber, where more is known of it than the model holds; empty: of none.
+    along : (array (K,), array (K, m)), optional
+        Displacement that is wanted of the tip, m, and direction of its path, of one chamber.
     """
 
     model: Model
@@ -67,12 +74,14 @@ class OutputDesign:
     wanted: Array
     pressure: Array
     angle: Array
-    rate: Array
+    beside: Array
     lead: Array
     ahead: Array
     path: bool
     tuning: Tuning
+    late: int
     supply: tuple[SupplyValve | None, ...] = ()
+    along: tuple[Array, Array] | None = None
 
     @cached_property
     def waiting(self) -> tuple[int, ...]:
@@ -103,11 +112,8 @@ class OutputDesign:
     def shift(self, k: int) -> Array:
         """Change (N,) of the deviation from what is wanted that time alone makes from period k to k + 1."""
         then, n = min(k + 1, len(self.at) - 1), self.model.size
-        out = np.zeros(self.gains[0].A.shape[0])
-        out[n : 2 * n] = self.rate[k]
-        out = self.gains[self.at[k]].A @ out
+        out = self.gains[self.at[k]].A @ self.beside[k] - self.beside[then]
         out[:n] += self.angle[k] - self.angle[then]
-        out[n : 2 * n] -= self.rate[then]
         return np.asarray(out + self.resting @ (self.pressure[k] - self.pressure[then]) / KILO)
 
     @cached_property
@@ -132,8 +138,8 @@ class OutputDesign:
 def design_outputs(
     model: Model, outputs: tuple[str, ...], wanted: Array, limits: Limits, period: float, *,
     tuning: Tuning | None = None, latency: float = 0.0, path: bool = False,
-) -> OutputDesign:
-    """The regulator of outputs along what is wanted of them.
+) -> LqrDesign:
+    """Return the regulator of outputs along what is wanted of them.
 
     Parameters
     ----------
@@ -175,20 +181,68 @@ def design_outputs(
     index, rows = np.array([known[row.tobytes()] for row in wanted[knots]]), np.arange(len(wanted))
     pressure = between(rows, knots, [gains[i].rest.pressure for i in index])
     angle = between(rows, knots, [gains[i].rest.linear.position for i in index])
-    rate = np.gradient(angle, period, axis=0) if path and len(rows) > 1 else np.zeros_like(angle)
-    rate[-1] = 0.0  # the last row holds on
+    beside = np.zeros((len(rows), gains[0].A.shape[0]))
+    if path and len(rows) > 1:
+        beside[:-1, model.size : 2 * model.size] = np.gradient(angle, period, axis=0)[:-1]  # the last row holds on
     lead, ahead = np.zeros_like(pressure), np.zeros((len(rows) + 1, gains[0].A.shape[0]))
-    made = OutputDesign(
+    made = LqrDesign(
         model, outputs, still, period, latency, tuple(gains), index[np.searchsorted(knots, rows)], wanted, pressure,
-        angle, rate, lead, ahead, path, tuning,
+        angle, beside, lead, ahead, path, tuning, round(latency / period),
     )
     if path:
         look_ahead(made)
     return made
 
 
+def design_lqr(
+    model: Model, highest: float, period: float, *, tuning: Tuning | None = None, latency: float = 0.0, grid: int = 9,
+) -> LqrDesign:
+    """Return the regulator of the tip about its rests under pressures from 0 to `highest` [Pa] of one chamber.
+
+    Parameters
+    ----------
+    model : Model
+        Of one chamber, with its valve.
+    highest : float
+        Pa
+    period : float
+        Of the control, s.
+    tuning : Tuning, optional
+    latency : float
+        s by which the measured state is old; it counts as dead time.
+    grid : int
+        Pressures at which the model is linearised.
+
+    Returns
+    -------
+    LqrDesign
+        ``print(design)`` shows its margins.
+
+    Raises
+    ------
+    InputError
+        When the numbers make no sense, or no small pressure moves the tip at rest.
+
+    Examples
+    --------
+    >>> from pliant.control import design_lqr
+    >>> design = design_lqr(model, highest=190e3, period=4e-3)  # doctest: +SKIP
+    >>> print(design)  # doctest: +SKIP
+    """
+    family, tuning, outputs = equilibria(model, highest), tuning or Tuning(), ("tip_x", "tip_y")
+    limit, pressure = np.array([float(highest)]), np.linspace(0.0, highest, grid)[:, None]
+    rests = [rest_under(model, p, outputs) for p in pressure]
+    gains = tuple(regulator(rest, np.ones(2), limit, (period, latency), tuning) for rest in rests)
+    angle, N = np.array([rest.linear.position for rest in rests]), gains[0].A.shape[0]
+    return LqrDesign(
+        model, outputs, family.tip[0], period, latency, gains, np.arange(grid),
+        np.array([rest.value for rest in rests]) - family.tip[0], pressure, angle, np.zeros((grid, N)),
+        np.zeros((grid, 1)), np.zeros((grid + 1, N)), False, tuning, round(latency / period),
+    )
+
+
 def posts(wanted: Array, apart: int) -> Array:
-    """Periods at whose rests the model is linearised: where the course turns, and every so many while it moves."""
+    """Periods at whose rests the model is linearised: where the time series turns, and every so many while it moves."""
     last = len(wanted) - 1
     moves = np.append(np.any(np.diff(wanted, axis=0) != 0.0, axis=1), False)
     turns = np.flatnonzero(np.diff(moves.astype(int))) + 1
@@ -200,7 +254,7 @@ def between(rows: Array, knots: Array, values: list[Array]) -> Array:
     return np.stack([np.interp(rows, knots, column) for column in np.array(values).T], axis=1)
 
 
-def look_ahead(design: OutputDesign) -> None:
+def look_ahead(design: LqrDesign) -> None:
     """Fill `ahead` and `lead` from the last period on: s_k = (A - B K)' (P d_k + s_(k+1)), with d_k = `shift`."""
     for k in range(len(design.at) - 1, -1, -1):
         made = design.gains[design.at[k]]

@@ -1,7 +1,9 @@
-"""The linear-quadratic regulator of several outputs by several pressures about one rest.
+"""The linear-quadratic regulator of outputs by one pressure or several about one rest.
 
-Valves, dead times and the integrals of the outputs' errors stand in the state, as in `lqr`. Only those combinations of
-the outputs are integrated that the pressures move at rest: a straight body's pressures move its tip to the side alone.
+The state holds angles, rates, valves, the commands on their way and the integrals of the outputs' errors. Only those
+combinations of the outputs are integrated that the pressures move at rest: of a straight body the tip's x alone. What
+is weighed is the outputs' error and the command; not the sum of the angles, whose lightly damped zeros near 9 Hz would
+set a bound to the damping, and not the first joint, whose zeros lie in the right half-plane.
 """
 
 from __future__ import annotations
@@ -10,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.control.lqr import Tuning
 from pliant.control.steady_inputs import Rest
+from pliant.control.tuning import Tuning
 from pliant.errors import InputError
 from pliant.linear.sampled import KILO, Margins, Sampled, loop_curve, margins, sample
 
@@ -56,7 +58,11 @@ def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, flo
     U, size, V = np.linalg.svd(gain * highest, full_matrices=False)
     r = int(np.sum(size > DRIVEN * size[0])) if size[0] > 0 else 0
     if r == 0:
-        raise InputError("the pressures do not move the wanted outputs: ask for others")
+        raise InputError(
+            f"at rest under {rest.pressure.max() * 1e-3:.4g} kPa no small pressure moves the tip or another output of "
+            "the task, as where the torque law begins with the square: fit it with a linear term, torque_1, or ask for "
+            "other outputs"
+        )
     basis, n, N, m = U[:, :r], linear.position.size, plant.A.shape[0], len(weight)
     unit = np.where(np.arange(N) < 2 * n, 1.0, KILO)
     A, B = plant.A * unit / unit[:, None], plant.B * KILO / unit[:, None]

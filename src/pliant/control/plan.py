@@ -1,0 +1,203 @@
+"""From a task to what is wanted period by period, and to the design that follows it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from pliant.control.design import LqrDesign, design_outputs
+from pliant.control.equilibria import Equilibria, equilibria
+from pliant.control.limits import Limits
+from pliant.control.trajectory import Planner, Trajectory
+from pliant.control.tuning import MpcTuning, PidTuning, Tuning
+from pliant.control.valve import SupplyValve
+from pliant.errors import InputError
+from pliant.estimation.adaptive_observer import frozen
+from pliant.linear.sampled import KILO
+from pliant.mechanics import mechanics_of
+from pliant.model import Model
+
+Array = np.ndarray
+TIP = ("tip_x", "tip_y")
+
+
+class SetPoint:
+    """Tip displacement against time: levels joined by half a cosine, or a path of points.
+
+    Parameters
+    ----------
+    time, displacement : array (k,)
+        s and m: from each time on that level, starting from 0.
+    ramp : float
+        Time that a change takes, s.
+    """
+
+    def __init__(self, time: Array, displacement: Array, ramp: float = 0.03) -> None:
+        self.time, self.level = np.asarray(time, dtype=float), np.asarray(displacement, dtype=float)
+        good = self.time.ndim == 1 and self.time.shape == self.level.shape and self.time.size > 0
+        if not good or np.any(np.diff(self.time) <= 0) or not np.isfinite(self.level).all() or ramp < 0:
+            raise InputError("a set-point needs increasing times (s), as many finite levels (m), and a ramp >= 0 s")
+        self.ramp = ramp
+
+    def __call__(self, time: float) -> float:
+        """Displacement wanted at a time, m."""
+        k = int(np.searchsorted(self.time, time, side="right")) - 1
+        if k < 0:
+            return 0.0
+        before = float(self.level[k - 1]) if k else 0.0
+        done = 1.0 if self.ramp == 0 else min(1.0, (time - float(self.time[k])) / self.ramp)
+        return before + (float(self.level[k]) - before) * 0.5 * (1.0 - math.cos(math.pi * done))
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the tip shall do.
+
+    Parameters
+    ----------
+    time, displacement : array (k,)
+        From each time [s] on that tip displacement [m]; straight between them where `path` is true. With several
+        chambers (k, m): changes of the outputs from the rest, m and rad.
+    duration : float
+        s
+    path : bool
+    ramp : float
+        s, of a change that is not planned.
+    planned : bool
+        Whether the changes are planned ahead as fast as the limits allow; for "pid": shaped (ZVD).
+    feedback : str
+        Name of the controller: "lqr", "mpc", "pid", or one that an installed package offers.
+    tuning, mpc, pid : Tuning, MpcTuning, PidTuning
+    outputs : tuple of str
+        What several chambers bring to its place: of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link.
+    """
+
+    time: Array
+    displacement: Array
+    duration: float
+    path: bool = False
+    ramp: float = 0.03
+    planned: bool = True
+    feedback: str = "lqr"
+    tuning: Tuning = field(default_factory=Tuning)
+    mpc: MpcTuning = field(default_factory=MpcTuning)
+    pid: PidTuning = field(default_factory=lambda: PidTuning(0.0, 4e6))
+    outputs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a controller is made from.
+
+    Attributes
+    ----------
+    task : Task
+    body : Model
+        Calibrated, with its memory and the mean of the rig's valves.
+    limits : Limits
+    period, latency : float
+        s; by how much the state is older than the command.
+    supply : tuple of SupplyValve or None
+        The rig's valve of each chamber, where more is known of it than the model holds.
+    trajectory : Trajectory or None
+        The motion of one chamber's tip that was planned ahead.
+    follows : str
+        What the controller takes of it, see `ControllerKind`.
+    """
+
+    task: Task
+    body: Model
+    limits: Limits
+    period: float
+    latency: float
+    supply: tuple[SupplyValve | None, ...]
+    trajectory: Trajectory | None = None
+    follows: str = "trajectory"
+
+    @property
+    def several(self) -> bool:
+        """Whether several chambers, or a body that lengthens, bring outputs to their places; else one moves the tip."""
+        return len(self.body.chambers) > 1 or mechanics_of(self.body).lengthens
+
+    @cached_property
+    def family(self) -> Equilibria:
+        """Rests of the body without its memory under one pressure; refuses a task of several chambers."""
+        if self.task.outputs or np.ndim(self.task.displacement) != 1:
+            raise InputError("a body of one chamber is given displacements of its tip: its path has one dimension")
+        return equilibria(frozen(self.body), float(self.limits.each(1)[0]))
+
+    @property
+    def levels(self) -> Array:
+        """Levels (k, m) of the task; InputError where they do not fit the body."""
+        task, levels = self.task, np.asarray(self.task.displacement, dtype=float)
+        if not self.several:
+            return levels[:, None] if self.family else levels
+        if not task.outputs or levels.ndim != 2 or levels.shape[1] != len(task.outputs):
+            names = self.body.actuation.names
+            raise InputError(
+                f"a task for several chambers ({names}) or a body that lengthens names its outputs and gives a value "
+                "of each (tip_x_mm, tip_y_mm, angle_deg in a task file)"
+            )
+        return levels
+
+    def setpoint(self, time: float) -> float:
+        """Displacement [m] that a task for one chamber wants at a time [s]."""
+        return float(self.course(np.array([time]))[0, 0])
+
+    def course(self, times: Array) -> Array:
+        """What the task wants (K, m) at times (K,) [s]."""
+        task = self.task
+        if task.path:
+            return np.stack([np.interp(times, task.time, column) for column in self.levels.T], axis=1)
+        points = [SetPoint(task.time, column, task.ramp) for column in self.levels.T]
+        return np.array([[point(float(t)) for point in points] for t in times])
+
+    @cached_property
+    def rows(self) -> Array:
+        """What the task wants (K, m), period by period; the last row is held."""
+        task = self.task
+        last = task.duration if task.path else max(task.duration, float(np.max(task.time)) + task.ramp)
+        return self.course(np.arange(max(round(last / self.period), 1) + 1) * self.period)
+
+    def planned(self) -> Trajectory | None:
+        """The motion of the tip by one chamber, as fast as the limits allow; None where none is planned."""
+        task = self.task
+        if self.several or not task.planned or self.follows == "levels":
+            return None
+        planner = Planner(self.body, self.family, self.limits, self.period, latency=self.latency, valve=self.supply[0])
+        if task.path:
+            return planner.path(self.course(np.arange(round(task.duration / self.period)) * self.period)[:, 0])
+        return planner.steps(task.time, self.levels[:, 0], task.duration)
+
+    @cached_property
+    def design(self) -> LqrDesign:
+        """The regulator along what is wanted."""
+        if self.several:
+            return self.designed(self.task.outputs, self.rows, path=self.task.path and self.task.planned)
+        made, family, late = self.trajectory, self.family, round(self.latency / self.period)
+        far = self.rows[:, 0] if made is None else made.displacement
+        if made is not None and self.follows == "path":  # its rows are as late as the shape is
+            far = np.append(far[late:], np.full(late, far[-1]))
+        far = np.clip(far, 0.0, family.reach) if made is not None else far
+        moves = made is not None and self.follows == "path"
+        held = far if made is None or moves else made.wanted
+        design = self.designed(TIP, family.moved(held), path=moves)
+        way = np.array([family.at(p)[2] for p in design.pressure[:, 0]])
+        design = replace(design, along=(far, way))
+        if made is None or moves:
+            return design
+        beside, sent = design.beside.copy(), 2 * self.body.n
+        beside[:, : made.lead.shape[1] - 1] = made.lead[:, :-1]
+        beside[:, sent:] /= KILO
+        return replace(design, wanted=family.moved(far), beside=beside, lead=made.lead[:, -1:] / KILO, late=0)
+
+    def designed(self, outputs: tuple[str, ...], rows: Array, *, path: bool) -> LqrDesign:
+        """The regulator of outputs along rows (K, m) of changes from the rest."""
+        design = design_outputs(
+            frozen(self.body), outputs, rows, self.limits, self.period, tuning=self.task.tuning, latency=self.latency,
+            path=path,
+        )
+        return replace(design, supply=self.supply)
