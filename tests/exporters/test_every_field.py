@@ -33,7 +33,8 @@ def no_compiler():
 
 def rich(*, second_order: bool = False) -> Model:
     """A model that has all there is: one valve with first order and limits, or one of second order."""
-    lagging = Valve(rise_time=0.02, fall_time=0.03, dead_time=0.004, rise_rate=1e6, fall_rate=2e6, settle_share=0.1)
+    lagging = Valve(rise_time=0.02, fall_time=0.03, dead_time=0.004, rise_rate=1e6, fall_rate=2e6, settle_share=0.1,
+                    dead_band=500.0)  # fmt: skip
     ringing = Valve(natural_frequency=9.0, damping_ratio=0.6, dead_time=0.004)
     chambers = tuple(
         Chamber([6e-7, 1e-13], [1.0, 0.5], valve, swell_share=0.2, inflation_limit=2e6, axial_gain=20.0, name=name)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from pliant.actuators import chen2018
+from pliant.batch.batch import simulate_batch
 from pliant.errors import InputError
 from pliant.model import Valve
-from pliant.simulation import Pulse, Trace, step
+from pliant.simulation import Pulse, Stepper, Trace, simulate, step
 from pliant.simulation.drive import through_valve
 
 
@@ -118,3 +121,34 @@ def test_a_valve_starts_at_rest_at_the_pressure_before(valve):
 def test_bad_valves_get_one_clear_sentence(values, words):
     with pytest.raises(InputError, match=words):
         Valve(**values)
+
+
+def test_a_dead_band_is_taken_off_the_command_before_the_lag():
+    """By hand: a step of 10 kPa settles at 8.5 kPa, with the lag's course; what lies within the band moves nothing."""
+    nodes = np.linspace(0.0, 1.0, 101)
+    seen, _, _ = behind(Valve(rise_time=0.1, fall_time=0.1, dead_band=1.5e3), Pulse(1e4, 0.0, 2.0), nodes)
+    assert seen == pytest.approx(8.5e3 * (1.0 - np.exp(-nodes / 0.1)), abs=1e-6)
+    ideal, mean, _ = behind(Valve(dead_band=1.5e3), Trace([0.0, 1.0], [-3e3, 3e3]), nodes)
+    command = 6e3 * nodes - 3e3
+    assert ideal == pytest.approx(np.sign(command) * np.maximum(np.abs(command) - 1.5e3, 0.0), abs=1e-9)
+    assert mean.sum() == pytest.approx(0.0, abs=1e-6)
+    held, _, _ = behind(Valve(dead_band=1.5e3), Pulse(1e3, 0.0, 2.0), nodes)
+    assert not held.any()
+
+
+def test_a_body_behind_a_dead_band_rests_and_moves_as_under_less_pressure():
+    model = chen2018.model(valve=Valve(rise_time=0.03, fall_time=0.05))
+    banded = model.with_(valve=replace(model.valve, dead_band=2e3))
+    times = np.linspace(0.0, 0.4, 41)
+    pairs = [(9e4, 8.8e4), (-5e4, -4.8e4), (1.5e3, 0.0)]
+    for command, left in pairs:  # loaded at first, then let go
+        moved, plain = (simulate(m, Trace([0.0, 0.1, 0.1], [p, p, 0.0]), times=times) for m, p in
+                        ((banded, command), (model, left)))
+        assert moved["tip_position"].values == pytest.approx(plain["tip_position"].values, abs=1e-12)
+    batch = simulate_batch(banded, [Trace([0.0, 0.1, 0.1], [p, p, 0.0]) for p, _ in pairs[:2]], times=times)
+    alone = simulate(banded, Trace([0.0, 0.1, 0.1], [9e4, 9e4, 0.0]), times=times)
+    np.testing.assert_allclose(batch["tip_position"].values[0, :, -1], alone["tip_position"].values[:, -1], atol=1e-12)
+    with pytest.raises(InputError, match="a regulator with a dead band"):
+        simulate(banded, Pulse(9e4), times=times, method="LSODA")
+    with pytest.raises(InputError, match="a Stepper takes an ideal or first-order valve"):
+        Stepper(banded)

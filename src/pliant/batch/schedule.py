@@ -15,6 +15,7 @@ from pliant.batch import simd_loops
 from pliant.batch.samples import Samples
 from pliant.compiler.simd import WIDTH, aligned, lane_twin
 from pliant.model import Valve
+from pliant.simulation.chamber_course import delivered
 from pliant.simulation.drive import before, drive, grid, through_valve
 from pliant.simulation.inputs import Input
 
@@ -51,7 +52,8 @@ class Schedule:
 
     def initial(self, i: int) -> float:
         """Pressure of sample `i` before anything happens at the first time, Pa."""
-        return before(self.pressure(i), self.samples.valves[i].dead_time, self.times)
+        valve = self.samples.valves[i]
+        return delivered(valve, before(self.pressure(i), valve.dead_time, self.times))
 
     def grid(self, i: int) -> LaneGrid:
         """The steps of sample `i`, as `simulation.drive` lays them."""

@@ -190,6 +190,10 @@ FEATURES: dict[str, Feature] = {
         "pressure that settles late", some("late settling of the valve", lambda c: c.valve.settle_share),
         of_valve(settle_share=0.0), ("Valve.settle_share", "Valve.settle_time"),
     ),
+    "dead_band": Feature(
+        "dead band of the regulator", some("dead band of the regulator", lambda c: c.valve.dead_band),
+        of_valve(dead_band=0.0), ("Valve.dead_band",),
+    ),
     "swelling": Feature(
         "swelling", some("swelling", lambda c: c.swell_share), of_chambers(lambda c: replace(c, swell_share=0.0)),
         ("Chamber.swell_share", "Chamber.swell_time"),

@@ -27,7 +27,7 @@ from pliant.model import Model
 
 Array = np.ndarray
 NO_POINTS = "the outputs are the last tip, the joint angles and the strains: other observed points are not among them"
-CAN = ALL - RUBBER - {"points", "two_lags", "rates", "settling", "slip", "boucwen"}
+CAN = ALL - RUBBER - {"points", "two_lags", "rates", "settling", "dead_band", "slip", "boucwen"}
 STATE_UNITS = {
     "phi": "rad", "w_": "rad/s", "strain_rate_": "1/s", "strain_": "1", "pressure_rate": "Pa/s", "pressure": "Pa",
     "creep": "rad", "command": "Pa",

@@ -18,7 +18,7 @@ from pliant.model.torque_law import laid_torque, law_parameters, torque_laws
 VALVE = {
     "valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time",
     "valve_rise_rate": "rise_rate", "valve_fall_rate": "fall_rate",
-    "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
+    "valve_dead_band": "dead_band", "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
 }  # fmt: skip
 RUBBER = symbols.Chamber._fields[1:]
 GAINS = r"gain|joint_gain_(\d+|\*)"

@@ -26,7 +26,8 @@ SCHEMA_VERSION: Literal[1] = 1
 UNITS = {
     "link_length": "m", "rest_angle": "rad", "link_mass": "kg", "stiffness": "N m/rad", "damping": "N m s/rad",
     "torque": "N m/Pa^k", "tip_mass": "kg", "base_length": "m", "base_angle": "rad", "gravity": "m/s^2",
-    "valve": "s, Hz", "valve rates": "Pa/s", "stations": "m", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
+    "valve": "s, Hz", "valve rates": "Pa/s", "dead_band": "Pa",
+    "stations": "m", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
     "inflation_limit": "Pa", "inflation_time": "s", "axial_gain": "1/m",
     "extensions": "N, N s, m", **{name: term.unit for name, term in SPRING_TERMS.items()},
     SPRING_BOUND: "1",
@@ -56,6 +57,7 @@ class ValveEntry(BaseModel):
     fall_rate: float = 0.0
     settle_share: float = 0.0
     settle_time: float = 1.0
+    dead_band: float = 0.0
 
 
 class ChamberEntry(BaseModel):

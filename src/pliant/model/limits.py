@@ -55,6 +55,7 @@ LIMITS = {
     "damping_ratio": Limit(0.0, 1e4, ""),
     "rise_rate": Limit(1e-3, 1e15, "Pa/s", zero=True),
     "fall_rate": Limit(1e-3, 1e15, "Pa/s", zero=True),
+    "dead_band": Limit(0.0, 1e7, "Pa"),
     "settle_share": Limit(0.0, 1.0, ""),
     "settle_time": Limit(1e-6, 1e6, "s"),
     "creep_share": Limit(0.0, 1e6, ""),

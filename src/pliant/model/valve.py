@@ -22,6 +22,9 @@ class Valve:
     settle_share, settle_time : float
         This share of the pressure comes late, behind a further lag of settle_time, s: a regulator that closes the last
         of its gap slowly. Share 0: none.
+    dead_band : float
+        What a regulator leaves of its command, Pa: it settles at u - dead_band above it, at u + dead_band below
+        -dead_band, and does nothing between.
     dead_time : float
         Delay between command and first reaction, s.
     natural_frequency : float
@@ -44,6 +47,7 @@ class Valve:
     fall_rate: float = 0.0
     settle_share: float = 0.0
     settle_time: float = 1.0
+    dead_band: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):

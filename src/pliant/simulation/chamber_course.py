@@ -19,7 +19,7 @@ from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
 Twin = Callable[[Any], Any]  # of a kernel, on floats or on duals
-OF_A_VALVE = 9  # entries of a row that are the valve's, the first
+OF_A_VALVE = 10  # entries of a row that are the valve's, the first
 BEFORE_LAW = OF_A_VALVE + 6  # and before the torque law, whose length is its own
 
 
@@ -32,6 +32,7 @@ class ValveConstants(NamedTuple):
     omega: Any  # rad/s, of a second-order valve
     damping_ratio: Any
     before: Any  # Pa, behind it at first
+    dead_band: Any  # Pa
 
 
 class Intervals(NamedTuple):
@@ -49,10 +50,16 @@ def lag_of(valve: Valve) -> Lag:
     )
 
 
+def delivered(valve: Valve, command: float) -> float:
+    """Pressure [Pa] at which the valve settles under a constant command [Pa]: what its dead band leaves of it."""
+    return float(np.sign(command) * max(abs(command) - valve.dead_band, 0.0)) if valve.dead_band else command
+
+
 def valve_row(valve: Valve, before: float) -> Array:
     """All that a pressure behind a valve depends on, beside the command, in one row; it was `before` [Pa] at first."""
     omega = 2 * np.pi * valve.natural_frequency
-    return np.array([*lag_of(valve), valve.settle_share, valve.settle_time, omega, valve.damping_ratio, before])
+    rest = valve.settle_share, valve.settle_time, omega, valve.damping_ratio, before, valve.dead_band
+    return np.array([*lag_of(valve), *rest])
 
 
 def row_of(chamber: Chamber, before: float) -> Array:
@@ -69,6 +76,8 @@ def valve_constants(row: Array) -> ValveConstants:
 
 def pass_valve(run: Twin, valve: Valve, made: ValveConstants, lengths: Any, p: Any) -> None:
     """Turn what is commanded in intervals of some lengths into the pressure behind a valve, p (m, 4) [Pa], in place."""
+    if valve.dead_band:
+        run(pressure_loops.past_dead_band)(made.dead_band, p)
     if valve.natural_frequency:
         run(pressure_loops.second_order_valve)(lengths, made.omega, made.damping_ratio, made.before, p)
     elif valve.rise_rate or valve.fall_rate:

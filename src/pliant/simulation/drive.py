@@ -18,6 +18,7 @@ from pliant.errors import InputError, SimulationError
 from pliant.model import Chamber, Model, Valve
 from pliant.simulation.chamber_course import (
     Intervals,
+    delivered,
     pass_valve,
     row_of,
     take_torques,
@@ -95,8 +96,12 @@ class Layout:
     def behind(self, c: int, valve: Valve) -> Array:
         """Pressure (m, 4) behind the valve of chamber `c`, Pa; see `through_valve`."""
         if (c, valve) not in self._behind:
-            self._behind[c, valve] = lagging(valve, self.intervals.lengths, self.commands[c], float(self.initial[c]))
+            self._behind[c, valve] = lagging(valve, self.intervals.lengths, self.commands[c], self.resting(c, valve))
         return self._behind[c, valve]
+
+    def resting(self, c: int, valve: Valve) -> float:
+        """Pressure [Pa] behind the valve of chamber `c` before anything happens."""
+        return delivered(valve, float(self.initial[c]))
 
     def driven(self, c: int, chamber: Chamber) -> Driven:
         """What chamber `c` does."""
@@ -105,7 +110,7 @@ class Layout:
             behind = self.behind(c, chamber.valve)
             torque, grown = np.empty(self.intervals.h.size), np.ones(self.intervals.lengths.size + 1)
             if chamber.remembers:
-                row = row_of(chamber, float(self.initial[c]))
+                row = row_of(chamber, self.resting(c, chamber.valve))
                 take_torques(twin, chamber, row, self.intervals, behind, torque, grown)
             else:  # arithmetic on whole arrays: nothing that a first simulation would have to compile
                 impulse = self.intervals.lengths * mean_of_law(Interval(*behind.T), chamber.kernel().law)
@@ -206,7 +211,8 @@ def driven(model: Model, layout: Layout) -> Drive:
     torque, shown, stretch = (np.column_stack(rows) for rows in zip(*columns, strict=True))
     grows = any(c.grows for c in model.chambers)
     gain = np.array(model.actuation.gain)
-    return Drive(layout.intervals.h, torque, gain, layout.keep, shown, layout.initial, stretch if grows else None,
+    initial = np.array([layout.resting(c, chamber.valve) for c, chamber in enumerate(model.chambers)])
+    return Drive(layout.intervals.h, torque, gain, layout.keep, shown, initial, stretch if grows else None,
                  layout=layout)  # fmt: skip
 
 

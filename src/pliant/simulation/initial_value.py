@@ -12,6 +12,7 @@ from pliant.errors import SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import march_loops, memory, state
+from pliant.simulation.chamber_course import delivered
 from pliant.simulation.drive import Drive, before, check_times, drive, inputs_of, too_fast
 from pliant.simulation.forces import PointForce, checked, loads_at, mean_loads
 from pliant.simulation.inputs import Input
@@ -94,7 +95,8 @@ def posed(
     """
     inputs, times = inputs_of(model, pressure), check_times(times)
     pull = tuple(checked("simulate", force) for force in forces)
-    initial = [before(u, c.valve.dead_time, times) for u, c in zip(inputs, model.chambers, strict=True)]
+    valves = [c.valve for c in model.chambers]
+    initial = [delivered(v, before(u, v.dead_time, times)) for u, v in zip(inputs, valves, strict=True)]
     return InitialValueProblem(model, inputs, times, pull, np.array(initial))
 
 

@@ -13,6 +13,22 @@ from pliant.equations.symbols import Interval
 UNLIMITED = 1e30  # Pa/s; not infinite, whose product with no lag is not a number
 
 
+def past_dead_band(band, p):
+    """Take the dead band [Pa] of a regulator off the commands p (m, 4) [Pa], in place.
+
+    p holds the command at the start, middle and end of each interval, and its mean; exact but for intervals in which
+    the command crosses the band.
+    """
+    for k in range(len(p)):
+        for j in range(4):
+            if p[k, j].real > band.real:
+                p[k, j] = p[k, j] - band
+            elif p[k, j].real < -band.real:
+                p[k, j] = p[k, j] + band
+            else:
+                p[k, j] = 0.0 * p[k, j]
+
+
 def first_order_valve(h, rise, fall, before, p):
     """Pressure behind a first-order lag, exact for a command that is straight in each interval; Pa.
 
