@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.preprocessing.align import align, alignment_of
-from pliant.preprocessing.rest import rest_window
+from pliant.preprocessing.rest import before_pressure, rest_window
 from pliant.recording import make_recording
 
 TIME = np.arange(500) / 100
@@ -215,3 +216,11 @@ def test_sign_comes_from_the_station_that_moves(rng):
     ds = make_recording(time, position, station=["base", "tip", "post"])
     flat = align(ds, base="base", tangent=[0.0, 1.0, 0.0])
     assert flat["position"].sel(station="tip", axis="x").values[-1] < -0.019
+
+
+@pytest.mark.parametrize(("frames", "found"), [(2, None), (3, (0.0, 0.02)), (4, (0.0, 0.03))])
+def test_rest_before_a_pressure_takes_three_frames(frames, found):
+    pressure = np.where(np.arange(20) < frames, 0.0, 1e5)
+    ds = xr.Dataset({"pressure": ("pressure_time", pressure)},
+                    {"time": 0.01 * np.arange(20), "pressure_time": 0.01 * np.arange(20) - 1e-9})  # fmt: skip
+    assert before_pressure(ds) == (None if found is None else pytest.approx(found))

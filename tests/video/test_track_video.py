@@ -16,6 +16,7 @@ from pliant.recording import read
 from pliant.testbed.camera import Look, Scene, Shutter, film_motion
 from pliant.testbed.camera.scene import coverage
 from pliant.video import Tracking, track_video
+from pliant.video.marks import _on_one_body
 from pliant.video.movie import movie
 from pliant.video.pace import doubled_and_leaps, lost_in_times
 
@@ -238,3 +239,25 @@ def test_colour_that_touches_the_pictures_border_is_followed(tmp_path: Path) -> 
 def test_options_of_dots_that_cannot_be(options: dict, said: str) -> None:
     with pytest.raises(InputError, match=said):
         Tracking(**options)
+
+
+@pytest.mark.parametrize(("count", "chosen"), [(None, "right"), (3, "left"), (4, "right"), (5, "right")])
+def test_the_group_of_the_stated_number_is_the_body(count: int | None, chosen: str) -> None:
+    left = np.array([[10.0 * k, 0.0] for k in range(3)])
+    right = np.array([[300.0 + 10.0 * k, 0.0] for k in range(5)])
+    body = _on_one_body(np.concatenate([left, right]), count)
+    assert body.tolist() == [chosen == "left"] * 3 + [chosen == "right"] * 5
+
+
+def test_a_frame_after_a_repeated_one_is_no_leap() -> None:
+    """It covers two steps because the frame before showed none; a leap without a repeat is a frame that is missing."""
+    time, even = 0.01 * np.arange(12), np.full(12, 10.0)
+    for way, repeated, leapt in (
+        ([0, 5, 10, 15, 20, 20, 30, 35, 40, 45, 50, 55], [5], []),
+        ([0, 5, 10, 15, 20, 25, 36, 41, 46, 51, 56, 61], [], [6]),
+    ):
+        change = even.copy()
+        change[repeated] = 0.1
+        points = np.stack([np.array(way, dtype=float), np.zeros(12)], axis=1)[:, None]
+        doubled, leaps = doubled_and_leaps(points, change, time)
+        assert (np.flatnonzero(doubled).tolist(), np.flatnonzero(leaps).tolist()) == (repeated, leapt)
