@@ -357,7 +357,7 @@ def test_the_help_page_draws_no_boxes():
     code = "import sys, pliant.__main__ as p; sys.argv = ['', '--help']\ntry: p.main()\nfinally: print(sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "See it work" in done.stdout
+    assert "First steps" in done.stdout
     assert not [name for name in HEAVY if f"'{name}'" in done.stdout]
 
 

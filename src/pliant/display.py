@@ -12,12 +12,13 @@ MOST_ROWS = 12
 
 
 class Card(NamedTuple):
-    """What a result says of itself: a title, sentences, and a table whose first column is a name."""
+    """What a result shows: a title, sentences, a table whose first column is a name, and an SVG for notebooks."""
 
     title: str
     lines: Sequence[str] = ()
     head: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
+    drawing: str = ""
 
 
 class Shown:
@@ -48,7 +49,7 @@ def as_text(card: Card) -> str:
 
 def as_html(card: Card) -> str:
     """A card as HTML that needs no style of its own."""
-    made = [f"<p><strong>{escape(card.title)}</strong></p>"]
+    made = [f"<p><strong>{escape(card.title)}</strong></p>", card.drawing]
     if card.rows:
         head = "".join(f'<th scope="col">{escape(h)}</th>' for h in card.head)
         made.append(f"<table><thead><tr>{head}</tr></thead><tbody>")

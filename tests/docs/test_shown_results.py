@@ -100,3 +100,20 @@ def test_a_result_shows_itself(name):
 def test_a_table_is_aligned():
     lines = as_text(Card("title", ["below"], ["name", "mm"], [["a", "1.5"], ["long name", "12"]])).splitlines()
     assert lines == ["title", "  name        mm", "  a          1.5", "  long name   12", "below"]
+
+
+def test_a_model_and_an_experiment_are_drawn():
+    """By hand: a straight chain of two links of 0.1 m is 220 pixels high, and its tip bends to -x."""
+    model = pliant.chain_model(length=0.2, mass=0.05, links=2, stiffness=1.0, damping=0.01, torque=[1e-6])
+    page = model._repr_html_()
+    rest = page.rpartition("<polyline")[2].partition('points="')[2].partition('"')[0]
+    points = [tuple(map(float, p.split(","))) for p in rest.split()]
+    base = points[0]
+    assert [x - base[0] for x, _ in points] == pytest.approx([0.0, 0.0, 0.0], abs=0.11)
+    assert [base[1] - y for _, y in points] == pytest.approx([0.0, 110.0, 220.0], abs=0.11)
+    bent = page.partition("<polyline")[2].partition('points="')[2].partition('"')[0].split()[-1]
+    assert float(bent.partition(",")[0]) < base[0] - 10
+    exp = pliant.Experiment("a<b", np.arange(20) / 10, np.linspace(0.05, 0.1, 40).reshape(20, 1, 2), ("tip",), "pulse",
+                            level=3e4)
+    assert exp._repr_html_().count("<polyline") == 6  # five instants and the path
+    assert "<svg" not in repr(model)

@@ -35,7 +35,7 @@ def test_the_chosen_rung_is_the_model_and_the_page_shows_all(tmp_path: Path) -> 
     MetricsFile.model_validate(metrics)
     assert list(metrics["ladder"]["rungs"]) == ["given", "elastic"]
     assert metrics["ladder"]["chosen"] == "elastic"
-    assert outcome.verdict[0].startswith("The ladder stops at K and D")
+    assert outcome.verdict[0].startswith("Model selection chose K and D")
     assert outcome.fits[0].name == "ladder"
     assert outcome.fits[0].result.covariance.source == "block bootstrap"
     for name, record in metrics["records"].items():
@@ -48,7 +48,7 @@ def test_the_chosen_rung_is_the_model_and_the_page_shows_all(tmp_path: Path) -> 
 
 def test_a_rung_that_nobody_knows_is_refused_before_any_work(tmp_path: Path) -> None:
     told: list[str] = []
-    with pytest.raises(InputError, match="has a rung 'moon'"):
+    with pytest.raises(InputError, match="names an unknown stage 'moon'"):
         run_study(load_study(written(tmp_path, rungs=["moon"])), progress=told.append)
     assert told == []
 

@@ -70,15 +70,15 @@ def common(
 
 
 JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # panels of the help, in the order of the journey
-    "See it work": {"demo": demo, "data": data},
+    "First steps": {"demo": demo, "data": data},
     "Your recording": {
         "inspect": inspect, "track": track, "sync": sync, "new": new, "shape": shape, "order": order,
     },
     "Your model": {
         "run": run_command, "figures": figures, "view": view, "design": design, "simulate": simulate, "sweep": sweep,
     },
-    "The model at work": {"estimate": estimate, "contact": contact, "control": control, "export": export},
-    "The laboratory and the machine": {"testbed": run_testbed, "bench": bench},
+    "Use the model": {"estimate": estimate, "contact": contact, "control": control, "export": export},
+    "Simulated actuator, benchmarks": {"testbed": run_testbed, "bench": bench},
 }
 COMMANDS = {name: command for panel in JOURNEY.values() for name, command in panel.items()}
 
@@ -90,7 +90,7 @@ def app_of(*names: str) -> typer.Typer:
         name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False, cls=Panels,
         rich_markup_mode=None,
         help="From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.",
-        epilog="The journey: inspect a recording, draft a study, run it, use its model. Every command takes --json and "
+        epilog="Usual order: inspect a recording, write a study, run it, use its model. Every command takes --json and "
         "--quiet, and `pliant COMMAND --help` ends in an example. Exit codes: 0 good, 1 the job failed, 2 bad usage or "
         "bad input.",
     )

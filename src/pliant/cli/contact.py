@@ -23,7 +23,7 @@ MEANING = {
 
 
 def contact(
-    recordings: Annotated[list[Path], typer.Argument(help="Aligned recordings to judge; several pokes make one map.")],
+    recordings: Annotated[list[Path], typer.Argument(help="Aligned recordings to judge; several make one map.")],
     model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
     free: Annotated[
         list[Path], typer.Option("--free", metavar="<path>", help="Recording without contact; again for each.")
@@ -36,7 +36,7 @@ def contact(
     half_width_mm: Annotated[float, typer.Option("--half-width-mm", help="From centreline to surface, mm.")] = 0.0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Contacts of the first one (.nc).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of test, place and force.")] = None,
-    chart: Annotated[Path | None, typer.Option("--map", help="Map of all pokes (.nc, .csv or .png).")] = None,
+    chart: Annotated[Path | None, typer.Option("--map", help="Map of all contacts (.nc, .csv or .png).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Find contact in recordings; the threshold comes from recordings in which nothing touched.
@@ -70,7 +70,7 @@ def contact(
 
 
 def report(found: xr.Dataset) -> dict[str, float | int | str]:
-    """What a reader should know of a contact, in a few numbers and sentences."""
+    """Return the summary of a contact: numbers and sentences."""
     a = found.attrs
     said = "extrapolated beyond it" if a["threshold_extrapolated"] else "within it"
     made: dict[str, float | int | str] = {

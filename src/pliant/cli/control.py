@@ -54,11 +54,11 @@ def control(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for log, report and figure.")] = Path(
         "results/control"
     ),
-    real_time: Annotated[bool, typer.Option("--real-time", help="By the machine's clock, not as fast as it goes.")] = (
+    real_time: Annotated[bool, typer.Option("--real-time", help="Run in real time, not as fast as possible.")] = (
         False
     ),
     _example: Annotated[
-        bool, typer.Option("--example", is_eager=True, callback=print_task, help="Print an example task and leave.")
+        bool, typer.Option("--example", is_eager=True, callback=print_task, help="Print an example task and exit.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the loop's summary as JSON.")] = False,
 ) -> None:

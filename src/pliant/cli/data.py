@@ -12,14 +12,14 @@ from pliant.cli.terminal import say
 
 
 def data(
-    action: Annotated[Literal["list", "fetch"], typer.Argument(help="List what there is, or fetch some of it.")],
+    action: Annotated[Literal["list", "fetch"], typer.Argument(help="List the data sets, or fetch some.")],
     names: Annotated[list[str] | None, typer.Argument(help="Names to fetch; all where none is given.")] = None,
     mirror: Annotated[
         str | None, typer.Option(help="Address that has the files as NAME/FILE: https://..., file:///...")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
-    """Bring the public recordings of the example studies: from their published commits, checked, into one folder.
+    """List or download the public recordings of the example studies; downloads are verified by checksum.
 
     A study, or any command, then finds them as data:NAME/FILE. The folder is that of PLIANT_DATA, else in your caches.
 

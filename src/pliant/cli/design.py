@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
 
 def design(
-    study: Annotated[Path, typer.Argument(help="Study file (TOML) with the recordings at hand.")],
+    study: Annotated[Path, typer.Argument(help="Study file (TOML) with the existing recordings.")],
     max_kpa: Annotated[
-        float | None, typer.Option("--max-kpa", help="Pressure not to pass, kPa gauge; default: the highest recorded.")
+        float | None, typer.Option("--max-kpa", help="Highest pressure, kPa gauge; default: the highest recorded.")
     ] = None,
     criterion: Annotated[
         str, typer.Option("--criterion", help="E: shrink the weakest direction; D: shrink all together.")
     ] = "E",
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Rank pulses and chirps by what one more recording would teach the study's model.
+    """Rank pulses and chirps by how far one more recording of each would reduce the standard errors.
 
     Example: pliant design study.toml --max-kpa 30
     """

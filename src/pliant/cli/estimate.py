@@ -40,7 +40,7 @@ def estimate(
     width: Annotated[float, typer.Option(help="Width of that pulse, s.")] = 2.76,
     drive: Annotated[str, typer.Option(help=DRIVE)] = "",
     latency_ms: Annotated[float, typer.Option("--latency-ms", help="Delay of the shape's stamps, ms.")] = 0.0,
-    lag: Annotated[int, typer.Option(help="Frames that smoothed states wait for.")] = 10,
+    lag: Annotated[int, typer.Option(help="Lag of the smoother, frames.")] = 10,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="States and covariances (.nc).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of angles, rates and innovations.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
@@ -75,7 +75,7 @@ def estimate(
 
 
 def report(found: xr.Dataset) -> dict[str, float | int | str]:
-    """What a reader should know of an estimate, in a few numbers and sentences."""
+    """Return the summary of an estimate: numbers and sentences."""
     a = found.attrs
     low, high = a["nis_bounds"]
     ratio, correlation, bound = a["nis_ratio"], a["innovation_correlation"], a["innovation_correlation_bound"]

@@ -10,11 +10,11 @@ import typer
 
 def inspect(
     recording: Annotated[Path, typer.Argument(help="A recording: .c3d, .csv, .nc, .npz, .mat, .tsv, ...")],
-    mapping: Annotated[Path | None, typer.Option(help="TOML file: what the columns mean, units, format.")] = None,
+    mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
     figure: Annotated[Path | None, typer.Option(help="Draw every station against time (.png or .svg).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
-    """Show what is in a recording and how good it is: frames, stations, gaps, drop-outs, noise, units.
+    """Show the content and the quality of a recording: frames, stations, gaps, drop-outs, noise, units.
 
     Example: pliant inspect pulse.c3d --figure pulse.png
     """

@@ -20,7 +20,7 @@ def new(
         typer.Option("--from", metavar="<path>",
                      help="Recording, or log of its pressure (push_log.csv for push.csv); again for each."),
     ],
-    mapping: Annotated[Path | None, typer.Option(help="TOML file: what the columns mean, units, format.")] = None,
+    mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
     length: Annotated[float | None, typer.Option(help="Of the body, m.")] = None,
     mass: Annotated[float | None, typer.Option(help="Of the body, kg.")] = None,
     level_kpa: Annotated[
@@ -31,7 +31,7 @@ def new(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print what was written and asked as JSON.")] = False,
 ) -> None:
-    """Look at recordings and write a commented study for them; what only you know is marked "?".
+    """Write a commented study file for recordings; entries that only you can know are marked "?".
 
     Example: pliant new arm.toml --from 100mbar.c3d --from 200mbar.c3d --mass 0.15
     """

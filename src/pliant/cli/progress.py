@@ -22,7 +22,7 @@ QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 
 
 def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with an option more, in front of its ``--json``."""
+    """Return the command with the option ``--quiet`` before its ``--json``."""
 
     @wraps(command)
     def run(*args: Any, quiet: bool = False, **options: Any) -> None:
@@ -35,7 +35,7 @@ def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
     own = signature(command, eval_str=True)
     taken = list(own.parameters.values())
     at = next(k for k, p in enumerate(taken) if p.name in ("json", "as_json"))
-    wish = Annotated[bool, typer.Option("--quiet", help="Tell nothing but the result.")]
+    wish = Annotated[bool, typer.Option("--quiet", help="Print only the result.")]
     taken.insert(at, Parameter("quiet", taken[at].kind, default=False, annotation=wish))
     run.__signature__ = own.replace(parameters=taken)  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in taken}
@@ -80,7 +80,7 @@ def busy(what: str) -> Iterator[None]:
 
 @contextmanager
 def telling() -> Iterator[Callable[[str], None]]:
-    """Takes one line for each thing done: above a running clock on a terminal, plain in a pipe, none if quiet."""
+    """Yield a function that prints a line of progress: above a clock on a terminal, plain in a pipe, none if quiet."""
     quiet = QUIET.get()
     if quiet or not sys.stderr.isatty():
         yield (lambda _line: None) if quiet else (lambda line: say(line, error=True))
@@ -102,14 +102,14 @@ def telling() -> Iterator[Callable[[str], None]]:
 
 
 def mention(line: str) -> None:
-    """Tell one line, unless quiet."""
+    """Print one line to standard error, unless quiet."""
     if not QUIET.get():
         say(line, error=True)
 
 
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[float], None]]:
-    """Takes the share that is done, 0 to 1: a bar once a second has passed, quarters in a pipe, none if quiet."""
+    """Yield a function of the fraction done, 0 to 1: a bar after a second, quarters in a pipe, nothing if quiet."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 

@@ -13,7 +13,7 @@ from pliant.cli.terminal import say
 def shape(
     file: Annotated[Path, typer.Argument(help="Raw recording of a body's shape.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Clean planar recording to write (.nc or .csv).")],
-    mapping: Annotated[Path | None, typer.Option(help="TOML file: what the columns mean, units, format.")] = None,
+    mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
     base: Annotated[str | None, typer.Option(help="Station at the base; default: 'base', or the first.")] = None,
     tangent: Annotated[
         str, typer.Option(help="Base tangent: chord, clamp, station+x ..., or three numbers 'x,y,z'.")

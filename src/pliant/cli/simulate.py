@@ -38,14 +38,14 @@ def simulate(
         str, typer.Option(help="midpoint, extrapolated, accurate, LSODA, BDF or Radau.")
     ] = "midpoint",
     load_g: Annotated[
-        float, typer.Option("--load-g", help="Mass hung on the tip, g; it weighs where the model has gravity.")
+        float, typer.Option("--load-g", help="Mass attached to the tip, g; its weight counts if the model has gravity.")
     ] = 0.0,
     force: Annotated[
         str, typer.Option(help="Force FX,FY[@POINT] in N on an observed point (the last), while the pulse lasts.")
     ] = "",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Trajectory file (.nc or .csv).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of all tips against time (.png or .svg).")] = None,
-    film: Annotated[Path | None, typer.Option(help="Film of the moving body (.gif; .mp4 where ffmpeg is).")] = None,
+    film: Annotated[Path | None, typer.Option(help="Film of the moving body (.gif, or .mp4 with ffmpeg).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> None:
     """Simulate a model under a pressure pulse or a measured pressure.

@@ -15,12 +15,12 @@ def sync(
     pressure: Annotated[
         Path | None, typer.Argument(help="Log of the pressure; default: the one in the shape's file.")
     ] = None,
-    mapping: Annotated[Path | None, typer.Option(help="TOML file that says what the shape's columns mean.")] = None,
+    mapping: Annotated[Path | None, typer.Option(help="TOML file that describes the shape's columns.")] = None,
     pressure_mapping: Annotated[
-        Path | None, typer.Option("--pressure-mapping", help="TOML file that says what the log's columns mean.")
+        Path | None, typer.Option("--pressure-mapping", help="TOML file that describes the log's columns.")
     ] = None,
     largest_s: Annotated[
-        float | None, typer.Option("--largest-s", help="Largest offset to look for, s; default: what overlaps by half.")
+        float | None, typer.Option("--largest-s", help="Largest offset to try, s; default: half of the overlap.")
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Joined recording to write (.nc).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Overlay to draw (.png, .svg or .pdf).")] = None,

@@ -14,20 +14,20 @@ from pliant.cli.terminal import say
 
 def run_testbed(
     scenario: Annotated[
-        str | None, typer.Argument(help="name of a scenario, see --list; or pulse_<kPa>_<ms>ms, pulse_120+60_500ms")
+        str | None, typer.Argument(help="Name of a scenario, see --list; or pulse_<kPa>_<ms>ms, pulse_120+60_500ms")
     ] = None,
     *,
     actuator: Annotated[
         str, typer.Option(help="a, b, c, two_segment, antagonistic, lengthening, or a seed of the family, e.g. 7")
     ] = "a",
-    seed: Annotated[int, typer.Option(min=0, help="seed of the sensors")] = 1,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="recording to write (.nc)")] = None,
-    truth: Annotated[Path | None, typer.Option(help="file for the true states (.nc), kept apart")] = None,
-    record: Annotated[str, typer.Option(help="what is recorded: position, strain, markers, flex or imu")] = "position",
-    show: Annotated[bool, typer.Option("--list", help="list the scenarios and leave")] = False,
-    json: Annotated[bool, typer.Option("--json", help="print what was recorded, or the list, as JSON")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors.")] = 1,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Recording to write (.nc).")] = None,
+    truth: Annotated[Path | None, typer.Option(help="Separate file for the true states (.nc).")] = None,
+    record: Annotated[str, typer.Option(help="Sensor: position, strain, markers, flex or imu.")] = "position",
+    show: Annotated[bool, typer.Option("--list", help="List the scenarios and exit.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the recording, or the list, as JSON.")] = False,
 ) -> None:
-    """Record a scenario of the virtual actuator, whose truth is known.
+    """Record a scenario of a simulated actuator, whose true states are known.
 
     The recording looks like any laboratory's: raw sensor frame, its own pressure clock, noise and
     drop-outs. A file that already holds this content is left as it is. A number in place of a, b or c is another

@@ -21,7 +21,7 @@ def track(
                                                       "as a film (.mp4); may be given twice.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")] = False,
 ) -> None:
-    """Follow a bending body through a video: its silhouette, dots of one colour, or ArUco markers.
+    """Track a bending body in a video: its silhouette, dots of one colour, or ArUco markers.
 
     Example: pliant track push.mp4 -o push.nc --camera camera.toml --overlay push.png
     """

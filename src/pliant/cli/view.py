@@ -24,7 +24,7 @@ def view(
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
     json: Annotated[bool, typer.Option("--json", help="Print the address as JSON.")] = False,
 ) -> None:
-    """Open a page where the model runs: pressures, parameters and gravity on sliders, the body pulled by hand.
+    """Open a page where the model runs: sliders for pressures, parameters and gravity; pull the body with the mouse.
 
     Needs the extra view. The page is for this machine alone and ends with this program (Ctrl-C).
 

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from pliant.display import Card, Shown
+from pliant.drawing import body_svg
 from pliant.errors import InputError
 from pliant.identification.parameters import Parameter, for_record
 from pliant.identification.recorded import Excitation
@@ -138,7 +139,16 @@ class Experiment(Shown):
             done["trace"] = f"measured pressures of {', '.join(self.drives)}"
         unit, factor = self.shown_in
         travel = f"travel {factor * self.travel:.3g} {unit}"
-        return Card(f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, {travel}")
+        title = f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, {travel}"
+        return Card(title, drawing="" if self.placeless else body_svg(self.poses(), title))
+
+    def poses(self) -> list[tuple[str, Array]]:
+        """The body at five instants from the first to the farthest, and the path of the last station, to draw."""
+        whole = np.flatnonzero(np.isfinite(self.position).all(axis=(1, 2)))
+        away = np.linalg.norm(self.position[whole, -1] - self.position[whole[:1], -1], axis=1)
+        reached = [whole[np.argmax(away >= f * away.max())] for f in np.linspace(0, 1, 5)] if whole.size else []
+        return [*(("measured", np.vstack([np.zeros((1, 2)), self.position[k]])) for k in dict.fromkeys(reached)),
+                ("path", self.position[:, -1])]
 
     @property
     def compared(self) -> Array:

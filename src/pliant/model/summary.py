@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.display import Card
+from pliant.drawing import body_svg
 from pliant.model.parameters import ModelParameters
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.model.spring import SPRING_TERMS, in_words
 
+BENT = (0.1, 0.2)  # rad, of each joint: how the drawing shows the side to which the body bends
 HEAD = ("link", "length mm", "mass g", "stiffness N m/rad", "damping N m s/rad", "rest angle deg")
 
 
@@ -21,7 +23,15 @@ def model_card(model: ModelParameters) -> Card:
     if model.n > 1 and np.allclose(table, table[0], rtol=1e-12, atol=0):
         rows = [[f"1 to {model.n}", *rows[0][1:]]]
     title = f"Model {model.name!r}: {model.n} link(s), {1e3 * model.length:.4g} mm, {1e3 * model.mass:.4g} g"
-    return Card(title, sentences(model), HEAD, rows)
+    poses = [("faint", chain(model, angle)) for angle in BENT] + [("modelled", chain(model, 0.0))]
+    return Card(title, sentences(model), HEAD, rows, body_svg(poses, f"{title}, at rest and bent"))
+
+
+def chain(model: ModelParameters, turn: float) -> np.ndarray:
+    """Return base and link tips (n + 1, 2) [m] with every joint turned by `turn` [rad] from its rest angle."""
+    angle = np.cumsum(model.rest_angle + turn)
+    steps = model.link_length[:, None] * np.stack([-model.bend_sign * np.sin(angle), np.cos(angle)], axis=1)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
 
 
 def sentences(model: ModelParameters) -> list[str]:

@@ -108,7 +108,7 @@ def draft_study(
         raise InputError(f"a study needs recordings whose file names differ, got {', '.join(names) or 'none'}")
     first, out = looks[0], Lines()
     title = Path(study).stem
-    out.say('Drafted by `pliant new` from what the files show. What only you know stands as "?".',
+    out.say('Written by `pliant new` from the files. Entries that only you can know are marked "?".',
             "Every entry is explained in docs/studies.md. SI units, except where a name says otherwise.")
     told = look_doubts(looks, Case(length=length, mass=mass, diameter=diameter, gravity=tuple(gravity or ()) or None))
     out.say(*(f"! {line}" for line in told))

@@ -1,4 +1,4 @@
-"""A study's fits and its ladder: fit, then predict the records that were held out."""
+"""A study's fits and its model selection: fit, then predict the held-out records."""
 
 from __future__ import annotations
 
@@ -64,15 +64,15 @@ def whole_fit(
 
 
 def rungs_of(entry: LadderEntry) -> Sequence[Rung]:
-    """The rungs of a ladder; InputError where it names one that nobody knows."""
+    """Return the stages that the entry names; InputError for an unknown one."""
     known = {r.name: r for r in (*RUNGS, *MORE_RUNGS)}
     if unknown := [n for n in entry.rungs if n not in known]:
-        raise InputError(f"[ladder] has a rung {unknown[0]!r}: use some of {', '.join(known)}")
+        raise InputError(f"[ladder] names an unknown stage {unknown[0]!r}: use some of {', '.join(known)}")
     return [known[n] for n in entry.rungs] or RUNGS
 
 
 def run_ladder(study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell) -> Ladder | None:
-    """The study's ladder, climbed; None where it has none."""
+    """Return the result of the study's model selection; None where it has none."""
     entry = study.ladder
     if entry is None:
         return None
@@ -80,7 +80,7 @@ def run_ladder(study: Study, experiments: Mapping[str, Experiment], model: Model
         [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
         common=parameters_from(entry.common), rungs=rungs_of(entry), step=study.step,
         weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
-        progress=lambda line: tell(f"ladder: {line}"),
+        progress=lambda line: tell(f"model selection: {line}"),
     )
 
 

@@ -1,0 +1,121 @@
+"""List what pliant says: all messages of its code, or a sample by seed of docstrings, messages and sentences to read.
+
+    python benchmarks/reading.py messages            # a table of all errors, warnings and sentences of the verdict
+    python benchmarks/reading.py sample --seed 1     # 40 docstrings, 40 messages, 40 sentences
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import random
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "src" / "pliant"
+ERRORS = ("InputError", "PliantError", "FitError", "SimulationError", "Refused")
+CALLS = {"tell": "progress", "mention": "progress", "warn": "warning", "say": "output"}
+VERDICT = ("study/verdict.py", "study/headline.py", "failures.py")
+SHORTEST = 25  # characters of a sentence
+CODE = re.compile(r"^(```|:::).*?^\1[^\n]*$|^---\n.*?^---$", re.MULTILINE | re.DOTALL)
+
+
+class Message(NamedTuple):
+    """What is said, of which kind, and where."""
+
+    kind: str
+    place: str
+    text: str
+
+
+def text_of(node: ast.AST) -> str:
+    """The text of a string expression, what it fills in as {name}; '' for anything else."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(str(v.value) if isinstance(v, ast.Constant) else f"{{{ast.unparse(v.value)}}}"
+                       for v in node.values if isinstance(v, ast.Constant | ast.FormattedValue))  # fmt: skip
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return text_of(node.left) + text_of(node.right)
+    if isinstance(node, ast.IfExp):
+        return f"{text_of(node.body)} | {text_of(node.orelse)}"
+    return ""
+
+
+def name_of(call: ast.Call) -> str:
+    """The last part of the name that is called."""
+    return call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+
+
+def messages(path: Path) -> Iterator[Message]:
+    """Every message of a file: arguments of errors and of calls that tell or warn, sentences of a verdict."""
+    place = path.relative_to(SOURCE).as_posix()
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    taken = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and node.args:
+            name = name_of(node)
+            kind = "error" if name in ERRORS else CALLS.get(name, "")
+            if kind and (text := text_of(node.args[0])):
+                taken.add(node.args[0])
+                yield Message(kind, f"{place}:{node.lineno}", " ".join(text.split()))
+    if place in VERDICT or place.startswith("preprocessing/plausibility/"):
+        for node in ast.walk(tree):
+            text = text_of(node) if isinstance(node, ast.JoinedStr) and node not in taken else ""
+            if len(text) > SHORTEST:
+                yield Message("verdict", f"{place}:{node.lineno}", " ".join(text.split()))
+
+
+def all_messages() -> list[Message]:
+    """Every message of the package, by kind and place."""
+    return sorted({m for path in SOURCE.rglob("*.py") for m in messages(path)})
+
+
+def docstrings() -> list[Message]:
+    """The first paragraph of every docstring of a public name."""
+    found = []
+    for path in sorted(SOURCE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module) and (doc := ast.get_docstring(node)):
+                name = getattr(node, "name", "module")
+                if not name.startswith("_"):
+                    place = f"{path.relative_to(SOURCE).as_posix()}: {name}"
+                    found.append(Message("docstring", place, " ".join(doc.partition("\n\n")[0].split())))
+    return found
+
+
+def sentences() -> list[Message]:
+    """Sentences of the documentation, without code, tables and formulas."""
+    found = []
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        text = CODE.sub("", page.read_text(encoding="utf-8"))
+        for block in re.split(r"\n\s*\n", text):
+            if re.match(r"[|#!(<$\[]", block.strip()):
+                continue
+            parts = re.split(r"(?<=[.!?])\s+(?=[A-Z`])", " ".join(block.split()))
+            found += [Message("sentence", page.name, part) for part in parts if len(part) > SHORTEST]
+    return found
+
+
+def main() -> None:
+    """Print the table or the sample."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("messages", "sample"))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=40)
+    asked = parser.parse_args()
+    if asked.what == "messages":
+        for m in all_messages():
+            print(f"{m.kind}\t{m.place}\t{m.text}")
+        return
+    rng = random.Random(asked.seed)
+    for pool in (docstrings(), all_messages(), sentences()):
+        for k, m in enumerate(rng.sample(pool, asked.count), 1):
+            print(f"{k:2d}. [{m.kind}] {m.place}\n    {m.text}")
+
+
+if __name__ == "__main__":
+    main()
