@@ -13,6 +13,15 @@ class PliantError(Exception):
     The message says what was expected, what came and what to do about it. The command line prints
     it as one sentence and leaves with ``exit_code``: 2 for bad input, 1 for a job that failed.
     It is one printable line, whatever a file that it quotes holds: see `pliant.text.escaped`.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> try:
+    ...     pliant.read("absent.csv")
+    ... except pliant.PliantError as error:
+    ...     print(error)
+    no recording can be read from absent.csv: it is absent
     """
 
     exit_code = 1

@@ -79,16 +79,18 @@ def find_contact(
 
     Examples
     --------
-    >>> import pliant                                              # doctest: +SKIP
-    >>> from pliant.contact import find_contact, free_motion
-    >>> model = pliant.load_model("results/arm/model.json")
-    >>> free = [pliant.read(name) for name in ("pulse_60.nc", "pulse_119.nc", "pulse_180.nc")]
-    >>> learnt = free_motion(free, model, false_alarms_per_hour=1.0)
-    >>> touched = find_contact(pliant.read("poke.nc"), model, free=learnt)
-    >>> touched.attrs["onset_s"]                                   # when
-    >>> at = touched.where(touched.in_contact, drop=True)
-    >>> at.contact_arc_length, at.contact_force                    # where along the body, m; how hard, N
-    >>> at.hidden_tangential.any()                                 # whether the shape could not show a component
+    On recordings of your own::
+
+        import pliant
+        from pliant.contact import find_contact, free_motion
+        model = pliant.load_model("results/arm/model.json")
+        free = [pliant.read(name) for name in ("pulse_60.nc", "pulse_119.nc", "pulse_180.nc")]
+        learnt = free_motion(free, model, false_alarms_per_hour=1.0)
+        touched = find_contact(pliant.read("poke.nc"), model, free=learnt)
+        touched.attrs["onset_s"]                                   # when
+        at = touched.where(touched.in_contact, drop=True)
+        at.contact_arc_length, at.contact_force                    # where along the body, m; how hard, N
+        at.hidden_tangential.any()                                 # whether the shape could not show a component
     """
     settings = noise or default_noise(model, disturbance=True)
     learnt = free if isinstance(free, FreeMotion) else free_motion(

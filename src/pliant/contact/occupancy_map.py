@@ -120,14 +120,16 @@ def map_contacts(
 
     Examples
     --------
-    >>> from pliant.contact import find_contact, map_contacts      # doctest: +SKIP
-    >>> from pliant.contact.map_file import save_map
-    >>> pokes = [find_contact(r, model, free=learnt) for r in recordings]
-    >>> chart = map_contacts(pokes, cell=1e-3)
-    >>> chart.probability.sel(x=-0.08, y=0.12, method="nearest")   # occupied?
-    >>> chart.surface, chart.surface_sd                            # touched points, m
-    >>> chart.attrs["stiffness"]                                   # N/m
-    >>> save_map(chart, "chart.nc"), save_map(chart, "chart.csv")
+    On recordings of your own::
+
+        from pliant.contact import find_contact, map_contacts
+        from pliant.contact.map_file import save_map
+        pokes = [find_contact(r, model, free=learnt) for r in recordings]
+        chart = map_contacts(pokes, cell=1e-3)
+        chart.probability.sel(x=-0.08, y=0.12, method="nearest")   # occupied?
+        chart.surface, chart.surface_sd                            # touched points, m
+        chart.attrs["stiffness"]                                   # N/m
+        save_map(chart, "chart.nc"), save_map(chart, "chart.csv")
     """
     if not pokes or not cell > 0:
         raise InputError(f"a map needs at least one poke and a cell size above 0, got {len(pokes)} and {cell} m")

@@ -92,15 +92,17 @@ class KalmanFilter:
 
     Examples
     --------
-    >>> import numpy as np, pliant                                 # doctest: +SKIP
-    >>> from pliant.estimation import KalmanFilter, rows_of
-    >>> model = pliant.load_model("results/arm/model.json")
-    >>> tip = rows_of(model, model.points[-1:])                    # x and y of the last station
-    >>> filter = KalmanFilter(model, latency=0.004)
-    >>> filter.push_pressure(0.010, 30e3)                          # s, Pa
-    >>> filter.push_frame(0.014, tip, np.array([-0.002, 0.169]), np.full(2, 1e-7))
-    >>> filter.advance(0.020)
-    >>> filter.rate, filter.covariance                             # now
+    On recordings of your own::
+
+        import numpy as np, pliant
+        from pliant.estimation import KalmanFilter, rows_of
+        model = pliant.load_model("results/arm/model.json")
+        tip = rows_of(model, model.points[-1:])                    # x and y of the last station
+        filter = KalmanFilter(model, latency=0.004)
+        filter.push_pressure(0.010, 30e3)                          # s, Pa
+        filter.push_frame(0.014, tip, np.array([-0.002, 0.169]), np.full(2, 1e-7))
+        filter.advance(0.020)
+        filter.rate, filter.covariance                             # now
     """
 
     def __init__(

@@ -91,15 +91,17 @@ def estimate(
 
     Examples
     --------
-    >>> import pliant                                              # doctest: +SKIP
-    >>> from pliant.estimation import Noise, estimate
-    >>> model = pliant.load_model("results/arm/model.json")
-    >>> recording = pliant.align(pliant.read("arm.c3d"))
-    >>> found = estimate(recording, model, latency=0.004)
-    >>> found.joint_rate[-1].values                                # rad/s, now
-    >>> found.smooth_joint_rate.values                             # rad/s, ten frames later
-    >>> found.attrs["nis_ratio"], found.attrs["nis_bounds"]        # 1 where the covariances are right
-    >>> found.disturbance, found.disturbance_sd                    # N m of each joint: pushed?
+    On recordings of your own::
+
+        import pliant
+        from pliant.estimation import Noise, estimate
+        model = pliant.load_model("results/arm/model.json")
+        recording = pliant.align(pliant.read("arm.c3d"))
+        found = estimate(recording, model, latency=0.004)
+        found.joint_rate[-1].values                                # rad/s, now
+        found.smooth_joint_rate.values                             # rad/s, ten frames later
+        found.attrs["nis_ratio"], found.attrs["nis_bounds"]        # 1 where the covariances are right
+        found.disturbance, found.disturbance_sd                    # N m of each joint: pushed?
     """
     settings = noise or default_noise(model, disturbance=disturbance)
     measurement = measurement_of(recording, model, settings, stations)

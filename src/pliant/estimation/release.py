@@ -54,10 +54,12 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
 
     Examples
     --------
-    >>> from pliant.estimation import Noise, estimate, release_of     # doctest: +SKIP
-    >>> noise = Noise(random_walk=4.0, initial_disturbance=2.0)
-    >>> found = estimate(recording, model, pressure=pliant.Pulse(0.0), noise=noise)
-    >>> release_of(found).begin                                    # s
+    On recordings of your own::
+
+        from pliant.estimation import Noise, estimate, release_of
+        noise = Noise(random_walk=4.0, initial_disturbance=2.0)
+        found = estimate(recording, model, pressure=pliant.Pulse(0.0), noise=noise)
+        release_of(found).begin                                    # s
     """
     if "disturbance" not in found or found.sizes["time"] < start + 2 * frames:
         raise InputError(f"a release needs disturbance torques (noise.random_walk > 0) and {start + 2 * frames} frames")

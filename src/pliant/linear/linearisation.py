@@ -138,6 +138,13 @@ def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     >>> arm = pliant.chain_model(length=0.17, mass=0.069, mass_at="tip", stiffness=1.6, damping=8e-3, torque=[6.7e-7])
     >>> linear = pliant.linearise(arm, pressure=0.0)  # doctest: +SKIP
     >>> linear.zeros("angle_sum")  # doctest: +SKIP
+
+    Examples
+    --------
+    >>> import pliant
+    >>> from pliant.actuators import chen2018
+    >>> pliant.linearise(chen2018.model()).A.shape  # five angles, five rates
+    (10, 10)
     """
     chain = mechanics_of(model)
     x = chain.coordinates(state.equilibrium(model, pressure))

@@ -32,6 +32,13 @@ def chain_model(
     ------
     InputError
         When the numbers are not physical or the placement is unknown.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> model = pliant.chain_model(length=0.17, mass=0.07, links=5, stiffness=1.6, damping=8e-3, torque=[1.5e-6])
+    >>> model.n, round(model.length, 3)
+    (5, 0.17)
     """
     if links < 1:
         raise InputError(f"a chain needs at least one link, got {links}")

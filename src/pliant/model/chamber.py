@@ -63,6 +63,12 @@ class Chamber:
     ------
     InputError
         When a parameter is not finite or not physical.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> float(pliant.Chamber(torque=(1.5e-6,)).torque_at(100e3))  # N m
+    0.15
     """
 
     torque: Array

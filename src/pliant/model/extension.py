@@ -34,6 +34,12 @@ class Extension:
     ------
     InputError
         When a number is not finite or not physical.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> pliant.Extension(stiffness=40.0).stiffness  # EA, N
+    40.0
     """
 
     stiffness: float

@@ -176,6 +176,16 @@ def save_model(model: Model, path: str | Path) -> Path:
     ------
     InputError
         When the file cannot be written.
+
+    Examples
+    --------
+    >>> import pliant, tempfile, pathlib
+    >>> from pliant.actuators import chen2018
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "model.json"
+    ...     _ = pliant.save_model(chen2018.model(), path)
+    ...     pliant.load_model(path).n
+    5
     """
     content = model_to_dict(model)
     return write_text(path, json.dumps(content | {"checksum": checksum_of(content)}, indent=1) + "\n")
@@ -200,6 +210,16 @@ def load_model(path: str | Path) -> Model:
     InputError
         When the file is absent, not JSON, of another schema, holds a non-physical number, or is not what was written:
         its checksum differs. A file without one is taken as it is.
+
+    Examples
+    --------
+    >>> import pliant, tempfile, pathlib
+    >>> from pliant.actuators import chen2018
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "model.json"
+    ...     _ = pliant.save_model(chen2018.model(), path)
+    ...     pliant.load_model(path) == chen2018.model()
+    True
     """
     path = Path(path)
     try:

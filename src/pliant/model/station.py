@@ -19,6 +19,12 @@ class Station(NamedTuple):
         Index of the link that carries it, 0 the first; -1: the clamped base.
     along, across : float, m
         From the link's joint along the link, and to its left, towards positive bending.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> pliant.Station("tip", link=5, along=0.03).name
+    'tip'
     """
 
     name: str

@@ -161,6 +161,13 @@ def quality(ds: xr.Dataset) -> Quality:
     -------
     Quality
         Counts and one sentence per finding; ``summary()`` is text for a terminal.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> places = [[[0, 0, 0], [0.01 * k, 0.1, 0]] for k in range(5)]
+    >>> pliant.quality(pliant.make_recording([0.0, 0.1, 0.2, 0.3, 0.4], places)).rate_hz
+    10.0
     """
     check_recording(ds)
     found: dict[str, Any] = {}

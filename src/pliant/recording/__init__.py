@@ -36,6 +36,14 @@ def write(ds: xr.Dataset, path: str | Path) -> Path:
     ------
     InputError
         When the ending is unknown, the folder cannot be written, or the format cannot hold the recording.
+
+    Examples
+    --------
+    >>> import pliant, tempfile
+    >>> ds = pliant.make_recording([0.0, 0.1], [[[0, 0, 0]], [[0, 0.1, 0]]], station=["tip"])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     pliant.write(ds, f"{folder}/a.csv").name
+    'a.csv'
     """
     path = Path(path)
     suffix = path.suffix.lower()

@@ -109,6 +109,13 @@ def read_recording(
     ------
     InputError
         When the file is absent, of no known format, damaged, or does not fit the mapping.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> from pliant.testbed.bundle import FOLDER
+    >>> pliant.read(FOLDER / "pulse_119.nc").sizes["station"]
+    296
     """
     path = published_path(Path(path).as_posix()) if str(path).startswith(PREFIX) else Path(path)
     try:

@@ -89,6 +89,13 @@ def make_recording(
     ------
     InputError
         When an array has the wrong shape or breaks a rule of the schema.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> ds = pliant.make_recording([0.0, 0.1], [[[0, 0, 0], [0, 0.1, 0]], [[0, 0, 0], [0.01, 0.099, 0]]])
+    >>> dict(ds.sizes)
+    {'time': 2, 'station': 2, 'axis': 3}
     """
     variables: dict[str, Any] = {}
     coords: dict[str, Any] = {}

@@ -46,6 +46,13 @@ class Pulse:
     ------
     InputError
         When a number is not finite, or the width not positive.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> pulse = pliant.Pulse(level=50e3, start=0.1, width=1.0)  # Pa, s, s
+    >>> [float(pulse(t)) for t in (0.0, 0.5, 2.0)]
+    [0.0, 50000.0, 0.0]
     """
 
     level: float
@@ -74,7 +81,15 @@ class Pulse:
 
 
 def step(level: float, start: float = 0.0) -> Pulse:
-    """A step to `level` [Pa] at `start` [s]."""
+    """A step to `level` [Pa] at `start` [s].
+
+    Examples
+    --------
+    >>> import pliant
+    >>> rises = pliant.step(50e3, start=0.1)
+    >>> [float(rises(t)) for t in (0.0, 0.5, 60.0)]
+    [0.0, 50000.0, 50000.0]
+    """
     return Pulse(level, start)
 
 
@@ -94,6 +109,12 @@ class Trace:
     ------
     InputError
         When the arrays differ in length, are empty or not finite, or time goes back.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> float(pliant.Trace([0.0, 1.0], [0.0, 40e3])(0.25))
+    10000.0
     """
 
     time: Array
@@ -146,6 +167,12 @@ def ramp(level: float, start: float, duration: float) -> Trace:
     ------
     InputError
         When the duration is not a positive time.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> float(pliant.ramp(50e3, start=0.0, duration=1.0)(0.5))
+    25000.0
     """
     if not (np.isfinite(duration) and duration > 0):
         raise InputError(f"ramp duration must be a positive time in seconds, got {duration}")
@@ -159,6 +186,13 @@ def triangle(level: float, period: float, cycles: int, start: float = 0.0) -> Tr
     ------
     InputError
         When the period is not positive, or there is no cycle.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> rising = pliant.triangle(40e3, period=2.0, cycles=1)
+    >>> float(rising(0.5))
+    20000.0
     """
     if not (np.isfinite(period) and period > 0 and cycles >= 1):
         raise InputError(f"a triangle needs a positive period (s) and at least one cycle, got {period} and {cycles}")
@@ -176,6 +210,13 @@ class Chirp:
     ------
     InputError
         When a number is not finite, or the duration not positive.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> chirp = pliant.Chirp(amplitude=10e3, offset=20e3, f0=0.5, f1=4.0, duration=5.0)
+    >>> bool(10e3 <= chirp(1.0) <= 30e3)
+    True
     """
 
     amplitude: float

@@ -123,6 +123,14 @@ def simulate(
         When the estimated error of the tip is more than 1 % of the length.
     EnergyWarning
         When more than 1 % of the energy in play appears or disappears.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> from pliant.actuators import chen2018
+    >>> motion = pliant.simulate(chen2018.model(), pliant.Pulse(level=50e3, start=0.1, width=1.0), duration=0.5)
+    >>> dict(motion.tip_position.sizes)["link"]
+    5
     """
     check_step(model, step, method)
     how = Settings(step, method, rtol, tolerance, check)

@@ -71,6 +71,13 @@ def equilibrium(
         When no stable equilibrium is found: the load buckles the chain, or the chamber's wall gives way.
     InputError
         When the pressure or the force is not finite.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> from pliant.actuators import chen2018
+    >>> pliant.equilibrium(chen2018.model(), 50e3).shape  # joint angles, rad
+    (5,)
     """
     force = np.zeros(2) if tip_force is None else np.asarray(tip_force, dtype=float)
     if not (np.isfinite(pressure).all() and np.isfinite(force).all()):
@@ -111,6 +118,14 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
     ------
     SimulationError
         When the chain is not stable at this shape, or no equilibrium is found.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> from pliant.actuators import chen2018
+    >>> frequency, damping = pliant.modes(chen2018.model())
+    >>> round(float(frequency[0]), 1), round(float(damping[0]), 2)  # Hz
+    (5.0, 0.08)
     """
     q = equilibrium(model) if q is None else vector(model, q)
     omega, _, decay = modal(model, *mechanics_of(model).linear_parts(q))

@@ -72,6 +72,16 @@ class Stepper:
         When the step is too long for a mode that moves the tip; see `pliant.simulation.time_step.time_step`.
     EnergyWarning
         When more than 1 % of the energy in play appears or disappears while the chain is stepped.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> from pliant.actuators import chen2018
+    >>> stepper = pliant.Stepper(chen2018.model(), step=1e-3)
+    >>> for _ in range(200):
+    ...     state = stepper.step(50e3)  # Pa
+    >>> bool(stepper.tips()[-1, 0] < 0)  # positive pressure bends towards -x
+    True
     """
 
     def __init__(self, model: Model, step: float = 1e-3, pressure: float | Array = 0.0) -> None:

@@ -247,6 +247,13 @@ def load_study(path: str | Path) -> Study:
     ------
     InputError
         When the file cannot be read, has an unknown or missing entry, or names a recording that it does not list.
+
+    Examples
+    --------
+    >>> import pliant
+    >>> from pliant.study import demo_study
+    >>> sorted(pliant.load_study(demo_study()).recordings)
+    ['pulse_119', 'pulse_180', 'pulse_60', 'step_240']
     """
     path = Path(path)
     try:
