@@ -167,8 +167,8 @@ def test_joints_that_err_against_each_other_are_told_where_the_tip_hides_it() ->
 def test_every_number_has_a_definition() -> None:
     m = compare(pulse(), swing()[:, None], 0.1)
     assert set(m) <= set(DEFINITIONS)
-    assert set(DEFINITIONS) - set(m) == {"within_band_percent"}  # of predictions alone
-    assert set(DEFINITIONS) - set(FORMULAS) == {"frames", "points_not_seen"}  # counts
+    assert set(DEFINITIONS) - set(m) == {"within_band_percent", "fitted_edges_s"}  # of predictions alone
+    assert set(DEFINITIONS) - set(FORMULAS) == {"frames", "points_not_seen", "fitted_edges_s"}  # counts, times
 
 
 def test_formulas_say_what_is_computed() -> None:
