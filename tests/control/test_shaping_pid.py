@@ -15,7 +15,7 @@ from pliant.control import (
     equilibria,
     identify_valve,
     shaper,
-    valve_answer,
+    valve_response,
 )
 from pliant.errors import InputError
 from pliant.linear import linearise
@@ -140,7 +140,8 @@ def test_a_valve_is_found_from_its_gauge():
     true = SupplyValve(9.0, 6.4, 0.75, 0.008)
     time, edges, levels = np.arange(0.0, 1.2, 1 / 750), np.array([0.1, 0.5, 0.9]), np.array([6e4, 1e4, 3e4])
     noise = np.random.default_rng(4).standard_normal(time.size)
-    found = identify_valve([ValveRun(edges, levels, time, valve_answer(true, edges, levels, time) + 100 + 300 * noise)])
+    gauge = valve_response(true, edges, levels, time) + 100 + 300 * noise
+    found = identify_valve([ValveRun(edges, levels, time, gauge)])
     assert found.rmse == pytest.approx(300, rel=0.1)
     for name, value in vars(true).items():
         assert abs(getattr(found.valve, name) - value) < max(5 * found.standard_error[name], 1e-3 * value)

@@ -109,17 +109,17 @@ def reached_by_several(done: Done) -> dict[str, Any]:
     """What each output reached, how high the commands went, and the counters of the loop."""
     error = columns(done.log, "error")
     last = error.tail(max(len(error) // 5, 1))
-    told: dict[str, Any] = {}
+    numbers: dict[str, Any] = {}
     for name in error:
         what, factor = str(name).removesuffix("_m").removesuffix("_rad"), 1e3
         unit = "mm"
         if str(name).endswith("_rad"):
             unit, factor = "deg", 57.29577951308232
-        told[f"rms_{what}_{unit}"] = factor * float((error[name] ** 2).mean() ** 0.5)
-        told[f"largest_last_{what}_{unit}"] = factor * float(last[name].abs().max())
+        numbers[f"rms_{what}_{unit}"] = factor * float((error[name] ** 2).mean() ** 0.5)
+        numbers[f"largest_last_{what}_{unit}"] = factor * float(last[name].abs().max())
     for name in columns(done.log, "command"):
-        told[f"highest_{str(name).removesuffix('_pa')}_kpa"] = 1e-3 * float(done.log[name].max())
-    return told | counters(done)
+        numbers[f"highest_{str(name).removesuffix('_pa')}_kpa"] = 1e-3 * float(done.log[name].max())
+    return numbers | counters(done)
 
 
 def counters(done: Done) -> dict[str, Any]:
@@ -136,12 +136,12 @@ def reached(done: Done) -> dict[str, Any]:
     if "target_m" not in done.log:
         return reached_by_several(done)
     log, settled = done.log, settling(done)
-    told = ", ".join("did not settle" if t is None else f"{t:.3g}" for t in settled)
+    times = ", ".join("did not settle" if t is None else f"{t:.3g}" for t in settled)
     active = command_activity(*(log[c].to_numpy() for c in ("time_s", "target_m", "command_pa")))
     error = 1e3 * log["error_m"]
     last = error.tail(max(len(log) // 5, 1))
     return {
-        **({"settling_s": told} if settled else {}), "mean_error_mm": float(last.mean()),
+        **({"settling_s": times} if settled else {}), "mean_error_mm": float(last.mean()),
         "largest_error_mm": float(last.abs().max()), "highest_command_kpa": 1e-3 * float(log["command_pa"].max()),
         **{f"{name}_kpa": 1e-3 * value for name, value in active.items() if np.isfinite(value)},
         **counters(done),

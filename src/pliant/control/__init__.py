@@ -17,7 +17,7 @@ from pliant.control.steady_inputs import steady_inputs
 from pliant.control.task import TaskFile, read_task
 from pliant.control.trajectory import Planner, Trajectory
 from pliant.control.tuning import MpcTuning, PidTuning, Tuning
-from pliant.control.valve import SupplyValve, ValveFit, ValveRun, identify_valve, supply_of, valve_answer
+from pliant.control.valve import SupplyValve, ValveFit, ValveRun, identify_valve, supply_of, valve_response
 from pliant.control.valve_states import ValveObserver
 
 __all__ = [
@@ -25,5 +25,5 @@ __all__ = [
     "Pid", "PidTuning", "Pipeline", "Plan", "Planner", "Prepared", "Rehearsal", "SetPoint", "Shaper", "SupplyValve",
     "Task", "TaskFile", "Trajectory", "Tuning", "ValveFit", "ValveObserver", "ValveRun", "controllers", "design_lqr",
     "design_outputs", "equilibria", "identify_valve", "prepare_control", "read_task", "shaper", "steady_inputs",
-    "supply_of", "valve_answer",
+    "supply_of", "valve_response",
 ]

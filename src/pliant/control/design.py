@@ -1,6 +1,6 @@
 """Control of outputs by one pressure or several: the rest that is wanted in each period, and the regulator about it.
 
-A path is known ahead: the optimal regulator's answer to what is wanted later stands beside the steady inputs.
+A path is known ahead: what is wanted later adds the optimal regulator's preview to the steady inputs.
 
 Source: Anderson and Moore, Optimal Control: Linear Quadratic Methods, 1990, ch. 4
 """
@@ -259,5 +259,5 @@ def look_ahead(design: LqrDesign) -> None:
     for k in range(len(design.at) - 1, -1, -1):
         made = design.gains[design.at[k]]
         later = made.P @ design.shift(k) + design.ahead[k + 1]
-        design.lead[k] = -made.answer @ later
+        design.lead[k] = -made.preview @ later
         design.ahead[k] = (made.A - made.B @ made.K).T @ later

@@ -38,7 +38,7 @@ class Gains(NamedTuple):
     R: Array  # (C, C)
     K: Array  # (C, N) of the command
     P: Array  # (N, N) cost of a state that is left to the regulator
-    answer: Array  # (C, N) of the command to a slope of the cost of the next state
+    preview: Array  # (C, N) of the command to a slope of the cost of the next state
 
 
 def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, float], tuning: Tuning) -> Gains:
@@ -74,12 +74,12 @@ def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, flo
     P = solve_discrete_are(*some, R)
     whole = np.zeros((N + r, N + m))  # from all integrals to those of `basis`
     whole[:N, :N], whole[N:, N:] = np.eye(N), basis.T
-    answer = np.linalg.solve(R + some[1].T @ P @ some[1], some[1].T)
+    preview = np.linalg.solve(R + some[1].T @ P @ some[1], some[1].T)
     full = with_integrals(A, B, SQUARE * Q, tip, clock[0], 0.0)
     return Gains(
         rest, -np.linalg.solve(linear.A, linear.B)[:n], highest[:, None] * (V[:r].T / size[:r]) @ basis.T,
-        basis @ basis.T, *full[:2], whole.T @ some[2] @ whole, R, answer @ P @ some[0] @ whole, whole.T @ P @ whole,
-        answer @ whole,
+        basis @ basis.T, *full[:2], whole.T @ some[2] @ whole, R, preview @ P @ some[0] @ whole, whole.T @ P @ whole,
+        preview @ whole,
     )
 
 

@@ -73,7 +73,7 @@ class Horizon:
         self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, 3 * N, 2 * N))
 
     def later(self, nodes: Array, age: int) -> Array:
-        """The course of commands at nodes (J, C), so many periods later: its commands at the nodes (J, C) then."""
+        """Commands at the nodes (J, C) when the plan, known by its nodes (J, C), is so many periods old."""
         return np.asarray(self.straight[np.minimum(age + self.stage * np.arange(self.nodes), self.periods - 1)] @ nodes)
 
     def predict(self, state: State, valves: list[Array], waiting: list[Array], nodes: Array) -> Ahead:

@@ -145,9 +145,9 @@ class Plan:
 
     def setpoint(self, time: float) -> float:
         """Displacement [m] that a task for one chamber wants at a time [s]."""
-        return float(self.course(np.array([time]))[0, 0])
+        return float(self.wanted_at(np.array([time]))[0, 0])
 
-    def course(self, times: Array) -> Array:
+    def wanted_at(self, times: Array) -> Array:
         """What the task wants (K, m) at times (K,) [s]."""
         task = self.task
         if task.path:
@@ -160,7 +160,7 @@ class Plan:
         """What the task wants (K, m), period by period; the last row is held."""
         task = self.task
         last = task.duration if task.path else max(task.duration, float(np.max(task.time)) + task.ramp)
-        return self.course(np.arange(max(round(last / self.period), 1) + 1) * self.period)
+        return self.wanted_at(np.arange(max(round(last / self.period), 1) + 1) * self.period)
 
     def planned(self) -> Trajectory | None:
         """The motion of the tip by one chamber, as fast as the limits allow; None where none is planned."""
@@ -169,7 +169,7 @@ class Plan:
             return None
         planner = Planner(self.body, self.family, self.limits, self.period, latency=self.latency, valve=self.supply[0])
         if task.path:
-            return planner.path(self.course(np.arange(round(task.duration / self.period)) * self.period)[:, 0])
+            return planner.path(self.wanted_at(np.arange(round(task.duration / self.period)) * self.period)[:, 0])
         return planner.steps(task.time, self.levels[:, 0], task.duration)
 
     @cached_property

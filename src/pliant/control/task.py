@@ -224,7 +224,7 @@ class TaskFile(Entry):
 
     @property
     def supply(self) -> SupplyValve | dict[str, SupplyValve] | None:
-        """The rig's valve, or those of its chambers by their names, where the task tells of them."""
+        """The rig's valve, or those of its chambers by their names, where the task names them."""
         if self.valves:
             return {name: entry.supply for name, entry in self.valves.items()}
         return None if self.valve is None else self.valve.supply
@@ -261,7 +261,7 @@ def read_task(path: str | Path | None) -> TaskFile:
     try:
         return TaskFile.model_validate(content)
     except ValidationError as error:
-        told = str(explain_validation(error, f"task {path}"))
+        message = str(explain_validation(error, f"task {path}"))
         if error.errors()[0]["type"] == "extra_forbidden":
-            told += f"; it may have {', '.join(TaskFile.model_fields)}"
-        raise InputError(told) from None
+            message += f"; it may have {', '.join(TaskFile.model_fields)}"
+        raise InputError(message) from None

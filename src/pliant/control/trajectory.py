@@ -197,7 +197,7 @@ class Planner:
                 break
         return made, worst
 
-    def _answer(self, count: int) -> Array:
+    def _step_response(self, count: int) -> Array:
         """Tip displacement (count,) [m/Pa] at the ends of the periods after a command of one pascal in the first."""
         plant, row = self._plant
         x, out = plant.B[:, 0].copy(), np.empty(count)
@@ -214,9 +214,9 @@ class Planner:
         from scipy.linalg import toeplitz
 
         K = left.size
-        answer = self._answer(K)
-        effect = np.vstack([np.zeros((1, K)), toeplitz(answer, np.zeros(K))[:-1]]) * weight[:, None]
-        size = abs(float(answer.sum()))
+        response = self._step_response(K)
+        effect = np.vstack([np.zeros((1, K)), toeplitz(response, np.zeros(K))[:-1]]) * weight[:, None]
+        size = abs(float(response.sum()))
         aim, effect = (weight * left + effect @ command) / size, effect @ free / size
         change, behind = (np.eye(K) - np.eye(K, k=-1)) @ free, np.append(before, np.zeros(K - 1))
         reach, cost = self.limits.slew * self.period, SMOOTH

@@ -132,9 +132,9 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
     Examples
     --------
     >>> import numpy as np
-    >>> from pliant.control import SupplyValve, ValveRun, identify_valve, valve_answer
+    >>> from pliant.control import SupplyValve, ValveRun, identify_valve, valve_response
     >>> time, edges, levels = np.arange(0.0, 1.0, 2e-3), np.array([0.1, 0.6]), np.array([5e4, 1e4])
-    >>> seen = valve_answer(SupplyValve(9.0, 6.5, 0.75, 0.008), edges, levels, time)
+    >>> seen = valve_response(SupplyValve(9.0, 6.5, 0.75, 0.008), edges, levels, time)
     >>> found = identify_valve([ValveRun(edges, levels, time, seen)]).valve
     >>> round(found.rise_frequency, 2), round(found.fall_frequency, 2), round(found.dead_time, 4)
     (9.0, 6.5, 0.008)
@@ -165,7 +165,7 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
     return ValveFit(SupplyValve(*map(float, found.x)), float(np.sqrt(squares / count)), standard_error)
 
 
-def valve_answer(valve: SupplyValve, edge_time: Array, level: Array, time: Array) -> Array:
+def valve_response(valve: SupplyValve, edge_time: Array, level: Array, time: Array) -> Array:
     """Pressure (T,) [Pa] at the times [s] of a valve without pressure, under commands [Pa] from each edge on."""
     ends = np.append(edge_time[1:], max(float(time[-1]), float(edge_time[-1]) + FINE))
     held, clock, pressure = np.zeros(2), [np.array([edge_time[0]])], [np.zeros(1)]
@@ -191,5 +191,5 @@ def _checked(run: ValveRun) -> ValveRun:
 
 
 def _misfit(run: ValveRun, numbers: Array) -> Array:
-    left = run.pressure - valve_answer(SupplyValve(*map(float, numbers)), run.edge_time, run.level, run.time)
+    left = run.pressure - valve_response(SupplyValve(*map(float, numbers)), run.edge_time, run.level, run.time)
     return np.asarray((left - left.mean()) / run.level.max())
