@@ -37,7 +37,7 @@ from pliant.sweep.store import Arrays
 from pliant.testbed.laboratory import RECORD, SUPPLY_STEP, Laboratory, record
 from pliant.testbed.rod import actuator
 from pliant.testbed.scenarios import Command
-from pliant.testbed.stepping import Motion, simulate
+from pliant.testbed.stepping import RodMotion, simulate
 from pliant.testbed.valve import supply_pressure
 
 STEP = 5e-4  # s, of the rod
@@ -49,7 +49,7 @@ LASTS, JUDGED = 0.8, (0.3, 0.8)  # s of a touch, and the part of it that places 
 LEARN, RUNS, DURATION = 4, 2, 9.2
 
 
-def moved(name: str, command: Command, duration: float, node: int, force: np.ndarray | None) -> Motion:
+def moved(name: str, command: Command, duration: float, node: int, force: np.ndarray | None) -> RodMotion:
     """The rod of an actuator under a command, a force (T, 2) [N] at a node from touch to touch."""
     fine = round(STEP / SUPPLY_STEP)
     t = np.arange(round(duration / STEP) * fine + 1) * STEP / fine
@@ -60,14 +60,14 @@ def moved(name: str, command: Command, duration: float, node: int, force: np.nda
     return simulate(replace(actuator(name), pushed_node=node), loads, STEP, stride=round(RECORD / STEP))
 
 
-def seen(motion: Motion, name: str, seed: int, label: str) -> xr.Dataset:
+def seen(motion: RodMotion, name: str, seed: int, label: str) -> xr.Dataset:
     """The body as the instruments of a seed see a motion."""
     at = np.arange(0.0, motion.time[-1] - 0.5 * RECORD, 1.0 / RATE)
     raw = record(motion, actuator(name), Laboratory(), at, seed=seed, attrs={"scenario": label})
     return body_of_fibre(raw, FIBRE.model_copy(update={"rest": REST}))[0]
 
 
-def free_minute(name: str, k: int) -> Motion:
+def free_minute(name: str, k: int) -> RodMotion:
     """A minute of free motion: pulses, ramps and pauses of random levels and lengths."""
     rng, t, points = np.random.default_rng([79, k]), 0.3, [(0.0, 0.0), (0.3, 0.0)]
     while t < 56.0:
@@ -80,7 +80,7 @@ def free_minute(name: str, k: int) -> Motion:
 free = cache(free_minute)  # the minutes that every seed learns from
 
 
-def touched(name: str, seed: int, run: int) -> tuple[Motion, int, np.ndarray]:
+def touched(name: str, seed: int, run: int) -> tuple[RodMotion, int, np.ndarray]:
     """A run with four touches at one node: the motion, the node, and the forces [N] in their order."""
     rng = np.random.default_rng([83, seed, run])
     node, low, high = int(rng.integers(40, 101)), *np.sort(rng.uniform(60e3, 180e3, 2))

@@ -17,7 +17,7 @@ from pliant.numerics.swings import turning_points
 from pliant.study import demo_study, load_study, run_study
 from pliant.study.prepare import all_planar, load_recording
 from pliant.study.run import prepare_all
-from pliant.study.schema import Alignment, Fit
+from pliant.study.schema import AlignmentEntry, Fit
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -90,7 +90,7 @@ def trunk() -> None:
     show(study.model_copy(update={"fits": {"plain": plain}, "forecasts": {}}))
     show(study.model_copy(update={"fits": {"slip": slipping}, "forecasts": {}}))
     one_rest = slipping.model_copy(update={"title": "two slip elements, all trials moved to one rest"})
-    rest = Alignment.model_validate({**study.alignment.model_dump(), "common_rest": True})
+    rest = AlignmentEntry.model_validate({**study.alignment.model_dump(), "common_rest": True})
     show(study.model_copy(update={"fits": {"slip": one_rest}, "forecasts": {}, "alignment": rest}))
     near = {"stiffness": {"value": 0.3}, "damping": {"value": 0.01}, "payne_share": {"value": 10.0},
             "payne_angle": {"value": 0.01}, "payne_exponent": "free"}

@@ -159,9 +159,10 @@ def test_a_wiring_of_an_unknown_chamber_or_fit_is_refused(folder: Path) -> None:
 
 def test_a_rigid_part_lies_before_the_first_segment() -> None:
     from pliant.study.prepare import study_model
-    from pliant.study.schema import Actuator
+    from pliant.study.schema import ActuatorEntry
 
-    model = study_model(Actuator(length=0.12, base_length=0.05, mass=0.05, links=2, joint_placement="midsegment"), None)
+    entry = ActuatorEntry(length=0.12, base_length=0.05, mass=0.05, links=2, joint_placement="midsegment")
+    model = study_model(entry, None)
     assert model.length == pytest.approx(0.17)
     assert model.base_length == pytest.approx(0.05 + 0.03)  # the fitting and half a segment
     assert model.mass == pytest.approx(0.05 * 0.09 / 0.12)  # the stub before the first joint does not move

@@ -13,7 +13,7 @@ from pliant.testbed.family import FREQUENCY, PRESSURE, RELAXING, SLOW, drawn, me
 from pliant.testbed.family_ranges import FAMILY
 from pliant.testbed.plant import Plant
 from pliant.testbed.rod import actuator
-from pliant.testbed.valve import Iso6358, Regulator
+from pliant.testbed.valve import Iso6358, SupplyRegulator
 
 MEMBERS = [family_member(seed) for seed in range(60)]
 BRIEF = replace(SCENARIOS["pulse_119"], duration=0.3)
@@ -78,7 +78,7 @@ def test_a_member_records_with_its_own_instruments_at_its_own_pressure():
 def test_named_actuators_are_as_they_were():
     assert member("b").body == actuator("b")
     assert member("b").adapted(BRIEF) is BRIEF
-    assert member("b").valve == Regulator()
+    assert member("b").valve == SupplyRegulator()
     assert "body_length" not in generate(replace(BRIEF, duration=0.05), "b", 1).recording.attrs
 
 
@@ -91,4 +91,4 @@ def test_what_is_no_member_is_refused():
     spool = next(m for m in MEMBERS if isinstance(m.valve, Iso6358))
     with pytest.raises(InputError, match="spool"):
         Plant(spool)
-    assert Plant(spool, valve=Regulator()).parameters == spool.body
+    assert Plant(spool, valve=SupplyRegulator()).parameters == spool.body

@@ -12,7 +12,7 @@ from pliant.testbed import fibre
 from pliant.testbed.fibre import FibreSensor
 from pliant.testbed.mocap import MotionCapture, marker_names, marker_positions, observe_markers
 from pliant.testbed.rod import RodParameters
-from pliant.testbed.stepping import Motion
+from pliant.testbed.stepping import RodMotion
 
 P = RodParameters()
 IDEAL = FibreSensor(
@@ -25,7 +25,7 @@ def arc(kappa, frames=5, spacing=1e-2):
     """A motion whose shape stays a circle of one curvature."""
     s = np.append(np.linspace(0, P.length, 101), 0.18)
     blank = np.zeros((frames, s.size, 2))
-    return Motion(
+    return RodMotion(
         np.arange(frames) * spacing, s, blank, blank, np.full((frames, 101), kappa), blank, np.zeros(frames),
         np.zeros(frames), np.zeros((frames, 5)), 1.0,
     )  # fmt: skip

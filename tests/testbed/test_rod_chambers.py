@@ -17,7 +17,7 @@ from pliant.testbed.rod import CHAMBERS, ChamberParameters, RodParameters, actua
 from pliant.testbed.scenarios import scenario
 from pliant.testbed.stepping import settle, simulate
 from pliant.testbed.truth import read_truth
-from pliant.testbed.valve import PressureSensor, Regulator
+from pliant.testbed.valve import PressureSensor, SupplyRegulator
 
 LINEAR = {name: actuator(name).uniform() for name in CHAMBERS}
 LEVER = 1.5708e-4 * 4.2441e-3  # m3: A d of the chamber
@@ -176,7 +176,7 @@ def test_what_does_not_fit_together_is_refused():
     brief = replace(scenario("in_turn"), duration=0.3)
     with pytest.raises(InputError, match=r"2 commands for a body of 1 chamber\(s\): give one, or one for each"):
         generate(brief, "a")
-    three = Laboratory(valve=(Regulator(),) * 3)
+    three = Laboratory(valve=(SupplyRegulator(),) * 3)
     with pytest.raises(InputError, match=r"3 valves for a body of 2 chamber\(s\)"):
         run_rod(brief, actuator("two_segment"), three)
     with pytest.raises(InputError, match="in 5 columns"):

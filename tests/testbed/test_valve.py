@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lti, step
 
 from pliant.errors import InputError
-from pliant.testbed.valve import Iso6358, PressureSensor, Regulator, read_pressure, supply_pressure
+from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator, read_pressure, supply_pressure
 from pliant.testbed.valve.valve_loops import GAS_CONSTANT, REFERENCE_DENSITY, Gas, chamber_rate, mass_flow
 
 TIME = np.arange(40_001) * 2.5e-5
@@ -18,7 +18,7 @@ def stairs(at, level):
 
 
 def test_regulator_is_the_second_order_system_behind_a_dead_time():
-    valve = Regulator(dead_band=0.0, slew_up=1e12, slew_down=1e12, exhaust_slowdown=1.0)
+    valve = SupplyRegulator(dead_band=0.0, slew_up=1e12, slew_down=1e12, exhaust_slowdown=1.0)
     p = supply_pressure(stairs(0.1, 1e5), TIME, valve)
     w = 2 * np.pi * valve.frequency
     t, exact = step(lti([w * w], [1, 2 * valve.damping * w, w * w]), T=TIME[:30_000])
@@ -27,12 +27,12 @@ def test_regulator_is_the_second_order_system_behind_a_dead_time():
 
 
 def test_regulator_limits_slew_and_exhausts_more_slowly():
-    p = supply_pressure(lambda t: np.where((t > 0.05) & (t < 0.5), 2.4e5, 0.0), TIME, Regulator(slew_up=2e6))
+    p = supply_pressure(lambda t: np.where((t > 0.05) & (t < 0.5), 2.4e5, 0.0), TIME, SupplyRegulator(slew_up=2e6))
     rate = np.diff(p) / 2.5e-5
     assert rate.max() == pytest.approx(2e6, rel=1e-3)
     up, down = np.argmax(p > 1.2e5) * 2.5e-5 - 0.05, np.argmax((p < 1.2e5) & (TIME > 0.5)) * 2.5e-5 - 0.5
     assert down > 0
-    free = supply_pressure(lambda t: np.where((t > 0.05) & (t < 0.5), 1e4, 0.0), TIME, Regulator())
+    free = supply_pressure(lambda t: np.where((t > 0.05) & (t < 0.5), 1e4, 0.0), TIME, SupplyRegulator())
     up, down = np.argmax(free > 5e3) * 2.5e-5 - 0.05, np.argmax((free < 5e3) & (TIME > 0.5)) * 2.5e-5 - 0.5
     assert down - 0.008 > 1.2 * (up - 0.008)
     assert p.min() >= 0.0
@@ -59,7 +59,7 @@ def test_choked_fill_has_a_constant_slope_and_flow_falls_to_zero():
     assert flow[2] > flow[3] == flow[4] == 0.0
 
 
-@pytest.mark.parametrize("valve", [Regulator(dead_band=0.0), Iso6358()], ids=["regulator", "iso 6358"])
+@pytest.mark.parametrize("valve", [SupplyRegulator(dead_band=0.0), Iso6358()], ids=["regulator", "iso 6358"])
 def test_steady_pressure_is_the_command(valve):
     assert supply_pressure(stairs(0.05, 1.19e5), TIME, valve)[-1] == pytest.approx(1.19e5, rel=1e-4)
 
@@ -81,6 +81,6 @@ def test_transducer_has_its_own_clock_noise_bias_and_resolution(rng):
 
 def test_commands_that_no_valve_can_follow_are_refused():
     with pytest.raises(InputError, match="finite and >= 0"):
-        supply_pressure(stairs(0.1, -1e4), TIME, Regulator())
+        supply_pressure(stairs(0.1, -1e4), TIME, SupplyRegulator())
     with pytest.raises(InputError, match="above the source"):
         supply_pressure(stairs(0.1, 6e5), TIME, Iso6358())

@@ -23,7 +23,7 @@ from pliant.model import Chamber, Extension, chain_model, save_model
 from pliant.simulation import Stepper, equilibrium
 from pliant.view.live import Live, Played, Pull, Wish, sliders_of
 from pliant.view.played import played_from
-from pliant.view.watched import Watched
+from pliant.view.watched import WatchedLoop
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +163,7 @@ def test_a_loop_is_watched_by_its_log(model, tmp_path):
         row = dict.fromkeys(columns, 0.0) | {"time_s": 0.01 * k, "pressure_pa": 1e3, "phi_3_rad": 0.1 + 1e-3 * k}
         log.write([row[c] for c in columns])
     log.close()
-    watched = Watched(tmp_path / "loop.csv", model)
+    watched = WatchedLoop(tmp_path / "loop.csv", model)
     watched.advance(0.016)
     early = watched.frame()
     for _ in range(200):
@@ -184,7 +184,7 @@ def test_a_fault_that_did_not_vent_is_told_from_its_row_on(model, tmp_path):
             log.remark("fault at 1.800 s: the quadratic program was not solved")
         log.write([(dict.fromkeys(columns, 0.0) | {"time_s": 0.03 * k})[c] for c in columns])
     log.close()
-    watched, told = Watched(tmp_path / "loop.csv", model), {}
+    watched, told = WatchedLoop(tmp_path / "loop.csv", model), {}
     for _ in range(200):
         watched.advance(0.016)
         frame = watched.frame()
@@ -203,7 +203,7 @@ def test_every_output_that_a_loop_brings_to_its_place_is_told(model, tmp_path):
     for second in (0.0, 3.0):
         log.write([(dict.fromkeys(columns, 0.0) | wanted | {"time_s": second})[c] for c in columns])
     log.close()
-    watched = Watched(tmp_path / "loop.csv", model)
+    watched = WatchedLoop(tmp_path / "loop.csv", model)
     watched.advance(0.016)
     frame = watched.frame()
     assert "tip x target 30.00 mm, error -0.20 mm; angle sum target 30.00 deg, error 0.00 deg" in frame["told"]
@@ -227,7 +227,7 @@ def test_a_touch_is_shown_where_it_is_and_a_fault_is_told(model, tmp_path):
             log.remark("fault at 2.730 s: stale shape")
         log.write([row[c] for c in columns])
     log.close()
-    watched = Watched(tmp_path / "loop.csv", model, 5e-3)
+    watched = WatchedLoop(tmp_path / "loop.csv", model, 5e-3)
     frames = []
     for _ in range(100):
         watched.advance(0.016)
@@ -242,7 +242,7 @@ def test_a_touch_is_shown_where_it_is_and_a_fault_is_told(model, tmp_path):
     assert "VENTED, fault at 2.730 s: stale shape" in frames[-1]["told"]
     assert read_log(tmp_path / "loop.csv").attrs["remarks"] == ["fault at 2.730 s: stale shape"]
     assert len(read_log(tmp_path / "loop.csv")) == 100
-    blind = Watched(tmp_path / "loop.csv", model)
+    blind = WatchedLoop(tmp_path / "loop.csv", model)
     blind.advance(0.016)
     assert blind.frame()["touch"] is None
 
@@ -261,15 +261,15 @@ def test_pressures_are_called_as_their_chambers(model):
 def test_what_is_no_log_is_one_sentence(model, tmp_path):
     (tmp_path / "a.csv").write_text("time,x\n0,1\n")
     with pytest.raises(InputError, match="is no log of a control loop"):
-        Watched(tmp_path / "a.csv", model)
+        WatchedLoop(tmp_path / "a.csv", model)
     with pytest.raises(InputError, match="cannot read the log"):
-        Watched(tmp_path / "none.csv", model)
+        WatchedLoop(tmp_path / "none.csv", model)
     LoopLog(tmp_path / "b.csv", log_columns(5)).close()
     with pytest.raises(InputError, match="is of 5 links, the model has 3"):
-        Watched(tmp_path / "b.csv", model)
+        WatchedLoop(tmp_path / "b.csv", model)
     LoopLog(tmp_path / "c.csv", log_columns(3)).close()
     with pytest.raises(InputError, match="body of fixed length"):
-        Watched(tmp_path / "c.csv", model.with_(extensions=(Extension(100.0),)))
+        WatchedLoop(tmp_path / "c.csv", model.with_(extensions=(Extension(100.0),)))
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from pliant.cli.figures import figures
 from pliant.cli.inspect import inspect
 from pliant.cli.new import new
 from pliant.cli.order import order
-from pliant.cli.progress import Command, can_be_quiet
+from pliant.cli.progress import ExampleCommand, can_be_quiet
 from pliant.cli.run import run as run_command
 from pliant.cli.shape import shape
 from pliant.cli.simulate import simulate
@@ -96,7 +96,7 @@ def app_of(*names: str) -> typer.Typer:
     )
     made.callback()(common)
     for name in names:
-        made.command(name, cls=Command)(can_be_quiet(COMMANDS[name]))
+        made.command(name, cls=ExampleCommand)(can_be_quiet(COMMANDS[name]))
     return made
 
 

@@ -42,7 +42,7 @@ def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-class Command(TyperCommand):
+class ExampleCommand(TyperCommand):
     """A command whose help ends in its example, on one line to copy."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:

@@ -26,7 +26,7 @@ EDGE_SHARE, EDGE_TIMES_S = 0.15, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 BLOCK_S = 0.5  # residuals that lie closer are correlated
 
 
-class Course(NamedTuple):
+class TimeSeries(NamedTuple):
     """Values in time."""
 
     time: NDArray  # (T,) s
@@ -49,7 +49,7 @@ class Fitted(NamedTuple):
     after_motion: bool  # whether the log begins with its pressure up
 
 
-def body_course(ds: xr.Dataset) -> Course:
+def body_course(ds: xr.Dataset) -> TimeSeries:
     """Main common course of all that moves; spikes and gaps carry no weight."""
     if "position" in ds:
         columns = without_spikes(ds["position"].values).reshape(ds.sizes["time"], -1)
@@ -60,7 +60,7 @@ def body_course(ds: xr.Dataset) -> Course:
     if np.ptp(course[seen]) == 0:
         raise InputError("the motion is constant: there is nothing to compare clocks by")
     time = ds["time"].values
-    return Course(time, np.interp(time, time[seen], course[seen])[:, None], seen.astype(float))
+    return TimeSeries(time, np.interp(time, time[seen], course[seen])[:, None], seen.astype(float))
 
 
 def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
@@ -79,7 +79,7 @@ def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
     return centred @ weights, seen
 
 
-def pressure_course(ds: xr.Dataset) -> Course:
+def pressure_course(ds: xr.Dataset) -> TimeSeries:
     """The pressure, main course first, then each chamber where there are several; gaps bridged."""
     values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
     clock = ds["pressure_time"].values
@@ -92,7 +92,7 @@ def pressure_course(ds: xr.Dataset) -> Course:
     values = values[:, np.ptp(values, axis=0) > 0]
     values = (values - values.min(0)) / np.ptp(values)
     main, _ = first_component(values)
-    return Course(clock, np.column_stack([main, values]), np.ones(len(clock)))
+    return TimeSeries(clock, np.column_stack([main, values]), np.ones(len(clock)))
 
 
 def holes(clock: NDArray) -> list[tuple[float, float]]:
@@ -103,7 +103,7 @@ def holes(clock: NDArray) -> list[tuple[float, float]]:
 
 
 def fit_lag(
-    body: Course, pressure: Course, guess: float, *, starts: Sequence[tuple[float, float]] = STARTS,
+    body: TimeSeries, pressure: TimeSeries, guess: float, *, starts: Sequence[tuple[float, float]] = STARTS,
     drift: bool = False, evaluations: int = 40,
 ) -> Fitted:
     """Offset near a guess, by least squares over offset, frequency, damping and, where asked, drift.
@@ -112,7 +112,7 @@ def fit_lag(
     """
     from scipy.optimize import least_squares
 
-    frame = Frame(body, pressure, guess, drift=drift)
+    frame = LagFrame(body, pressure, guess, drift=drift)
     if frame.keep.sum() < 3 * FEWEST or np.ptp(frame.y) == 0:
         return Fitted(guess, np.inf, 0.0, np.inf, 0.0, 0.0, np.nan, np.nan, 0.0, after_motion=False)
     ends = []
@@ -137,10 +137,10 @@ def fit_lag(
     )
 
 
-class Frame:
+class LagFrame:
     """The motion that overlaps with a pressure delayed by about `guess`, and the response that should explain it."""
 
-    def __init__(self, body: Course, pressure: Course, guess: float, *, drift: bool) -> None:
+    def __init__(self, body: TimeSeries, pressure: TimeSeries, guess: float, *, drift: bool) -> None:
         clock = pressure.time
         self.guess, self.drift = guess, drift
         self.middle = float(clock.mean())
@@ -193,7 +193,7 @@ class Frame:
         return np.asarray(np.sqrt(np.maximum(np.diag(plain), np.diag(grouped))))
 
 
-def edge_time(pressure: Course) -> float:
+def edge_time(pressure: TimeSeries) -> float:
     """Time that the pressure takes through its range where it changes fastest, s; noise alone is no edge."""
     course = pressure.values[:, 0]
     for window in EDGE_TIMES_S:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
-from pliant.preprocessing.lag_model import Course, Fitted, body_course, fit_lag, holes, pressure_course
+from pliant.preprocessing.lag_model import Fitted, TimeSeries, body_course, fit_lag, holes, pressure_course
 from pliant.recording import append_history, check_recording
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def check_fit(best: Fitted, rival: Fitted | None, largest_s: float | None) -> No
         )
 
 
-def doubts(best: Fitted, pressure: Course) -> list[str]:
+def doubts(best: Fitted, pressure: TimeSeries) -> list[str]:
     """Sentences about what makes an offset doubtful."""
     said = []
     if best.uncertainty > DOUBTFUL_S:
@@ -157,7 +157,7 @@ def offsets(time: NDArray, clock: NDArray, largest_s: float | None) -> NDArray:
     return np.arange(time[0] - clock[-1] + overlap, time[-1] - clock[0] - overlap + COARSE_S, COARSE_S)
 
 
-def two_best(body: Course, pressure: Course, delays: NDArray) -> tuple[Fitted, Fitted | None]:
+def two_best(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> tuple[Fitted, Fitted | None]:
     """The best offset, and the best one elsewhere."""
     scores = coarse_scores(body, pressure, delays)
     fits: list[Fitted] = []
@@ -175,18 +175,18 @@ def two_best(body: Course, pressure: Course, delays: NDArray) -> tuple[Fitted, F
     return best, next((f for f in others if abs(f.delay - best.delay) > APART_S), None)
 
 
-def polished(body: Course, pressure: Course, found: Fitted) -> Fitted:
+def polished(body: TimeSeries, pressure: TimeSeries, found: Fitted) -> Fitted:
     """A rough fit, taken on from where it ended."""
     if not np.isfinite(found.frequency):
         return found
     return fit_lag(body, pressure, found.delay, starts=((found.frequency, found.damping),), evaluations=60)
 
 
-def coarse_scores(body: Course, pressure: Course, delays: NDArray) -> NDArray:
+def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> NDArray:
     """Squared correlation (D,) of motion and delayed pressure where they overlap, by Fourier transform."""
     from scipy.signal import correlate
 
-    def sampled(course: Course) -> tuple[NDArray, NDArray]:
+    def sampled(course: TimeSeries) -> tuple[NDArray, NDArray]:
         grid = np.arange(course.time[0], course.time[-1] + COARSE_S / 2, COARSE_S)
         values = np.interp(grid, course.time, course.values[:, 0])
         return grid, values - values.mean()

@@ -13,7 +13,7 @@ from pliant.errors import InputError
 from pliant.recording.apart import read_apart
 from pliant.recording.c3d_facts import (
     MOST_FRAMES,
-    Header,
+    C3dHeader,
     compare_facts,
     frames_of,
     judge_layout,
@@ -109,7 +109,7 @@ def _content(path: Path) -> C3dContent:
                       header.rate * header.samples, doubts, remarks)  # fmt: skip
 
 
-def _check_length(data: bytes, header: Header, frames: int, name: str) -> None:
+def _check_length(data: bytes, header: C3dHeader, frames: int, name: str) -> None:
     if frames < 1:
         raise InputError(f"{name} holds {header.points} points in {max(frames, 0)} frames: nothing to read")
     needed = header.end(frames)

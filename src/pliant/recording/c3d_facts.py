@@ -23,7 +23,7 @@ MOST_FRAMES = 65535  # what two bytes can count; longer files say more in their 
 LARGEST_RESIDUAL = 1e4  # of a reconstructed point, in the unit of the file
 
 
-class Header(NamedTuple):
+class C3dHeader(NamedTuple):
     """Numbers of the header: points, analog values a frame, first and last frame, block of the data, and so on."""
 
     points: int
@@ -47,7 +47,7 @@ class Header(NamedTuple):
         return (self.block - 1) * BLOCK + frames * (4 * self.points + self.analog) * self.word
 
 
-def read_header(data: bytes, name: str) -> Header:
+def read_header(data: bytes, name: str) -> C3dHeader:
     """The header of a C3D file; InputError where there is none."""
     if len(data) < 2 * BLOCK or data[1] != 0x50:
         raise InputError(f"{name} is no C3D file, or it is cut inside its header: {len(data)} bytes came")
@@ -67,7 +67,7 @@ def read_header(data: bytes, name: str) -> Header:
         raise InputError(f"{name} announces {analog} analog values in {samples} samples a frame")
     if not 0 < rate < np.inf:
         raise InputError(f"{name} states a frame rate of {rate:g} Hz: the file is damaged")
-    return Header(points, analog, first, last, block, samples, scale, rate, processor, data[0] + data[start + 2])
+    return C3dHeader(points, analog, first, last, block, samples, scale, rate, processor, data[0] + data[start + 2])
 
 
 def one_float(content: bytes, processor: int) -> float:
@@ -77,7 +77,7 @@ def one_float(content: bytes, processor: int) -> float:
     return float(struct.unpack("<f", content)[0])
 
 
-def frames_of(header: Header, parameters: dict[str, dict[str, list[Any]]]) -> int:
+def frames_of(header: C3dHeader, parameters: dict[str, dict[str, list[Any]]]) -> int:
     """Frames by the header, or by the parameters where two bytes cannot count them."""
     frames = header.last - header.first + 1
     if header.last < MOST_FRAMES:
@@ -90,7 +90,7 @@ def frames_of(header: Header, parameters: dict[str, dict[str, list[Any]]]) -> in
     return max(frames, int(stated)) if np.isfinite(stated) else frames
 
 
-def compare_facts(header: Header, frames: int, parameters: dict[str, dict[str, list[Any]]]) -> list[str]:
+def compare_facts(header: C3dHeader, frames: int, parameters: dict[str, dict[str, list[Any]]]) -> list[str]:
     """Sentences about the facts in which header and parameters differ; `frames` is what the reader goes by."""
     stated = _stated(parameters)
     samples = header.samples if header.analog else 1
@@ -131,7 +131,7 @@ def _word(pair: list[Any]) -> int | None:
     return int(pair[0] % 65536) + 65536 * int(pair[1] % 65536)
 
 
-def judge_layout(data: bytes, header: Header, frames: int) -> tuple[list[str], list[str]]:
+def judge_layout(data: bytes, header: C3dHeader, frames: int) -> tuple[list[str], list[str]]:
     """Sentences about sections that overlap or do not end where they should, and those that may be harmless."""
     said, remarks = [], []
     block, end, needed = header.block, header.parameters_end, header.end(frames)
@@ -150,7 +150,7 @@ def judge_layout(data: bytes, header: Header, frames: int) -> tuple[list[str], l
     return said, remarks
 
 
-def judge_residuals(data: bytes, header: Header, frames: int) -> list[str]:
+def judge_residuals(data: bytes, header: C3dHeader, frames: int) -> list[str]:
     """A sentence about fourth words that cannot be what they are.
 
     They are whole numbers of two bytes, a residual and a mask of cameras, or, as some systems write them, the residual

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-class Header:
+class ColumnHeader:
     """Names and number of the columns of the table `file`; `names` is empty where its first row holds numbers."""
 
     def __init__(self, names: list[str], width: int, file: str) -> None:
@@ -91,7 +91,7 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
         raise InputError(f"{path.name}: {error}") from None
 
 
-def _table(path: Path, options: ColumnMapping) -> tuple[Header, NDArray, list[str]]:
+def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, list[str]]:
     lines = read_text(path).split("\n")
     first = options.skip_lines
     while first < len(lines) and (not lines[first].strip() or lines[first].startswith("#")):
@@ -103,10 +103,10 @@ def _table(path: Path, options: ColumnMapping) -> tuple[Header, NDArray, list[st
     body = first + 1 if options.header else first
     rows, findings = judge_end(lines[body:], delimiter, path.name)
     table = parse_numbers(rows, name=path.name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
-    return Header(cells if options.header else [], len(cells), path.name), table, findings
+    return ColumnHeader(cells if options.header else [], len(cells), path.name), table, findings
 
 
-def _unused(header: Header, options: ColumnMapping) -> list[str]:
+def _unused(header: ColumnHeader, options: ColumnMapping) -> list[str]:
     """Which columns the mapping does not speak of."""
     wanted: list[Column | None] = [options.time, options.select.column if options.select else None]
     wanted += options.pressure.columns if options.pressure else []
@@ -119,7 +119,7 @@ def _unused(header: Header, options: ColumnMapping) -> list[str]:
     return [told] if left else []
 
 
-def _rows(table: NDArray, header: Header, options: ColumnMapping) -> tuple[NDArray, list[str]]:
+def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[NDArray, list[str]]:
     history, file = [], header.file
     if options.select is not None:
         values = table[:, header.index(options.select.column)]
@@ -140,7 +140,7 @@ def _rows(table: NDArray, header: Header, options: ColumnMapping) -> tuple[NDArr
     return table, history
 
 
-def _time(table: NDArray, header: Header, options: ColumnMapping) -> tuple[NDArray, list[str]]:
+def _time(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[NDArray, list[str]]:
     if options.time is None:
         rate = options.rate_hz or (options.camera.rate_hz if options.camera else None)
         return np.arange(len(table)) / float(rate or np.nan), []
@@ -158,7 +158,7 @@ def _log(time: NDArray, pressure: dict[str, Any], history: list[str], file: str)
 
 
 def _turning(
-    time: NDArray, table: NDArray, header: Header, options: ColumnMapping, history: list[str]
+    time: NDArray, table: NDArray, header: ColumnHeader, options: ColumnMapping, history: list[str]
 ) -> xr.Dataset:
     """A recording of stations that were seen by their angles alone."""
     angles, file = options.angles or {}, header.file
@@ -192,7 +192,7 @@ def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
     return result, [f"{jumps} jump(s) of an angle by a whole turn are undone"] if jumps else []
 
 
-def _layout(options: ColumnMapping, header: Header) -> dict[str, StationColumns]:
+def _layout(options: ColumnMapping, header: ColumnHeader) -> dict[str, StationColumns]:
     """Columns of each station."""
     if options.points is None:
         return options.stations or {}
@@ -208,7 +208,7 @@ def _layout(options: ColumnMapping, header: Header) -> dict[str, StationColumns]
     return stations
 
 
-def _stations(table: NDArray, header: Header, options: ColumnMapping) -> tuple[dict[str, Any], list[str]]:
+def _stations(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[dict[str, Any], list[str]]:
     stations = _layout(options, header)
     position = np.zeros((len(table), len(stations), 3))
     quaternion = np.full((len(table), len(stations), 4), np.nan)
@@ -238,7 +238,7 @@ def unit_quaternions(raw: NDArray) -> tuple[NDArray, int]:
     return np.where(good, raw / np.where(good, norm, 1.0), np.nan), lost
 
 
-def _pressure(table: NDArray, header: Header, options: ColumnMapping) -> dict[str, Any]:
+def _pressure(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> dict[str, Any]:
     if options.pressure is None:
         return {}
     indices = [header.index(c) for c in options.pressure.columns]

@@ -30,7 +30,7 @@ CHANNELS: dict[str, tuple[str, Callable[[str], float] | None]] = {  # variable -
 KEY = "linear"
 
 
-class Line(FileMapping):
+class LinearScale(FileMapping):
     """value = scale * what the file holds + offset, the offset in `unit`."""
 
     scale: float = Field(default=1.0, allow_inf_nan=False)
@@ -56,7 +56,7 @@ def scaled(ds: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
     if not hasattr(lines, "items"):
         raise InputError(f"the mapping for {file}: {KEY} is a table by channel, such as {KEY}.pressure")
     for name, entry in lines.items():
-        line = Line.load(entry if hasattr(entry, "items") else {"scale": entry}, file)
+        line = LinearScale.load(entry if hasattr(entry, "items") else {"scale": entry}, file)
         variable, where = channel(ds, str(name), file)
         added = line.offset * factor(variable, line, str(name), file)
         values = ds[variable].copy(deep=True)
@@ -78,7 +78,7 @@ def channel(ds: xr.Dataset, name: str, file: str) -> tuple[str, dict[str, Any]]:
     raise InputError(f"the mapping for {file}: {KEY} names {name!r}, which is no channel of it; it holds {held}")
 
 
-def factor(variable: str, line: Line, name: str, file: str) -> float:
+def factor(variable: str, line: LinearScale, name: str, file: str) -> float:
     """SI units in one unit of a line's offset."""
     per = CHANNELS[variable][1]
     if line.scale == 0:

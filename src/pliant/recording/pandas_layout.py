@@ -22,7 +22,7 @@ LARGEST_TABLE = 10_000  # columns: DeepLabCut's largest projects have some hundr
 MARK = object()
 
 
-class Frame(NamedTuple):
+class StoredFrame(NamedTuple):
     """Columns, as tuples with one text for each level; numbers of the rows (T,) and values (T, columns)."""
 
     levels: tuple[str, ...]
@@ -31,7 +31,7 @@ class Frame(NamedTuple):
     values: NDArray
 
 
-def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: str) -> Frame:
+def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: str) -> StoredFrame:
     """The one table of a file whose content `pliant.recording.apart_hdf5.read` returned.
 
     Raises
@@ -58,7 +58,7 @@ def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: st
     return frame
 
 
-def _table(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str) -> Frame:
+def _table(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str) -> StoredFrame:
     """Layout "table": rows with the columns ``index`` and ``values_block_0``, ..."""
     about, rows = attributes[at], attributes[f"{at}/table:index"]
     axis, order = plain_value(about["non_index_axes"])[0]
@@ -74,10 +74,10 @@ def _table(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str
     if set(place) != set(columns) or not len(names) == len(place) == len(columns):
         raise ValueError("the names of its columns differ between its two lists, or repeat")
     values = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
-    return Frame(levels, columns, _numbers(arrays[f"{at}/table:index"]), values[:, [place[c] for c in columns]])
+    return StoredFrame(levels, columns, _numbers(arrays[f"{at}/table:index"]), values[:, [place[c] for c in columns]])
 
 
-def _fixed(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str) -> Frame:
+def _fixed(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str) -> StoredFrame:
     """Layout "fixed": ``axis0`` names the columns, ``axis1`` the rows, ``block0_items`` the columns of each block."""
     levels, columns = _axis(arrays, attributes, at, "axis0")
     names: list[tuple[str, ...]] = []
@@ -89,7 +89,7 @@ def _fixed(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str
     values = np.concatenate(parts, axis=1)
     if len(place) != len(names) or values.shape[1] != len(names):
         raise ValueError(f"{len(names)} names for {values.shape[1]} columns, or names that repeat")
-    return Frame(levels, columns, _numbers(arrays[f"{at}/axis1"]), values[:, [place[c] for c in columns]])
+    return StoredFrame(levels, columns, _numbers(arrays[f"{at}/axis1"]), values[:, [place[c] for c in columns]])
 
 
 def _axis(

@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.model import Model
 from pliant.preprocessing.plausibility import CHECKS, UNITS, Case, doubts
 from pliant.study.resting import Aligned
-from pliant.study.schema import Actuator
+from pliant.study.schema import ActuatorEntry
 
 OF_RECORDINGS = {c.name for c in CHECKS if c.subject == "recording"}
 
@@ -33,7 +33,7 @@ def preset(name: str) -> Any:
     return import_module(f"pliant.actuators.{name}")
 
 
-def stated_case(actuator: Actuator) -> Case:
+def stated_case(actuator: ActuatorEntry) -> Case:
     """What a study states of its body, or its preset does."""
     body = dict(preset(actuator.preset).BODY) if actuator.preset else {}
     gravity = actuator.gravity
@@ -76,7 +76,7 @@ def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
     return tuple(f"{line.rstrip('.')}." if not line.endswith("?") else line for line in said.values())
 
 
-def of_models(models: Sequence[tuple[str, Model]], actuator: Actuator) -> tuple[str, ...]:
+def of_models(models: Sequence[tuple[str, Model]], actuator: ActuatorEntry) -> tuple[str, ...]:
     """What looks wrong in fitted models, each under the title of its fit."""
     said: dict[str, str] = {}
     for title, model in models:

@@ -15,7 +15,7 @@ from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.quality import standing_stations
 from pliant.study.doubts import of_body
 from pliant.study.first_reading import with_logs
-from pliant.study.new import Look, body_length, excitation, held_out, look_with_log, moved
+from pliant.study.new import FirstLook, body_length, excitation, held_out, look_with_log, moved
 from pliant.study.questions import OPEN
 from pliant.study.toml_text import key, relative, toml
 
@@ -134,7 +134,7 @@ def draft_study(
     return Draft("\n".join(out.text) + "\n", tuple(out.questions), told)
 
 
-def look_doubts(looks: Sequence[Look], case: Case) -> tuple[str, ...]:
+def look_doubts(looks: Sequence[FirstLook], case: Case) -> tuple[str, ...]:
     """What looks wrong in recordings and body, each sentence once."""
     said: dict[str, str] = {}
     for look in looks:
@@ -144,7 +144,7 @@ def look_doubts(looks: Sequence[Look], case: Case) -> tuple[str, ...]:
     return tuple(said.values())
 
 
-def camera(out: Lines, looks: Sequence[Look]) -> None:
+def camera(out: Lines, looks: Sequence[FirstLook]) -> None:
     """The camera, where points are pixels and nothing says how large one is."""
     if not any("camera" in look.made_up for look in looks):
         return
@@ -154,7 +154,7 @@ def camera(out: Lines, looks: Sequence[Look]) -> None:
     out.ask("pixels_per_mm", "or instead scale, plane or board: see docs/your_own_data.md")
 
 
-def units(out: Lines, looks: Sequence[Look]) -> None:
+def units(out: Lines, looks: Sequence[FirstLook]) -> None:
     """Units of angle and pressure that no file states."""
     asked = {k for look in looks for k in look.made_up if k != "camera"}
     if not asked:
@@ -167,7 +167,7 @@ def units(out: Lines, looks: Sequence[Look]) -> None:
 
 
 def actuator(
-    out: Lines, look: Look, length: float | None, mass: float | None, diameter: float | None = None
+    out: Lines, look: FirstLook, length: float | None, mass: float | None, diameter: float | None = None
 ) -> None:
     """The body."""
     out.table("actuator")
@@ -190,7 +190,7 @@ def actuator(
     out.say("tip_mass = 0.006  (kg, a cap or a load at the tip: take the # away where there is one)")
 
 
-def weight(out: Lines, looks: Sequence[Look], gravity: Sequence[float] | None) -> None:
+def weight(out: Lines, looks: Sequence[FirstLook], gravity: Sequence[float] | None) -> None:
     """Gravity: asked for where a body is let go, since its weight is then all that drives it."""
     released = any(excitation(look) == "release" for look in looks)
     if released or gravity is not None:
@@ -202,7 +202,7 @@ def weight(out: Lines, looks: Sequence[Look], gravity: Sequence[float] | None) -
         out.say(f"gravity = {down(looks)}  ({axes}; needed unless the body lies flat)")
 
 
-def down(looks: Sequence[Look]) -> list[float]:
+def down(looks: Sequence[FirstLook]) -> list[float]:
     """Gravity of a body that hangs: along the tracker's axis nearest to its base tangent, or along +y of angles."""
     if looks[0].turns:
         return [0.0, 9.81]
@@ -212,12 +212,12 @@ def down(looks: Sequence[Look]) -> list[float]:
     return [float(9.81 * np.sign(tangent[k])) if k == nearest else 0.0 for k in range(len(tangent))]
 
 
-def hanging(looks: Sequence[Look]) -> str:
+def hanging(looks: Sequence[FirstLook]) -> str:
     """What `down` assumes, in words."""
     return f"{down(looks)} if the body hangs at rest"
 
 
-def fibre(out: Lines, look: Look, length: float | None) -> None:
+def fibre(out: Lines, look: FirstLook, length: float | None) -> None:
     """A fibre whose tip a cap marks."""
     out.table("fibre")
     out.say("the cap's curvature marks the tip; the base lies one body length before it")
@@ -226,7 +226,7 @@ def fibre(out: Lines, look: Look, length: float | None) -> None:
     out.put("cap_length", float(look.ds.attrs["cap_length"]), "m, as the file says")
 
 
-def alignment(out: Lines, look: Look) -> None:
+def alignment(out: Lines, look: FirstLook) -> None:
     """From the tracker's frame to the base frame."""
     if look.ds.attrs["frame"] == "planar":
         if not look.dense:
@@ -253,7 +253,7 @@ def alignment(out: Lines, look: Look) -> None:
                   if line.startswith(("aligned", "out of plane", "the plane is", "the base moved"))])
 
 
-def reduction(out: Lines, looks: Sequence[Look]) -> None:
+def reduction(out: Lines, looks: Sequence[FirstLook]) -> None:
     """From a dense shape to links."""
     out.table("reduction")
     widest = max(looks, key=lambda look: look.widest)
@@ -262,7 +262,7 @@ def reduction(out: Lines, looks: Sequence[Look]) -> None:
     out.say("links = 5  (instead, a number of your own)")
 
 
-def recording(out: Lines, look: Look, folder: Path, level: float | None) -> None:
+def recording(out: Lines, look: FirstLook, folder: Path, level: float | None) -> None:
     """One file: what is in it, and what drove it."""
     out.table(f"recordings.{key(look.name)}")
     out.say(*look.found.summary().splitlines())
@@ -292,7 +292,7 @@ def recording(out: Lines, look: Look, folder: Path, level: float | None) -> None
         out.put("pressure_unit", "kPa")
 
 
-def moving_beside(look: Look) -> list[str] | None:
+def moving_beside(look: FirstLook) -> list[str] | None:
     """The stations to compare with where others than the base stand still too; None where only the base does."""
     if look.dense or look.turns or look.aligned is None:
         return None
@@ -301,7 +301,7 @@ def moving_beside(look: Look) -> list[str] | None:
     return [n for n in names if n not in still] if 0 < len(still) < len(names) else None
 
 
-def fit(out: Lines, looks: Sequence[Look]) -> None:
+def fit(out: Lines, looks: Sequence[FirstLook]) -> None:
     """What is free, what it learns from, what it must predict."""
     held = held_out(looks)
     out.table("fits.first")
@@ -322,7 +322,7 @@ def fit(out: Lines, looks: Sequence[Look]) -> None:
         out.put("joint_placement", "midsegment")
 
 
-def free_parameters(looks: Sequence[Look], held: str | None) -> list[tuple[str, str]]:
+def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[str, str]]:
     """Names and meanings of what the recordings can tell."""
     kinds, first = {excitation(look) for look in looks}, looks[0]
     levels = {round(look.highest_pa, -2) for look in looks if look.name != held and look.highest_pa is not None}

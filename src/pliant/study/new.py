@@ -35,7 +35,7 @@ RETURNED = 0.3  # of the travel: what a pulse leaves at its end, and a release d
 
 
 @dataclass(frozen=True)
-class Look:
+class FirstLook:
     """What one file told.
 
     Attributes
@@ -129,7 +129,7 @@ class Look:
         return float(named[1]) * pascal_per(named[2]) if named else None
 
 
-def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> Look:
+def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> FirstLook:
     """Look at a file, and take its pressure from a log beside it where there is one; as `look_at`."""
     look = look_at(path, mapping)
     if log is None:
@@ -140,7 +140,7 @@ def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | Non
     return replace(look, ds=ds, log=log, found=known)
 
 
-def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
+def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
     """Read a file, judge it, group its markers and try its alignment.
 
     Parameters
@@ -164,7 +164,7 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> Look:
     if chambers := several(ds):
         kept, chosen = narrowed(kept, chambers, found, path.name)
         ds = ds.assign(pressure=ds["pressure"].sel(chamber=chosen)).drop_vars("chamber")
-    look = Look(path, ds, found, kept, chamber=chosen, made_up=made_up)
+    look = FirstLook(path, ds, found, kept, chamber=chosen, made_up=made_up)
     if look.turns:
         return replace(look, aligned=from_rest(ds))
     if ds.attrs["frame"] == "planar":
@@ -233,7 +233,7 @@ def directions(ds: xr.Dataset, found: Quality, stations: Mapping[str, list[str]]
     return options
 
 
-def body_length(look: Look) -> float | None:
+def body_length(look: FirstLook) -> float | None:
     """Length of the body as far as the file shows it, m: along the stations, or from base to tip at rest."""
     if look.aligned is None or look.capped or look.turns or not look.scaled:
         return None
@@ -243,7 +243,7 @@ def body_length(look: Look) -> float | None:
     return float(np.linalg.norm(np.nanmedian(first, axis=0)))
 
 
-def excitation(look: Look) -> Excitation:
+def excitation(look: FirstLook) -> Excitation:
     """"trace", "pulse", "step" or "release", as far as the file shows it."""
     if "pressure" in look.ds:
         return "trace"
@@ -257,7 +257,7 @@ def excitation(look: Look) -> Excitation:
     return "release" if look.highest_pa is None else "step"
 
 
-def held_out(looks: Sequence[Look]) -> str | None:
+def held_out(looks: Sequence[FirstLook]) -> str | None:
     """Name of the recording to predict: the one with the middle pressure, of two the lower, so that none is beyond.
 
     Where a pressure is not known, the one of middle travel: the others then lie on both sides of it.
@@ -272,7 +272,7 @@ def held_out(looks: Sequence[Look]) -> str | None:
 
 
 
-def moved(look: Look) -> str:
+def moved(look: FirstLook) -> str:
     """When the motion begins and ends, as a comment; empty where that cannot be told."""
     if look.aligned is None or not look.scaled or excitation(look) == "trace":
         return ""

@@ -26,7 +26,7 @@ from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
 from pliant.study.doubts import of_body, preset, presets, stated_case, units_first
 from pliant.study.resting import Aligned, at_one_rest
-from pliant.study.schema import Actuator, Alignment, ChamberTable, Recording, Study
+from pliant.study.schema import ActuatorEntry, AlignmentEntry, ChamberTable, Recording, Study
 from pliant.units import pascal_per
 
 Array = np.ndarray
@@ -111,7 +111,7 @@ def planar(study: Study, name: str, normal: Array | None = None) -> Aligned:
 
 
 def in_frame(
-    study: Study, name: str, raw: xr.Dataset, alignment: Alignment, normal: Array | None,
+    study: Study, name: str, raw: xr.Dataset, alignment: AlignmentEntry, normal: Array | None,
 ) -> tuple[xr.Dataset, xr.Dataset, str]:
     """A recording's stations in the tracker's frame and in the base frame, and how the tip of a fibre was found."""
     if study.fibre is not None:
@@ -128,15 +128,15 @@ def in_frame(
     return stations, align(stations, **options), ""
 
 
-def combined(shared: Alignment, own: Alignment | None) -> Alignment:
+def combined(shared: AlignmentEntry, own: AlignmentEntry | None) -> AlignmentEntry:
     """The study's alignment, overruled entry by entry by what a recording states itself."""
     if own is None:
         return shared
-    return Alignment(stations=own.stations or shared.stations, options={**shared.options, **own.options},
+    return AlignmentEntry(stations=own.stations or shared.stations, options={**shared.options, **own.options},
                      swaps=own.swaps or shared.swaps)  # fmt: skip
 
 
-def checked_rest(alignment: Alignment) -> tuple[float, float] | None:
+def checked_rest(alignment: AlignmentEntry) -> tuple[float, float] | None:
     """The rest window of a recording of angles alone; no other option of an alignment concerns it."""
     rest = alignment.options.get("rest")
     if rest is None:
@@ -146,7 +146,7 @@ def checked_rest(alignment: Alignment) -> tuple[float, float] | None:
     return float(rest[0]), float(rest[1])
 
 
-def checked_options(alignment: Alignment) -> dict[str, Any]:
+def checked_options(alignment: AlignmentEntry) -> dict[str, Any]:
     """Options of `align`, lists made arrays; an unknown one is refused."""
     import inspect
 
@@ -222,7 +222,7 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
 
 
 def study_model(
-    actuator: Actuator, rotation: Array | None, links: LinkPlacement | None = None, usual: int | None = None,
+    actuator: ActuatorEntry, rotation: Array | None, links: LinkPlacement | None = None, usual: int | None = None,
 ) -> Model:
     """The model of the study's actuator; `rotation` (3, 3) takes tracker vectors to the base frame.
 

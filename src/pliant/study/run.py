@@ -102,7 +102,7 @@ def run_study(
 
 
 def all_fits(
-    study: Study, ready: Prepared, tell: Tell, workers: int | None,
+    study: Study, ready: PreparedStudy, tell: Tell, workers: int | None,
 ) -> tuple[list[tuple[str, FitOutcome | Exception]], Ladder | None]:
     """The stage that the model hierarchy chose and every fit, each with its name or the error that it ended in."""
     ends: list[tuple[str, FitOutcome | Exception]] = []
@@ -134,7 +134,7 @@ def computed(ends: Sequence[tuple[str, FitOutcome | Exception]]) -> tuple[tuple[
     raise (InputError if refused else FitError)("; ".join(reasons))
 
 
-class Prepared(NamedTuple):
+class PreparedStudy(NamedTuple):
     """The recordings of a study, ready for fits."""
 
     experiments: dict[str, Experiment]
@@ -148,7 +148,7 @@ class Prepared(NamedTuple):
     doubts: tuple[str, ...]  # what looks wrong in recordings and body
 
 
-def prepare_all(study: Study, tell: Tell) -> Prepared:
+def prepare_all(study: Study, tell: Tell) -> PreparedStudy:
     """Read, align and, where the shape is dense, reduce every recording."""
     if study.ladder:
         rungs_of(study.ladder)  # refused before any work is done
@@ -161,7 +161,7 @@ def prepare_all(study: Study, tell: Tell) -> Prepared:
         return assembled(study, aligned, doubts, tell)
 
 
-def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, ...], tell: Tell) -> Prepared:
+def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, ...], tell: Tell) -> PreparedStudy:
     """Experiments and model of the study, from its recordings in the base frame."""
     shape = None
     if study.reduction:
@@ -190,7 +190,7 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
     findings = {n: (*a.findings, *(s[n] for s in (dropped, idle) if n in s)) for n, a in aligned.items()}
     found_clocks = {n: a.clocks for n, a in aligned.items() if a.clocks is not None}
     bodies = {n: a.body for n, a in aligned.items()}
-    return Prepared(experiments, model, findings, provenance, bodies, shape, dropped, found_clocks, doubts)
+    return PreparedStudy(experiments, model, findings, provenance, bodies, shape, dropped, found_clocks, doubts)
 
 
 def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:

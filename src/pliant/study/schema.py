@@ -25,13 +25,13 @@ Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard errors; 0: the sandwich formula
 
 
-class Entry(BaseModel):
+class StudyEntry(BaseModel):
     """A table of the study file; an unknown key is an error, never ignored."""
 
     model_config = ConfigDict(extra="forbid")
 
 
-class ChamberTable(Entry):
+class ChamberTable(StudyEntry):
     """One of several chambers: the joints that it turns, and its torque law."""
 
     name: str = Field(min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
@@ -41,7 +41,7 @@ class ChamberTable(Entry):
     axial_gain: float | list[float] = 0.0  # 1/m, axial force in parts of the torque; 1 / offset by geometry
 
 
-class ExtensionTable(Entry):
+class ExtensionTable(StudyEntry):
     """A segment of the body that lengthens, between two places along it."""
 
     name: str = Field("body", min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
@@ -51,7 +51,7 @@ class ExtensionTable(Entry):
     damping: float = Field(0.0, ge=0)  # N s
 
 
-class Actuator(Entry):
+class ActuatorEntry(StudyEntry):
     """The body, SI. A preset gives all of it; other entries overrule the preset."""
 
     preset: str | None = None  # a module of pliant.actuators
@@ -75,7 +75,7 @@ class Actuator(Entry):
     source: dict[str, str] = {}
 
 
-class Alignment(Entry):
+class AlignmentEntry(StudyEntry):
     """From the tracker to the base frame: which markers make a station, and the options of `pliant.align`."""
 
     stations: dict[str, Any] = {}  # name -> list of markers, or a table; see pliant.assemble
@@ -84,7 +84,7 @@ class Alignment(Entry):
     common_rest: bool = False  # all recordings are moved to rest where the first one does; of the study's alignment
 
 
-class Fibre(Entry):
+class Fibre(StudyEntry):
     """A fibre along the body, its tip marked by a cap of constant curvature. The base is one body length before it."""
 
     body_length: float  # m, along the fibre
@@ -95,7 +95,7 @@ class Fibre(Entry):
     clamp_length: float = 0.012  # m of straight fibre at its start, held in the clamp: gives the base tangent
 
 
-class Reduction(Entry):
+class Reduction(StudyEntry):
     """From a dense shape to links."""
 
     recording: str | None = None  # whose shape decides; default: the first
@@ -107,7 +107,7 @@ class Reduction(Entry):
     joint_placement: Literal["base", "midsegment"] = "base"  # where in its segment each joint sits
 
 
-class KnownForce(Entry):
+class KnownForce(StudyEntry):
     """A known force at a point of the body, as of a thread that pulls; straight lines between the times."""
 
     station: str | None = None  # a point of the model
@@ -131,7 +131,7 @@ class KnownForce(Entry):
         return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2), at)
 
 
-class Recording(Entry):
+class Recording(StudyEntry):
     """One recording; `shorthand` tells of defaults and of many trials in one file."""
 
     file: str
@@ -153,10 +153,10 @@ class Recording(Entry):
     own_places: bool = False  # read the places of its stations off its own first frames, the chain at rest
     angles: Angles = False  # fit the recorded angles too (of a reduced shape: those of its joints), or "only" them
     forces: list[KnownForce] = []
-    alignment: Alignment | None = None  # its entries overrule the study's
+    alignment: AlignmentEntry | None = None  # its entries overrule the study's
 
 
-class Fit(Entry):
+class Fit(StudyEntry):
     """One fit: what is free, what it learns from, what it must predict; `shorthand` tells of `like` and `without`."""
 
     title: str = ""
@@ -171,7 +171,7 @@ class Fit(Entry):
     bootstrap: int = Replicates
 
 
-class LadderEntry(Entry):
+class LadderEntry(StudyEntry):
     """Models from the given one upwards, each freeing more; the held-out records say which becomes the study's."""
 
     train: list[str]
@@ -184,14 +184,14 @@ class LadderEntry(Entry):
     bootstrap: int = Replicates
 
 
-class WiringEntry(Entry):
+class WiringEntry(StudyEntry):
     """Wirings to compare: which recorded pressure drives which chamber."""
 
     fit: str = ""  # whose parameters and training records; default: the first
     drives: dict[str, dict[str, str | int]] = {}  # by name; default: every order of the pressures that are stated
 
 
-class ForecastEntry(Entry):
+class ForecastEntry(StudyEntry):
     """A prediction for a case that was not recorded."""
 
     title: str = ""
@@ -202,7 +202,7 @@ class ForecastEntry(Entry):
     pressure_unit: str = "Pa"
 
 
-class Targets(Entry):
+class Targets(StudyEntry):
     """What the verdict holds the predictions against."""
 
     rmse_percent_of_travel: float | None = None
@@ -211,16 +211,16 @@ class Targets(Entry):
     steady_state_percent: float | None = None
 
 
-class Study(Entry):
+class Study(StudyEntry):
     """A study file."""
 
     name: str
     title: str = ""
     description: str = ""
-    actuator: Actuator
+    actuator: ActuatorEntry
     camera: dict[str, Any] | None = None  # of every recording that a tracker made of a video
     mapping: dict[str, Any] = {}  # of every recording; what a recording's own says overrules it
-    alignment: Alignment = Alignment()
+    alignment: AlignmentEntry = AlignmentEntry()
     fibre: Fibre | None = None
     reduction: Reduction | None = None
     recordings: dict[str, Recording]

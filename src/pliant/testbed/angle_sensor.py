@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import Motion
+    from pliant.testbed.stepping.simulate import RodMotion
 
 FINE = 1e-3  # s, on which the sensor's lag is taken
 
@@ -48,7 +48,7 @@ IMU = AngleSensor(
 
 
 def observe_angle(
-    motion: Motion, p: RodParameters, sensor: AngleSensor, at: NDArray[np.float64],
+    motion: RodMotion, p: RodParameters, sensor: AngleSensor, at: NDArray[np.float64],
     specimen: np.random.Generator, rng: np.random.Generator,
 ) -> NDArray[np.float64]:
     """What the sensor shows (T,) at the times `at` [s], rad."""

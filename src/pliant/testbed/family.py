@@ -18,7 +18,7 @@ from pliant.testbed.family_ranges import FAMILY
 from pliant.testbed.fibre import FibreSensor
 from pliant.testbed.rod.parameters import ACTUATORS, CHAMBERS, RodParameters, actuator
 from pliant.testbed.scenarios import Scenario
-from pliant.testbed.valve import Iso6358, PressureSensor, Regulator
+from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator
 
 NOMINAL = 180e3  # Pa: what the scenarios call 180 kPa is a member's working pressure
 USUAL_RATE = 75.0  # Hz, of the scenarios; replaced by a member's own
@@ -52,7 +52,7 @@ class Member:
 
     name: str
     body: RodParameters
-    valve: Regulator | Iso6358 | tuple[Regulator | Iso6358, ...] = field(default_factory=Regulator)
+    valve: SupplyRegulator | Iso6358 | tuple[SupplyRegulator | Iso6358, ...] = field(default_factory=SupplyRegulator)
     transducer: PressureSensor = field(default_factory=PressureSensor)
     fibre: FibreSensor = field(default_factory=FibreSensor)
     pressure: float = NOMINAL
@@ -206,17 +206,17 @@ def family_member(seed: int) -> Member:
 
 def instruments(
     d: dict[str, float], pressure: float, body: RodParameters
-) -> tuple[Regulator | Iso6358, PressureSensor, FibreSensor]:
+) -> tuple[SupplyRegulator | Iso6358, PressureSensor, FibreSensor]:
     """Valve, transducer and fibre of some drawn numbers; full scale is two and a half times the working pressure."""
     full = 2.5 * pressure
-    valve: Regulator | Iso6358
+    valve: SupplyRegulator | Iso6358
     if d["spool"] < 0.25:
         volume = 1.0e-5 + body.chamber_area * body.length  # m3: tube and chamber
         flow = 2.0e-9 * d["conductance"]
         valve = Iso6358(source=d["source"] * full, fill=flow, exhaust=1.25 * flow / d["exhaust"], band=0.08 * full,
                         dead_time=d["dead_time"], volume=volume)  # fmt: skip
     else:
-        valve = Regulator(
+        valve = SupplyRegulator(
             frequency=d["valve_frequency"], damping=d["valve_damping"], dead_time=d["dead_time"],
             exhaust_slowdown=d["exhaust"], slew_up=d["slew"] * full, slew_down=0.75 * d["slew"] * full,
             dead_band=d["dead_band"] * full,
@@ -243,7 +243,7 @@ def member(name: str | int) -> Member:
     if isinstance(name, int) or (name.isdecimal() and name.isascii()):
         return family_member(int(name))
     if name in CHAMBERS:
-        return Member(name, actuator(name), (Regulator(), Regulator(frequency=6.0, dead_time=0.014)))
+        return Member(name, actuator(name), (SupplyRegulator(), SupplyRegulator(frequency=6.0, dead_time=0.014)))
     if name not in ACTUATORS:
         known = ", ".join((*ACTUATORS, *CHAMBERS))
         raise InputError(f"unknown actuator {name!r}: use {known}, or a seed of the family such as 7")

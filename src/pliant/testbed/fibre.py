@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import Motion
+    from pliant.testbed.stepping.simulate import RodMotion
 
 FINE = 850  # intervals of the body on which the angle is integrated
 CORE_ANGLE = (0.0, 0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0)
@@ -66,7 +66,7 @@ def station_position(p: RodParameters, sensor: FibreSensor) -> NDArray[np.float6
 
 
 def body_angle(
-    motion: Motion, p: RodParameters, at: NDArray[np.float64]
+    motion: RodMotion, p: RodParameters, at: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Arc lengths (F,) along the body and the tangent's angle (T, F) there at the times `at`, rad."""
     index = np.clip(np.searchsorted(motion.time, at) - 1, 0, motion.time.size - 2)
@@ -82,7 +82,7 @@ def body_angle(
     return s, np.concatenate([np.zeros((at.size, 1)), np.cumsum(steps, axis=1)], axis=1)
 
 
-def stretched(motion: Motion, p: RodParameters, at: NDArray[np.float64]) -> NDArray[np.float64]:
+def stretched(motion: RodMotion, p: RodParameters, at: NDArray[np.float64]) -> NDArray[np.float64]:
     """Arc length (T, F) of the places of `body_angle` along the body as it is stretched at the times `at`, m."""
     s = np.linspace(0.0, p.length, FINE + 1)
     if not any(c.push for c in p.chambers):
@@ -93,7 +93,7 @@ def stretched(motion: Motion, p: RodParameters, at: NDArray[np.float64]) -> NDAr
 
 
 def gauge_curvature(
-    motion: Motion, p: RodParameters, sensor: FibreSensor, at: NDArray[np.float64]
+    motion: RodMotion, p: RodParameters, sensor: FibreSensor, at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """True in-plane curvature of the fibre (T, G), averaged over each gauge, 1/m.
 
@@ -136,7 +136,7 @@ def wandering_bias(
 
 
 def sensed_curvature(
-    motion: Motion,
+    motion: RodMotion,
     p: RodParameters,
     sensor: FibreSensor,
     at: NDArray[np.float64],

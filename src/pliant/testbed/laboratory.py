@@ -23,9 +23,9 @@ from pliant.testbed.fibre import FibreSensor
 from pliant.testbed.mocap import MotionCapture, marker_names, observe_markers
 from pliant.testbed.rod import RodParameters
 from pliant.testbed.scenarios import Scenario, scenario
-from pliant.testbed.stepping import Motion, simulate
+from pliant.testbed.stepping import RodMotion, simulate
 from pliant.testbed.truth import make_truth, write_truth
-from pliant.testbed.valve import Iso6358, PressureSensor, Regulator, read_pressure, supply_pressure
+from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator, read_pressure, supply_pressure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -45,7 +45,7 @@ class Laboratory:
     Each chamber has a valve of its own: all alike, or one given for each.
     """
 
-    valve: Regulator | Iso6358 | tuple[Regulator | Iso6358, ...] = field(default_factory=Regulator)
+    valve: SupplyRegulator | Iso6358 | tuple[SupplyRegulator | Iso6358, ...] = field(default_factory=SupplyRegulator)
     transducer: PressureSensor = field(default_factory=PressureSensor)
     fibre: FibreSensor = field(default_factory=FibreSensor)
     mocap: MotionCapture = field(default_factory=MotionCapture)
@@ -59,7 +59,7 @@ class Laboratory:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class LaboratoryExperiment:
     """A recording as a laboratory would have it, and the truth behind it."""
 
     recording: xr.Dataset
@@ -90,7 +90,7 @@ def one_each(given: Any, rod: RodParameters, what: str) -> tuple[Any, ...]:
 
 def run_rod(
     case: Scenario, rod: RodParameters, lab: Laboratory, progress: Callable[[float], None] | None = None
-) -> Motion:
+) -> RodMotion:
     """The actuator's true motion in a scenario."""
     stride = max(1, round(RECORD / case.step))
     steps = int(np.ceil(case.duration / (case.step * stride))) * stride
@@ -127,7 +127,7 @@ def generate(
     *,
     lab: Laboratory | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Experiment:
+) -> LaboratoryExperiment:
     """Run a scenario and record it.
 
     Parameters
@@ -172,11 +172,11 @@ def generate(
     recording = record(motion, rod, lab, at, seed=seed, attrs=attrs)
     settings = {"laboratory": json.dumps(asdict(lab)), "scenario_settings": json.dumps(asdict(case))}
     truth = make_truth(motion, rod, at, attrs | settings)
-    return Experiment(recording, truth)
+    return LaboratoryExperiment(recording, truth)
 
 
 def record(
-    motion: Motion,
+    motion: RodMotion,
     rod: RodParameters,
     lab: Laboratory,
     at: NDArray[np.float64],

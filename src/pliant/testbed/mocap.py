@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import Motion
+    from pliant.testbed.stepping.simulate import RodMotion
 
 BASE = ((0.02, -0.01, 0.0), (-0.02, -0.01, 0.0), (0.0, -0.01, 0.02))  # m, markers on the clamp
 
@@ -35,7 +35,7 @@ def marker_names(mocap: MotionCapture) -> list[str]:
 
 
 def marker_positions(
-    motion: Motion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64]
+    motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """True marker positions (T, M, 3) in the actuator's frame, m."""
     s, theta = body_angle(motion, p, at)
@@ -53,7 +53,7 @@ def marker_positions(
 
 
 def observe_markers(
-    motion: Motion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64], rng: np.random.Generator
+    motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Noisy markers (T, M, 3) in a laboratory frame of random pose; NaN where a marker is lost."""
     from scipy.spatial.transform import Rotation

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import Motion
+    from pliant.testbed.stepping.simulate import RodMotion
 
 SCHEMA = "pliant-truth"
 ENERGY = ["kinetic", "elastic", "memory", "weight", "contact"]
 
 
-def joint_rates(motion: Motion, nodes: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+def joint_rates(motion: RodMotion, nodes: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rates (T, n) [rad/s] at the times `at` [s] of a chain with joints at arc lengths `nodes` (n + 1,) [m] of the rod.
 
     From the rod's own velocities, without any difference in time.
@@ -39,7 +39,7 @@ def joint_rates(motion: Motion, nodes: NDArray[np.float64], at: NDArray[np.float
     return np.stack([np.interp(at, motion.time, row) for row in dq.T], axis=1)
 
 
-def node_positions(motion: Motion, at: NDArray[np.float64]) -> NDArray[np.float64]:
+def node_positions(motion: RodMotion, at: NDArray[np.float64]) -> NDArray[np.float64]:
     """Node positions (T, V, 2) at the times `at`, by cubic Hermite interpolation of the records, m."""
     step = motion.time[1] - motion.time[0]
     index = np.clip(np.searchsorted(motion.time, at) - 1, 0, motion.time.size - 2)
@@ -50,7 +50,7 @@ def node_positions(motion: Motion, at: NDArray[np.float64]) -> NDArray[np.float6
     return np.asarray(x0 + u * v0 + u**2 * (3 * change - 2 * v0 - v1) + u**3 * (v0 + v1 - 2 * change))
 
 
-def make_truth(motion: Motion, p: RodParameters, at: NDArray[np.float64], attrs: dict[str, Any]) -> xr.Dataset:
+def make_truth(motion: RodMotion, p: RodParameters, at: NDArray[np.float64], attrs: dict[str, Any]) -> xr.Dataset:
     """Dataset of the true states at the instants `at` at which the shape was sampled.
 
     `position` (time, node, axis) and `force` of obstacles (time, node, axis) in the actuator's frame: base at the

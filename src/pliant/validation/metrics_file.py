@@ -9,20 +9,20 @@ from pydantic import BaseModel, ConfigDict, Field
 Role = Literal["train", "held_out", "forecast"]
 
 
-class Entry(BaseModel):
+class MetricsEntry(BaseModel):
     """A table of the file; nothing stands in it that is not named here."""
 
     model_config = ConfigDict(extra="forbid")
 
 
-class Pair(Entry):
+class Pair(MetricsEntry):
     """A trait of the motion; null where a motion has no such thing."""
 
     measured: float | None
     modelled: float | None
 
 
-class MissingRecord(Entry):
+class MissingRecord(MetricsEntry):
     """A recording whose motion under a fit could not be computed."""
 
     role: Role = Field(description="what the recording was to the fit")
@@ -30,7 +30,7 @@ class MissingRecord(Entry):
     not_computed: str = Field(description="what could not be computed, and why")
 
 
-class Failure(Entry):
+class Failure(MetricsEntry):
     """A fit, prediction, band or forecast that could not be computed."""
 
     what: str
@@ -40,7 +40,7 @@ class Failure(Entry):
     role: Literal["train", "held_out", ""]
 
 
-class Compared(Entry):
+class Compared(MetricsEntry):
     """What every recording under a fit has, whether places or angles were compared."""
 
     role: Role = Field(description="what the recording was to the fit")
@@ -94,7 +94,7 @@ class AngleRecord(Compared):
     travel_deg: float
 
 
-class Value(Entry):
+class Value(MetricsEntry):
     """One parameter of a fit, SI."""
 
     value: float
@@ -110,7 +110,7 @@ class Value(Entry):
     scale: float = Field(description="the change that the optimiser takes for one")
 
 
-class Covariance(Entry):
+class CovarianceEntry(MetricsEntry):
     """Of the free parameters of a fit, SI."""
 
     names: list[str]
@@ -122,7 +122,7 @@ class Covariance(Entry):
     source: str = Field(description="sandwich, or block bootstrap")
 
 
-class FitTiming(Entry):
+class FitTiming(MetricsEntry):
     """What a fit took."""
 
     fit_s: float = Field(description="everything, predictions and bands included")
@@ -130,7 +130,7 @@ class FitTiming(Entry):
     simulated_sets: int = Field(description="parameter sets that were simulated for all records")
 
 
-class FitEntry(Entry):
+class FitEntry(MetricsEntry):
     """One fit."""
 
     title: str
@@ -143,10 +143,10 @@ class FitEntry(Entry):
     parameters: dict[str, Value]
     timing: FitTiming
     model: dict[str, Any] = Field(description="as in model.json, without its checksum")
-    covariance: Covariance | None
+    covariance: CovarianceEntry | None
 
 
-class HeadlineEntry(Entry):
+class HeadlineEntry(MetricsEntry):
     """The verdict in short."""
 
     state: Literal["good", "beware", "missed", "open"]
@@ -154,7 +154,7 @@ class HeadlineEntry(Entry):
     warnings: list[str]
 
 
-class Rung(Entry):
+class StageEntry(MetricsEntry):
     """One rung of a ladder."""
 
     title: str
@@ -170,15 +170,15 @@ class Rung(Entry):
     as_given: list[str] = Field([], description="parameters left as the given model has them, since not determined")
 
 
-class LadderTable(Entry):
+class LadderTable(MetricsEntry):
     """Models of growing size."""
 
     chosen: str
     reason: str
-    rungs: dict[str, Rung]
+    rungs: dict[str, StageEntry]
 
 
-class WiringEntry(Entry):
+class WiringResult(MetricsEntry):
     """One wiring of recorded pressures to chambers."""
 
     train_percent: float | None = Field(description="mean RMSE of the training records, % of travel")
@@ -186,15 +186,15 @@ class WiringEntry(Entry):
     told: str = Field(description="why it could not be fitted")
 
 
-class WiringTable(Entry):
+class WiringTable(MetricsEntry):
     """Wirings compared by how the training records are followed."""
 
     fit: str = Field(description="whose parameters and training records")
     sentence: str
-    wirings: dict[str, WiringEntry] = Field(description="the likeliest first")
+    wirings: dict[str, WiringResult] = Field(description="the likeliest first")
 
 
-class OrderTable(Entry):
+class OrderTable(MetricsEntry):
     """Numbers of links that were tried on the dense shape."""
 
     orders: dict[str, dict[str, float]] = Field(description="errors in mm by number of segments")
@@ -204,7 +204,7 @@ class OrderTable(Entry):
     stations: int
 
 
-class ClockEntry(Entry):
+class ClockEntry(MetricsEntry):
     """How a pressure's clock was brought onto that of the shape."""
 
     delay_s: float
@@ -212,7 +212,7 @@ class ClockEntry(Entry):
     told: str
 
 
-class MetricsFile(Entry):
+class MetricsFile(MetricsEntry):
     """The whole file."""
 
     schema_name: Literal["pliant-metrics"] = Field(alias="schema")

@@ -16,7 +16,7 @@ from pliant.identification import Experiment
 from pliant.model import Chamber, Model
 from pliant.view.live import Live, Played, Wish
 from pliant.view.report import asset, script_json, template
-from pliant.view.watched import Watched
+from pliant.view.watched import WatchedLoop
 
 HOST = "127.0.0.1"
 RATE = 60.0  # frames in a second
@@ -26,12 +26,12 @@ POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inl
           "connect-src ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'")
 
 
-def running(played: Played) -> Live | Watched:
+def running(played: Played) -> Live | WatchedLoop:
     """What moves on a page: a model of its own, or the loop that is watched."""
-    return Live(played) if played.log is None else Watched(played.log, played.model, played.touch)
+    return Live(played) if played.log is None else WatchedLoop(played.log, played.model, played.touch)
 
 
-def live_page(played: Played, live: Live | Watched) -> str:
+def live_page(played: Played, live: Live | WatchedLoop) -> str:
     """The page as text."""
     m = played.model
     data = {
@@ -110,7 +110,7 @@ async def build(live: Live, asked: asyncio.Event, one_build: asyncio.Lock) -> No
             live.take(job, await asyncio.to_thread(live.prepare, job))
 
 
-async def converse(ws: Any, live: Live | Watched, one_build: asyncio.Lock) -> None:
+async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -> None:
     """Send frames at a steady rate and take wishes, until the page is closed."""
     from starlette.websockets import WebSocketDisconnect
 

@@ -20,7 +20,7 @@ KEPT = 4000  # rows
 DOUBT = 3.0  # standard deviations of the model's error that the torque of a touch is taken for
 
 
-class Watched:
+class WatchedLoop:
     """The rows of a loop's log as they come, drawn like a running model.
 
     Parameters

@@ -1,5 +1,5 @@
 """The virtual actuator stepped in closed loop: a command in, frames of its sensors out."""
 
-from pliant.testbed.plant.plant import Frame, Plant
+from pliant.testbed.plant.plant import Plant, PlantFrame
 
-__all__ = ["Frame", "Plant"]
+__all__ = ["Plant", "PlantFrame"]

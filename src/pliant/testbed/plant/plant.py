@@ -13,7 +13,7 @@ from pliant.testbed.contact import obstacle_rows
 from pliant.testbed.family import Member, member
 from pliant.testbed.rod import RodParameters, build_body
 from pliant.testbed.stepping.simulate import Span, _clock, _out, _work, settle
-from pliant.testbed.valve import Iso6358, PressureSensor, Regulator
+from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +25,7 @@ Array = np.ndarray
 SUPPLY_STEP = 2.5e-5  # s, of the regulator's equations
 
 
-class Frame(NamedTuple):
+class PlantFrame(NamedTuple):
     """One reading of both sensors, as it arrives."""
 
     time: float  # s, when the shape was taken
@@ -77,7 +77,7 @@ class Plant:
 
     def __init__(
         self, body: str | int | RodParameters | Member = "a", *, rate: float = 250.0, step: float = 5e-4, seed: int = 1,
-        perfect: bool = False, valve: Regulator | None = None, obstacles: Sequence[Circle | Wall] = (),
+        perfect: bool = False, valve: SupplyRegulator | None = None, obstacles: Sequence[Circle | Wall] = (),
     ) -> None:
         if isinstance(body, RodParameters):
             body = Member("custom", body)
@@ -137,7 +137,7 @@ class Plant:
         """Hold a force [N] on the cap from now on, in the base frame."""
         self._load = np.array([x, y], dtype=float)
 
-    def advance(self, command: float) -> Frame:
+    def advance(self, command: float) -> PlantFrame:
         """Hold a commanded gauge pressure [Pa] for one frame's period; the newest frame that has arrived by then.
 
         Raises
@@ -176,13 +176,13 @@ class Plant:
         self.time += self.period
         return self._frame()
 
-    def _frame(self) -> Frame:
+    def _frame(self) -> PlantFrame:
         fibre = self._sensing.fibre
         self._late.append((self.time, self._sense()))
         while len(self._late) > 1 and self._late[1][0] + fibre.latency <= self.time + 1e-9:
             self._late.popleft()
         taken, shape = self._late[0]
-        return Frame(taken + fibre.jitter * float(self._rng.standard_normal()), shape, self._read())
+        return PlantFrame(taken + fibre.jitter * float(self._rng.standard_normal()), shape, self._read())
 
     def _sense(self) -> Array:
         """Points (S, 2) of the body as the fibre sees them: base, then the end of every element."""

@@ -19,7 +19,7 @@ FEATURES = 64  # cosines of a random field
 CONTACT_LENGTH = 0.005  # m of body over which an obstacle's stiffness is spread
 
 
-class Body(NamedTuple):
+class RodBody(NamedTuple):
     """Arrays of a discrete rod: E edges, B bending vertices, V = E + 1 nodes (SI)."""
 
     rest_length: NDArray[np.float64]  # (E,) m
@@ -135,7 +135,7 @@ def node_position(p: RodParameters) -> NDArray[np.float64]:
     return np.append(s, p.length + CAP_EDGE) if p.cap_mass > 0 else s
 
 
-def build_body(p: RodParameters) -> Body:
+def build_body(p: RodParameters) -> RodBody:
     """Discretise the rod: `p.elements` equal edges, and one more for the cap."""
     s = node_position(p)
     capped = p.cap_mass > 0
@@ -159,7 +159,7 @@ def build_body(p: RodParameters) -> Body:
     touch = mass / p.mass * p.length / CONTACT_LENGTH
     if capped:
         touch[p.elements] += 1.0  # the cap's rim
-    return Body(
+    return RodBody(
         rest_length=np.diff(s), axial=axial, weight=weight,
         stiffness=fields["stiffness"], rest_curvature=fields["rest_curvature"], gain=chamber_gains(p, fields["gain"]),
         gain_slope=p.gain_slope * np.sign([c.gain for c in p.chambers]), thrust=chamber_thrusts(p, s.size - 1),

@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError, SimulationError
 from pliant.testbed.memory import prony_decay
-from pliant.testbed.rod.body import Body, build_body, node_position
+from pliant.testbed.rod.body import RodBody, build_body, node_position
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,7 +23,7 @@ STATIC_STEP = 1e6  # s: a step so long that inertia, viscosity and relaxation ha
 CHUNK = 400  # steps between two calls of the progress callback
 
 
-class State(NamedTuple):
+class RodState(NamedTuple):
     """What the rod remembers between two steps; changed in place by the compiled loop."""
 
     x: Array  # (V, 2) m
@@ -39,7 +39,7 @@ class State(NamedTuple):
     chamber: Array  # (C, 2) m3 and m3/s
 
 
-class Clock(NamedTuple):
+class StepClock(NamedTuple):
     """What the length of a step decides."""
 
     dt: float  # s
@@ -84,7 +84,7 @@ class Out(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Motion:
+class RodMotion:
     """What the rod truly did: R records, V nodes, B bending vertices, C chambers.
 
     Attributes
@@ -111,7 +111,7 @@ class Motion:
     iterations: float
 
 
-def rest_state(body: Body) -> State:
+def rest_state(body: RodBody) -> RodState:
     """The stress-free shape at standstill."""
     turn = body.weight * body.rest_curvature
     angle = np.cumsum(turn)
@@ -120,20 +120,20 @@ def rest_state(body: Body) -> State:
     b = body.weight.size
     now = [np.sum(gain * body.weight * body.rest_curvature * (1.0 + 0.5 * slope * body.rest_curvature))
            for gain, slope in zip(body.gain, body.gain_slope, strict=True)]  # fmt: skip
-    return State(
+    return RodState(
         x, x.copy(), np.zeros_like(x), np.zeros_like(x), body.rest_curvature.copy(), body.rest_curvature.copy(),
         body.rest_length.copy(), body.rest_length.copy(), np.zeros((b, body.prony_share.size)),
         np.zeros((b, body.slip_limit.shape[1])), np.column_stack([now, np.zeros(len(now))]),
     )  # fmt: skip
 
 
-def _work(body: Body) -> Work:
+def _work(body: RodBody) -> Work:
     edges, (chambers, vertices) = body.rest_length.size, body.gain.shape
     sizes = (2 * edges, 6), edges, vertices, 6, chambers + 3
     return Work(*np.zeros((3, edges + 1, 2)), *np.zeros((2, 2 * edges)), *map(np.zeros, sizes))
 
 
-def _out(records: int, nodes: int, body: Body) -> Out:
+def _out(records: int, nodes: int, body: RodBody) -> Out:
     chambers, vertices = body.gain.shape
     return Out(
         np.zeros((records, nodes, 2)), np.zeros((records, nodes, 2)), np.zeros((records, vertices)),
@@ -142,9 +142,9 @@ def _out(records: int, nodes: int, body: Body) -> Out:
     )  # fmt: skip
 
 
-def _clock(body: Body, dt: float, *, static: bool) -> Clock:
+def _clock(body: RodBody, dt: float, *, static: bool) -> StepClock:
     h = 2.0 * dt / 3.0
-    return Clock(float(dt), h, 0.0 if static else 1.0 / h**2, prony_decay(body.prony_time, dt))
+    return StepClock(float(dt), h, 0.0 if static else 1.0 / h**2, prony_decay(body.prony_time, dt))
 
 
 def settle(
@@ -153,7 +153,7 @@ def settle(
     *,
     obstacles: ArrayLike | None = None,
     increments: int = 40,
-) -> State:
+) -> RodState:
     """Static equilibrium under constant loads, with all Prony branches relaxed.
 
     Parameters
@@ -197,7 +197,7 @@ def settle(
     return state
 
 
-def _halt(state: State) -> None:
+def _halt(state: RodState) -> None:
     state.x_before[:], state.v[:], state.v_before[:] = state.x, 0.0, 0.0
     state.curvature_before[:], state.length_before[:] = state.curvature, state.length
     state.chamber[:, 1] = 0.0
@@ -225,10 +225,10 @@ def simulate(
     *,
     stride: int = 4,
     obstacles: ArrayLike | None = None,
-    start: State | None = None,
+    start: RodState | None = None,
     static: bool = False,
     progress: Callable[[float], None] | None = None,
-) -> Motion:
+) -> RodMotion:
     """Motion of the rod under loads given at the end of every step.
 
     Parameters
@@ -260,7 +260,7 @@ def simulate(
     if not (dt > 0 and stride >= 1):
         raise InputError(f"the step must be > 0 and the stride >= 1, got {dt} and {stride}")
     body, rows = build_body(p), _obstacles(obstacles)
-    state = settle(p, obstacles=obstacles) if start is None else State(*(array.copy() for array in start))
+    state = settle(p, obstacles=obstacles) if start is None else RodState(*(array.copy() for array in start))
     steps, chambers = table.shape[0], len(p.chambers)
     out = _out(steps // stride + 1, state.x.shape[0], body)
     out.position[0], out.velocity[0], out.curvature[0] = state.x, state.v, state.curvature
@@ -286,13 +286,13 @@ def simulate(
     told = out._asdict()
     if chambers == 1:
         told |= {"pressure": out.pressure[:, 0], "volume": out.volume[:, 0]}
-    return Motion(
+    return RodMotion(
         time=np.asarray(np.arange(out.energy.shape[0]) * (dt * stride), dtype=float), arc_length=node_position(p),
         **told, iterations=total / max(steps, 1),
     )  # fmt: skip
 
 
-def _first_energy(body: Body, rows: NDArray[np.float64], state: State, out: Out) -> None:
+def _first_energy(body: RodBody, rows: NDArray[np.float64], state: RodState, out: Out) -> None:
     from pliant.compiler.choose import twin
     from pliant.testbed.stepping.stepping_loops import energies
 

@@ -1,5 +1,5 @@
 """What stands between a commanded pressure and the measured one: valve, chamber, sensor."""
 
-from pliant.testbed.valve.supply import Iso6358, PressureSensor, Regulator, read_pressure, supply_pressure
+from pliant.testbed.valve.supply import Iso6358, PressureSensor, SupplyRegulator, read_pressure, supply_pressure
 
-__all__ = ["Iso6358", "PressureSensor", "Regulator", "read_pressure", "supply_pressure"]
+__all__ = ["Iso6358", "PressureSensor", "SupplyRegulator", "read_pressure", "supply_pressure"]

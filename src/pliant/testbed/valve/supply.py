@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.testbed.valve.valve_loops import Gas, Law, Spool, fill_chamber, regulate
+from pliant.testbed.valve.valve_loops import Gas, Spool, ValveLaw, fill_chamber, regulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Regulator:
+class SupplyRegulator:
     """Digital proportional regulator in closed loop: dead time, second order, slew limits (SI, gauge)."""
 
     frequency: float = 9.0  # Hz
@@ -29,9 +29,9 @@ class Regulator:
     dead_band: float = 400.0  # Pa
 
     @property
-    def law(self) -> Law:
+    def law(self) -> ValveLaw:
         """What the kernels take of it."""
-        return Law(
+        return ValveLaw(
             2.0 * np.pi * self.frequency, self.damping, self.exhaust_slowdown, self.slew_up, self.slew_down,
             self.dead_band,
         )
@@ -81,7 +81,7 @@ class PressureSensor:
 def supply_pressure(
     command: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     time: NDArray[np.float64],
-    valve: Regulator | Iso6358,
+    valve: SupplyRegulator | Iso6358,
 ) -> NDArray[np.float64]:
     """Gauge pressure that the valve delivers for a command, on an even time grid.
 
@@ -108,7 +108,7 @@ def supply_pressure(
         raise InputError("the commanded gauge pressure must be finite and >= 0 at two times or more")
     dt = float(time[1] - time[0])
     out = np.zeros(asked.size)
-    if isinstance(valve, Regulator):
+    if isinstance(valve, SupplyRegulator):
         twin(regulate)(asked, dt, valve.law, out)
         return out
     if asked.max() > valve.source:

@@ -11,7 +11,7 @@ REFERENCE_DENSITY = 1.185  # kg/m3, ISO 6358 reference atmosphere (100 kPa, 293.
 REFERENCE_TEMPERATURE = 293.15  # K
 
 
-class Law(NamedTuple):
+class ValveLaw(NamedTuple):
     """A regulator of second order with slew limits."""
 
     natural: float  # rad/s
