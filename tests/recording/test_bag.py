@@ -10,7 +10,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from pliant.errors import InputError
-from pliant.recording import read
+from pliant.recording import apart_bag, read
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 NS = 1_700_000_000_000_000_000
@@ -88,3 +88,25 @@ def test_a_cut_bag_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:3000])
     with pytest.raises(InputError, match=r"is no readable ROS 2 bag file, or it is damaged"):
         read(path)
+
+
+def test_definitions_of_messages_in_a_bag_are_never_taken(tmp_path, monkeypatch):
+    """rosbags turns definitions into Python and runs it: with a bag's own, a stranger's words would be run."""
+    path = bag(tmp_path / "bag", StoragePlugin.MCAP)
+
+    def refuse(*_, **__):
+        raise AssertionError("a definition was taken")
+
+    monkeypatch.setattr(type(STORE), "register", refuse)
+    arrays, facts = apart_bag.read(str(path))
+    assert {t["name"] for t in facts["topics"]} == {"/mocap/base", "/mocap/tip", "/valve/level", "/valve/pressure"}
+    assert arrays
+
+
+def test_another_definition_of_a_known_message_is_refused(tmp_path):
+    kind = "std_msgs/msg/Float64"
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        other = writer.add_connection("/level", kind, msgdef="float32 data\n", rihs01="RIHS01_" + 64 * "0")
+        writer.write(other, NS, STORE.serialize_cdr(make(kind, data=0.5), kind))
+    with pytest.raises(InputError, match=r"defines std_msgs/msg/Float64 of topic /level otherwise than ROS 2 does"):
+        read(next((tmp_path / "bag").glob("*.mcap")))

@@ -1,4 +1,8 @@
-"""Read poses, points and pressures of a ROS 2 bag (.mcap, .db3) in the helper process, by rosbags."""
+"""Read poses, points and pressures of a ROS 2 bag (.mcap, .db3) in the helper process, by rosbags.
+
+Messages are decoded by the definitions that rosbags brings. Those in the bag are parsed and compared, never taken:
+rosbags writes Python from what it takes, and runs it. A bag whose definition of a known message differs is refused.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from pliant.recording.apart_worker import Content, Refused
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def point(p: Any) -> list[float]:
@@ -41,18 +48,33 @@ def stamp_of(message: Any, received: int) -> int:
     return int(stamp or received)
 
 
+def check_definition(connection: Any) -> None:
+    """Refuse a message that the bag defines otherwise than ROS 2, or otherwise than in .msg text."""
+    definition, name = connection.msgdef, connection.msgtype
+    if definition.format == MessageDefinitionFormat.NONE:
+        return
+    try:
+        found = get_types_from_msg(definition.data, name)
+    except TypesysError:
+        found = {}
+    if not found or any(fields != STORE.fielddefs.get(kind) for kind, fields in found.items()):
+        raise Refused(f"defines {name} of topic {connection.topic[:60]} otherwise than ROS 2 does")
+
+
 def read(path: str) -> Content:
     """Return stamps [ns] (M,) and rows (M, R, 7 or 1) of each topic of a known type; others by name."""
     arrays: dict[str, np.ndarray] = {}
     topics = []
-    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
+    with Reader(Path(path)) as bag:
         known = [c for c in bag.connections if c.msgtype in ROWS]
+        for c in known:
+            check_definition(c)
         others = sorted({c.topic for c in bag.connections} - {c.topic for c in known})
         stamps: dict[str, list[int]] = {c.topic: [] for c in known}
         rows: dict[str, list[list[list[float]]]] = {c.topic: [] for c in known}
         kinds = {c.topic: c.msgtype for c in known}
         for connection, received, raw in bag.messages(connections=known) if known else ():
-            message = bag.deserialize(raw, connection.msgtype)
+            message = STORE.deserialize_cdr(raw, connection.msgtype)
             stamps[connection.topic].append(stamp_of(message, received))
             rows[connection.topic].append(ROWS[connection.msgtype](message))
     for k, topic in enumerate(rows):
