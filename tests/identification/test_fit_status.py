@@ -107,7 +107,7 @@ def test_a_result_reads_as_text_and_as_plain_numbers(exp: Experiment, truth: Mod
     assert content["parameters"]["stiffness"]["source"] == "estimated"
     assert content["parameters"]["damping"]["source"] == "data sheet"
     assert content["rmse_mm"]["p"] == pytest.approx(1e3 * found.rmse["p"])
-    assert {"stiffness", "fixed"} <= set(str(found).split())
+    assert {"stiffness", "data", "given"} <= set(str(found).split())
     assert [line[:12] for line in lines] == ["start 1 of 1"]
 
 

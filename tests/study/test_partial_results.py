@@ -95,7 +95,7 @@ def test_what_was_written_is_read_back(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_the_figures_of_what_was_computed_are_drawn(folder: Path) -> None:
-    drawn = CliRunner().invoke(app, ["figures", str(folder / "out"), "--format", "svg"])
+    drawn = CliRunner().invoke(app, ["figures", str(folder / "out"), "--format", "svg", "--all-fits"])
     assert drawn.exit_code == 0, drawn.output
     names = {path.stem for path in (folder / "out" / "figures").iterdir()}
     assert "good-high-motion" in names

@@ -42,7 +42,7 @@ def test_the_chosen_rung_is_the_model_and_the_page_shows_all(tmp_path: Path) -> 
         assert ("within_band_percent" in record) == (record["role"] == "held_out"), name
         assert 50 < record.get("within_band_percent", 99) <= 100
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "Ladder of models" in page
+    assert "<h2>Model selection</h2>" in page
     assert "uncertainty (block bootstrap)" in page
 
 

@@ -48,7 +48,7 @@ def straight_line(kernel: Any, links: int) -> Any:
     def line(row: int) -> str:
         what, operands = made.rows[row]
         names = [f"t{o.row}" if isinstance(o, trace.Mark) else repr(o) for o in operands]
-        if what in ("cos", "sin"):
+        if what in ("cos", "sin", "sqrt"):
             return f"t{row} = np.{what}({names[0]})"
         return f"t{row} = {' '.join([*names[:-1], what, *names[-1:]])}"  # a number, - a, or a + b
 

@@ -23,6 +23,7 @@ MOST_MISSING_WHERE_RIGHT = 0.1  # where the tip is right
 STORED = ("kinetic_energy", "elastic_energy", "gravitational_energy", "memory_energy")
 LOST = ("dissipated_energy", "memory_dissipation")
 ROUNDING = 1e-9  # of the energies themselves
+NOTHING = 1e-18  # J: joints of 1 N m/rad that turn by 1e-9 rad
 EVERY = 256  # steps between two looks of a `Stepper`
 
 
@@ -56,7 +57,7 @@ def energy_defects(motion: xr.Dataset) -> tuple[float, float]:
 def in_play(low: Array, high: Array, lost: float) -> float:
     """Energy in play [J] of forms of energy between two values each; 0 where nothing but rounding moves."""
     size = max(float((high - low).max()), lost)
-    return size if size > ROUNDING * float(np.abs([low, high]).max()) else 0.0
+    return size if size > max(ROUNDING * float(np.abs([low, high]).max()), NOTHING) else 0.0
 
 
 class Defects(NamedTuple):

@@ -107,7 +107,8 @@ class Store:
         """
         content = BytesIO()
         samples = first + np.arange(len(next(iter(arrays.values()))))
-        entries: dict[str, Any] = {ABOUT: np.array([self.key, __version__]), SAMPLE: samples, **arrays}
+        plain = {name: a.astype(str) if a.dtype.kind == "O" else a for name, a in arrays.items()}  # nothing is pickled
+        entries: dict[str, Any] = {ABOUT: np.array([self.key, __version__]), SAMPLE: samples, **plain}
         np.savez(content, **entries)
         write_sealed(content, self.path(chunk))
 
@@ -124,7 +125,7 @@ class Store:
         samples, about = np.arange(first, last), [str(text) for text in np.ravel(arrays.pop(ABOUT, ()))]
         if len(about) != 2 or about[0] != self.key or not np.array_equal(arrays.pop(SAMPLE, ()), samples):
             return None
-        if any(a.dtype.kind not in "fiub" or a.shape[:1] != samples.shape for a in arrays.values()):
+        if any(a.dtype.kind not in "fiubU" or a.shape[:1] != samples.shape for a in arrays.values()):
             return None
         return xr.Dataset(
             {name: (("sample", *(f"{name}_{k}" for k in range(1, a.ndim))), a) for name, a in arrays.items()},
