@@ -45,7 +45,7 @@ def test_every_format_is_here(originals, tools):
 
 @pytest.mark.parametrize(("name", "count"), [
     *((n, 60) for n in FAST), *((n, 15) for n in HELPED),
-    *(pytest.param(n, 150, marks=pytest.mark.slow) for n in HELPED),
+    *(pytest.param(n, 50, marks=pytest.mark.slow) for n in HELPED),
 ])
 def test_damaged_files_are_right_refused_or_told(tools, originals, tmp_path, name, count):
     mutations, original = tools[2], originals[name]

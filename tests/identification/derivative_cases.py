@@ -262,7 +262,7 @@ def mismatch(problem: Problem, k: int, column: np.ndarray, longest: float) -> fl
         except PliantError:
             continue
         expected = (4.0 * fine - coarse) / 3.0
-        length = max(float(np.linalg.norm(expected)), LEAST * longest)
+        length = max(float(np.linalg.norm(expected)), LEAST * longest) or 1.0  # nothing drawn may move anything
         if (off := float(np.linalg.norm(column - expected)) / length) < 0.1 * CLOSE:
             return off
         if (apart := float(np.linalg.norm(coarse - fine)) / length) < spread:

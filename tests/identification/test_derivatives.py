@@ -34,8 +34,8 @@ from pliant.model import Chamber, Extension, Memory, Model, Valve
 from pliant.model.model import DEFAULTS
 from pliant.model.torque_law import law_parameters
 
-SAMPLE = 6  # parameters of each group in a quick case of an option
-FEW = 4  # and of a model, where shared ones and those of parts and records take their turn
+SAMPLE = 4  # parameters of each group in a quick case of an option
+FEW = 3  # and of a model, where shared ones and those of parts and records take their turn
 
 
 @pytest.mark.parametrize(("field", "what"), CHOICES)
