@@ -109,21 +109,23 @@ class CheckedFiles(IndexDataCacheFile):
         except OSError:
             return None
         digest, body = content[:DIGEST], content[DIGEST:]
-        if digest == sha256(body).digest():
+        whole = digest == sha256(body).digest()
+        if whole:
             with suppress(*UNREADABLE):
                 return pickle.loads(body)  # noqa: S301  this user wrote it, and it is as it was written
         self._drop(path)
+        if not whole:  # else it is of a version whose records had other names
+            tell_damaged(path.parent)
         return None
 
     def _drop(self, path: Path) -> None:
-        """Remove a damaged file; with an index all that it listed, which a new index would list under other numbers."""
+        """Remove a file that cannot be read; with an index all that it listed, which a new one would list otherwise."""
         damaged = [path]
         if str(path) == self._index_path:
             damaged += path.parent.glob(f"{escape(path.stem)}.*.nbc")
         for file in damaged:
             with suppress(OSError):  # another process may have been first
                 file.unlink()
-        tell_damaged(path.parent)
 
 
 class KernelCache(FunctionCache):
