@@ -30,6 +30,10 @@ def test_spellings(names: list[str], expected: list[str], unit: str) -> None:
 def test_two_names_of_one_column_stay_as_they_are() -> None:
     names = ["t", "time", "x_tip", "tip_x", "y_tip"]
     assert standard_names(names, "a.csv").names == names
+    assert standard_names(["t", "x_tip_mm", "y_tip_mm", "p_kPa", "pressure_kPa"], "a.csv") == (
+        ["t", "x_tip", "y_tip", "p_kPa", "pressure_kPa"], "mm",
+        ["2 column(s) are read by other names, 'x_tip_mm' as 'x_tip' for one; positions are in mm"],
+    )
 
 
 def test_units_that_differ_are_refused() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.clock import SECONDS
+from pliant.recording.column_names import parted
 from pliant.recording.columns import read_columns
 from pliant.recording.mapping import FileMapping
 from pliant.recording.registry import ENDINGS, Reader
@@ -34,7 +35,6 @@ NAMES: dict[Role, re.Pattern[str]] = {
 }
 UNITS: dict[Role, Iterable[str]] = {"time": SECONDS, "angle": RADIAN, "pressure": PASCAL}
 SLOWEST = 1.0  # s between two samples of a log whose header does not say the unit of time
-ALIASES = {"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s", "hpa": "mbar"}
 
 
 class AngleLogMapping(FileMapping):
@@ -103,15 +103,6 @@ def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:
                 found[name] = (role, unit or ("ms" if bare == "millis" else ""))
                 break
     return found
-
-
-def parted(name: str) -> tuple[str, str]:
-    """A column's name in lower case without its unit, and that unit; '' where it has none."""
-    words = [w for w in re.split(r"[\s_\[\]()]+", name.lower()) if w]
-    last = ALIASES.get(words[-1], words[-1]) if words else ""
-    if len(words) > 1 and any(last in units for units in UNITS.values()):
-        return "_".join(words[:-1]), last
-    return "_".join(words), ""
 
 
 def unit_of(role: Role, found: Mapping[str, tuple[Role, str]], told: str | None, file: str) -> str:

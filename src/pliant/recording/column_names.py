@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
-from pliant.units import METRE, PASCAL
+from pliant.units import METRE, PASCAL, RADIAN
 
-CLOCK = re.compile(r"t|time|timestamp", re.IGNORECASE)
+ALIASES = {"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s", "hpa": "mbar"}
+UNITS = (SECONDS, RADIAN, PASCAL)
 PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNORECASE)
 BEFORE = re.compile(r"([xyz])[_ .:](.+)", re.IGNORECASE)  # x_tip
 BEHIND = re.compile(r"(.+?)[_ .:]([xyz])", re.IGNORECASE)  # tip_x
@@ -31,7 +33,7 @@ class Renamed(NamedTuple):
 def standard_names(names: list[str], file: str) -> Renamed:
     """Return the names of a wide CSV for columns such as ``time_ms``, ``Pressure (mbar)`` and ``tip_x [mm]``.
 
-    A name that no rule knows stays as it is; so does one whose standard name another column has.
+    A name that no rule knows stays as it is; so do those of which several have one standard name.
 
     Raises
     ------
@@ -47,11 +49,23 @@ def standard_names(names: list[str], file: str) -> Renamed:
         raise InputError(f"{file} states several units of length in the names of its columns ({stated}): use one")
     standard = {name: found[0] for name, found in positions.items()}
     standard |= {name: other for name in names if name not in standard and (other := _clock(name) or _pressure(name))}
-    taken = set(names)
-    changed = {old: new for old, new in standard.items() if old != new and new not in taken}
-    if len(set(changed.values())) < len(changed):
-        return Renamed(names, "", [])
+    owners = Counter([*names, *(new for old, new in standard.items() if old != new)])
+    changed = {old: new for old, new in standard.items() if old != new and owners[new] == 1}
     return Renamed([changed.get(n, n) for n in names], next(iter(units), ""), _sentence(changed, units))
+
+
+def parted(name: str) -> tuple[str, str]:
+    """A column's name in lower case without its unit, and that unit; '' where it has none."""
+    words = [w for w in re.split(r"[\s_\[\]()]+", name.lower()) if w]
+    last = ALIASES.get(words[-1], words[-1]) if words else ""
+    if len(words) > 1 and any(last in units for units in UNITS):
+        return "_".join(words[:-1]), last
+    return "_".join(words), ""
+
+
+def is_time(name: str) -> bool:
+    """Whether a column is the clock."""
+    return parted(name)[0] in ("t", "time", "timestamp")
 
 
 def _sentence(changed: Mapping[str, str], units: Iterable[str]) -> list[str]:
@@ -73,8 +87,10 @@ def _position(name: str) -> tuple[str, str] | None:
 
 
 def _clock(name: str) -> str | None:
-    bare, unit = _without_unit(name, SECONDS)
-    return (f"t_{unit}" if unit in ("ms", "us") else "t") if CLOCK.fullmatch(bare) else None
+    unit = parted(name)[1]
+    if not is_time(name) or unit not in ("", *SECONDS):
+        return None
+    return f"t_{unit}" if unit in ("ms", "us") else "t"
 
 
 def _pressure(name: str) -> str | None:

@@ -14,8 +14,8 @@ from pydantic import Field
 
 from pliant.errors import InputError, clipped
 from pliant.numerics.curve import planar_curve, spatial_curve
-from pliant.recording.angle_log import parted
 from pliant.recording.clock import SECONDS, unwrapped
+from pliant.recording.column_names import is_time, parted
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
@@ -111,11 +111,6 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
             raise InputError(f"{file} has no finite arc length of its own in column {clipped(name)!r}")
         found[arc] = k
     return found
-
-
-def is_time(name: str) -> bool:
-    """Whether a column is the clock."""
-    return parted(name)[0] in ("t", "time", "timestamp")
 
 
 def time_of(
