@@ -224,7 +224,6 @@ KNOWN = frozenset(EVERYWHERE).union(*(feature.fields for feature in FEATURES.val
 ALL = frozenset(FEATURES)
 LATER_TERMS = frozenset(tuple(SPRING_TERMS)[2:])  # of the springs, see `SPRING_TERMS`
 RUBBER = frozenset({"swelling", "inflation"})
-MEMORY = frozenset({"creep", "slip", "boucwen"})
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:

@@ -72,7 +72,7 @@ MORE_RUNGS: tuple[Rung, ...] = (  # taken where a study names them
     Rung("stiffen", "+ springs that stiffen again", (("cubic_stiffening",),)),
     Rung("valves", "+ a lag of each chamber", (("*.valve_rise", "*.valve_fall"), ("*.valve_rise",)),
          drops=("valve_rise", "valve_fall"), scan=(("*.valve_rise", LAGS), ("*.valve_fall", LAGS))),
-    Rung("wall", "+ wall that gives way in the place of a curved law",
+    Rung("wall", "+ hyperelastic wall in place of the curved torque law",
          (("inflation_limit", "inflation_time"), ("inflation_limit", Parameter("inflation_time", 0.05, free=False))),
          drops=("*.torque_2",), scan=(("inflation_time", (0.02, 0.1)),)),
     Rung("settle", "+ late settling of the regulator", (("valve_settle_share", "valve_settle_time"),),

@@ -77,7 +77,7 @@ def _repaired(ds: xr.Dataset, *, undo: bool) -> xr.Dataset:
         raise InputError("exchanged labels are found from positions, but the recording holds none")
     names = [str(n) for n in ds["station"].values]
     order = label_order(ds["position"].values, ds["time"].values)
-    told = ", ".join(f"{n} {c}" for n, c in exchanged(ds["position"].values, ds["time"].values, names).items())
+    listed = ", ".join(f"{n} {c}" for n, c in exchanged(ds["position"].values, ds["time"].values, names).items())
     wrong = order != np.arange(len(names))
     for name in ("position", "quaternion", "angle"):
         if name in ds:
@@ -87,7 +87,7 @@ def _repaired(ds: xr.Dataset, *, undo: bool) -> xr.Dataset:
             new = np.take_along_axis(values, at, axis=1) if undo else np.where(gone, np.nan, values)
             ds = ds.assign({name: ds[name].copy(data=new)})
     what = "exchanged labels are undone" if undo else "stations with exchanged labels are left out"
-    return append_history(ds, f"{what}, frames: {told or 'none'}")
+    return append_history(ds, f"{what}, frames: {listed or 'none'}")
 
 
 def _last_seen(position: NDArray) -> NDArray[np.intp]:

@@ -80,11 +80,11 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     left = [*(n for n, t in held.items() if not any(t is u for u in (*stations.values(), *pressures.values()))),
             *facts["others"]]  # fmt: skip
     history += [f"{len(left)} topic(s) of {path.name} were not used: {shorten(left)}"] if left else []
-    arrays_of, told = frames_of(stations, origin, metre_per(options.length_unit), path.name)
+    arrays_of, findings = frames_of(stations, origin, metre_per(options.length_unit), path.name)
     try:
         return make_recording(
             **arrays_of, **pressures_of(pressures, origin, options.pressure_unit, path.name),
-            history=[*history, *told],
+            history=[*history, *findings],
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
@@ -107,7 +107,7 @@ def frames_of(
     if not stations:
         return {}, []
     first = next(iter(stations.values()))
-    keep, told = without_repeats(1e-9 * (first.stamps - origin), file)
+    keep, findings = without_repeats(1e-9 * (first.stamps - origin), file)
     time = (1e-9 * (first.stamps - origin))[keep]
     reach = TOGETHER * float(np.median(np.diff(time))) if time.size > 1 else np.inf
     columns, names = [], []
@@ -119,14 +119,14 @@ def frames_of(
         nearest = order[nearest_in(own[order], time)]
         near = np.abs(own[nearest] - time) <= reach
         columns.append(np.where(near[:, None, None], topic.rows[nearest], np.nan))
-        told += [f"{int((~near).sum())} frame(s) have no message of {name} and are gaps"] if not near.all() else []
+        findings += [f"{int((~near).sum())} frame(s) have no message of {name} and are gaps"] if not near.all() else []
         count = topic.rows.shape[1]
         names += [name] if count == 1 else [f"{name}_{k:03d}" for k in range(count)]
     rows = np.concatenate(columns, axis=1)
     arrays: dict[str, Any] = {"time": time, "position": scale * rows[..., :3], "station": names}
     if np.isfinite(rows[..., 3:]).any():
         arrays["quaternion"] = rows[..., 3:]
-    return arrays, told
+    return arrays, findings
 
 
 def nearest_in(ordered: NDArray, wanted: NDArray) -> NDArray:

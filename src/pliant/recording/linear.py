@@ -46,7 +46,7 @@ def without_lines(mapping: Mapping[str, Any] | None) -> tuple[Mapping[str, Any] 
 
 
 def scaled(ds: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
-    """The recording with scale and offset of its channels applied, each told in its history.
+    """The recording with scale and offset of its channels applied, each named in its history.
 
     Raises
     ------
@@ -61,8 +61,8 @@ def scaled(ds: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
         added = line.offset * factor(variable, line, str(name), file)
         values = ds[variable].copy(deep=True)
         values[where] = line.scale * values[where] + added
-        told = f"{name} is {line.scale:g} times what the file holds, plus {line.offset:g} {line.unit or ''}".rstrip()
-        history = "\n".join(filter(None, [str(ds.attrs.get("history", "")), told]))
+        finding = f"{name} is {line.scale:g} times what the file holds, plus {line.offset:g} {line.unit or ''}".rstrip()
+        history = "\n".join(filter(None, [str(ds.attrs.get("history", "")), finding]))
         ds = ds.assign({variable: values}).assign_attrs(history=history)
     return ds
 

@@ -77,11 +77,11 @@ def pressure_log(
     single = len(names) == 1 and options.chamber is None
     read = set(names)
     left = [n for n in channels if n not in read]
-    told = [f"{len(left)} channel(s) of {file} are no pressure and were left out: {shorten(left)}"] if left else []
+    findings = [f"{len(left)} channel(s) of {file} are no pressure and were left out: {shorten(left)}"] if left else []
     try:
         return make_recording(
             pressure=values[:, 0] if single else values, pressure_time=time[keep],
-            chamber=None if single else options.chamber or names, history=[*history, *told, *repeats],
+            chamber=None if single else options.chamber or names, history=[*history, *findings, *repeats],
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{file}: {error}") from None

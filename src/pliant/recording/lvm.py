@@ -40,9 +40,9 @@ def read_lvm(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     facts, about = (entries(part, separator) for part in (lines[: ends[0]], lines[ends[0] + 1 : ends[1]]))
     names = [c.strip() for c in lines[ends[1] + 1].split(separator)] if ends[1] + 1 < len(lines) else []
     decimal, layout = (facts.get(key, [usual])[0] for key, usual in (("Decimal_Separator", "."), ("X_Columns", "One")))
-    table, told = table_of(lines[ends[1] + 2 :], names, separator, decimal, path.name, ends[1] + 3)
+    table, findings = table_of(lines[ends[1] + 2 :], names, separator, decimal, path.name, ends[1] + 3)
     channels = channels_of(table, names, about, layout, path.name)
-    return pressure_log(channels, mapping, path.name, told)
+    return pressure_log(channels, mapping, path.name, findings)
 
 
 def entries(lines: list[str], separator: str) -> dict[str, list[str]]:
@@ -76,9 +76,9 @@ def table_of(
         rows.append(separator.join(cells[:columns]) if line.strip() else "")
     if separator != "," and decimal == ",":
         rows = [row.replace(",", ".") for row in rows]
-    rows, told = judge_end(rows, separator, file)
-    told += [f"{comments} rows of {file} have a comment"] if comments else []
-    return parse_numbers(rows, name=file, first_line=first, delimiter=separator, columns=columns), told
+    rows, findings = judge_end(rows, separator, file)
+    findings += [f"{comments} rows of {file} have a comment"] if comments else []
+    return parse_numbers(rows, name=file, first_line=first, delimiter=separator, columns=columns), findings
 
 
 def channels_of(

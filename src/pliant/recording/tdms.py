@@ -47,8 +47,8 @@ def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
                              "increment nor one channel of time of the same length")  # fmt: skip
         channels[entry["name"]] = Channel(time, values, entry["unit"])
     others = facts["others"]
-    told = [f"{len(others)} channel(s) of {path.name} hold no numbers: {shorten(others)}"] if others else []
-    return pressure_log(channels, mapping, path.name, told)
+    findings = [f"{len(others)} channel(s) of {path.name} hold no numbers: {shorten(others)}"] if others else []
+    return pressure_log(channels, mapping, path.name, findings)
 
 
 def recognises(head: bytes) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.errors import InputError, SimulationError
 from pliant.simulation.accuracy import distance
-from pliant.simulation.extrapolated import even_steps, smooth
+from pliant.simulation.extrapolated import even_steps, extrapolated, smooth
 from pliant.simulation.initial_value import InitialValueProblem, Marched, Solution
 
 Array = np.ndarray
@@ -54,9 +54,3 @@ def march_accurate(problem: InitialValueProblem, step: float, tolerance: float) 
         f"the motion cannot be computed to {100 * tolerance:.3g} % of the length by up to {MOST_STEPS:.3g} steps: it "
         "depends too much on its start; simulate a shorter time, or raise the tolerance"
     )
-
-
-def extrapolated(coarse: Marched, fine: Marched) -> Marched:
-    """The stage beyond two of which the finer has half the step of the other."""
-    phi, w, work, states = ((4.0 * b - a) / 3.0 for a, b in zip(coarse, fine, strict=True))
-    return phi, w, work, states

@@ -140,10 +140,10 @@ class EnergyWatch:
         work, *lost = self.total.tolist()
         size = in_play(self._low, self._high, sum(lost))
         excess = (float(np.sum(stored - self._first)) - work + sum(lost)) / size if size > 0.0 else 0.0
-        told = max(self.gain, self.loss) > MOST_MISSING
+        warned = max(self.gain, self.loss) > MOST_MISSING
         self.gain, self.loss = max(self.gain, excess), max(self.loss, -excess)
         missing, energy = missing_energy(self.gain, self.loss)
-        if missing > MOST_MISSING and not told:
+        if missing > MOST_MISSING and not warned:
             warn(
                 f"the chain {energy}: the step of {1e3 * length:.3g} ms is too long for how fast it moves; use a "
                 "shorter one", EnergyWarning, stacklevel=4,

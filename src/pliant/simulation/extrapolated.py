@@ -12,7 +12,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.simulation.accuracy import distance
 from pliant.simulation.drive import Drive, drive, merge, subdivide
-from pliant.simulation.initial_value import InitialValueProblem, Solution
+from pliant.simulation.initial_value import InitialValueProblem, Marched, Solution
 
 Array = np.ndarray
 
@@ -29,10 +29,15 @@ def march_extrapolated(problem: InitialValueProblem, step: float) -> Solution:
         raise InputError("extrapolation follows creep, not slip or Bouc-Wen, which have corners: use method='midpoint'")
     rows = problem.times.size
     coarse, fine = (problem.marched(even_steps(problem, step, parts), rows) for parts in (1, 2))
+    marched, plan = extrapolated(coarse, fine), problem.plan(step)
+    error = distance(problem.tips(marched[0]), problem.tips(fine[0]))
+    return Solution(plan.pressure, marched, step, plan.stretch, error)
+
+
+def extrapolated(coarse: Marched, fine: Marched) -> Marched:
+    """Return the march of fourth order from two of second, of which the finer has half the step of the other."""
     phi, w, work, states = ((4.0 * b - a) / 3.0 for a, b in zip(coarse, fine, strict=True))
-    plan = problem.plan(step)
-    error = distance(problem.tips(phi), problem.tips(fine[0]))
-    return Solution(plan.pressure, (phi, w, work, states), step, plan.stretch, error)
+    return phi, w, work, states
 
 
 def smooth(problem: InitialValueProblem) -> bool:

@@ -56,8 +56,8 @@ def swapped(case: Case) -> str:
     """Stations that exchange their labels for some frames."""
     if not case.swapped:
         return ""
-    told = ", ".join(f"{names} in {count} frames" for names, count in case.swapped.items())
-    return (f'labels are exchanged: {told}. Say swaps = "undo" or swaps = "exclude" in [alignment]: as they are, the '
+    listed = ", ".join(f"{names} in {count} frames" for names, count in case.swapped.items())
+    return (f'labels are exchanged: {listed}. Say swaps = "undo" or swaps = "exclude" in [alignment]: as they are, the '
             "frames count as the body's motion")  # fmt: skip
 
 
