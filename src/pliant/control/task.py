@@ -132,7 +132,7 @@ def wanted(entry: SetPointEntry | PathEntry) -> tuple[str, ...]:
     return several or ("displacement_mm",)
 
 
-class ValveEntry(Entry):
+class TaskValve(Entry):
     """The rig's valve."""
 
     rise_hz: Positive = Field(description="natural frequency while it fills")
@@ -189,8 +189,8 @@ class TaskFile(Entry):
     integral_time_s: Positive = Field(0.3, description="weight of the error that lasts")
     setpoint: list[SetPointEntry] = Field([], description="where the tip shall be, from when on")
     path: PathEntry | None = Field(None, description="in place of set-points")
-    valve: ValveEntry | None = Field(None, description="the rig's, of every chamber; default: the model's")
-    valves: dict[str, ValveEntry] = Field({}, description="the rig's, in place of `valve`: by the names of chambers")
+    valve: TaskValve | None = Field(None, description="the rig's, of every chamber; default: the model's")
+    valves: dict[str, TaskValve] = Field({}, description="the rig's, in place of `valve`: by the names of chambers")
     receiver: ReceiverEntry | None = Field(None, description="limits of the receiver at the valve")
 
     @field_validator("feedback")
