@@ -38,7 +38,7 @@ class FilterEvent(NamedTuple):
     variance: Array | None
 
 
-class Snapshot(NamedTuple):
+class FilterSnapshot(NamedTuple):
     """The filter before an event; `state` holds angles, rates, disturbance, covariance and memory in one row."""
 
     time: float
@@ -134,7 +134,7 @@ class KalmanFilter:
         self._own = FilterState(x, v, d, self.covariance, self.memory)
         self._densities = FilterNoise(*self.noise.densities(model), self._state[-1:])
         self.innovation = np.empty(0)
-        self._events: deque[tuple[Snapshot, FilterEvent]] = deque()
+        self._events: deque[tuple[FilterSnapshot, FilterEvent]] = deque()
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
         """Take a pressure sample [Pa] of a `time` [s], (C,) of several chambers; it is held until the next one.
@@ -237,7 +237,7 @@ class KalmanFilter:
         self.advance(now)
 
     def _apply(self, event: FilterEvent) -> None:
-        self._events.append((Snapshot(self.time, self.pressure, self._slow.copy(), self._state.copy()), event))
+        self._events.append((FilterSnapshot(self.time, self.pressure, self._slow.copy(), self._state.copy()), event))
         self.advance(event.time)
         if event.pressure is not None:
             self.pressure = event.pressure
@@ -254,7 +254,7 @@ class KalmanFilter:
         if np.nanmax(off / np.where(angular, 1.0, self.model.length)) > LARGEST:
             self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad, or as much of its length"
 
-    def _restore(self, kept: Snapshot) -> None:
+    def _restore(self, kept: FilterSnapshot) -> None:
         self.time, self.pressure = kept.time, kept.pressure
         self._slow[:] = kept.slow
         self._state[:] = kept.state
