@@ -83,7 +83,7 @@ def solve_reference(
     return out[:, at.phi], out[:, at.w], work, kept, stretch
 
 
-def first(model: Model, at: Layout, start: Start) -> Array:
+def first(model: Model, at: StateLayout, start: Start) -> Array:
     """The states at the first time."""
     y = np.zeros(at.size)
     y[at.phi], y[at.w] = start.phi, start.w
@@ -93,7 +93,7 @@ def first(model: Model, at: Layout, start: Start) -> Array:
     return y
 
 
-def tolerances(at: Layout, rtol: float) -> Array:
+def tolerances(at: StateLayout, rtol: float) -> Array:
     """Absolute tolerances of the states."""
     atol = np.full(at.size, rtol * 1e-3)  # rad and J
     for c in at.chambers:
@@ -123,7 +123,7 @@ class Place(NamedTuple):
     stretch: slice  # its fourth power, of one whose wall gives way, one place or none
 
 
-class Layout(NamedTuple):
+class StateLayout(NamedTuple):
     """Where each state stands; what the model does not have takes no place, so that it cannot touch the step size."""
 
     phi: slice
@@ -135,7 +135,7 @@ class Layout(NamedTuple):
     size: int
 
 
-def layout(model: Model) -> Layout:
+def layout(model: Model) -> StateLayout:
     """The places of the states of `model`; strains stand behind the angles, their rates behind the rates."""
     n, branches = model.size, len(model.memory.creep_share)
     places, end = [], 2 * n
@@ -145,7 +145,7 @@ def layout(model: Model) -> Layout:
         places.append(Place(end, end + 1, slice(slow, stretch), slice(stretch, stretch + c.grows)))
         end = stretch + c.grows
     work = end + model.n * branches
-    return Layout(
+    return StateLayout(
         slice(0, n), slice(n, 2 * n), tuple(places), slice(end, work), work, branches > 0, work + 2 + (branches > 0)
     )
 
