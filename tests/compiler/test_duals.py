@@ -11,7 +11,7 @@ from pliant.equations import motion
 from pliant.equations.elastic import ROWS
 from pliant.equations.extension import step as extensible_step
 from pliant.equations.memory import step_with_memory
-from pliant.equations.symbols import Body, ExtensibleBody, Held, Joints, Memory, Past
+from pliant.equations.symbols import Body, ExtensibleBody, Held, Joints, MemoryLaw, Past
 from pliant.mechanics.planar import workspace
 
 TINY = 1e-30
@@ -55,7 +55,7 @@ def lengthening(rng):
 
 def remembering(rng):
     _, (phi, w, h, torque, body, joints, work), n, _ = plain(rng)
-    memory = Memory(np.array([0.3]), np.array([0.4]), np.array([0.2, 0.1]), np.array([1e-5, 0.5]), 0.2, 90.0, 40.0, 1.5)
+    memory = MemoryLaw(np.array([0.3]), np.array([0.4]), np.array([0.2, 0.1]), np.array([1e-5, 0.5]), 0.2, 90.0, 40.0, 1.5)
     rows = {name: np.zeros(n) for name in Held._fields[:-1]} | {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
     held = Held(**rows, springs=joints._replace(theta0=rows["theta0"], K=rows["K"]))
     past = Past(memory, 0.01 * rng.normal(size=(n, 4)), held)
@@ -90,7 +90,7 @@ def shared(given, numbers):
     """Let the springs of `Held` be its own K and theta0, as the step with memory has them."""
     if len(given) == 8:
         names = ["phi", "w", "q", "dq", "creep_slope", "creep_offset", "slope", "offset", "K", "theta0"]
-        first = len(leaves(given[:6])) + len(Memory._fields) + 1
+        first = len(leaves(given[:6])) + len(MemoryLaw._fields) + 1
         springs = first + len(names)
         numbers[springs + Joints._fields.index("K")] = numbers[first + names.index("K")]
         numbers[springs + Joints._fields.index("theta0")] = numbers[first + names.index("theta0")]

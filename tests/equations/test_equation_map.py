@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pliant.equations.symbols import Body, Held, Joints, Memory, Workspace
+from pliant.equations.symbols import Body, Held, Joints, MemoryLaw, Workspace
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -85,5 +85,5 @@ def test_labels_cited_elsewhere_exist():
 
 def test_notation_knows_every_parameter():
     notation = (ROOT / "docs" / "notation.md").read_text(encoding="utf-8")
-    for name in (*Body._fields, *Joints._fields, *Memory._fields, *Held._fields, *Workspace._fields):
+    for name in (*Body._fields, *Joints._fields, *MemoryLaw._fields, *Held._fields, *Workspace._fields):
         assert f"`{name}`" in notation, name

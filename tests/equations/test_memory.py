@@ -25,7 +25,7 @@ from pliant.equations.memory import (
     stretched,
 )
 from pliant.equations.motion import step
-from pliant.equations.symbols import Held, Joints, Memory, Past
+from pliant.equations.symbols import Held, Joints, MemoryLaw, Past
 
 TORQUE = 0.08
 
@@ -33,7 +33,7 @@ TORQUE = 0.08
 def law(creep=(), slip=(), boucwen=(0.0, 30.0, 20.0, 1.0)):
     """A memory of (share, time) and (share, angle) pairs and Bouc-Wen numbers."""
     rows = [np.array([pair[k] for pair in pairs], dtype=float) for pairs in (creep, slip) for k in (0, 1)]
-    return Memory(*rows, *map(float, boucwen))
+    return MemoryLaw(*rows, *map(float, boucwen))
 
 
 def blank(memory, n=1, kind=float):
@@ -294,7 +294,7 @@ def test_derivatives_pass_through_the_step(rng):
     def moved(memory, kind=float):
         joints = Joints(*(np.asarray(a).astype(kind)[()] for a in chain.joints()))
         body = type(chain.body())(*(np.asarray(v).astype(kind)[()] for v in chain.body()))
-        memory = Memory(*(np.asarray(v).astype(kind)[()] for v in memory))
+        memory = MemoryLaw(*(np.asarray(v).astype(kind)[()] for v in memory))
         p, v = phi.astype(kind), w.astype(kind)
         args = (body, joints, Past(memory, blank(memory, 3, kind), scratch(joints)), workspace(3, kind))
         for _ in range(10):

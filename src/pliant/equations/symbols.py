@@ -74,7 +74,7 @@ class ObservedChain(NamedTuple):
     share: np.ndarray  # (n + 1, S) part of each link that lies in each segment that lengthens; (., 0) where none does
 
 
-class Memory(NamedTuple):
+class MemoryLaw(NamedTuple):
     """Creep, slip and Bouc-Wen of `equations.memory`, the same for all joints, each a share of the joint's K."""
 
     creep_share: np.ndarray  # (P,) stiffness of each Prony branch, in parts of K
@@ -153,7 +153,7 @@ class Held(NamedTuple):
 class Past(NamedTuple):
     """What a chain that remembers carries through its steps."""
 
-    memory: Memory
+    memory: MemoryLaw
     state: np.ndarray  # (n, branches) rad
     held: Held
 

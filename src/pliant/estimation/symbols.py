@@ -13,7 +13,7 @@ from pliant.equations.symbols import (
     ExtensibleWorkspace,
     Held,
     Joints,
-    Memory,
+    MemoryLaw,
     ObservedChain,
     Workspace,
 )
@@ -27,7 +27,7 @@ class ObserverModel(NamedTuple):
     joints: Joints
     body: Body
     chambers: Actuation
-    memory: Memory
+    memory: MemoryLaw
     instantaneous: float  # stiffness of the memory before it gives way, in parts of K, as far as `frozen` keeps it
 
 
@@ -90,7 +90,7 @@ class FilterModel(NamedTuple):
     gain: np.ndarray  # (C, n) share of the torque of each chamber that each joint feels
     body: Body | ExtensibleBody
     joints: Joints
-    memory: Memory
+    memory: MemoryLaw
     remembers: bool  # whether there is memory
 
 

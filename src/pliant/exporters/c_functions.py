@@ -28,7 +28,7 @@ class Names(NamedTuple):
 
     body: symbols.Body
     joints: symbols.Joints
-    memory: symbols.Memory
+    memory: symbols.MemoryLaw
     drives: march_loops.Drives
 
 
@@ -75,7 +75,7 @@ def names(model: Model) -> Names:
     )
     law = model.memory.law()
     boucwen = [of("boucwen")[i] if law.boucwen_share else v for i, v in enumerate(law[4:])]
-    memory = symbols.Memory(of("creep_share"), of("creep_time"), of("slip_share"), of("slip_angle"), *boucwen)
+    memory = symbols.MemoryLaw(of("creep_share"), of("creep_time"), of("slip_share"), of("slip_angle"), *boucwen)
     valve, rubber = of("valve"), of("rubber")
     for c, chamber in enumerate(model.chambers):
         lag = lag_of(chamber.valve)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations.symbols import Held, Joints, Memory, ObservedChain, Past
+from pliant.equations.symbols import Held, Joints, MemoryLaw, ObservedChain, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.follow_loops import Before, Course, Places, Seen
@@ -90,7 +90,7 @@ def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) ->
     before = Before(made.still, numbers.held, numbers.held_base)
     start = numbers.phi, kind.of(np.zeros(n + S))
     if model.memory:
-        past = Past(Memory(*numbers.memory), slipped(made, numbers, kind), held_of(made, numbers.joints, kind))
+        past = Past(MemoryLaw(*numbers.memory), slipped(made, numbers, kind), held_of(made, numbers.joints, kind))
         failed = kind.twin(follow_loops.follow_with_memory, n if S else None, S)(
             *start, course, before, (numbers.body, numbers.joints), past, work, Seen(places, out)
         )

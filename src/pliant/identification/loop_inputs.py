@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.symbols import Body, ExtensibleBody, Joints, Memory
+from pliant.equations.symbols import Body, ExtensibleBody, Joints, MemoryLaw
 from pliant.model import Model
 from pliant.simulation.drive import Drive
 
@@ -29,7 +29,7 @@ class Numbers(NamedTuple):
     load_before: Any  # (n, 2) N m, under which the chain rests at the start; (n + 1, 4) of a body that lengthens
     body: Body | ExtensibleBody
     joints: Joints
-    memory: Memory
+    memory: MemoryLaw
     along: Any  # (S,) m
     across: Any  # (S,) m
     shift: Any  # (2,) m

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.symbols import Body, ExtensibleBody, Joints, Memory
+from pliant.equations.symbols import Body, ExtensibleBody, Joints, MemoryLaw
 from pliant.identification.parameters import apply, of_the_model
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
@@ -24,7 +24,7 @@ class ModelAt(NamedTuple):
     model: Model
     body: Body | ExtensibleBody
     joints: Joints
-    memory: Memory
+    memory: MemoryLaw
     points: dict[str, Station]  # that can be observed, by name
     torques: dict[bytes, Array]  # of joints under pressures: recordings share them
     rows: dict[bytes, Array]  # of chambers, likewise

@@ -91,9 +91,9 @@ class Memory:
         """Stiffness of all branches together before any of them gives way, in parts of the joint's own."""
         return sum(self.creep_share) + sum(self.slip_share) + self.boucwen_share
 
-    def law(self) -> symbols.Memory:
+    def law(self) -> symbols.MemoryLaw:
         """The same numbers for the kernels."""
-        return symbols.Memory(
+        return symbols.MemoryLaw(
             np.array(self.creep_share), np.array(self.creep_time), np.array(self.slip_share), np.array(self.slip_angle),
             boucwen_share=self.boucwen_share, boucwen_beta=self.boucwen_beta, boucwen_gamma=self.boucwen_gamma,
             boucwen_exponent=self.boucwen_exponent,

@@ -23,7 +23,7 @@ from pliant.equations.symbols import (
     Held,
     Joints,
     Lag,
-    Memory,
+    MemoryLaw,
     Past,
     Workspace,
 )
@@ -192,7 +192,7 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
     body, joints = chain
     mass, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
     memory, branches, before = past
-    own = Past(Memory(*memory), branches, Held(*before[:10], Joints(*before[10])))
+    own = Past(MemoryLaw(*memory), branches, Held(*before[:10], Joints(*before[10])))
     for k in range(steps):
         take_torques(h, command, chambers, scratch.tau)
         if len(load) > 0:
