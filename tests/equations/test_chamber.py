@@ -24,7 +24,7 @@ from pliant.equations.chamber import (
     torque_now,
 )
 from pliant.equations.section import torque
-from pliant.equations.symbols import Actuation, Chamber, Interval
+from pliant.equations.symbols import Actuation, ChamberConstants, Interval
 
 
 @pytest.mark.parametrize("terms", [1, 2, 4])
@@ -55,7 +55,7 @@ STRAIGHT = Interval(2e4, 5e4, 8e4, 5e4)
 
 
 def chamber(share, law=LAW, limit=0.0):
-    return Chamber(law, share, 0.3, limit, 0.05)
+    return ChamberConstants(law, share, 0.3, limit, 0.05)
 
 
 def test_a_chamber_that_has_swollen_follows_the_law():

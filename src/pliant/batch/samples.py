@@ -20,7 +20,7 @@ from pliant.model.inertia import inertia_constants
 from pliant.simulation import state
 
 Array = np.ndarray
-RUBBER = symbols.Chamber._fields[1:]  # of the only chamber
+RUBBER = symbols.ChamberConstants._fields[1:]  # of the only chamber
 SCALARS = (*model_fields.SCALARS, *RUBBER)
 PER_LINK = (*model_fields.PER_LINK, "joint_gain")
 VALVE = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time"}

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.equations.section import torque
-from pliant.equations.symbols import Chamber, Interval
+from pliant.equations.symbols import ChamberConstants, Interval
 
 
 def secant(p0, p1, a, first):
@@ -177,7 +177,7 @@ def advance(h, p, chamber, state):
 def advance_one(c, h, p, actuation, state):
     """As `advance`, of chamber c of an `Actuation`; its slow states are row c of `state` (C, 2)."""
     rubber = actuation.rubber
-    chamber = Chamber(actuation.law[c], rubber[c, 0], rubber[c, 1], rubber[c, 2], rubber[c, 3])
+    chamber = ChamberConstants(actuation.law[c], rubber[c, 0], rubber[c, 1], rubber[c, 2], rubber[c, 3])
     return advance(h, p, chamber, state[c])
 
 

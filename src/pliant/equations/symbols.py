@@ -87,7 +87,7 @@ class MemoryLaw(NamedTuple):
     boucwen_exponent: float  # n, at least 1
 
 
-class Chamber(NamedTuple):
+class ChamberConstants(NamedTuple):
     """One pressure that makes one torque: `equations.chamber`."""
 
     law: np.ndarray  # (k,) N m/Pa^i, the torque law at rest
@@ -98,14 +98,14 @@ class Chamber(NamedTuple):
 
 
 class Actuation(NamedTuple):
-    """All chambers of a body: each a `Chamber`, and how the joints share its torque.
+    """All chambers of a body: each a `ChamberConstants`, and how the joints share its torque.
 
     Few arrays: each costs a caller.
     """
 
     law: np.ndarray  # (C, k) N m/Pa^i
     gain: np.ndarray  # (C, n) share of each chamber's torque that each joint feels; 1 by virtual work
-    rubber: np.ndarray  # (C, 4) the last four entries of each `Chamber`
+    rubber: np.ndarray  # (C, 4) the last four entries of each `ChamberConstants`
 
 
 class Interval(NamedTuple):

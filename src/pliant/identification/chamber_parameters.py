@@ -20,7 +20,7 @@ VALVE = {
     "valve_rise_rate": "rise_rate", "valve_fall_rate": "fall_rate",
     "valve_dead_band": "dead_band", "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
 }  # fmt: skip
-RUBBER = symbols.Chamber._fields[1:]
+RUBBER = symbols.ChamberConstants._fields[1:]
 GAINS = r"gain|joint_gain_(\d+|\*)"
 OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER))}")
 

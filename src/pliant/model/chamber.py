@@ -200,9 +200,9 @@ class Chamber:
             said.append(f"{who}axial force: {', '.join(f'{g:.4g}' for g in self.axial_gain)} 1/m of the torque")
         return said
 
-    def kernel(self) -> symbols.Chamber:
+    def kernel(self) -> symbols.ChamberConstants:
         """Constants for the kernels."""
-        return symbols.Chamber(
+        return symbols.ChamberConstants(
             self.torque, self.swell_share, self.swell_time, self.inflation_limit, self.inflation_time
         )
 

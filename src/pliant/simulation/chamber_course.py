@@ -100,7 +100,7 @@ def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any,
         return
     state = row[BEFORE_LAW - 2 : BEFORE_LAW].copy() if row.ndim == 1 else row[BEFORE_LAW - 2 : BEFORE_LAW]
     single = row[OF_A_VALVE:BEFORE_LAW].tolist() if row.ndim == 1 else row[OF_A_VALVE:BEFORE_LAW]
-    run(pressure_loops.slow_torques)(*at, p, symbols.Chamber(law, *single[:4]), state, torque, grown)
+    run(pressure_loops.slow_torques)(*at, p, symbols.ChamberConstants(law, *single[:4]), state, torque, grown)
 
 
 def torque_slopes(chamber: Chamber, row: Array, at: Intervals, commands: Array) -> Array:
