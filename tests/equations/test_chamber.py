@@ -24,7 +24,7 @@ from pliant.equations.chamber import (
     torque_now,
 )
 from pliant.equations.section import torque
-from pliant.equations.symbols import Actuation, ChamberConstants, Interval
+from pliant.equations.symbols import ActuationConstants, ChamberConstants, Interval
 
 
 @pytest.mark.parametrize("terms", [1, 2, 4])
@@ -153,7 +153,7 @@ def test_joints_share_the_torques_of_chambers():
     for c, t in enumerate((0.3, 0.3)):
         share_out(c, t, gain, tau)
     assert tau == pytest.approx(gain.T @ [0.3, 0.3], abs=1e-16)
-    body = Actuation(np.stack([LAW, 2 * LAW]), gain, np.array([[0.6, 0.3, 0.0, 0.05], [0.0, 1.0, 0.0, 0.1]]))
+    body = ActuationConstants(np.stack([LAW, 2 * LAW]), gain, np.array([[0.6, 0.3, 0.0, 0.05], [0.0, 1.0, 0.0, 0.1]]))
     state = np.array([[2e4, 1.0], [1e4, 1.0]])
     held_torques(0.02, np.array([4e4, 0.0]), body, state, tau)
     alone = np.array([2e4, 1.0])

@@ -14,7 +14,7 @@ from pliant.equations.chain import tips
 from pliant.equations.chamber import mean_of_law, share_out
 from pliant.equations.elastic import tangent
 from pliant.equations.motion import step
-from pliant.equations.symbols import Actuation, Body, Interval, Joints, Workspace
+from pliant.equations.symbols import ActuationConstants, Body, Interval, Joints, Workspace
 from pliant.simulation.march_loops import Drives, take_torques
 
 FAR = 1e4  # in K: springs that stiffen more are none
@@ -33,7 +33,7 @@ class Commanded(NamedTuple):
     """The chambers of a batch under commands that are held: group, lane and chamber first."""
 
     command: np.ndarray  # (G, W, C) Pa
-    law: np.ndarray  # (G, W, C, k), gain and rubber: `symbols.Actuation` of each lane
+    law: np.ndarray  # (G, W, C, k), gain and rubber: `symbols.ActuationConstants` of each lane
     gain: np.ndarray  # (G, W, C, n)
     rubber: np.ndarray  # (G, W, C, 4)
     valve: np.ndarray  # (G, W, C, 4) a `Lag` for each
@@ -171,7 +171,7 @@ def torques_of_lanes(group, h, chambers, vectors):
         for c in range(len(command)):
             slow = rubber[c, 0] > 0.0 or rubber[c, 2] > 0.0
             still = still and pressure[c] == command[c] and not slow
-        laws = Actuation(chambers.law[group, lane], chambers.gain[group, lane], rubber)
+        laws = ActuationConstants(chambers.law[group, lane], chambers.gain[group, lane], rubber)
         drives = Drives(laws, chambers.valve[group, lane], pressure, chambers.slow[group, lane])
         take_torques(h, command, drives, torque[lane])
         for i in range(torque.shape[1]):

@@ -175,7 +175,7 @@ def advance(h, p, chamber, state):
 
 
 def advance_one(c, h, p, actuation, state):
-    """As `advance`, of chamber c of an `Actuation`; its slow states are row c of `state` (C, 2)."""
+    """As `advance`, of chamber c of an `ActuationConstants`; its slow states are row c of `state` (C, 2)."""
     rubber = actuation.rubber
     chamber = ChamberConstants(actuation.law[c], rubber[c, 0], rubber[c, 1], rubber[c, 2], rubber[c, 3])
     return advance(h, p, chamber, state[c])

@@ -97,7 +97,7 @@ class ChamberConstants(NamedTuple):
     inflation_time: float  # s
 
 
-class Actuation(NamedTuple):
+class ActuationConstants(NamedTuple):
     """All chambers of a body: each a `ChamberConstants`, and how the joints share its torque.
 
     Few arrays: each costs a caller.

@@ -11,7 +11,7 @@ from pliant.equations.chamber import held_torques
 from pliant.equations.elastic import tangent
 from pliant.equations.memory import memory_angle, step_with_memory
 from pliant.equations.section import torque
-from pliant.equations.symbols import Actuation, Body, Held, Joints, MemoryLaw, Past, Workspace
+from pliant.equations.symbols import ActuationConstants, Body, Held, Joints, MemoryLaw, Past, Workspace
 from pliant.estimation.symbols import (
     FOLLOWED,
     FRAME_LOST,
@@ -59,7 +59,7 @@ def follow_of_tuples(periods, pressure, values, records):
     state, model, gains, pace, workspace = records
     joints, body, chambers, memory, instantaneous = model
     own = ObserverModel(
-        Joints(*joints), Body(*body), Actuation(*chambers), MemoryLaw(*memory), instantaneous
+        Joints(*joints), Body(*body), ActuationConstants(*chambers), MemoryLaw(*memory), instantaneous
     )
     held, work, springs, law, weight, move = workspace
     scratch = Held(*held[:10], Joints(*held[10]))
@@ -84,7 +84,7 @@ def ahead(state, pressure, model, count, h, workspace):
     for c in range(len(pressure)):
         for k in range(own.law.shape[1]):
             workspace.law[c, k] = own.law[c, k] * state.factor[0]
-    chambers = Actuation(workspace.law, own.gain, own.rubber)
+    chambers = ActuationConstants(workspace.law, own.gain, own.rubber)
     past = Past(model.memory, state.memory, workspace.held)
     for _ in range(count):
         held_torques(h, pressure, chambers, state.slow, work.tau)

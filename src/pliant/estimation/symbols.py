@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.equations.symbols import (
-    Actuation,
+    ActuationConstants,
     Body,
     ExtensibleBody,
     ExtensibleWorkspace,
@@ -26,7 +26,7 @@ class ObserverModel(NamedTuple):
 
     joints: Joints
     body: Body
-    chambers: Actuation
+    chambers: ActuationConstants
     memory: MemoryLaw
     instantaneous: float  # stiffness of the memory before it gives way, in parts of K, as far as `frozen` keeps it
 

@@ -84,7 +84,7 @@ def names(model: Model) -> Names:
             valve[c, k] = lag[k] if unlimited or (k < 2 and not any(lag[:2])) else valve[c, k]
         kernel = chamber.kernel()[1:]
         rubber[c] = [rubber[c, k] if kernel[k - k % 2] else kernel[k] for k in range(len(kernel))]
-    actuation = symbols.Actuation(of("torque"), of("joint_gain"), rubber)
+    actuation = symbols.ActuationConstants(of("torque"), of("joint_gain"), rubber)
     drives = march_loops.Drives(actuation, valve, cells("s->pressure", (C,)), cells("s->chamber", (C, 2)))
     body = symbols.Body(of("B"), of("I"), of("h"), gx, gravity[1])
     return Names(body, joints, memory, drives)

@@ -64,11 +64,11 @@ class Actuation:
         """Whether a chamber has slow states."""
         return any(c.remembers for c in self.chambers)
 
-    def kernel(self) -> symbols.Actuation:
+    def kernel(self) -> symbols.ActuationConstants:
         """Constants for the kernels, shorter laws filled up with zeros."""
         longest = max(c.torque.size for c in self.chambers)
         law = np.stack([np.pad(c.torque, (0, longest - c.torque.size)) for c in self.chambers])
-        return symbols.Actuation(law, np.array(self.gain), np.array([c.kernel()[1:] for c in self.chambers]))
+        return symbols.ActuationConstants(law, np.array(self.gain), np.array([c.kernel()[1:] for c in self.chambers]))
 
     def pressures(self, value: Any) -> Array:
         """`value` as pressures (C,) [Pa]: a number is enough where there is one chamber; 0 is no pressure in any.

@@ -18,7 +18,7 @@ from pliant.equations.energy import add_step_work
 from pliant.equations.memory import step_with_memory
 from pliant.equations.motion import step
 from pliant.equations.symbols import (
-    Actuation,
+    ActuationConstants,
     Body,
     Held,
     Joints,
@@ -59,7 +59,7 @@ def rows_for(rows, size, states, energies):
 class Drives(NamedTuple):
     """The chambers of a body that moves one step at a time, advanced in place."""
 
-    actuation: Actuation
+    actuation: ActuationConstants
     valve: np.ndarray  # (C, 4) a `Lag` for each chamber
     pressure: np.ndarray  # (C,) Pa, behind the valves
     state: np.ndarray  # (C, 2) slow states, see `equations.chamber.advance`
@@ -171,7 +171,7 @@ def hold(phi, w, held, drives, body, joints, work):
     """
     h, steps, command, load, total = held
     actuation, valve, pressure, state = drives
-    chambers = Drives(Actuation(*actuation), valve, pressure, state)
+    chambers = Drives(ActuationConstants(*actuation), valve, pressure, state)
     mass, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
     for k in range(steps):
         take_torques(h, command, chambers, scratch.tau)
@@ -188,7 +188,7 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
     """As `hold` with memory; chain is (body, joints)."""
     h, steps, command, load, total = held
     actuation, valve, pressure, state = drives
-    chambers = Drives(Actuation(*actuation), valve, pressure, state)
+    chambers = Drives(ActuationConstants(*actuation), valve, pressure, state)
     body, joints = chain
     mass, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
     memory, branches, before = past
