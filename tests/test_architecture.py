@@ -322,6 +322,15 @@ def test_rooms_share_public_names_only():
     assert not found, f"a name with an underscore stays in its room: {listed(found)}"
 
 
+def test_no_public_class_name_stands_twice():
+    files = {}
+    for name in MODULES:
+        for node in tree(name).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                files.setdefault(node.name, []).append(name)
+    assert {name: where for name, where in files.items() if len(where) > 1} == {}
+
+
 def test_exceptions_still_hold():
     """An exception that nobody needs any more goes."""
     bodies = {key: body_lines(function) for key, function in every_function().items()}

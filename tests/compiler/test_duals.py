@@ -55,7 +55,8 @@ def lengthening(rng):
 
 def remembering(rng):
     _, (phi, w, h, torque, body, joints, work), n, _ = plain(rng)
-    memory = MemoryLaw(np.array([0.3]), np.array([0.4]), np.array([0.2, 0.1]), np.array([1e-5, 0.5]), 0.2, 90.0, 40.0, 1.5)
+    slip = np.array([0.2, 0.1]), np.array([1e-5, 0.5])
+    memory = MemoryLaw(np.array([0.3]), np.array([0.4]), *slip, 0.2, 90.0, 40.0, 1.5)
     rows = {name: np.zeros(n) for name in Held._fields[:-1]} | {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
     held = Held(**rows, springs=joints._replace(theta0=rows["theta0"], K=rows["K"]))
     past = Past(memory, 0.01 * rng.normal(size=(n, 4)), held)

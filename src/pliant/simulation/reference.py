@@ -206,7 +206,9 @@ def stiffened(K: Array, joints: int, factor: float) -> Array:
     return np.append(K[:joints] * factor, K[joints:])
 
 
-def torque_and_rates(own: symbols.ChamberConstants, p: float, slow: Array, wall: Array) -> tuple[float, tuple[Array, Array]]:
+def torque_and_rates(
+    own: symbols.ChamberConstants, p: float, slow: Array, wall: Array
+) -> tuple[float, tuple[Array, Array]]:
     """Torque [N m] of a chamber at the pressure p [Pa], and the rates of its slow states (none or one of each)."""
     late, y = (slow[0] if slow.size else p), (wall[0] if wall.size else 1.0)
     slow_rate, growth = slow_rates(p, late, y, own)
