@@ -1,4 +1,8 @@
-"""From tracker coordinates to the model's frame: base at the origin, base tangent along +y, bending in x-y."""
+"""From tracker coordinates to the base frame: base at the origin, base tangent along +y of the plane, +z in space.
+
+Both frames are one, its axes named anew: (x, y, z) in space is (z, x, y) of the plane, so that a body bends about +x
+there as it does about +z here.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +15,18 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing.alignment import Alignment, alignment_of
-from pliant.preprocessing.base import base_rotation_at_rest, base_tangent, bending_normal, still_noise
+from pliant.preprocessing.base import (
+    base_rotation_at_rest,
+    base_tangent,
+    bending_normal,
+    input_normal,
+    named_axis,
+    still_noise,
+)
 from pliant.preprocessing.detectors import BLOCK_FRAMES, by_blocks, mean_place, orientation_jumps, seen_points
 from pliant.preprocessing.repair import undo_orientation_jumps
 from pliant.preprocessing.rest import clock_finding, rest_window
-from pliant.preprocessing.rotations import angle_about, mean_rotation, to_matrix
+from pliant.preprocessing.rotations import angle_about, continuous, from_matrix, mean_rotation, to_matrix
 from pliant.recording import append_history, check_recording, make_recording
 
 if TYPE_CHECKING:
@@ -40,12 +51,14 @@ def align(
     bend: Bend | None = "positive",
     rest: Sequence[float] | None = None,
     origin_offset: float | Sequence[float] = 0.0,
+    origin: Sequence[float] | None = None,
     clamp_length: float | None = None,
     remove_base_motion: bool = False,
     undo_jumps: bool = False,
     arc_length: Sequence[float] | None = None,
+    space: bool = False,
 ) -> xr.Dataset:
-    """Turn a tracked recording into the planar frame of the models.
+    """Turn a tracked recording into the base frame of the models, in the plane or in space.
 
     Parameters
     ----------
@@ -55,16 +68,20 @@ def align(
         Station at the base. Default: ``base`` when there is one, else the first station.
     tangent : str or 3 numbers
         Direction of the body at the base; see `pliant.preprocessing.base.base_tangent`.
-    plane : {"motion", "body"} or 3 numbers
-        Plane of bending, which contains the tangent: the one of the displacements from rest, of all points,
-        or given by its normal.
+    plane : {"motion", "body", "input"}, an axis such as "+x" or "base:+x", or 3 numbers
+        Plane of bending, which contains the tangent: the one of the displacements from rest, of all points, the one
+        in which the first measured input bends the body, or given by its normal: an axis of the tracker, of the base
+        station's orientation at rest (markers on the base), or a vector. In space the normal is the axis x.
     bend : {"positive", "negative"} or None
         The normal is chosen so that the body bends about +z (tip toward -x) or -z under the highest pressure
-        or, where none was measured, at the tip's largest excursion. None keeps a given normal as it is.
+        or, where none was measured, at the tip's largest excursion. None keeps a given normal as it is. With
+        ``plane="input"`` under the first input; in space a given normal is kept.
     rest : (start, end), s, optional
         Where the body is at rest. Default: `rest_window`.
     origin_offset : float or 3 floats, m
         From the base station to the origin: along the tangent, or as a vector in tracker coordinates.
+    origin : 3 floats, m, optional
+        The origin in tracker coordinates, where no station shows the base; instead of `origin_offset`.
     clamp_length : float, m, optional
         For ``tangent="clamp"``.
     remove_base_motion : bool
@@ -74,12 +91,15 @@ def align(
         it, a recording with such jumps is refused, since its angles would be wrong.
     arc_length : floats, m, optional
         One per station. Default: that of the recording or, with eight stations or more, the polyline at rest.
+    space : bool
+        Keep three dimensions.
 
     Returns
     -------
     xarray.Dataset
-        Planar recording; `angle` is each station's rotation about +z since rest. Read the report with
-        `alignment_of`.
+        Planar recording, positions (T, S, 2), `angle` each station's rotation about +z since rest; or one in space
+        (frame ``spatial``), positions (T, S, 3), `quaternion` each station's rotation since rest, in the base frame.
+        Read the report with `alignment_of`.
 
     Raises
     ------
@@ -88,7 +108,8 @@ def align(
     """
     check_recording(ds)
     if "position" not in ds or ds.attrs["frame"] != "tracker":
-        raise InputError("align needs tracked positions; this recording is planar already or holds none")
+        frame = "aligned in space" if ds.attrs["frame"] == "spatial" else "planar"
+        raise InputError(f"align needs tracked positions; this recording is {frame} already or holds none")
     ds = _without_jumps(ds, undo=undo_jumps)
     index = _base_index(ds, base)
     window, span = _rest(ds, rest)
@@ -102,23 +123,28 @@ def align(
         position, matrices = _without_base_motion(position, matrices, index, pose[index], base_rotation)
         pose = mean_place(position[window])
     y = base_tangent(tangent, pose, index, base_rotation, clamp_length)
-    offset = _offset(origin_offset)
-    origin = pose[index] + (offset * y if offset.ndim == 0 else offset)
-    about = {"motion": mean_place(position), "body": origin}  # the mean: a rest pose outside the plane must not tilt it
-    normal, flatness = bending_normal(plane, y, position, about, still_noise(position))
-    sign = _bending(ds, position, pose, origin, np.cross(y, normal))
-    if bend is not None:
-        wanted = _wanted_sign(bend)
-        normal, sign = (normal, sign) if sign in (0, wanted) else (-normal, -sign)
+    offset = _offset(origin_offset, origin, pose[index])
+    zero = pose[index] + (offset * y if offset.ndim == 0 else offset)
+    about = {"motion": mean_place(position), "body": zero}  # the mean: a rest pose outside the plane must not tilt it
+    given = input_normal(ds, y, position, pose) if _is(plane, "input") else _axis(plane, base_rotation)
+    normal, flatness = bending_normal(plane if given is None else given, y, position, about, still_noise(position))
+    sign = 1 if _is(plane, "input") else _bending(ds, position, pose, zero, np.cross(y, normal))
+    kept = bend is None or (space and not (_is(plane, "motion", "body", "input")))
+    if not kept and sign not in (0, _wanted_sign(str(bend))):
+        normal, sign = -normal, -sign
     rotation = np.stack([np.cross(y, normal), y, normal])
+    rotation = np.roll(rotation, 1, axis=0) if space else rotation
     report = Alignment(
-        base=str(ds["station"].values[index]), origin=tuple(origin.tolist()),
+        base=str(ds["station"].values[index]), origin=tuple(zero.tolist()),
         rotation=tuple(tuple(row) for row in rotation.tolist()), tangent=_named(tangent), plane=_named(plane),
         bend_sign=sign, rest_s=span, flatness=flatness, base_travel_m=base_travel,
-        base_motion_removed=remove_base_motion, **_out_of_plane(position, about["motion"], normal),
+        base_motion_removed=remove_base_motion, frame="spatial" if space else "planar",
+        **_out_of_plane(position, about["motion"], normal),
     )  # fmt: skip
     arc = _arc_length(ds, arc_length, pose, index, offset)
-    return _planar(ds, _turned(position, origin, rotation[:2]), _angles(matrices, window, normal), arc, report)
+    place = _turned(position, zero, rotation if space else rotation[:2])
+    turned = _orientations(matrices, window, rotation) if space else _angles(matrices, window, normal)
+    return _aligned(ds, place, {"quaternion" if space else "angle": turned}, arc, report)
 
 
 def _without_jumps(ds: xr.Dataset, *, undo: bool) -> xr.Dataset:
@@ -163,7 +189,12 @@ def _pair(rest: Sequence[float]) -> tuple[float, float]:
     return start, end
 
 
-def _offset(value: float | Sequence[float]) -> NDArray:
+def _offset(value: float | Sequence[float], origin: Sequence[float] | None, base: NDArray) -> NDArray:
+    """From the base's place (3,) to the origin: () along the tangent, or (3,)."""
+    if origin is not None:
+        if not _is_zero(value) or np.shape(origin) != (3,):
+            raise InputError("origin is three numbers in metres, and stands in place of origin_offset")
+        return np.asarray(origin, dtype=np.float64) - base
     try:
         offset = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -173,12 +204,16 @@ def _offset(value: float | Sequence[float]) -> NDArray:
     return offset
 
 
+def _is_zero(value: Any) -> bool:
+    return isinstance(value, int | float) and value == 0.0
+
+
 def _quaternion(ds: xr.Dataset) -> NDArray | None:
     return ds["quaternion"].values if "quaternion" in ds else None
 
 
 def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
-    """(T, S, 2) places relative to the origin in the directions of the (2, 3) `rows`."""
+    """(T, S, d) places relative to the origin in the directions of the (d, 3) `rows`."""
     made = np.empty((*position.shape[:2], len(rows)))
     for i in range(0, len(position), BLOCK_FRAMES):
         made[i : i + BLOCK_FRAMES] = (position[i : i + BLOCK_FRAMES] - origin) @ rows.T
@@ -225,6 +260,14 @@ def _wanted_sign(bend: str) -> int:
     return 1 if bend == "positive" else -1
 
 
+def _is(option: Any, *names: str) -> bool:
+    return isinstance(option, str) and option in names
+
+
+def _axis(option: Any, base_rotation: NDArray | None) -> NDArray | None:
+    return named_axis(option, base_rotation) if isinstance(option, str) else None
+
+
 def _named(option: Any) -> str:
     return option if isinstance(option, str) else f"given {[float(v) for v in option]}"
 
@@ -256,6 +299,15 @@ def _angles(matrices: NDArray | None, window: NDArray, normal: NDArray) -> NDArr
     return angle if np.isfinite(angle).any() else None
 
 
+def _orientations(matrices: NDArray | None, window: NDArray, rotation: NDArray) -> NDArray | None:
+    """(T, S, 4) rotation since rest in the axes of the base frame, without changes of sign along time."""
+    if matrices is None:
+        return None
+    since = matrices @ np.swapaxes(mean_rotation(matrices[window]), -1, -2)
+    quaternion, _ = continuous(from_matrix(rotation @ since @ rotation.T))
+    return quaternion if np.isfinite(quaternion).any() else None
+
+
 def _arc_length(
     ds: xr.Dataset, given: Sequence[float] | None, pose: NDArray, index: int, offset: NDArray
 ) -> ArrayLike | None:
@@ -269,20 +321,22 @@ def _arc_length(
     return arc - arc[index] - (float(offset) if offset.ndim == 0 else 0.0)
 
 
-def _planar(
-    ds: xr.Dataset, place: NDArray, angle: NDArray | None, arc: ArrayLike | None, report: Alignment
+def _aligned(
+    ds: xr.Dataset, place: NDArray, turned: dict[str, Any], arc: ArrayLike | None, report: Alignment
 ) -> xr.Dataset:
-    attrs = dict(ds.attrs) | {"frame": "planar", "alignment": json.dumps(asdict(report))}
+    attrs = dict(ds.attrs) | {"frame": report.frame, "alignment": json.dumps(asdict(report))}
     made = make_recording(
-        ds["time"].values, place, station=[str(n) for n in ds["station"].values], angle=angle,
-        arc_length=arc, frame="planar", attrs=attrs,
+        ds["time"].values, place, station=[str(n) for n in ds["station"].values], **turned,
+        arc_length=arc, frame=report.frame, attrs=attrs,
     )  # fmt: skip
     others = ds.drop_dims("station").drop_vars(["axis", "component"], errors="ignore")
     made = made.assign({n: others[n] for n in others.data_vars}).assign_attrs(attrs)
-    frame = f"base {report.base} at the origin, tangent {report.tangent} along +y, plane {report.plane}"
+    space = report.frame == "spatial"
+    frame = f"base {report.base} at the origin, tangent {report.tangent} along +{'z' if space else 'y'}, "
+    frame += f"plane {report.plane}{' normal to x' if space else ''}"
     rest = f"rest {report.rest_s[0]:.3g} to {report.rest_s[1]:.3g} s, bending sign {report.bend_sign:+d}"
     out = f"{1e3 * report.out_of_plane_rms_m:.3g} mm rms ({100 * report.out_of_plane_share:.2g} % of the motion)"
-    lines = [f"aligned: {frame}, {rest}", f"out of plane {out}, left out"]
+    lines = [f"aligned: {frame}, {rest}", f"out of plane {out}, {'kept' if space else 'left out'}"]
     lines += clock_finding(ds)
     if report.flatness > VAGUE_PLANE:
         lines.append(f"the plane is vague: the motion across it is {100 * report.flatness:.0f} % of that in it")

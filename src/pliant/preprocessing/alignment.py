@@ -1,4 +1,4 @@
-"""The report of an alignment: where the planar frame lies in the tracker's, and how flat the motion is."""
+"""The report of an alignment: where the base frame lies in the tracker's, and how flat the motion is."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ class Alignment:
     origin : 3 floats, m
         In tracker coordinates.
     rotation : 3 x 3 floats
-        Rows are the planar frame's x, y (base tangent) and z (normal) in tracker coordinates.
+        Rows are the base frame's axes in tracker coordinates: in the plane x, y (base tangent) and z (normal of the
+        plane); in space x (normal of the plane), y and z (base tangent).
     tangent, plane : str
         How they were found.
     bend_sign : int
@@ -37,6 +38,7 @@ class Alignment:
     base_travel_m : float
         Largest distance of the base from its rest place.
     base_motion_removed : bool
+    frame : {"planar", "spatial"}
     """
 
     base: str
@@ -52,15 +54,21 @@ class Alignment:
     out_of_plane_share: float
     base_travel_m: float
     base_motion_removed: bool
+    frame: str = "planar"
 
     @property
     def normal(self) -> tuple[float, ...]:
         """Normal of the plane of bending, in tracker coordinates."""
-        return self.rotation[2]
+        return self.rotation[0 if self.frame == "spatial" else 2]
+
+    @property
+    def base_tangent(self) -> tuple[float, ...]:
+        """Direction of the body at the base, in tracker coordinates."""
+        return self.rotation[2 if self.frame == "spatial" else 1]
 
 
 def alignment_of(ds: xr.Dataset) -> Alignment:
-    """Report of the alignment that made a planar recording; InputError when it was not aligned here."""
+    """Report of the alignment that made a recording; InputError when it was not aligned here."""
     try:
         values = json.loads(ds.attrs["alignment"])
         rotation = tuple(tuple(row) for row in values["rotation"])

@@ -10,8 +10,10 @@ import numpy as np
 from pliant.errors import InputError, shown
 from pliant.preprocessing import detectors
 from pliant.preprocessing.rotations import mean_rotation, to_matrix
+from pliant.recording.inputs import inputs_at
 
 if TYPE_CHECKING:
+    import xarray as xr
     from numpy.typing import ArrayLike, NDArray
 
 AXIS_NAME = re.compile(r"(base:)?([+-])([xyz])")
@@ -57,15 +59,35 @@ def base_tangent(
         return unit_vector(rest[-1] - rest[base], "the chord from the base to the last station")
     if option == "clamp":
         return _clamp_tangent(rest[base:], clamp_length)
-    found = AXIS_NAME.fullmatch(option)
-    if found is None:
+    axis = named_axis(option, rotation)
+    if axis is None:
         raise InputError(f"tangent is {TANGENTS}, not {option!r}")
+    return axis
+
+
+def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
+    """Unit vector of an axis of the tracker (``"+x"``) or of the base at rest (``"base:+x"``); None for other names.
+
+    Parameters
+    ----------
+    name : str
+    rotation : (3, 3) array or None
+        Orientation of the base at rest.
+
+    Raises
+    ------
+    InputError
+        When the axis is one of the base and the base has no orientation.
+    """
+    found = AXIS_NAME.fullmatch(name)
+    if found is None:
+        return None
     axis = np.zeros(3)
     axis["xyz".index(found.group(3))] = 1.0 if found.group(2) == "+" else -1.0
     if found.group(1) is None:
         return axis
     if rotation is None:
-        raise InputError(f"tangent {option!r} needs the base's orientation, but the base has none at rest")
+        raise InputError(f"the axis {name!r} needs the base's orientation, but the base has none at rest")
     return rotation @ axis
 
 
@@ -80,6 +102,40 @@ def _clamp_tangent(body: NDArray, clamp_length: float | None) -> NDArray:
     points = body[:count]
     direction = np.linalg.svd(points - points.mean(0))[2][0]
     return direction if direction @ (points[-1] - points[0]) > 0 else -direction
+
+
+def input_normal(ds: xr.Dataset, tangent: NDArray, position: NDArray, pose: NDArray) -> NDArray:
+    """Unit normal of the plane in which the first input bends the body, positive where the input is.
+
+    The displacement of the station that moves most is taken for linear in all inputs together; the direction is that
+    of the first one's coefficients across the tangent.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        Recording with measured inputs: its pressures, then its others.
+    tangent : (3,) array
+    position : (T, S, 3) array, m
+    pose : (S, 3) array, m
+        Stations at rest.
+
+    Raises
+    ------
+    InputError
+        When no input was measured, or the first one moves nothing across the tangent.
+    """
+    inputs = inputs_at(ds, ds["time"].values)
+    if not inputs.shape[1]:
+        raise InputError("plane 'input' needs a measured input, but the recording holds none: state another plane")
+    across = (position - pose) @ (np.eye(3) - np.outer(tangent, tangent))
+    moved = across[:, int(np.argmax(np.nan_to_num(detectors.rms_deviation(across))))]
+    known = np.isfinite(moved).all(-1) & np.isfinite(inputs).all(-1)
+    size = np.abs(inputs[known]).max(axis=0, initial=0.0)
+    design = np.column_stack([np.ones(int(known.sum())), inputs[known] / np.where(size > 0, size, 1.0)])
+    gain = np.linalg.lstsq(design, moved[known], rcond=None)[0][1]
+    if np.linalg.norm(gain) < max(6.0 * still_noise(position), 1e-6):
+        raise InputError("the first input moves nothing across the base tangent beyond the noise: state the plane")
+    return np.cross(tangent, gain / np.linalg.norm(gain))
 
 
 def bending_normal(

@@ -19,19 +19,20 @@ if TYPE_CHECKING:
 
 
 def cut_time(recording: xr.Dataset, start: float, end: float) -> xr.Dataset:
-    """The part of a recording between two times [s] of the shape's clock, pressure and all else on that clock too.
+    """The part of a recording between two times [s] of the shape's clock, its inputs and all else on that clock too.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        Pressure and shape on one clock.
+        Inputs and shape on one clock.
 
     Raises
     ------
     InputError
         When less than ten frames lie between them.
     """
-    at = {name: recording[name].to_numpy() for name in ("time", "pressure_time") if name in recording.coords}
+    clocks = [name for name in ("time", "pressure_time", "input_time") if name in recording.coords]
+    at = {name: recording[name].to_numpy() for name in clocks}
     kept = {name: np.flatnonzero((clock >= start) & (clock <= end)) for name, clock in at.items()}
     if len(kept["time"]) < FEWEST_FRAMES:
         first, last = at["time"][[0, -1]]

@@ -174,7 +174,8 @@ def _with(kept: xr.Dataset, ds: xr.Dataset, arrays: dict, **coords: object) -> x
     made = make_recording(
         coords.get("time", ds["time"].values), station=station, arc_length=arc,  # type: ignore[arg-type]
         frame=ds.attrs["frame"], attrs=dict(ds.attrs), **arrays,
-        angle_reference=ds["angle"].attrs.get("reference", "rest") if "angle" in ds else "rest",
+        angle_reference=next((ds[n].attrs["reference"] for n in ("angle", "quaternion") if n in ds
+                              and "reference" in ds[n].attrs), "rest"),
     )  # fmt: skip
-    others = {n: kept[n] for n in kept.data_vars if n == "pressure"}
+    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation")}
     return made.assign(others).assign_attrs(ds.attrs)

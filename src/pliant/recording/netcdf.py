@@ -125,7 +125,7 @@ def _storable(value: Any) -> Any:
 def _in_memory(ds: xr.Dataset) -> xr.Dataset:
     """Double precision, plain strings, no traces of the file."""
     ds = ds.drop_encoding()
-    for name in ("station", "axis", "component", "chamber", "core"):
+    for name in ("station", "axis", "component", "chamber", "core", "input", "kind"):
         if name in ds.coords:
             ds = ds.assign_coords({name: ds[name].astype(str)})
     for name in (*VARIABLES, *COORDINATES):

@@ -17,21 +17,24 @@ if TYPE_CHECKING:
 
 SCHEMA = "pliant-recording"
 SCHEMA_VERSION = 1
-FRAMES = ("tracker", "planar")
+FRAMES = ("tracker", "planar", "spatial")
+REFERENCES = ("rest", "base")  # what angles and orientations of an aligned recording are measured from
 COMPONENTS = ("x", "y", "z", "w")
+INPUT_UNITS = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of inputs beside gauge pressure
 QUATERNION_NORM_TOLERANCE = 1e-3
 TEXTS = ("schema", "frame", "source", "source_format", "source_sha256", "pressure_reference", "history")
 SHORTEST_STEP = 1e-9  # s between two samples
 # generous bounds of what anybody measures: beyond them stands a marker of missing data, a wrong unit or damage
 MOST = {
     "position": 1e6, "arc_length": 1e6, "gauge_position": 1e6, "angle": 1e6, "pressure": 1e12, "strain": 1e3,
-    "time": 1e13, "pressure_time": 1e13,
+    "time": 1e13, "pressure_time": 1e13, "input_time": 1e13, "actuation": 1e9,
 }  # fmt: skip
 
 # name -> (dimensions that may carry it, units, long name)
 COORDINATES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "time": (("time",), "s", "time on the clock of the shape"),
     "pressure_time": (("pressure_time",), "s", "time on the clock of the pressure"),
+    "input_time": (("input_time",), "s", "time on the clock of the inputs other than pressure"),
     "arc_length": (("station",), "m", "arc length of the station from the base"),
     "gauge_position": (("gauge",), "m", "position of the strain gauge along the fibre"),
 }
@@ -40,6 +43,7 @@ VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
     "quaternion": ((("time", "station", "component"),), "1", "orientation of the stations, x y z w"),
     "angle": ((("time", "station"),), "rad", "rotation of the stations about the normal of the plane"),
     "pressure": ((("pressure_time",), ("pressure_time", "chamber")), "Pa", "gauge pressure"),
+    "actuation": ((("input_time", "input"),), "SI", "inputs other than pressure, in the SI unit of their kind"),
     "strain": ((("time", "core", "gauge"),), "1", "strain of the fibre cores"),
 }
 
@@ -50,8 +54,8 @@ def check_recording(ds: xr.Dataset) -> xr.Dataset:
     Refused are: another schema or a newer version; a variable with unknown dimensions or without its
     units; a clock that is not finite and strictly increasing, by 1 ns at least; infinite values and those
     beyond `MOST`, such as 1e6 m (NaN is a drop-out and allowed); quaternions that are not of unit length;
-    repeated station names; a planar recording with a z axis; a recording that holds neither position,
-    angle, strain nor pressure.
+    repeated station names; a planar recording with a z axis; an input of an unknown kind; a recording that holds
+    neither position, angle, strain, pressure nor another input.
 
     Raises
     ------
@@ -59,9 +63,9 @@ def check_recording(ds: xr.Dataset) -> xr.Dataset:
         Says which rule is broken, and where.
     """
     _check_attributes(ds)
-    if not {"position", "angle", "strain", "pressure"} & set(ds.data_vars):
+    if not {"position", "angle", "strain", "pressure", "actuation"} & set(ds.data_vars):
         raise InputError(
-            "a recording holds position, angle, strain or pressure, but this one holds "
+            "a recording holds position, angle, strain, pressure or another input, but this one holds "
             f"{', '.join(map(str, ds.data_vars)) or 'no variable'}"
         )
     for name, (allowed, units, _) in VARIABLES.items():
@@ -74,6 +78,9 @@ def check_recording(ds: xr.Dataset) -> xr.Dataset:
         _check_clock(ds, "time")
     if "pressure" in ds:
         _check_clock(ds, "pressure_time")
+    if "actuation" in ds:
+        _check_clock(ds, "input_time")
+        _check_inputs(ds)
     _check_names(ds)
     _check_stations(ds)
     _check_rotations(ds)
@@ -143,10 +150,22 @@ def _check_clock(ds: xr.Dataset, name: str) -> None:
 
 def _check_names(ds: xr.Dataset) -> None:
     """No name breaks out of the line, the table or the figure that it is written into."""
-    for kind in ("station", "chamber", "core"):
+    for kind in ("station", "chamber", "core", "input"):
         for name in ds[kind].values if kind in ds.coords else ():
             if not is_line(str(name)):
                 raise InputError(f"the name of a {kind} must be one printable line: {clipped(repr(str(name)), 60)}")
+
+
+def _check_inputs(ds: xr.Dataset) -> None:
+    """Every input has a name of its own and a known kind."""
+    if "input" not in ds.coords or "kind" not in ds.coords or ds["kind"].dims != ("input",):
+        raise InputError("actuation needs the coordinates input, the names, and kind along it")
+    if strange := [str(k) for k in ds["kind"].values if str(k) not in INPUT_UNITS]:
+        kinds = ", ".join(INPUT_UNITS)
+        raise InputError(f"the kind of an input is one of {kinds}, not {clipped(repr(strange[0]), 60)}")
+    names = [str(n) for n in ds["input"].values]
+    if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
+        raise InputError(f"input names must differ, but these repeat: {clipped(', '.join(repeated), 200)}")
 
 
 def _check_stations(ds: xr.Dataset) -> None:
@@ -171,9 +190,11 @@ def _check_rotations(ds: xr.Dataset) -> None:
     if "angle" in ds:
         if ds.attrs["frame"] != "planar":
             raise InputError("angle belongs to planar recordings only: align the recording first")
-        if ds["angle"].attrs.get("reference") not in ("rest", "base"):
+        if ds["angle"].attrs.get("reference") not in REFERENCES:
             raise InputError("angle must carry the attribute reference, 'rest' or 'base'")
     if "quaternion" in ds:
+        if ds.attrs["frame"] == "spatial" and ds["quaternion"].attrs.get("reference") not in REFERENCES:
+            raise InputError("quaternion of an aligned recording must carry the attribute reference, 'rest' or 'base'")
         norm = np.linalg.norm(ds["quaternion"].values, axis=-1)
         wrong = np.abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE  # NaN compares false: no orientation
         if wrong.any():

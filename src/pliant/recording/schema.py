@@ -32,6 +32,10 @@ def make_recording(
     pressure: ArrayLike | None = None,
     pressure_time: ArrayLike | None = None,
     chamber: Sequence[str] | None = None,
+    actuation: ArrayLike | None = None,
+    input_time: ArrayLike | None = None,
+    input_names: Sequence[str] | None = None,
+    input_kind: str | Sequence[str] = "",
     strain: ArrayLike | None = None,
     gauge_position: ArrayLike | None = None,
     core: Sequence[str] | None = None,
@@ -50,7 +54,7 @@ def make_recording(
     ----------
     time : (T,) array, s
         Clock of the shape, strictly increasing. May be left out when only pressure was recorded.
-    position : (T, S, 3) or, once planar, (T, S, 2) array, m
+    position : (T, S, 3) or, in the frame planar, (T, S, 2) array, m
         NaN marks a drop-out. May be left out where stations were seen by their angles alone.
     station : S names, optional
         Default ``s000, s001, ...`` from base to tip.
@@ -59,18 +63,27 @@ def make_recording(
     angle : (T, S) array, rad, optional
         Planar recordings only: rotation of a station about +z.
     angle_reference : {"rest", "base"}
-        What `angle` is measured from: the station's own rest pose, or the base tangent.
+        What `angle`, or the `quaternion` of an aligned recording, is measured from: the station's own rest pose, or the
+        base tangent (the base frame).
     pressure : (P,) or (P, C) array, Pa gauge, optional
         Needs `pressure_time`; with two dimensions one column per chamber.
     pressure_time : (P,) array, s, optional
         Clock of the pressure; default is `time` when the lengths agree.
     chamber : C names, optional
+    actuation : (P, I) array, optional
+        Inputs other than pressure, N, m or rad by their kind; needs `input_kind`.
+    input_time : (P,) array, s, optional
+        Their clock; default is `time` when the lengths agree.
+    input_names : I names, optional
+    input_kind : {"tension", "displacement", "angle"} or I of them
+        Tension of a tendon, its displacement, or the angle of a motor.
     strain : (T, C, G) array, optional
         Dimensionless strain of each core at each gauge; needs `gauge_position`.
     gauge_position : (G,) array, m, optional
     core : C names, optional
     arc_length : (S,) array, m, optional
-    frame : {"tracker", "planar"}
+    frame : {"tracker", "planar", "spatial"}
+        Of the tracker; or aligned: the base at the origin, the base tangent along +y (planar) or +z (spatial).
     nominal_pressure : float, Pa gauge, optional
         Level of a pressure that was not recorded and whose edges are unknown.
     source, source_format, source_sha256 : str
@@ -116,10 +129,11 @@ def make_recording(
     if arc_length is not None:
         coords["arc_length"] = ("station", _floats("arc_length", arc_length, 1))
     _add_pressure(variables, coords, pressure, pressure_time, chamber)
+    _add_inputs(variables, coords, actuation, input_time, input_names, input_kind)
     _add_strain(variables, coords, strain, gauge_position, core)
     ds = _assemble(variables, coords)
-    if angle is not None:
-        ds["angle"].attrs["reference"] = angle_reference
+    for name in [n for n in ("angle", "quaternion") if n in ds and frame != "tracker"]:
+        ds[name].attrs["reference"] = angle_reference
     lines = [history] if isinstance(history, str) else list(history)
     ds.attrs = {
         "schema": SCHEMA, "schema_version": SCHEMA_VERSION, "frame": frame, "source": source,
@@ -175,6 +189,21 @@ def _add_pressure(variables: dict, coords: dict, pressure: Any, clock: Any, cham
         dims = ("pressure_time", "chamber")
         coords["chamber"] = _names(chamber, array.shape[1], "chamber", "c")
     variables["pressure"] = (dims, array)
+
+
+def _add_inputs(variables: dict, coords: dict, actuation: Any, clock: Any, names: Any, kind: Any) -> None:
+    if actuation is None:
+        return
+    array = _floats("actuation", actuation, 2)
+    if clock is None:
+        clock = coords.get("time")
+    if clock is None:
+        raise InputError("actuation needs its clock: give input_time")
+    coords["input_time"] = _floats("input_time", clock, 1)
+    coords["input"] = _names(names, array.shape[1], "input", "u")
+    coords["kind"] = ("input", _names([kind] * array.shape[1] if isinstance(kind, str) else kind, array.shape[1],
+                                      "kind of an input", ""))  # fmt: skip
+    variables["actuation"] = (("input_time", "input"), array)
 
 
 def _add_strain(variables: dict, coords: dict, strain: Any, gauge_position: Any, core: Any) -> None:

@@ -99,11 +99,12 @@ def write_wide_csv(ds: xr.Dataset, path: Path) -> None:
     Raises
     ------
     InputError
-        When the recording holds what one table cannot: two clocks, or strain.
+        When the recording holds what one table cannot: two clocks, strain, or inputs other than pressure.
     """
     check_recording(ds)
-    if "position" not in ds or "strain" in ds:
-        raise InputError("a wide CSV holds positions and pressure, not strain: write netCDF (.nc) instead")
+    if "position" not in ds or {"strain", "actuation"} & set(ds):
+        raise InputError("a wide CSV holds positions and pressure, not strain or other inputs: write netCDF (.nc) "
+                         "instead")
     columns: dict[str, Any] = {"t": ds["time"].values}
     if "pressure" in ds:
         columns |= _pressure_columns(ds)
@@ -301,8 +302,9 @@ def _written_metadata(ds: xr.Dataset) -> dict[str, Any]:
             metadata[name] = ds.attrs[name]
     if "arc_length" in ds.coords:
         metadata["arc_length"] = ds["arc_length"].values.tolist()
-    if "angle" in ds:
-        metadata["angle_reference"] = ds["angle"].attrs["reference"]
+    for name in ("angle", "quaternion"):
+        if name in ds and "reference" in ds[name].attrs:
+            metadata["angle_reference"] = ds[name].attrs["reference"]
     other = ds.attrs.get("metadata")
     return metadata | (json.loads(other) if isinstance(other, str) else {})
 

@@ -44,7 +44,7 @@ def shape_from_strain(
     Returns
     -------
     xarray.Dataset
-        Recording in frame "tracker": first gauge at the origin, tangent there +y. Pressure is kept. Attribute
+        Recording in frame "tracker": first gauge at the origin, tangent there +y. Inputs are kept. Attribute
         `tip_sigma_m`, where the noise is known: standard deviation of the last point of a straight fibre.
 
     Raises
@@ -69,6 +69,9 @@ def shape_from_strain(
     optional: dict[str, Any] = {
         name: recording[name].values for name in ("pressure", "pressure_time", "chamber") if name in recording.variables
     }
+    if "actuation" in recording:
+        optional |= {"actuation": recording["actuation"].values, "input_time": recording["input_time"].values,
+                     "input_names": recording["input"].values, "input_kind": recording["kind"].values}
     seen = "seen" if state.sees_twist else "not seen by this layout, taken as zero"
     counted = f"{filled} missing strain value(s) bridged, {lost} frame(s) unknown behind a gap"
     history = [

@@ -69,13 +69,13 @@ def gravity(case: Case) -> str:
     if len(case.gravity) != 3 or case.aligned is None:
         return ""
     try:
-        rotation = np.array(alignment_of(case.aligned).rotation)
+        report = alignment_of(case.aligned)
     except InputError:
         return ""
-    across = float(abs(rotation[2] @ np.array(case.gravity)))
-    if across <= ACROSS * size:
+    across = float(abs(np.array(report.normal) @ np.array(case.gravity)))
+    if report.frame == "spatial" or across <= ACROSS * size:
         return ""
-    up = max(zip(np.abs(rotation[1]), "xyz", strict=True))[1]
+    up = max(zip(np.abs(report.base_tangent), "xyz", strict=True))[1]
     return (f"{across:.3g} of {size:.3g} m/s^2 of gravity point across the plane of bending and are dropped: is the "
             f"vertical another axis of the tracker? The body lies along its {up} axis at the base")  # fmt: skip
 

@@ -89,7 +89,7 @@ def tilt(case: Case) -> float | None:
     way = pose[which] - pose[base]
     if which == base or not np.linalg.norm(way) > 0:
         return None
-    cosine = float(way @ np.array(report.rotation[1]) / np.linalg.norm(way))
+    cosine = float(way @ np.array(report.base_tangent) / np.linalg.norm(way))
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 

@@ -1,0 +1,44 @@
+"""What drove the body of a recording: its pressures and its inputs of other kinds, one after the other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from pliant.recording.rules import INPUT_UNITS
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+
+class RecordedInput(NamedTuple):
+    """One measured input."""
+
+    name: str  # "" of the only pressure of a recording
+    kind: str  # pressure, tension, displacement or angle
+    unit: str
+    time: NDArray  # (P,) s
+    values: NDArray  # (P,) SI
+
+
+def recorded_inputs(ds: xr.Dataset) -> list[RecordedInput]:
+    """All measured inputs of a recording, its pressures first, each on its own clock."""
+    found = []
+    if "pressure" in ds:
+        values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
+        names = [str(c) for c in ds["chamber"].values] if "chamber" in ds["pressure"].dims else [""]
+        clock = ds["pressure_time"].values
+        found += [RecordedInput(n, "pressure", "Pa", clock, v) for n, v in zip(names, values.T, strict=True)]
+    if "actuation" in ds:
+        clock, kinds = ds["input_time"].values, [str(k) for k in ds["kind"].values]
+        for name, kind, values in zip(ds["input"].values, kinds, ds["actuation"].values.T, strict=True):
+            found.append(RecordedInput(str(name), kind, INPUT_UNITS[kind], clock, values))
+    return found
+
+
+def inputs_at(ds: xr.Dataset, time: NDArray) -> NDArray:
+    """Measured inputs (T, C) at the times [s], linear between their samples and held beyond them; C may be 0."""
+    rows = [np.interp(time, one.time, one.values) for one in recorded_inputs(ds)]
+    return np.stack(rows, -1) if rows else np.zeros((len(time), 0))
