@@ -8,6 +8,7 @@ from pliant.errors import InputError, shown
 
 PASCAL = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757293168361}
 RADIAN = {"rad": 1.0, "deg": math.pi / 180.0}
+NEWTON = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
 METRE = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 ENDINGS = {  # of names that carry their unit, longer ones first
     "rad_s": "rad/s", "mn_m": "mN m", "us_per_sample": "us", "ns_per_step_one_core": "ns", "percent": "%", "mm": "mm",
@@ -39,6 +40,16 @@ def pascal_per(unit: str) -> float:
 def radian_per(unit: str) -> float:
     """Radians in one `unit` of angle; InputError when the unit is unknown."""
     return _factor(RADIAN, unit, "angle")
+
+
+def newton_per(unit: str) -> float:
+    """Newtons in one `unit` of tension; InputError when the unit is unknown."""
+    return _factor(NEWTON, unit, "tension")
+
+
+def input_per(unit: str) -> float:
+    """Newtons, metres or radians in one `unit` of tension, displacement or angle; InputError when it is unknown."""
+    return _factor({**NEWTON, **METRE, **RADIAN}, unit, "tension, displacement or angle")
 
 
 def metre_per(unit: str) -> float:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.preprocessing.align import align, alignment_of
-from pliant.preprocessing.rest import before_pressure, rest_window
+from pliant.preprocessing.rest import before_inputs, rest_window
 from pliant.recording import make_recording
 
 TIME = np.arange(500) / 100
@@ -223,4 +223,4 @@ def test_rest_before_a_pressure_takes_three_frames(frames, found):
     pressure = np.where(np.arange(20) < frames, 0.0, 1e5)
     ds = xr.Dataset({"pressure": ("pressure_time", pressure)},
                     {"time": 0.01 * np.arange(20), "pressure_time": 0.01 * np.arange(20) - 1e-9})  # fmt: skip
-    assert before_pressure(ds) == (None if found is None else pytest.approx(found))
+    assert before_inputs(ds) == (None if found is None else pytest.approx(found))

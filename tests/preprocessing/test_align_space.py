@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.preprocessing.align import align, alignment_of
+from pliant.preprocessing.quality import quality
 from pliant.preprocessing.resample import resample_time
+from pliant.preprocessing.rest import rest_window
 from pliant.recording import make_recording, read, write
 
 TIME = np.arange(300) / 50
@@ -131,3 +133,18 @@ def test_an_aligned_recording_in_space_survives_files_and_resampling(tmp_path):
         write(ds, tmp_path / "a.csv")
     write(ds.drop_dims("input_time").drop_vars(["input", "kind"], errors="ignore"), tmp_path / "a.csv")
     np.testing.assert_array_equal(read(tmp_path / "a.csv")["position"], ds["position"])
+
+
+def test_inputs_of_any_kind_end_the_rest_and_show_their_range():
+    still = np.where(TIME < 1.5, 0.0, np.sin(TIME - 1.5))
+    inputs = np.stack([0.1 * still, 3 + 0 * TIME], -1)
+    ds = tracked(Rotation.identity(), actuation=inputs, input_kind=["angle", "tension"], input_names=["motor", "cable"],
+                 parts={"x": 0 * TIME, "y": -2 * still})  # fmt: skip
+    start, end = rest_window(ds)
+    assert start == 0
+    assert end == TIME[np.argmax(np.abs(still) > 0.05 * np.ptp(still)) - 1]
+    found = quality(ds)
+    assert found.input_range["motor"][1:] == (pytest.approx(5.7296, rel=0.01), "degrees")
+    assert "input cable: 3 to 3 N" in found.summary()
+    holed = ds.assign(actuation=ds["actuation"].where(ds["input_time"] > 0.1))
+    assert "12 samples of inputs other than pressure are missing" in quality(holed).summary()

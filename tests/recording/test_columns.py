@@ -7,6 +7,7 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.recording import read
+from pliant.recording.inputs import recorded_inputs
 
 TABLE = "ID,x1,y1,z1,x2,y2,z2\n0,1,2,3,4,5,6\n0,1,2,3,4,5,7\n3,1,2,3,4,5,8\n3,1,2,3,4,5,9\n"
 MAPPING = {
@@ -67,7 +68,7 @@ def test_time_pressure_and_quaternions_by_index(tmp_path):
         ({"colour": "red"}, "unknown key 'colour'; known are delimiter"),
         ({"rows": [0, 9]}, "do not lie within the 2 rows"),
         ({"header": False}, "line 1, cell 1 .* 'ID'"),
-        ({"delimiter": ";"}, "not a number"),
+        ({"delimiter": ";"}, "no column 'ID'; available: ID,x1,y1"),
         ({"skip_lines": 50}, "no row after"),
         ({"arc_length": [0, 0.1, 0.2]}, "do not fit together"),
         ({"time": "ID", "rate_hz": None}, "increase strictly"),
@@ -84,3 +85,31 @@ def test_a_table_without_a_mapping_is_refused(tmp_path):
         read(tmp_path / "a.txt")
     with pytest.raises(InputError, match="must be a dict"):
         read(tmp_path / "a.txt", mapping=["points"])
+
+
+def test_tensions_displacements_and_motor_angles_by_column(tmp_path):
+    (tmp_path / "a.csv").write_text("label,x,y,z,m1,m2,u\nslow,1,2,3,90,-180,4\nfast,1,2,3,45,0,-2\n")
+    mapping = {
+        "header": True, "rate_hz": 10, "length_unit": "mm", "stations": {"tip": {"position": ["x", "y", "z"]}},
+        "inputs": [{"columns": ["m1", "m2"], "kind": "angle", "unit": "deg", "names": ["left", "right"]},
+                   {"columns": ["u"], "kind": "displacement", "unit": "mm"}],
+    }  # fmt: skip
+    ds = read(tmp_path / "a.csv", mapping=mapping)
+    np.testing.assert_allclose(ds["actuation"], [[np.pi / 2, -np.pi, 4e-3], [np.pi / 4, 0, -2e-3]])
+    assert ds["input"].values.tolist() == ["left", "right", "u"]
+    assert [(one.kind, one.unit) for one in recorded_inputs(ds)] == [("angle", "rad")] * 2 + [("displacement", "m")]
+    assert "1 column(s) of a.csv are not in the mapping and were left out: label" in ds.attrs["history"]
+    halved = read(tmp_path / "a.csv", mapping=mapping | {"linear": {"u": {"scale": 0.5, "offset": 1, "unit": "mm"}}})
+    np.testing.assert_allclose(halved["actuation"].values[:, 2], [3e-3, 0])
+    log = read(tmp_path / "a.csv", mapping={k: v for k, v in mapping.items() if k not in ("stations", "length_unit")})
+    assert "time" not in log.coords
+    assert log["input_time"].values.tolist() == [0, 0.1]
+    for change, message in (
+        ({"inputs": {"columns": ["m1"], "kind": "speed", "unit": "deg"}}, "inputs.0.kind"),
+        ({"inputs": {"columns": ["m1"], "kind": "angle", "unit": "N"}}, "unit of angle 'N'"),
+        ({"inputs": {"columns": ["m1"], "kind": "angle", "unit": "deg", "names": ["a", "b"]}}, "1 columns need 1"),
+        ({"inputs": {"columns": ["label"], "kind": "angle", "unit": "deg"}}, "cell 1 .* is not a number: 'slow'"),
+        ({"inputs": {"columns": ["m1", "m1"], "kind": "angle", "unit": "deg"}}, "input names must differ"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read(tmp_path / "a.csv", mapping=mapping | change)

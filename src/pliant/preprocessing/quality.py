@@ -16,6 +16,7 @@ from pliant.preprocessing.labels import exchanged
 from pliant.preprocessing.plausibility import UNITS, Case, doubts
 from pliant.preprocessing.plausibility.shape import extent
 from pliant.preprocessing.pressure_clock import clock_sentences, pressure_clock
+from pliant.recording.inputs import recorded_inputs
 from pliant.recording.schema import check_recording
 
 if TYPE_CHECKING:
@@ -64,6 +65,8 @@ class Quality(Shown):
         the first to the last station that holds most of the motion.
     pressure_kpa : dict
         Per chamber: (smallest, largest).
+    input_range : dict
+        Per input other than pressure: (smallest, largest, unit), in N, mm or degrees.
     pressure_samples, pressure_duration_s, pressure_rate_hz : int, float, float
         Of a pressure with a clock of its own.
     pressure_gaps : tuple of (sample, start_s, length_s, missing)
@@ -99,6 +102,7 @@ class Quality(Shown):
     step_deg: dict[str, float] = field(default_factory=dict)
     out_of_plane_share: float = float("nan")
     pressure_kpa: dict[str, tuple[float, float]] = field(default_factory=dict)
+    input_range: dict[str, tuple[float, float, str]] = field(default_factory=dict)
     pressure_samples: int = 0
     pressure_duration_s: float = 0.0
     pressure_rate_hz: float = float("nan")
@@ -112,6 +116,8 @@ class Quality(Shown):
         if self.frames:
             of = f"{self.stations} station(s)" if self.stations else "strain"
             lines = [f"{self.frames} frames of {of}{spanned(self.duration_s, self.rate_hz)}"]
+        elif self.input_range and not self.pressure_samples:
+            lines = [f"log of {len(self.input_range)} inputs, without a shape"]
         else:
             of = f" of {len(self.pressure_kpa)} chambers" if len(self.pressure_kpa) > 1 else ""
             lines = [f"log of {self.pressure_samples} pressure samples{of}{spanned(self.duration_s, self.rate_hz)}"]
@@ -131,6 +137,8 @@ class Quality(Shown):
             lines.append(f"out of the plane of bending: {100 * self.out_of_plane_share:.2g} % of the motion")
         for name, (low, high) in self.pressure_kpa.items():
             lines.append(f"pressure {name}: {low:.3g} to {high:.3g} kPa")
+        for name, (low, high, unit) in self.input_range.items():
+            lines.append(f"input {name}: {low:.3g} to {high:.3g} {unit}")
         lines += [f"! {finding}" for finding in self.findings] or ["nothing suspicious was found"]
         return "\n".join(lines)
 
@@ -182,6 +190,7 @@ def quality(ds: xr.Dataset) -> Quality:
         found["missing"] = {str(c): int(n) for c, n in zip(ds["core"].values, lost, strict=True) if n}
     if "pressure" in ds:
         found |= {"pressure_kpa": _pressure_range(ds), **pressure_clock(ds)}
+    found["input_range"] = _input_range(ds)
     if "time" not in ds.coords:
         found |= {to: found[of] for to, of in OF_A_LOG.items() if of in found}
     found["doubts"] = doubts(Case(ds, found.get("swapped", {})), "recording")
@@ -189,7 +198,7 @@ def quality(ds: xr.Dataset) -> Quality:
     first = [sentence for check, sentence in result.doubts.items() if check in UNITS]  # the rest may follow from it
     later = [sentence for check, sentence in result.doubts.items() if check not in UNITS]
     clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
-    findings = (*first, *_sentences(result), *clock, *_lost_pressure(ds), *_hardly_moves(ds, result), *later)
+    findings = (*first, *_sentences(result), *clock, *_lost_inputs(ds), *_hardly_moves(ds, result), *later)
     return replace(result, findings=findings)
 
 
@@ -271,6 +280,18 @@ def _pressure_range(ds: xr.Dataset) -> dict[str, tuple[float, float]]:
     return {n: (float(v.min()), float(v.max())) if v.size else (nan, nan) for n, v in seen.items()}
 
 
+SHOWN_IN = {"tension": (1.0, "N"), "displacement": (1e3, "mm"), "angle": (float(np.rad2deg(1.0)), "degrees")}
+
+
+def _input_range(ds: xr.Dataset) -> dict[str, tuple[float, float, str]]:
+    found = {}
+    for one in (i for i in recorded_inputs(ds) if i.kind in SHOWN_IN):
+        factor, unit = SHOWN_IN[one.kind]
+        seen = factor * one.values[np.isfinite(one.values)]
+        found[one.name] = (float(seen.min(initial=np.inf)), float(seen.max(initial=-np.inf)), unit)
+    return found
+
+
 def _listed(counts: dict[str, int]) -> str:
     if len(counts) > 6 and len(set(counts.values())) == 1:
         return f"{next(iter(counts.values()))} in each of {len(counts)} stations"
@@ -311,9 +332,10 @@ def _sentences(q: Quality) -> list[str]:
     return said
 
 
-def _lost_pressure(ds: xr.Dataset) -> list[str]:
-    lost = int(np.isnan(ds["pressure"].values).sum()) if "pressure" in ds else 0
-    return [f"{lost} samples of pressure are missing"] if lost else []
+def _lost_inputs(ds: xr.Dataset) -> list[str]:
+    lost = {name: int(np.isnan(ds[name].values).sum()) for name in ("pressure", "actuation") if name in ds}
+    called = {"pressure": "pressure", "actuation": "inputs other than pressure"}
+    return [f"{count} samples of {called[name]} are missing" for name, count in lost.items() if count]
 
 
 def _hardly_moves(ds: xr.Dataset, q: Quality) -> list[str]:

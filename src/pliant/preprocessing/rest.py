@@ -8,6 +8,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing import detectors
+from pliant.recording.inputs import recorded_inputs
 from pliant.recording.schema import check_recording
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ HALF_WINDOW_S = 0.1
 STILL_SHARE = 0.03  # of the largest travel
 EARLY_SHARE = 0.1  # of it: what a body at rest may drift before the still stretch
 LEAST_REST_S = 0.1
-PRESSURE_SHARE = 0.05
+INPUT_SHARE = 0.05
 FEWEST_FRAMES = 3
 STILL_FRAMES = 0.95
 
@@ -26,7 +27,7 @@ STILL_FRAMES = 0.95
 def rest_window(ds: xr.Dataset) -> tuple[float, float]:
     """Find the still stretch before the first motion.
 
-    Where pressure was measured, it is the time before the pressure first leaves its start by 5 % of its range, if
+    Where inputs were measured, it is the time before one of them first leaves its start by 5 % of its range, if
     that holds three frames and the body is still in it: a pressure on another clock than the shape's may rise long
     after the body moved. Otherwise the shape decides: a frame is still when, within 0.1 s around it, every station
     stays within 3 % of the largest travel or twenty times its noise, whichever is more. When no still stretch precedes
@@ -43,7 +44,7 @@ def rest_window(ds: xr.Dataset) -> tuple[float, float]:
     """
     check_recording(ds)
     time, position = ds["time"].values, shown(ds)
-    quiet = before_pressure(ds)
+    quiet = before_inputs(ds)
     if quiet is not None and still_within(position, time, quiet):
         return quiet
     runs = [run for run in _runs(_still(position, time)) if time[run[1]] - time[run[0]] >= LEAST_REST_S]
@@ -64,24 +65,26 @@ def shown(ds: xr.Dataset) -> NDArray:
     return detectors.spikes_bridged(ds["angle"].values[..., None])
 
 
-def before_pressure(ds: xr.Dataset) -> tuple[float, float] | None:
-    """First and last frame before a measured pressure moves; None without one, or with fewer than three frames."""
-    if "pressure" not in ds:
+def before_inputs(ds: xr.Dataset) -> tuple[float, float] | None:
+    """First and last frame before a measured input moves; None without one, or with fewer than three frames."""
+    inputs, starts = recorded_inputs(ds), []
+    for one in inputs:
+        moved = np.abs(one.values - np.nanmedian(one.values[:5])) > INPUT_SHARE * np.ptp(one.values)
+        starts += [one.time[int(np.argmax(moved))]] if moved.any() else []
+    if not inputs:
         return None
     time = ds["time"].values
-    pressure = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
-    moved = np.abs(pressure - np.nanmedian(pressure[:5], axis=0)) > PRESSURE_SHARE * np.ptp(pressure, axis=0)
-    first = int(np.argmax(moved.any(axis=1))) if moved.any() else 0
-    before = time[time < ds["pressure_time"].values[first]]
+    before = time[time < min(starts, default=inputs[0].time[0])]
     return (float(before[0]), float(before[-1])) if before.size >= FEWEST_FRAMES else None
 
 
 def clock_finding(ds: xr.Dataset) -> list[str]:
     """The sentence that a body which moves before its pressure deserves; none where it waits."""
-    window = before_pressure(ds)
+    window = before_inputs(ds)
     if window is None or still_within(shown(ds), ds["time"].values, window):
         return []
-    line = f"the body moves before the pressure does ({window[1]:.3g} s): their clocks differ, or a hand moved it"
+    what = "the pressure does" if "pressure" in ds else "its inputs do"
+    line = f"the body moves before {what} ({window[1]:.3g} s): their clocks differ, or a hand moved it"
     return [f"{line}; rest is taken from the shape"]
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from pliant.recording.camera import Camera
 from pliant.recording.mapping import FileMapping
@@ -35,6 +35,15 @@ class PressureColumns(FileMapping):
     chamber: list[str] | None = None
 
 
+class InputColumns(FileMapping):
+    """Columns of inputs other than pressure, their kind and unit, and their names."""
+
+    columns: list[Column] = Field(min_length=1)
+    kind: Literal["tension", "displacement", "angle"]
+    unit: str
+    names: list[str] | None = None
+
+
 class Select(FileMapping):
     """Keep the rows where `column` has `value`, such as one trial of several."""
 
@@ -63,7 +72,7 @@ class ColumnMapping(FileMapping):
         Instead of `length_unit`, where positions are pixels, x right and y down.
     stations : dict of StationColumns, optional
     points : Points, optional
-        Instead of `stations`. A table without either, and without `angles`, is a log of pressure.
+        Instead of `stations`. A table without either, and without `angles`, is a log of inputs.
     arc_length : list of float, m, optional
         From base to tip, one per station.
     angles : dict of columns, optional
@@ -71,6 +80,8 @@ class ColumnMapping(FileMapping):
     angle_unit : {"deg", "rad"}
         Of `angles`; needed with them.
     pressure : PressureColumns, optional
+    inputs : InputColumns or list of them, optional
+        Tensions or displacements of tendons, angles of motors.
     select : Select, optional
     rows : (first, last), optional
         Rows to keep after `select`, counted from 0, the last excluded.
@@ -90,8 +101,14 @@ class ColumnMapping(FileMapping):
     angle_unit: Literal["deg", "rad"] | None = None
     arc_length: list[float] | None = None
     pressure: PressureColumns | None = None
+    inputs: list[InputColumns] = Field(default=[])
     select: Select | None = None
     rows: tuple[int, int] | None = None
+
+    @field_validator("inputs", mode="before")
+    @classmethod
+    def _as_list(cls, value: Any) -> Any:
+        return [value] if hasattr(value, "items") else value
 
     @model_validator(mode="after")
     def _is_complete(self) -> Self:
@@ -101,8 +118,8 @@ class ColumnMapping(FileMapping):
         if self.stations and self.points is not None:
             raise ValueError("give either stations or points")
         placed = bool(self.stations) or self.points is not None
-        if not placed and not self.angles and self.pressure is None:
-            raise ValueError("give stations, points or angles, or pressure for a log of pressure alone")
+        if not placed and not self.angles and self.pressure is None and not self.inputs:
+            raise ValueError("give stations, points or angles, or pressure or inputs for a log of those alone")
         if self.angles and (placed or self.angle_unit is None):
             raise ValueError("angles stand alone, without stations or points, and need angle_unit, 'deg' or 'rad'")
         if placed and bool(self.length_unit) == (self.camera is not None):

@@ -25,8 +25,8 @@ from pliant.recording.column_mapping import Column, ColumnMapping, StationColumn
 from pliant.recording.mapping import shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
-from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
-from pliant.units import metre_per, pascal_per, radian_per
+from pliant.recording.tables import holds_number, judge_end, parse_numbers, read_text, split_cells
+from pliant.units import metre_per, newton_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -77,15 +77,15 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     if options.angles:
         return _turning(time, table, header, options, history)
     if not options.stations and options.points is None:
-        return _log(time, _pressure(table, header, options), history, path.name)
+        return _log(time, _pressure(table, header, options), _inputs(table, header, options), history, path.name)
     arrays, more = _stations(table, header, options)
     if options.camera is not None:
         arrays["position"], how = in_plane(arrays["position"], options.camera, path.parent)
         more.append(how)
     try:
         return make_recording(
-            time, **arrays, **_pressure(table, header, options), arc_length=options.arc_length,
-            history=[*history, *more],
+            time, **arrays, **_pressure(table, header, options), **_inputs(table, header, options),
+            arc_length=options.arc_length, history=[*history, *more],
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
@@ -102,18 +102,45 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, l
     cells = split_cells(lines[first], delimiter)
     body = first + 1 if options.header else first
     rows, findings = judge_end(lines[body:], delimiter, path.name)
+    header = ColumnHeader(cells if options.header else [], len(cells), path.name)
+    if options.header:
+        rows = _without_text(rows, delimiter, header, options)
     table = parse_numbers(rows, name=path.name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
-    return ColumnHeader(cells if options.header else [], len(cells), path.name), table, findings
+    return header, table, findings
+
+
+def _without_text(
+    rows: list[str], delimiter: str | None, header: ColumnHeader, options: ColumnMapping
+) -> list[str]:
+    """The rows with labels emptied: cells of the columns that the mapping leaves out and whose first one is text."""
+    first = split_cells(next((row for row in rows if row.strip()), ""), delimiter)
+    text = {k for k, cell in enumerate(first) if not holds_number(cell)}
+    if not text or len(first) != header.width or not (text := text - _used(header, options)):
+        return rows
+    emptied = []
+    for row in rows:
+        cells = split_cells(row, delimiter)
+        if len(cells) == header.width:
+            cells = ["nan" if k in text else cell for k, cell in enumerate(cells)]
+            row = (delimiter or " ").join(cells)  # noqa: PLW2901
+        emptied.append(row)
+    return emptied
+
+
+def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
+    """Columns that the mapping speaks of."""
+    wanted: list[Column | None] = [options.time, options.select.column if options.select else None]
+    wanted += options.pressure.columns if options.pressure else []
+    wanted += [column for group in options.inputs for column in group.columns]
+    wanted += list((options.angles or {}).values())
+    for station in _layout(options, header).values():
+        wanted += [*station.position, *(station.quaternion or [])]
+    return {header.index(column) for column in wanted if column is not None}
 
 
 def _unused(header: ColumnHeader, options: ColumnMapping) -> list[str]:
     """Which columns the mapping does not speak of."""
-    wanted: list[Column | None] = [options.time, options.select.column if options.select else None]
-    wanted += options.pressure.columns if options.pressure else []
-    wanted += list((options.angles or {}).values())
-    for station in _layout(options, header).values():
-        wanted += [*station.position, *(station.quaternion or [])]
-    used = {header.index(column) for column in wanted if column is not None}
+    used = _used(header, options)
     left = [header.names[i] if header.names else i for i in range(header.width) if i not in used]
     told = f"{len(left)} column(s) of {header.file} are not in the mapping and were left out: {shorten(left)}"
     return [told] if left else []
@@ -147,12 +174,17 @@ def _time(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple
     return unwrapped(table[:, header.index(options.time)], options.time_unit, header.file)
 
 
-def _log(time: NDArray, pressure: dict[str, Any], history: list[str], file: str) -> xr.Dataset:
-    """A recording of pressure alone."""
+def _log(
+    time: NDArray, pressure: dict[str, Any], inputs: dict[str, Any], history: list[str], file: str
+) -> xr.Dataset:
+    """A recording of pressure or other inputs alone."""
     keep, repeats = without_repeats(time, file)
-    values = pressure.pop("pressure")[keep]
+    driven = {**pressure, **inputs}
+    for name, clock in (("pressure", "pressure_time"), ("actuation", "input_time")):
+        if name in driven:
+            driven |= {name: driven[name][keep], clock: time[keep]}
     try:
-        return make_recording(pressure=values, pressure_time=time[keep], history=[*history, *repeats], **pressure)
+        return make_recording(history=[*history, *repeats], **driven)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
 
@@ -165,11 +197,11 @@ def _turning(
     keep, repeats = without_repeats(time, file)
     columns = [header.index(column) for column in angles.values()]
     angle, turns = whole_turns(table[keep][:, columns] * radian_per(options.angle_unit or "rad"))
-    pressure = _pressure(table[keep], header, options)
+    driven = {**_pressure(table[keep], header, options), **_inputs(table[keep], header, options)}
     try:
         return make_recording(
             time[keep], angle=angle, station=list(angles), frame="planar", arc_length=options.arc_length,
-            history=[*history, *repeats, *turns], **pressure,
+            history=[*history, *repeats, *turns], **driven,
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
@@ -247,6 +279,26 @@ def _pressure(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> d
         return {"pressure": values[:, 0]}
     chamber = options.pressure.chamber or [str(c) for c in options.pressure.columns]
     return {"pressure": values, "chamber": chamber}
+
+
+INPUT_SI = {"tension": newton_per, "displacement": metre_per, "angle": radian_per}
+
+
+def _inputs(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> dict[str, Any]:
+    """Arguments of a recording for the inputs other than pressure."""
+    if not options.inputs:
+        return {}
+    values, names, kinds = [], [], []
+    for group in options.inputs:
+        indices = [header.index(c) for c in group.columns]
+        given = group.names or [header.names[i] if header.names else f"column_{i}" for i in indices]
+        if len(given) != len(indices):
+            raise InputError(f"inputs of {header.file}: {len(indices)} columns need {len(indices)} names, but "
+                             f"{len(given)} came")  # fmt: skip
+        values.append(table[:, indices] * INPUT_SI[group.kind](group.unit))
+        names += given
+        kinds += [group.kind] * len(indices)
+    return {"actuation": np.concatenate(values, axis=1), "input_names": names, "input_kind": kinds}
 
 
 READER = Reader("columns", ENDINGS["columns"], read_columns, needs_mapping=True)

@@ -1,7 +1,7 @@
 """Scale and offset of a recorded channel: raw counts, absolute pressure, a gain that the file does not know.
 
-A mapping of any format may hold them, by variable (``pressure``, ``angle``, ``position``, ``strain``) or by the name of
-one chamber, station or core::
+A mapping of any format may hold them, by variable (``pressure``, ``actuation``, ``angle``, ``position``, ``strain``) or
+by the name of one chamber, input, station or core::
 
     [linear.pressure]
     scale = 0.0244      # value = scale * what the file holds + offset
@@ -18,14 +18,14 @@ from pydantic import Field
 
 from pliant.errors import InputError
 from pliant.recording.mapping import FileMapping
-from pliant.units import metre_per, pascal_per, radian_per
+from pliant.units import input_per, metre_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
     import xarray as xr
 
 CHANNELS: dict[str, tuple[str, Callable[[str], float] | None]] = {  # variable -> dimension of its channels, its units
     "pressure": ("chamber", pascal_per), "angle": ("station", radian_per), "position": ("station", metre_per),
-    "strain": ("core", None),
+    "strain": ("core", None), "actuation": ("input", input_per),
 }  # fmt: skip
 KEY = "linear"
 

@@ -98,7 +98,8 @@ def read_recording(
         ``linear`` scales channels of any format, see `pliant.recording.linear`.
     format : str, optional
         Name of the format. Default: ``format`` of the mapping, or found from the ending and the first bytes of the
-        file. A mapping that describes ``stations``, ``points`` or ``pressure`` by columns means the format ``columns``.
+        file. A mapping that describes ``stations``, ``points``, ``inputs`` or ``pressure`` by columns means the format
+        ``columns``.
 
     Returns
     -------
@@ -169,7 +170,7 @@ def looks_like(head: bytes, but: str = "") -> str:
 def describes_columns(mapping: Mapping[str, Any]) -> bool:
     """Whether a mapping says what the columns of a table mean."""
     pressure = mapping.get("pressure")
-    named = bool({"points", "angles"} & set(mapping))
+    named = bool({"points", "angles", "inputs"} & set(mapping))
     named = named or not isinstance(mapping.get("stations", []), list)  # a list chooses among names
     return named or (isinstance(pressure, dict) and "columns" in pressure)
 

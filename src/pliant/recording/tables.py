@@ -101,6 +101,11 @@ def _digits(cell: str) -> int:
     return sum(c.isdigit() for c in cell)
 
 
+def holds_number(cell: str) -> bool:
+    """Whether a cell holds a number, with a decimal point or comma, or marks a missing one."""
+    return cell in MISSING or NUMBER.fullmatch(cell.replace(",", ".")) is not None
+
+
 def parse_numbers(
     lines: Sequence[str], *, name: str, first_line: int, delimiter: str | None, columns: int
 ) -> NDArray[np.float64]:
