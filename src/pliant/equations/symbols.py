@@ -37,6 +37,21 @@ class ExtensibleBody(NamedTuple):
     gy: float  # m/s^2
 
 
+class SpatialBody(NamedTuple):
+    """Constants of a chain in space: `spatial`. Links are bodies of revolution; a tip mass belongs to the last."""
+
+    length: np.ndarray  # (n + 1,) m, the part before the first joint first
+    mass: np.ndarray  # (n,)   kg, of the links behind joints: the part before the first joint does not move
+    centre: np.ndarray  # (n,)   m, from the joint to the centre of mass, on the link's axis
+    lateral: np.ndarray  # (n,)   kg m^2, moment of inertia about an axis across the link through its centre of mass
+    axial: np.ndarray  # (n,)   kg m^2, about the link's own axis
+    rest: np.ndarray  # (n, 3, 3) rotation at each joint in the rest shape
+    base: np.ndarray  # (3, 3) rotation of the part before the first joint; its third column is the base tangent
+    gx: float  # m/s^2, gravity in fixed axes
+    gy: float  # m/s^2
+    gz: float  # m/s^2
+
+
 class Links(NamedTuple):
     """The links one by one, as the paper's recursion takes them."""
 
@@ -188,3 +203,31 @@ class ExtensibleWorkspace(NamedTuple):
     ay: np.ndarray  # (n + 1,)
     bx: np.ndarray  # (n + 1,)
     by: np.ndarray  # (n + 1,)
+
+
+class SpatialWorkspace(NamedTuple):
+    """Scratch arrays of one step of a chain in space, with N = 2 n coordinates, or 3 n where it twists: `spatial`."""
+
+    A: np.ndarray  # (N, N)
+    a: np.ndarray  # (N,)
+    t: np.ndarray  # (N,)
+    f: np.ndarray  # (N,)
+    q: np.ndarray  # (N,) the coordinates in the middle of the step
+    v: np.ndarray  # (N,) the rates there
+    tau: np.ndarray  # (N,) N m, what the inputs give each coordinate
+    R: np.ndarray  # (n + 1, 3, 3) rotations of the links, the part before the first joint first
+    r: np.ndarray  # (n + 1, 3) m, where they start
+    P: np.ndarray  # (n, 3, 3) frames of the joints
+    series: np.ndarray  # (n, 4) c2, c3 and their derivatives, of `spatial.stumpff`
+    S: np.ndarray  # (N, 3) axes of the coordinates
+    E: np.ndarray  # (N, 3)
+    F: np.ndarray  # (N, 3)
+    N: np.ndarray  # (N, 3)
+    C: np.ndarray  # (n, 3) kg m, first moment of each link with all beyond it
+    J: np.ndarray  # (n, 3, 3) kg m^2, its inertia
+    L: np.ndarray  # (n, 3) N
+    M: np.ndarray  # (n, 3) N m
+    omega: np.ndarray  # (3,) rad/s
+    alpha: np.ndarray  # (3,) rad/s^2
+    lift: np.ndarray  # (3,) m/s^2, acceleration of a joint, less gravity
+    turn: np.ndarray  # (3,) rad/s

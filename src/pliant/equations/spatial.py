@@ -1,0 +1,359 @@
+"""The chain in space, Eq. (5) with a swing of two coordinates at every joint, and a twist where wanted.
+
+Coordinates x = (a_1, b_1 ... a_n, b_n), then (c_1 ... c_n) where joints twist, rad. The rotation of link k is
+R_k = P_k exp([a_k, b_k, 0]) Rz(c_k) with P_k = R_{k-1} R_rest,k, and the link points along its third column z_k. R_0,
+of the part before the first joint, is constant. With y = a^2 + b^2 and Stumpff's functions c_j(y), exp(v) =
+c0 + c1 [v] + c2 v v^T turns as J_l dv/dt, J_l = 1 + c2 [v] + c3 [v]^2: no branch, no root, no division. Regular in all
+direction below a swing of 2 pi.
+
+All vectors have fixed axes, so that none is transformed from link to link. A link is a body of revolution whose centre
+of mass lies on its axis: its inertia is a mass and the moments along and across the axis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.equations.spatial_springs import add_spring_slopes, joint_torques
+from pliant.numerics.ldl import ldl_factor, ldl_solve
+
+TERMS = 14  # to rounding for swings up to 4 rad
+FACTORIALS = np.cumprod(np.arange(1.0, 2 * TERMS + 4))  # of 1, 2, 3 ...
+C4 = tuple((-1.0) ** j / float(FACTORIALS[2 * j + 3]) for j in range(TERMS))  # (-1)^j / (2 j + 4)!
+C5 = tuple((-1.0) ** j / float(FACTORIALS[2 * j + 4]) for j in range(TERMS))
+
+
+def stumpff(y):
+    """Return c2, c3 and their derivatives by y, c_k(y) = sum_j (-y)^j / (2 j + k)!, from the series of c4 and c5.
+
+    c_k = 1/k! - y c_{k+2} and c_k' = (k c_{k+2} - c_{k+1}) / 2. Exact to rounding for y <= 16.
+
+    Source: Stiefel and Scheifele, Linear and Regular Celestial Mechanics (1971), Sec. 11
+    """
+    c4 = C4[TERMS - 1] * y + C4[TERMS - 2]
+    c5 = C5[TERMS - 1] * y + C5[TERMS - 2]
+    for j in range(TERMS - 3, -1, -1):
+        c4 = c4 * y + C4[j]
+        c5 = c5 * y + C5[j]
+    c3 = 1.0 / 6.0 - y * c5
+    return 0.5 - y * c4, c3, c4 - 0.5 * c3, 1.5 * c5 - 0.5 * c4
+
+
+def pose_links(x, body, work):
+    """Write rotations R (n + 1, 3, 3), starts r (n + 1, 3) [m] and axes S (N, 3) of all links at x (N,) into `work`.
+
+    R[0] and r[0] are those of the part before the first joint; r[k] is the joint, counted from 1, of link k. Row i of
+    S is the angular velocity of all links beyond the joint for a unit rate of x_i. `work.P` (n, 3, 3) has the frames of
+    the joints, `work.series` (n, 4) what `stumpff` returns.
+    """
+    n = len(body.mass)
+    for i in range(3):
+        work.r[0, i] = 0.0
+        for j in range(3):
+            work.R[0, i, j] = body.base[i, j]
+    for k in range(n):
+        for i in range(3):
+            work.r[k + 1, i] = work.r[k, i] + body.length[k] * work.R[k, i, 2]
+            for j in range(3):
+                turned = work.R[k, i, 0] * body.rest[k, 0, j] + work.R[k, i, 1] * body.rest[k, 1, j]
+                work.P[k, i, j] = turned + work.R[k, i, 2] * body.rest[k, 2, j]
+        swing(k, x[2 * k], x[2 * k + 1], work)
+        if len(x) > 2 * n:
+            twist(2 * n + k, k + 1, x[2 * n + k], work)
+
+
+def swing(k, a, b, work):
+    """Turn link k, counted from 0, out of the frame of its joint by the rotation vector (a, b, 0) [rad]."""
+    y = a * a + b * b
+    c2, c3, d2, d3 = stumpff(y)
+    work.series[k, 0] = c2
+    work.series[k, 1] = c3
+    work.series[k, 2] = d2
+    work.series[k, 3] = d3
+    c1 = 1.0 - y * c3
+    cross = c3 * a * b
+    mixed = c2 * a * b
+    for i in range(3):
+        px = work.P[k, i, 0]
+        py = work.P[k, i, 1]
+        pz = work.P[k, i, 2]
+        work.S[2 * k, i] = px * (1.0 - c3 * b * b) + py * cross - pz * (c2 * b)
+        work.S[2 * k + 1, i] = px * cross + py * (1.0 - c3 * a * a) + pz * (c2 * a)
+        work.R[k + 1, i, 0] = px * (1.0 - c2 * b * b) + py * mixed - pz * (c1 * b)
+        work.R[k + 1, i, 1] = px * mixed + py * (1.0 - c2 * a * a) + pz * (c1 * a)
+        work.R[k + 1, i, 2] = (px * b - py * a) * c1 + pz * (1.0 - c2 * y)
+
+
+def twist(i, k, angle, work):
+    """Turn link k of `work.R` about its axis, which is the axis S of coordinate i."""
+    c = np.cos(angle)
+    s = np.sin(angle)
+    for j in range(3):
+        x = work.R[k, j, 0]
+        y = work.R[k, j, 1]
+        work.S[i, j] = work.R[k, j, 2]
+        work.R[k, j, 0] = c * x + s * y
+        work.R[k, j, 1] = c * y - s * x
+
+
+def composites(body, work):
+    """Write of each link with all that it carries the first moment C (n, 3) [kg m] and inertia J (n, 3, 3) [kg m^2].
+
+    Both about the joint that the link begins at. J = J_next + m l^2 (1 - z z^T) + l (2 (z . C) 1 - z C^T - C z^T) and
+    the link's own, m the mass and C the first moment of what it carries.
+    """
+    n = len(body.mass)
+    mass = 0.0 * body.mass[0]  # beyond the link
+    for k in range(n - 1, -1, -1):
+        length = body.length[k + 1]
+        across = body.lateral[k] + body.mass[k] * body.centre[k] * body.centre[k] + mass * length * length
+        moment = body.mass[k] * body.centre[k] + mass * length
+        round_axis = body.axial[k] - across
+        for i in range(3):
+            z = work.R[k + 1, i, 2]
+            work.C[k, i] = moment * z
+            for j in range(i + 1):
+                work.J[k, i, j] = round_axis * z * work.R[k + 1, j, 2]
+            work.J[k, i, i] = work.J[k, i, i] + across
+        if k < n - 1:
+            carry(k, length, work)
+        for i in range(3):
+            for j in range(i):
+                work.J[k, j, i] = work.J[k, i, j]
+        mass = mass + body.mass[k]
+
+
+def carry(k, length, work):
+    """Add to C and the lower triangle of J of link k those of the links beyond it."""
+    along = 0.0 * length
+    for i in range(3):
+        along = along + work.R[k + 1, i, 2] * work.C[k + 1, i]
+    for i in range(3):
+        z = length * work.R[k + 1, i, 2]
+        for j in range(i + 1):
+            pair = z * work.C[k + 1, j] + length * work.R[k + 1, j, 2] * work.C[k + 1, i]
+            work.J[k, i, j] = work.J[k, i, j] + work.J[k + 1, i, j] - pair
+        work.J[k, i, i] = work.J[k, i, i] + 2.0 * length * along
+        work.C[k, i] = work.C[k, i] + work.C[k + 1, i]
+
+
+def inertia(quarter, body, work, A):
+    """Write the lower triangle of A (N, N): the inertia M and `quarter` [s^2] times the slope of the weight, kg m^2.
+
+    For coordinate i before j on the way to the tip, M_ij = s_i . (J s_j + (r_j - r_i) x f_j) with f_j = s_j x C, and
+    the slope of the weight is s_i . (g x f_j): it moves r_j by `quarter` g. Between the two of a swing the slope is
+    made symmetric; what the turn of their axes adds to it vanishes where the joint is straight and is left out.
+
+    Source: Featherstone, Rigid Body Dynamics Algorithms, Sec. 6.2, in fixed axes
+    """
+    n = len(body.mass)
+    composites(body, work)
+    for j in range(A.shape[0]):
+        moment_of_turn(j, j // 2 if j < 2 * n else j - 2 * n, quarter, body, work)
+    for j in range(A.shape[0]):
+        k = j // 2 if j < 2 * n else j - 2 * n
+        for i in range(A.shape[0]):
+            before = i // 2 if i < 2 * n else i - 2 * n
+            if before < k or (before == k and i <= j):
+                value = work.S[i, 0] * work.N[j, 0] + work.E[i, 0] * work.F[j, 0]
+                value = value + (work.S[i, 1] * work.N[j, 1] + work.E[i, 1] * work.F[j, 1])
+                A[max(i, j), min(i, j)] = value + (work.S[i, 2] * work.N[j, 2] + work.E[i, 2] * work.F[j, 2])
+    for k in range(n):
+        i = 2 * k
+        sc = work.S[i, 0] * work.C[k, 0] + work.S[i, 1] * work.C[k, 1] + work.S[i, 2] * work.C[k, 2]
+        tc = work.S[i + 1, 0] * work.C[k, 0] + work.S[i + 1, 1] * work.C[k, 1] + work.S[i + 1, 2] * work.C[k, 2]
+        sg = work.S[i, 0] * body.gx + work.S[i, 1] * body.gy + work.S[i, 2] * body.gz
+        tg = work.S[i + 1, 0] * body.gx + work.S[i + 1, 1] * body.gy + work.S[i + 1, 2] * body.gz
+        A[i + 1, i] = A[i + 1, i] + 0.5 * quarter * (sc * tg - sg * tc)
+
+
+def moment_of_turn(j, k, quarter, body, work):
+    """Write force F and moment N about the origin for a unit acceleration of coordinate j, of link k, and E = r x s."""
+    sx = work.S[j, 0]
+    sy = work.S[j, 1]
+    sz = work.S[j, 2]
+    x = work.r[k + 1, 0]
+    y = work.r[k + 1, 1]
+    z = work.r[k + 1, 2]
+    fx = sy * work.C[k, 2] - sz * work.C[k, 1]
+    fy = sz * work.C[k, 0] - sx * work.C[k, 2]
+    fz = sx * work.C[k, 1] - sy * work.C[k, 0]
+    work.E[j, 0] = y * sz - z * sy
+    work.E[j, 1] = z * sx - x * sz
+    work.E[j, 2] = x * sy - y * sx
+    x = x + quarter * body.gx
+    y = y + quarter * body.gy
+    z = z + quarter * body.gz
+    work.F[j, 0] = fx
+    work.F[j, 1] = fy
+    work.F[j, 2] = fz
+    work.N[j, 0] = work.J[k, 0, 0] * sx + work.J[k, 0, 1] * sy + work.J[k, 0, 2] * sz + (y * fz - z * fy)
+    work.N[j, 1] = work.J[k, 1, 0] * sx + work.J[k, 1, 1] * sy + work.J[k, 1, 2] * sz + (z * fx - x * fz)
+    work.N[j, 2] = work.J[k, 2, 0] * sx + work.J[k, 2, 1] * sy + work.J[k, 2, 2] * sz + (x * fy - y * fx)
+
+
+def inertial_forces(x, v, body, work, f):
+    """Write centrifugal, Coriolis and gravity forces f (N,) on the left-hand side of Eq. (5) at rates v (N,); N m.
+
+    `work` holds the pose at x. From the base, which accelerates by -g, go the accelerations that links have without any
+    of x; from the tip come the moments that they need about each joint. Those of a link alone are
+    z x (c F + I_across z'') + I_along ((alpha . z) z + (omega . z) z').
+
+    Source: Featherstone, Rigid Body Dynamics Algorithms, Sec. 5.3 (Newton and Euler, recursively), in fixed axes
+    """
+    n = len(body.mass)
+    for i in range(3):
+        work.omega[i] = 0.0
+        work.alpha[i] = 0.0
+    work.lift[0] = -body.gx
+    work.lift[1] = -body.gy
+    work.lift[2] = -body.gz
+    for k in range(n):
+        swing_rates(k, x, v, work)
+        if len(x) > 2 * n:
+            turn_on(work.S[2 * n + k], v[2 * n + k], work)
+        link_force(k, body, work)
+    for k in range(n - 1, -1, -1):
+        if k < n - 1:
+            pass_down(k, body.length[k + 1], work)
+        for i in range(2 * k, 2 * k + 2):
+            f[i] = work.S[i, 0] * work.M[k, 0] + work.S[i, 1] * work.M[k, 1] + work.S[i, 2] * work.M[k, 2]
+        if len(x) > 2 * n:
+            i = 2 * n + k
+            f[i] = work.S[i, 0] * work.M[k, 0] + work.S[i, 1] * work.M[k, 1] + work.S[i, 2] * work.M[k, 2]
+
+
+def swing_rates(k, x, v, work):
+    """Carry angular velocity and acceleration over the swing of link k.
+
+    The rate of J_l dv/dt, seen from the frame of the joint and at constant rates (da, db) of the swing, is
+    kappa (d3 b + c3 db, -(d3 a + c3 da), d2), kappa = a db - b da, with d_j the rate of c_j.
+    """
+    a = x[2 * k]
+    b = x[2 * k + 1]
+    da = v[2 * k]
+    db = v[2 * k + 1]
+    kappa = a * db - b * da
+    growth = 2.0 * (a * da + b * db)
+    c3 = work.series[k, 1]
+    d3 = work.series[k, 3] * growth
+    px = kappa * (d3 * b + c3 * db)
+    py = -kappa * (d3 * a + c3 * da)
+    pz = kappa * (work.series[k, 2] * growth)
+    for i in range(3):
+        work.alpha[i] = work.alpha[i] + (work.P[k, i, 0] * px + work.P[k, i, 1] * py + work.P[k, i, 2] * pz)
+        work.turn[i] = work.S[2 * k, i] * da + work.S[2 * k + 1, i] * db
+    turn_on(work.turn, 1.0, work)
+
+
+def turn_on(axis, rate, work):
+    """Add a turn about an axis that moves along: its rate to angular velocity, the axis' motion to acceleration."""
+    tx = axis[0] * rate
+    ty = axis[1] * rate
+    tz = axis[2] * rate
+    wx = work.omega[0]
+    wy = work.omega[1]
+    wz = work.omega[2]
+    work.alpha[0] = work.alpha[0] + (wy * tz - wz * ty)
+    work.alpha[1] = work.alpha[1] + (wz * tx - wx * tz)
+    work.alpha[2] = work.alpha[2] + (wx * ty - wy * tx)
+    work.omega[0] = wx + tx
+    work.omega[1] = wy + ty
+    work.omega[2] = wz + tz
+
+
+def link_force(k, body, work):
+    """Write force L [N] and moment M about the joint [N m] that move link k; carry the joint's acceleration on."""
+    wx = work.omega[0]
+    wy = work.omega[1]
+    wz = work.omega[2]
+    x = work.R[k + 1, 0, 2]
+    y = work.R[k + 1, 1, 2]
+    z = work.R[k + 1, 2, 2]
+    dx = wy * z - wz * y  # z'
+    dy = wz * x - wx * z
+    dz = wx * y - wy * x
+    ux = (work.alpha[1] * z - work.alpha[2] * y) + (wy * dz - wz * dy)  # z''
+    uy = (work.alpha[2] * x - work.alpha[0] * z) + (wz * dx - wx * dz)
+    uz = (work.alpha[0] * y - work.alpha[1] * x) + (wx * dy - wy * dx)
+    reach = body.mass[k] * body.centre[k]
+    across = body.lateral[k] + reach * body.centre[k]
+    hx = reach * work.lift[0] + across * ux
+    hy = reach * work.lift[1] + across * uy
+    hz = reach * work.lift[2] + across * uz
+    spin = body.axial[k] * (wx * x + wy * y + wz * z)
+    gain = body.axial[k] * (work.alpha[0] * x + work.alpha[1] * y + work.alpha[2] * z)
+    work.M[k, 0] = y * hz - z * hy + gain * x + spin * dx
+    work.M[k, 1] = z * hx - x * hz + gain * y + spin * dy
+    work.M[k, 2] = x * hy - y * hx + gain * z + spin * dz
+    work.L[k, 0] = body.mass[k] * work.lift[0] + reach * ux
+    work.L[k, 1] = body.mass[k] * work.lift[1] + reach * uy
+    work.L[k, 2] = body.mass[k] * work.lift[2] + reach * uz
+    work.lift[0] = work.lift[0] + body.length[k + 1] * ux
+    work.lift[1] = work.lift[1] + body.length[k + 1] * uy
+    work.lift[2] = work.lift[2] + body.length[k + 1] * uz
+
+
+def pass_down(k, length, work):
+    """Add to force and moment of link k those of the links beyond it."""
+    x = length * work.R[k + 1, 0, 2]
+    y = length * work.R[k + 1, 1, 2]
+    z = length * work.R[k + 1, 2, 2]
+    fx = work.L[k + 1, 0]
+    fy = work.L[k + 1, 1]
+    fz = work.L[k + 1, 2]
+    work.M[k, 0] = work.M[k, 0] + work.M[k + 1, 0] + (y * fz - z * fy)
+    work.M[k, 1] = work.M[k, 1] + work.M[k + 1, 1] + (z * fx - x * fz)
+    work.M[k, 2] = work.M[k, 2] + work.M[k + 1, 2] + (x * fy - y * fx)
+    work.L[k, 0] = work.L[k, 0] + fx
+    work.L[k, 1] = work.L[k, 1] + fy
+    work.L[k, 2] = work.L[k, 2] + fz
+
+
+def acceleration(x, v, torque, body, joints, work, a):
+    """Write the accelerations a (N,) of all coordinates, rad/s^2; as `motion.acceleration`.
+
+    `torque` (N,) is what drives each coordinate [N m]. `work.A` keeps the factors of M.
+
+    Paper: Eq. (5) [eq:eom], in space
+    """
+    pose_links(x, body, work)
+    joint_torques(x, v, joints, torque, 0.0, work.t)
+    inertial_forces(x, v, body, work, work.f)
+    for i in range(len(x)):
+        a[i] = work.t[i] - work.f[i]
+    inertia(0.0, body, work, work.A)
+    ldl_factor(work.A)
+    ldl_solve(work.A, a)
+
+
+def step(x, v, h, torque, body, joints, work):
+    """Advance x and v (N,) in place by h [s] under the mean torques (N,): the step of `motion.step`.
+
+    Springs, dampers and the slope of gravity are implicit; what goes with the square of the rates is taken at their
+    middle by a second solve with the same factors. `work.a` keeps the change of v.
+
+    Source: as `motion.step`, written for Eq. (5) [eq:eom] in space
+    """
+    half = 0.5 * h
+    a = work.a
+    for i in range(len(x)):
+        work.q[i] = x[i] + half * v[i]
+    pose_links(work.q, body, work)
+    joint_torques(x, v, joints, torque, half, work.t)
+    inertia(half * half, body, work, work.A)
+    add_spring_slopes(work.q, half, joints, work.A)
+    ldl_factor(work.A)
+    inertial_forces(work.q, v, body, work, work.f)
+    for i in range(len(x)):
+        a[i] = h * (work.t[i] - work.f[i])
+    ldl_solve(work.A, a)
+    for i in range(len(x)):
+        work.v[i] = v[i] + 0.5 * a[i]
+    inertial_forces(work.q, work.v, body, work, work.f)
+    for i in range(len(x)):
+        a[i] = h * (work.t[i] - work.f[i])
+    ldl_solve(work.A, a)
+    for i in range(len(x)):
+        x[i] = x[i] + h * (v[i] + 0.5 * a[i])
+        v[i] = v[i] + a[i]

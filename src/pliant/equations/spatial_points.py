@@ -1,0 +1,124 @@
+"""Points of a chain in space, forces at them, and its energies. `work` holds the pose from `spatial.pose_links`."""
+
+from __future__ import annotations
+
+from pliant.equations.spatial import pose_links, turn_on
+
+
+def point_position(link, aside, across, along, work, p):
+    """Write the position p (3,) [m] of a point of a link: r + R (aside, -across, along); link -1 is the base part.
+
+    `across` counts to the left of who looks along the link against x, as in the plane.
+    """
+    k = link + 1
+    for i in range(3):
+        p[i] = work.r[k, i] + work.R[k, i, 0] * aside - work.R[k, i, 1] * across + work.R[k, i, 2] * along
+
+
+def point_slope(link, p, work, J):
+    """Write the Jacobian J (3, N) of a point p (3,) of a link: s x (p - r) of each coordinate before it."""
+    n = work.P.shape[0]
+    for i in range(J.shape[1]):
+        k = i // 2 if i < 2 * n else i - 2 * n
+        x = p[0] - work.r[k + 1, 0]
+        y = p[1] - work.r[k + 1, 1]
+        z = p[2] - work.r[k + 1, 2]
+        moves = 1.0 if k <= link else 0.0
+        J[0, i] = moves * (work.S[i, 1] * z - work.S[i, 2] * y)
+        J[1, i] = moves * (work.S[i, 2] * x - work.S[i, 0] * z)
+        J[2, i] = moves * (work.S[i, 0] * y - work.S[i, 1] * x)
+
+
+def add_pose_loads(load, body, work, t):
+    """Add to the torques t (N,) those of forces and moments on the links at the pose in `work`; N m.
+
+    `load` (n, 3, 5) holds for each link, in fixed axes, the sum over its points (aside, -across, along) of force times
+    these three, then the force [N], then free moments [N m].
+
+    Source: virtual work; a force at R o has the moment sum_m R_m x (f o_m) about the joint
+    """
+    n = len(body.mass)
+    for k in range(n - 1, -1, -1):
+        for i in range(3):
+            j = (i + 1) % 3
+            m = (i + 2) % 3
+            moment = load[k, i, 4]
+            for c in range(3):
+                moment = moment + (work.R[k + 1, j, c] * load[k, m, c] - work.R[k + 1, m, c] * load[k, j, c])
+            if k < n - 1:
+                reach = body.length[k + 1]
+                arm = work.R[k + 1, j, 2] * work.L[k + 1, m] - work.R[k + 1, m, 2] * work.L[k + 1, j]
+                moment = moment + work.M[k + 1, i] + reach * arm
+            work.M[k, i] = moment
+        for i in range(3):
+            work.L[k, i] = load[k, i, 3]
+            if k < n - 1:
+                work.L[k, i] = work.L[k, i] + work.L[k + 1, i]
+    for i in range(len(t)):
+        k = i // 2 if i < 2 * n else i - 2 * n
+        t[i] = t[i] + (work.S[i, 0] * work.M[k, 0] + work.S[i, 1] * work.M[k, 1] + work.S[i, 2] * work.M[k, 2])
+
+
+def add_link_loads(x, v, ahead, load, body, joints, work):
+    """Add to the torques work.tau (N,) those of forces at points of the links, `ahead` [s] along the rates v; N m.
+
+    `load` as in `add_pose_loads`.
+    """
+    for i in range(len(x)):
+        work.q[i] = x[i] + ahead * v[i]
+    pose_links(work.q, body, work)
+    add_pose_loads(load, body, work, work.tau)
+
+
+def kinetic_energy(x, v, body, work):
+    """Return 1/2 v^T M v, J, link by link: of the centre of mass, of the turn of the axis and of that about it."""
+    n = len(body.mass)
+    pose_links(x, body, work)
+    value = 0.0 * x[0]
+    for i in range(3):
+        work.omega[i] = 0.0
+        work.alpha[i] = 0.0
+        work.lift[i] = 0.0 * v[0]  # the joint's velocity
+    for k in range(n):
+        turn_on(work.S[2 * k], v[2 * k], work)
+        turn_on(work.S[2 * k + 1], v[2 * k + 1], work)
+        if len(x) > 2 * n:
+            turn_on(work.S[2 * n + k], v[2 * n + k], work)
+        spin = 0.0 * v[0]
+        for i in range(3):
+            j = (i + 1) % 3
+            m = (i + 2) % 3
+            rate = work.omega[j] * work.R[k + 1, m, 2] - work.omega[m] * work.R[k + 1, j, 2]
+            speed = work.lift[i] + body.centre[k] * rate
+            value = value + 0.5 * (body.mass[k] * speed * speed + body.lateral[k] * rate * rate)
+            spin = spin + work.omega[i] * work.R[k + 1, i, 2]
+            work.lift[i] = work.lift[i] + body.length[k + 1] * rate
+        value = value + 0.5 * body.axial[k] * spin * spin
+    return value
+
+
+def gravity_energy(x, body, work):
+    """Return -sum m g . r, J, 0 where every centre of mass lies at the origin."""
+    pose_links(x, body, work)
+    value = 0.0 * x[0]
+    for k in range(len(body.mass)):
+        for i in range(3):
+            p = work.r[k + 1, i] + body.centre[k] * work.R[k + 1, i, 2]
+            if i == 0:
+                value = value - body.mass[k] * body.gx * p
+            elif i == 1:
+                value = value - body.mass[k] * body.gy * p
+            else:
+                value = value - body.mass[k] * body.gz * p
+    return value
+
+
+def add_step_work(v, h, torque, joints, work, total):
+    """Add what a `spatial.step` took to total (2,) [J]: input work, and loss of the dampers, by the middle rate.
+
+    v: rates (N,) after the step, which leaves their change in work.a.
+    """
+    for i in range(len(v)):
+        rate = v[i] - 0.5 * work.a[i]
+        total[0] = total[0] + h * torque[i] * rate
+        total[1] = total[1] + h * joints.D[i] * rate * rate

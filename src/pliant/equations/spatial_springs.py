@@ -1,0 +1,98 @@
+"""Springs and dampers of a chain in space: the law of `elastic`, on the size of a swing and on a twist.
+
+The swing (a, b) of a joint has the energy K_a a^2 / 2 + K_b b^2 / 2 + W(m), m^2 = a^2 + (K_b / K_a) b^2, where W is
+what the law of the first coordinate adds to its linear spring. With K_a = K_b no direction is preferred, and with b = 0
+and a > 0 it is the spring of the plane. Of `hardening` (terms + 1, N) the columns of b are not read.
+
+In a `Joints` record in space `theta0` (N,) is where the linear springs hold nothing: 0, but where hysteresis moves it.
+`unbent` (n,) is 0: its length is the number of links.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.equations.elastic import spring_energy, spring_slope, spring_torque
+
+TINY = 1e-24  # rad^2: under the root, so that the size of a swing has a derivative where the joint is straight
+NO_STIFFNESS = 1e-60  # N m/rad: of K_a = 0, by which no K_b is divided
+MOST_SWING = 16.0  # rad^2: a swing of 4 rad, up to which `spatial.stumpff` is good
+
+
+def swing_size(i, joints, a, b):
+    """Return the size m of the swing (a, b) of coordinates i, i + 1 [rad], and K_b / K_a."""
+    ratio = joints.K[i + 1] / (joints.K[i] + NO_STIFFNESS)
+    return np.sqrt(a * a + ratio * (b * b) + TINY), ratio
+
+
+def joint_torques(x, v, joints, torque, ahead, t):
+    """Write the net torques t (N,) of drive, spring and damper along each coordinate; N m.
+
+    `ahead` [s] looks ahead along the present rates v: half a step in the implicit midpoint rule, 0 elsewhere.
+
+    Paper: Eq. (5) [eq:eom], in space
+    """
+    n = len(joints.unbent)
+    for i in range(0, 2 * n, 2):
+        a = x[i] + ahead * v[i]
+        b = x[i + 1] + ahead * v[i + 1]
+        m, ratio = swing_size(i, joints, a, b)
+        more = spring_torque(i, joints, 0.0 * m, m) / m
+        t[i] = torque[i] - (joints.K[i] * (a - joints.theta0[i]) + more * a) - joints.D[i] * v[i]
+        held = joints.K[i + 1] * (b - joints.theta0[i + 1]) + more * (ratio * b)
+        t[i + 1] = torque[i + 1] - held - joints.D[i + 1] * v[i + 1]
+    for i in range(2 * n, len(x)):
+        c = x[i] + ahead * v[i]
+        t[i] = torque[i] - spring_torque(i, joints, c - joints.theta0[i], c) - joints.D[i] * v[i]
+
+
+def add_spring_slopes(q, half, joints, A):
+    """Add to the lower triangle of A (N, N) what a step of 2 `half` [s] has implicit at q (N,): h/2 D + h^2/4 K'."""
+    n = len(joints.unbent)
+    quarter = half * half
+    for i in range(0, 2 * n, 2):
+        m, ratio = swing_size(i, joints, q[i], q[i + 1])
+        more = spring_torque(i, joints, 0.0 * m, m) / m
+        u = q[i] / m
+        w = ratio * q[i + 1] / m
+        steeper = spring_slope(i, joints, m) - joints.K[i] - more
+        A[i, i] = A[i, i] + half * joints.D[i] + quarter * (joints.K[i] + more + steeper * u * u)
+        A[i + 1, i] = A[i + 1, i] + quarter * (steeper * u * w)
+        slope = joints.K[i + 1] + more * ratio + steeper * w * w
+        A[i + 1, i + 1] = A[i + 1, i + 1] + half * joints.D[i + 1] + quarter * slope
+    for i in range(2 * n, A.shape[0]):
+        A[i, i] = A[i, i] + half * joints.D[i] + quarter * spring_slope(i, joints, q[i])
+
+
+def elastic_energy(x, joints):
+    """Return the energy of the springs, J, 0 in the rest shape."""
+    n = len(joints.unbent)
+    value = 0.0 * x[0]
+    for i in range(0, 2 * n, 2):
+        m, _ = swing_size(i, joints, x[i], x[i + 1])
+        a = x[i] - joints.theta0[i]
+        b = x[i + 1] - joints.theta0[i + 1]
+        value = value + 0.5 * (joints.K[i] * a * a + joints.K[i + 1] * b * b) + spring_energy(i, joints, 0.0 * m, m)
+    for i in range(2 * n, len(x)):
+        value = value + spring_energy(i, joints, x[i] - joints.theta0[i], x[i])
+    return value
+
+
+def follows(x, v, h, joints):
+    """Return whether a step of h [s] could follow the chain to where it is, on real parts; as `elastic.follows`.
+
+    No coordinate moves by more than a radian, no joint swings by more than 4, no spring has softened to nothing.
+    """
+    n = len(joints.unbent)
+    for i in range(len(x)):
+        if not abs((v[i] * h).real) <= 1.0:
+            return False
+    for i in range(0, 2 * n, 2):
+        m, _ = swing_size(i, joints, x[i], x[i + 1])
+        size = (x[i] * x[i] + x[i + 1] * x[i + 1]).real
+        if not (size <= MOST_SWING and spring_slope(i, joints, m).real > 0.0):
+            return False
+    for i in range(2 * n, len(x)):
+        if not spring_slope(i, joints, x[i]).real > 0.0:
+            return False
+    return True

@@ -1,0 +1,90 @@
+"""Chains in space to try the kernels on: random ones, those of the plane, and what the kernels need to run."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pliant.equations.elastic import ROWS
+from pliant.equations.symbols import Joints, SpatialBody, SpatialWorkspace
+
+
+class SpaceChain(NamedTuple):
+    """A chain of n links and how it moves: coordinates x and rates v (N,)."""
+
+    body: SpatialBody
+    joints: Joints
+    x: np.ndarray
+    v: np.ndarray
+
+    @property
+    def n(self):
+        return len(self.body.mass)
+
+    def work(self, kind=float):
+        return workspace(self.n, len(self.x), kind)
+
+
+def workspace(n, size, kind=float):
+    """Scratch arrays for n links and `size` coordinates."""
+    shapes = {
+        "A": (size, size), "R": (n + 1, 3, 3), "r": (n + 1, 3), "P": (n, 3, 3), "series": (n, 4), "J": (n, 3, 3),
+        **dict.fromkeys("SEFN", (size, 3)), **dict.fromkeys("CLM", (n, 3)),
+        **dict.fromkeys(("omega", "alpha", "lift", "turn"), (3,)),
+    }  # fmt: skip
+    return SpatialWorkspace(*(np.zeros(shapes.get(f, (size,)), kind) for f in SpatialWorkspace._fields))
+
+
+def random_space_chain(rng, n, *, twist=False, springs=True):
+    """Unequal links with rest rotations, gravity along all axes and a tilted base, in fast motion."""
+    size = 3 * n if twist else 2 * n
+    length = rng.uniform(0.02, 0.06, n + 1)
+    turns = Rotation.from_rotvec(rng.normal(0, 0.4, (n + 1, 3))).as_matrix()
+    body = SpatialBody(
+        length, rng.uniform(0.005, 0.03, n), length[1:] * rng.uniform(0.2, 1.0, n), rng.uniform(1e-6, 1e-5, n),
+        rng.uniform(1e-6, 1e-5, n), turns[1:], turns[0], *rng.normal(0, 5, 3),
+    )  # fmt: skip
+    return SpaceChain(body, random_joints(rng, n, size) if springs else free_joints(n, size),
+                      rng.uniform(-0.9, 0.9, size), rng.normal(0, 8.0, size))  # fmt: skip
+
+
+def random_joints(rng, n, size, *, isotropic=True):
+    """Springs that soften and then stiffen, and dampers."""
+    K, D = rng.uniform(0.1, 2.0, size), rng.uniform(1e-3, 1e-2, size)
+    if isotropic:
+        K[1 : 2 * n : 2], D[1 : 2 * n : 2] = K[: 2 * n : 2], D[: 2 * n : 2]
+    hardening = np.stack([-0.3 * K, 0.4 * K, np.full(size, 0.25)])
+    return Joints(0.0, np.zeros(size), K, D, hardening, np.zeros(n))
+
+
+def free_joints(n, size):
+    """Joints without springs and dampers."""
+    return Joints(0.0, np.zeros(size), np.zeros(size), np.zeros(size), np.zeros((ROWS, size)), np.zeros(n))
+
+
+def rotation_about_x(angle):
+    return Rotation.from_rotvec(np.multiply.outer(np.atleast_1d(angle), [1.0, 0.0, 0.0])).as_matrix()
+
+
+def of_the_plane(chain, q, dq, *, twist=False, base_length=0.0):
+    """A planar chain (`oracles.chains.Chain`) at joint angles q and rates dq in space: planar (x, y) = (Y, Z)."""
+    n, size = chain.n, (3 if twist else 2) * chain.n
+    m, c, lateral = chain.m.copy(), chain.c.copy(), np.array(chain.I, float)
+    m[-1] += chain.m_tip
+    c[-1] = (chain.m[-1] * chain.c[-1] + chain.m_tip * chain.l[-1]) / m[-1]
+    lateral[-1] += chain.m[-1] * (chain.c[-1] - c[-1]) ** 2 + chain.m_tip * (chain.l[-1] - c[-1]) ** 2
+    body = SpatialBody(
+        np.append(base_length, chain.l), m, c, lateral, 0.3 * lateral + 1e-8,
+        rotation_about_x(chain.theta0), rotation_about_x(chain.base_angle)[0], 0.0, chain.gx, chain.gy,
+    )  # fmt: skip
+
+    def spread(values, beyond=0.0):
+        return np.append(np.repeat(values, 2), np.full(size - 2 * n, beyond))
+
+    hardening = np.stack([spread(row) for row in chain.joints().hardening])
+    joints = Joints(0.0, np.zeros(size), spread(chain.K, 0.5), spread(chain.D, 1e-3), hardening, np.zeros(n))
+    x, v = np.zeros(size), np.zeros(size)
+    x[: 2 * n : 2], v[: 2 * n : 2] = q, dq
+    return SpaceChain(body, joints, x, v)
