@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
+from pliant.preprocessing.align import align, alignment_of
 from pliant.recording import make_recording
-from pliant.reduction import select_order
+from pliant.reduction import links_of, select_order
 
 INDEPENDENT = {  # largest / mean mm for n = 2 ... 8
     "natural": ([53.7, 31.7, 16.8, 7.81, 6.1, 3.8, 2.93], [9.6, 3.7, 1.7, 0.94, 0.57, 0.37, 0.27]),
@@ -44,3 +46,21 @@ def test_best_placement_on_the_fibre(fibre):
     assert equal.chosen is None
     assert best.chosen == 8
     assert best.max_error[-1].max() * 1e3 == pytest.approx(2.33, abs=0.01)
+
+
+def test_rows_in_space_and_their_chain(shared_data):
+    points = np.loadtxt(shared_data / "fiber_shape" / "label.txt", skiprows=2100)[::8].reshape(-1, 20, 3) * 1e-3
+    raw = make_recording(np.arange(len(points)) / 4.0, points)
+    body = align(raw, base="s000", tangent="clamp", rest=[0, 0.5], space=True)
+    assert alignment_of(body).out_of_plane_share > 0.5
+    found = select_order(body, bound_mm=5, boundary="natural")
+    s, place = body["arc_length"].values, body["position"].values
+    for knots, errors in zip(found.node_arc_length, found.max_error, strict=True):  # another program's spline
+        spline = CubicSpline(knots, place[:, np.searchsorted(s, knots)], axis=1, bc_type="natural")
+        np.testing.assert_allclose(np.linalg.norm(spline(s) - place, axis=-1).max(axis=1), errors, atol=1e-12)
+    assert found.chosen == 7
+    few, many = links_of(body, 5), links_of(body, 8)
+    assert many.residual[:, -1].mean() < 0.6 * few.residual[:, -1].mean()
+    assert 1e3 * np.sqrt((many.residual[:, -1] ** 2).mean()) < 3.1
+    raw_chords = np.linalg.norm(np.diff(points[:2], axis=1), axis=-1).mean(axis=0)  # the rest: two frames
+    assert many.link_length.sum() == pytest.approx(raw_chords.sum(), rel=0.01)

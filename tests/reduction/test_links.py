@@ -7,7 +7,7 @@ from planar_bodies import LENGTH, arc, wavy
 from pliant.errors import InputError
 from pliant.recording import make_recording
 from pliant.reduction import curvature_profile, curvature_shape, links_of, spline_shape
-from pliant.reduction.links import chain_of, forward_tips, wrap
+from pliant.reduction.joints import chain_of, forward_tips, wrap
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 8])
@@ -110,7 +110,7 @@ def test_bad_nodes_are_refused():
         links_of(recording, 0)
     with pytest.raises(InputError, match="rest or mean"):
         links_of(recording, 3, length="median")
-    with pytest.raises(InputError, match="planar recording"):
+    with pytest.raises(InputError, match="aligned recording"):
         links_of(make_recording([0.0], np.zeros((1, 5, 3))), 3)
     three = make_recording([0.0], np.array([[[0, 0], [0, 0.1], [0, 0.2]]], dtype=float), frame="planar")
     with pytest.raises(InputError, match="at least 4 stations"):

@@ -49,8 +49,8 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
     """Take the whole frames of a recording, its arc length and base tangent.
 
     Arc length is the recording's own where it carries one, otherwise the time-mean sum of chords. The base
-    tangent is +y in an aligned planar recording, otherwise that of a least-squares parabola through the first
-    tenth of the body (at least three stations), frame by frame.
+    tangent is +y in an aligned planar recording and +z in one in space, otherwise that of a least-squares parabola
+    through the first tenth of the body (at least three stations), frame by frame.
 
     Raises
     ------
@@ -66,9 +66,10 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
     chords = chord_lengths(position)
     arc_length, told = station_arc_length(recording, position, chords)
     notes += told
-    if recording.attrs["frame"] == "planar":
-        tangent = np.broadcast_to(np.array([0.0, 1.0]), (len(time), 2))
-        notes.append("base tangent: +y, the frame of the recording")
+    axis = {"planar": "y", "spatial": "z"}.get(str(recording.attrs["frame"]))
+    if axis is not None:  # the last axis, in the plane and in space
+        tangent = np.broadcast_to(np.eye(position.shape[2])[-1], (len(time), position.shape[2]))
+        notes.append(f"base tangent: +{axis}, the frame of the recording")
     else:
         tangent, count = _measured_tangent(position, arc_length)
         notes.append(f"base tangent: parabola through the first {count} stations, frame by frame")

@@ -1,4 +1,4 @@
-"""Links and joint angles of a planar shape: chords between nodes on the curve (notation: docs, Sec. III-B)."""
+"""Links and joint angles of a shape: chords between nodes on the curve (notation: docs, Sec. III-B)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.numerics.arcs import tangents
 from pliant.numerics.spline import local_cubic_matrix
+from pliant.numerics.swing import swing_matrices
 from pliant.reduction.body import body_of
+from pliant.reduction.joints import LinkPoint, beside_links, joints_in_plane, joints_in_space
 from pliant.reduction.placement import equal_nodes
 
 if TYPE_CHECKING:
@@ -29,18 +30,21 @@ PRESSURE_AT_REST = 0.05  # of the range of the pressure
 class LinkPlacement:
     """A chain laid through a shape. Joint i owns link i; index 0 is the base.
 
+    N is n in the plane. In space it is 2 n, swings interleaved (a_1, b_1, ..., a_n, b_n): the chain does not twist
+    about its links, neither at rest nor in motion.
+
     Attributes
     ----------
     time : (T,) array, s
     link_length : (n,) array, m
-    rest_angle : (n,) array, rad
-        theta_i0: angle of each link to the one before (the first: to the base tangent +y) at rest.
-    joint_angle : (T, n) array, rad
-        q_i: change of that angle from rest, continuous over time.
+    rest_angle : (N,) array, rad
+        theta_i0: angle of each link to the one before (the first: to the base tangent) at rest; its swing in space.
+    joint_angle : (T, N) array, rad
+        q_i: change of that angle from rest, continuous over time; in space the swing behind that of the rest shape.
     node_arc_length : (n + 1,) array, m
-    base : (2,) array, m
+    base : (d,) array, m
         Mean position of the first node.
-    tips : (T, n, 2) array, m
+    tips : (T, n, d) array, m
         Measured positions of the link tips.
     length_variation : (n,) array
         Range of each link's length over time, divided by `link_length`.
@@ -65,6 +69,19 @@ class LinkPlacement:
         """Number of links."""
         return len(self.link_length)
 
+    @property
+    def rest_rotation(self) -> NDArray[np.float64]:
+        """Rotation (n, 3, 3) of each link against the one before, at rest; of a chain in space."""
+        return swing_matrices(self.rest_angle.reshape(self.n, 2))
+
+    def beside(self, place: ArrayLike) -> list[LinkPoint]:
+        """Where points (P, 3) of the body at rest [m, base frame] lie beside the links of a chain in space.
+
+        Each on the link that it is nearest to; on the base before the first joint where it is nearest to that.
+        """
+        places = np.asarray(place, dtype=np.float64)
+        return beside_links(places, float(self.node_arc_length[0]), self.link_length, self.rest_rotation)
+
     def to_xarray(self) -> xr.Dataset:
         """Links over time as a dataset with units."""
         import xarray as xr
@@ -72,17 +89,22 @@ class LinkPlacement:
         def described(dims: tuple[str, ...], values: object, units: str, long_name: str) -> object:
             return (dims, values, {"units": units, "long_name": long_name})
 
+        d = len(self.base)
+        turn = "joint" if d == 2 else "coordinate"
         data = {
-            "joint_angle": described(("time", "joint"), self.joint_angle, "rad", "joint angle from rest"),
+            "joint_angle": described(("time", turn), self.joint_angle, "rad", "joint angle from rest"),
             "tip": described(("time", "link", "axis"), self.tips, "m", "measured position of the link tips"),
             "residual": described(("time", "link"), self.residual, "m", "distance of the chain from the tips"),
             "link_length": described(("link",), self.link_length, "m", "link length"),
-            "rest_angle": described(("joint",), self.rest_angle, "rad", "joint angle at rest"),
+            "rest_angle": described((turn,), self.rest_angle, "rad", "joint angle at rest"),
             "length_variation": described(("link",), self.length_variation, "1", "relative range of the length"),
             "node_arc_length": described(("node",), self.node_arc_length, "m", "arc length of the nodes"),
             "base": described(("axis",), self.base, "m", "position of the base"),
         }
-        coords = {"time": described(("time",), self.time, "s", "time on the clock of the shape"), "axis": ["x", "y"]}
+        clock = described(("time",), self.time, "s", "time on the clock of the shape")
+        coords = {"time": clock, "axis": list("xyz"[:d])}
+        if d == 3:
+            coords["coordinate"] = [f"{letter}_{k + 1}" for k in range(self.n) for letter in "ab"]
         return xr.Dataset(data, coords, {"notes": "\n".join(self.notes)})
 
 
@@ -95,15 +117,16 @@ def links_of(
     length: str = "rest",
     rest: tuple[float, float] | None = None,
 ) -> LinkPlacement:
-    """Lay a chain through a planar shape.
+    """Lay a chain through a shape, in the plane or in space.
 
     alpha_i = atan2(-dx, dy) of chord i;  theta_i = alpha_i - alpha_{i-1}, alpha_0 = 0 (the base tangent +y);
     theta_i0 = theta_i of the rest shape;  q_i = theta_i - theta_i0
+    In space the same by rotations: R_i = R_{i-1} R_rest,i exp([a_i, b_i, 0]^), z of R_i along chord i.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        Planar recording, base first.
+        Aligned recording, base first.
     n : int, optional
         Number of links of equal arc length.
     node_arc_length : (n + 1,) array, m, optional
@@ -122,10 +145,11 @@ def links_of(
     Raises
     ------
     InputError
-        When the recording is not planar, the nodes are unusable, or the rest window holds no frame.
+        When the recording is not aligned, the nodes are unusable, or the rest window holds no frame.
     """
-    if recording.attrs.get("frame") != "planar":
-        raise InputError("links need a planar recording (base at the origin, base tangent +y): align it first")
+    if recording.attrs.get("frame") == "tracker":
+        raise InputError("links need an aligned recording (base at the origin, base tangent +y, in space +z): align it "
+                         "first")  # fmt: skip
     if length not in ("rest", "mean"):
         raise InputError(f"length must be rest or mean, not {length!r}")
     body = body_of(recording, fewest_stations=2)
@@ -133,53 +157,26 @@ def links_of(
     nodes = np.matmul(_node_matrix(body.arc_length, knots), body.position)
     still, notes = _rest_frames(recording, body.time, rest)
     rest_nodes = nodes[still].mean(axis=0)
-    lengths, relative = chain_of(nodes)
-    rest_lengths, rest_angle = (a[0] for a in chain_of(rest_nodes[None]))
-    link_length = rest_lengths if length == "rest" else lengths.mean(axis=0)
-    turns = _unwrapped_from(relative, rest_angle, int(np.argmax(still)))
+    lengths = np.linalg.norm(np.diff(nodes, axis=1), axis=2)
+    link_length = np.linalg.norm(np.diff(rest_nodes, axis=0), axis=1) if length == "rest" else lengths.mean(axis=0)
+    if nodes.shape[2] == 2:
+        rest_angle, joint_angle, chain = joints_in_plane(nodes, rest_nodes, link_length, int(np.argmax(still)))
+    else:
+        rest_angle, joint_angle, chain = joints_in_space(nodes, rest_nodes, link_length)
     base = nodes[:, 0].mean(axis=0)
     tips = nodes[:, 1:]
-    chain = forward_tips(turns, link_length) + base
     return LinkPlacement(
         time=body.time,
         link_length=link_length,
         rest_angle=rest_angle,
-        joint_angle=turns - rest_angle,
+        joint_angle=joint_angle,
         node_arc_length=knots,
         base=base,
         tips=tips,
         length_variation=np.ptp(lengths, axis=0) / link_length,
-        residual=np.linalg.norm(chain - tips, axis=2),
+        residual=np.linalg.norm(chain + base - tips, axis=2),
         notes=(*body.notes, *notes),
     )
-
-
-def chain_of(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lengths and relative angles in (-pi, pi], both (T, n), of the chords between nodes (T, n + 1, 2)."""
-    chord = np.diff(nodes, axis=1)
-    alpha = np.arctan2(-chord[:, :, 0], chord[:, :, 1])
-    return np.hypot(chord[:, :, 0], chord[:, :, 1]), wrap(np.diff(alpha, axis=1, prepend=0.0))
-
-
-def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Tips (T, n, 2) of chains from the origin: turns (T, n) = q + theta_0, lengths (n,) or (T, n).
-
-    p^i = p^{i-1} + l_i (-sin phi_i, cos phi_i),  phi_i = sum_{k<=i} (q_k + theta_k0)
-
-    Paper: Eq. (3) [eq:Rp^i]
-    """
-    return np.cumsum(tangents(np.cumsum(turns, axis=1)) * link_length[..., None], axis=1)
-
-
-def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same angle in (-pi, pi]."""
-    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
-
-
-def _unwrapped_from(relative: NDArray[np.float64], rest: NDArray[np.float64], start: int) -> NDArray[np.float64]:
-    """Relative angles continuous over time, within half a turn of `rest` at frame `start`."""
-    turns: NDArray[np.float64] = np.unwrap(relative, axis=0)
-    return turns - 2 * np.pi * np.round((turns[start] - rest) / (2 * np.pi))
 
 
 def _chosen_nodes(

@@ -48,7 +48,7 @@ def select_order(
         Largest error that is allowed in any frame, mm. Without it no order is chosen.
     boundary : {"natural", "not-a-knot", "clamped+not-a-knot"}
         End conditions of the spline. The default takes the base tangent as known: +y in an aligned planar
-        recording, otherwise measured frame by frame from the first tenth of the body.
+        recording, +z in one in space, otherwise measured frame by frame from the first tenth of the body.
     placement : {"equal", "best"}
         Joints at equal arc length, or where the largest error over the recording is smallest: that at equal arc
         length, whatever the `metric`.

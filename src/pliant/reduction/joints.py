@@ -1,0 +1,95 @@
+"""Angles of the joints between chords of a shape, in the plane and in space, and the chain that they make."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from pliant.numerics.arcs import tangents
+from pliant.numerics.swing import link_frames, swing_matrices, swings_along
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+class LinkPoint(NamedTuple):
+    """A point beside a link of a chain in space: from the link's joint along it (z), across (-y) and aside (x), m."""
+
+    link: int  # 0 the first, -1 the base
+    along: float
+    across: float
+    aside: float
+
+
+def joints_in_plane(
+    nodes: NDArray[np.float64], rest_nodes: NDArray[np.float64], link_length: NDArray[np.float64], start: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Rest angles (n,), joint angles (T, n) and the tips (T, n, 2) of the chain from the origin."""
+    relative, (rest_angle,) = chain_of(nodes)[1], chain_of(rest_nodes[None])[1]
+    turns = _unwrapped_from(relative, rest_angle, start)
+    return rest_angle, turns - rest_angle, forward_tips(turns, link_length)
+
+
+def joints_in_space(
+    nodes: NDArray[np.float64], rest_nodes: NDArray[np.float64], link_length: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Rest swings (2 n,), swings (T, 2 n) and the tips (T, n, 3) of the chain from the origin."""
+    rest_swing = swings_along(np.diff(rest_nodes, axis=0))
+    rest = swing_matrices(rest_swing)
+    swing = swings_along(np.diff(nodes, axis=1), rest)
+    ahead = link_frames(swing, rest)[..., 2]
+    return rest_swing.ravel(), swing.reshape(len(nodes), -1), np.cumsum(ahead * link_length[:, None], axis=1)
+
+
+def beside_links(
+    place: NDArray[np.float64], before: float, link_length: NDArray[np.float64], rest: NDArray[np.float64]
+) -> list[LinkPoint]:
+    """Where points (P, 3) [m] lie beside the links of a chain in space at rest, each on the nearest.
+
+    Parameters
+    ----------
+    place : (P, 3) array, m
+        In the base frame.
+    before : float, m
+        Length of the base before the first joint, a link of its own.
+    link_length : (n,) array, m
+    rest : (n, 3, 3) array
+        Rest rotations.
+    """
+    frames = np.concatenate((np.eye(3)[None], link_frames(np.zeros((len(rest), 2)), rest)))
+    length = np.append(before, link_length)
+    starts = np.concatenate((np.zeros((1, 3)), np.cumsum(frames[:, :, 2] * length[:, None], axis=0)[:-1]))
+    beside = np.einsum("kji,pkj->pki", frames, place[:, None] - starts)
+    beyond = beside[..., 2] - np.clip(beside[..., 2], 0.0, length)
+    nearest = np.hypot(np.hypot(beside[..., 0], beside[..., 1]), beyond).argmin(axis=1)
+    found = beside[np.arange(len(place)), nearest]
+    return [LinkPoint(int(k) - 1, float(z), float(-y), float(x)) for k, (x, y, z) in zip(nearest, found, strict=True)]
+
+
+def chain_of(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lengths and relative angles in (-pi, pi], both (T, n), of the chords between nodes (T, n + 1, 2)."""
+    chord = np.diff(nodes, axis=1)
+    alpha = np.arctan2(-chord[:, :, 0], chord[:, :, 1])
+    return np.hypot(chord[:, :, 0], chord[:, :, 1]), wrap(np.diff(alpha, axis=1, prepend=0.0))
+
+
+def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Tips (T, n, 2) of chains from the origin: turns (T, n) = q + theta_0, lengths (n,) or (T, n).
+
+    p^i = p^{i-1} + l_i (-sin phi_i, cos phi_i),  phi_i = sum_{k<=i} (q_k + theta_k0)
+
+    Paper: Eq. (3) [eq:Rp^i]
+    """
+    return np.cumsum(tangents(np.cumsum(turns, axis=1)) * link_length[..., None], axis=1)
+
+
+def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same angle in (-pi, pi]."""
+    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+
+
+def _unwrapped_from(relative: NDArray[np.float64], rest: NDArray[np.float64], start: int) -> NDArray[np.float64]:
+    """Relative angles continuous over time, within half a turn of `rest` at frame `start`."""
+    turns: NDArray[np.float64] = np.unwrap(relative, axis=0)
+    return turns - 2 * np.pi * np.round((turns[start] - rest) / (2 * np.pi))
