@@ -64,8 +64,8 @@ def world(rear: Finger, front: Finger, step: float = STEP) -> Any:
         trunk.add_joint(name=f"trunk_{name}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
     trunk.add_joint(name="trunk_turn", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
     foot(trunk, "foot_rear", [0, 0, 0], ROUGH)
-    bends = -1.0 if rear.model.bend_sign > 0 else 1.0  # along the finger's own x: to the ground
-    axes = np.stack([[0.0, 0.0, -bends], [1.0, 0.0, 0.0], np.cross([0.0, 0.0, -bends], [1.0, 0.0, 0.0])], axis=1)
+    up, ahead = [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]  # the finger's own x and y: it bends towards -x, to the ground
+    axes = np.stack([up, ahead, np.cross(up, ahead)], axis=1)
     attach(spec, trunk, rear, axes, radius=SKIN, friction=None)
     tip = spec.body(f"{rear.prefix}link_{rear.model.n}")
     end = [0.0, float(rear.model.link_length[-1]), 0.0]

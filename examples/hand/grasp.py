@@ -45,8 +45,7 @@ def world(fingers: list[Finger]) -> Any:
     for k, finger in enumerate(fingers):
         a = 2.0 * np.pi * k / len(fingers)
         out = np.array([np.cos(a), np.sin(a), 0.0])
-        bends = -1.0 if finger.model.bend_sign > 0 else 1.0  # along the finger's own x
-        axes = np.stack([-bends * out, [0.0, 0.0, -1.0], np.cross(-bends * out, [0.0, 0.0, -1.0])], axis=1)
+        axes = np.stack([out, [0.0, 0.0, -1.0], np.cross(out, [0.0, 0.0, -1.0])], axis=1)  # bends towards its own -x
         attach(spec, spec.worldbody, finger, axes, at=PALM * out + [0.0, 0.0, HEIGHT], radius=0.009, friction=1.0)
     spec.worldbody.add_geom(
         name="palm", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[PALM, 0.005, 0], pos=[0, 0, HEIGHT + 0.01],

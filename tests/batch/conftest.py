@@ -16,5 +16,5 @@ def paper() -> Model:
 
 @pytest.fixture(scope="session")
 def awkward() -> Model:
-    """See `awkward_chain`, bending to the other side."""
-    return awkward_chain(bend_sign=-1)
+    """See `awkward_chain`."""
+    return awkward_chain()

@@ -24,7 +24,7 @@ needs_cuda = pytest.mark.skipif(not find_spec("numba.cuda"), reason="the extra '
 
 def cases():
     """Samples that share their steps, that do not, that fail; a chain that a straight line is written for."""
-    paper = chen2018.model().with_(bend_sign=-1, gravity=[0.0, -9.81], valve=Valve(rise_time=0.02))
+    paper = chen2018.model().with_(gravity=[0.0, -9.81], valve=Valve(rise_time=0.02))
     stiffness = {"stiffness": np.linspace(1.3, 1.9, 3)}
     yield (paper, Pulse(9e4, 0.01)), {"parameters": stiffness}
     yield (paper, [Pulse(9e4, 0.01), Pulse(4e4, 0.0137, 0.02), Pulse(1e9, 0.01), Pulse(2e4, 0.01)]), {}

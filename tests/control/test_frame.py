@@ -113,7 +113,7 @@ def test_the_observer_is_its_formula(body):
     law, c = body.memory.law(), body.memory.instantaneous
     for k in range(4):
         seen = phi + rng.normal(0.0, 2e-3, n)
-        across = body.link_length[:, None] * np.stack([-body.bend_sign * np.sin(seen), np.cos(seen)], axis=1)
+        across = body.link_length[:, None] * np.stack([-np.sin(seen), np.cos(seen)], axis=1)
         frame = np.concatenate([np.zeros((1, 2)), np.cumsum(across, axis=0)])
         follower.push_pressure(k * PERIOD, 3e4)
         pressure, now = (1.5e4 if k == 0 else 3e4), np.array(body.torque) * scale

@@ -25,7 +25,7 @@ BOUNDS = {"observer": (2e-3, 0.2), "filter": (2e-3, 0.1), "differences": (2e-3, 
 def body():
     memory = Memory(creep_share=(0.1,), creep_time=(0.2,))
     return chain_model(
-        length=0.15, mass=0.06, links=3, stiffness=1.2, damping=6e-3, torque=[1.2e-6], bend_sign=-1, memory=memory
+        length=0.15, mass=0.06, links=3, stiffness=1.2, damping=6e-3, torque=[1.2e-6], memory=memory
     )
 
 

@@ -32,7 +32,7 @@ def arm():
     left, right = (Chamber.at_offset(2e-4, r, np.ones(3), name=n) for r, n in ((0.02, "left"), (-0.02, "right")))
     return chain_model(
         length=0.2, mass=0.1, links=3, stiffness=1.0, damping=0.01, chambers=(left, right), gravity=[0.0, 9.81],
-        base_length=0.01, bend_sign=-1,
+        base_length=0.01,
         extensions=(Extension(150.0, 0.5, 0.0, 0.1, "near"), Extension(120.0, 0.4, 0.1, None, "far")),
     )
 
@@ -121,14 +121,14 @@ def test_a_pull_that_the_model_does_not_know_is_found(arm):
 
 def test_what_a_frame_sees_is_where_the_stations_are(arm):
     body = arm.with_(stations=(Station("cap", 2, 0.05, 0.01), Station("middle", 1, 0.03, -0.004)), base_angle=0.2)
-    rows, sign = rows_of(body, body.points, angle=True), [body.bend_sign, 1]
+    rows = rows_of(body, body.points, angle=True)
     frame, x = frame_of(body, rows, np.zeros(6), np.ones(6)), np.array([0.3, 0.7, 1.2, 0.15, -0.05])
     value, H = np.empty(6), np.empty((6, 5))
     observe(x, frame, np.empty((5, 4)), value, H)
 
     def places(at):
         where, angle = mechanics_of(body).stations(at)
-        return np.concatenate([where * sign, body.bend_sign * angle[:, None]], axis=1).ravel()
+        return np.concatenate([where, angle[:, None]], axis=1).ravel()
 
     np.testing.assert_allclose(value, places(x), atol=1e-15)
     np.testing.assert_allclose(H, complex_step(places, x), atol=1e-15)
@@ -140,7 +140,7 @@ def test_a_running_filter_finds_what_the_record_does(arm):
     record = seen(run, np.random.default_rng(3))
     whole = estimate(record, arm, noise=NOISE, step=2e-3, pressure_window=0.0)
     live, rows = KalmanFilter(arm, NOISE, step=2e-3), rows_of(arm, arm.points)
-    tips = record["position"].values * [arm.bend_sign, 1.0]
+    tips = record["position"].values
     events = sorted([(t, 0, k) for k, t in enumerate(CLOCK[: CLOCK.searchsorted(TIME[-1])])]
                     + [(t + 0.03 * (k == 20), 1, k) for k, t in enumerate(TIME)])  # fmt: skip
     for _, frame, k in events:

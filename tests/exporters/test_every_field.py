@@ -59,8 +59,6 @@ def owners(model: Model) -> list[tuple[tuple[Any, ...], Any]]:
 
 def other(name: str, value: Any) -> Any:
     """Another value of a field that a body can have as well; None for what holds parts or texts."""
-    if name == "bend_sign":
-        return -value
     if name == "mass_at":
         return "tip" if value == "rod" else "rod"
     if name == "link":

@@ -77,8 +77,8 @@ LONGER = (Extension(200.0, 1.0, 0.005, 0.05, "inner"), Extension(250.0, 1.5, 0.0
 REMEMBERS = Memory((0.1,), (0.2,), (0.1, 0.05), (0.01, 0.03), 0.1, 20.0, 10.0, 1.5)
 MODELS: dict[str, Model] = {
     "plain": Model(**PLAIN),
-    "mirrored": Model(**{**PLAIN, "bend_sign": -1, "mass_at": "tip", "base_angle": 0.2, "stiffening": 0.2,
-                         "cubic_stiffening": 0.6, "name": "mirrored", "source": {"stiffness": "stated"}}),
+    "hardening": Model(**{**PLAIN, "mass_at": "tip", "base_angle": 0.2, "stiffening": 0.2, "cubic_stiffening": 0.6,
+                          "name": "hardening", "source": {"stiffness": "stated"}}),
     "second order": Model(**{**PLAIN, "torque": [4e-7, 2e-12], "valve": Valve(
         dead_time=4e-3, natural_frequency=6.0, damping_ratio=0.4)}),
     "rubber": Model(**{**PLAIN, "torque": [4e-7, 2e-12], "swell_share": 0.3, "swell_time": 0.2, "inflation_limit": 4e5,

@@ -119,7 +119,7 @@ def lengthening():
     )
     return chain_model(
         length=0.2, mass=0.3, links=4, joint_placement="midsegment", stiffness=1.0, damping=0.01,
-        chambers=(left, right, far), gravity=[3.0, -9.0], rest_angle=0.05, base_angle=0.2, bend_sign=-1,
+        chambers=(left, right, far), gravity=[3.0, -9.0], rest_angle=0.05, base_angle=0.2,
         extensions=(Extension(150.0, 0.5, 0.0, 0.1, "near"), Extension(120.0, 0.3, 0.1, None, "far")),
     )
 

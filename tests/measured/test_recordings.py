@@ -44,7 +44,7 @@ def test_a_pulsed_arm_bends_in_its_plane_as_far_as_told(shared_data, level, stat
     assert not quality(raw).missing
     ds = align(assemble(raw, CLUSTERS), tangent="+x")
     report = alignment_of(ds)
-    assert report.bend_sign == 1
+    assert report.bending == 1
     assert report.out_of_plane_share < 0.02
     assert abs(report.normal[2]) > 0.99  # it bends mainly in the tracker's y
     assert report.rest_s[1] < 1.6

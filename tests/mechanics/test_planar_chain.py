@@ -22,7 +22,7 @@ def chain(seed, n, segments):
     return Model(
         link_length=lengths, link_mass=rng.uniform(0.005, 0.02, n), stiffness=rng.uniform(0.8, 2.0, n),
         damping=rng.uniform(2e-3, 9e-3, n), rest_angle=rng.uniform(-0.1, 0.1, n), stiffening=-0.3, cubic_stiffening=0.4,
-        torque=(6e-7,), base_length=0.01, base_angle=0.1, gravity=(1.0, -9.0), tip_mass=0.003, bend_sign=-1,
+        torque=(6e-7,), base_length=0.01, base_angle=0.1, gravity=(1.0, -9.0), tip_mass=0.003,
         extensions=parts, stations=[Station("a", n - 1, 0.01, 0.004), Station("base", -1, 0.006, 0.002)],
     )
 

@@ -55,7 +55,6 @@ def test_one_number_stands_for_all_links():
         ({"tip_mass": [0.1, 0.2]}, "tip_mass must be one number"),
         ({"tip_mass": None}, "tip_mass must be"),
         ({"mass_at": "middle"}, "'rod' or 'tip'"),
-        ({"bend_sign": 0}, "bend_sign must be 1 or -1"),
         ({"stations": [Station("a", 2, 0.0)]}, "must sit on a link 0..1 or the base"),
         ({"stations": [Station("a", -2, 0.0)]}, "must sit on a link"),
         ({"stations": [Station("a", 0, np.nan)]}, "must sit on a link"),

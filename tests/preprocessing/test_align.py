@@ -52,7 +52,7 @@ def test_any_rigid_placement_gives_the_same_planar_recording(seed, plane, tangen
     np.testing.assert_allclose(ds["position"], place, atol=5e-4 if tangent == "chord" else 2e-3)
     np.testing.assert_allclose(ds["angle"], angle, atol=5e-3)
     report = alignment_of(ds)
-    assert report.bend_sign == 1
+    assert report.bending == 1
     assert report.out_of_plane_share < 0.02
     assert np.linalg.det(report.rotation) == pytest.approx(1)
     np.testing.assert_allclose(report.rotation, turn.inv().as_matrix(), atol=0.02)
@@ -71,11 +71,25 @@ def test_the_sign_of_bending_is_chosen_and_told():
     assert align(ds)["position"].values[-1, -1, 0] < -0.05
     negative = align(ds, bend="negative")
     assert negative["position"].values[-1, -1, 0] > 0.05
-    assert alignment_of(negative).bend_sign == -1
+    assert alignment_of(negative).bending == -1
     assert negative["angle"].values[-1, -1] < -0.5
     kept = align(ds, bend=None, plane=[0, 0, -1])
-    assert alignment_of(kept).bend_sign == -1
-    assert alignment_of(align(ds, plane=[0, 0, -1])).bend_sign == 1
+    assert alignment_of(kept).bending == -1
+    assert alignment_of(align(ds, plane=[0, 0, -1])).bending == 1
+
+
+def test_planar_recordings_are_turned_where_they_bend_to_the_other_side():
+    planar = align(tracked(Rotation.identity()))
+    xr.testing.assert_identical(align(planar), planar)
+    back = align(planar, bend="negative")
+    assert back["position"].values[-1, -1, 0] > 0.05
+    np.testing.assert_array_equal(back["angle"], -planar["angle"])
+    assert "turned by pi about the base tangent" in back.attrs["history"]
+    again = align(back)
+    np.testing.assert_array_equal(again["position"], planar["position"])
+    assert again["position"].attrs == planar["position"].attrs
+    moving = back.isel(time=slice(95, 200))  # never at rest: which way it bends is not known
+    assert align(moving)["position"].values[-1, -1, 0] > 0
 
 
 def test_measured_pressure_decides_the_sign():
@@ -86,7 +100,7 @@ def test_measured_pressure_decides_the_sign():
     place = ds["position"].values.copy()
     place[20:80, :, 0] += 0.3 * S
     ds["position"].values[:] = place
-    assert alignment_of(align(ds, rest=(0, 0.15))).bend_sign == 1
+    assert alignment_of(align(ds, rest=(0, 0.15))).bending == 1
     assert align(ds, rest=(0, 0.15))["position"].values[50, -1, 0] < 0
 
 
@@ -187,9 +201,8 @@ def test_options_that_cannot_be_are_named(options, message):
 
 def test_recordings_that_cannot_be_aligned_are_named(rng):
     ds = tracked(Rotation.identity())
-    planar = align(ds)
-    with pytest.raises(InputError, match="planar already"):
-        align(planar)
+    with pytest.raises(InputError, match="needs positions"):
+        align(align(ds).drop_vars("position"))
     still = make_recording(TIME, np.array([[0, 0, 0], [0, 0, 0.2]]) + 1e-5 * rng.normal(size=(500, 2, 3)))
     with pytest.raises(InputError, match="nothing moves"):
         align(still)

@@ -88,7 +88,7 @@ def test_the_first_input_gives_the_plane_and_its_sign(kind):
     other = align(tracked(turn, **swapped), space=True, plane="input")
     np.testing.assert_allclose(alignment_of(other).normal, turn.apply([0, 1.0, 0]), atol=5e-3)
     flat = align(tracked(turn, **given), plane="input")  # the plane's rule is the same
-    assert alignment_of(flat).bend_sign == 1
+    assert alignment_of(flat).bending == 1
     np.testing.assert_allclose(alignment_of(flat).normal, alignment_of(ds).normal, atol=1e-12)
     with pytest.raises(InputError, match="holds none"):
         align(tracked(turn), space=True, plane="input")

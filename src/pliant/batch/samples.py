@@ -58,10 +58,6 @@ class Samples:
         v, rod = self.values, self.template.mass_at == "rod"
         return inertia_constants(v["link_length"], v["link_mass"], v["tip_mass"], rod=rod)
 
-    def gravity(self) -> Array:
-        """Gravity (2, N) as the kernels take it, m/s^2."""
-        return self.values["gravity"] * np.array([[self.template.bend_sign], [1.0]])
-
     def torque_at(self, pressure: Array) -> Array:
         """Torque law of each sample at its own `pressure` (N,) [Pa], N m."""
         powers = np.arange(1, len(self.values["torque"]) + 1)
@@ -99,7 +95,7 @@ class Samples:
     def small_motions(self) -> tuple[Array, Array]:
         """Inertia and stiffness (N, n, n) of small motions about rest without pressure, in joint angles."""
         q = self.rest(np.zeros(self.size))
-        return small_motions(self.inertia(), self.gravity(), springs_of(self.values), q, self.absolute(q))
+        return small_motions(self.inertia(), self.values["gravity"], springs_of(self.values), q, self.absolute(q))
 
     def first_frequency(self) -> Array:
         """Undamped first natural frequency (N,) at rest without pressure, Hz; see `simulation.modes`."""
@@ -127,7 +123,7 @@ def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None
     if not models:
         raise InputError("a batch needs at least one model")
     template = models[0]
-    for name in ("n", "mass_at", "bend_sign", "memory"):
+    for name in ("n", "mass_at", "memory"):
         if len({getattr(m, name) for m in models}) > 1:
             raise InputError(f"the models of a batch must share {name}: simulate others in a batch of their own")
     values: dict[str, Array] = {}

@@ -35,7 +35,7 @@ def constant_arrays(samples: Samples) -> list[Array]:
     joints = np.stack([v["rest_angle"], springs.K, v["damping"], v["joint_gain"], *springs.hardening])
     base = v["base_length"] * np.stack([-np.sin(v["base_angle"]), np.cos(v["base_angle"])])
     place = np.concatenate([v["link_length"], base, v["base_angle"][None]])
-    return [*samples.inertia(), samples.gravity(), joints, place]
+    return [*samples.inertia(), samples.values["gravity"], joints, place]
 
 
 def in_groups(a: Array) -> Array:
@@ -55,8 +55,7 @@ def unpack(
     n, rows = samples.template.n, len(kept.phi)
     tails = {"joint_angle": (n,), "joint_rate": (n,), "tip_position": (n, 2)}
     made = [asked[name] if name in asked else np.empty((0, rows, *tail)) for name, tail in tails.items()]
-    sign = float(samples.template.bend_sign)
-    lane_twin(simd_loops.unpack_lanes, n)(kept, joints[0], place[-1], sign, *made)
+    lane_twin(simd_loops.unpack_lanes, n)(kept, joints[0], place[-1], *made)
 
 
 class Groups:

@@ -188,11 +188,11 @@ def keep_lanes(row, phi, w, where, out):
     tips(phi, where[:n], where[n], where[n + 1], out.tips[row])
 
 
-def unpack_lanes(kept, rest, base_angle, sign, angle_out, rate_out, tip_out):
+def unpack_lanes(kept, rest, base_angle, angle_out, rate_out, tip_out):
     """From what `march_lanes` kept (`Output`) to samples (samples, rows, n[, 2]).
 
-    Joint angles and rates relative to the link before; rest (n, W) and base_angle (W,) as in the march, `sign` is the
-    sense of bending. An output of no samples is not asked for.
+    Joint angles and rates relative to the link before; rest (n, W) and base_angle (W,) as in the march. An output of
+    no samples is not filled.
     """
     phi_rows, w_rows, tip_rows = kept.phi, kept.w, kept.tips
     rows, n = phi_rows.shape[:2]
@@ -209,5 +209,5 @@ def unpack_lanes(kept, rest, base_angle, sign, angle_out, rate_out, tip_out):
                 before = w_rows[row, i, lane]
         for lane in range(len(tip_out)):
             for i in range(n):
-                tip_out[lane, row, i, 0] = sign * tip_rows[row, i, 0, lane]
+                tip_out[lane, row, i, 0] = tip_rows[row, i, 0, lane]
                 tip_out[lane, row, i, 1] = tip_rows[row, i, 1, lane]

@@ -49,7 +49,7 @@ def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
     """
     first = fixed_length(models[0])
     Stepper(first, step, np.zeros(len(first.chambers)))  # what it refuses is refused
-    for name in ("n", "mass_at", "bend_sign", "memory"):
+    for name in ("n", "mass_at", "memory"):
         if len({getattr(m, name) for m in models}) > 1 and (name != "memory" or any(not m.memory for m in models)):
             raise InputError(f"the models of a batch must share {name}: step others in a batch of their own")
     if len({len(m.chambers) for m in models}) > 1:

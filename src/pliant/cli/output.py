@@ -67,8 +67,7 @@ def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
 
 def base_of(model: Model) -> list[list[float]]:
     """Origin and first joint (2, 2), m."""
-    x, y = model.first_joint
-    return [[0.0, 0.0], [float(model.bend_sign * x), float(y)]]
+    return [[0.0, 0.0], model.first_joint.tolist()]
 
 
 def write_figure(figure: Figure, path: Path) -> None:

@@ -150,7 +150,7 @@ def described(model: Model, angle: Array, tried: Tried) -> Push:
     """The best point in the base frame, with what it cannot show."""
     best = int(np.argmin(tried.evidence))
     likely = tried.evidence <= tried.evidence[best] + 3.84
-    j, sign = int(tried.link[best]), np.array([model.bend_sign, 1.0])
+    j = int(tried.link[best])
     arc = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])[tried.link] + tried.along
     c, s = np.cos(angle[j]), np.sin(angle[j])
     turn = np.array([[-c, -s], [-s, c]]).T  # left and tipwards to x and y
@@ -159,10 +159,9 @@ def described(model: Model, angle: Array, tried: Tried) -> Push:
     sd = np.sqrt(np.diag(own))
     allowed = 1.0 / np.sqrt(np.diag(tried.weight[best]))
     names = np.array(["normal", "tangential"])
-    F = np.diag(sign) @ turn
     return Push(
         float(arc[best]), (float(arc[likely].min()), float(arc[likely].max())), model.length, j,
-        sign * point, sign * np.array([-tangent[1], tangent[0]]), F @ force, F @ own @ F.T,
+        point, np.array([-tangent[1], tangent[0]]), turn @ force, turn @ own @ turn.T,
         float(force[0]), float(force[1]), float(sd[0]), float(sd[1]), float(tried.misfit[best]),
         tuple(str(name) for name in names[sd > HIDDEN * allowed]),
     )

@@ -78,13 +78,13 @@ def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:
 
 
 def curve_at(model: Model, angle: Array, arc_length: float) -> tuple[Array, Array]:
-    """Point and unit tangent (2,) at an arc length [m] of the cubic spline through the joints, before `bend_sign`.
+    """Point and unit tangent (2,) at an arc length [m] of the cubic spline through the joints.
 
     Of a body that lengthens, with its strains behind the angles (n + S,), at that arc length before it does.
     """
     chain, first = mechanics_of(model), int(model.base_length == 0.0)
     stretch, directions = chain.stretches(angle), chain.directions(angle)
-    nodes = (chain.nodes(angle) * chain.mirror)[first:]
+    nodes = chain.nodes(angle)[first:]
     arc = np.append(0.0, model.base_length + np.append(0.0, np.cumsum(model.link_length)))[first:]
     if arc.size < 3:
         return np.array([np.interp(arc_length, arc, x) for x in nodes.T]), directions[-1]

@@ -79,7 +79,7 @@ def ask(row, scale, more, away, wish):
 
 def outputs(angle, strain, geometry, out):
     """Outputs at absolute angles (n,) and strains (S,): tip x, tip y [m] or the last link's angle, as `which` says."""
-    length, share, x0, y0, sign, which = geometry
+    length, share, x0, y0, which = geometry
     x = 0.0
     y = 0.0
     for i in range(len(length)):
@@ -94,7 +94,7 @@ def outputs(angle, strain, geometry, out):
             y = y + length[i] * stretch * np.cos(angle[i - 1])
     for j in range(len(out)):
         if which[j] == 0:
-            out[j] = sign * x
+            out[j] = x
         elif which[j] == 1:
             out[j] = y
         else:

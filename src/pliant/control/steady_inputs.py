@@ -38,13 +38,13 @@ def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array
     return np.stack([known[name] for name in outputs], axis=-1)
 
 
-def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Array, Array, float, float, float, Array]:
-    """Lengths (n + 1,), their fractions in each segment, first joint, sign of the bend, which outputs: for `look`."""
+def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Array, Array, float, float, Array]:
+    """Lengths (n + 1,), their fractions in each segment, first joint, which outputs: for `look`."""
     x0, y0 = (float(v) for v in model.first_joint)
     length = np.append(model.base_length, model.link_length)
     known = ("tip_x", "tip_y", "angle_sum")
     which = np.array([known.index(name) for name in outputs])
-    return length, np.array(model.stretch_share, dtype=float), x0, y0, float(model.bend_sign), which
+    return length, np.array(model.stretch_share, dtype=float), x0, y0, which
 
 
 def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> tuple[Array, Array, Array]:

@@ -66,7 +66,7 @@ class Frame(NamedTuple):
     """One frame of the shape as an estimator takes it."""
 
     rows: Array  # (m, 4) of (kind, link, along, across): what each value sees, as `rows_of` makes them
-    values: Array  # (m,) m or rad, as the model has them before `bend_sign`; NaN where one is lost
+    values: Array  # (m,) m or rad, in the model's base frame; NaN where one is lost
     variance: Array  # (m,)
 
 

@@ -152,7 +152,7 @@ class KalmanFilter:
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
         """Take a frame of the shape: `rows` (m, 4) as `rows_of` makes them, their values (m,) and variances (m,).
 
-        Values that are not numbers are skipped; x and angles as the model has them before `bend_sign`.
+        Values that are not numbers are skipped; positions and angles are those of the model's base frame.
 
         Raises
         ------

@@ -48,14 +48,13 @@ class LinkAngles:
         ends = np.clip(ends, s[0], s[-1])
         left = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, s.size - 2)
         self._left, self._share = left, ((ends - s[left]) / (s[left + 1] - s[left]))[:, None]
-        self._mirror = np.array([model.bend_sign, 1.0])
-        self._ends = left.astype(np.int64), self._share[:, 0].copy(), float(model.bend_sign)
+        self._ends = left.astype(np.int64), self._share[:, 0].copy()
         self._values, self._size = twin(link_angle_loops.joint_values), s.size
         self.rows, self._variance = joint_rows(model), np.full(model.n, noise**2)
 
     def ends(self, points: Array) -> Array:
-        """Ends of the links (n + 1, 2) among points (S, 2), m, before the model's bend sign."""
-        return ((1 - self._share) * points[self._left] + self._share * points[self._left + 1]) * self._mirror
+        """Ends of the links (n + 1, 2) among points (S, 2), m."""
+        return (1 - self._share) * points[self._left] + self._share * points[self._left + 1]
 
     def __call__(self, points: Array) -> Array:
         """Absolute link angles (n,) of points (S, 2), rad."""

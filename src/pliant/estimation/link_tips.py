@@ -45,14 +45,14 @@ class LinkTips:
             )
         self._left = np.clip(np.searchsorted(s, tips, side="right") - 1, 0, s.size - 2)
         self._share = ((tips - s[self._left]) / (s[self._left + 1] - s[self._left]))[:, None]
-        self._mirror, self._size = np.array([model.bend_sign, 1.0]), s.size
+        self._size = s.size
         self.rows = rows_of(model, model.with_(stations=()).points)
         self._variance = np.full(2 * model.n, noise**2)
 
     def tips(self, points: Array) -> Array:
-        """Tips of the links (..., n, 2) among points (..., S, 2), m, before the model's bend sign."""
+        """Tips of the links (..., n, 2) among points (..., S, 2), m."""
         near, far = points[..., self._left, :], points[..., self._left + 1, :]
-        return np.asarray(((1.0 - self._share) * near + self._share * far) * self._mirror)
+        return np.asarray((1.0 - self._share) * near + self._share * far)
 
     def frame(self, points: Array) -> Frame:
         """What estimators take of points (S, 2) [m]; NaN where one is lost. InputError for other than S points."""

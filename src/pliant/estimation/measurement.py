@@ -18,6 +18,7 @@ from pliant.reduction.body import body_of
 from pliant.simulation import state
 
 Array = np.ndarray
+PLAIN = 0.5  # correlation of the pressure with the tip's x, of the wrong sign, from which a recording is refused
 
 
 class Measurement(NamedTuple):
@@ -32,7 +33,7 @@ class Measurement(NamedTuple):
 
 
 def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
-    """Rows (m, 4) that see x and y, and the angle, of stations on links; in the model's frame before `bend_sign`."""
+    """Rows (m, 4) that see x and y, and the angle, of stations on links; in the model's base frame."""
     rows = []
     for s in stations:
         if not 0 <= s.link < model.n:
@@ -56,13 +57,16 @@ def measurement_of(
     Raises
     ------
     InputError
-        When the recording is not planar, or shows neither the model's stations nor a dense curve (which tells nothing
-        of a body that lengthens).
+        When the recording is not planar, bends to the other side than the model, or shows neither the model's stations
+        nor a dense curve (which tells nothing of a body that lengthens).
     """
     check_recording(recording)
     if recording.attrs.get("frame") != "planar":
         raise InputError(f"a planar recording is needed, not the frame {recording.attrs.get('frame')!r}: align it by "
                          "`pliant shape RECORDING -o aligned.nc`, or pliant.align")
+    if bends_away(recording, model):
+        raise InputError("under pressure the recorded body bends to the other side than the model: turn the recording "
+                         "into the base frame by `pliant shape RECORDING -o aligned.nc`, or pliant.align")  # D4
     names = [str(s) for s in recording["station"].values]
     wanted = stations or tuple(p.name for p in model.points if p.link >= 0 and p.name in names)
     known = {p.name: p for p in model.points}
@@ -78,12 +82,25 @@ def measurement_of(
     )
 
 
+def bends_away(recording: xr.Dataset, model: Model) -> bool:
+    """Return whether the measured pressure of the only chamber bends the body to the other side than the model."""
+    if "pressure" not in recording or "position" not in recording or len(model.chambers) > 1:
+        return False
+    pressure = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
+    x = recording["position"].values[:, -1, 0]
+    seen = np.isfinite(x)
+    level = np.interp(recording["time"].values, recording["pressure_time"].values, pressure[:, 0])[seen]
+    if pressure.shape[1] > 1 or not (level.size and np.ptp(level) > 0 and np.ptp(x[seen]) > 0):
+        return False
+    torque = model.torque_at(float(level.max())) * model.joint_gain.sum()
+    return bool(np.corrcoef(level, x[seen])[0, 1] * np.sign(torque) > PLAIN)
+
+
 def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
     """Coordinates, and angles where recorded, of named stations."""
-    sign = np.array([model.bend_sign, 1.0])
     names = [s.name for s in stations]
     angled = "angle" in recording
-    position = recording["position"].sel(station=names).values.astype(float) * sign
+    position = recording["position"].sel(station=names).values.astype(float)
     columns, variance, label = [], [], []
     turned = angles_of(recording, model, stations) if angled else None
     for k, s in enumerate(stations):
@@ -100,9 +117,9 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
 
 
 def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> Array:
-    """Recorded angles (T, S) as absolute link angles, before `bend_sign`, rad."""
+    """Recorded angles (T, S) as absolute link angles, rad."""
     angle = recording["angle"].sel(station=[s.name for s in stations])
-    turned = model.bend_sign * angle.values.astype(float)
+    turned = angle.values.astype(float)
     if str(angle.attrs.get("reference", "base")) == "rest":
         turned = turned + mechanics_of(model).coordinates(state.equilibrium(model))[[s.link for s in stations]]
     return np.asarray(turned)
@@ -125,7 +142,7 @@ def from_curve(recording: xr.Dataset, model: Model, noise: Noise) -> Measurement
     rows = np.array([(JOINT, i, 0.0, 0.0) for i in range(model.n)])
     time = recording["time"].values.astype(float)
     value = np.full((time.size, model.n), np.nan)
-    value[np.isin(time, links.time)] = model.bend_sign * (links.joint_angle + links.rest_angle)
+    value[np.isin(time, links.time)] = links.joint_angle + links.rest_angle
     notes = (f"curve of {body.arc_length.size} points compressed to {model.n} joint angles", *links.notes)
     label = tuple(f"joint_{i + 1}" for i in range(model.n))
     return Measurement(time, rows, value, np.full(model.n, noise.angle**2), label, notes)

@@ -69,7 +69,6 @@ def names(model: Model) -> Names:
         return place(model, "p", field)
 
     gravity = of("gravity")
-    gx: Any = Real(f"({'-' if model.bend_sign < 0 else ''}{gravity[0]})")
     joints = symbols.Joints(
         of("base_angle"), of("rest_angle"), of("stiffness"), of("damping"), of("hardening"), of("rest_angle"),
     )
@@ -86,7 +85,7 @@ def names(model: Model) -> Names:
         rubber[c] = [rubber[c, k] if kernel[k - k % 2] else kernel[k] for k in range(len(kernel))]
     actuation = symbols.ActuationConstants(of("torque"), of("joint_gain"), rubber)
     drives = march_loops.Drives(actuation, valve, cells("s->pressure", (C,)), cells("s->chamber", (C, 2)))
-    body = symbols.Body(of("B"), of("I"), of("h"), gx, gravity[1])
+    body = symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1])
     return Names(body, joints, memory, drives)
 
 
@@ -183,7 +182,6 @@ class Text:
     def tips(self) -> str:
         """Positions of the first joint and the link tips."""
         w, n = self.writer(), self.model.n
-        sign = w.number(float(self.model.bend_sign))
         x, y = w.local("x"), w.local("y")
         c, s = w.cosine_and_sine("p->base_angle")
         w.say(f"{x} = -p->base_length * {s};")
@@ -192,14 +190,13 @@ class Text:
             c, s = w.cosine_and_sine(self.phi[k])
             w.say(f"{x} -= p->link_length[{k}] * {s};")
             w.say(f"{y} += p->link_length[{k}] * {c};")
-            w.say(f"tip[{k}][0] = {sign} * {x};")
+            w.say(f"tip[{k}][0] = {x};")
             w.say(f"tip[{k}][1] = {y};")
         return self.reading("tips", f"tip[{n}][2]", w)
 
     def stations(self) -> str:
         """Positions and angles of the observed points."""
         w, points = self.writer(), self.model.points
-        sign = float(self.model.bend_sign)
         x, y = w.local("x"), w.local("y")
         for carrier in range(-1, self.model.n):
             angle = self.phi[carrier] if carrier >= 0 else "p->base_angle"
@@ -207,9 +204,9 @@ class Text:
             for k, point in enumerate(points):
                 if point.link == carrier:
                     a, b = w.number(point.along), w.number(point.across)
-                    w.say(f"pose[{k}][0] = {w.number(sign)} * ({x} - {a} * {s} - {b} * {c});")
+                    w.say(f"pose[{k}][0] = {x} - {a} * {s} - {b} * {c};")
                     w.say(f"pose[{k}][1] = {y} + {a} * {c} - {b} * {s};")
-                    w.say(f"pose[{k}][2] = {w.number(sign)} * {angle};")
+                    w.say(f"pose[{k}][2] = {angle};")
             length = f"p->link_length[{carrier}]" if carrier >= 0 else "p->base_length"
             w.say(f"{x} = {x} - {length} * {s};")
             w.say(f"{y} = {y} + {length} * {c};")

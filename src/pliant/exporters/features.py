@@ -217,7 +217,7 @@ FEATURES: dict[str, Feature] = {
 }
 EVERYWHERE = (  # fields that every target writes, or that name and gather others
     "Model.link_length", "Model.link_mass", "Model.rest_angle", "Model.mass_at", "Model.tip_mass", "Model.base_length",
-    "Model.base_angle", "Model.bend_sign", "Model.memory", "Model.name", "Model.source", "Chamber.name",
+    "Model.base_angle", "Model.memory", "Model.name", "Model.source", "Chamber.name",
     "Chamber.valve", "Extension.name", "Station.name",
 )
 KNOWN = frozenset(EVERYWHERE).union(*(feature.fields for feature in FEATURES.values()))

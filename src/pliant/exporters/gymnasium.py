@@ -140,7 +140,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         length = self._lengths[self._body] if own else m.link_length
         first = self._first[self._body] if own else m.first_joint
         x = first[..., 0] - (length * np.sin(angle)).sum(axis=1)
-        return np.stack([m.bend_sign * x, first[..., 1] + (length * np.cos(angle)).sum(axis=1)], axis=1)
+        return np.stack([x, first[..., 1] + (length * np.cos(angle)).sum(axis=1)], axis=1)
 
     def observations(self, angle: Array) -> Array:
         """What the agents see of chains at absolute angles (N, n), late by the fibre's latency where there is one."""

@@ -74,7 +74,7 @@ def mjcf(
     ET.SubElement(ET.SubElement(root, "custom"), "text", name=f"{prefix}pliant", data=told.json())
     base = ET.SubElement(
         ET.SubElement(root, "worldbody"), "body", name=f"{prefix}base",
-        euler=number(0.0, 0.0, model.bend_sign * model.base_angle),
+        euler=number(0.0, 0.0, model.base_angle),
     )
     capsule(base, f"{prefix}skin_base", model.base_length, size)
     sites(base, model, -1, prefix)
@@ -95,9 +95,9 @@ def link(parent: ET.Element, model: Model, i: int, prefix: str, size: float) -> 
     """Link `i`: its body in the rest shape, hinge, inertia, looks and the hinges of its creep."""
     start = model.base_length if i == 0 else model.link_length[i - 1]
     place = {
-        "pos": number(0.0, start, 0.0), "euler": number(0.0, 0.0, model.bend_sign * model.rest_angle[i]),
+        "pos": number(0.0, start, 0.0), "euler": number(0.0, 0.0, model.rest_angle[i]),
     }
-    axis = number(0.0, 0.0, model.bend_sign)
+    axis = number(0.0, 0.0, 1.0)
     K = model.stiffness[i]
     for branch in branches(model):
         name = f"{prefix}{branch.name}_{i + 1}"
@@ -158,7 +158,7 @@ def sites(body: ET.Element, model: Model, carrier: int, prefix: str) -> None:
     for p in model.points:
         if p.link == carrier:
             ET.SubElement(
-                body, "site", name=f"{prefix}{p.name}", pos=number(-model.bend_sign * p.across, p.along, 0.0),
+                body, "site", name=f"{prefix}{p.name}", pos=number(-p.across, p.along, 0.0),
                 size="0.002",
             )
 

@@ -17,7 +17,7 @@ from pliant.text import Form, escaped
 from pliant.version import __version__
 
 FRAME = (
-    "base at the origin, its tangent along +y, the body in the x-y plane; positive angles bend towards {side}; "
+    "base at the origin, its tangent along +y, the body in the x-y plane; positive angles bend towards -x; "
     "pressure is gauge, in Pa"
 )
 
@@ -42,7 +42,7 @@ class Told:
             content.pop(name)
         return {
             "name": self.model.name, "made_by": f"pliant {__version__}", "target": self.target,
-            "command": self.command, "frame": FRAME.format(side="-x" if self.model.bend_sign > 0 else "+x"),
+            "command": self.command, "frame": FRAME,
             "units": UNITS, "parameters": content, "source": self.model.source,
             "standard_errors": dict(self.std) or "not known: the model file holds none and no fit was given",
             "left_out": list(self.left_out), "notes": list(self.notes),

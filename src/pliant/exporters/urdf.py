@@ -31,8 +31,7 @@ def urdf(model: Model, told: Told, *, prefix: str = "", radius: float = 0.0) -> 
     model = with_identifiers(model)
     root = ET.Element("robot", name=f"{prefix}{model.name}")
     root.append(ET.Comment(" " + "\n  ".join(told.lines("xml_comment")) + " "))
-    base_turn = model.bend_sign * model.base_angle
-    shape(ET.SubElement(root, "link", name=f"{prefix}base"), model.base_length, size, base_turn)
+    shape(ET.SubElement(root, "link", name=f"{prefix}base"), model.base_length, size, model.base_angle)
     for i in range(model.n):
         link = ET.SubElement(root, "link", name=f"{prefix}link_{i + 1}")
         mass, centre, inertia = link_inertia(model, i)
@@ -55,13 +54,13 @@ def urdf(model: Model, told: Told, *, prefix: str = "", radius: float = 0.0) -> 
 
 def hinge(root: ET.Element, model: Model, i: int, prefix: str) -> None:
     """The joint before link `i`."""
-    turn = model.bend_sign * (model.rest_angle[i] + (model.base_angle if i == 0 else 0.0))
-    place = [*(model.first_joint * [model.bend_sign, 1]), 0.0] if i == 0 else [0.0, model.link_length[i - 1], 0.0]
+    turn = model.rest_angle[i] + (model.base_angle if i == 0 else 0.0)
+    place = [*model.first_joint, 0.0] if i == 0 else [0.0, model.link_length[i - 1], 0.0]
     joint = ET.SubElement(root, "joint", name=f"{prefix}q_{i + 1}", type="revolute")
     ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(0.0, 0.0, turn))
     ET.SubElement(joint, "parent", link=f"{prefix}link_{i}" if i else f"{prefix}base")
     ET.SubElement(joint, "child", link=f"{prefix}link_{i + 1}")
-    ET.SubElement(joint, "axis", xyz=number(0.0, 0.0, model.bend_sign))
+    ET.SubElement(joint, "axis", xyz=number(0.0, 0.0, 1.0))
     ET.SubElement(joint, "dynamics", damping=number(model.damping[i]), friction="0")
     ET.SubElement(joint, "limit", lower=number(-TURN), upper=number(TURN), effort="0", velocity="1000")
 
@@ -80,10 +79,10 @@ def shape(link: ET.Element, length: float, size: float, turn: float) -> None:
 
 def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: str) -> None:
     """An observed point as a link of its own without mass, fixed to its carrier."""
-    place = np.array([-model.bend_sign * point.across, point.along, 0.0])
+    place = np.array([-point.across, point.along, 0.0])
     turn = 0.0
     if point.link < 0:  # the base's own frame does not turn with its tangent
-        turn = model.bend_sign * model.base_angle
+        turn = model.base_angle
         c, s = np.cos(turn), np.sin(turn)
         place = np.array([c * place[0] - s * place[1], s * place[0] + c * place[1], 0.0])
     ET.SubElement(root, "link", name=f"{prefix}{name}")

@@ -122,7 +122,7 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
         turned, strains = np.split(np.array(q), [model.n], axis=1)
         phi = model.base_angle + np.cumsum(turned + model.rest_angle, axis=1)
         at, angle = mechanics_of(shown).stations(np.hstack([phi, strains]))
-        base = model.bend_sign * model.base_angle if exp.angle_reference in ("base", "joint") else 0.0
+        base = model.base_angle if exp.angle_reference in ("base", "joint") else 0.0
         return compared_of(exp, np.concatenate([at, (angle - base)[..., None]], axis=2))
 
     return places(angles), places(lines)

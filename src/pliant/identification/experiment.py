@@ -69,6 +69,8 @@ class Experiment(Shown):
     drives : dict
         Measured pressures by the chamber of the model that each drives, where it has several; those not named rest at
         0 Pa. `pressure` is then the one that moves most.
+    x_sign : {1, -1}
+        -1 where the base frame is turned by pi about the base tangent against the recording's own axes.  # D4
     placeless : bool
         Whether no place was observed, so that everything rests on the angles; found from the data.
     travel : float
@@ -94,6 +96,7 @@ class Experiment(Shown):
     angles_alone: bool = False
     own_places: bool = False
     drives: Mapping[str, Trace] = field(default_factory=dict)
+    x_sign: int = 1
     placeless: bool = field(init=False)
     travel: float = field(init=False)
 
@@ -177,6 +180,15 @@ class Experiment(Shown):
             return self
         moved = {name: Trace(t.time + start, t.pressure) for name, t in self.drives.items()}
         return replace(self, pressure=Trace(self.pressure.time + start, self.pressure.pressure), drives=moved)
+
+    def turned(self) -> Experiment:
+        """Return the experiment turned by pi about the base tangent, from the base frame to other axes or back."""
+        mirror = np.array([-1.0, 1.0])
+        forces = tuple(f._replace(force=f.force * mirror) for f in self.forces)
+        return replace(
+            self, position=self.position * mirror, angle=None if self.angle is None else -self.angle,
+            held=None if self.held is None else self.held * mirror, forces=forces,
+        )
 
     @cached_property
     def first_places(self) -> Array:

@@ -45,7 +45,6 @@ class Places(NamedTuple):
     carrier: np.ndarray  # (S,) index of the link that carries each point, -1 the base
     along: np.ndarray  # (S,) m
     across: np.ndarray  # (S,) m
-    sign: float  # 1, or -1 where the x axis is mirrored
     shift_x: float  # m
     shift_y: float  # m
     reference: float  # rad, what angles are measured from
@@ -120,7 +119,7 @@ def look_before(before, seen):
 def observe(phi, base_angle, places, seen):
     """Position [m] and angle [rad] of the observed points, seen (S, 3), at coordinates phi (n + S,).
 
-    x mirrored by `places.sign`; angles less `places.reference`.
+    Angles are less `places.reference`.
     """
     place_links(phi, base_angle, places.chain, places.links)
     for j in range(len(places.carrier)):
@@ -130,6 +129,6 @@ def observe(phi, base_angle, places, seen):
         angle = base_angle
         if link >= 0:
             angle = phi[link]
-        seen[j, 0] = places.sign * x + places.shift_x
+        seen[j, 0] = x + places.shift_x
         seen[j, 1] = y + places.shift_y
-        seen[j, 2] = places.sign * (angle - places.reference)
+        seen[j, 2] = angle - places.reference

@@ -83,7 +83,7 @@ def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) ->
     work = in_kind(mechanics_of(model).workspace(), kind)
     places = Places(
         ObservedChain(numbers.base_length, numbers.length, numbers.share), kind.of(np.zeros((5, n + 1))), made.carrier,
-        numbers.along, numbers.across, kind.of(model.bend_sign), numbers.shift[0], numbers.shift[1], numbers.reference,
+        numbers.along, numbers.across, numbers.shift[0], numbers.shift[1], numbers.reference,
     )
     out: Array = kind.of(np.zeros((rows, made.carrier.size, 3)))
     course = Course(numbers.h, numbers.torque, numbers.gain, made.keep, numbers.load)

@@ -201,7 +201,7 @@ def reattached(made: SetUp, numbers: Numbers) -> Numbers:
     """
     if made.first_seen is None:
         return numbers
-    seen = (made.first_seen - numbers.shift) * [made.model.bend_sign, 1]
+    seen = made.first_seen - numbers.shift
     chain = LinkFrames(numbers.phi, numbers.length, numbers.base_length, numbers.joints.base_angle, numbers.share)
     links = made.carrier + 1
     along, across = (row[np.arange(links.size), links] for row in link_coordinates(chain, seen))

@@ -20,6 +20,7 @@ from pliant.identification.recorded import (
     recorded_angles,
     recorded_places,
 )
+from pliant.preprocessing.side import x_sign
 from pliant.recording.schema import check_recording
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
@@ -88,6 +89,6 @@ def experiment(
         noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
-        own_places=own_places,
+        own_places=own_places, x_sign=x_sign(recording),
     )
     return replace(made, held=held_pose(made)) if held == "measured" else made

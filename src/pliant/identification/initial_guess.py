@@ -105,7 +105,7 @@ def turning_points(model: Model, exp: Experiment, known: Mapping[str, Station]) 
 def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) -> Station:
     """The station at `point` (2,) of the base frame; on the link that it lies beside when `link` is None."""
     length = np.concatenate([[model.base_length], model.link_length])
-    (along,), (across,) = beside_links(model, phi, point[None] * [model.bend_sign, 1])
+    (along,), (across,) = beside_links(model, phi, point[None])
     apart = np.hypot(along - np.clip(along, 0.0, length), across)
     i = int(np.argmin(apart)) if link is None else link + 1
     return Station(name, i - 1, float(along[i]), float(across[i]))

@@ -22,7 +22,7 @@ def posed(model: Model, chosen: list[Station], seen: Array, found: dict[Any, Arr
     models that differ in what moves them.
     """
     points = tuple((p.link, p.along, p.across) for p in chosen)
-    base = (model.base_length, model.base_angle, model.bend_sign, points)
+    base = (model.base_length, model.base_angle, points)
     key = (*base, *(a.tobytes() for a in (model.link_length, model.rest_angle, seen)))
     if key not in found:
         found[key] = sought(model, chosen, seen)

@@ -180,11 +180,6 @@ class Mechanics(ABC):
 
     @cached_property
     @abstractmethod
-    def mirror(self) -> Array:
-        """Signs (dimension,) that take positions of the kernels to the base frame and back."""
-
-    @cached_property
-    @abstractmethod
     def length(self) -> Array:
         """Lengths (n + 1,) of the part before the first joint and of the links, unstretched, m."""
 

@@ -23,7 +23,7 @@ class LinkFrames(NamedTuple):
 
 
 def link_coordinates(chain: LinkFrames, points: Array) -> tuple[Array, Array]:
-    """Coordinates along and across (P, n + 1) each link of points (P, 2) [m], `bend_sign` undone, the base first.
+    """Coordinates along and across (P, n + 1) each link of points (P, 2) [m], the base first.
 
     Coordinates along a link are those of the link unstretched.
     """

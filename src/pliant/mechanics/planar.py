@@ -40,8 +40,6 @@ class PlanarChain(Mechanics):
         Of the rigid part before the first joint and of the links, unstretched, m.
     stretch_share : array (n + 1, S)
         Fraction of each of them that lies in each segment.
-    mirror : array (2,)
-        Signs that take the kernels' positions to the base frame and back.
     """
 
     dimension = 2
@@ -61,17 +59,12 @@ class PlanarChain(Mechanics):
         """Fraction (n + 1, S) of each link in each segment."""
         return np.array(self.model.stretch_share)
 
-    @cached_property
-    def mirror(self) -> Array:
-        """Signs (2,) between the kernels' frame and the base frame."""
-        return np.array([float(self.model.bend_sign), 1.0])
-
     # what the kernels take
 
     @cached_property
     def body(self) -> Any:
         model = self.model
-        gx, gy = float(model.gravity[0] * model.bend_sign), float(model.gravity[1])
+        gx, gy = (float(g) for g in model.gravity)
         if not self.segments:
             rod = model.mass_at == "rod"
             return Body(*inertia_constants(model.link_length, model.link_mass, model.tip_mass, rod=rod), gx, gy)
@@ -184,7 +177,7 @@ class PlanarChain(Mechanics):
         return np.asarray(1.0 + x[..., self.n : self.size] @ self.stretch_share.T)
 
     def directions(self, x: Array) -> Array:
-        """Return unit vectors e = (-sin, cos) (..., n + 1, 2) along the base and the links, in the kernels' frame."""
+        """Return unit vectors e = (-sin, cos) (..., n + 1, 2) along the base and the links."""
         return tangents(self.angles(x))
 
     def angles(self, x: Array) -> Array:
@@ -198,22 +191,22 @@ class PlanarChain(Mechanics):
         phi = x[..., : self.n]
         across = -np.cumsum(length * np.sin(phi), axis=-1) + first[..., :1]
         along = np.cumsum(length * np.cos(phi), axis=-1) + first[..., 1:]
-        return np.stack([self.model.bend_sign * across, along], axis=-1)
+        return np.stack([across, along], axis=-1)
 
     def nodes(self, x: Array) -> Array:
-        first = self.stretches(x)[..., :1, None] * (self.model.first_joint * self.mirror)
+        first = self.stretches(x)[..., :1, None] * self.model.first_joint
         return np.concatenate([np.zeros_like(first), first, self.tips(x)], axis=-2)
 
     def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:
         tips = self.tips(x) if tips is None else tips
         stretch = self.stretches(x)
         first = stretch[..., :1, None] * self.model.first_joint
-        joints = np.concatenate([np.zeros_like(first), first, tips[..., :-1, :] * self.mirror], axis=-2)
+        joints = np.concatenate([np.zeros_like(first), first, tips[..., :-1, :]], axis=-2)
         carrier, along, across = points_of(self.model.points)
         along, a = along * stretch[..., carrier], self.angles(x)[..., carrier]
         px = joints[..., carrier, 0] - along * np.sin(a) - across * np.cos(a)
         py = joints[..., carrier, 1] + along * np.cos(a) - across * np.sin(a)
-        return np.stack([self.model.bend_sign * px, py], axis=-1), self.model.bend_sign * a
+        return np.stack([px, py], axis=-1), a
 
     def position_jacobian(self, x: Array, point: Station) -> Array:
         ahead, stretch = self.directions(x), self.stretches(x)
@@ -222,14 +215,14 @@ class PlanarChain(Mechanics):
         side = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)  # n = (-cos, -sin)
         turned = (reach * stretch)[:, None] * side - (point.across * (rows == k))[:, None] * ahead
         grown = self.stretch_share.T @ (reach[:, None] * ahead)
-        return np.asarray(np.concatenate([turned[1:], grown]).T * self.mirror[:, None])
+        return np.asarray(np.concatenate([turned[1:], grown]).T)
 
     def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:
         n, part, ahead = self.n, self.length[:, None] * self.stretch_share, self.directions(x)
         turn = np.concatenate([np.zeros((len(v), 1)), v[:, :n]], axis=1)
         stretch, growth = self.length * self.stretches(x), v[:, n:] @ part.T
-        along = np.swapaxes(ahead * self.mirror, 1, 2)  # (K, 2, n + 1) of each link
-        across = np.stack([-ahead[..., 1], ahead[..., 0]], axis=1) * self.mirror[:, None]
+        along = np.swapaxes(ahead, 1, 2)  # (K, 2, n + 1) of each link
+        across = np.stack([-ahead[..., 1], ahead[..., 0]], axis=1)
         turned = across * growth[:, None] - along * (stretch * turn)[:, None]
         rows = np.concatenate([(across * stretch[:, None])[:, :, 1:], along @ part], axis=2)
         return rows, np.concatenate([turned[:, :, 1:], (across * turn[:, None]) @ part], axis=2)
@@ -264,7 +257,7 @@ class PlanarChain(Mechanics):
         links = np.arange(-1 if self.segments else 0, self.n)
         length = self.length[-links.size :]
         for f, place in enumerate(points):
-            own, pull = links == place.link, forces[:, f, None] * self.mirror
+            own, pull = links == place.link, forces[:, f, None]
             along = pull * np.where(own, place.along, length * (links < place.link))[:, None]
             across = pull[..., ::-1] * [1.0, -1.0] * (place.across * own)[:, None]
             total += np.concatenate([along, across], axis=-1) if self.segments else along + across
@@ -305,7 +298,7 @@ class PlanarChain(Mechanics):
         q = springs.angle_under(self.model, torque[:n])
         q = np.append(q, torque[n:] / joints.K[n:]) if self.segments else q
         load = self.weight() if link_load is None else self.weight() + link_load
-        load[:, :2] += np.outer(self.length[-len(load) :], tip_force * self.mirror)
+        load[:, :2] += np.outer(self.length[-len(load) :], tip_force)
         if load.any():
             unloaded = self.coordinates(np.zeros(self.size))
 

@@ -32,6 +32,11 @@ UNITS = {
     "extensions": "N, N s, m", **{name: term.unit for name, term in SPRING_TERMS.items()},
     SPRING_BOUND: "1",
 }
+MIRRORED = (  # D4
+    "bend_sign is no entry of a model, which is in the base frame, where positive angles lead towards -x: remove it "
+    "and the checksum; where it is -1, change the sign of the x of gravity too, and give shapes and targets in that "
+    "frame"
+)
 
 
 class StationEntry(BaseModel):
@@ -121,7 +126,6 @@ class ModelFile(BaseModel):
     base_length: float = 0.0
     base_angle: float = 0.0
     gravity: list[float] = [0.0, 0.0]
-    bend_sign: Literal[1, -1] = 1
     memory: MemoryEntry = MemoryEntry()
     extensions: list[ExtensionEntry] = []
     torque: list[float] | None = None  # these eight of the only chamber, or `chambers`
@@ -234,6 +238,8 @@ def read_model(text: bytes | str, where: str) -> Model:
     try:
         entries = ModelFile.model_validate_json(text)
     except ValidationError as error:
+        if any(e["loc"] == ("bend_sign",) for e in error.errors()):
+            raise InputError(f"{where}: {MIRRORED}") from None
         raise explain_validation(error, where) from None
     values = entries.model_dump(exclude={"schema_name", "schema_version", "units", "checksum"}, exclude_none=True)
     values["stations"] = tuple(Station(**s) for s in values["stations"])

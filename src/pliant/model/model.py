@@ -47,7 +47,6 @@ class Values(ChamberValues, total=False):
     base_length: float
     base_angle: float
     gravity: Any
-    bend_sign: int
     memory: Memory
     extensions: tuple[Extension, ...]
     stations: Any
@@ -57,7 +56,7 @@ class Values(ChamberValues, total=False):
 
 DEFAULTS: dict[str, Any] = {
     "rest_angle": 0.0, **dict.fromkeys((*SPRING_TERMS, SPRING_BOUND), 0.0), "mass_at": "rod", "tip_mass": 0.0,
-    "base_length": 0.0, "base_angle": 0.0, "gravity": (0.0, 0.0), "bend_sign": 1, "memory": Memory(), "extensions": (),
+    "base_length": 0.0, "base_angle": 0.0, "gravity": (0.0, 0.0), "memory": Memory(), "extensions": (),
     "stations": (), "name": "model", "source": {},
 }
 
@@ -89,8 +88,6 @@ class Model(ModelParameters):
         Rigid part between the origin and the first joint, m, and its angle from +y, rad.
     gravity : array (2,)
         Gravity in the base frame, m/s^2.
-    bend_sign : {1, -1}
-        Positive angles turn about +z (tip towards -x) for 1; the x axis is mirrored for -1.  # D4
     memory : Memory
         Creep, friction and Bouc-Wen at the joints; none by default.
     extensions : tuple of Extension
@@ -134,7 +131,6 @@ class Model(ModelParameters):
                 values[name] = made(values[name])
         self.__dict__.update(values)
         check_physical(self, values)
-        self.__dict__["bend_sign"] = int(self.bend_sign)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Model):

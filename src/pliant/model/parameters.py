@@ -34,7 +34,6 @@ class ModelParameters(Shown):
     base_length: float
     base_angle: float
     gravity: Array
-    bend_sign: int
     memory: Memory
     extensions: tuple[Extension, ...]
     stations: tuple[Station, ...]
@@ -79,5 +78,5 @@ class ModelParameters(Shown):
 
     @property
     def first_joint(self) -> Array:
-        """Position of the first joint (2,), m, before `bend_sign` is applied."""
+        """Position of the first joint (2,), m."""
         return self.base_length * np.array([-np.sin(self.base_angle), np.cos(self.base_angle)])

@@ -28,7 +28,6 @@ def check_physical(model: ModelParameters, given: Collection[str]) -> None:
         check_stations(model)
     choices = (  # sentences are filled in for what is wrong alone
         (model.mass_at in ("rod", "tip"), "mass_at must be 'rod' or 'tip', got {0.mass_at!r}"),
-        (model.bend_sign in (1, -1), "bend_sign must be 1 or -1, got {0.bend_sign!r}"),
         (model.stiffening_bound.max(initial=0.0) < 1, "stiffening_bound must be below 1, got {0.stiffening_bound}"),
         (model.gravity.size == 2, "gravity must be two numbers (x, y in the base frame), got {0.gravity.size}"),
         (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass >= LIGHTEST,

@@ -30,14 +30,13 @@ def model_card(model: ModelParameters) -> Card:
 def chain(model: ModelParameters, turn: float) -> np.ndarray:
     """Return base and link tips (n + 1, 2) [m] with every joint turned by `turn` [rad] from its rest angle."""
     angle = np.cumsum(model.rest_angle + turn)
-    steps = model.link_length[:, None] * np.stack([-model.bend_sign * np.sin(angle), np.cos(angle)], axis=1)
+    steps = model.link_length[:, None] * np.stack([-np.sin(angle), np.cos(angle)], axis=1)
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
 
 
 def sentences(model: ModelParameters) -> list[str]:
     """What is more than links, as far as the model has it."""
     said = [line for c in model.chambers for line in c.sentences(alone=len(model.chambers) == 1)]
-    said[0] += f", bending {'-x' if model.bend_sign > 0 else '+x'}"
     section = " to ".join(dict.fromkeys(f"{f(bending_stiffness(model)):.3g}" for f in (np.min, np.max)))
     said.append(f"bending stiffness EI = K l: {section} N m^2, {PLACEMENT[joint_placement(model)]}")
     if used := [k for k, name in enumerate(SPRING_TERMS, 1) if getattr(model, name).any()]:

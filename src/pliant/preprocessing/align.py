@@ -23,10 +23,11 @@ from pliant.preprocessing.base import (
     named_axis,
     still_noise,
 )
-from pliant.preprocessing.detectors import BLOCK_FRAMES, by_blocks, mean_place, orientation_jumps, seen_points
+from pliant.preprocessing.detectors import BLOCK_FRAMES, mean_place, orientation_jumps, seen_points
 from pliant.preprocessing.repair import undo_orientation_jumps
 from pliant.preprocessing.rest import clock_finding, rest_window
 from pliant.preprocessing.rotations import angle_about, continuous, from_matrix, mean_rotation, to_matrix
+from pliant.preprocessing.side import bending_sign, half_turn, planar_side
 from pliant.recording import append_history, check_recording, make_recording
 
 if TYPE_CHECKING:
@@ -63,7 +64,8 @@ def align(
     Parameters
     ----------
     ds : xarray.Dataset
-        Recording in frame ``tracker``.
+        Recording in frame ``tracker``. A ``planar`` one, whose base and tangent are known, is turned by pi about the
+        base tangent where it bends to the other side than `bend` says.
     base : str, optional
         Station at the base. Default: ``base`` when there is one, else the first station.
     tangent : str or 3 numbers
@@ -107,9 +109,10 @@ def align(
         When base, tangent or plane cannot be told from the recording.
     """
     check_recording(ds)
-    if "position" not in ds or ds.attrs["frame"] != "tracker":
-        frame = "aligned in space" if ds.attrs["frame"] == "spatial" else "planar"
-        raise InputError(f"align needs tracked positions; this recording is {frame} already or holds none")
+    if "position" not in ds or ds.attrs["frame"] == "spatial":
+        raise InputError("align needs positions; this recording is aligned in space already or holds none")
+    if ds.attrs["frame"] == "planar":
+        return half_turn(ds) if bend is not None and planar_side(ds) == -_wanted_sign(bend) else ds
     ds = _without_jumps(ds, undo=undo_jumps)
     index = _base_index(ds, base)
     window, span = _rest(ds, rest)
@@ -128,7 +131,7 @@ def align(
     about = {"motion": mean_place(position), "body": zero}  # the mean: a rest pose outside the plane must not tilt it
     given = input_normal(ds, y, position, pose) if _is(plane, "input") else _axis(plane, base_rotation)
     normal, flatness = bending_normal(plane if given is None else given, y, position, about, still_noise(position))
-    sign = 1 if _is(plane, "input") else _bending(ds, position, pose, zero, np.cross(y, normal))
+    sign = 1 if _is(plane, "input") else bending_sign(ds, position, pose, zero, np.cross(y, normal))
     kept = bend is None or (space and not (_is(plane, "motion", "body", "input")))
     if not kept and sign not in (0, _wanted_sign(str(bend))):
         normal, sign = -normal, -sign
@@ -137,7 +140,7 @@ def align(
     report = Alignment(
         base=str(ds["station"].values[index]), origin=tuple(zero.tolist()),
         rotation=tuple(tuple(row) for row in rotation.tolist()), tangent=_named(tangent), plane=_named(plane),
-        bend_sign=sign, rest_s=span, flatness=flatness, base_travel_m=base_travel,
+        bending=sign, rest_s=span, flatness=flatness, base_travel_m=base_travel,
         base_motion_removed=remove_base_motion, frame="spatial" if space else "planar",
         **_out_of_plane(position, about["motion"], normal),
     )  # fmt: skip
@@ -237,23 +240,6 @@ def _without_base_motion(
     return moved, back[:, None] @ matrices
 
 
-def _bending(ds: xr.Dataset, position: NDArray, pose: NDArray, origin: NDArray, x_axis: NDArray) -> int:
-    """Sign of the rotation about +z: +1 when the station that moves most goes toward -x, 0 when it cannot be told."""
-    travel = by_blocks(lambda part: np.nanmax(np.abs(part), axis=0, initial=0.0), position @ x_axis - pose @ x_axis)
-    most = int(np.argmax(travel))
-    sideways = (position[:, most] - pose[most]) @ x_axis if travel.max() > 0 else (position[:, -1] - origin) @ x_axis
-    weight = sideways
-    if "pressure" in ds:
-        values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
-        rise = np.nan_to_num(values - np.nanmin(values, axis=0, initial=np.inf)).sum(1)
-        level = np.interp(ds["time"].values, ds["pressure_time"].values, rise)
-        if level.max() > level.min():
-            chosen = level > 0.5 * (level.max() + level.min())
-            weight = np.where(chosen, sideways, 0.0)
-    largest = np.nan_to_num(weight)
-    return -int(np.sign(largest[np.argmax(np.abs(largest))]))
-
-
 def _wanted_sign(bend: str) -> int:
     if bend not in ("positive", "negative"):
         raise InputError(f"bend is 'positive', 'negative' or None, not {bend!r}")
@@ -334,7 +320,7 @@ def _aligned(
     space = report.frame == "spatial"
     frame = f"base {report.base} at the origin, tangent {report.tangent} along +{'z' if space else 'y'}, "
     frame += f"plane {report.plane}{' normal to x' if space else ''}"
-    rest = f"rest {report.rest_s[0]:.3g} to {report.rest_s[1]:.3g} s, bending sign {report.bend_sign:+d}"
+    rest = f"rest {report.rest_s[0]:.3g} to {report.rest_s[1]:.3g} s, bending sign {report.bending:+d}"
     out = f"{1e3 * report.out_of_plane_rms_m:.3g} mm rms ({100 * report.out_of_plane_share:.2g} % of the motion)"
     lines = [f"aligned: {frame}, {rest}", f"out of plane {out}, {'kept' if space else 'left out'}"]
     lines += clock_finding(ds)

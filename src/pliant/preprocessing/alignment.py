@@ -26,7 +26,7 @@ class Alignment:
         plane); in space x (normal of the plane), y and z (base tangent).
     tangent, plane : str
         How they were found.
-    bend_sign : int
+    bending : int
         Sign of the rotation about +z at the largest excursion, or under the highest pressure.
     rest_s : (start, end)
     flatness : float
@@ -46,7 +46,7 @@ class Alignment:
     rotation: tuple[tuple[float, ...], ...]
     tangent: str
     plane: str
-    bend_sign: int
+    bending: int
     rest_s: tuple[float, float]
     flatness: float
     out_of_plane_rms_m: float

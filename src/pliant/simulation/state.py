@@ -56,7 +56,7 @@ def equilibrium(
     tip_force : array (2,)
         Force on the last tip in the base frame, N; none by default.
     link_load : array (n, 2)
-        Loads of forces at other points, N m: what each link carries, times the force, before `bend_sign` is applied.
+        Loads of forces at other points, N m: what each link carries, times the force.
         Of a body that lengthens (n + 1, 4), see `pliant.simulation.forces.link_loads`.
 
     Returns

@@ -14,6 +14,8 @@ from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.cap import find_tip
 from pliant.preprocessing.curvature import curvature_of
 from pliant.preprocessing.cut import cut_body
+from pliant.preprocessing.side import ATTRIBUTE as SIDE
+from pliant.preprocessing.side import x_sign
 from pliant.recording import make_recording
 from pliant.reduction import LinkPlacement, OrderResult, links_of, select_order
 from pliant.study.schema import Fibre, Reduction, Study
@@ -108,7 +110,8 @@ def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacem
         pressure_time=body["pressure_time"].values if measured else None,
         chamber=[str(c) for c in body["chamber"].values] if "chamber" in body.coords else None,
     )
-    forces = [f.point_force for f in entry.forces]
+    tips = tips.assign_attrs({SIDE: x_sign(body)})
+    forces = [f.in_base_frame(x_sign(body)) for f in entry.forces]
     made = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces, drive=entry.drive)
     if not entry.angles:
         return made

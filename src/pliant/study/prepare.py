@@ -19,6 +19,7 @@ from pliant.preprocessing.cut import cut_time
 from pliant.preprocessing.labels import exclude_swaps, undo_swaps
 from pliant.preprocessing.plausibility.pressure import LEAST_PRESSURE
 from pliant.preprocessing.quality import quality, standing_stations
+from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side, x_sign
 from pliant.recording import read
 from pliant.recording.published import PREFIX
 from pliant.reduction import LinkPlacement
@@ -31,6 +32,7 @@ from pliant.units import pascal_per
 
 Array = np.ndarray
 LEAST_TURN = 0.02  # rad: the same of a recording of angles alone
+TURNED = "turned by pi about the base tangent: its x is minus that of the recordings"
 LEAST_TRAVEL = 0.003  # of the body's length: the tip of a recording that tells anything moves further
 
 
@@ -86,7 +88,26 @@ def all_planar(study: Study) -> dict[str, Aligned]:
         attributes = made[name].body.attrs
         if normal is None and len(study.actuator.chambers) > 1 and "alignment" in attributes:
             normal = np.array(alignment_of(made[name].body).rotation)[2]
+    made = on_one_side(study, made)
     return at_one_rest(made) if study.alignment.common_rest else made
+
+
+def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
+    """The recordings with planar ones turned into the base frame, all alike, as the first of them bends.  # D4
+
+    A body with several chambers stays as it was recorded: each chamber may bend it to its own side. Recordings that
+    `pliant.align` made are in the base frame already.
+    """
+    done = dict(recordings)
+    planar = [n for n, a in done.items() if not {"alignment", ATTRIBUTE} & set(a.body.attrs) and "position" in a.body]
+    bend = -1 if study.alignment.options.get("bend") == "negative" else 1
+    if len(study.actuator.chambers) > 1 or not planar or planar_side(done[planar[0]].body) != -bend:
+        return done
+    for name in planar:
+        body = half_turn(done[name].body)
+        said = str(body.attrs["history"]).splitlines()[-1]
+        done[name] = done[name]._replace(body=body, findings=(*done[name].findings, said))
+    return done
 
 
 def planar(study: Study, name: str, normal: Array | None = None) -> Aligned:
@@ -164,8 +185,8 @@ def study_experiment(study: Study, name: str, ds: xr.Dataset) -> Experiment:
     stations = entry.stations or moving_stations(name, ds, base)
     return experiment(
         name, ds, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
-        angles=entry.angles, held=entry.held, forces=[f.point_force for f in entry.forces], drive=entry.drive,
-        own_places=entry.own_places,
+        angles=entry.angles, held=entry.held, forces=[f.in_base_frame(x_sign(ds)) for f in entry.forces],
+        drive=entry.drive, own_places=entry.own_places,
     )
 
 
@@ -223,8 +244,11 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
 
 def study_model(
     actuator: ActuatorEntry, rotation: Array | None, links: LinkPlacement | None = None, usual: int | None = None,
+    sign: int = 1,
 ) -> Model:
     """The model of the study's actuator; `rotation` (3, 3) takes tracker vectors to the base frame.
+
+    `sign` is that of the planar recordings' x axis in the base frame.
 
     With `links`, the chain is the one laid through the recorded shape: lengths and rest angles as measured, the mass
     shared out by length. Without, and where the actuator states none, it has the `usual` number.
@@ -232,7 +256,9 @@ def study_model(
     values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area", "diameter"})
     values["source"] = dict(actuator.source)
     if gravity := values.pop("gravity", None):
-        values["gravity"] = in_base_frame(np.array(gravity, dtype=float), rotation)
+        values["gravity"] = in_base_frame(np.array(gravity, dtype=float), rotation, sign)
+    if sign < 0:
+        values["source"]["base_frame"] = TURNED
     if actuator.preset:
         defaults = dict(preset(actuator.preset).BODY)
         values = {**defaults, **values, "source": {**defaults.get("source", {}), **values["source"]}}
@@ -284,10 +310,10 @@ def measured_chain(values: dict[str, Any], links: LinkPlacement) -> Model:
     return model.with_(stations=model.points)
 
 
-def in_base_frame(gravity: Array, rotation: Array | None) -> Array:
-    """Gravity (2,) in the base frame from two numbers there or three in the tracker's frame."""
+def in_base_frame(gravity: Array, rotation: Array | None, sign: int) -> Array:
+    """Gravity (2,) in the base frame from three numbers in the tracker's frame, or two in it but for the sign of x."""
     if gravity.shape == (2,):
-        return gravity
+        return gravity * [sign, 1.0]
     if gravity.shape != (3,):
         raise InputError(f"gravity is (x, y) of the base frame or (x, y, z) of the tracker, got {gravity.size} numbers")
     if rotation is None:

@@ -33,6 +33,7 @@ from pliant.study.schema import Study
 from pliant.study.side_by_side import run_fits
 from pliant.study.verdict import verdict
 from pliant.study.wiring import compare_wirings, doubts_of
+from pliant.validation.axes import in_recorded_axes
 from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome
 from pliant.validation.store import save_results
 from pliant.version import __version__
@@ -95,6 +96,10 @@ def run_study(
         )
         outcome = replace(
             outcome, verdict=verdict(outcome, study.targets), headline=headline(outcome, study.targets)
+        )
+        outcome = in_recorded_axes(
+            outcome, {n: f.like for n, f in study.forecasts.items()},
+            {n: e.x_sign for n, e in ready.experiments.items()},
         )
         if target is not None:
             outcome = write_outcome(study, outcome, target, began, tell)
@@ -182,7 +187,8 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
             tell(f"{name}: {clocks.told}")
         unit, factor = reduced.shown_in
         tell(f"prepared {name}: {reduced.time.size} frames, travel {factor * reduced.travel:.3g} {unit}")
-    model = study_model(study.actuator, rotation, shape.links if shape else None, supported_links(experiments))
+    model = study_model(study.actuator, rotation, shape.links if shape else None, supported_links(experiments),
+                        min((e.x_sign for e in experiments.values()), default=1))
     dropped = hardly_moved(experiments, model.length)
     idle = {n: told for n, e in experiments.items() if (told := at_rest(model, e))}
     for line in (*dropped.values(), *idle.values()):

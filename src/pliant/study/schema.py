@@ -68,8 +68,7 @@ class ActuatorEntry(StudyEntry):
     chambers: list[ChamberTable] = []  # in its place, where there are several
     extensions: list[ExtensionTable] = []  # segments that lengthen
     rest_angle: float | list[float] | None = None  # rad
-    gravity: list[float] | None = None  # m/s^2, (x, y) of the base frame or (x, y, z) of the tracker
-    bend_sign: Literal[1, -1] | None = None
+    gravity: list[float] | None = None  # m/s^2, (x, y) as force_n has them or (x, y, z) of the tracker
     section_area: float | None = Field(None, gt=0)  # m^2 of solid section, against which a fitted mass is checked
     diameter: float | None = Field(None, gt=0)  # m, outer: density, modulus and torque are checked with it
     source: dict[str, str] = {}
@@ -115,7 +114,7 @@ class KnownForce(StudyEntry):
     along: float | None = None  # m, from the joint, with a link
     across: float = 0.0  # m, to the left of the link
     time_s: list[float]
-    force_n: list[tuple[float, float]]  # in the base frame
+    force_n: list[tuple[float, float]]  # in the axes of a planar recording, in the base frame of a tracked one
 
     @model_validator(mode="after")
     def one_place(self) -> KnownForce:
@@ -124,11 +123,10 @@ class KnownForce(StudyEntry):
             raise ValueError("a known force pulls at a station, or at a link with along (and across)")
         return self
 
-    @property
-    def point_force(self) -> PointForce:
-        """The force as an experiment takes it."""
+    def in_base_frame(self, x_sign: int) -> PointForce:
+        """Return the force as an experiment takes it, with the sign of the recording's x axis in the base frame."""
         at = self.station or Station("known force", (self.link or 1) - 1, self.along or 0.0, self.across)
-        return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2), at)
+        return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2) * [x_sign, 1.0], at)
 
 
 class Recording(StudyEntry):

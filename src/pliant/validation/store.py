@@ -66,9 +66,10 @@ def recorded(exp: Experiment) -> xr.Dataset:
         dims = ("pressure_time", "driven")[: samples.ndim]
         variables["pressure"] = (dims, samples, {"units": "Pa", "long_name": "measured gauge pressure"})
         variables["pressure_time"] = ("pressure_time", exp.pressure.time, {"units": "s"})
+    about = {"name": exp.name, "excitation": exp.excitation, "level": exp.level, "x_sign": exp.x_sign}
     axes = ["angle"] if exp.placeless else ["x", "y"]
     coordinates = {"time": ("time", exp.time, {"units": "s"}), "station": list(exp.stations), "axis": axes}
-    return xr.Dataset(variables, coordinates, {"name": exp.name, "excitation": exp.excitation, "level": exp.level})
+    return xr.Dataset(variables, coordinates, about)
 
 
 def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:

@@ -125,7 +125,7 @@ def experiment_of(ds: xr.Dataset) -> Experiment:
     place = ds["position"].values if "position" in ds else np.full((ds.sizes["time"], len(stations), 2), np.nan)
     return Experiment(
         str(ds.attrs["name"]), ds["time"].values, place, stations, ds.attrs["excitation"], trace,
-        float(ds.attrs["level"]), drives=drives, **seen,
+        float(ds.attrs["level"]), drives=drives, x_sign=int(ds.attrs["x_sign"]), **seen,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pliant.identification import Experiment
 from pliant.model import load_model
 from pliant.validation.stored import load_outcome
 from pliant.view.live import Played, sliders_of
@@ -30,5 +31,11 @@ def played_from(source: Path, log: Path | None = None, touch: float = 0.0) -> Pl
         return Played(model, sliders_of(model), {}, log=log, touch=touch)
     outcome = load_outcome(source)
     first = outcome.fits[0]
-    return Played(outcome.model, sliders_of(outcome.model, first.result.parameters),
-                  {r.name: r.experiment for r in first.records}, first.result.values.get("start", 0.0), log, touch)
+    recordings = {r.name: in_base_frame(r.experiment) for r in first.records}
+    return Played(outcome.model, sliders_of(outcome.model, first.result.parameters), recordings,
+                  first.result.values.get("start", 0.0), log, touch)
+
+
+def in_base_frame(experiment: Experiment) -> Experiment:
+    """Return a stored experiment, which is in the axes of its recording, in the base frame, where the model is."""
+    return experiment.turned() if experiment.x_sign < 0 else experiment

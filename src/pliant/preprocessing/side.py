@@ -1,0 +1,86 @@
+"""The side to which a body bends: a recording that shows it towards +x is turned by pi about the base tangent.  # D4"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing.detectors import by_blocks, mean_place
+from pliant.preprocessing.rest import rest_window
+from pliant.recording import append_history
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+ATTRIBUTE = "x_sign"
+
+
+def bending_sign(
+    ds: xr.Dataset, position: NDArray, pose: NDArray, origin: NDArray, x_axis: NDArray,
+) -> int:
+    """Return the sense in which a body turns: 1 about +z, its tip towards -x; -1 about -z; 0 where nothing moves.
+
+    The station that moves most decides, under the highest pressure or, where none was measured, at its largest
+    displacement.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        The recording.
+    position : array (T, S, d)
+        Of its stations, m.
+    pose : array (S, d)
+        Where they rest, m.
+    origin, x_axis : array (d,)
+        Of the base frame, m and a unit vector.
+    """
+    travel = by_blocks(lambda part: np.nanmax(np.abs(part), axis=0, initial=0.0), position @ x_axis - pose @ x_axis)
+    most = int(np.argmax(travel))
+    sideways = (position[:, most] - pose[most]) @ x_axis if travel.max() > 0 else (position[:, -1] - origin) @ x_axis
+    weight = sideways
+    if "pressure" in ds:
+        values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
+        rise = np.nan_to_num(values - np.nanmin(values, axis=0, initial=np.inf)).sum(1)
+        level = np.interp(ds["time"].values, ds["pressure_time"].values, rise)
+        if level.max() > level.min():
+            chosen = level > 0.5 * (level.max() + level.min())
+            weight = np.where(chosen, sideways, 0.0)
+    largest = np.nan_to_num(weight)
+    return -int(np.sign(largest[np.argmax(np.abs(largest))]))
+
+
+def planar_side(ds: xr.Dataset) -> int:
+    """Return `bending_sign` of a planar recording; 0 without positions or rest, or with several chambers."""
+    several = "pressure" in ds and ds["pressure"].ndim > 1 and ds.sizes["chamber"] > 1
+    if "position" not in ds or ds.attrs["frame"] != "planar" or several:
+        return 0
+    position, time = ds["position"].values, ds["time"].values
+    try:
+        start, end = rest_window(ds)
+    except InputError:  # never at rest
+        return 0
+    pose = mean_place(position[(time >= start) & (time <= end)])
+    return bending_sign(ds, position, pose, np.zeros(2), np.array([1.0, 0.0]))
+
+
+def half_turn(ds: xr.Dataset) -> xr.Dataset:
+    """Return a planar recording turned by pi about the base tangent: x and angles change their signs.
+
+    `x_sign` of the result says so, and its history.
+    """
+    changed = ds.assign_attrs({ATTRIBUTE: -x_sign(ds)})
+    if "position" in ds:
+        changed["position"] = ds["position"] * np.array([-1.0, 1.0])
+        changed["position"].attrs = ds["position"].attrs
+    if "angle" in ds:
+        changed["angle"] = -ds["angle"]
+        changed["angle"].attrs = ds["angle"].attrs
+    return append_history(changed, "turned by pi about the base tangent: x and angles change their signs")
+
+
+def x_sign(ds: xr.Dataset) -> int:
+    """Return the sign of a recording's own x axis in the base frame: -1 where the recording has made a `half_turn`."""
+    return int(ds.attrs.get(ATTRIBUTE, 1))

@@ -1,0 +1,71 @@
+"""What a study found, in the axes of its recordings: where these were turned into the base frame, it is turned back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from pliant.identification import Band
+from pliant.validation.outcome import Forecast, RecordOutcome, Shape, StudyOutcome
+
+MIRROR = np.array([-1.0, 1.0])
+
+
+def in_recorded_axes(outcome: StudyOutcome, like: Mapping[str, str], signs: Mapping[str, int]) -> StudyOutcome:
+    """Return the outcome with all positions in the axes of the recordings, as tables, figures and files show them.
+
+    Models and their parameters stay in the base frame, where positive angles lead towards -x.
+
+    Parameters
+    ----------
+    outcome : StudyOutcome
+        In the base frame.
+    like : dict
+        Name of each forecast to the recording that it is like.
+    signs : dict
+        Sign of each recording's x axis in the base frame, see `pliant.preprocessing.side`.
+    """
+    if all(sign > 0 for sign in signs.values()):
+        return outcome
+    fits = tuple(
+        replace(f, records=tuple(turned_record(r) if signs[r.name] < 0 else r for r in f.records)) for f in outcome.fits
+    )
+    forecasts = tuple(turned_forecast(f) if signs[like[f.name]] < 0 else f for f in outcome.forecasts)
+    shape = outcome.shape
+    if shape is not None and signs[shape.name] < 0:
+        shape = turned_shape(shape)
+    return replace(outcome, fits=fits, forecasts=forecasts, shape=shape)
+
+
+def turned_record(record: RecordOutcome) -> RecordOutcome:
+    """Return a record turned by pi about the base tangent."""
+    return replace(
+        record, experiment=record.experiment.turned(), modelled=record.modelled * MIRROR,
+        band=None if record.band is None else turned_band(record.band),
+        body=None if record.body is None else record.body * MIRROR,
+    )
+
+
+def turned_band(band: Band) -> Band:
+    """Return a band turned by pi about the base tangent: its lower limit of x becomes the upper one."""
+    edges = np.stack([band.lower * MIRROR, band.upper * MIRROR])
+    return replace(band, position=band.position * MIRROR, lower=edges.min(axis=0), upper=edges.max(axis=0))
+
+
+def turned_forecast(forecast: Forecast) -> Forecast:
+    """Return a forecast turned by pi about the base tangent."""
+    return replace(forecast, tip=forecast.tip * MIRROR)
+
+
+def turned_shape(shape: Shape) -> Shape:
+    """Return a dense shape turned by pi about the base tangent; the chain laid through it too."""
+    links = replace(
+        shape.links, base=shape.links.base * MIRROR, tips=shape.links.tips * MIRROR,
+        rest_angle=-shape.links.rest_angle, joint_angle=-shape.links.joint_angle,
+    )
+    return replace(
+        shape, position=shape.position * MIRROR, curvature=-shape.curvature, rest_curvature=-shape.rest_curvature,
+        links=links,
+    )
