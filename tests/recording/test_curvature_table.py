@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from pliant.errors import InputError
+from pliant.preprocessing.align import align
 from pliant.recording import read
 
 S = np.linspace(0.0, 160.0, 17)  # mm
@@ -45,6 +47,32 @@ def test_a_turning_direction_is_a_helix(tmp_path):
     s = 0.16
     exact = np.hypot(2 * k / omega**2 * np.sin(omega * s / 2), w / omega * s)
     assert apart == pytest.approx(exact, rel=5e-4)  # curvature is linear from station to station
+
+
+def test_two_components_are_a_curvature_and_its_direction(tmp_path):
+    k, w = 8.0 + 40 * 1e-3 * S, 15.0 * 1e-3 * S
+    direction = np.degrees(w)
+    one = read(write(tmp_path / "a.csv", np.tile(k, (len(T), 1)), direction), mapping=UNIT, format="curvature")
+    rows = [",".join(["t", *(f"kx {s:g}" for s in S), *(f"ky {s:g}" for s in S)])]
+    rows += [",".join(f"{c:.9f}" for c in [t, *(k * np.cos(w)), *(k * np.sin(w))]) for t in T]
+    (tmp_path / "b.csv").write_text("\n".join([*rows, ""]))
+    mapping = {**UNIT, "components": ["kx ", "ky "]}
+    two = read(tmp_path / "b.csv", mapping=mapping, format="curvature")
+    np.testing.assert_allclose(two["position"], one["position"], atol=1e-9)
+    body = align(two, base="s000", tangent="+y", plane="-x", rest=[0, 1], space=True)
+    # the frame's own equations by another integrator: t' = k1 d1 + k2 d2
+    found = solve_ivp(lambda s, y: frame_rate(s, y, np.interp(s, 1e-3 * S, k * np.cos(w)),
+                                              np.interp(s, 1e-3 * S, k * np.sin(w))),
+                      (0, 0.16), [0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1, 0], rtol=1e-9, atol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(body["position"].values[0, -1], found.y[:3, -1], atol=3e-6)
+    with pytest.raises(InputError, match="columns kz<arc length> at other arc lengths"):
+        read(tmp_path / "b.csv", mapping=mapping | {"components": ["kx ", "kz"]}, format="curvature")
+
+
+def frame_rate(s, y, k1, k2):
+    """Derivative (12,) of place, tangent and both directions of bending: a frame that does not turn about the curve."""
+    tangent, d1, d2 = y[3:6], y[6:9], y[9:]
+    return np.concatenate([tangent, k1 * d1 + k2 * d2, -k1 * tangent, -k2 * tangent])
 
 
 @pytest.mark.parametrize(("options", "said"), [

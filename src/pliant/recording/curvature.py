@@ -1,8 +1,8 @@
 """Tables of curvature along a body, as fibre Bragg grating interrogators export them: integrated to a shape.
 
 The first row names the columns: one time (``t``, ``t_ms``, ``time``), curvatures ``k_<arc length>``, and for a body
-that leaves the plane directions of bending ``a_<arc length>``; the mapping states the unit. A file with other names is
-read by ``format = "curvature"``. The base is at the origin, its tangent along +y.
+that leaves the plane directions of bending ``a_<arc length>``, or two components of curvature; the mapping states the
+unit. A file with other names is read by ``format = "curvature"``. The base is at the origin, its tangent along +y.
 """
 
 from __future__ import annotations
@@ -43,6 +43,9 @@ class CurvatureMapping(FileMapping):
     curvature, direction : str
         What the names of these columns begin with, before the arc length.
     direction_unit : {"deg", "rad"}
+    components : (str, str), optional
+        What the names of the two components of curvature begin with, in place of `curvature` and `direction`: towards
+        the directions of 0 and 90 degrees, in a frame that does not turn about the body.
     time_unit : {"s", "ms", "us"}, optional
         Default: as the name of the column says, else seconds.
     rate_hz : float, optional
@@ -56,6 +59,7 @@ class CurvatureMapping(FileMapping):
     curvature: str = "k_"
     direction: str = "a_"
     direction_unit: Literal["deg", "rad"] = "deg"
+    components: tuple[str, str] | None = None
     time_unit: Literal["s", "ms", "us"] | None = None
     rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     skip_lines: int = Field(default=0, ge=0)
@@ -72,20 +76,19 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     rows, history = judge_end(lines[1:], delimiter, path.name)
     table = parse_numbers(rows, name=path.name, first_line=options.skip_lines + 2, delimiter=delimiter,
                           columns=len(names))  # fmt: skip
-    columns = arcs_of(names, options.curvature, options.arc_unit, path.name)
+    first, second = options.components or (options.curvature, options.direction)
+    columns = arcs_of(names, first, options.arc_unit, path.name)
     if len(columns) < 2:
-        raise InputError(f"{path.name} has {len(columns)} columns of curvature, named {options.curvature}<arc length>; "
+        raise InputError(f"{path.name} has {len(columns)} columns of curvature, named {first}<arc length>; "
                          f"two or more are needed, and its columns are {shorten(names, 8)}")  # fmt: skip
     arc = np.array(sorted(columns))
     kappa = table[:, [columns[s] for s in arc.tolist()]] * PER_METRE[options.curvature_unit]
-    turning = arcs_of(names, options.direction, options.arc_unit, path.name)
-    if turning and sorted(turning) != arc.tolist():
-        raise InputError(f"{path.name} has directions at other arc lengths than curvatures")
-    if turning:
-        angle = table[:, [turning[s] for s in arc.tolist()]] * radian_per(options.direction_unit)
-        position = spatial_curve(kappa[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1), arc)[0]
-    else:
-        position = np.pad(planar_curve(kappa, arc), ((0, 0), (0, 0), (0, 1)))
+    turning = arcs_of(names, second, options.arc_unit, path.name)
+    if (turning or options.components) and sorted(turning) != arc.tolist():
+        what = f"columns {second}<arc length>" if options.components else "directions"
+        raise InputError(f"{path.name} has {what} at other arc lengths than curvatures")
+    other = table[:, [turning[s] for s in arc.tolist()]] if turning else None
+    position = integrated(kappa, other, arc, options)
     time, wrapped = time_of(table, names, options, path.name)
     used = {*columns.values(), *turning.values()}
     left = [n for k, n in enumerate(names) if k not in used and not is_time(n)]
@@ -95,6 +98,18 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
         return make_recording(time, position, arc_length=arc - arc[0], history=[*history, *wrapped])
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
+
+
+def integrated(
+    kappa: NDArray[np.float64], other: NDArray[np.float64] | None, arc: NDArray[np.float64], options: CurvatureMapping
+) -> NDArray[np.float64]:
+    """Positions (T, S, 3), m, by curvature (T, S), 1/m, and its second component or direction as the table has it."""
+    if other is None:
+        return np.pad(planar_curve(kappa, arc), ((0, 0), (0, 0), (0, 1)))
+    if options.components:
+        return spatial_curve(np.stack([kappa, other * PER_METRE[options.curvature_unit]], axis=-1), arc)[0]
+    angle = other * radian_per(options.direction_unit)
+    return spatial_curve(kappa[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1), arc)[0]
 
 
 def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, int]:
