@@ -147,7 +147,7 @@ def test_prediction_finds_a_command_in_every_period(slew, planned):
     assert (ready.control.failed, ready.control.fault, loop.watchdog.fault) == (0, "", "")
     assert ready.control.solved == 199  # no frame has come in the first period
     assert np.abs(moved[-50:] - level).max() < 1.5e-4
-    assert np.abs(np.diff(command, prepend=0.0)).max() <= slew * PERIOD * (1 + 1e-9)
+    assert np.abs(np.diff(command, axis=0, prepend=0.0)).max() <= slew * PERIOD * (1 + 1e-9)
     assert command.min() >= 0.0
 
 

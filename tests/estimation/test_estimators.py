@@ -141,14 +141,11 @@ def test_rows_that_are_no_link_angles_are_refused(name, body):
         made.push_frame(0.0, np.array([[1.0, 2.0, 0.05, 0.0]]), np.zeros(1), np.ones(1))
 
 
-@pytest.mark.parametrize(("name", "said"), [
-    ("observer", r"knows 1 chamber\(s\), and 2 pressure\(s\) came"),
-    ("filter", r"expected 1 pressure\(s\) .* got shape \(2,\)"),
-])
-def test_more_pressures_than_chambers_are_refused(name, said, body):
+@pytest.mark.parametrize("name", ["observer", "filter"])
+def test_more_pressures_than_chambers_are_refused(name, body):
     made = estimators()[name].make(Setting(body, PERIOD, 0))
     made.push_pressure(0.0, np.array([1e4]))
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=r"expected 1 pressure\(s\) .* got shape \(2,\)"):
         made.push_pressure(PERIOD, np.array([1e4, 2e4]))
 
 

@@ -208,7 +208,7 @@ def test_several_pressures_reach_the_filter_by_their_names():
         pressure=np.stack([traces[1](clock), traces[0](clock)], axis=1), chamber=["high", "low"],
     )
     found = estimate(seen, m, noise=NOISE, pressure_window=0.0)
-    assert found.pressure.dims == ("time", "chamber")
+    assert found.pressure.dims == ("time", "input")
     assert np.abs(found.joint_angle.values - run.joint_angle.values)[-10:].max() < 4e-3  # as the tips' noise lets it
     online = KalmanFilter(m, NOISE, step=2e-3)
     rows = rows_of(m, m.points)

@@ -34,7 +34,7 @@ def lacking(model: Model, exp: Any, taught: list[Any]) -> tuple[np.ndarray, np.n
     """Discrepancy, modelled positions and pressure of a record under its own model."""
     made = predict(model, exp, {}, 2e-3)
     rows, pressure = made["position"], made["pressure"]
-    return discrepancy(model, exp, {}, rows, pressure, taught), rows, pressure
+    return discrepancy(model, exp, {}, rows, pressure, taught), rows, pressure[:, 0]
 
 
 def test_levels_are_those_at_which_the_pressure_stayed(body: Model, traced: Any, pulse: Any) -> None:

@@ -200,7 +200,7 @@ class Wire:
 
 def receiver():
     wire, clock, valve = Wire(), VirtualClock(), []
-    return wire, clock, valve, ValveReceiver(wire, valve.append, 1e5, clock, hold=0.1)
+    return wire, clock, valve, ValveReceiver(wire, lambda p: valve.extend(p.tolist()), 1e5, clock, hold=0.1)
 
 
 def test_silence_vents_the_valve_within_the_time_that_the_command_holds():
@@ -311,7 +311,7 @@ def test_whatever_signal_ends_the_loop_the_valve_is_let_go(name):
     """A loop in another process drives a valve here; what is caught vents by its last command, the rest by silence."""
     source, valve = UdpSource(), []
     clock = SystemClock()
-    end = ValveReceiver(source, valve.append, 1e5, clock)
+    end = ValveReceiver(source, lambda p: valve.extend(p.tolist()), 1e5, clock)
     folder = str(Path(__file__).parent)
     code = textwrap.dedent(LOOP).format(folder=folder, port=source.address[1])
     child = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True)

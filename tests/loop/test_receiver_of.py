@@ -29,7 +29,7 @@ def rig(tmp_path):
     def make(entries, task=TASK, key=None):
         port, valve = free_port(), []
         (tmp_path / "task.toml").write_text(f"{task}[receiver]\nport = {port}\n{entries}")
-        receiver = receiver_of(tmp_path / "task.toml", valve.append, SystemClock(shared=True))
+        receiver = receiver_of(tmp_path / "task.toml", lambda p: valve.extend(p.tolist()), SystemClock(shared=True))
         sink = UdpSink(("127.0.0.1", port), key)
         opened.extend((receiver._source, sink))
         return receiver, sink, valve

@@ -130,7 +130,7 @@ def test_a_constant_pressure_from_before_the_first_time_holds_the_chain_still(pa
 def test_pressure_shown_is_what_lies_behind_the_valve(paper):
     times = np.linspace(0, 1, 201)
     shown = simulate(paper.with_(valve=Valve(rise_time=0.05, dead_time=0.1)), step(1e5, 0.1), times=times).pressure
-    assert shown.values == pytest.approx(1e5 * (1 - np.exp(-np.maximum(times - 0.2, 0) / 0.05)), rel=1e-10)
+    assert shown.values[:, 0] == pytest.approx(1e5 * (1 - np.exp(-np.maximum(times - 0.2, 0) / 0.05)), rel=1e-10)
 
 
 def test_subdivide_keeps_corners_and_cuts_gaps_in_equal_parts():

@@ -207,7 +207,7 @@ def test_starting_from_a_given_state(paper):
 
 def test_a_trajectory_says_what_it_holds(paper):
     run = simulate(paper, PULSE, duration=0.2, step=2e-3)
-    assert run.sizes == {"time": 101, "joint": 5, "link": 5, "station": 5, "axis": 2}
+    assert run.sizes == {"time": 101, "joint": 5, "link": 5, "station": 5, "axis": 2, "input": 1}
     assert run.time.values == pytest.approx(np.linspace(0, 0.2, 101))
     assert all({"units", "long_name"} <= set(v.attrs) for v in [*run.data_vars.values(), run.time])
     assert run.attrs["method"] == "midpoint"

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.batch.gpu import check_gpu, run_gpu
-from pliant.batch.one_by_one import VARIABLES, dimensions, run_alone, samples_alone
+from pliant.batch.one_by_one import VARIABLES, dimensions, run_alone, samples_alone, sets_of
 from pliant.batch.samples import Samples, gather
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd import run_lanes
@@ -18,6 +18,7 @@ from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
+from pliant.simulation.drive import inputs_of
 from pliant.simulation.inputs import Input
 from pliant.simulation.result import LABELS
 from pliant.simulation.solve import STEPS_PER_PERIOD, output_times
@@ -110,14 +111,15 @@ def simulate_batch(
     device, failures = how["device"], how["failures"]
     times = output_times(duration, times, step)
     step = shared_step((models,) if isinstance(models, Model) else models) if step is None else step
+    sets = sets_of(models, pressures)
     if one_by_one(models):
-        many_models, sets = samples_alone(models, pressures, parameters)
+        many_models, sets = samples_alone(models, sets, parameters)
         check_choices(variables, device, failures, dimensions(many_models[0]))
         found = run_alone(many_models, sets, times, step, {**how, "threads": how["threads"] or cores()})
         found = {k: found[k] for k in (*variables, "failed_at")}
         return labelled(many_models[0], times, found, failures, {"step_s": step, "device": device})
-    many: tuple[Any, ...] = (pressures,) if callable(pressures) else tuple(pressures)
-    samples = gather(models, parameters, len(many))
+    samples = gather(models, parameters, len(sets))
+    many = tuple(inputs_of(samples.template, inputs)[0] for inputs in sets)
     check_request(samples, many, variables, device, failures)
     check_steps(samples, step)
     schedule = Schedule(samples, many, times, step)
@@ -132,7 +134,7 @@ def simulate_batch(
 def one_by_one(models: Model | Sequence[Model]) -> bool:
     """Whether lanes cannot hold the bodies of a batch: those of several chambers, and those that lengthen."""
     many = (models,) if isinstance(models, Model) else models
-    return any(len(m.chambers) > 1 or mechanics_of(m).lengthens for m in many)
+    return any(m.actuation.count > 1 or mechanics_of(m).lengthens for m in many)
 
 
 def check_choices(variables: Sequence[str], device: str, failures: str, known: Mapping[str, Any] = VARIABLES) -> None:
@@ -151,9 +153,6 @@ def check_request(
     samples: Samples, pressures: Sequence[Input], variables: Sequence[str], device: str, failures: str,
 ) -> None:
     """Refuse what cannot be asked for."""
-    for p in pressures:
-        if not all(hasattr(p, name) for name in ("__call__", "jumps", "breakpoints")):
-            raise InputError(f"pressures must be inputs, as Pulse(level) or Trace(time, pressure), got {p!r:.60}")
     if len(pressures) not in (1, samples.size):
         raise InputError(f"{samples.size} samples take one pressure or one each, got {len(pressures)} pressures")
     if device == "gpu":

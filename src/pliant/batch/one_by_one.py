@@ -65,16 +65,15 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
 
 
 def samples_alone(
-    models: Model | Sequence[Model], pressures: Any, parameters: Mapping[str, Any] | None,
+    models: Model | Sequence[Model], sets: list[Sequence[Input]], parameters: Mapping[str, Any] | None,
 ) -> tuple[list[Model], list[Sequence[Input]]]:
-    """The models and the inputs (C,) of every sample.
+    """The models and the inputs (C,) of every sample; `sets` as of `sets_of`.
 
     Raises
     ------
     InputError
         When their numbers differ, or a model cannot take its inputs.
     """
-    sets = sets_of(models, pressures)
     if isinstance(models, Model):
         given = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
         if wrong := [k for k, v in given.items() if v.ndim != 1]:
@@ -103,10 +102,10 @@ def sets_of(models: Model | Sequence[Model], pressures: Any) -> list[Sequence[In
     """Sets of inputs (C,), one for all samples or one for each; bodies of one chamber need no sets."""
     if callable(pressures):
         return [(pressures,)]
-    several = any(len(m.chambers) > 1 for m in ((models,) if isinstance(models, Model) else models))
-    if several and all(callable(p) for p in pressures):
+    counts = [m.actuation.count for m in ((models,) if isinstance(models, Model) else models)]
+    if max(counts, default=1) > 1 and all(callable(p) for p in pressures):
         return [tuple(pressures)]
-    return [(p,) if callable(p) else tuple(p) for p in pressures]
+    return [tuple(p) if isinstance(p, Sequence) else (p,) for p in pressures]
 
 
 def check_names(model: Model, values: Mapping[str, float]) -> None:
@@ -121,7 +120,7 @@ def check_names(model: Model, values: Mapping[str, float]) -> None:
         kind_of(name)
         if all(apply(model, {name: v}) == model for v in (value, 0.9 * value or 1e-9)):
             raise InputError(
-                f"the parameter {name!r} changes nothing of this model, whose chambers are {model.actuation.names}"
+                f"the parameter {name!r} changes nothing of this model, whose chambers are {model.actuation.listing}"
             )
 
 

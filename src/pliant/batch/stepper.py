@@ -48,11 +48,11 @@ def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
         refuses.
     """
     first = fixed_length(models[0])
-    Stepper(first, step, np.zeros(len(first.chambers)))  # what it refuses is refused
+    Stepper(first, step, np.zeros(first.actuation.count))  # what it refuses is refused
     for name in ("n", "mass_at", "memory"):
         if len({getattr(m, name) for m in models}) > 1 and (name != "memory" or any(not m.memory for m in models)):
             raise InputError(f"the models of a batch must share {name}: step others in a batch of their own")
-    if len({len(m.chambers) for m in models}) > 1:
+    if len({m.actuation.count for m in models}) > 1:
         raise InputError("the models of a batch must have as many chambers: step others in a batch of their own")
     for model in models[1:]:
         check_step(model, step, "midpoint")
@@ -120,7 +120,7 @@ def pool_of(models: Sequence[Model]) -> dict[str, Array]:
     rows: list[dict[str, Array]] = []
     for m in models:
         body, joints, drive = mechanics_of(m).body, mechanics_of(m).joints, m.actuation.kernel()
-        none = np.zeros(len(m.chambers))
+        none = np.zeros(m.actuation.count)
         phi = mechanics_of(m).coordinates(state.equilibrium(m, none))
         rows.append({
             "state": np.stack([phi, np.zeros(m.n)]), "B": body.B, "I": body.I, "h": body.h,
@@ -146,7 +146,7 @@ class OneByOne:
 
     def _new(self, body: int) -> Stepper:
         model = self._models[body]
-        return Stepper(model, self._step, np.zeros(len(model.chambers)))
+        return Stepper(model, self._step, np.zeros(model.actuation.count))
 
     @property
     def angle(self) -> Array:

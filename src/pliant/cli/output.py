@@ -42,7 +42,7 @@ def table(trajectory: xr.Dataset) -> pd.DataFrame:
 
     columns = {"time (s)": trajectory["time"].to_numpy()}
     for name, variable in trajectory.data_vars.items():
-        inner = [d for d in variable.dims if d != "time"]
+        inner = [d for d in variable.dims if d != "time" and (d != "input" or variable.sizes[d] > 1)]
         labels = [[f"{d}_{v}" if d in ("joint", "link") else str(v) for v in trajectory[d].to_numpy()] for d in inner]
         flat = variable.to_numpy().reshape(variable.shape[0], -1)
         for k, ends in enumerate(product(*labels)):

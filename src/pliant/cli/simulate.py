@@ -109,14 +109,12 @@ def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[Po
 
 def own_levels(model: Model) -> list[float]:
     """Pressures [Pa] for a model that is given none: the first chamber alone."""
-    import numpy as np
-
     from pliant.simulation.levels import first_alone, typical_pressure
 
     level = typical_pressure(model)
     if not level:
         raise InputError(f"no pressure bends the model {model.name!r} by half a radian: give --level-kpa")
-    return [float(p) for p in np.atleast_1d(first_alone(model, level))]
+    return [float(p) for p in first_alone(model, level)]
 
 
 def measured_pressures(

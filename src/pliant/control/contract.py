@@ -20,7 +20,7 @@ class Controller(Protocol):
     Attributes
     ----------
     chambers : int
-        Whose pressures it takes and commands: a float for one, an array (C,) for more.
+        Number C of those whose pressures (C,) it takes and commands.
     target, error : float or array (m,)
         m, where the tip is wanted now, and how far along its path it was from there at the last step; of each output
         that several chambers bring to its place, m and rad.
@@ -49,8 +49,8 @@ class Controller(Protocol):
     def fault(self) -> str:
         """Why the last command is not the one that the law asks for; empty while it is."""
 
-    def step(self, time: float, state: State, pressure: float | Array) -> float | Array:
-        """Command [Pa] for the period that begins at `time` [s], from a state and the pressure's reading [Pa]."""
+    def step(self, time: float, state: State, pressure: float | Array) -> Array:
+        """Commands (C,) [Pa] for the period from `time` [s] on, by a state and the readings (C,) of pressures [Pa]."""
 
     def reset(self) -> None:
         """Start anew from no pressure."""

@@ -166,7 +166,7 @@ def design_outputs(
     wanted = np.asarray(wanted, dtype=float)
     if wanted.ndim != 2 or wanted.shape[1] != len(outputs) or not len(wanted) or not np.isfinite(wanted).all():
         raise InputError(f"outputs are wanted as finite rows (K, {len(outputs)}), got shape {wanted.shape}")
-    tuning, highest = tuning or Tuning(), limits.each(len(model.chambers))
+    tuning, highest = tuning or Tuning(), limits.each(model.actuation.count)
     weight = output_weights(model, outputs)
     still = output_values(model, mechanics_of(model).coordinates(state.equilibrium(model, 0.0)), outputs)
     knots = posts(wanted, max(1, round(APART / period)))

@@ -56,7 +56,7 @@ class Horizon:
 
     def __init__(self, design: LqrDesign, stage: int, nodes: int) -> None:
         model, self.period = design.model, design.period
-        self.model, self.stage, self.nodes, self.chambers = model, stage, nodes, len(model.chambers)
+        self.model, self.stage, self.nodes, self.chambers = model, stage, nodes, model.actuation.count
         self.periods = stage * (nodes - 1) + 1
         at = np.arange(self.periods)[:, None] / stage - np.arange(nodes)
         self.straight = np.maximum(0.0, 1.0 - np.abs(at))  # (K, J) commands of every period, by the nodes

@@ -19,7 +19,7 @@ from pliant.control.gains import Gains
 from pliant.control.limits import Limits
 from pliant.control.steady_inputs import output_weights, tip_geometry
 from pliant.control.valve_states import ValveObserver
-from pliant.estimation.contract import State, chamber_pressures
+from pliant.estimation.contract import State
 from pliant.linear.sampled import KILO
 
 Array = np.ndarray
@@ -59,7 +59,7 @@ class Lqr:
     fault = ""
 
     def __init__(self, design: LqrDesign, limits: Limits) -> None:
-        self.design, self.limits, self.chambers = design, limits, len(design.model.chambers)
+        self.design, self.limits, self.chambers = design, limits, design.model.actuation.count
         self._highest, self._reach = limits.each(self.chambers), limits.slew * design.period
         self._weight = output_weights(design.model, design.outputs)
         late = round(design.latency / design.period)
@@ -104,16 +104,13 @@ class Lqr:
         along = self.design.along
         return self._off.copy() if along is None else float(along[1][self.period] @ self._off)
 
-    def step(self, time: float, state: State, pressure: float | Array) -> float | Array:
-        """Commands (C,) [Pa] for the period that begins at `time` [s], from a state and the readings [Pa].
-
-        Of one chamber a float.
-        """
+    def step(self, time: float, state: State, pressure: float | Array) -> Array:
+        """Commands (C,) [Pa] for the period that begins at `time` [s], from a state and the readings (C,) [Pa]."""
         now = self._present(time, state, pressure)
         self._wish(now, state)
         met = self._finish(self._tables[self.design.at[now.k]], self._rules, self._memory)
         self.saturated += bool(self._met(bool(met)))
-        return float(self.command[0]) if self.chambers == 1 else self.command.copy()
+        return self.command.copy()
 
     def _present(self, time: float, state: State, pressure: float | Array) -> Present:
         """What the state is against what is wanted now; the regulator's commands before their limits."""
@@ -121,10 +118,9 @@ class Lqr:
         if math.isnan(self._began):
             self._began = time
         k = self.period = min(max(round((time - self._began) / design.period) - design.late, 0), len(design.at) - 1)
-        read = chamber_pressures(pressure, self.chambers)
-        for c, valve in enumerate(self._valves):
-            seen = read if isinstance(read, float) else float(read[c])
-            self._parts[c][:] = valve.update(float(self.command[c]), seen)[: valve.order]
+        read = design.model.actuation.pressures(pressure).tolist()
+        for valve, part, sent, seen in zip(self._valves, self._parts, self.command.tolist(), read, strict=True):
+            part[:] = valve.update(sent, seen)[: valve.order]
         row = (design.pressure[k], design.lead[k], design.angle[k], design.beside[k], design.wanted[k], design.still)
         known = (
             state.angle, state.rate, state.rest_shift, state.strain, state.strain_rate, state.strain_shift,

@@ -81,8 +81,8 @@ class ModelPlant:
         """True position (2,) of the tip, m."""
         return self._stepper.tips()[-1].copy()
 
-    def advance(self, command: float | Array) -> tuple[float, Array, float | Array]:
-        """Hold commands (C,) [Pa] for a period: time of the shape [s], its points (S, 2) [m], pressures [Pa].
+    def advance(self, command: float | Array) -> tuple[float, Array, Array]:
+        """Hold commands (C,) [Pa] for a period: time of the shape [s], its points (S, 2) [m], pressures (C,) [Pa].
 
         Raises
         ------
@@ -96,9 +96,9 @@ class ModelPlant:
             self._stepper.step(np.array([self._behind(c, p) for c, p in enumerate(asked)]))
         self.time += self.period
         shape, read = self._noise
-        pressure = np.ravel(self._pressure()) + read * self._rng.standard_normal(asked.size)
+        pressure = self._pressure() + read * self._rng.standard_normal(asked.size)
         points = self.points() + shape * self._rng.standard_normal((self.arc_length.size, 2))
-        return self.time, points, float(pressure[0]) if asked.size == 1 else pressure
+        return self.time, points, pressure
 
     @property
     def position(self) -> Array:
@@ -128,7 +128,7 @@ class ModelPlant:
 
     def _pressure(self) -> Array:
         """True pressures (C,) behind the valves, Pa."""
-        own = np.ravel(self._stepper.pressure)
+        own = self._stepper.pressure
         return np.array([own[c] if v is None else self._held[c][0] for c, v in enumerate(self._valves)])
 
     def points(self) -> Array:

@@ -110,12 +110,13 @@ class PidControl:
         self.pid.start(0.0)
         self.forward.reset()
 
-    def step(self, time: float, state: State, pressure: float | Array) -> float:
-        """Command [Pa] for the coming period, from the angles alone."""
+    def step(self, time: float, state: State, pressure: float | Array) -> Array:
+        """Command (1,) [Pa] for the coming period, from the angles alone."""
         del pressure
         self.target = float(sum(a * self._setpoint(time - t) for a, t in self._impulses))
         self._moved = float(np.linalg.norm(mechanics_of(self.model).tips(state.angle)[-1] - self._still))
-        return self.pid.step(self.target, self._moved, self.forward.pressure(self.target, self.pid.period))
+        feedforward = self.forward.pressure(self.target, self.pid.period)
+        return np.array([self.pid.step(self.target, self._moved, feedforward)])
 
 
 CONTROLLER = ControllerKind("pid", PidControl, follows="levels", tunable=False, several=False)

@@ -120,7 +120,7 @@ class Plan:
     @property
     def several(self) -> bool:
         """Whether several chambers, or a body that lengthens, bring outputs to their places; else one moves the tip."""
-        return len(self.body.chambers) > 1 or mechanics_of(self.body).lengthens
+        return self.body.actuation.count > 1 or mechanics_of(self.body).lengthens
 
     @cached_property
     def family(self) -> Equilibria:
@@ -136,7 +136,7 @@ class Plan:
         if not self.several:
             return levels[:, None] if self.family else levels
         if not task.outputs or levels.ndim != 2 or levels.shape[1] != len(task.outputs):
-            names = self.body.actuation.names
+            names = self.body.actuation.listing
             raise InputError(
                 f"a task for several chambers ({names}) or a body that lengthens names its outputs and gives a value "
                 "of each (tip_x_mm, tip_y_mm, angle_deg in a task file)"

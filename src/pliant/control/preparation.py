@@ -198,9 +198,9 @@ def calibration(
 def supplies(model: Model, supply: SupplyValve | Mapping[str, SupplyValve] | None) -> tuple[SupplyValve | None, ...]:
     """The rig's valve of each chamber, None where the model's counts; InputError for a chamber that nobody has."""
     if not isinstance(supply, Mapping):
-        return (supply,) * len(model.chambers)
+        return (supply,) * model.actuation.count
     if unknown := set(supply) - {c.name for c in model.chambers}:
-        raise InputError(f"the rig's valves name {min(unknown)!r}, the model's chambers are {model.actuation.names}")
+        raise InputError(f"the rig's valves name {min(unknown)!r}, the model's chambers are {model.actuation.listing}")
     return tuple(supply.get(c.name) for c in model.chambers)
 
 
@@ -213,7 +213,7 @@ def behind_rig(model: Model, each: tuple[SupplyValve | None, ...]) -> Model:
 def warm_up(pipeline: Pipeline, shape: Array, period: float) -> None:
     """Two frames of a shape (S, 2) at rest: what is compiled is compiled here, not in the loop's first period."""
     measure, estimator, controller = pipeline
-    none = 0.0 if controller.chambers == 1 else np.zeros(controller.chambers)
+    none = np.zeros(controller.chambers)
     for k in range(2):
         estimator.push_pressure(k * period, none)
         estimator.push_frame(k * period, *measure(shape))

@@ -169,7 +169,7 @@ class Rehearsed:
             self._shapes.append(shape)
             estimator.push_pressure(now, pressure)
             estimator.push_frame(now - self.late * self.period, *measure(self._shapes.popleft()))
-            self._command = np.ravel(controller.step(now, estimator.state(now), pressure))
+            self._command = controller.step(now, estimator.state(now), pressure)
             reached = self._weight * (np.asarray(controller.target) + controller.error)
             self.error.append(float(np.linalg.norm(reached - self._wanted(now))))
             if np.abs(self.plant.position - self.start).max() > np.abs(self.farthest - self.start).max():

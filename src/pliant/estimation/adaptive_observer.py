@@ -11,7 +11,7 @@ import numpy as np
 
 from pliant.compiler.choose import tuples, twin
 from pliant.estimation import adaptive_observer_loops
-from pliant.estimation.contract import EstimatorKind, Setting, State, chamber_pressures
+from pliant.estimation.contract import EstimatorKind, Setting, State
 from pliant.estimation.link_angles import needs_joint_rows
 from pliant.estimation.symbols import (
     FRAME_LOST,
@@ -131,7 +131,7 @@ class AdaptiveObserver:
         )
         self._records = self.own, self.body, self.gains, self.pace, self.workspace
         self._tuples = tuples(self._records)
-        self._pressure = np.zeros(len(model.chambers))
+        self._pressure = np.zeros(model.actuation.count)
         self._latest: float | Array = 0.0
         self._reading: float | Array = 0.0
         self._waiting: deque[float | Array] = deque([0.0] * self._late)
@@ -150,7 +150,7 @@ class AdaptiveObserver:
     def push_pressure(self, time: float, pressure: float | Array) -> None:
         """Take pressures [Pa]; the mean of those at a frame and at the one before moves the model between them."""
         del time
-        self._latest = chamber_pressures(pressure, self._pressure.size)
+        self._latest = self.model.actuation.pressures(pressure)
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
         """Predict up to the time of a frame, then correct by it unless it is lost; the gain's own noise counts.

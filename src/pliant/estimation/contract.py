@@ -11,7 +11,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from pliant.errors import InputError
 from pliant.model import Model
 
 Array = np.ndarray
@@ -77,7 +76,7 @@ class Estimator(Protocol):
     """What turns pressures and frames into states."""
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Take a sample of a `time` [s]: the gauge pressure [Pa] of one chamber, or those of all (C,)."""
+        """Take a sample of a `time` [s]: gauge pressures (C,) [Pa]; a number is enough for one."""
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
         """Take a frame of a `time` [s]; see `Frame`. A lost one is pushed too, its values NaN."""
@@ -113,20 +112,3 @@ class EstimatorKind:
     make: Callable[[Setting], Estimator]
     predicts: bool = False
     fixed_length: bool = False
-
-
-def chamber_pressures(pressure: float | Array, count: int) -> float | Array:
-    """The pressures [Pa] of `count` chambers: a float of one, an array (C,) of more.
-
-    Raises
-    ------
-    InputError
-        When there are not as many as chambers.
-    """
-    if count == 1 and isinstance(pressure, float):
-        return pressure
-    if np.size(pressure) != count:
-        raise InputError(
-            f"this knows {count} chamber(s), and {np.size(pressure)} pressure(s) came: pass one [Pa] for each"
-        )
-    return float(np.ravel(pressure)[0]) if count == 1 else np.array(pressure, dtype=float).ravel()

@@ -84,7 +84,7 @@ def measurement_of(
 
 def bends_away(recording: xr.Dataset, model: Model) -> bool:
     """Return whether the measured pressure of the only chamber bends the body to the other side than the model."""
-    if "pressure" not in recording or "position" not in recording or len(model.chambers) > 1:
+    if "pressure" not in recording or "position" not in recording or model.actuation.count > 1:
         return False
     pressure = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
     x = recording["position"].values[:, -1, 0]

@@ -237,20 +237,15 @@ def described(
     data["normalised_innovation_squared"] = ("time", out.score[:, 1], {"units": "1", "long_name": "NIS"})
     data["motion"] = ("time", out.score[:, 3], {"units": "rad2/s2", "long_name": "mean square joint rate of late"})
     data["rows_used"] = ("time", out.score[:, 0].astype(int), {"units": "1", "long_name": "rows of the frame in use"})
-    one = len(model.chambers) == 1
-    data["pressure"] = (
-        ("time",) if one else ("time", "chamber"), plan.pressure[:, 0] if one else plan.pressure,
-        {"units": "Pa", "long_name": "gauge pressure behind the valve"},
-    )
+    attrs = {"units": "Pa", "long_name": "gauge pressure behind the valve"}
+    data["pressure"] = (("time", "input"), plan.pressure, attrs)
     tips = mechanics_of(model).tips(out.estimate[:, : model.size])
     data["tip_position"] = (("time", "link", "axis"), tips, {"units": "m", "long_name": "estimated link tips"})
     coords: dict[str, Any] = {
         "time": ("time", measurement.time, {"units": "s", "long_name": "stamp of the frame"}),
         **mechanics_of(model).labels, "link": np.arange(1, model.n + 1), "axis": ["x", "y"],
-        "row": list(measurement.label),
+        "row": list(measurement.label), "input": list(model.actuation.names),
     }
-    if not one:
-        coords["chamber"] = [c.name for c in model.chambers]
     return xr.Dataset(data, coords, attrs=judged(measurement, out, noise, model, lag))
 
 

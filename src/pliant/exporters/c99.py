@@ -60,11 +60,11 @@ def defaults(text: Text) -> str:
 def start(text: Text, pressure: float, queue: int) -> str:
     """At rest under a pressure."""
     model, w = text.model, text.writer()
-    q = state.equilibrium(model, np.full(len(model.chambers), pressure))
-    levels = np.full(len(model.chambers), pressure)
+    levels = np.full(model.actuation.count, pressure)
+    q = state.equilibrium(model, levels)
     values: dict[str, Array] = {
         "angle": mechanics_of(model).coordinates(q), "rate": np.zeros(model.n), "pressure": levels,
-        "chamber": model.actuation.rest_state(levels if levels.size > 1 else pressure),
+        "chamber": model.actuation.rest_state(levels),
     }
     if text.branches:
         values["memory"] = state.relaxed(model, q)
@@ -94,7 +94,7 @@ def delays(model: Model, h: float) -> tuple[list[int], list[float]]:
 
 def door(text: Text, h: float) -> tuple[str, int]:
     """The public step, dead times included, and the length of its queue; steps end where a late command arrives."""
-    prefix, C, kind = text.prefix, len(text.model.chambers), text.kind
+    prefix, C, kind = text.prefix, text.model.actuation.count, text.kind
     whole, rest = delays(text.model, h)
     head = (
         f"int {prefix}_step({prefix}_state *s, const {prefix}_parameters *p, const {kind} command[{C}])\n{{\n"
@@ -118,7 +118,7 @@ def door(text: Text, h: float) -> tuple[str, int]:
 
 def fields(text: Text, queue: int) -> tuple[str, str]:
     """The members of the two structs."""
-    n, C, kind = text.model.n, len(text.model.chambers), text.kind
+    n, C, kind = text.model.n, text.model.actuation.count, text.kind
     rows = [
         f"{kind} angle[{n}]; /* rad, absolute angle of each link from the base tangent +y */",
         f"{kind} rate[{n}]; /* rad/s */", f"{kind} pressure[{C}]; /* Pa gauge, behind the valve */",
@@ -158,7 +158,7 @@ def code(model: Model, told: Told, *, step: float, precision: str, pressure: flo
     rows, held = fields(text, queue)
     words = {
         "COMMENT": comment, "UP": prefix.upper(), "P": prefix, "N": model.n, "2N": 2 * model.n, "KIND": text.kind,
-        "C": len(model.chambers), "STATIONS": len(model.points), "STEP": repr(float(step)),
+        "C": model.actuation.count, "STATIONS": len(model.points), "STEP": repr(float(step)),
         "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": held, "PRESSURE": f"{pressure:g}",
         "POINTS": ", ".join(p.name for p in model.points),
     }

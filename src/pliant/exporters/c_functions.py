@@ -63,7 +63,7 @@ def place(model: Model, who: str, field: str) -> Any:
 
 def names(model: Model) -> Names:
     """What the kernels are run on."""
-    C = len(model.chambers)
+    C = model.actuation.count
 
     def of(field: str) -> Any:
         return place(model, "p", field)
@@ -120,7 +120,7 @@ class Text:
     def step(self) -> str:
         """One step under commands held for its time h: 0, or -1 where it failed."""
         w, g = self.writer(), self.given
-        command = cells("command", (len(self.model.chambers),))
+        command = cells("command", (self.model.actuation.count,))
         work = self.workspace(w)
         if self.model.memory:
             failed = w.call(
@@ -248,7 +248,7 @@ class Text:
             for j in range(n):
                 w.say(f"A[{n + i}][{j}] = {out.a_phi[j, i]};")
                 w.say(f"A[{n + i}][{n + j}] = {out.a_w[j, i]};")
-        answer, C = w.scratch("answer", (n,)), len(self.model.chambers)
+        answer, C = w.scratch("answer", (n,)), self.model.actuation.count
         for c in range(C):
             gain = g.drives.actuation.gain[c]
             for i in range(n):
@@ -263,7 +263,7 @@ class Text:
     def law(self, w: CWriter, tau: Array) -> Array:
         """Torques of the joints at the present pressures into `tau`; slopes (C,) of the chambers' laws, rubber held."""
         actuation, pressure = self.given.drives.actuation, self.given.drives.pressure
-        slope = w.scratch("slope", (len(self.model.chambers),))
+        slope = w.scratch("slope", (self.model.actuation.count,))
         for c in range(slope.size):
             law, p = actuation.law[c], pressure[c]
             level = rise = w.number(0.0)

@@ -48,7 +48,7 @@ def difference(one: Model, other: Model) -> Difference:
     start = None if level else np.full(one.n, 0.1)
 
     def tip(model: Model) -> np.ndarray:
-        inputs = [Pulse(level, START, WIDTH), *[Pulse(0.0)] * (len(model.chambers) - 1)]
+        inputs = [Pulse(level, START, WIDTH), *[Pulse(0.0)] * (model.actuation.count - 1)]
         run = simulate(model, inputs, duration=DURATION, step=STEP, initial_angle=start, check=False)
         return np.asarray(run.tip_position.values[:, -1])
 

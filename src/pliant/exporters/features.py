@@ -102,8 +102,8 @@ def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple
     """`name` for a model of which a chamber has it; of several chambers with their names."""
 
     def names(model: Model) -> tuple[str, ...]:
-        several = len(model.chambers) > 1
-        return tuple(f"{name} of {c.name}" if several else name for c in model.chambers if has(c))
+        titles = [f"{name} of {c.name}" for c in model.chambers] if model.actuation.count > 1 else [name]
+        return tuple(title for c, title in zip(model.chambers, titles, strict=True) if has(c))
 
     return names
 

@@ -44,7 +44,7 @@ class Variable(NamedTuple):
 def variables(model: Model, pressure: float) -> list[Variable]:
     """Return all variables in the order of their value references, with names that differ from each other."""
     model = with_identifiers(model)
-    chambers = [f"pressure_{c.name}" for c in model.chambers] if len(model.chambers) > 1 else ["pressure"]
+    chambers = model.actuation.labels("pressure")
     scalars = [
         *(f"q_{i + 1}" for i in range(model.n)),
         *(f"{kind}_energy" for kind in ("kinetic", "elastic", "gravitational")),

@@ -82,7 +82,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self.highest = highest or 2.0 * typical_pressure(self.model)
         if not self.highest > 0:
             raise InputError("no pressure bends this model: there is nothing to reach")
-        n, C, t = self.model.n, len(self.model.chambers), self.task
+        n, C, t = self.model.n, self.model.actuation.count, self.task
         self.single_action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
         self.single_observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 4 + C,), np.float32)
         self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)

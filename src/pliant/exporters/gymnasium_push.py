@@ -64,7 +64,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         self.highest = highest or 2.0 * typical_pressure(self.model)
         if not self.highest > 0:
             raise InputError("no pressure bends this model: there is nothing to push with")
-        n, C, t = self.model.n, len(self.model.chambers), self.task
+        n, C, t = self.model.n, self.model.actuation.count, self.task
         self.action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 8 + C,), np.float32)
         self._steps = max(1, round(t.period / t.step))
@@ -87,7 +87,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         self._m, self._own = self._worlds[int(rng.integers(len(self._worlds)))]
         self._d = self.mujoco.MjData(self._m)
         self._joints = [self._m.joint(f"q_{i + 1}").id for i in range(self.model.n)]
-        rest = state.equilibrium(self._own, np.zeros(len(self.model.chambers)))
+        rest = state.equilibrium(self._own, np.zeros(self.model.actuation.count))
         self._d.qpos[self._m.jnt_qposadr[self._joints]] = rest
         for branch in branches(self._own):
             names = [f"{branch.name}_{i + 1}" for i in range(self.model.n)]
@@ -96,7 +96,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         self._speed = np.array([self._m.joint(axis).dofadr[0] for axis in ("puck_x", "puck_y")])
         start, self._target = self.places(float(rng.uniform(0.15, 0.4)), float(rng.uniform(0.3, 0.7)))
         self._d.qpos[self._puck] = start
-        self._command, self._elapsed = np.zeros(len(self.model.chambers)), 0
+        self._command, self._elapsed = np.zeros(self.model.actuation.count), 0
         if self._fibre:
             self._fibre.reset(np.arange(1), rng)
         self._before = self.angle()

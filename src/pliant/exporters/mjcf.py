@@ -165,9 +165,9 @@ def sites(body: ET.Element, model: Model, carrier: int, prefix: str) -> None:
 
 def chamber_names(model: Model, prefix: str) -> list[tuple[Chamber, str, str]]:
     """Each chamber with the names of its tendon and its first control."""
-    several = len(model.chambers) > 1
-    ends = [f"_{c.name}" if several else "" for c in model.chambers]
-    return [(c, f"{prefix}bend{e}", f"{prefix}pressure{e}") for c, e in zip(model.chambers, ends, strict=True)]
+    actuation = model.actuation
+    names = ([prefix + label for label in actuation.labels(what)] for what in ("bend", "pressure"))
+    return list(zip(actuation.inputs, *names, strict=True))
 
 
 def tendons(root: ET.Element, model: Model, prefix: str) -> None:
@@ -242,7 +242,7 @@ def sensors(root: ET.Element, model: Model, prefix: str) -> None:
 def keyframe(root: ET.Element, model: Model, told: Told) -> None:
     """The rest without pressure, under the model's gravity, its memory relaxed: joints in the order of the tree."""
     try:
-        rest = equilibrium(model, np.zeros(len(model.chambers)))
+        rest = equilibrium(model, 0.0)
     except SimulationError as error:
         told.said.append(f"no keyframe, since the body has no rest without pressure: {error}")
         return

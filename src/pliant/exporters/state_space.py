@@ -100,11 +100,11 @@ def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, 
         A, B, states, dead = plant.A, plant.B, [*states, *waiting], np.zeros(dead.size)
         C = np.concatenate([C, np.zeros((C.shape[0], len(waiting)))], axis=1)
     units = [unit_of(name) for name in states]
-    inputs = [f"pressure_{c.name}" for c in model.chambers] if dead.size > 1 else ["pressure"]
+    inputs = model.actuation.labels("pressure")
     return {
         "A": A, "B": B, "C": C, "D": linear.D, "period": period, "state": states, "input": inputs,
-        "dead_time": dead if dead.size > 1 else float(dead[0]), "output": list(linear.outputs), "state_unit": units,
-        "input_unit": ["Pa"] * len(inputs),
+        "dead_time": dead, "output": list(linear.outputs), "state_unit": units,
+        "input_unit": list(model.actuation.units),
         "output_unit": [output_unit(name) for name in linear.outputs],
         "operating_state": operating_point(model, linear, states), "operating_input": linear.pressures,
     }
@@ -112,11 +112,8 @@ def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, 
 
 def commands_on_their_way(model: Model, waiting: tuple[int, ...]) -> list[str]:
     """Names of the states that hold earlier commands, as `Sampled` orders them: with the chamber's where several."""
-    several = len(waiting) > 1
-    return [
-        f"command_{chamber.name}_{k + 1}_periods_ago" if several else f"command_{k + 1}_periods_ago"
-        for chamber, most in zip(model.chambers, waiting, strict=True) for k in range(most)
-    ]
+    pairs = zip(model.actuation.labels("command"), waiting, strict=True)
+    return [f"{label}_{k + 1}_periods_ago" for label, most in pairs for k in range(most)]
 
 
 def unit_of(name: str) -> str:
@@ -150,11 +147,12 @@ def operating_point(model: Model, linear: LinearModel, states: list[str]) -> Arr
 
 
 def chamber_of(model: Model, name: str) -> int:
-    """Which chamber's pressure or earlier command a state is: the first where there is one alone."""
-    if len(model.chambers) == 1:
-        return 0
-    whole = [(f"pressure_{c.name}", rf"command_{re.escape(c.name)}_\d+_periods_ago") for c in model.chambers]
-    return next(k for k, (held, sent) in enumerate(whole) if name == held or re.fullmatch(sent, name))
+    """Which chamber's pressure or earlier command a state is."""
+    whole = zip(model.actuation.labels("pressure"), model.actuation.labels("command"), strict=True)
+    return next(
+        k for k, (held, sent) in enumerate(whole)
+        if name == held or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name)
+    )
 
 
 def pressures_of(text: str) -> Array:

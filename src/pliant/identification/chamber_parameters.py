@@ -60,7 +60,7 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
     """
     named, made = owners(model), []
     shared = values
-    if len(model.chambers) > 1:
+    if model.actuation.count > 1:
         gains = matching(GAINS, tuple(values))
         shared = {k: v for k, v in values.items() if k not in gains}
     for chamber in model.chambers:
@@ -110,7 +110,7 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
         raise InputError(
             f"{min(both)!r} names a chamber and a recording or station: rename one, their parameters would be mixed"
         )
-    several = len(model.chambers) > 1
+    several = model.actuation.count > 1
     for name in names:
         owner, dot, own = name.partition(".")
         if dot and owner in mine and not (OWN.fullmatch(own) or own in law_parameters()):
@@ -128,7 +128,7 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
 def held_gains(parameters: Iterable[Named], model: Model) -> tuple[str, ...]:
     """Prefixes of the chambers whose gains are all free and so is their law's scale, which is theirs: ratios show."""
     listed = {p.name: p for p in parameters}
-    several = len(model.chambers) > 1
+    several = model.actuation.count > 1
     pairs = zip(prefixes(model), model.chambers, strict=True)
     return tuple(start for start, chamber in pairs if shares_scale(listed, chamber, start, several=several))
 

@@ -51,20 +51,21 @@ def discrepancy(
         All parameters by name, its own among them.
     modelled : array (T, S, 2 or 1)
         Its predicted positions, m, or angles, rad.
-    pressure : array (T,)
-        Behind the valve, Pa.
+    pressure : array (T, C)
+        Behind the valves, Pa.
     taught : sequence of Experiment
         What the model was fitted to.
     """
     m = apply(model, {**for_record(values, exp.name), **exp.known})
     lacking, still = np.zeros_like(modelled), modelled[:1]
     levels = taught_levels(m, taught)
-    if len(m.chambers) == 1 and exp.excitation != "release" and len(levels) > 1:
-        grid = np.linspace(min(pressure.min(), 0.0), max(pressure.max(), 0.0), GRID)
+    if m.actuation.count == 1 and exp.excitation != "release" and len(levels) > 1:
+        course = pressure[:, 0]
+        grid = np.linspace(min(course.min(), 0.0), max(course.max(), 0.0), GRID)
         rests, straight = rest_places(m, exp, grid, levels)
         share = np.where((grid > levels[-1]) | (grid < 0), BEYOND, INSIDE)[: len(rests), None, None]
-        lacking = between(pressure, grid, share * np.abs(rests - straight))
-        still = between(pressure, grid, rests)
+        lacking = between(course, grid, share * np.abs(rests - straight))
+        still = between(course, grid, rests)
     return np.hypot(lacking, FASTER * faster(exp, modelled, taught) * np.abs(modelled - still))
 
 

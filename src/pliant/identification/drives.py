@@ -55,11 +55,11 @@ def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str,
     pressure = recording["pressure"]
     if lost := int((~np.isfinite(pressure.values)).sum()):
         raise InputError(f"recording {name}: {lost} samples of the pressure are missing: repair it first")
-    if drive is None and len(model.chambers) == 1:
+    if drive is None and model.actuation.count == 1:
         return [one_chamber(name, pressure)]
     wanted = {c.name: c.name for c in model.chambers} if drive is None else drive
     if strange := [one for one in wanted if one not in {c.name for c in model.chambers}]:
-        raise InputError(f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.names}")
+        raise InputError(f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.listing}")
     driven = drives_of(name, recording, wanted)
     return [driven[c.name].pressure if c.name in driven else np.zeros(pressure.shape[0]) for c in model.chambers]
 
@@ -128,7 +128,7 @@ def fitted_chambers(names: Sequence[str], model: Model) -> list[int]:
 def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> list[str]:
     """Sentences on chambers of the parameters `names` that hardly moved, or hardly apart: their laws rest on little."""
     mine = fitted_chambers(names, model)
-    if len(model.chambers) == 1 or not mine:
+    if model.actuation.count == 1 or not mine:
         return []
     seen = pressures_at(model, experiments)
     moves = np.ptp(seen, axis=0)
@@ -163,7 +163,7 @@ def hardly_apart(overlap: bool, uneven: bool) -> str:
 def told_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
     """Why recordings do not tell the parameters `names` apart, where their chambers were never driven (apart)."""
     mine = fitted_chambers(names, model)
-    if len(model.chambers) == 1 or not mine:
+    if model.actuation.count == 1 or not mine:
         return ""
     seen = pressures_at(model, experiments)
     if idle := [k for k in mine if not seen[:, k].any()]:

@@ -61,7 +61,7 @@ def set_up(
     numbers = numbers._replace(chambers=here.chambers(plan.initial))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
     acting = plan.pressure if between is None else plan.pressure[between[1]]
-    made = SetUp(numbers, plan.keep, 1, carriers(here, exp), m, shown(acting), True, drive=plan, between=between,
+    made = SetUp(numbers, plan.keep, 1, carriers(here, exp), m, acting, True, drive=plan, between=between,
                  first_seen=exp.first_places if exp.own_places else None)  # fmt: skip
     return made._replace(numbers=reattached(made, numbers))
 
@@ -85,12 +85,12 @@ def let_go(
     if free.size:
         key = ("release", exp.name, own["release"], times[0])
         if key not in plans.drives:
-            still_air = [Pulse(0.0)] * len(model.chambers)
+            still_air = [Pulse(0.0)] * model.actuation.count
             plans.drives[key] = drive_of(model, still_air, np.concatenate([[own["release"]], free]), step)
         plan = plans.drives[key]
     numbers = with_loads(gathered(here, exp, own, plan, (angles, angles), base), model, exp, own["release"])
-    still, none = times.size - free.size, np.zeros((exp.time.size, len(model.chambers)))
-    made = SetUp(numbers, plan.keep, still, carriers(here, exp), model, shown(none), from_rest=False,
+    still, none = times.size - free.size, np.zeros((exp.time.size, model.actuation.count))
+    made = SetUp(numbers, plan.keep, still, carriers(here, exp), model, none, from_rest=False,
                  pulled=exp.held is not None)
     return fading(made, exp, own) if "release_time" in own else made
 
@@ -137,14 +137,9 @@ def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans:
     return np.zeros(model.size)
 
 
-def shown(pressure: Array) -> Array:
-    """Pressures (T, C) as a result holds them: (T,) of one chamber."""
-    return pressure[:, 0] if pressure.shape[1] == 1 else pressure
-
-
 def no_drive(model: Model) -> Drive:
     """The drive of no step at all."""
-    C = len(model.chambers)
+    C = model.actuation.count
     return Drive(np.zeros(0), np.zeros((0, C)), model.actuation.gain, np.zeros(0, dtype=int), np.zeros((1, C)),
                  np.zeros(C))  # fmt: skip
 
@@ -166,7 +161,7 @@ def planned(
 
 def pressures(model: Model, exp: Experiment, start: float, stop: float) -> tuple[Input, ...]:
     """What drives each chamber of the model in an experiment that begins and ends at `start` and `stop`, s."""
-    if exp.drives or len(model.chambers) > 1:
+    if exp.drives or model.actuation.count > 1:
         return inputs_to(model, exp, start)
     if exp.pressure is not None:
         return (Trace(exp.pressure.time + start, exp.pressure.pressure),)

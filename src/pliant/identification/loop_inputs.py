@@ -48,7 +48,7 @@ class SetUp(NamedTuple):
     still: int  # rows before the motion begins
     carrier: Array  # (S,)
     model: Model
-    pressure: Array  # (T,) Pa, behind the valve; (T, C) of several
+    pressure: Array  # (T, C) Pa, behind the valves
     from_rest: bool  # whether the start is the equilibrium under `torque_before`
     pulled: bool = False  # whether a hand took the body to its pose from its unloaded shape
     drive: Drive | None = None  # what drives the steps of a body that is not let go

@@ -17,7 +17,7 @@ Array = np.ndarray
 
 def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
     """What the model says of an experiment: positions (T, S, 2) [m], angles (T, S) [rad], which of them are `compared`,
-    pressure (T,) [Pa], (T, C) of several chambers.
+    pressure (T, C) [Pa] of the inputs.
 
     `values` holds parameter values by name; those of the experiment `exp` overrule shared ones. `step` is that of the
     integration, s.

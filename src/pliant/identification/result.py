@@ -173,7 +173,7 @@ def cautions(
                 "up another effect, such as creep."
             )
             break
-    if len(model.chambers) > 1:  # those on opposite sides bend opposite ways
+    if model.actuation.count > 1:  # those on opposite sides bend opposite ways
         return [sentence[0].upper() + sentence[1:] for sentence in found]
     gain = float((model.joint_gain * model.torque_at(highest(experiments))).min()) if experiments else 1.0
     if gain < 0 and any(n.startswith(("torque_", "gain")) for n in free):

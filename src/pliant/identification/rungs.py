@@ -33,7 +33,7 @@ def each_chamber(entry: Entry, model: Model) -> tuple[Entry, ...]:
     name = entry if isinstance(entry, str) else entry.name
     if not name.startswith("*."):
         return (entry,)
-    names = [f"{start}{name[2:]}" for start in (prefixes(model) if len(model.chambers) > 1 else ("",))]
+    names = [f"{start}{name[2:]}" for start in (prefixes(model) if model.actuation.count > 1 else ("",))]
     return tuple(n if isinstance(entry, str) else replace(entry, name=n) for n in names)
 
 

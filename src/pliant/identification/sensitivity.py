@@ -145,7 +145,7 @@ def edge_slope(made: SetUp, exp: Experiment, values: Mapping[str, float], name: 
     kind, laid = name.removeprefix(f"{exp.name}."), made.drive.layout if made.drive else None
     if laid is None or kind not in EDGES or (name == kind and f"{exp.name}.{kind}" in values):
         return None
-    moved = exp.pressure is not None or len(made.model.chambers) > 1 or exp.forces  # more than these steps
+    moved = exp.pressure is not None or made.model.actuation.count > 1 or exp.forces  # more than these steps
     if moved or (laid.jumps[0].size > 1 and np.ptp(laid.jumps[0]) < 2.0 * SHORTEST):  # one edge may push the other
         return None
     h = laid.jump_slope(0, EDGES.index(kind))

@@ -30,7 +30,7 @@ def torque_starts(
     A chamber of several that is never driven alone begins with a torque that bends a joint by 0.1 rad.
     """
     found: dict[str, float] = {}
-    several, sizes, mine = len(model.chambers) > 1, typical_sizes(model, experiments), owners(model)
+    several, sizes, mine = model.actuation.count > 1, typical_sizes(model, experiments), owners(model)
     shared = {shared_name(n) for n in wanted if n.partition(".")[0] not in mine}
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         pushed = [e for e in experiments if alone(e, chamber.name) or (not several and e.excitation != "release")]

@@ -152,13 +152,14 @@ def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     n, N = model.n, model.size
     A, B = np.block([[np.zeros((N, N)), np.eye(N)], [a_x, a_v]]), np.zeros((2 * N, 0))
     states = [*chain.names, *chain.rate_names]
-    pressures, several = model.actuation.pressures(pressure), len(model.chambers) > 1
-    for chamber, by_torque, p in zip(model.chambers, a_tau, pressures, strict=True):
+    pressures = model.actuation.pressures(pressure)
+    called = zip(model.actuation.labels("pressure"), model.actuation.labels("pressure_rate"), strict=True)
+    for chamber, by_torque, p, own in zip(model.chambers, a_tau, pressures, called, strict=True):
         drive = np.zeros(A.shape[0])
         drive[N : 2 * N] = by_torque * chamber.torque_slope(float(p))
         A, column, names = behind_valve(A, drive, chamber.valve)
         B = np.column_stack([np.pad(B, ((0, len(names)), (0, 0))), column])
-        states += [f"{name}_{chamber.name}" if several else name for name in names]
+        states += own[: len(names)]
     C, outputs = output_rows(model, x, A.shape[0])
     late = np.array([c.valve.dead_time for c in model.chambers])
     return LinearModel(A, B, C, outputs, tuple(states), x[:n], pressures, late, x[n:])

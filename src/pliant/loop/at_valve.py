@@ -16,7 +16,7 @@ from pliant.loop.receiver import ValveReceiver
 
 
 def receiver_of(
-    path: str | Path, drive: Callable[[float | np.ndarray], None], clock: Clock | None = None
+    path: str | Path, drive: Callable[[np.ndarray], None], clock: Clock | None = None
 ) -> ValveReceiver:
     """Return the receiver that the table ``[receiver]`` of a task file describes; it listens already.
 
@@ -25,7 +25,7 @@ def receiver_of(
     path : str or Path
         Of the task file; `key_file` is looked for in its folder.
     drive : callable
-        ``drive(pressure)`` sets the valve, Pa; an array (C,) for several chambers.
+        ``drive(pressures)`` sets the valves, (C,) Pa, also of one chamber.
     clock : Clock, optional
         Default: that of the machine.
 
@@ -55,11 +55,10 @@ def receiver_of(
     key = None if entry.key_file is None else read_key(Path(path).parent / entry.key_file)
     hold, longest = 1e-3 * entry.hold_ms, 1e-3 * entry.longest_hold_ms
     window = None if entry.window_ms is None else 1e-3 * entry.window_ms
-    several = chambers > 1 or isinstance(listed, list)
     source = UdpSource((entry.host, entry.port), key, private_link=entry.private_link, senders=entry.senders)
     try:
         return ValveReceiver(
-            source, drive, highest.tolist() if several else float(highest[0]), clock or SystemClock(), hold=hold,
+            source, drive, highest.tolist(), clock or SystemClock(), hold=hold,
             longest_hold=longest, window=window,
         )
     except InputError:

@@ -48,7 +48,7 @@ class ValveReceiver:
     source : Source
         Of samples named "command", e.g. `UdpSource`.
     drive : callable
-        ``drive(pressure)`` sets the valve, Pa; an array (C,) for several chambers.
+        ``drive(pressures)`` sets the valves, (C,) Pa, also of one chamber.
     highest : float or sequence of float
         Pa; a number for one chamber, one each (C,) for several. A command beyond, or of another number of chambers, is
         not a command.
@@ -63,7 +63,7 @@ class ValveReceiver:
 
     Attributes
     ----------
-    command : float or array
+    command : array (C,)
         Pa, in force.
     rejected, late, ahead, foreign, shortened : int
         Commands that were none (unit, number, limit); those not newer than one before, or older than they hold; those
@@ -79,10 +79,10 @@ class ValveReceiver:
     """
 
     def __init__(
-        self, source: Source, drive: Callable[[float | Array], None], highest: float | Sequence[float], clock: Clock,
+        self, source: Source, drive: Callable[[Array], None], highest: float | Sequence[float], clock: Clock,
         *, hold: float = 0.1, longest_hold: float = 0.5, window: float | None = None,
     ) -> None:
-        limits = np.array(highest, dtype=float)
+        limits = np.array(highest, dtype=float, ndmin=1)
         if limits.ndim > 1 or not (limits.size and np.isfinite(limits).all() and (limits > 0).all()):
             raise InputError(f"a receiver needs a positive highest pressure for each chamber, got {highest} Pa")
         if not 0 < hold <= longest_hold <= LONGEST_HOLD:
@@ -99,12 +99,11 @@ class ValveReceiver:
         self._in_force: _InForce | None = None
         vent = np.zeros(limits.shape)
         vent.setflags(write=False)
-        self._vent: float | Array = vent if limits.ndim else 0.0
-        self.command = self._vent
+        self._vent = self.command = vent
         self.rejected = self.late = self.ahead = self.foreign = self.shortened = self.vented = 0
 
-    def poll(self) -> float | Array:
-        """Take what has arrived and set the valve; call it every millisecond or so. Returns the command in force."""
+    def poll(self) -> Array:
+        """Take what has arrived and set the valves; call it every millisecond or so. Returns the commands in force."""
         self._vent_after_silence(self._clock.now())  # first: what was held back until now is of a session that ended
         for _ in range(MOST):
             arrived = self._source.read()
@@ -164,7 +163,7 @@ class ValveReceiver:
             return stamp + fastest + hold
         return None
 
-    def _pressure(self, arrived: Sample) -> float | Array | None:
+    def _pressure(self, arrived: Sample) -> Array | None:
         """The command in Pa; 0 where it vents, in whatever unit and for how many chambers; None where it is none."""
         values = arrived.array.ravel()
         if values.size and not values.any():
@@ -172,7 +171,7 @@ class ValveReceiver:
         pressure = values * PASCAL.get(arrived.unit.lower(), math.nan)
         if pressure.size != self._highest.size or not ((pressure >= 0.0) & (pressure <= self._highest)).all():  # or NaN
             return None
-        return pressure if self._highest.ndim else float(pressure[0])
+        return pressure
 
     def run(self, duration: float | None = None, *, period: float = 1e-3) -> None:
         """Poll for `duration` [s], or until the source ends; whatever ends it, the valve is vented."""

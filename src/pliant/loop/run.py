@@ -60,11 +60,6 @@ def unexplained(state: State | None, links: int) -> tuple[Array, Array, Array]:
     return state.angle, state.disturbance, np.sqrt(np.diag(state.covariance)[first : first + links])
 
 
-def without_pressure(chambers: int) -> float | Array:
-    """The command that vents: 0 Pa in every chamber."""
-    return 0.0 if chambers == 1 else np.zeros(chambers)
-
-
 class ControlLoop:
     """A control loop of fixed period with a watchdog.
 
@@ -120,7 +115,9 @@ class ControlLoop:
         self.frames = self.lost = 0
         self.hold, self._log_needed, self._log_told = max(HOLD_PERIODS * period, LEAST_HOLD), log_needed, False
         self.chambers_left_out = self.pressures_left_out = 0
-        self.command = self.pressure = without_pressure(pipeline.controller.chambers)
+        self._vent = np.zeros(pipeline.controller.chambers)  # Pa, the command that vents
+        self._vent.setflags(write=False)
+        self.command = self.pressure = self._vent
         self._began = clock.now()
         self.shapes, self.pressures = streams(nanoseconds(watchdog.bounds.clock_skew), self._began)
         self._state: State | None = None
@@ -150,7 +147,7 @@ class ControlLoop:
                     self.period(began, deadline)
                     deadline = self.timing.end(began, deadline, self.clock.now())
             finally:
-                self.command = without_pressure(self.pipeline.controller.chambers)
+                self.command = self._vent
                 self._send(self.clock.now())
         return self.watchdog.summary[0]
 
@@ -164,7 +161,7 @@ class ControlLoop:
             wish = self._control(now)
         except Exception as error:  # noqa: BLE001  whatever it is, the pressure must go
             self.watchdog.trip(f"{type(error).__name__}: {error}", now)
-            wish = without_pressure(self.pipeline.controller.chambers)
+            wish = self._vent
         self.command = self.watchdog.command(now, wish)
         self._send(now)
         if self.log is not None:
@@ -182,15 +179,16 @@ class ControlLoop:
         if self._log_needed:
             self.watchdog.trip(self.log.fault, now)
 
-    def _control(self, now: int) -> float | Array:
+    def _control(self, now: int) -> Array:
         if not self.frames or self.watchdog.fault:
-            return without_pressure(self.pipeline.controller.chambers)
+            return self._vent
         self._state = self.pipeline.estimator.state(now * 1e-9)
         self.watchdog.estimate(now, self._state)
         if self.watchdog.fault:
-            return without_pressure(self.pipeline.controller.chambers)
+            return self._vent
         controller = self.pipeline.controller
-        wish = controller.step((now - self._began) * 1e-9, self._state, self.pressure)
+        given = controller.step((now - self._began) * 1e-9, self._state, self.pressure)
+        wish = np.array(given, dtype=float, ndmin=1)  # another package's controller may give a number
         if np.size(wish) != controller.chambers:
             raise InputError(f"the controller commands {np.size(wish)} chambers, it drives {controller.chambers}")
         if self.watchdog.controller(now, controller.fault) and self.log is not None:
@@ -230,8 +228,7 @@ class ControlLoop:
         if came > chambers:
             self.chambers_left_out = max(self.chambers_left_out, came - chambers)
             self.pressures_left_out += came - chambers
-        kept = taken[:chambers]
-        self.pressure = float(kept[0]) if chambers == 1 else kept
+        kept = self.pressure = taken[:chambers]
         self.watchdog.pressure(now, self.pressure)  # each one: a good one may follow in the same period
         if np.isfinite(kept).all():
             self.pressures.whole(now)
@@ -244,9 +241,9 @@ class ControlLoop:
         if self.watchdog.fault and not self._fault_told:
             self._fault_told = True
             log.remark(f"fault at {self.watchdog.fault_time * 1e-9:.3f} s: {self.watchdog.fault}")
-        controller, pressure, command = self.pipeline.controller, np.ravel(self.pressure), np.ravel(self.command)
+        controller = self.pipeline.controller
         log.write((
-            now * 1e-9, self.shapes.stamp * 1e-9, *pressure, *command, *np.ravel(controller.target),
+            now * 1e-9, self.shapes.stamp * 1e-9, *self.pressure, *self.command, *np.ravel(controller.target),
             *np.ravel(controller.error), bool(self.watchdog.fault), (self.clock.now() - now) * 1e-3,
             (now - deadline) * 1e-3, *each,
         ))

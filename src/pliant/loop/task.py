@@ -67,7 +67,7 @@ def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "
     """
     if abs(plant.period - wanted.period) > 1e-9:
         raise InputError(f"the plant's frames come every {plant.period * 1e3:g} ms: set period_ms to that")
-    none = 0.0 if len(model.chambers) == 1 else np.zeros(len(model.chambers))
+    none = np.zeros(model.actuation.count)
     frames = [plant.advance(none) for _ in range(AT_REST)]
     late = round((plant.time - frames[-1][0]) / wanted.period)
     shapes = np.array([shape for _, shape, _ in frames])

@@ -23,10 +23,10 @@ class PlantLike(Protocol):
     # rides: bool, may be left out: whether its points ride on the body as it stretches, as markers do
 
     def advance(self, command: Any) -> Any:
-        """Hold a command [Pa], a number or an array (C,), for a period.
+        """Hold commands (C,) [Pa] for a period; (1,) of 0 is no pressure in any of several chambers.
 
-        Returns (time of the shape [s], shape (S, 2) [m] in the base frame, a lost point NaN, pressure [Pa] of one
-        chamber or several (C,)).
+        Returns (time of the shape [s], shape (S, 2) [m] in the base frame, a lost point NaN, pressures (C,) [Pa]; a
+        number is enough for one).
         """
 
 
@@ -51,7 +51,7 @@ class VirtualActuator:
         self._period = nanoseconds(plant.period)
         self._done = self._start = clock.now()
         self._begin, self.behind = plant.time, 0
-        self._command: float | Array = 0.0
+        self._command: Array = np.zeros(1)
         self._until: int | None = None
         self.finished = False
 
@@ -74,7 +74,7 @@ class VirtualActuator:
     def write(self, sample: Sample) -> None:
         """Hold a command from now on."""
         if sample.name == COMMAND:
-            self._command = float(sample.array[0]) if sample.array.size == 1 else sample.array
+            self._command = sample.array
             self._until = self._clock.now() + nanoseconds(sample.hold) if sample.hold else None
 
     def close(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,7 +98,7 @@ class Watchdog:
         if not self.fault:
             self.fault, self.fault_time = sentence, now
 
-    def readings(self, now: int, shape_time: int, pressure_time: int, pressure: float | Array) -> None:
+    def readings(self, now: int, shape_time: int, pressure_time: int, pressure: Array) -> None:
         """Look at the age of the newest whole readings [ns] and at the pressure of every chamber [Pa]."""
         b = self.bounds
         for what, seen, limit in (("shape", shape_time, b.shape_age), ("pressure", pressure_time, b.pressure_age)):
@@ -117,10 +116,10 @@ class Watchdog:
             if 0 < most < count:
                 self.trip(f"frozen {what}: {count} readings in a row equal the one before, {most} allowed", now)
 
-    def pressure(self, now: int, pressure: float | Array) -> None:
+    def pressure(self, now: int, pressure: Array) -> None:
         """Look at the pressure of every chamber [Pa]."""
         b = self.bounds
-        for p in each(pressure):
+        for p in pressure.tolist():
             if not math.isfinite(p):
                 self.trip(f"the pressure reading is {p}", now)
             elif not b.lowest_pressure <= p <= b.highest_pressure:
@@ -150,18 +149,13 @@ class Watchdog:
             self.trip(f"in {self._in_a_row} periods in a row {fault}", now)
         return begins
 
-    def command(self, now: int, command: float | Array) -> float | Array:
-        """The command that may go out: 0 after a fault, and where it is not a number or out of limits."""
-        for p in each(command):
+    def command(self, now: int, command: Array) -> Array:
+        """The commands (C,) [Pa] that may go out: 0 after a fault, and where it is not a number or out of limits."""
+        for p in command.tolist():
             if not math.isfinite(p):
                 self.trip(f"the command is {p}", now)
             elif not 0.0 <= p <= self.bounds.highest_pressure:
                 self.trip(f"a command of {p * 1e-3:.1f} kPa is out of limits", now)
         if not self.fault:
             return command
-        return 0.0 if np.ndim(command) == 0 else np.zeros(np.size(command))
-
-
-def each(pressure: float | Array) -> Iterable[float]:
-    """The pressures of one chamber or several."""
-    return (pressure,) if isinstance(pressure, float) else map(float, np.ravel(pressure))
+        return np.zeros(command.size)

@@ -1,4 +1,4 @@
-"""What turns pressures into joint torques and axial forces: all chambers of a body."""
+"""The inputs of a body: what turns them into joint torques and axial forces."""
 
 from __future__ import annotations
 
@@ -18,14 +18,18 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Actuation:
-    """All chambers of a body of `joints` joints: pressures (C,) and their slow states in, joint torques (n,) out.
+    """All inputs of a body of `joints` joints: values (C,) and their slow states in, joint torques (n,) out.
+
+    Whoever needs to know how many inputs a model has, what they are called, what they are measured in or what they do
+    asks here: `model.actuation`. One input is the case C = 1, and no other.
 
     Where segments lengthen, what drives their strains stands behind the torques of the joints, (n + S,): axial force
     times the segment's length, N m.
 
     Attributes
     ----------
-    chambers : tuple of Chamber
+    inputs : tuple of Chamber
+        The law of each input, in the order in which their values stand.
     joints : int
     segment_length : tuple of float
         Of the segments that lengthen, m.
@@ -33,23 +37,50 @@ class Actuation:
         Joints that lie in each of them, from 0.
     """
 
-    chambers: tuple[Chamber, ...]
+    inputs: tuple[Chamber, ...]
     joints: int
     segment_length: tuple[float, ...] = ()
     segment_joints: tuple[tuple[int, ...], ...] = ()
 
     @property
     def count(self) -> int:
-        """Number of chambers, C."""
-        return len(self.chambers)
+        """Number of inputs, C."""
+        return len(self.inputs)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(c.name for c in self.inputs)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What each input is, as recordings have it: "pressure" (gauge)."""
+        return tuple(c.kind for c in self.inputs)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each input."""
+        return tuple(c.unit for c in self.inputs)
+
+    @property
+    def listing(self) -> str:
+        """Names of the inputs, for a sentence."""
+        return ", ".join(self.names)
+
+    def labels(self, quantity: str) -> list[str]:
+        """What a quantity of each input is called in tables, files and exports: ``pressure_NAME``.
+
+        A lone input needs no name there: ``pressure``.
+        """
+        return [quantity] if self.count == 1 else [f"{quantity}_{name}" for name in self.names]
 
     @cached_property
     def gain(self) -> Array:
         """Share (C, n) of each chamber's torque that each joint feels; (C, n + S) with that of the strains behind."""
-        joints = np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.chambers])
+        joints = np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.inputs])
         if not self.segment_length:
             return joints
-        axial = np.stack([self.axial_gains(c) for c in self.chambers])
+        axial = np.stack([self.axial_gains(c) for c in self.inputs])
         return np.hstack([joints, axial * self.segment_length])
 
     def axial_gains(self, chamber: Chamber) -> Array:
@@ -62,39 +93,34 @@ class Actuation:
     @property
     def remembers(self) -> bool:
         """Whether a chamber has slow states."""
-        return any(c.remembers for c in self.chambers)
+        return any(c.remembers for c in self.inputs)
 
     def kernel(self) -> symbols.ActuationConstants:
         """Constants for the kernels, shorter laws filled up with zeros."""
-        longest = max(c.torque.size for c in self.chambers)
-        law = np.stack([np.pad(c.torque, (0, longest - c.torque.size)) for c in self.chambers])
-        return symbols.ActuationConstants(law, np.array(self.gain), np.array([c.kernel()[1:] for c in self.chambers]))
+        longest = max(c.torque.size for c in self.inputs)
+        law = np.stack([np.pad(c.torque, (0, longest - c.torque.size)) for c in self.inputs])
+        return symbols.ActuationConstants(law, np.array(self.gain), np.array([c.kernel()[1:] for c in self.inputs]))
 
     def pressures(self, value: Any) -> Array:
-        """`value` as pressures (C,) [Pa]: a number is enough where there is one chamber; 0 is no pressure in any.
+        """`value` as pressures (C,) [Pa]: a number is enough for one input; 0 is no pressure in any.
 
         Raises
         ------
         InputError
-            When there are not as many as chambers.
+            When there are not as many as inputs.
         """
-        p = np.atleast_1d(np.asarray(value, dtype=float))
+        p = np.array(value, dtype=float, ndmin=1)  # a copy: who passes an array may change it
         if p.shape == (1,) and p[0] == 0.0:
             return np.zeros(self.count)
         if p.shape != (self.count,):
             raise InputError(
-                f"expected {self.count} pressure(s) in Pa, one for each chamber ({self.names}), got shape {p.shape}"
+                f"expected {self.count} pressure(s) in Pa, one for each chamber ({self.listing}), got shape {p.shape}"
             )
         return p
 
-    @property
-    def names(self) -> str:
-        """Names of the chambers, for a sentence."""
-        return ", ".join(c.name for c in self.chambers)
-
     def torques(self, pressure: Any) -> Array:
         """Torque (C,) of each chamber at rest at `pressure` (C,) [Pa], N m."""
-        return np.array([float(c.torque_at(p)) for c, p in zip(self.chambers, self.pressures(pressure), strict=True)])
+        return np.array([float(c.torque_at(p)) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
 
     def joint_torques(self, pressure: Any) -> Array:
         """Torques (n + S,) [N m] of joints and strains at rest at `pressure` (C,) [Pa]; infinite if walls give way."""
@@ -105,12 +131,12 @@ class Actuation:
 
     def no_rest(self, pressure: Any) -> str:
         """A sentence on the chamber whose wall gives way at `pressure` (C,) [Pa]."""
-        said = (c.no_rest(p) for c, p in zip(self.chambers, self.pressures(pressure), strict=True))
+        said = (c.no_rest(p) for c, p in zip(self.inputs, self.pressures(pressure), strict=True))
         return next(filter(None, said), "")
 
     def rest_state(self, pressure: Any) -> Array:
         """Slow states (C, 2) long at rest at `pressure` (C,) [Pa]: slow pressure [Pa], fourth power of the stretch."""
-        return np.stack([c.rest_state(p) for c, p in zip(self.chambers, self.pressures(pressure), strict=True)])
+        return np.stack([c.rest_state(p) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
 
 
 def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamber, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, TypedDict
+from typing import Any, ClassVar, TypedDict
 
 import numpy as np
 
@@ -36,6 +36,9 @@ class ChamberValues(TypedDict, total=False):
 @dataclass(frozen=True, eq=False)
 class Chamber:
     """One pressure and the torque that it makes, all SI.
+
+    The law of one input: `kind` and `unit` say what its value is, the valve how late it is, the gains on which
+    coordinates it acts.
 
     Parameters
     ----------
@@ -71,6 +74,8 @@ class Chamber:
     0.15
     """
 
+    kind: ClassVar[str] = "pressure"  # as recordings name the kinds of their inputs
+    unit: ClassVar[str] = "Pa"
     torque: Array
     joint_gain: Array = field(default_factory=lambda: np.ones(1))
     valve: Valve = field(default_factory=Valve)

@@ -153,15 +153,16 @@ class Model(ModelParameters):
         InputError
             When there are several: what asks for this takes one pressure.
         """
-        if len(self.chambers) > 1:
+        if self.actuation.count > 1:
             raise InputError(
-                f"this takes a model of one chamber, and {self.name!r} has {len(self.chambers)}: {self.actuation.names}"
+                f"this takes a model of one chamber, and {self.name!r} has {self.actuation.count}: "
+                f"{self.actuation.listing}"
             )
         return self.chambers[0]
 
     @cached_property
     def actuation(self) -> Actuation:
-        """What turns pressures into joint torques, and axial forces."""
+        """The inputs: how many, of which kind and unit, and what they make of joint torques and axial forces."""
         return Actuation(self.chambers, self.n, tuple(self.segment_length.tolist()), joints_inside(self))
 
     @property

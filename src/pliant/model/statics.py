@@ -13,7 +13,7 @@ Array = np.ndarray
 
 
 def torques_over(actuation: Actuation, pressure: Any) -> Array:
-    """Torque (T, C) of each chamber at rest at pressures (T, C), or (T,) of the only one, Pa; N m.
+    """Torque (T, C) of each chamber at rest at pressures (T, C), Pa; (T,) is enough for one. N m.
 
     Raises
     ------
@@ -24,13 +24,12 @@ def torques_over(actuation: Actuation, pressure: Any) -> Array:
     p = p[:, None] if p.ndim == 1 else p
     if p.ndim != 2 or p.shape[1] != actuation.count:
         raise InputError(
-            f"expected pressures (T, {actuation.count}) in Pa, one for each chamber ({actuation.names}), got shape "
+            f"expected pressures (T, {actuation.count}) in Pa, one for each chamber ({actuation.listing}), got shape "
             f"{p.shape}"
         )
-    return np.stack([np.asarray(c.torque_at(p[:, k])) for k, c in enumerate(actuation.chambers)], axis=1)
+    return np.stack([np.asarray(c.torque_at(p[:, k])) for k, c in enumerate(actuation.inputs)], axis=1)
 
 
 def joint_torques_over(actuation: Actuation, pressure: Any) -> Array:
     """Torques (T, n) [N m] of the joints at rest; pressures as `torques_over` takes them."""
-    torque = torques_over(actuation, pressure)
-    return np.asarray(torque @ actuation.gain) if actuation.count > 1 else torque * actuation.gain
+    return np.asarray(torques_over(actuation, pressure) @ actuation.gain)

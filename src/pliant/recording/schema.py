@@ -66,6 +66,7 @@ def make_recording(
         What `angle`, or the `quaternion` of an aligned recording, is measured from: the station's own rest pose, or the
         base tangent (the base frame).
     pressure : (P,) or (P, C) array, Pa gauge, optional
+        (P, 1) without a `chamber` is a lone pressure, (P,).
         Needs `pressure_time`; with two dimensions one column per chamber.
     pressure_time : (P,) array, s, optional
         Clock of the pressure; default is `time` when the lengths agree.
@@ -179,6 +180,8 @@ def _add_pressure(variables: dict, coords: dict, pressure: Any, clock: Any, cham
         return
     array = np.asarray(pressure)
     array = _floats("pressure", pressure, min(max(array.ndim, 1), 2))
+    if array.ndim == 2 and array.shape[1] == 1 and chamber is None:
+        array = array[:, 0]  # a lone pressure needs no name
     if clock is None:
         clock = coords.get("time")
     if clock is None:

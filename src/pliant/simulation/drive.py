@@ -56,7 +56,7 @@ class Drive(NamedTuple):
     @property
     def joint_torque(self) -> Array:
         """Mean torque (steps, n) of each joint over each step, N m."""
-        return np.asarray(self.torque @ self.gain) if len(self.gain) > 1 else self.torque * self.gain
+        return np.asarray(self.torque @ self.gain)
 
 
 class Grid(NamedTuple):
@@ -163,8 +163,8 @@ def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
             raise InputError(f"pressure must be an input, as Pulse(level) or Trace(time, pressure), got {one!r:.60}")
     if len(many) != model.actuation.count:
         raise InputError(
-            f"model {model.name!r} has {model.actuation.count} chamber(s), {model.actuation.names}, and takes as many "
-            f"pressure inputs, in this order; got {len(many)}"
+            f"model {model.name!r} has {model.actuation.count} chamber(s), {model.actuation.listing}, and takes as "
+            f"many pressure inputs, in this order; got {len(many)}"
         )
     return many
 

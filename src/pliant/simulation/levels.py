@@ -38,10 +38,9 @@ def typical_pressure(model: Model) -> float:
     return float(f"{low if held else 0.8 * low:.2g}")
 
 
-def first_alone(model: Model, pressure: float) -> float | np.ndarray:
-    """`pressure` [Pa] in the first chamber and none in the others, (C,); the number itself where there is one."""
-    count = len(model.chambers)
-    return pressure if count == 1 else pressure * np.eye(1, count)[0]
+def first_alone(model: Model, pressure: float) -> np.ndarray:
+    """Return pressures (C,) [Pa]: `pressure` in the first chamber and none in the others."""
+    return np.asarray(pressure * np.eye(1, model.actuation.count)[0])
 
 
 def bent(model: Model, pressure: float, rest: float) -> float | None:

@@ -63,13 +63,12 @@ def trajectory(
         "tip_position": (("time", "link", "axis"), tips),
         "station_position": (("time", "station", "axis"), position),
         "station_angle": (("time", "station"), angle),
-        "pressure": by_chamber(pressure),
+        "pressure": (("time", "input"), pressure),
         **{name: (("time",), value) for name, value in energies.items()},
         **memory,
     }
     labels = {**({"memory": list(model.memory.labels)} if model.memory else {}), **chain.labels}
-    if len(model.chambers) > 1:
-        labels["chamber"] = [c.name for c in model.chambers]
+    labels["input"] = list(model.actuation.names)
     return xr.Dataset(
         {name: labelled(*entry, *LABELS[name]) for name, entry in values.items()},
         coords={
@@ -82,11 +81,6 @@ def trajectory(
         attrs={"schema": "pliant-trajectory", "model": model.name, "method": method, "step_s": step,
                "source": f"pliant {__version__}"},
     )
-
-
-def by_chamber(values: Array) -> tuple[tuple[str, ...], Array]:
-    """Numbers (T, C) with their dimensions: one chamber needs none of its own."""
-    return (("time",), values[:, 0]) if values.shape[1] == 1 else (("time", "chamber"), values)
 
 
 def labelled(dims: tuple[str, ...], values: Array, units: str, long_name: str) -> xr.Variable:

@@ -22,7 +22,7 @@ from pliant.simulation.forces import PointForce
 from pliant.simulation.initial_value import InitialValueProblem, Solution, posed
 from pliant.simulation.inputs import Input
 from pliant.simulation.reference import METHODS, Start, solve_reference
-from pliant.simulation.result import Motion, by_chamber, trajectory
+from pliant.simulation.result import Motion, trajectory
 from pliant.simulation.time_step import EVERY, nice, time_step
 
 Array = np.ndarray
@@ -102,7 +102,8 @@ def simulate(
     -------
     xarray.Dataset
         joint_angle, joint_rate (time, joint); tip_position (time, link, axis); station_position (time, station,
-        axis), station_angle; pressure; kinetic, elastic and gravitational energy, input work, dissipated energy (time).
+        axis), station_angle; pressure (time, input), also of one input; kinetic, elastic and gravitational energy,
+        input work, dissipated energy (time).
         With memory also memory_state (time, joint, memory), memory_torque (time, joint), memory_energy,
         memory_dissipation (time). Where segments lengthen also axial_strain, axial_strain_rate and extension [m]
         (time, segment). Kinetic + elastic + gravitational + memory energy then balance input work less both
@@ -142,7 +143,7 @@ def simulate(
         raise SimulationError(lost)
     extra = memory.told(model, phi, states, work[:, -1])
     if solution.stretch is not None:
-        extra["hoop_stretch"] = by_chamber(solution.stretch)
+        extra["hoop_stretch"] = (("time", "input"), solution.stretch)
     motion = trajectory(
         model, Motion(problem.times, solution.pressure, phi, w), energies(model, phi, w, work), extra,
         method=method, step=solution.step,

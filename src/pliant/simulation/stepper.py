@@ -97,9 +97,9 @@ class Stepper:
         self.length = step
         self._drives = march_loops.Drives(
             model.actuation.kernel(), np.array([lag_of(c.valve) for c in model.chambers]),
-            np.zeros(len(model.chambers)), np.zeros((len(model.chambers), 2)),
+            np.zeros(model.actuation.count), np.zeros((model.actuation.count, 2)),
         )
-        self._command = np.zeros(len(model.chambers))
+        self._command = np.zeros(model.actuation.count)
         self._body, self._joints, self._work = mechanics_of(model).parts()
         self._law, self._held = model.memory.law(), state.held(model)
         loop = march_loops.hold_with_memory if model.memory else march_loops.hold
@@ -160,16 +160,14 @@ class Stepper:
         return self._watch.loss
 
     @property
-    def pressure(self) -> float | Array:
-        """Pressure behind the valve, Pa; (C,) where there are several chambers."""
-        p = self._drives.pressure
-        return float(p[0]) if p.size == 1 else p.copy()
+    def pressure(self) -> Array:
+        """Pressures (C,) behind the valves, Pa; a copy."""
+        return self._drives.pressure.copy()
 
     @property
-    def stretch(self) -> float | Array:
-        """Hoop stretch of the chamber; (C,) where there are several."""
-        y = self._drives.state[:, 1] ** 0.25
-        return float(y[0]) if y.size == 1 else y
+    def stretch(self) -> Array:
+        """Hoop stretch (C,) of the chambers."""
+        return np.asarray(self._drives.state[:, 1] ** 0.25)
 
     def push(self, force: Array | None, at: str | Station | None = None) -> None:
         """From now on a force (2,) [N] in the base frame pulls at a point of the body; None lets go.

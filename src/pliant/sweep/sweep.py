@@ -163,6 +163,7 @@ def unit_of(name: str) -> str:
 
 def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experiment]) -> None:
     """Refuse what only a worker would find wrong."""
+    from pliant.batch.batch import one_by_one
     from pliant.batch.one_by_one import check_names
     from pliant.batch.samples import repeated
 
@@ -171,15 +172,15 @@ def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experimen
             raise InputError(f"a {sweep.kind} sweep needs the recordings of a fit")
         return
     own = (*PULSE, *(f"{c.name}.{k}" for c in model.chambers for k in PULSE))
-    if len(model.chambers) > 1 and not any(name.endswith("level") for name in own if name in sweep.parameters):
+    if model.actuation.count > 1 and not any(name.endswith("level") for name in own if name in sweep.parameters):
         raise InputError(f"a sweep of several chambers names the level of one: {model.chambers[0].name}.level, in Pa")
     for name, r in sweep.parameters.items():
         if name in own:
             continue
         some = r.grid() if r.value is None else np.array([r.value])
         values = np.array([r.low if r.mean is None else r.mean]) if some is None else some
-        if len(model.chambers) == 1:
-            repeated(model, {name: values}, 1)
-        else:
+        if one_by_one(model):
             check_names(model, {name: float(values[0])})
+        else:
+            repeated(model, {name: values}, 1)
 

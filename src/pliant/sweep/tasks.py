@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -57,14 +58,13 @@ def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
     varied = table(sweep, first, last)
     count = last - first
     everything = {**{k: np.full(count, v) for k, v in fixed(sweep).items()}, **varied}
-    several = len(campaign.model.chambers) > 1
-    pulse = {"level": 0.0 if several else 119e3, "start": 0.0, "width": np.inf}
-    edges = {k: everything.pop(k, np.full(count, v)) for k, v in pulse.items()}
-    same = all(np.all(v == v[0]) for v in edges.values())
-    pressures: list[Any] = [Pulse(*(float(edges[k][i]) for k in PULSE)) for i in range(1 if same else count)]
-    if several:  # what holds for all chambers, then what one is given
-        each = [{k: everything.pop(f"{c.name}.{k}", edges[k]) for k in PULSE} for c in campaign.model.chambers]
-        pressures = [tuple(Pulse(*(float(own[k][i]) for k in PULSE)) for own in each) for i in range(count)]
+    names = campaign.model.actuation.names
+    pulse = {"level": 119e3 if len(names) == 1 else 0.0, "start": 0.0, "width": np.inf}
+    edges = {k: everything.pop(k, np.full(count, v)) for k, v in pulse.items()}  # for all chambers
+    each = [{k: everything.pop(f"{name}.{k}", edges[k]) for k in PULSE} for name in names]  # or what one is given
+    pulse_of = cache(Pulse)  # equal ones are one: samples then share their steps
+    pressures = [tuple(pulse_of(*(float(own[k][i]) for k in PULSE)) for own in each) for i in range(count)]
+    pressures = pressures[:1] if len(set(pressures)) == 1 else pressures
     times = np.arange(round(sweep.duration * sweep.rate) + 1) / sweep.rate
     step = sweep.step or shared_step([campaign.model])  # one for all chunks
     run = simulate_batch(

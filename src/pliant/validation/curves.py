@@ -94,7 +94,7 @@ def level_of(record: RecordOutcome) -> float:
 def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
     """Each chamber of a fit with a title, and the highest pressures [Pa] that its records drive it with, by role."""
     chambers = fit.result.model.chambers
-    if len(chambers) == 1:
+    if fit.result.model.actuation.count == 1:
         return [(fit.title, chambers[0], {level_of(r): r.role for r in fit.records})]
     laws = []
     for c in chambers:

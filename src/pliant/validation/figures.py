@@ -250,7 +250,7 @@ def draw_pressure(ax: Axes, record: RecordOutcome) -> None:
     if exp.pressure is None:
         ax.axhline(1e-3 * exp.level, color="0.5", linestyle=":", linewidth=1.2, label="nominal pressure")
     pressure = MODELLED | {"color": "black", "linestyle": (0, (5, 1.5)), "label": "pressure behind the valve"}
-    for modelled in np.reshape(record.pressure, (exp.time.size, -1)).T:
+    for modelled in record.pressure.T:
         ax.plot(*thin(exp.time, 1e-3 * modelled), **pressure)
     ax.set_ylabel("pressure\n(kPa)")
 

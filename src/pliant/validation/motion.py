@@ -24,11 +24,10 @@ def motion_figure(trajectory: xr.Dataset) -> Figure:
     Parameters
     ----------
     trajectory : xarray.Dataset
-        From `pliant.simulate`: tip_position (time, link, axis) in m, pressure (time) or (time, chamber) in Pa.
+        From `pliant.simulate`: tip_position (time, link, axis) in m, pressure (time, input) in Pa.
     """
-    pressure = 1e-3 * trajectory["pressure"].values.reshape(trajectory.sizes["time"], -1)
-    several = "chamber" in trajectory.coords
-    names = [f"pressure, {c}" for c in trajectory["chamber"].values] if several else [None]
+    pressure, inputs = 1e-3 * trajectory["pressure"].values, trajectory["input"].values
+    names = [f"pressure, {name}" for name in inputs] if inputs.size > 1 else [None]
     time, tips = trajectory["time"].values, trajectory["tip_position"].transpose("time", "link", "axis").values
     greys = [f"{grey:.2f}" for grey in np.linspace(0.6, 0.0, 6)]
     with drawing():
@@ -58,7 +57,7 @@ def body_film(
     path : Path
         Ends in .gif or .mp4.
     time : (T,) array, s
-    pressure : (T,) or (T, C) array, kPa
+    pressure : (T, C) array, kPa
     base : (2, 2) array, m
         Origin and first joint.
     tips : (T, n, 2) array, m
@@ -71,7 +70,6 @@ def body_film(
     if path.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
         raise InputError("an .mp4 needs ffmpeg, which is not on the path: take .gif, or install ffmpeg")
     t, p, moving = (np.asarray(a, dtype=float) for a in (time, pressure, tips))
-    p = p.reshape(t.size, -1)
     body = 1e3 * np.concatenate([np.broadcast_to(base, (t.size, 2, 2)), moving], axis=1)
     frames = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], 1.0 / rate)).clip(0, t.size - 1))
     with style():

@@ -30,7 +30,7 @@ class RecordOutcome:
     role: Role
     experiment: Experiment
     modelled: Array  # (T, S, 2) m; (T, S, 1) rad of angles alone
-    pressure: Array  # (T,) Pa, behind the valve, as modelled
+    pressure: Array  # (T, C) Pa, behind the valves, as modelled
     metrics: dict[str, Any]
     band: Band | None = None  # of the prediction of a held-out record
     body: Array | None = None  # (T, n + 2, 2) m, modelled base, first joint and link tips

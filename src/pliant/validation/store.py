@@ -85,9 +85,7 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
 
     unit = "rad" if exp.placeless else "m"
     stack("modelled", SPACE, unit, [r.modelled if r else None for r in rows])
-    chambers = max(np.ndim(r.pressure) for r in rows if r)
-    stack("modelled_pressure", ("time", "chamber")[:chambers], "Pa",
-          [np.asarray(r.pressure) if r else None for r in rows])
+    stack("modelled_pressure", ("time", "input"), "Pa", [r.pressure if r else None for r in rows])
     stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])
     for part in ("std", "lower", "upper"):
         stack(f"band_{part}", SPACE, unit, [getattr(r.band, part) if r and r.band else None for r in rows])

@@ -94,10 +94,9 @@ def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
     seen = np.isfinite(residual[:, 0]).sum()
     body = record.body if record.body is not None else np.concatenate(
         [np.zeros((exp.time.size, 1, exp.compared.shape[2])), record.modelled], axis=1)
-    pressure = np.asarray(record.pressure, dtype=float).reshape(exp.time.size, -1)
     return {
         "role": record.role, "position": pack.add(factor * record.modelled[::every]),
-        "body": pack.add(1e3 * body[::every]), "pressure": pack.add(1e-3 * pressure[::every]),
+        "body": pack.add(1e3 * body[::every]), "pressure": pack.add(1e-3 * record.pressure[::every]),
         "band": [pack.add(factor * edge[::every]) for edge in (record.band.lower, record.band.upper)]
         if record.band is not None else None,
         "level": record.band.level if record.band is not None else None,

@@ -125,7 +125,7 @@ class Live:
         self.played = played
         self.model = played.model
         self.stepper = Stepper(self.model, step_of(self.model))
-        self.chambers = int(np.size(self.stepper.pressure))
+        self.chambers = self.model.actuation.count
         self.command = np.zeros(self.chambers)
         self.speed, self.debt, self.told = 1.0, 0.0, ""
         self.pull: Pull | None = None
@@ -156,7 +156,7 @@ class Live:
 
     def job(self) -> Job:
         """Take over what was noted; of several wishes for one thing the last."""
-        job = Job(dict(self.changed), np.copy(self.stepper.pressure), self.restarting, self.next_record,
+        job = Job(dict(self.changed), self.stepper.pressure, self.restarting, self.next_record,
                   self.other_record)
         self.pending = self.restarting = self.other_record = False
         return job
@@ -260,5 +260,5 @@ class Live:
             measured = [[None if not np.isfinite(v) else round(1e3 * float(v), 3) for v in p]
                         for p in self.record.position[k]]
         return {"t": round(t, 6), "body": np.round(1e3 * joints, 3).tolist(), "told": told, "measured": measured,
-                "kpa": np.round(1e-3 * np.atleast_1d(self.stepper.pressure), 4).tolist(),
+                "kpa": np.round(1e-3 * self.stepper.pressure, 4).tolist(),
                 "command": np.round(1e-3 * self.command, 4).tolist(), "force": np.round(self.force, 5).tolist()}

@@ -137,8 +137,8 @@ class Plant:
         """Hold a force [N] on the cap from now on, in the base frame."""
         self._load = np.array([x, y], dtype=float)
 
-    def advance(self, command: float) -> PlantFrame:
-        """Hold a commanded gauge pressure [Pa] for one frame's period; the newest frame that has arrived by then.
+    def advance(self, command: float | Array) -> PlantFrame:
+        """Hold a commanded gauge pressure [Pa], also as (1,), for a frame's period; the newest frame that has arrived.
 
         Raises
         ------
@@ -156,10 +156,11 @@ class Plant:
                 f"the virtual actuator has one chamber, got {np.size(command)} commands: a model of several moves by "
                 "--plant model:FILE"
             )
-        if not (np.isfinite(command) and command >= 0.0):
+        level = float(np.ravel(command)[0])
+        if not (np.isfinite(level) and level >= 0.0):
             raise InputError(f"the commanded gauge pressure must be finite and >= 0 Pa, got {command}")
         m = self._substeps
-        self._commands.extend([float(command)] * m)
+        self._commands.extend([level] * m)
         loads = np.zeros((m, 4))
         loads[:, 1:3] = self._load
         asked = np.array([self._commands.popleft() for _ in range(m)])
