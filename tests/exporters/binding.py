@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pliant.exporters.c99 import code
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.model import Model
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror"]
@@ -37,7 +37,7 @@ class Arm:
     def __init__(self, model: Model, folder: Path, *, step: float = 1e-3, precision: str = "double") -> None:
         if COMPILER is None:
             pytest.skip("no C compiler (cc) is on the path: the C is not compiled")
-        made = code(model, Told(model, "c99", "test"), step=step, precision=precision, pressure=0.0, prefix="arm")
+        made = code(model, Provenance(model, "c99", "test"), step=step, precision=precision, pressure=0.0, prefix="arm")
         (folder / "arm.h").write_text(made.header, encoding="utf-8")
         (folder / "arm.c").write_text(made.source, encoding="utf-8")
         text = (made.header, made.source)

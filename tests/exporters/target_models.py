@@ -22,11 +22,11 @@ def demo() -> Model:
 
 
 def creeping() -> Model:
-    """Creep, valve, dead time, gravity, mirrored, observed away from the axis."""
+    """Creep, valve, dead time, gravity, observed away from the axis."""
     model = load_model(KINDS / "model_b.json")
     memory = replace(model.memory, slip_share=(), slip_angle=())
     return model.with_(
-        memory=memory, valve=Valve(rise_time=0.03, fall_time=0.03, dead_time=0.0123), gravity=[0.4, -9.7],
+        memory=memory, valve=Valve(rise_time=0.03, fall_time=0.03, dead_time=0.0123), gravity=[-0.4, -9.7],
         torque=[1.1e-6], base_length=0.02, base_angle=0.2, name="creeping",
         stations=[("middle", 2, 0.01, 0.004), ("base", -1, 0.01, 0.0), ("tip", 4, 0.017, 0.0)],
     )

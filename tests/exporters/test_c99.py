@@ -14,7 +14,7 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.errors import InputError
 from pliant.exporters.c99 import code
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.mechanics import mechanics_of, planar
 from pliant.model import Chamber, Memory, Model, Valve
 from pliant.simulation import Stepper, simulate
@@ -266,7 +266,7 @@ def test_a_microcontroller(tmp_path):
     compiler = shutil.which("arm-none-eabi-gcc")
     if compiler is None:
         pytest.skip("no arm-none-eabi-gcc: the cross-compile is not tried (Debian: gcc-arm-none-eabi)")
-    made = code(chen2018.model(), Told(chen2018.model(), "c99", "x"), step=1e-3, precision="single", pressure=0.0,
+    made = code(chen2018.model(), Provenance(chen2018.model(), "c99", "x"), step=1e-3, precision="single", pressure=0.0,
                 prefix="arm")  # fmt: skip
     (tmp_path / "arm.h").write_text(made.header, encoding="utf-8")
     (tmp_path / "arm.c").write_text(made.source, encoding="utf-8")
@@ -282,7 +282,7 @@ def test_a_microcontroller(tmp_path):
 
 
 def test_no_memory_no_globals():
-    made = code(chen2018.model(), Told(chen2018.model(), "c99", "x"), step=1e-3, precision="double", pressure=0.0,
+    made = code(chen2018.model(), Provenance(chen2018.model(), "c99", "x"), step=1e-3, precision="double", pressure=0.0,
                 prefix="arm")  # fmt: skip
     assert "malloc" not in made.source
     outside = [line for line in made.source.splitlines() if line and line[0] not in " {}/*#"]
@@ -318,6 +318,7 @@ def test_an_export_without_a_step_takes_what_the_model_needs():
     options = {"precision": "double", "pressure": 0.0, "prefix": "arm"}
     step = time_step(ringing)
     assert step < 1e-3
-    assert f"#define ARM_STEP {step!r} /* s */" in code(ringing, Told(ringing, "c99", "x"), step=0.0, **options).header
+    origin = Provenance(ringing, "c99", "x")
+    assert f"#define ARM_STEP {step!r} /* s */" in code(ringing, origin, step=0.0, **options).header
     with pytest.warns(AccuracyWarning, match="a step of 5 ms is too long for the mode of"):
-        code(ringing, Told(ringing, "c99", "x"), step=5e-3, **options)
+        code(ringing, origin, step=5e-3, **options)

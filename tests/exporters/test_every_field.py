@@ -1,4 +1,4 @@
-"""Every field of the model's parts is written by a target, refused by it, or told as lost: found by introspection."""
+"""Every field of the parts of a model is written by a target, refused, or reported as left out: by introspection."""
 
 from __future__ import annotations
 
@@ -140,8 +140,8 @@ def test_every_field_is_written_refused_or_told(target, second_order, tmp_path):
                     untouched.append(field)
             except pliant.InputError:
                 continue
-    told = {f for key in (*lost, *exporter.by_nature) for f in FEATURES[key].fields}
-    assert not [f for f in untouched if f not in told]
+    reported = {f for key in (*lost, *exporter.by_nature) for f in FEATURES[key].fields}
+    assert not [f for f in untouched if f not in reported]
 
 
 def test_features_know_fields_that_exist_and_all_of_them():

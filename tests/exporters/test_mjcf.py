@@ -11,7 +11,7 @@ from target_models import MODELS
 import pliant
 from pliant.exporters.mjcf import ARMATURE, branches, control, controls, mjcf
 from pliant.exporters.mjcf_step import Hidden, bounded_by, checked_step, linear_chain
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.mechanics import mechanics_of, springs
 from pliant.model import Memory, load_model
 from pliant.simulation import equilibrium, simulate
@@ -23,7 +23,7 @@ STEP = 1e-4  # s
 
 
 def compiled(model, **options):
-    xml = mjcf(model, Told(model, "mjcf", "test"), **{"timestep": STEP, "highest": 1e6, **options})
+    xml = mjcf(model, Provenance(model, "mjcf", "test"), **{"timestep": STEP, "highest": 1e6, **options})
     loaded = mujoco.MjModel.from_xml_string(xml)
     return loaded, mujoco.MjData(loaded)
 
@@ -74,7 +74,7 @@ def stiff():
 
 def grows(model, integrator, step, steps=3000):
     """Whether joints let go from 0.2 rad leave all bounds under MuJoCo."""
-    m = mujoco.MjModel.from_xml_string(mjcf(model, Told(model, "mjcf", "test"), highest=1e5))
+    m = mujoco.MjModel.from_xml_string(mjcf(model, Provenance(model, "mjcf", "test"), highest=1e5))
     m.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")  # past the check of the exporter
     m.opt.timestep = step
     d = mujoco.MjData(m)
@@ -152,7 +152,7 @@ def test_the_keyframe_is_the_rest_and_controls_have_a_range(model):
     named = {m.actuator(a).name: m.actuator_ctrlrange[a] for a in range(m.nu)}
     for name, _, power in controls(model):
         assert named[name] == pytest.approx([0.0, control(highest, power)])
-    text = mjcf(model, Told(model, "mjcf", "test"), prefix="left_")
+    text = mjcf(model, Provenance(model, "mjcf", "test"), prefix="left_")
     assert "keyframe" not in text
 
 
@@ -226,10 +226,11 @@ def test_two_fingers_in_one_world():
         '<mujoco><option timestep="0.001" integrator="implicitfast" gravity="0 0 0"/><worldbody/></mujoco>'
     )
     for k in range(2):
-        own = mujoco.MjSpec.from_string(mjcf(model, Told(model, "mjcf", "test")))
+        own = mujoco.MjSpec.from_string(mjcf(model, Provenance(model, "mjcf", "test")))
         world.worldbody.add_frame(pos=[0.1 * k, 0.0, 0.0]).attach_body(own.body("base"), f"finger{k}_", "")
     included = '<mujoco><include file="0.xml"/><include file="1.xml"/></mujoco>'
-    files = {f"{k}.xml": mjcf(model, Told(model, "mjcf", "test"), prefix=f"finger{k}_").encode() for k in range(2)}
+    origin = Provenance(model, "mjcf", "test")
+    files = {f"{k}.xml": mjcf(model, origin, prefix=f"finger{k}_").encode() for k in range(2)}
     for m in (world.compile(), mujoco.MjModel.from_xml_string(included, files)):
         assert m.nq == 2 * model.n
         assert m.nu == 2

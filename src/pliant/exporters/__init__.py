@@ -1,4 +1,4 @@
-"""The model leaves the house: one target one file, what each can express, and one door."""
+"""Export of models to other tools: one module for each target, what each can express, and `export`."""
 
 from pliant.exporters.registry import Exported, Exporter, export, exporters
 

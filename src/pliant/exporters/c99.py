@@ -21,7 +21,7 @@ from pliant.errors import InputError, shown
 from pliant.exporters.c_functions import DERIVED, Text, parameters
 from pliant.exporters.features import ALL
 from pliant.exporters.names import with_identifiers
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
@@ -92,7 +92,7 @@ def delays(model: Model, h: float) -> tuple[list[int], list[float]]:
     return whole, rest
 
 
-def door(text: Text, h: float) -> tuple[str, int]:
+def public_step(text: Text, h: float) -> tuple[str, int]:
     """The public step, dead times included, and the length of its queue; steps end where a late command arrives."""
     prefix, C, kind = text.prefix, text.model.actuation.count, text.kind
     whole, rest = delays(text.model, h)
@@ -140,7 +140,7 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
     return tuple("\n".join(f"    {row}" for row in part) for part in (rows, held))  # type: ignore[return-value]
 
 
-def code(model: Model, told: Told, *, step: float, precision: str, pressure: float, prefix: str) -> Code:
+def code(model: Model, provenance: Provenance, *, step: float, precision: str, pressure: float, prefix: str) -> Code:
     """The header and the source of a model."""
     if precision not in ("double", "single"):
         raise InputError(f"c99 precision must be double or single, got {precision!r}")
@@ -153,8 +153,8 @@ def code(model: Model, told: Told, *, step: float, precision: str, pressure: flo
     prefix = escaped(prefix or model.name, "identifier").lower()
     single = precision == "single"
     text = Text(model, prefix, single=single)
-    public, queue = door(text, step)
-    comment = "/*\n" + "\n".join(f" * {line}" for line in told.lines("c_comment")) + "\n */\n"
+    public, queue = public_step(text, step)
+    comment = "/*\n" + "\n".join(f" * {line}" for line in provenance.lines("c_comment")) + "\n */\n"
     rows, held = fields(text, queue)
     words = {
         "COMMENT": comment, "UP": prefix.upper(), "P": prefix, "N": model.n, "2N": 2 * model.n, "KIND": text.kind,
@@ -177,14 +177,14 @@ def filled(template: str, words: Mapping[str, object]) -> str:
     return re.sub("@([A-Z0-9]+)@", lambda match: str(words[match[1]]), template)
 
 
-def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
+def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write the source and, beside it, the header of the same name."""
     if not re.fullmatch(r"[\w .+-]+", path.name, re.ASCII):
         raise InputError(
             f"the C source includes its header by name: name the file with letters, digits, ., -, + and _, got "
             f"{shown(path.name)}"
         )
-    made = code(model, told, **{**options, "prefix": options["prefix"] or path.stem})
+    made = code(model, provenance, **{**options, "prefix": options["prefix"] or path.stem})
     header = path.with_suffix(".h")
     source = made.source.replace(f'#include "{made.prefix}.h"', f'#include "{header.name}"')
     return write_text(path, source), write_text(header, made.header)

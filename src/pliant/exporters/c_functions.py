@@ -150,9 +150,9 @@ class Text:
         """A function of C."""
         return f"{returns} {self.prefix}_{name}({arguments})\n{{\n{writer.body(self.kind)}\n}}\n"
 
-    def reading(self, name: str, room: str, writer: CWriter) -> str:
+    def reading(self, name: str, output: str, writer: CWriter) -> str:
         """A function of C that reads the state and fills arrays."""
-        return self.function("void", name, f"const {self.state}, {self.constants}, {self.kind} {room}", writer)
+        return self.function("void", name, f"const {self.state}, {self.constants}, {self.kind} {output}", writer)
 
     def update(self) -> str:
         """Inertia and curved springs from masses, lengths and stiffness."""
@@ -278,7 +278,7 @@ class Text:
         return slope
 
     def stiff_memory(self, w: CWriter, work: symbols.Workspace, out: symbols.Slopes) -> None:
-        """Take the stiffness of the memory before it gives way off the slopes of the acceleration."""
+        """Subtract the stiffness of the hysteresis before it slips from the slopes of the acceleration."""
         m, n = self.given.memory, self.model.n
         if not self.model.memory:
             return

@@ -23,7 +23,7 @@ from xml.etree import ElementTree as ET
 from pliant.errors import InputError
 from pliant.exporters import c99
 from pliant.exporters.fmu_variables import unit_definitions, variables
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
 from pliant.files import whole
 from pliant.model import Model
@@ -45,11 +45,11 @@ class Identity(NamedTuple):
     pressure: float  # Pa, at the start
 
 
-def root_of(told: Told, this: Identity) -> ET.Element:
+def root_of(provenance: Provenance, this: Identity) -> ET.Element:
     """The model description without its variables."""
     root = ET.Element(
-        "fmiModelDescription", fmiVersion=this.version, modelName=escaped(told.model.name, "line"),
-        description="\n".join(told.lines("line")), generationTool=f"pliant {__version__}",
+        "fmiModelDescription", fmiVersion=this.version, modelName=escaped(provenance.model.name, "line"),
+        description="\n".join(provenance.lines("line")), generationTool=f"pliant {__version__}",
         variableNamingConvention="structured",
     )
     root.set("guid" if this.version == "2.0" else "instantiationToken", this.token)
@@ -72,9 +72,9 @@ def root_of(told: Told, this: Identity) -> ET.Element:
     return root
 
 
-def description(model: Model, told: Told, this: Identity) -> bytes:
+def description(model: Model, provenance: Provenance, this: Identity) -> bytes:
     """modelDescription.xml."""
-    root, rows = root_of(told, this), variables(model, this.pressure)
+    root, rows = root_of(provenance, this), variables(model, this.pressure)
     unit_definitions(root, rows)
     ET.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize=repr(this.step))
     held = ET.SubElement(root, "ModelVariables")
@@ -115,9 +115,9 @@ def build_description(name: str) -> bytes:
     return ET.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
-def sources(model: Model, told: Told, this: Identity) -> str:
+def sources(model: Model, provenance: Provenance, this: Identity) -> str:
     """The whole FMU in one file of C."""
-    made = c99.code(model, told, step=this.step, precision="double", pressure=this.pressure, prefix=this.name)
+    made = c99.code(model, provenance, step=this.step, precision="double", pressure=this.pressure, prefix=this.name)
     rows = variables(model, this.pressure)
     count = {kind: sum(v.causality == kind for v in rows) for kind in ("input", "output", "parameter")}
     start = "\n".join(f"    i->now.command[{c}] = {this.pressure!r};" for c in range(count["input"]))
@@ -164,19 +164,19 @@ def places(version: str) -> tuple[str, str]:
     return f"{machine}-{'darwin' if sys.platform == 'darwin' else 'linux'}", ending
 
 
-def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
+def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write the FMU."""
     version = {"2": "2.0", "2.0": "2.0", "3": "3.0", "3.0": "3.0"}.get(str(options["fmi"]))
     if version is None:
         raise InputError(f"fmu fmi must be 2.0 or 3.0, got {options['fmi']!r}")
-    token = "{" + hashlib.sha256("\n".join([version, *told.lines("line")]).encode()).hexdigest()[:32] + "}"
+    token = "{" + hashlib.sha256("\n".join([version, *provenance.lines("line")]).encode()).hexdigest()[:32] + "}"
     name = escaped(path.stem, "identifier")
     this = Identity(name, version, token, float(options["step"]) or shared_step([model]), float(options["pressure"]))
-    text = sources(model, told, this)
+    text = sources(model, provenance, this)
     with tempfile.TemporaryDirectory() as folder:
         binary, why = compiled(text, Path(folder), version[0])
     content: dict[str, bytes] = {
-        "modelDescription.xml": description(model, told, this),
+        "modelDescription.xml": description(model, provenance, this),
         "sources/all.c": text.encode(),
     }
     if version == "3.0":
@@ -184,13 +184,13 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
     if binary is not None:
         where, ending = places(version)
         content[f"binaries/{where}/{name}.{ending}"] = binary
-    content["resources/pliant.json"] = told.json().encode()
-    content["documentation/README.txt"] = "\n".join([*told.lines("line"), why]).encode()
+    content["resources/pliant.json"] = provenance.json().encode()
+    content["documentation/README.txt"] = "\n".join([*provenance.lines("line"), why]).encode()
     with whole(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
         for entry, data in content.items():
             archive.writestr(zipfile.ZipInfo(entry, STAMP), data, zipfile.ZIP_DEFLATED)
     if why:
-        told.said.append(why)
+        provenance.messages.append(why)
     return (path,)
 
 

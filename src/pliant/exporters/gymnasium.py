@@ -30,7 +30,7 @@ except ImportError:
     raise InputError("Gymnasium is not installed: pip install 'pliant[gym]'") from None
 
 Array = np.ndarray
-LOST = -10.0  # reward of a body that gives way
+LOST = -10.0  # reward of a body that loses stability
 
 
 class EpisodeTask(NamedTuple):
@@ -50,8 +50,8 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
     Actions: pressures of the chambers (N, C), -1 for none and 1 for `highest`. Observations (N, 2 n + 4 + C): joint
     angles less the model's rest angles (n) [rad], their rates times the period (n), tip and target (2) in parts of the
     body's length, commanded pressures (C) in parts of `highest`. Rewards: minus the distance of a tip from its target
-    in parts of the body's length; an episode ends early where the body gives way, with -10. An environment that is done
-    begins anew at the next step, whose action and reward count for nothing (Gymnasium's ``NEXT_STEP``).
+    in parts of the body's length; an episode ends early where the body loses stability, with -10. An environment that
+    is done begins anew at the next step, whose action and reward count for nothing (Gymnasium's ``NEXT_STEP``).
 
     Parameters
     ----------
@@ -156,11 +156,11 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
     def info(self) -> dict[str, Any]:
         """Where tips and targets are (N, 2), m, and the time of each episode (N,), s."""
         every = np.ones(self.num_envs, dtype=bool)
-        told = {
+        info = {
             "tip": self.tips(self._chains.angle, own=True), "target": self._target.copy(),
             "time": self._elapsed * self._steps * self.task.step,
         }
-        return told | {f"_{name}": every for name in told}
+        return info | {f"_{name}": every for name in info}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Hold the pressures for one period."""

@@ -15,7 +15,7 @@ from pliant.exporters.features import missing, named
 from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.gymnasium import LOST, Array, EpisodeTask, checked_task, reachable
 from pliant.exporters.mjcf import CAN, branches, control, controls, mjcf, number
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.exporters.randomisation import Fit, draw_models
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model
@@ -154,16 +154,16 @@ class PushEnv(gymnasium.Env[Array, Array]):
         self.mujoco.mj_step(self._m, self._d, self._late)
         self._elapsed += 1
         lost = bool(self._d.warning[self.mujoco.mjtWarning.mjWARN_BADQACC].number > 0)
-        seen, told = self.observation(angle if self._late else self.angle()), self.info()
-        apart = np.linalg.norm(told["puck"] - told["target"]) + NEAR * np.linalg.norm(told["tip"] - told["puck"])
-        late = told["time"] >= self.task.duration - 0.5 * self.task.step
-        return seen, LOST if lost else -float(apart) / self.model.length, lost, bool(late), told
+        seen, info = self.observation(angle if self._late else self.angle()), self.info()
+        apart = np.linalg.norm(info["puck"] - info["target"]) + NEAR * np.linalg.norm(info["tip"] - info["puck"])
+        late = info["time"] >= self.task.duration - 0.5 * self.task.step
+        return seen, LOST if lost else -float(apart) / self.model.length, lost, bool(late), info
 
 
 def world(model: Model, timestep: float, highest: float) -> str:
     """The exported body with a puck on a table."""
-    told = Told(model, "mjcf", "pliant/Push-v0")
-    root = ET.fromstring(mjcf(model, told, timestep=timestep, radius=SKIN * model.length, highest=highest))  # noqa: S314  our own text
+    provenance = Provenance(model, "mjcf", "pliant/Push-v0")
+    root = ET.fromstring(mjcf(model, provenance, timestep=timestep, radius=SKIN * model.length, highest=highest))  # noqa: S314  our own text
     radius, mass = PUCK * model.length, float(np.sum(model.link_mass))
     place, key = root.find("worldbody"), root.find("keyframe")
     assert place is not None

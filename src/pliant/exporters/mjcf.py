@@ -19,7 +19,7 @@ from pliant.errors import InputError, SimulationError
 from pliant.exporters.features import ALL, LATER_TERMS, RUBBER
 from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
 from pliant.exporters.names import with_identifiers
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.mechanics.springs import springs_of
@@ -44,7 +44,7 @@ class Branch(NamedTuple):
     name: str
     share: float  # stiffness, in parts of the joint's K
     time: float  # s, of a damper
-    angle: float  # rad, at which dry friction gives way
+    angle: float  # rad, at which dry friction slips
 
 
 def number(*values: float) -> str:
@@ -53,7 +53,7 @@ def number(*values: float) -> str:
 
 
 def mjcf(
-    model: Model, told: Told, *, prefix: str = "", timestep: float = 0.0, radius: float = 0.0,
+    model: Model, provenance: Provenance, *, prefix: str = "", timestep: float = 0.0, radius: float = 0.0,
     integrator: str = INTEGRATORS[0], highest: float = 0.0,
 ) -> str:
     """The XML of a model that has only what MJCF can express.
@@ -71,7 +71,7 @@ def mjcf(
     ET.SubElement(
         root, "option", timestep=number(timestep), gravity=number(*model.gravity, 0.0), integrator=integrator
     )
-    ET.SubElement(ET.SubElement(root, "custom"), "text", name=f"{prefix}pliant", data=told.json())
+    ET.SubElement(ET.SubElement(root, "custom"), "text", name=f"{prefix}pliant", data=provenance.json())
     base = ET.SubElement(
         ET.SubElement(root, "worldbody"), "body", name=f"{prefix}base",
         euler=number(0.0, 0.0, model.base_angle),
@@ -86,7 +86,7 @@ def mjcf(
     actuators(root, model, prefix, timestep, highest or 2.0 * typical_pressure(model))
     sensors(root, model, prefix)
     if not prefix:
-        keyframe(root, model, told)
+        keyframe(root, model, provenance)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -239,18 +239,18 @@ def sensors(root: ET.Element, model: Model, prefix: str) -> None:
         ET.SubElement(group, "jointpos", name=f"{prefix}q_{i + 1}_pos", joint=f"{prefix}q_{i + 1}")
 
 
-def keyframe(root: ET.Element, model: Model, told: Told) -> None:
+def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
     """The rest without pressure, under the model's gravity, its memory relaxed: joints in the order of the tree."""
     try:
         rest = equilibrium(model, 0.0)
     except SimulationError as error:
-        told.said.append(f"no keyframe, since the body has no rest without pressure: {error}")
+        provenance.messages.append(f"no keyframe, since the body has no rest without pressure: {error}")
         return
     places = [q for q in rest for _ in range(1 + len(branches(model)))]
     ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="rest", qpos=number(*places))
 
 
-def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
+def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write the MJCF."""
     if not min(options["timestep"], options["radius"], options["highest"]) >= 0:
         raise InputError(f"mjcf timestep (s), radius (m) and highest (Pa) must not be negative, got {dict(options)}")
@@ -258,8 +258,9 @@ def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> t
         raise InputError(f"mjcf integrator is one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}")
     highest = options["highest"] or 2.0 * typical_pressure(model)
     if not options["highest"] and highest:
-        told.said.append(f"controls reach from 0 to {1e-3 * highest:.4g} kPa: set highest (Pa) for another range")
-    return (write_text(path, mjcf(model, told, **{**options, "highest": highest})),)
+        reach = f"controls reach from 0 to {1e-3 * highest:.4g} kPa: set highest (Pa) for another range"
+        provenance.messages.append(reach)
+    return (write_text(path, mjcf(model, provenance, **{**options, "highest": highest})),)
 
 
 EXPORTER = Exporter(

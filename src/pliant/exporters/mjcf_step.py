@@ -13,7 +13,7 @@ from pliant.model import Model
 
 Array = np.ndarray
 USUAL = 1e-3  # s
-MARGIN = 2.0  # between the step that is chosen and the longest: springs that stiffen have room
+MARGIN = 2.0  # between the step that is chosen and the longest: for springs that stiffen
 SHORTEST = 2.0**-7 * USUAL  # s
 
 

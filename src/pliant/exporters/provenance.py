@@ -23,8 +23,8 @@ FRAME = (
 
 
 @dataclass(frozen=True)
-class Told:
-    """What an artefact tells beside the model itself."""
+class Provenance:
+    """What an artefact says beside the model itself: its origin, what it leaves out, its standard errors."""
 
     model: Model  # as given, before anything was left out
     target: str
@@ -33,7 +33,7 @@ class Told:
     difference: Difference | None = None
     std: Mapping[str, float] = field(default_factory=dict)  # standard errors by the names of a fit
     notes: tuple[str, ...] = ()
-    said: list[str] = field(default_factory=list)  # what a writer finds to tell while it writes
+    messages: list[str] = field(default_factory=list)  # added by the writer of the target
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain values."""
@@ -55,23 +55,23 @@ class Told:
 
     def lines(self, form: Form) -> list[str]:
         """The same as lines of text, escaped for a comment or an element of the given form."""
-        told = self.to_dict()
+        content = self.to_dict()
         first = [
-            f"{told['name']}: {self.target} made by {told['made_by']}", f"command: {told['command']}",
-            f"frame: {told['frame']}", "SI units throughout",
+            f"{content['name']}: {self.target} made by {content['made_by']}", f"command: {content['command']}",
+            f"frame: {content['frame']}", "SI units throughout",
         ]
-        rows = [f"{k}: {json.dumps(v)} {UNITS.get(k, '')}".rstrip() for k, v in told["parameters"].items()]
-        standard = told["standard_errors"]
+        rows = [f"{k}: {json.dumps(v)} {UNITS.get(k, '')}".rstrip() for k, v in content["parameters"].items()]
+        standard = content["standard_errors"]
         errors = [f"{k}: {v:.4g}" for k, v in standard.items()] if isinstance(standard, dict) else [standard]
-        source = [f"{k}: {v}" for k, v in told["source"].items()]
+        source = [f"{k}: {v}" for k, v in content["source"].items()]
         sections = {"parameters": rows, "standard errors": errors, "source": source, "left out": self.sentences()}
         lines = first + [line for title, part in sections.items() if part for line in (f"{title}:", *indent(part))]
         return [escaped(line, form) for line in lines]
 
     def sentences(self) -> list[str]:
         """What was left out and by how much the motion differs, and the notes of the target."""
-        said = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
-        return [*said, *([str(self.difference)] if self.difference else []), *self.notes]
+        left_out = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
+        return [*left_out, *([str(self.difference)] if self.difference else []), *self.notes]
 
 
 def indent(lines: list[str]) -> list[str]:

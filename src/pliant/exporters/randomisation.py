@@ -89,11 +89,11 @@ def moved(model: Model, known: Uncertainty, rng: np.random.Generator) -> Model:
 
 def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
     """What a fit, or the first one of a metrics.json, knows of the body; parameters of single recordings left out."""
-    told = fit.to_dict() if isinstance(fit, FitResult) else first_fit(Path(fit))
-    if told.get("covariance") is None:
+    content = fit.to_dict() if isinstance(fit, FitResult) else first_fit(Path(fit))
+    if content.get("covariance") is None:
         raise InputError("bodies are drawn from a fit with free parameters: this one has no covariance")
     try:
-        return body_uncertainty(model, told["parameters"], told["covariance"])
+        return body_uncertainty(model, content["parameters"], content["covariance"])
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError):
         raise InputError(f"{fit} holds no fit whose parameters and covariance belong together: run the study again"
                          ) from None

@@ -1,4 +1,4 @@
-"""Which target a model can be exported to: the built-in ones and those of other packages, and the door to all of them.
+"""Which target a model can be exported to: the built-in ones and those of other packages, and the export itself.
 
 Another package adds a target by an entry point of the group ``pliant.exporters`` that leads to an `Exporter`.
 """
@@ -15,7 +15,7 @@ from pliant.errors import InputError
 from pliant.exporters.difference import Difference, difference
 from pliant.exporters.features import missing, named, without
 from pliant.exporters.names import changed_names, with_identifiers
-from pliant.exporters.provenance import Told, command_of
+from pliant.exporters.provenance import Provenance, command_of
 from pliant.model import Model, load_model
 from pliant.plugins import offered
 
@@ -45,12 +45,12 @@ class Exporter:
     can : frozenset of str
         Keys of `pliant.exporters.features.FEATURES` that the target expresses.
     write : callable
-        ``write(model, told, path, options) -> tuple of Path``; the model has only what the target can express, and
-        `told` goes into the artefact.
+        ``write(model, provenance, path, options) -> tuple of Path``; the model has only what the target can express,
+        `provenance` goes into the artefact.
     options : dict
         Options with their defaults, whose type a given value must have.
     by_nature : dict
-        Features that no artefact of this kind carries, with the sentence that says so: told, not refused.
+        Features that no artefact of this kind carries, with the sentence that says so: left out, not refused.
     moves : bool
         Whether the artefact moves under pressure, so that what it leaves out shows in a difference of motion. One that
         does not is never approximate.
@@ -60,7 +60,7 @@ class Exporter:
     title: str
     suffixes: tuple[str, ...]
     can: frozenset[str]
-    write: Callable[[Model, Told, Path, Mapping[str, Any]], tuple[Path, ...]]
+    write: Callable[[Model, Provenance, Path, Mapping[str, Any]], tuple[Path, ...]]
     options: Mapping[str, Any] = field(default_factory=dict)
     by_nature: Mapping[str, str] = field(default_factory=dict)
     moves: bool = True
@@ -171,12 +171,12 @@ def export(
     reduced = without(loaded, lost)
     notes = tuple(dict.fromkeys(s for k, s in exporter.by_nature.items() if k in missing(loaded, exporter.can)))
     notes += changed_names(loaded)
-    told = Told(
+    provenance = Provenance(
         loaded, target, command, named(loaded, lost), difference(loaded, reduced) if lost else None,
         dict(standard_errors or {}), notes,
     )
-    files = exporter.write(with_identifiers(reduced), told, path, chosen)
-    return Exported(target, files, told.left_out, told.difference, (*notes, *told.said))
+    files = exporter.write(with_identifiers(reduced), provenance, path, chosen)
+    return Exported(target, files, provenance.left_out, provenance.difference, (*notes, *provenance.messages))
 
 
 def exporter_of(target: str) -> Exporter:

@@ -16,7 +16,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.exporters.features import ALL, RUBBER
 from pliant.exporters.names import with_identifiers
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
 from pliant.files import whole
 from pliant.linear import linearise
@@ -83,10 +83,10 @@ def control_system(model: Model, pressure: float | Array = 0.0, period: float = 
         import control
     except ImportError:
         raise InputError("python-control is not installed: pip install 'pliant[export]'") from None
-    told = matrices(model, pressure, period)
+    system = matrices(model, pressure, period)
     labels = {"states": "state", "inputs": "input", "outputs": "output"}
-    names = {which: [name.replace(".", "_") for name in told[key]] for which, key in labels.items()}
-    return control.ss(told["A"], told["B"], told["C"], told["D"], *([period] if period else []), **names)
+    names = {which: [name.replace(".", "_") for name in system[key]] for which, key in labels.items()}
+    return control.ss(system["A"], system["B"], system["C"], system["D"], *([period] if period else []), **names)
 
 
 def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, Any]:
@@ -163,11 +163,11 @@ def pressures_of(text: str) -> Array:
         raise InputError(f"state-space pressure must be a number in Pa for each chamber, got {text!r:.60}") from None
 
 
-def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
+def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write .mat or .npz."""
     if options["period"] < 0:
         raise InputError(f"state-space period must be 0 (continuous) or positive, s, got {options['period']}")
-    content = matrices(model, pressures_of(options["pressure"]), options["period"]) | {"pliant": told.json()}
+    content = matrices(model, pressures_of(options["pressure"]), options["period"]) | {"pliant": provenance.json()}
     with whole(path) as draft, draft.open("wb") as file:
         if path.suffix == ".npz":
             arrays: dict[str, Any] = {k: np.asarray(v) for k, v in content.items()}

@@ -7,8 +7,8 @@ from pliant.exporters.registry import BUILT_IN, Exporter, exporters
 
 
 def cell(exporter: Exporter, key: str) -> str:
-    """Expressed, told as lost, or refused unless approximate."""
-    return "yes" if key in exporter.can else "told" if key in exporter.by_nature else "no"
+    """Return "yes", "left out" (and reported), or "no" (refused unless approximate)."""
+    return "yes" if key in exporter.can else "left out" if key in exporter.by_nature else "no"
 
 
 def table() -> str:

@@ -13,7 +13,7 @@ from pliant.errors import InputError
 from pliant.exporters.features import ALL
 from pliant.exporters.mjcf import TINY, link_inertia, number
 from pliant.exporters.names import with_identifiers
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.model import Model, Station
@@ -25,12 +25,12 @@ BY_NATURE = dict.fromkeys(ALL - {"points", "lengthening", "gravity"}, LOST) | {"
 TURN = 3.0  # rad, limit of a joint: RViz draws its sliders by it
 
 
-def urdf(model: Model, told: Told, *, prefix: str = "", radius: float = 0.0) -> str:
+def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: float = 0.0) -> str:
     """The XML of a body; joint angles are zero in the rest shape."""
     size = radius or 0.08 * model.length
     model = with_identifiers(model)
     root = ET.Element("robot", name=f"{prefix}{model.name}")
-    root.append(ET.Comment(" " + "\n  ".join(told.lines("xml_comment")) + " "))
+    root.append(ET.Comment(" " + "\n  ".join(provenance.lines("xml_comment")) + " "))
     shape(ET.SubElement(root, "link", name=f"{prefix}base"), model.base_length, size, model.base_angle)
     for i in range(model.n):
         link = ET.SubElement(root, "link", name=f"{prefix}link_{i + 1}")
@@ -92,11 +92,11 @@ def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: 
     ET.SubElement(joint, "child", link=f"{prefix}{name}")
 
 
-def write(model: Model, told: Told, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
+def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write the URDF."""
     if options["radius"] < 0:
         raise InputError(f"urdf radius must not be negative, m, got {options['radius']}")
-    return (write_text(path, urdf(model, told, **options)),)
+    return (write_text(path, urdf(model, provenance, **options)),)
 
 
 EXPORTER = Exporter(
