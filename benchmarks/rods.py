@@ -68,7 +68,7 @@ class Chain(NamedTuple):
 
     def work(self, kind: type = float) -> SpatialWorkspace:
         """Scratch arrays."""
-        n, size = self.n, 3 * self.n
+        n, size = self.n, len(self.joints.K)
         shapes = {
             "A": (size, size), "R": (n + 1, 3, 3), "r": (n + 1, 3), "P": (n, 3, 3), "series": (n, 4), "J": (n, 3, 3),
             **dict.fromkeys("SEFN", (size, 3)), **dict.fromkeys("CLM", (n, 3)),

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracles.space import random_space_chain
 
 from pliant.compiler.choose import twin
 from pliant.compiler.duals import SLOTS, WIDTH, dual_twin, duals
-from pliant.equations import motion
+from pliant.equations import motion, spatial
 from pliant.equations.elastic import ROWS
 from pliant.equations.extension import step as extensible_step
 from pliant.equations.memory import step_with_memory
@@ -63,7 +64,12 @@ def remembering(rng):
     return step_with_memory, (phi, w, h, torque, body, joints, past, work), None, 0
 
 
-@pytest.mark.parametrize("case", [plain, lengthening, remembering])
+def in_space(rng):
+    chain = random_space_chain(rng, 2, twist=True)
+    return spatial.step, (chain.x, chain.v, 1e-3, rng.normal(0, 0.01, 6), *chain[:2], chain.work()), None, 0
+
+
+@pytest.mark.parametrize("case", [plain, lengthening, remembering, pytest.param(in_space, marks=pytest.mark.slow)])
 def test_values_are_those_of_floats_and_slopes_those_of_complex_steps(rng, case):
     kernel, given, links, segments = case(rng)
     numbers = [np.array(leaf, dtype=float) for leaf in leaves(given)]
