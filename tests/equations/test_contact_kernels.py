@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from oracles.chains import SIZES, random_chain, random_state, workspace
@@ -77,5 +79,5 @@ def test_loads_of_links_are_the_joint_torques_of_point_forces(rng, n):
         expected += np.cumsum(Q[::-1])[::-1]
     before = rng.normal(size=n + 1)
     t = before.copy()
-    add_link_loads(phi, w, 0.01, load, chain.body(), chain.joints(), t)
+    add_link_loads(phi, w, 0.01, load, chain.body(), chain.joints(), SimpleNamespace(tau=t))
     np.testing.assert_allclose(t - before, np.append(expected, 0.0), atol=1e-14)

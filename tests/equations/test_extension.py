@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -177,7 +179,7 @@ def test_loads_of_links_are_the_virtual_work_of_point_forces(case, rng):
     Q = complex_step(work, x)[0]
     before = rng.normal(size=chain.size + 1)
     t = before.copy()
-    extension.add_link_loads(x - 0.01 * v, v, 0.01, load, chain.body(), chain.joints(), t)
+    extension.add_link_loads(x - 0.01 * v, v, 0.01, load, chain.body(), chain.joints(), SimpleNamespace(tau=t))
     np.testing.assert_allclose((t - before)[:n], np.cumsum(Q[:n][::-1])[::-1], atol=1e-14)
     np.testing.assert_allclose((t - before)[n : n + S], Q[n:], atol=1e-14)
     np.testing.assert_allclose(pull_of(x, load, chain.share, chain.base_angle), Q, atol=1e-14)

@@ -8,7 +8,6 @@ from scipy.signal import butter, filtfilt
 
 from pliant.estimation import Noise, estimate, release_of
 from pliant.mechanics import mechanics_of
-from pliant.mechanics.frames import beside_links
 from pliant.model import Chamber, Extension, Memory, Station, Valve, chain_model
 from pliant.preprocessing.align import align
 from pliant.preprocessing.clusters import assemble
@@ -154,7 +153,9 @@ def test_an_arm_that_may_lengthen_is_followed_as_closely_as_the_filter_says(shar
     ds = align(read(path, format="columns", mapping=mapping), base="base", tangent="chord", undo_jumps=True)
     model, links, names = lengthening_segments(), np.array([2, 5]), ("mid", "tip")
     first = ds["position"].sel(station=list(names)).values[:5].mean(axis=0)
-    along, across = beside_links(model, mechanics_of(model).coordinates(state.equilibrium(model)), first)
+    chain = mechanics_of(model)
+    beside = chain.beside_links(chain.coordinates(state.equilibrium(model)), first)
+    along, across = beside[..., 0], beside[..., 1]
     places = [Station(n, int(k) - 1, float(along[i, k]), float(across[i, k]))
               for i, (n, k) in enumerate(zip(names, links, strict=True))]  # fmt: skip
     model = model.with_(stations=places)

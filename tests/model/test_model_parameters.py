@@ -50,7 +50,7 @@ def test_one_number_stands_for_all_links():
         ({"stiffness": []}, "must be one number or 2"),
         ({"torque": []}, "at least one coefficient"),
         ({"torque": [[1e-6, 0.0]]}, "one row of numbers"),
-        ({"gravity": 9.81}, "gravity must be two numbers"),
+        ({"gravity": 9.81}, "gravity must be 2 numbers"),
         ({"gravity": [[0.0, 9.81]]}, "one row of numbers"),
         ({"tip_mass": [0.1, 0.2]}, "tip_mass must be one number"),
         ({"tip_mass": None}, "tip_mass must be"),

@@ -13,7 +13,20 @@ from typing import Any
 
 from pliant.compiler import trace
 from pliant.compiler.twin import compiled_twin, fingerprint, reached
-from pliant.equations import articulated, contact, energy, extension, extension_linearised, linearised, motion
+from pliant.equations import (
+    articulated,
+    contact,
+    elastic,
+    energy,
+    extension,
+    extension_linearised,
+    linearised,
+    motion,
+    observation,
+    spatial,
+    spatial_points,
+    spatial_springs,
+)
 from pliant.numerics import trig
 
 MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies take less time, and compiling it takes seconds
@@ -27,51 +40,69 @@ STRAIGHT_SOURCES = (
 FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian}
 # So long that each caller that took them in would take as long to compile again.
 CALLED: set[Any] = {linearised.step_jacobian, extension_linearised.step_jacobian}
+SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where joints turn in space
+    motion.step: spatial.step, motion.acceleration: spatial.acceleration, elastic.follows: spatial_springs.follows,
+    energy.add_step_work: spatial_points.add_step_work, contact.add_link_loads: spatial_points.add_link_loads,
+    observation.observe: spatial_points.observe,
+}  # fmt: skip
+MOST_TURNS = 16  # coordinates of a step in space as a straight line: beyond, compiling it takes seconds
 SOURCES = (  # of a twin whose steps are made here
     __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, *STRAIGHT_SOURCES,
 )
 
 
-def twin(kernel: Any, links: int | None = None, segments: int = 0) -> Any:
+def twin(kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1) -> Any:
     """The compiled twin of a plain kernel; see `pliant.compiler.twin.compiled_twin`.
 
     Made for a number of `links`, it takes its steps by what is fastest for so many; see `substitutes`. Where so many
-    `segments` lengthen, its steps are those of `equations.extension`.
+    `segments` lengthen, its steps are those of `equations.extension`; where each joint has 2 or 3 `turns`, those of
+    `equations.spatial`.
     """
-    return made(kernel, links, segments)
+    return made(kernel, links, segments, turns)
 
 
 @cache
-def made(kernel: FunctionType, links: int | None, segments: int) -> Any:
+def made(kernel: FunctionType, links: int | None, segments: int, turns: int) -> Any:
     """The one `twin` of a kernel, however it was asked for."""
-    fast = substitutes(kernel, links, segments) if links else {}
+    fast = substitutes(kernel, links, segments, turns) if links else {}
     if kernel in fast:
         return fast[kernel]
     if fast:
-        tag = f"{links}_{segments}" if segments else f"{links}"
-        return compiled_twin(kernel, tag, lambda callee: twin(callee, links, segments), SOURCES, replaced=fast)
+        tag = size_tag(links, segments, turns)
+        return compiled_twin(kernel, tag, lambda callee: twin(callee, links, segments, turns), SOURCES, replaced=fast)
     if links:
         return twin(kernel)
     return compiled_twin(kernel, "n", twin, STRAIGHT_SOURCES, forceinline=kernel not in CALLED)  # duals come by too
 
 
 @cache
-def straight(kernel: FunctionType, n: int, segments: int = 0) -> Any:
+def straight(kernel: FunctionType, n: int, segments: int = 0, turns: int = 1) -> Any:
     """The compiled straight-line twin of a kernel for n links; same signature, see `trace.example_arguments`.
 
     Recorded only where the disk cache has none.
     """
     from pliant.compiler.llvm import compiled
 
-    size = f"{n}_{segments}" if segments else f"{n}"
-    size += "_fused" if kernel in FUSED else ""
+    size = size_tag(n, segments, turns) + ("_fused" if kernel in FUSED else "")
     name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
-    return compiled(name, lambda: trace.recording(kernel, n, segments), fused=kernel in FUSED)
+    return compiled(name, lambda: trace.recording(kernel, n, segments, turns), fused=kernel in FUSED)
 
 
-def substitutes(kernel: FunctionType, links: int, segments: int = 0) -> dict[Any, Any]:
-    """Compiled twins for so many links that stand in for kernels that `kernel` reaches, itself included."""
+def size_tag(links: int | None, segments: int, turns: int = 1) -> str:
+    """Return what tells the twins of one kernel apart: links, segments that lengthen, turns of each joint."""
+    return "_".join(map(str, [links or "n", *([segments] if segments or turns > 1 else []), *([turns] * (turns > 1))]))
+
+
+def substitutes(
+    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, *, loops: bool = False,
+) -> dict[Any, Any]:
+    """Compiled twins for so many links that stand in for kernels that `kernel` reaches, itself included.
+
+    `loops`: of a chain in space as loops, since straight lines on duals take minutes to compile.
+    """
     found, made = reached(kernel), {}
+    if turns > 1:
+        return {planar: spatial_twin(own, links, turns, loops) for planar, own in SPATIAL.items() if planar in found}
     if motion.step in found:
         made[motion.step] = extensible_step(links, segments) if segments else fast_step(links)
     if linearised.step_jacobian in found:
@@ -84,6 +115,13 @@ def substitutes(kernel: FunctionType, links: int, segments: int = 0) -> dict[Any
     if segments and contact.add_link_loads in found:
         made[contact.add_link_loads] = twin(extension.add_link_loads)
     return made
+
+
+def spatial_twin(kernel: Any, links: int, turns: int, loops: bool) -> Any:
+    """The compiled twin of a kernel of a chain in space."""
+    if kernel is spatial.step and links * turns <= MOST_TURNS and not loops:
+        return straight(kernel, links, 0, turns)
+    return twin(kernel)
 
 
 def fast_step(links: int) -> Any:

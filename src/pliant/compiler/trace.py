@@ -13,7 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.equations.elastic import ROWS
-from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleWorkspace, Joints, Slopes, Workspace
+from pliant.equations.symbols import (
+    Body,
+    ExtensibleBody,
+    ExtensibleWorkspace,
+    Joints,
+    Slopes,
+    SpatialBody,
+    SpatialWorkspace,
+    Workspace,
+)
 
 
 class Tape:
@@ -164,8 +173,36 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
     }
 
 
-def recording(kernel: FunctionType, n: int, segments: int = 0) -> KernelProgram:
-    """The recording of a kernel for n links, and so many segments that lengthen."""
+def spatial_workspace(n: int, turns: int, kind: type = float) -> SpatialWorkspace:
+    """Return scratch arrays of a `kind` of numbers for n links in space whose joints have 2 or 3 turns."""
+    size = turns * n
+    shapes: dict[str, tuple[int, ...]] = {
+        "A": (size, size), "R": (n + 1, 3, 3), "r": (n + 1, 3), "P": (n, 3, 3), "series": (n, 4), "J": (n, 3, 3),
+        **dict.fromkeys("SEFN", (size, 3)), **dict.fromkeys("CLM", (n, 3)),
+        **dict.fromkeys(("omega", "alpha", "lift", "turn"), (3,)),
+    }
+    return SpatialWorkspace(*(np.zeros(shapes.get(f, (size,)), dtype=kind) for f in SpatialWorkspace._fields))
+
+
+def spatial_arguments(n: int, turns: int) -> dict[str, Any]:
+    """As `example_arguments`, of a chain in space whose joints have so many turns: `equations.spatial`."""
+    size = n * turns
+
+    def zeros(*shape: int) -> np.ndarray:
+        return np.zeros(shape)
+
+    masses = (zeros(n), zeros(n), zeros(n), zeros(n))
+    return {
+        "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size), "a": zeros(size), "total": zeros(3),
+        "body": SpatialBody(zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0),
+        "joints": Joints(0.0, zeros(size), zeros(size), zeros(size), zeros(ROWS, size), zeros(n)),
+        "work": spatial_workspace(n, turns),
+    }
+
+
+def recording(kernel: FunctionType, n: int, segments: int = 0, turns: int = 1) -> KernelProgram:
+    """The recording of a kernel for n links, and so many segments that lengthen, or turns of each joint in space."""
     examples = extensible_arguments(n, segments) if segments else example_arguments(n)
+    examples = spatial_arguments(n, turns) if turns > 1 else examples
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
     return record(kernel, {name: examples[name] for name in names}, kept=("work.a",))

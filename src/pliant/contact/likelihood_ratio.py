@@ -87,7 +87,7 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
     start = FilterState(
         mechanics_of(model).coordinates(q), np.zeros(n), np.zeros(n), noise.initial(model), state.relaxed(model, q)
     )
-    predict = twin(kalman_loops.predict_span, model.n, len(model.extensions))
+    predict = twin(kalman_loops.predict_span, *mechanics_of(model).sizes)
     update = twin(kalman_loops.update)
     chain, densities = chain_of(model), FilterNoise(*noise.densities(model), np.zeros(1))
     still = Prediction(steps, period / steps, np.zeros(n), densities)

@@ -68,7 +68,7 @@ class Horizon:
         self._theta0 = np.array(model.rest_angle)
         body, joints, work = mechanics_of(model).parts()
         self._chain = body, joints._replace(theta0=self._theta0), work
-        self._march = twin(horizon_loops.body_ahead, model.n, len(model.extensions))
+        self._march = twin(horizon_loops.body_ahead, *mechanics_of(model).sizes)
         steps, N = self.periods * self._parts, model.size
         self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, 3 * N, 2 * N))
 

@@ -27,20 +27,20 @@ def point_force(phi, l, link, along, across, fx, fy, Q):
             Q[k] = 0.0 * normal
 
 
-def add_link_loads(phi, w, ahead, load, body, joints, t):
-    """Add to the joint torques t (n,) those of forces at points of the links, N m.
+def add_link_loads(phi, w, ahead, load, body, joints, work):
+    """Add to the joint torques work.tau (n,) those of forces at points of the links, N m.
 
     `load` (n, 2) is what each link carries times the force, so that Q_k = -(load_k0 cos phi_k + load_k1 sin phi_k), as
-    weight does; t_i takes the sum of Q_k over the links that it moves, k >= i. Angles are those `ahead` [s] along w.
-    Where links lengthen, `extension.add_link_loads` stands here.
+    weight does; tau_i takes the sum of Q_k over the links that it moves, k >= i. Angles are those `ahead` [s] along w.
+    Where links lengthen, `extension.add_link_loads` stands here; in space `spatial_points.add_link_loads`.
 
     Source: `point_force`, with along f for a link's own point and l_k f for the links before it; across as (f_y, -f_x)
     """
-    total = 0.0 * t[0]
+    total = 0.0 * phi[0]
     for k in range(len(phi) - 1, -1, -1):
         angle = phi[k] + ahead * w[k]
         total = total - load[k, 0] * np.cos(angle) - load[k, 1] * np.sin(angle)
-        t[k] = t[k] + total
+        work.tau[k] = work.tau[k] + total
 
 
 def momentum(phi, w, body, p):

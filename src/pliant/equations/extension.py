@@ -198,8 +198,8 @@ def implicit_terms(half, body, joints, work, A):
         A[i, i] = A[i, i] + half * joints.D[i] + quarter * joints.K[i]
 
 
-def add_link_loads(x, v, ahead, load, body, joints, t):
-    """Add to the torques t (n + S,) of joints and strains those of forces at points of the links, N m.
+def add_link_loads(x, v, ahead, load, body, joints, work):
+    """Add to the torques work.tau (n + S,) of joints and strains those of forces at points of the links, N m.
 
     `load` (n + 1, 4) holds for each link, the part before the first joint first, what it carries along itself times the
     force, which stretches with it, and behind that what it carries across, which does not. With L_k and R_k of these
@@ -208,6 +208,7 @@ def add_link_loads(x, v, ahead, load, body, joints, t):
     Source: virtual work, as `contact.add_link_loads`
     """
     n = len(body.l) - 1
+    t = work.tau
     total = 0.0 * t[0]
     for k in range(n, -1, -1):
         angle = joints.base_angle

@@ -77,3 +77,21 @@ def point_slope(axis, place, chain, links, row):
                 row[k - 1] = -whole * c + aside * s
             else:
                 row[k - 1] = -whole * s - aside * c
+
+
+def observe(phi, base_angle, places, seen):
+    """Position [m] and angle [rad] of the observed points, seen (S, 3), at coordinates phi (n + S,).
+
+    Angles are less `places.reference`.
+    """
+    place_links(phi, base_angle, places.chain, places.links)
+    for j in range(len(places.carrier)):
+        link = places.carrier[j]
+        x = position(0, link, places.along[j], places.across[j], places.links)
+        y = position(1, link, places.along[j], places.across[j], places.links)
+        angle = base_angle
+        if link >= 0:
+            angle = phi[link]
+        seen[j, 0] = x + places.shift_x
+        seen[j, 1] = y + places.shift_y
+        seen[j, 2] = angle - places.reference

@@ -92,8 +92,9 @@ def twist(i, k, angle, work):
         x = work.R[k, j, 0]
         y = work.R[k, j, 1]
         work.S[i, j] = work.R[k, j, 2]
-        work.R[k, j, 0] = c * x + s * y
+        first = c * x + s * y  # x and y may be views
         work.R[k, j, 1] = c * y - s * x
+        work.R[k, j, 0] = first
 
 
 def composites(body, work):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pliant.equations.spatial import pose_links, turn_on
+from pliant.equations.spatial import inertial_forces, pose_links, turn_on
+from pliant.equations.spatial_springs import joint_torques
 
 
 def point_position(link, aside, across, along, work, p):
@@ -122,3 +123,23 @@ def add_step_work(v, h, torque, joints, work, total):
         rate = v[i] - 0.5 * work.a[i]
         total[0] = total[0] + h * torque[i] * rate
         total[1] = total[1] + h * joints.D[i] * rate * rate
+
+
+def observe(x, base_angle, places, seen):
+    """Positions of the observed points, seen (S, 3) [m], at coordinates x (N,); `observation.observe` of the plane."""
+    pose_links(x, places.body, places.work)
+    for j in range(len(places.carrier)):
+        point_position(places.carrier[j], places.aside[j], places.across[j], places.along[j], places.work, seen[j])
+        for i in range(3):
+            seen[j, i] = seen[j, i] + places.shift[i]
+
+
+def static_forces(x, torque, body, joints, work, forces):
+    """What inputs (N,), springs and weight do to x at rest, forces (N,): zero in equilibrium, N m."""
+    for i in range(len(x)):
+        work.v[i] = 0.0 * x[i]
+    pose_links(x, body, work)
+    joint_torques(x, work.v, joints, torque, 0.0, work.t)
+    inertial_forces(x, work.v, body, work, work.f)
+    for i in range(len(x)):
+        forces[i] = work.t[i] - work.f[i]

@@ -116,7 +116,7 @@ class KalmanFilter:
         self.counts, self.fault = Counts(), ""
         self._chain = chain_of(model)
         self._workspaces: dict[int, FilterWorkspace] = {}
-        self._predict = twin(kalman_loops.predict_span, model.n, len(model.extensions))
+        self._predict = twin(kalman_loops.predict_span, *mechanics_of(model).sizes)
         self._update = twin(kalman_loops.update)
         self._rest_shift = twin(rest_shift)
         q, n, size = state.equilibrium(model, pressure), model.n, model.size

@@ -170,7 +170,7 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
     ends = np.flatnonzero(plan.keep >= 0) + 1
     begin = np.concatenate([[0, 0], ends]).astype(np.int64)  # no step leads to the first frame
     out = make_output(frames, states, rows)
-    failed = twin(kalman_loops.filter_record, model.n, len(model.extensions))(
+    failed = twin(kalman_loops.filter_record, *mechanics_of(model).sizes)(
         own, chain_of(model), (plan.h, plan.joint_torque, begin), FilterNoise(*noise.densities(model), np.zeros(1)),
         frame_of(model, *measurement[1:4]), out, make_workspace(model, states, rows),
     )

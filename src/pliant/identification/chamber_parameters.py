@@ -15,13 +15,14 @@ from pliant.errors import InputError
 from pliant.model import Chamber, Model
 from pliant.model.torque_law import laid_torque, law_parameters, torque_laws
 
+Array = np.ndarray
 VALVE = {
     "valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time",
     "valve_rise_rate": "rise_rate", "valve_fall_rate": "fall_rate",
     "valve_dead_band": "dead_band", "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
 }  # fmt: skip
 RUBBER = symbols.ChamberConstants._fields[1:]
-GAINS = r"gain|joint_gain_(\d+|\*)"
+GAINS = r"gain|gain_[xy]|(joint|cross)_gain_(\d+|\*)"
 OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER))}")
 
 
@@ -80,11 +81,7 @@ def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, 
     if "axial_gain" in values:
         pushed = chamber.axial_gain != 0
         changes["axial_gain"] = np.where(pushed if pushed.any() else True, values["axial_gain"], 0.0)
-    if joint := {int(k.rpartition("_")[2]): values[k] for k in matching(r"joint_gain_\d+", names)}:
-        gains = chamber.joint_gain.copy()
-        for i, value in joint.items():
-            gains[i - 1] = value
-        changes["joint_gain"] = gains
+    changes |= changed_gains(chamber, values)
     if powers := {int(k[-1]): values[k] for k in matching("torque_[1-9]", names)}:
         law = np.zeros(max([chamber.torque.size, *powers]))
         law[: chamber.torque.size] = chamber.torque
@@ -93,14 +90,44 @@ def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, 
         changes["torque"] = law
     if (laid := laid_torque(values)) is not None:
         changes["torque"] = laid
+    if moved := {field: values[name] for name, field in VALVE.items() if name in values}:
+        changes["valve"] = replace(chamber.valve, **moved)
+    return changes
+
+
+def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
+    """Return the gains of an input that `values` change: of single joints, or all of them by their mean."""
+    changes: dict[str, Array] = {}
+    for field in ("joint_gain", "cross_gain"):
+        if joint := {int(k.rpartition("_")[2]): values[k] for k in matching(rf"{field}_\d+", tuple(values))}:
+            changes[field] = np.array(np.broadcast_to(getattr(chamber, field), chamber.joint_gain.shape))
+            for i, value in joint.items():
+                changes[field][i - 1] = value
+    if "gain_x" in values or "gain_y" in values:
+        changes |= turned_gains(chamber, values)
     if "gain" in values:
         mean = float(chamber.joint_gain.mean())
         if mean == 0:
             raise InputError("the parameter gain scales the joints' gains, but their mean is 0: give the model others")
         changes["joint_gain"] = chamber.joint_gain * (values["gain"] / mean)
-    if moved := {field: values[name] for name, field in VALVE.items() if name in values}:
-        changes["valve"] = replace(chamber.valve, **moved)
     return changes
+
+
+def turned_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
+    """Return the gains of an input about both axes from their means over the joints that it turns: gain_x, gain_y.
+
+    How its lever varies from joint to joint stays as it is.
+    """
+    lever = np.hypot(chamber.joint_gain, chamber.cross_gain)
+    turned = lever > 0
+    if not turned.any():
+        raise InputError(f"gain_x and gain_y scale the gains of {chamber.name!r}, which turns no joint: give it others")
+    lever = lever / lever[turned].mean()
+    gains = {"joint_gain": chamber.joint_gain, "cross_gain": np.broadcast_to(chamber.cross_gain, lever.shape)}
+    return {
+        field: lever * values.get(name, float(np.mean(gain[turned] / lever[turned])))
+        for (field, gain), name in zip(gains.items(), ("gain_x", "gain_y"), strict=True)
+    }
 
 
 def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) -> None:

@@ -25,7 +25,7 @@ AngleReference = Literal["rest", "base", "joint", ""]
 
 @dataclass(frozen=True, repr=False)
 class Experiment(Shown):
-    """A planar recording with the excitation that made it.
+    """An aligned recording, in a plane or in space, with the excitation that made it.
 
     Parameters
     ----------
@@ -33,7 +33,8 @@ class Experiment(Shown):
     time : array (T,)
         s.
     position : array (T, S, 2)
-        Observed points in the base frame, m; NaN where a point was not seen, and throughout where angles alone were.
+        Observed points in the base frame, m; (T, S, 3) in space; NaN where a point was not seen, and throughout where
+        angles alone were.
     stations : tuple of str
         Names of the S points; the model carries points of the same names.
     excitation : {"trace", "pulse", "step", "release"}
@@ -56,7 +57,7 @@ class Experiment(Shown):
         Standard deviation of the angles where it is known, rad.
     arc_length : array (S,) or None
         Of the stations, m: each then counts by the length that it stands for, so that a crowd counts no more.
-    held : array (S, 2) or None
+    held : array (S, 2), (S, 3) in space, or None
         Where a release held the observed points, m, when not in the unloaded shape: the hand's pose is then taken as
         measured, pulled there from the unloaded shape.
     forces : tuple of PointForce
@@ -105,10 +106,11 @@ class Experiment(Shown):
             raise InputError(f"an experiment has a name without a dot, got {self.name!r}")
         for key, value in self.known.items():
             Parameter(key, value)  # refuses what is not known, not finite or not possible
-        if self.position.shape != (self.time.size, len(self.stations), 2):
+        wanted = (self.time.size, len(self.stations))
+        if self.position.shape not in ((*wanted, 2), (*wanted, 3)):
             raise InputError(
-                f"experiment {self.name}: positions must be (time, station, 2) = "
-                f"{(self.time.size, len(self.stations), 2)}, got {self.position.shape}"
+                f"experiment {self.name}: positions must be (time, station, 2) = {(*wanted, 2)}, or (time, station, 3) "
+                f"in space, got {self.position.shape}"
             )
         object.__setattr__(self, "placeless", self.angle is not None and not np.isfinite(self.position).any())
         check_extras(self)
@@ -124,7 +126,8 @@ class Experiment(Shown):
         for k, station in enumerate(self.stations):
             if np.isfinite(self.compared[:, k]).all(axis=1).sum() < 10:
                 raise InputError(f"experiment {self.name}: station {station!r} was seen in fewer than 10 frames")
-        object.__setattr__(self, "forces", tuple(checked(f"experiment {self.name}", f) for f in self.forces))
+        pulls = tuple(checked(f"experiment {self.name}", f, self.dimension) for f in self.forces)
+        object.__setattr__(self, "forces", pulls)
         seen = self.steady
         seen = seen[np.isfinite(seen).all(axis=1)]
         travel = float(np.linalg.norm(seen - np.median(seen[:5], axis=0), axis=1).max())
@@ -150,8 +153,14 @@ class Experiment(Shown):
         whole = np.flatnonzero(np.isfinite(self.position).all(axis=(1, 2)))
         away = np.linalg.norm(self.position[whole, -1] - self.position[whole[:1], -1], axis=1)
         reached = [whole[np.argmax(away >= f * away.max())] for f in np.linspace(0, 1, 5)] if whole.size else []
-        return [*(("measured", np.vstack([np.zeros((1, 2)), self.position[k]])) for k in dict.fromkeys(reached)),
-                ("path", self.position[:, -1])]
+        shown = seen_from_side(self.position)
+        return [*(("measured", np.vstack([np.zeros((1, 2)), shown[k]])) for k in dict.fromkeys(reached)),
+                ("path", shown[:, -1])]
+
+    @property
+    def dimension(self) -> int:
+        """Of the space that the body moves in, 2 or 3."""
+        return int(self.position.shape[2])
 
     @property
     def compared(self) -> Array:
@@ -203,8 +212,20 @@ class Experiment(Shown):
         return tuple(f"{self.name}.{n}" for n in names)
 
 
+def seen_from_side(position: Array) -> Array:
+    """Return positions (..., 2) as they are; of positions in space (..., 3) the view in which they move most."""
+    if position.shape[-1] == 2:
+        return position
+    across = position[..., :2].reshape(-1, 2)
+    across = across[np.isfinite(across).all(axis=1)]
+    side = np.linalg.eigh(np.cov(across.T))[1][:, -1]
+    return np.stack([position[..., :2] @ side, position[..., 2]], axis=-1)
+
+
 def check_extras(exp: Experiment) -> None:
     """Refuse angles, noise levels and arc lengths that do not go with the positions."""
+    if exp.dimension == 3 and exp.angle is not None:
+        raise InputError(f"experiment {exp.name}: angles belong to a recording in a plane, and this one is in space")
     if exp.angle is not None and exp.angle.shape != exp.position.shape[:2]:
         raise InputError(
             f"experiment {exp.name}: angles must be (time, station) = {exp.position.shape[:2]}, got {exp.angle.shape}"
@@ -221,7 +242,7 @@ def check_extras(exp: Experiment) -> None:
     if exp.own_places and (exp.excitation == "release" or exp.angles_alone):
         raise InputError(f"experiment {exp.name}: own_places are read off places of a body at rest, not let go")
     if exp.held is not None and (exp.excitation != "release" or exp.held.shape != exp.position.shape[1:]):
-        raise InputError(f"experiment {exp.name}: a held pose (station, 2) goes with a release alone")
+        raise InputError(f"experiment {exp.name}: a held pose (station, axis) goes with a release alone")
     if exp.arc_length is not None and not (
         exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
     ):

@@ -15,8 +15,8 @@ from pliant.equations.contact import add_link_loads
 from pliant.equations.elastic import follows
 from pliant.equations.memory import step_with_memory
 from pliant.equations.motion import step
-from pliant.equations.observation import place_links, position
-from pliant.equations.symbols import ObservedChain
+from pliant.equations.observation import observe
+from pliant.equations.symbols import ObservedChain, SpatialBody, SpatialWorkspace
 
 
 class Course(NamedTuple):
@@ -50,10 +50,22 @@ class Places(NamedTuple):
     reference: float  # rad, what angles are measured from
 
 
-class Seen(NamedTuple):
-    """What is observed: points, and the rows (rows, S, 3) that take x [m], y [m] and angle [rad] of each."""
+class SpatialPlaces(NamedTuple):
+    """Where the observed points are, in space."""
 
-    places: Places
+    body: SpatialBody
+    work: SpatialWorkspace
+    carrier: np.ndarray  # (S,) index of the link that carries each point, -1 the base
+    along: np.ndarray  # (S,) m
+    across: np.ndarray  # (S,) m
+    aside: np.ndarray  # (S,) m
+    shift: np.ndarray  # (3,) m
+
+
+class Seen(NamedTuple):
+    """What is observed: points, and rows (rows, S, 3) that take x [m], y [m], angle [rad] of each; in space x, y, z."""
+
+    places: Places | SpatialPlaces
     rows: np.ndarray
 
 
@@ -67,7 +79,7 @@ def follow(phi, w, course, before, body, joints, work, seen):
     look_before(before, seen)
     for k in range(len(course.h)):
         h = course.h[k]
-        take_torques(k, phi, w, course, body, joints, work.tau)
+        take_torques(k, phi, w, course, body, joints, work)
         step(phi, w, h, work.tau, body, joints, work)
         if not follows(phi, w, h, joints):
             return k
@@ -91,7 +103,7 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
         last = phi[i]
     for k in range(len(course.h)):
         h = course.h[k]
-        take_torques(k, phi, w, course, body, joints, work.tau)
+        take_torques(k, phi, w, course, body, joints, work)
         lost = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
         if not lost.real > -0.5:  # the square of an imaginary part may stand a trifle below zero
             return k
@@ -102,33 +114,15 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
     return -1
 
 
-def take_torques(k, phi, w, course, body, joints, tau):
-    """Torques tau (n,) [N m] of the joints in step k: those of the chambers, and of known forces half a step ahead."""
+def take_torques(k, phi, w, course, body, joints, work):
+    """Torques work.tau (n,) [N m] of the joints in step k: of the chambers, and of known forces half a step ahead."""
     for c in range(len(course.gain)):
-        share_out(c, course.torque[k, c], course.gain, tau)
+        share_out(c, course.torque[k, c], course.gain, work.tau)
     if len(course.load) > 0:
-        add_link_loads(phi, w, 0.5 * course.h[k], course.load[k], body, joints, tau)
+        add_link_loads(phi, w, 0.5 * course.h[k], course.load[k], body, joints, work)
 
 
 def look_before(before, seen):
     """The rows of a chain that is held before it moves."""
     for row in range(before.rows):
         observe(before.phi, before.base_angle, seen.places, seen.rows[row])
-
-
-def observe(phi, base_angle, places, seen):
-    """Position [m] and angle [rad] of the observed points, seen (S, 3), at coordinates phi (n + S,).
-
-    Angles are less `places.reference`.
-    """
-    place_links(phi, base_angle, places.chain, places.links)
-    for j in range(len(places.carrier)):
-        link = places.carrier[j]
-        x = position(0, link, places.along[j], places.across[j], places.links)
-        y = position(1, link, places.along[j], places.across[j], places.links)
-        angle = base_angle
-        if link >= 0:
-            angle = phi[link]
-        seen[j, 0] = x + places.shift_x
-        seen[j, 1] = y + places.shift_y
-        seen[j, 2] = angle - places.reference

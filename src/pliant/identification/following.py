@@ -11,7 +11,7 @@ from pliant.compiler.choose import twin
 from pliant.equations.symbols import Held, Joints, MemoryLaw, ObservedChain, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
-from pliant.identification.follow_loops import Before, Course, Places, Seen
+from pliant.identification.follow_loops import Before, Course, Places, Seen, SpatialPlaces
 from pliant.identification.loop_inputs import Numbers, SetUp
 from pliant.identification.sensor import behind_sensors
 from pliant.mechanics import mechanics_of
@@ -77,31 +77,45 @@ def in_kind(record: Any, kind: ObservationKind) -> Any:
 
 def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) -> Array:
     """Rows of the motion as the compiled loop shows them, before sensors, of numbers of a kind."""
-    model = made.model
-    n, S = model.n, len(model.extensions)
+    model, chain = made.model, mechanics_of(made.model)
+    n, *more = chain.sizes
     rows = rows if made.between is None else made.between[0].size
-    work = in_kind(mechanics_of(model).workspace(), kind)
-    places = Places(
-        ObservedChain(numbers.base_length, numbers.length, numbers.share), kind.of(np.zeros((5, n + 1))), made.carrier,
-        numbers.along, numbers.across, numbers.shift[0], numbers.shift[1], numbers.reference,
-    )
+    work = in_kind(chain.workspace(), kind)
+    places = places_in_space(made, numbers, kind) if chain.dimension == 3 else places_in_plane(made, numbers, kind)
     out: Array = kind.of(np.zeros((rows, made.carrier.size, 3)))
     course = Course(numbers.h, numbers.torque, numbers.gain, made.keep, numbers.load)
     before = Before(made.still, numbers.held, numbers.held_base)
-    start = numbers.phi, kind.of(np.zeros(n + S))
+    start = numbers.phi, kind.of(np.zeros(chain.size))
     if model.memory:
         past = Past(MemoryLaw(*numbers.memory), slipped(made, numbers, kind), held_of(made, numbers.joints, kind))
-        failed = kind.twin(follow_loops.follow_with_memory, n if S else None, S)(
+        failed = kind.twin(follow_loops.follow_with_memory, n if any(more) else None, *more)(
             *start, course, before, (numbers.body, numbers.joints), past, work, Seen(places, out)
         )
     else:
-        failed = kind.twin(follow_loops.follow, n, S)(
+        failed = kind.twin(follow_loops.follow, n, *more)(
             *start, course, before, numbers.body, numbers.joints, work, Seen(places, out)
         )
     if failed >= 0:
         h, phi = kind.value(numbers.h), kind.value(numbers.phi)
         raise lost(made, float(np.sum(h[: failed + 1])), float(h[failed]), phi)
     return out
+
+
+def places_in_plane(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Places:
+    """Return where the observed points of a set-up are on the links of a chain in a plane."""
+    links = kind.of(np.zeros((5, made.model.n + 1)))
+    return Places(
+        ObservedChain(numbers.base_length, numbers.length, numbers.share), links, made.carrier, numbers.along,
+        numbers.across, numbers.shift[0], numbers.shift[1], numbers.reference,
+    )
+
+
+def places_in_space(made: SetUp, numbers: Numbers, kind: ObservationKind) -> SpatialPlaces:
+    """Return where the observed points of a set-up are on the links of a chain in space."""
+    work = in_kind(mechanics_of(made.model).workspace(), kind)
+    return SpatialPlaces(
+        numbers.body, work, made.carrier, numbers.along, numbers.across, numbers.aside, numbers.shift
+    )
 
 
 def lost(made: SetUp, after: float, length: float, phi: Array) -> SimulationError:

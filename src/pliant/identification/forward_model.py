@@ -15,7 +15,6 @@ from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.pose import posed
 from pliant.identification.sensor import between_frames, lags_of
 from pliant.mechanics import mechanics_of
-from pliant.mechanics.frames import LinkFrames, link_coordinates
 from pliant.model import Model, Station, fixed_length
 from pliant.simulation import Pulse, Trace, equilibrium
 from pliant.simulation.drive import Drive, driven, laid_out
@@ -130,10 +129,9 @@ def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans:
             model, f"experiment {exp.name}: a pose that was held is read off positions for a body of fixed length, and "
             f"the model {model.name!r} lengthens: leave out held (as measured), or the model's extensions",
         )
-        shift = np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)])
-        return posed(model, observed(here, exp), exp.held - shift, plans.poses)
+        return posed(model, observed(here, exp), exp.held - shift_of(own, exp), plans.poses)
     if "hold_force" in own:
-        return equilibrium(model, 0.0, np.array([own["hold_force"], 0.0]))
+        return equilibrium(model, 0.0, np.array([own["hold_force"], *[0.0] * (exp.dimension - 1)]))
     return np.zeros(model.size)
 
 
@@ -174,18 +172,22 @@ def gathered(
     base: tuple[float, float],
 ) -> Numbers:
     """The numbers of a set-up: angles and base angle while held, and at the start of the motion."""
-    model, (along, across) = here.model, here.places(exp.stations)
+    model, (along, across, aside) = here.model, here.places(exp.stations)
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
         gain=model.actuation.gain, chambers=np.zeros((0, 0)), torque_before=here.torque_before(plan.initial),
-        load=np.zeros((0, model.n, 2)), load_before=loads_at(model, (), 0.0), body=here.body,
+        load=np.zeros((0, *mechanics_of(model).no_loads().shape)), load_before=loads_at(model, (), 0.0), body=here.body,
         joints=here.joints._replace(base_angle=base[1]), memory=here.memory,
-        along=along, across=across,
-        shift=np.array([own.get("base_x", 0.0), own.get("base_y", 0.0)]),
+        along=along, across=across, aside=aside, shift=shift_of(own, exp),
         sensor_lag=lags_of(own, exp.stations),
         reference=model.base_angle if exp.angle_reference in ("base", "joint") else 0.0,
         length=model.link_length, base_length=model.base_length, share=model.stretch_share,
     )
+
+
+def shift_of(own: Mapping[str, float], exp: Experiment) -> Array:
+    """Offset (d,) of the recording's frame, m."""
+    return np.array([own.get(f"base_{axis}", 0.0) for axis in "xyz"[: exp.dimension]])
 
 
 def reattached(made: SetUp, numbers: Numbers) -> Numbers:
@@ -196,11 +198,10 @@ def reattached(made: SetUp, numbers: Numbers) -> Numbers:
     """
     if made.first_seen is None:
         return numbers
-    seen = made.first_seen - numbers.shift
-    chain = LinkFrames(numbers.phi, numbers.length, numbers.base_length, numbers.joints.base_angle, numbers.share)
-    links = made.carrier + 1
-    along, across = (row[np.arange(links.size), links] for row in link_coordinates(chain, seen))
-    return numbers._replace(along=along, across=across)
+    chain = mechanics_of(made.model).with_constants(numbers.body, numbers.joints)
+    beside = chain.beside_links(numbers.phi, made.first_seen - numbers.shift, numbers)
+    along, across, aside = beside[np.arange(made.carrier.size), made.carrier + 1].T
+    return numbers._replace(along=along, across=across, aside=aside)
 
 
 def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, before: Array | None = None) -> Numbers:

@@ -36,14 +36,14 @@ def experiment(
     held: Held = "unloaded", own_places: bool = False,
     forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
 ) -> Experiment:
-    """An experiment from an aligned (planar) recording.
+    """An experiment from an aligned recording, in a plane or in space.
 
     Parameters
     ----------
     name : str
         Without a dot: parameters of this recording alone are called ``name.parameter``.
     recording : xarray.Dataset
-        Schema of `pliant.recording.schema`, frame "planar".
+        Schema of `pliant.recording.schema`, frame "planar" or "spatial".
     stations : tuple of str, optional
         Which to use, in order; the last one is the tip. Default: all.
     excitation : {"trace", "pulse", "step", "release"}, optional
@@ -66,10 +66,10 @@ def experiment(
     Raises
     ------
     InputError
-        When the recording is not planar, has no pressure of either kind and is not a release, or lacks a station.
+        When the recording is not aligned, has no pressure of either kind and is not a release, or lacks a station.
     """
     check_recording(recording)
-    if recording.attrs.get("frame") != "planar":
+    if recording.attrs.get("frame") not in ("planar", "spatial"):
         raise InputError(f"recording {name} is in the frame {recording.attrs.get('frame')!r}: align it first")
     available = [str(s) for s in recording.station.values]
     used = tuple(stations or available)

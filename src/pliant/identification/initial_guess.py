@@ -16,9 +16,9 @@ from pliant.identification.extension_start import extension_starts
 from pliant.identification.layout_bands import bands_of_layouts
 from pliant.identification.memory_parameters import chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name
+from pliant.identification.space_parameters import space_start
 from pliant.identification.torque_start import highest_level, torque_starts, typical_sizes
 from pliant.mechanics import mechanics_of
-from pliant.mechanics.frames import beside_links
 from pliant.model import Model, Station
 from pliant.model.torque_law import unfinished_law
 from pliant.numerics.ringdown import RingDown, ring_down
@@ -28,7 +28,7 @@ from pliant.simulation.forces import loads_at
 Array = np.ndarray
 DEFAULTS = {
     "tip_mass": 0.0, "valve_rise": 0.02, "valve_fall": 0.02, "valve_dead_time": 0.005, "base_angle": 0.0,
-    "base_x": 0.0, "base_y": 0.0, "base_turn": 0.0, "hold_force": 0.0, "release_time": 0.04,
+    "base_x": 0.0, "base_y": 0.0, "base_z": 0.0, "base_turn": 0.0, "hold_force": 0.0, "release_time": 0.04,
     "start": 0.0, "latency": 0.0, "sensor_lag": 0.05,
 }
 
@@ -103,12 +103,12 @@ def turning_points(model: Model, exp: Experiment, known: Mapping[str, Station]) 
 
 
 def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) -> Station:
-    """The station at `point` (2,) of the base frame; on the link that it lies beside when `link` is None."""
+    """The station at `point` (d,) of the base frame; on the link that it lies beside when `link` is None."""
     length = np.concatenate([[model.base_length], model.link_length])
-    (along,), (across,) = beside_links(model, phi, point[None])
-    apart = np.hypot(along - np.clip(along, 0.0, length), across)
+    beside = mechanics_of(model).beside_links(phi, point[None])[0]  # (n + 1, 3)
+    apart = np.linalg.norm(beside - np.stack([np.clip(beside[:, 0], 0.0, length), *[0.0 * length] * 2], axis=1), axis=1)
     i = int(np.argmin(apart)) if link is None else link + 1
-    return Station(name, i - 1, float(along[i]), float(across[i]))
+    return Station(name, i - 1, *beside[i].tolist())
 
 
 def stiffness_for_frequency(model: Model, exp: Experiment, frequency: float) -> float:
@@ -143,7 +143,7 @@ def estimate(
     base, experiments = apply(model, begun), [e.synchronised(values) for e in experiments]
     found = DEFAULTS | {
         "mass": float(model.link_mass.sum()),
-        "gravity_angle": float(np.arctan2(-model.gravity[0], model.gravity[1])),
+        **space_start(model), "gravity_angle": float(np.arctan2(-model.gravity[0], model.gravity[1])),
         "rest_angle": float(model.rest_angle.mean()),
         **{f"rest_angle_{i + 1}": float(a) for i, a in enumerate(model.rest_angle)},
         **chambers_start(model, experiments),
@@ -157,7 +157,7 @@ def estimate(
     laws = torque_starts(base, experiments, {p.name for p in parameters if p.value is None}, values)
     found |= laws | extension_starts(base, experiments, {**values, **laws})
     for point in base.points:
-        found |= {f"{point.name}.along": point.along, f"{point.name}.across": point.across}
+        found |= {f"{point.name}.{k}": getattr(point, k) for k in ("along", "across", "aside")}
     typical = typical_sizes(base, experiments)
     filled = []
     for p in parameters:
@@ -217,5 +217,9 @@ def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str,
         highest = max([float(t.pressure.max()) for t in driven], default=highest_level(experiments))
         found |= {f"{start}{k}": v for k, v in chamber_guess(highest).items()}
         found[f"{start}gain"] = float(chamber.joint_gain.mean())
-        found |= {f"{start}joint_gain_{i + 1}": float(a) for i, a in enumerate(chamber.joint_gain)}
+        for field in ("joint_gain", "cross_gain"):
+            gains = np.broadcast_to(getattr(chamber, field), model.n)
+            found |= {f"{start}{field}_{i + 1}": float(a) for i, a in enumerate(gains)}
+            turned = np.hypot(chamber.joint_gain, chamber.cross_gain) > 0
+            found[f"{start}gain_{'xy'[field == 'cross_gain']}"] = float(gains[turned].mean()) if turned.any() else 0.0
     return found

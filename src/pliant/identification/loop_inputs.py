@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.symbols import Body, ExtensibleBody, Joints, MemoryLaw
+from pliant.equations.symbols import Joints, MemoryLaw
 from pliant.model import Model
 from pliant.simulation.drive import Drive
 
@@ -27,12 +27,13 @@ class Numbers(NamedTuple):
     torque_before: Any  # (n,) N m, under which the chain rests at the start
     load: Any  # (steps, n, 2) N m, of known forces; no rows where there are none
     load_before: Any  # (n, 2) N m, under which the chain rests at the start; (n + 1, 4) of a body that lengthens
-    body: Body | ExtensibleBody
+    body: Any  # of its family: `Mechanics.body`
     joints: Joints
     memory: MemoryLaw
     along: Any  # (S,) m
     across: Any  # (S,) m
-    shift: Any  # (2,) m
+    aside: Any  # (S,) m
+    shift: Any  # (2,), (3,) in space, m
     reference: Any  # rad
     sensor_lag: Any  # (S,) s, of the stations' sensors; no entries where none lags
     length: Any  # (n,) m, of the links

@@ -6,13 +6,13 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.identification import extension_parameters
+from pliant.identification import extension_parameters, space_parameters
 from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, matching, owners
 from pliant.identification.memory_parameters import ROWS, memory_changes, usual_start
 from pliant.model import Model
@@ -143,6 +143,8 @@ KNOWN: dict[str, Kind] = {
     "gravity_angle": Kind("rad", lower=-6.3, upper=6.3, scale=0.05, meaning="angle of gravity from the base tangent"),
     "gain": Kind("1", scale=1.0, meaning="mean of the joints' gains: a factor on the whole torque law"),
     r"joint_gain_(\d+|\*)": Kind("1", scale=0.3, meaning="share of the torque law that one joint feels, * each"),
+    r"cross_gain_(\d+|\*)": Kind("1", scale=0.3, meaning="that share about the y axis of one joint, in space"),
+    "gain_[xy]": Kind("1", scale=0.3, meaning="share of the torque law about x or y of the joints it turns, in space"),
     r"torque_[1-9]": Kind("N m/Pa^k", meaning="coefficient of pressure^k in the torque law"),
     "mass": Kind("kg", lower=1e-9, meaning="mass of all links together, without the tip mass"),
     "tip_mass": Kind("kg", lower=0.0, scale=5e-3, meaning="cap or load at the last tip"),
@@ -152,8 +154,10 @@ KNOWN: dict[str, Kind] = {
     "base_angle": Kind("rad", lower=-1.0, upper=1.0, scale=0.05, meaning="angle of the base tangent from +y"),
     "base_x": Kind("m", scale=1e-3, meaning="offset of the recording's frame, x"),
     "base_y": Kind("m", scale=1e-3, meaning="offset of the recording's frame, y"),
+    "base_z": Kind("m", scale=1e-3, meaning="offset of the recording's frame, z, in space"),
     r".+\.along": Kind("m", scale=2e-3, meaning="place of a station along its link"),
     r".+\.across": Kind("m", scale=2e-3, meaning="place of a station across its link"),
+    r".+\.aside": Kind("m", scale=2e-3, meaning="place of a station out of the plane, in space"),
     "start": Kind("s", scale=0.01, meaning="when the pulse begins, or the pressure clock's offset"),
     "stop": Kind("s", scale=0.01, meaning="when the pulse ends"),
     "latency": Kind("s", lower=-5.0, upper=5.0, scale=5e-3, meaning="how late the shape is stamped, beside pressure"),
@@ -162,12 +166,12 @@ KNOWN: dict[str, Kind] = {
     "release_time": Kind("s", lower=0.0, upper=0.2, scale=0.01, meaning="how long the hand takes to let go"),
     "base_turn": Kind("rad", lower=-0.2, upper=0.2, scale=0.01, meaning="turn of a clamp that gives way at release"),
     "hold_force": Kind("N", scale=0.05, meaning="force at the tip, along x, that holds the body before its release"),
-    **{name: Kind(*row) for name, row in {**ROWS, **extension_parameters.ROWS}.items()},
+    **{n: Kind(*row) for n, row in {**ROWS, **extension_parameters.ROWS, **space_parameters.ROWS}.items()},
 }
 
 
 OF_A_RECORD = frozenset({  # what no model has
-    "base_x", "base_y", "start", "stop", "latency", "release", "release_time", "base_turn", "hold_force",
+    "base_x", "base_y", "base_z", "start", "stop", "latency", "release", "release_time", "base_turn", "hold_force",
 })  # fmt: skip
 
 
@@ -180,7 +184,9 @@ def kind_of(name: str) -> Kind:
                 return kind
         if candidate in law_parameters():
             return Kind(*law_parameters()[candidate])
-    readable = [p.replace(r"(\d+|\*)", "<i>").replace("[1-9]", "<k>").replace(r".+\.", "<station>.") for p in KNOWN]
+    plain = ((r"(\d+|\*)", "<i>"), ("[1-9]", "<k>"), (r".+\.", "<station>."), (r"(\d+)", "<i>"),
+             ("([xyz])", "<axis>"), ("([xy])", "<axis>"), ("[xy]", "<axis>"))  # fmt: skip
+    readable = [reduce(lambda text, pair: text.replace(*pair), plain, pattern) for pattern in KNOWN]
     readable += law_parameters()
     near = get_close_matches(name[:80].rpartition(".")[2], readable, 1, 0.6)
     meant = f"did you mean {near[0]!r}? Known are " if near else "use one of "
@@ -192,8 +198,9 @@ def kind_of(name: str) -> Kind:
 
 def shared_name(name: str) -> str:
     """The name without the recording or the joint that it belongs to; that of a station's place stays whole."""
-    own = name if name.endswith((".along", ".across")) and name.count(".") == 1 else name.partition(".")[2] or name
-    return re.sub(r"^(stiffness|damping|rest_angle|joint_gain)_\d+$", r"\1", own)
+    of_station = name.endswith((".along", ".across", ".aside")) and name.count(".") == 1
+    own = name if of_station else name.partition(".")[2] or name
+    return re.sub(r"^(stiffness|damping|rest_angle|joint_gain|cross_gain)_\d+$", r"\1", own)
 
 
 def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
@@ -235,12 +242,19 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
         changes["gravity"] = turned_gravity(model, values["gravity_angle"])
     if "mass" in values:
         changes["link_mass"] = model.link_mass * (values["mass"] / model.link_mass.sum())
-    if any(name.endswith((".along", ".across")) for name in values):
-        changes["stations"] = tuple(
-            s._replace(along=values.get(f"{s.name}.along", s.along), across=values.get(f"{s.name}.across", s.across))
-            for s in model.points
-        )
+    if (space := space_parameters.changed_space(model, values)) is not model.space:
+        changes["space"] = space
+    changes |= moved_stations(model, values)
     return model.with_(**changes) if changes else model
+
+
+def moved_stations(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
+    """The stations of a model with their places put in, as a change of the model; none where `values` have no place."""
+    if not any(name.endswith((".along", ".across", ".aside")) for name in values):
+        return {}
+    axes = ("along", "across", "aside")
+    places = ({k: values.get(f"{s.name}.{k}", getattr(s, k)) for k in axes} for s in model.points)
+    return {"stations": tuple(s._replace(**own) for s, own in zip(model.points, places, strict=True))}
 
 
 def moved_joints(model: Model, share: float) -> Model:
@@ -282,6 +296,7 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
         raise InputError(f"{min(both)!r} names a recording and a station: rename one, their parameters would be mixed")
     check_chamber_names([p.name for p in parameters], model, records | stations)
     extension_parameters.check_segment_names([p.name for p in parameters], model, records | stations)
+    space_parameters.check_space_names([p.name for p in parameters], model)
     known = records | stations | {*owners(model), *extension_parameters.segments(model)}
     seen: set[str] = set()
     for p in parameters:

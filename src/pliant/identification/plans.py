@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.symbols import Body, ExtensibleBody, Joints, MemoryLaw
+from pliant.equations.symbols import Joints, MemoryLaw
 from pliant.identification.parameters import apply, of_the_model
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
@@ -22,14 +22,14 @@ class ModelAt(NamedTuple):
     """A model at some values of its parameters, and its constants for the kernels."""
 
     model: Model
-    body: Body | ExtensibleBody
+    body: Any  # of its family: `Mechanics.body`
     joints: Joints
     memory: MemoryLaw
     points: dict[str, Station]  # that can be observed, by name
     torques: dict[bytes, Array]  # of joints under pressures: recordings share them
     rows: dict[bytes, Array]  # of chambers, likewise
     resting: dict[bytes, Array]  # angles at rest, likewise
-    beside: dict[tuple[str, ...], tuple[Array, Array]]  # along and across (S,) of stations, likewise
+    beside: dict[tuple[str, ...], Array]  # along, across, aside (3, S) of stations, likewise
 
     def torque_before(self, pressure: Array) -> Array:
         """Torques (n + S,) of joints and strains long at rest at `pressure` (C,) [Pa], N m."""
@@ -47,11 +47,10 @@ class ModelAt(NamedTuple):
             self.rows[key] = np.stack([np.pad(row, (0, length - row.size)) for row in rows])
         return self.rows[key]
 
-    def places(self, stations: tuple[str, ...]) -> tuple[Array, Array]:
-        """Along and across (S,) the links that carry them of some stations, m."""
+    def places(self, stations: tuple[str, ...]) -> Array:
+        """Along, across and aside (3, S) the links that carry them of some stations, m."""
         if stations not in self.beside:
-            chosen = [self.points[name] for name in stations]
-            self.beside[stations] = np.array([p.along for p in chosen]), np.array([p.across for p in chosen])
+            self.beside[stations] = np.array([self.points[name][2:] for name in stations]).T
         return self.beside[stations]
 
     def at_rest(self, pressure: Array) -> Array:

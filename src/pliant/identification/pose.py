@@ -21,9 +21,10 @@ def posed(model: Model, chosen: list[Station], seen: Array, found: dict[Any, Arr
     shape, a millionth of a point's, decides. Lengths and places alone decide the pose: it is kept in `found`, for
     models that differ in what moves them.
     """
-    points = tuple((p.link, p.along, p.across) for p in chosen)
+    points = tuple(p[1:] for p in chosen)
     base = (model.base_length, model.base_angle, points)
-    key = (*base, *(a.tobytes() for a in (model.link_length, model.rest_angle, seen)))
+    turned = [model.space.rest_turn, model.space.base_tilt] if model.space else [model.rest_angle]
+    key = (*base, *(a.tobytes() for a in (model.link_length, *turned, seen)))
     if key not in found:
         found[key] = sought(model, chosen, seen)
     return found[key].copy()
@@ -33,8 +34,8 @@ def sought(model: Model, chosen: list[Station], seen: Array) -> Array:
     """As `posed`."""
     there = fixed_length(model).with_(stations=tuple(chosen))
     chain = mechanics_of(there)
-    pull = LEAST_PULL * model.length * (np.eye(model.n) - np.eye(model.n, k=-1))
-    unloaded = mechanics_of(model).coordinates(np.zeros(model.n))
+    pull = LEAST_PULL * model.length * chain.to_joints
+    unloaded = chain.coordinates(np.zeros(model.size))
     phi = unloaded.copy()
     for _ in range(POSE_STEPS):
         slope = np.concatenate([chain.position_jacobian(phi, p) for p in chosen])
@@ -44,4 +45,4 @@ def sought(model: Model, chosen: list[Station], seen: Array) -> Array:
         phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
         if np.abs(move).max() < 1e-13:
             break
-    return mechanics_of(model).joint_angles(phi)
+    return chain.joint_coordinates(phi)

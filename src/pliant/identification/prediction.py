@@ -16,7 +16,7 @@ Array = np.ndarray
 
 
 def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
-    """What the model says of an experiment: positions (T, S, 2) [m], angles (T, S) [rad], which of them are `compared`,
+    """What the model says of an experiment: positions (T, S, d) [m], angles (T, S) [rad], which of them are `compared`,
     pressure (T, C) [Pa] of the inputs.
 
     `values` holds parameter values by name; those of the experiment `exp` overrule shared ones. `step` is that of the
@@ -24,23 +24,24 @@ def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: fl
     """
     made = set_up(model, exp, values, step)
     rows = moved(made, made.numbers, exp.time.size)
-    return {"position": rows[..., :2], "angle": turned(exp, rows), "compared": compared_of(exp, rows),
+    return {"position": rows[..., : exp.dimension], "angle": turned(exp, rows), "compared": compared_of(exp, rows),
             "pressure": made.pressure, "model": made.model}  # fmt: skip
 
 
 def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
-    """Where the whole chain is: base, first joint and link tips (T, n + 2, 2) [m]; arguments as of `predict`."""
+    """Where the whole chain is: base, first joint and link tips (T, n + 2, d) [m]; arguments as of `predict`."""
     made = set_up(model, exp, values, step)
     along = np.concatenate([[0.0, made.model.base_length], made.model.link_length])
     carrier = np.concatenate([[-1, -1], np.arange(made.model.n)])
     chain = made._replace(carrier=carrier)
-    own = made.numbers._replace(along=along, across=0 * along, sensor_lag=np.zeros(0))  # no sensor sees the chain
-    return moved(chain, own, exp.time.size)[..., :2]
+    still = 0.0 * along
+    own = made.numbers._replace(along=along, across=still, aside=still, sensor_lag=np.zeros(0))  # unseen by sensors
+    return moved(chain, own, exp.time.size)[..., : exp.dimension]
 
 
 def compared_of(exp: Experiment, rows: Array) -> Array:
-    """What is compared (..., T, S, 2 or 1) of observed rows (..., T, S, 3); see `Experiment.compared`."""
-    return turned(exp, rows)[..., None] if exp.placeless else rows[..., :2]
+    """What is compared (..., T, S, d or 1) of observed rows (..., T, S, 3); see `Experiment.compared`."""
+    return turned(exp, rows)[..., None] if exp.placeless else rows[..., : exp.dimension]
 
 
 def turned(exp: Experiment, rows: Array) -> Array:

@@ -156,7 +156,8 @@ class Problem:
             return
         for o, part in zip(self.observed, parts, strict=True):
             for s, name in enumerate(o.exp.stations):
-                for channel, known in (((0, 1), name in o.exp.noise), ((2,), o.exp.angle_noise is not None)):
+                places, angles = ((0, 1), ((2,), o.exp.angle_noise is not None)) if o.planar else ((0, 1, 2), None)
+                for channel, known in filter(None, [(places, name in o.exp.noise), angles]):
                     mine = (o.station == s) & np.isin(o.channel, channel)
                     if not known and mine.any():
                         self.latest = (b"", np.zeros(0))

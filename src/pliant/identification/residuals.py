@@ -19,7 +19,7 @@ class Observations:
     Attributes
     ----------
     data : array (T, S, 3)
-        x [m], y [m], angle [rad]; NaN where nothing was seen.
+        x [m], y [m], angle [rad]; in space x, y, z [m]. NaN where nothing was seen.
     seen : array (T, S, 3) of bool
     weight : array (S, 3)
         Of the residuals.
@@ -27,15 +27,15 @@ class Observations:
 
     def __init__(self, exp: Experiment, weighting: str) -> None:
         angle = np.full(exp.position.shape[:2], np.nan) if exp.angle is None else exp.angle
-        self.exp = exp
+        self.exp, self.planar = exp, exp.dimension == 2
         position = np.full_like(exp.position, np.nan) if exp.angles_alone else exp.position
-        self.data = np.concatenate([position, angle[..., None]], axis=2)
+        self.data = np.concatenate([position, angle[..., None]], axis=2) if self.planar else position
         self.seen = np.isfinite(self.data)
         self.rows, self.station, self.channel = np.nonzero(self.seen)
         swing = angle_travel(exp)
         stations = np.ones(len(exp.stations)) if weighting == "noise" else length_weights(exp)
         scale = {"travel": (exp.travel, swing), "metre": (1.0, swing / exp.travel), "noise": (1.0, 1.0)}[weighting]
-        self.weight = np.sqrt(stations)[:, None] / np.array([scale[0], scale[0], scale[1]])
+        self.weight = np.sqrt(stations)[:, None] / np.array([scale[0], scale[0], scale[self.planar]])
         if weighting == "noise":
             self.weight /= noise_levels(exp, self.data)
 
@@ -52,7 +52,7 @@ class Observations:
     def residual(self, rows: Array) -> Array:
         """Weighted differences of what is modelled, rows (T, S, 3), and seen; angles by the shorter way round."""
         off: Array = self.modelled(rows)[self.seen] - self.data[self.seen]
-        turn = self.channel == 2
+        turn = (self.channel == 2) & self.planar
         off[turn] = (off[turn] + np.pi) % (2 * np.pi) - np.pi
         return off * self.flat_weight
 
@@ -99,6 +99,8 @@ def noise_levels(exp: Experiment, data: Array) -> Array:
     for k, name in enumerate(exp.stations):
         if name in exp.noise:
             noise[k, :2] = exp.noise[name]
+    if exp.dimension == 3:
+        noise[:, 2] = [exp.noise.get(name, level) for name, level in zip(exp.stations, noise[:, 2], strict=True)]
     if exp.angle_noise is not None:
         noise[:, 2] = exp.angle_noise
     return noise

@@ -88,6 +88,11 @@ class Mechanics(ABC):
     def acceleration_jacobian(self) -> Any:
         """Return the kernel ``(x, v, torque, body, joints, work, out)`` that fills `equations.symbols.Slopes`."""
 
+    @property
+    @abstractmethod
+    def sizes(self) -> tuple[int, ...]:
+        """What kernels are compiled for: links, segments that lengthen, and turns of each joint in space."""
+
     # coordinates
 
     @cached_property
@@ -124,16 +129,23 @@ class Mechanics(ABC):
     @property
     def lengthens(self) -> bool:
         """Whether the body's length changes: what looks for angles alone does not hold it."""
-        return self.size > self.n
+        return bool(self.model.extensions)
 
     @property
     def lever(self) -> Array:
         """Generalised force (N,) [N m] of a torque or force of one at each coordinate, as datasets hold them."""
-        return np.concatenate([kind.lever for kind in self.kinds])
+        lever = np.empty(self.size)
+        for kind in self.kinds:
+            lever[kind.rows] = kind.lever
+        return lever
 
     def gathered(self, data: Any, which: int) -> Array:
         """Return a variable of all kinds of coordinates in a dataset, side by side (T, N): the one of those `names`."""
-        return np.concatenate([np.asarray(data[kind.names[which]]) for kind in self.kinds], axis=1)
+        columns = [(kind.rows, np.asarray(data[kind.names[which]])) for kind in self.kinds]
+        values = np.empty((len(columns[0][1]), self.size))
+        for rows, column in columns:
+            values[:, rows] = column
+        return values
 
     def variables(self, x: Array, v: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
         """Return coordinates and rates of a motion (T, N), (T, N) as variables of a dataset: dimensions and values."""
@@ -206,6 +218,13 @@ class Mechanics(ABC):
     @abstractmethod
     def position_jacobian(self, x: Array, point: Station) -> Array:
         """Return the Jacobian (dimension, N) of a point's position by x at one moment, m/rad."""
+
+    @abstractmethod
+    def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:
+        """Return coordinates along, across and aside (P, n + 1, 3) each link of points (P, dimension), m, base first.
+
+        `lengths` may bring `length`, `base_length` and `share` of the links, complex ones among them.
+        """
 
     @abstractmethod
     def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.model import Model
 from pliant.numerics.arcs import tangents
 
 Array = np.ndarray
@@ -34,9 +33,3 @@ def link_coordinates(chain: LinkFrames, points: Array) -> tuple[Array, Array]:
     tips = np.cumsum(np.append(chain.base_length, chain.length) * stretch * ahead, axis=1)
     dx, dy = (points.T[:, :, None] - np.column_stack([np.zeros(2), tips[:, :-1]])[:, None])
     return (c * dy + minus_s * dx) / stretch, minus_s * dy - c * dx
-
-
-def beside_links(model: Model, x: Array, points: Array) -> tuple[Array, Array]:
-    """Coordinates along and across (P, n + 1) the links of a model, at absolute angles and strains x (n + S,)."""
-    chain = LinkFrames(x, model.link_length, model.base_length, model.base_angle, model.stretch_share)
-    return link_coordinates(chain, points)

@@ -6,7 +6,6 @@ Statics and geometry are written once for any S, also 0; the compiled kernels of
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -19,13 +18,14 @@ from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleWorkspace, 
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
+from pliant.mechanics.frames import LinkFrames, link_coordinates
+from pliant.mechanics.rest import loaded_rest
 from pliant.model import Station, fixed_length
 from pliant.model.extensible import extensible_inertia
 from pliant.model.inertia import inertia_constants
 from pliant.numerics.arcs import tangents
 
 Array = np.ndarray
-NEAR = 1e-6  # rad and strains: where a rest under part of a load is near enough to go on from
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
@@ -88,6 +88,10 @@ class PlanarChain(Mechanics):
 
     def acceleration_jacobian(self) -> Any:
         return extensible_slopes if self.segments else twin(motion.acceleration_jacobian)
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        return self.n, self.segments
 
     # coordinates
 
@@ -216,6 +220,14 @@ class PlanarChain(Mechanics):
         turned = (reach * stretch)[:, None] * side - (point.across * (rows == k))[:, None] * ahead
         grown = self.stretch_share.T @ (reach[:, None] * ahead)
         return np.asarray(np.concatenate([turned[1:], grown]).T)
+
+    def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:
+        length, base_length, share = self.model.link_length, self.model.base_length, self.model.stretch_share
+        if lengths is not None:
+            length, base_length, share = lengths.length, lengths.base_length, lengths.share
+        chain = LinkFrames(x, length, base_length, self.joints.base_angle, share)
+        along, across = link_coordinates(chain, points)
+        return np.stack([along, across, 0.0 * along], axis=-1)
 
     def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:
         n, part, ahead = self.n, self.length[:, None] * self.stretch_share, self.directions(x)
@@ -375,27 +387,3 @@ def stretched_loads(x: Array, load: Array, share: Array, base_angle: Any) -> tup
     angle = np.append(base_angle, x[:n])
     whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]
     return np.cos(angle), np.sin(angle), whole
-
-
-def loaded_rest(residual: Callable[[Array, float], tuple[Array, Array]], q: Array, stiffest: float) -> Array:
-    """Return the rest under a load that grows from nothing, from the rest q without it, by Newton's method.
-
-    Raises
-    ------
-    SimulationError
-        When no stable rest is found: the load buckles the chain.
-    """
-    for share in (0.25, 0.5, 0.75, 1.0):  # the load grows in parts, so that a long fall stays on its branch
-        for _ in range(50):
-            r, K = residual(q, share)
-            move = np.linalg.lstsq(K, r)[0]  # at the very load that buckles, K is singular
-            size = np.abs(move).max()
-            q = q + move * min(1.0, 0.5 / max(size, 1e-300))
-            if size < (1e-13 if share == 1.0 else NEAR):
-                break
-    r, K = residual(q, 1.0)
-    if not np.isfinite(q).all() or np.abs(r).max() > 1e-9 * stiffest or np.linalg.eigvalsh(K).min() <= 0:
-        raise SimulationError(
-            "the chain finds no stable rest under its load: it buckles; raise the stiffness or lower the load"
-        )
-    return q

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pliant.mechanics.contract import Mechanics
 from pliant.mechanics.planar import PlanarChain
+from pliant.mechanics.spatial import SpatialChain
 from pliant.model import Model
 
 
@@ -11,5 +12,5 @@ def mechanics_of(model: Model) -> Mechanics:
     """Return the mechanics of a model; kept with the model, so that its constants are worked out once."""
     kept = model.__dict__.get("_mechanics")
     if kept is None:
-        kept = model.__dict__["_mechanics"] = PlanarChain(model)
+        kept = model.__dict__["_mechanics"] = SpatialChain(model) if model.space else PlanarChain(model)
     return kept

@@ -9,6 +9,7 @@ from pliant.model.extensible import fixed_length
 from pliant.model.extension import Extension
 from pliant.model.memory import Memory, payne, springpot
 from pliant.model.model import Model
+from pliant.model.space import Space
 from pliant.model.station import Station
 from pliant.model.valve import Valve
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from pliant.model.file import load_model, save_model
 
 __all__ = [
-    "Actuation", "Chamber", "Extension", "Memory", "Model", "Station", "Valve", "chain_model", "fixed_length",
+    "Actuation", "Chamber", "Extension", "Memory", "Model", "Space", "Station", "Valve", "chain_model", "fixed_length",
     "load_model", "payne", "save_model", "springpot",
 ]
 

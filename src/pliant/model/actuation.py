@@ -35,12 +35,15 @@ class Actuation:
         Of the segments that lengthen, m.
     segment_joints : tuple of tuple of int
         Joints that lie in each of them, from 0.
+    turns : int
+        Coordinates of each joint: 1 in a plane, 2 or 3 in space.
     """
 
     inputs: tuple[Chamber, ...]
     joints: int
     segment_length: tuple[float, ...] = ()
     segment_joints: tuple[tuple[int, ...], ...] = ()
+    turns: int = 1
 
     @property
     def count(self) -> int:
@@ -76,8 +79,12 @@ class Actuation:
 
     @cached_property
     def gain(self) -> Array:
-        """Share (C, n) of each chamber's torque that each joint feels; (C, n + S) with that of the strains behind."""
+        """Share (C, N) of each chamber's torque that each coordinate feels; those of strains, or twists, behind."""
         joints = np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.inputs])
+        if self.turns > 1:
+            across = np.stack([np.broadcast_to(c.cross_gain, (self.joints,)) for c in self.inputs])
+            bent = np.stack([joints, across], axis=-1).reshape(self.count, -1)
+            return np.pad(bent, ((0, 0), (0, (self.turns - 2) * self.joints)))
         if not self.segment_length:
             return joints
         axial = np.stack([self.axial_gains(c) for c in self.inputs])

@@ -15,7 +15,7 @@ from pliant.model.limits import MOST_TERMS
 from pliant.model.valve import Valve
 
 Array = np.ndarray
-ARRAYS = ("torque", "joint_gain", "axial_gain")
+ARRAYS = ("torque", "joint_gain", "cross_gain", "axial_gain")
 POSITIVE = ("swell_time", "inflation_time")
 NOT_NEGATIVE = ("swell_share", "inflation_limit")
 
@@ -31,6 +31,7 @@ class ChamberValues(TypedDict, total=False):
     inflation_limit: float
     inflation_time: float
     axial_gain: Any
+    cross_gain: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,9 @@ class Chamber:
         Axial force on each segment that lengthens (`pliant.model.Extension`), in parts of the torque, 1/m. By virtual
         work it is 1 / offset where a chamber lies at an offset [m] from the neutral axis: its volume A (L (1 + e) +
         offset sum q) gives torque p A offset and force p A. A number stands for the segments whose joints it turns.
+    cross_gain : array (n,)
+        Of a chain in space: share of the torque law about the y axis of each joint; `joint_gain` is that about its x
+        axis. A chamber at an azimuth alpha from x towards y has joint_gain sin(alpha) and cross_gain -cos(alpha).
     name : str
         By which recordings and parameters mean it.
 
@@ -84,6 +88,7 @@ class Chamber:
     inflation_limit: float = 0.0
     inflation_time: float = 0.1
     axial_gain: Array = field(default_factory=lambda: np.zeros(1))
+    cross_gain: Array = field(default_factory=lambda: np.zeros(1))
     name: str = "chamber"
 
     def __post_init__(self) -> None:

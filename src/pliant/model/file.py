@@ -27,7 +27,7 @@ UNITS = {
     "link_length": "m", "rest_angle": "rad", "link_mass": "kg", "stiffness": "N m/rad", "damping": "N m s/rad",
     "torque": "N m/Pa^k", "tip_mass": "kg", "base_length": "m", "base_angle": "rad", "gravity": "m/s^2",
     "valve": "s, Hz", "valve rates": "Pa/s", "dead_band": "Pa",
-    "stations": "m", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
+    "stations": "m", "space": "rad, 1, m", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
     "inflation_limit": "Pa", "inflation_time": "s", "axial_gain": "1/m",
     "extensions": "N, N s, m", **{name: term.unit for name, term in SPRING_TERMS.items()},
     SPRING_BOUND: "1",
@@ -47,6 +47,18 @@ class StationEntry(BaseModel):
     link: int
     along: float
     across: float = 0.0
+    aside: float = 0.0
+
+
+class SpaceEntry(BaseModel):
+    """What a chain in space has beyond one in a plane, in a model file."""
+
+    model_config = ConfigDict(extra="forbid")
+    stiffness_ratio: float = 1.0
+    twist_ratio: float = 0.0
+    rest_turn: list[list[float]] = [[0.0, 0.0, 0.0]]
+    base_tilt: list[float] = [0.0, 0.0]
+    radius: float = 0.0
 
 
 class ValveEntry(BaseModel):
@@ -78,6 +90,7 @@ class ChamberEntry(BaseModel):
     inflation_limit: float = 0.0
     inflation_time: float = 0.1
     axial_gain: list[float] = [0.0]
+    cross_gain: list[float] = [0.0]
 
 
 class ExtensionEntry(BaseModel):
@@ -128,7 +141,8 @@ class ModelFile(BaseModel):
     gravity: list[float] = [0.0, 0.0]
     memory: MemoryEntry = MemoryEntry()
     extensions: list[ExtensionEntry] = []
-    torque: list[float] | None = None  # these eight of the only chamber, or `chambers`
+    space: SpaceEntry | None = None
+    torque: list[float] | None = None  # these nine of the only chamber, or `chambers`
     joint_gain: list[float] | None = None
     valve: ValveEntry | None = None
     swell_share: float | None = None
@@ -136,6 +150,7 @@ class ModelFile(BaseModel):
     inflation_limit: float | None = None
     inflation_time: float | None = None
     axial_gain: list[float] | None = None
+    cross_gain: list[float] | None = None
     chambers: list[ChamberEntry] | None = None
     stations: list[StationEntry] = []
     source: dict[str, str] = {}
@@ -163,7 +178,11 @@ def model_to_dict(model: Model) -> dict[str, Any]:
         content["chambers"] = chambers
     content["memory"] = dataclasses.asdict(model.memory)
     content["extensions"] = [dataclasses.asdict(e) for e in model.extensions]
-    content["stations"] = [s._asdict() for s in model.stations]
+    content["stations"] = [{k: v for k, v in s._asdict().items() if v or k != "aside"} for s in model.stations]
+    if model.space:
+        content["space"] = plain(model.space)
+    else:
+        del content["space"]
     return content
 
 

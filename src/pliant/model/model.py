@@ -19,6 +19,7 @@ from pliant.model.limits import MOST_LINKS
 from pliant.model.memory import Memory
 from pliant.model.parameters import ModelParameters
 from pliant.model.physical import check_physical
+from pliant.model.space import Space, space_of
 from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.model.station import stations_of
 from pliant.model.summary import model_card
@@ -49,6 +50,7 @@ class Values(ChamberValues, total=False):
     gravity: Any
     memory: Memory
     extensions: tuple[Extension, ...]
+    space: Space | None
     stations: Any
     name: str
     source: dict[str, str]
@@ -56,8 +58,8 @@ class Values(ChamberValues, total=False):
 
 DEFAULTS: dict[str, Any] = {
     "rest_angle": 0.0, **dict.fromkeys((*SPRING_TERMS, SPRING_BOUND), 0.0), "mass_at": "rod", "tip_mass": 0.0,
-    "base_length": 0.0, "base_angle": 0.0, "gravity": (0.0, 0.0), "memory": Memory(), "extensions": (),
-    "stations": (), "name": "model", "source": {},
+    "base_length": 0.0, "base_angle": 0.0, "gravity": 0.0, "memory": Memory(), "extensions": (),
+    "space": None, "stations": (), "name": "model", "source": {},
 }
 
 
@@ -87,11 +89,13 @@ class Model(ModelParameters):
     base_length, base_angle : float
         Rigid part between the origin and the first joint, m, and its angle from +y, rad.
     gravity : array (2,)
-        Gravity in the base frame, m/s^2.
+        Gravity in the base frame, m/s^2; (3,) in space.
     memory : Memory
         Creep, friction and Bouc-Wen at the joints; none by default.
     extensions : tuple of Extension
         Segments that lengthen, base first; none by default.
+    space : Space, optional
+        What a chain in space has beyond one in a plane; a chain in a plane by default.
     stations : tuple of Station
         Observed points; the link tips when empty.
     source : dict
@@ -113,7 +117,11 @@ class Model(ModelParameters):
             raise TypeError(f"Model needs {' and '.join(missing)}")
         values["chambers"] = chambers_of(own, values.get("chambers", ()))
         values |= {name: numbers(name, values[name]) for name in ARRAYS}
-        n = max(*(values[name].size for name in PER_LINK), *(c.joint_gain.size for c in values["chambers"]))
+        values["space"] = space_of(values["space"])
+        if values["gravity"].size == 1 and not values["gravity"].any():
+            values["gravity"] = np.zeros(3 if values["space"] else 2)
+        n = max(*(values[name].size for name in PER_LINK), *(c.joint_gain.size for c in values["chambers"]),
+                *(c.cross_gain.size for c in values["chambers"]))
         if n > MOST_LINKS:
             raise InputError(f"model must have at most {MOST_LINKS} links, got {n}")
         self._take(values, n)
@@ -126,7 +134,8 @@ class Model(ModelParameters):
         values |= {name: one_number(name, values[name]) for name in values.keys() & SCALARS}
         if "chambers" in values:
             values["chambers"] = tuple(with_gains(c, n) for c in chambers_of({}, values["chambers"]))
-        for name, made in (("extensions", extensions_of), ("stations", stations_of), ("source", dict)):
+        for name, made in (("extensions", extensions_of), ("space", space_of), ("stations", stations_of),
+                           ("source", dict)):
             if name in values:
                 values[name] = made(values[name])
         self.__dict__.update(values)
@@ -163,7 +172,8 @@ class Model(ModelParameters):
     @cached_property
     def actuation(self) -> Actuation:
         """The inputs: how many, of which kind and unit, and what they make of joint torques and axial forces."""
-        return Actuation(self.chambers, self.n, tuple(self.segment_length.tolist()), joints_inside(self))
+        turns = self.space.turns if self.space else 1
+        return Actuation(self.chambers, self.n, tuple(self.segment_length.tolist()), joints_inside(self), turns)
 
     @property
     def torque(self) -> Array:
@@ -208,6 +218,7 @@ def each_link(name: str, a: Array, n: int) -> Array:
 
 def with_gains(chamber: Chamber, n: int) -> Chamber:
     """The chamber with a gain for each of n joints."""
-    if chamber.joint_gain.size == n:
+    if chamber.joint_gain.size == n and chamber.cross_gain.size in (1, n):
         return chamber
-    return replace(chamber, joint_gain=each_link("joint_gain", chamber.joint_gain, n))
+    return replace(chamber, joint_gain=each_link("joint_gain", chamber.joint_gain, n),
+                   cross_gain=each_link("cross_gain", chamber.cross_gain, n))

@@ -11,6 +11,7 @@ from pliant.display import Shown
 from pliant.model.chamber import Chamber
 from pliant.model.extension import Extension, shares
 from pliant.model.memory import Memory
+from pliant.model.space import Space
 from pliant.model.station import Station
 
 Array = np.ndarray
@@ -36,6 +37,7 @@ class ModelParameters(Shown):
     gravity: Array
     memory: Memory
     extensions: tuple[Extension, ...]
+    space: Space | None
     stations: tuple[Station, ...]
     name: str
     source: dict[str, str]
@@ -47,8 +49,8 @@ class ModelParameters(Shown):
 
     @property
     def size(self) -> int:
-        """Number of coordinates, n + S: the links' angles and the strains of the segments that lengthen."""
-        return self.link_length.size + len(self.extensions)
+        """Number of coordinates: n + S, angles and strains of segments that lengthen; 2 n or 3 n in space."""
+        return self.link_length.size * (self.space.turns if self.space else 1) + len(self.extensions)
 
     @cached_property
     def stretch_share(self) -> Array:

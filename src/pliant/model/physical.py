@@ -10,6 +10,7 @@ from pliant.model.checks import check_numbers
 from pliant.model.extensible import check_extensions
 from pliant.model.limits import LIMITS, MOST_STATIONS, check_limit
 from pliant.model.parameters import ModelParameters
+from pliant.model.space import check_space
 from pliant.model.spring import SPRING_TERMS
 
 LIGHTEST = LIMITS["link_mass"].least
@@ -29,13 +30,13 @@ def check_physical(model: ModelParameters, given: Collection[str]) -> None:
     choices = (  # sentences are filled in for what is wrong alone
         (model.mass_at in ("rod", "tip"), "mass_at must be 'rod' or 'tip', got {0.mass_at!r}"),
         (model.stiffening_bound.max(initial=0.0) < 1, "stiffening_bound must be below 1, got {0.stiffening_bound}"),
-        (model.gravity.size == 2, "gravity must be two numbers (x, y in the base frame), got {0.gravity.size}"),
         (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass >= LIGHTEST,
          "link_mass must be positive for every link, got {0.link_mass}"),
     )
     for good, sentence in choices:
         if not good:
             raise InputError(f"model {sentence.format(model)}")
+    check_space(model)
     check_extensions(model)
 
 
@@ -47,9 +48,11 @@ def check_stations(model: ModelParameters) -> None:
     if len(set(names)) < len(names):
         raise InputError(f"model station names must differ from each other, got {', '.join(names):.200}")
     for station in model.stations:
-        if not (-1 <= station.link < model.n and isfinite(station.along) and isfinite(station.across)):
+        if not (-1 <= station.link < model.n and all(map(isfinite, station[2:]))):
             raise InputError(
                 f"model station {station.name!r} must sit on a link 0..{model.n - 1} or the base (-1), got {station}"
             )
-        check_limit("model", "station along", station.along)
-        check_limit("model", "station across", station.across)
+        for name, size in zip(("along", "across", "aside"), station[2:], strict=True):
+            check_limit("model", f"station {name}", size)
+        if station.aside and model.space is None:
+            raise InputError(f"model station {station.name!r} lies out of the plane (aside): give the model its space")

@@ -19,6 +19,8 @@ class Station(NamedTuple):
         Index of the link that carries it, 0 the first; -1: the clamped base.
     along, across : float, m
         From the link's joint along the link, and to its left, towards positive bending.
+    aside : float, m
+        Of a chain in space: along the x axis of the link's frame; `across` is along -y of it.
 
     Examples
     --------
@@ -31,13 +33,14 @@ class Station(NamedTuple):
     link: int  # index of the link that carries it, 0 the first; -1: the clamped base
     along: float  # m, from the link's joint along the link (on the base: from the origin along the tangent)
     across: float = 0.0  # m, to the left of the link, towards positive bending
+    aside: float = 0.0  # m, out of the plane, in space
 
 
 def station_of(entry: Any) -> Station:
     """`entry` as a station with a name, an integer link and two lengths."""
     try:
-        name, link, along, across = Station(*entry)
-        return Station(str(name), operator.index(link), float(along), float(across))
+        name, link, along, across, aside = Station(*entry)
+        return Station(str(name), operator.index(link), float(along), float(across), float(aside))
     except (TypeError, ValueError):
         raise InputError(f"a station is (name, link, along, across), m, link an integer; got {entry!r:.70}") from None
 

@@ -15,6 +15,7 @@ from pliant.compiler.choose import twin
 from pliant.equations.chamber import mean_of_law
 from pliant.equations.symbols import Interval
 from pliant.errors import InputError, SimulationError
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model, Valve
 from pliant.simulation.chamber_course import (
     Intervals,
@@ -212,8 +213,9 @@ def driven(model: Model, layout: Layout) -> Drive:
     grows = any(c.grows for c in model.chambers)
     gain = np.array(model.actuation.gain)
     initial = np.array([layout.resting(c, chamber.valve) for c, chamber in enumerate(model.chambers)])
-    return Drive(layout.intervals.h, torque, gain, layout.keep, shown, initial, stretch if grows else None,
-                 layout=layout)  # fmt: skip
+    none = np.zeros((0, *mechanics_of(model).no_loads().shape))
+    return Drive(layout.intervals.h, torque, gain, layout.keep, shown, initial, stretch if grows else None, none,
+                 layout)  # fmt: skip
 
 
 def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Grid:

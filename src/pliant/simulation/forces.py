@@ -21,17 +21,16 @@ class PointForce(NamedTuple):
     """
 
     time: Array  # (F,) s, on the clock of the pressure
-    force: Array  # (F, 2) N, in the base frame
+    force: Array  # (F, 2), in space (F, 3), N, in the base frame
     at: str | Station  # a point of the model by its name, or a place of its own
 
 
-def checked(whose: str, force: PointForce) -> PointForce:
+def checked(whose: str, force: PointForce, dimension: int = 2) -> PointForce:
     """The force with arrays of its own; InputError, with whose force it is, where it makes no sense."""
     time, value = np.array(force.time, dtype=float), np.array(force.force, dtype=float)
-    if time.ndim != 1 or time.size == 0 or value.shape != (time.size, 2):
-        raise InputError(
-            f"{whose}: a known force is [fx, fy] for each of its times, got {value.shape} for {time.shape}"
-        )
+    if time.ndim != 1 or time.size == 0 or value.shape != (time.size, dimension):
+        axes = ", ".join(("fx", "fy", "fz")[:dimension])
+        raise InputError(f"{whose}: a known force is [{axes}] for each of its times, got {value.shape}, {time.shape}")
     if not (np.isfinite(time).all() and np.isfinite(value).all()) or np.any(np.diff(time) < 0):
         raise InputError(f"{whose}: a known force is finite, at times that do not decrease, s and N")
     return force._replace(time=time, force=value)
@@ -52,12 +51,12 @@ def station_of(model: Model, force: PointForce) -> Station:
 
 
 def link_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Array:
-    """Loads (T, ...) of the links under the forces of `values` (T, F, 2) [N], N m; see `Mechanics.link_loads`."""
+    """Loads (T, ...) of the links under the forces of `values` (T, F, d) [N], N m; see `Mechanics.link_loads`."""
     return mechanics_of(model).link_loads([station_of(model, force) for force in forces], values)
 
 
 def at_time(force: PointForce, time: Array) -> Array:
-    """The force (..., 2) at some times (...), N."""
+    """The force (..., d) at some times (...), N."""
     return np.stack([np.interp(time, force.time, column) for column in force.force.T], axis=-1)
 
 
@@ -65,7 +64,7 @@ def loads_at(model: Model, forces: Sequence[PointForce], time: float) -> Array:
     """Loads of the links at one time, N m, as kernels take them."""
     if not forces:
         return mechanics_of(model).no_loads()
-    values = np.reshape([at_time(force, np.array(time)) for force in forces], (1, -1, 2))
+    values = np.array([[at_time(force, np.array(time)) for force in forces]])
     return np.asarray(link_loads(model, forces, values)[0])
 
 
@@ -77,9 +76,9 @@ def mean_loads(model: Model, forces: Sequence[PointForce], nodes: Array) -> Arra
 
 
 def integral(force: PointForce, time: Array) -> Array:
-    """Integral (T, 2) of the force from its first time on, N s; exact, also beyond its last time."""
+    """Integral (T, d) of the force from its first time on, N s; exact, also beyond its last time."""
     knots, value = force.time, force.force
     area = 0.5 * (value[1:] + value[:-1]) * np.diff(knots)[:, None]
-    total = np.concatenate([np.zeros((1, 2)), np.cumsum(area, axis=0)])
+    total = np.concatenate([0.0 * value[:1], np.cumsum(area, axis=0)])
     k = np.clip(np.searchsorted(knots, time, side="right") - 1, 0, knots.size - 1)
     return np.asarray(total[k] + 0.5 * (value[k] + at_time(force, time)) * (time - knots[k])[:, None])

@@ -94,7 +94,7 @@ def posed(
         When the inputs are not those of the model, the times do not increase, or a force is none.
     """
     inputs, times = inputs_of(model, pressure), check_times(times)
-    pull = tuple(checked("simulate", force) for force in forces)
+    pull = tuple(checked("simulate", force, mechanics_of(model).dimension) for force in forces)
     valves = [c.valve for c in model.chambers]
     initial = [delivered(v, before(u, v.dead_time, times)) for u, v in zip(inputs, valves, strict=True)]
     return InitialValueProblem(model, inputs, times, pull, np.array(initial))
@@ -116,7 +116,7 @@ def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> t
     out = march_loops.rows_for(rows, model.size, (model.n, 0), 2)
     out.phi[0], out.w[0] = start
     now = start[0].copy()
-    failed = twin(march_loops.march, model.n, len(model.extensions))(
+    failed = twin(march_loops.march, *mechanics_of(model).sizes)(
         now, start[1].copy(), plan.steps, *mechanics_of(model).parts(), out
     )
     if failed >= 0:

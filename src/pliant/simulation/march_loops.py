@@ -37,7 +37,7 @@ class Steps(NamedTuple):
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
     gain: np.ndarray  # (C, n) share of it that each joint feels
     keep: np.ndarray  # (steps,) row of the output after the step, negative: none
-    load: np.ndarray  # (steps, n, 2) N m of `contact.add_link_loads`; (0, ., .) where no force pulls
+    load: np.ndarray  # (steps, n, 2) N m of `contact.add_link_loads`; no rows where no force pulls
 
 
 class Rows(NamedTuple):
@@ -84,7 +84,7 @@ def march(phi, w, steps, body, joints, work, out):
         for c in range(len(steps.gain)):
             share_out(c, steps.torque[k, c], steps.gain, work.tau)
         if len(steps.load) > 0:
-            add_link_loads(phi, w, 0.5 * h, steps.load[k], body, joints, work.tau)
+            add_link_loads(phi, w, 0.5 * h, steps.load[k], body, joints, work)
         step(phi, w, h, work.tau, body, joints, work)
         if not follows(phi, w, h, joints):
             return k
@@ -111,7 +111,7 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
         for c in range(len(steps.gain)):
             share_out(c, steps.torque[k, c], steps.gain, work.tau)
         if len(steps.load) > 0:
-            add_link_loads(phi, w, 0.5 * h, steps.load[k], body, joints, work.tau)
+            add_link_loads(phi, w, 0.5 * h, steps.load[k], body, joints, work)
         taken = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
         if not follows(phi, w, h, joints):
             return k
@@ -176,7 +176,7 @@ def hold(phi, w, held, drives, body, joints, work):
     for k in range(steps):
         take_torques(h, command, chambers, scratch.tau)
         if len(load) > 0:
-            add_link_loads(phi, w, 0.5 * h, load, mass, springs, scratch.tau)
+            add_link_loads(phi, w, 0.5 * h, load, mass, springs, scratch)
         step(phi, w, h, scratch.tau, mass, springs, scratch)
         if not follows(phi, w, h, springs):
             return k
@@ -196,7 +196,7 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
     for k in range(steps):
         take_torques(h, command, chambers, scratch.tau)
         if len(load) > 0:
-            add_link_loads(phi, w, 0.5 * h, load, mass, springs, scratch.tau)
+            add_link_loads(phi, w, 0.5 * h, load, mass, springs, scratch)
         taken = step_with_memory(phi, w, h, scratch.tau, mass, springs, own, scratch)
         if not (taken >= 0.0 and follows(phi, w, h, springs)):
             return k

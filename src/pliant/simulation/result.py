@@ -16,9 +16,13 @@ Array = np.ndarray
 LABELS = {
     "joint_angle": ("rad", "joint angle from the rest shape"),
     "joint_rate": ("rad/s", "joint rate"),
+    **{f"joint_angle_{axis}": ("rad", f"swing of the joint about the {axis} axis") for axis in "xy"},
+    **{f"joint_rate_{axis}": ("rad/s", f"rate of the swing about the {axis} axis") for axis in "xy"},
+    "joint_angle_twist": ("rad", "twist of the joint"),
+    "joint_rate_twist": ("rad/s", "rate of the twist"),
     "tip_position": ("m", "position of the link tips in the base frame"),
     "station_position": ("m", "position of the observed points in the base frame"),
-    "station_angle": ("rad", "angle of the carrier of each observed point from +y"),
+    "station_angle": ("rad", "angle of the carrier of each observed point from +y; from +z in space"),
     "pressure": ("Pa", "gauge pressure behind the valve"),
     "hoop_stretch": ("1", "circumference of the chamber's wall over that without pressure"),
     "axial_strain": ("1", "axial strain of each segment that lengthens"),
@@ -75,7 +79,7 @@ def trajectory(
             "time": labelled(("time",), np.asarray(times, dtype=float), "s", "time"),
             **{name: xr.Variable((name,), np.asarray(value), fastpath=True) for name, value in {
                 "joint": range(1, model.n + 1), "link": range(1, model.n + 1),
-                "station": [p.name for p in model.points], "axis": ["x", "y"], **labels,
+                "station": [p.name for p in model.points], "axis": list("xyz")[: chain.dimension], **labels,
             }.items()},
         },
         attrs={"schema": "pliant-trajectory", "model": model.name, "method": method, "step_s": step,

@@ -53,7 +53,7 @@ def equilibrium(
     ----------
     model : Model
     pressure : float, Pa gauge; an array (C,) where there are several chambers
-    tip_force : array (2,)
+    tip_force : array (2,), (3,) in space
         Force on the last tip in the base frame, N; none by default.
     link_load : array (n, 2)
         Loads of forces at other points, N m: what each link carries, times the force.
@@ -79,13 +79,14 @@ def equilibrium(
     >>> pliant.equilibrium(chen2018.model(), 50e3).shape  # joint angles, rad
     (5,)
     """
-    force = np.zeros(2) if tip_force is None else np.asarray(tip_force, dtype=float)
+    chain = mechanics_of(model)
+    force = np.zeros(chain.dimension) if tip_force is None else np.asarray(tip_force, dtype=float)
     if not (np.isfinite(pressure).all() and np.isfinite(force).all()):
         raise InputError(f"rest needs a finite pressure (Pa) and tip force (N), got {pressure} and {tip_force}")
     torque = model.actuation.joint_torques(pressure)
     if not np.isfinite(torque).all():
         raise SimulationError(model.actuation.no_rest(pressure))
-    return mechanics_of(model).equilibrium(torque, force, link_load)
+    return chain.equilibrium(torque, force, link_load)
 
 
 def given_way(model: Model, phi: Array, least: float = 0.0) -> str:

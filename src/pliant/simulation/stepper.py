@@ -47,7 +47,7 @@ class Stepper:
     Attributes
     ----------
     angle, rate : array (n,)
-        Absolute link angles [rad] and rates [rad/s], updated in place by `step`.
+        Absolute link angles [rad] and rates [rad/s], updated in place by `step`; in space (N,) the joint coordinates.
     strain, strain_rate : array (S,)
         Of the segments that lengthen, and per second, updated in place by `step`.
     memory : array (n, branches)
@@ -104,7 +104,7 @@ class Stepper:
         self._law, self._held = model.memory.law(), state.held(model)
         loop = march_loops.hold_with_memory if model.memory else march_loops.hold
         records: Any = type(self._body), type(self._work)
-        self._advance = twin(march_loops.of_records(loop, *records), model.n, len(model.extensions))
+        self._advance = twin(march_loops.of_records(loop, *records), *mechanics_of(model).sizes)
         self.reset(pressure)
         self.step(pressure)  # compiled here
         self.reset(pressure)
@@ -126,8 +126,9 @@ class Stepper:
         q = state.equilibrium(model, pressure) if joint_angle is None else state.vector(model, joint_angle)
         dq = np.zeros(model.size) if joint_rate is None else state.vector(model, joint_rate)
         self._x, self._v = mechanics_of(model).coordinates(q), mechanics_of(model).rates(dq)
-        self.angle, self.strain = self._x[: model.n], self._x[model.n :]
-        self.rate, self.strain_rate = self._v[: model.n], self._v[model.n :]
+        turns = model.size - len(model.extensions)
+        self.angle, self.strain = self._x[:turns], self._x[turns:]
+        self.rate, self.strain_rate = self._v[:turns], self._v[turns:]
         self.memory = state.relaxed(self.model, q)
         self._drives.pressure[:] = self.model.actuation.pressures(pressure)
         self._drives.state[:] = self.model.actuation.rest_state(pressure)
@@ -135,7 +136,7 @@ class Stepper:
         if self.model.memory:
             chain = (chain, Past(self._law, self.memory, self._held))
         self._parts = tuples((self._drives, *chain, self._work))
-        self._load = np.zeros((0, 2))
+        self._load = mechanics_of(self.model).no_loads()[:0]
         self.time = 0.0
         self._watch = EnergyWatch(self.model)
 
@@ -176,7 +177,7 @@ class Stepper:
 
         Parameters
         ----------
-        force : array (2,) or None
+        force : array (2,), (3,) in space, or None
         at : str or Station
             One of the model's observed points by its name, or a place on a link; default: the last observed point.
 
@@ -186,10 +187,11 @@ class Stepper:
             When the force is not two finite numbers, or the model has no such point.
         """
         if force is None:
-            self._load = np.zeros((0, 2))
+            self._load = mechanics_of(self.model).no_loads()[:0]
             return
         place = self.model.points[-1] if at is None else at
-        pull = checked("Stepper", PointForce(np.zeros(1), np.atleast_2d(force), place))
+        wanted = mechanics_of(self.model).dimension
+        pull = checked("Stepper", PointForce(np.zeros(1), np.atleast_2d(force), place), wanted)
         self._load = link_loads(self.model, [pull], pull.force[None])[0]
 
     def step(self, pressure: float | Array, steps: int = 1) -> tuple[Array, Array]:

@@ -1,0 +1,72 @@
+"""The parameters of a chain in space: ratios of its stiffnesses, tilt of its base, rest turns of its joints."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.model import Model, Space
+
+TURN = r"rest_turn_([xyz])_(\d+)"
+TILT = r"base_tilt_([xy])"
+ROWS: dict[str, tuple[Any, ...]] = {  # unit, lower, upper, scale, meaning
+    "stiffness_ratio": ("1", 1e-2, 1e2, 0.1, "bending stiffness about y over that about x, in space"),
+    "twist_ratio": ("1", 1e-3, 1e2, 0.1, "torsional over bending stiffness, in space"),
+    TILT: ("rad", -3.2, 3.2, 0.05, "tilt of the base about an axis of the base frame, in space"),
+    TURN: ("rad", -3.1, 3.1, 0.05, "rest turn of one joint about an axis of its link, in space"),
+}
+RATIOS = ("stiffness_ratio", "twist_ratio")
+
+
+def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:
+    """Return the space of a model with `values` put in; the same object where nothing changes."""
+    space = model.space
+    changes: dict[str, Any] = {name: values[name] for name in RATIOS if name in values}
+    for name, value in values.items():
+        if not name.startswith(("base_tilt", "rest_turn")):
+            continue
+        if found := re.fullmatch(TILT, name):
+            changes.setdefault("base_tilt", np.zeros(2) if space is None else space.base_tilt.copy())
+            changes["base_tilt"]["xy".index(found[1])] = value
+        elif found := re.fullmatch(TURN, name):
+            changes.setdefault("rest_turn", np.zeros((model.n, 3)) if space is None else space.rest_of(model.n))
+            changes["rest_turn"][int(found[2]) - 1, "xyz".index(found[1])] = value
+    if not changes:
+        return space
+    if space is None:
+        raise InputError(f"the parameter {min(changes)} belongs to a chain in space: give the model its space")
+    return replace(space, **changes)
+
+
+def space_start(model: Model) -> dict[str, float]:
+    """Return the parameters of a model in space as it has them."""
+    space = model.space
+    if space is None:
+        return {}
+    turns = {f"rest_turn_{axis}_{i + 1}": float(v) for i, row in enumerate(space.rest_of(model.n))
+             for axis, v in zip("xyz", row, strict=True)}  # fmt: skip
+    tilts = {f"base_tilt_{axis}": float(v) for axis, v in zip("xy", space.base_tilt, strict=True)}
+    return {"stiffness_ratio": space.stiffness_ratio, "twist_ratio": space.twist_ratio, **tilts, **turns}
+
+
+def check_space_names(names: Iterable[str], model: Model) -> None:
+    """Refuse parameters of a chain in space for one in a plane and the other way round, twist of a chain without."""
+    planar = re.compile(r"rest_angle(_\d+)?|gravity_angle|base_angle|base_turn|joint_share|axial_.*")
+    spatial = re.compile(f"{'|'.join(ROWS)}|base_z|gain_[xy]|cross_gain_.*|.+\\.aside")
+    for name in names:
+        own = {name, name.partition(".")[2]}
+        wrong, owner, other = (spatial, "in space", "in a plane")
+        if model.space is not None:
+            wrong, owner, other = (planar, "in a plane", "in space")
+        if any(map(wrong.fullmatch, own)):
+            raise InputError(f"parameter {name} belongs to a chain {owner}, and the model {model.name!r} is {other}")
+        if "twist_ratio" in own and model.space is not None and not model.space.twist_ratio:
+            raise InputError("parameter twist_ratio: the chain does not twist; give its space a twist_ratio first")
+        for own_name in own:
+            if (found := re.fullmatch(TURN, own_name)) and not 1 <= int(found[2]) <= model.n:
+                raise InputError(f"parameter {name}: the model has joints 1 to {model.n}")

@@ -1,0 +1,307 @@
+"""Chains in space: the swing (a, b) of each joint, interleaved, and behind them its twist: coordinates x (N,), rad."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pliant.compiler.choose import twin
+from pliant.compiler.trace import spatial_workspace
+from pliant.equations import spatial, spatial_points, spatial_springs
+from pliant.equations.symbols import Joints, Slopes, SpatialBody, SpatialWorkspace
+from pliant.mechanics import springs
+from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
+from pliant.mechanics.rest import loaded_rest
+from pliant.model import Model, Space, Station
+
+Array = np.ndarray
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
+
+
+class SpatialChain(Mechanics):
+    """A chain of rigid links in space. Its coordinates are its joint coordinates; the base tangent is +z."""
+
+    dimension = 3
+
+    @cached_property
+    def space(self) -> Space:
+        """What the model has beyond one in a plane."""
+        return self.model.space or Space()
+
+    @cached_property
+    def length(self) -> Array:
+        """Lengths (n + 1,), the part before the first joint first, m."""
+        return np.append(self.model.base_length, self.model.link_length)
+
+    # what the kernels take
+
+    @cached_property
+    def body(self) -> SpatialBody:
+        model, space = self.model, self.space
+        gx, gy, gz = (float(g) for g in model.gravity)
+        rest = np.array([rotation(v) for v in space.rest_of(self.n)])
+        return SpatialBody(self.length, *link_inertias(model, space.radius), rest, rotation([*space.base_tilt, 0.0]),
+                           gx, gy, gz)  # fmt: skip
+
+    @cached_property
+    def joints(self) -> Joints:
+        law, ratio, twist = springs.springs_of(self.model), self.space.stiffness_ratio, self.space.twist_ratio
+        K, D = (self.each_coordinate(v, ratio * v, twist * v) for v in (self.model.stiffness, self.model.damping))
+        terms = [self.each_coordinate(row, 0.0 * row, 0.0 * row) for row in law.hardening]
+        return Joints(0.0, np.zeros(self.size), K, D, np.array(terms), np.zeros(self.n))
+
+    def each_coordinate(self, x: Array, y: Array, twist: Array) -> Array:
+        """Return values (N,) of the coordinates from those of both swings and of the twist of each joint, (n,)."""
+        values = np.stack([x, y], axis=-1).ravel()
+        return np.append(values, twist) if self.space.turns == 3 else values
+
+    def workspace(self, kind: type = float) -> SpatialWorkspace:
+        return spatial_workspace(self.n, self.space.turns, kind)
+
+    def acceleration(self) -> Any:
+        return twin(spatial.acceleration)
+
+    def acceleration_jacobian(self) -> Any:
+        return spatial_slopes
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        return self.n, 0, self.space.turns
+
+    # coordinates
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        return self._named("bend", "twist")
+
+    @cached_property
+    def rate_names(self) -> tuple[str, ...]:
+        return self._named("bend_rate", "twist_rate")
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        return self.names
+
+    def _named(self, bend: str, twist: str) -> tuple[str, ...]:
+        bends = [f"{bend}_{axis}_{k + 1}" for k in range(self.n) for axis in "xy"]
+        return (*bends, *(f"{twist}_{k + 1}" for k in range(self.n) if self.space.turns == 3))
+
+    @cached_property
+    def kinds(self) -> tuple[CoordinateKind, ...]:
+        n, labels = self.n, list(range(1, self.n + 1))
+        rows = {"x": slice(0, 2 * n, 2), "y": slice(1, 2 * n, 2), "twist": slice(2 * n, 3 * n)}
+        return tuple(
+            CoordinateKind(
+                "joint", "joint twist" if axis == "twist" else f"joint angle about {axis}", labels, rows[axis],
+                (f"joint_angle_{axis}", f"joint_rate_{axis}", f"disturbance_{axis}", f"external_torque_{axis}"),
+                ("rad", "rad/s", "N m"), np.ones(n),
+            )
+            for axis in ("x", "y", "twist")[: self.space.turns]
+        )
+
+    def coordinates(self, q: Array) -> Array:
+        return np.array(q, dtype=float)
+
+    def joint_coordinates(self, x: Array) -> Array:
+        return x
+
+    def joint_angles(self, x: Array) -> Array:
+        """Return the sizes (..., n) of the joints' swings from the rest shape, rad."""
+        return np.hypot(x[..., 0 : 2 * self.n : 2], x[..., 1 : 2 * self.n : 2])
+
+    def rates(self, dq: Array) -> Array:
+        return np.array(dq, dtype=float)
+
+    def joint_rates(self, v: Array) -> Array:
+        return v
+
+    @cached_property
+    def to_joints(self) -> Array:
+        return np.eye(self.size)
+
+    @cached_property
+    def from_joints(self) -> Array:
+        return np.eye(self.size)
+
+    @cached_property
+    def stuck_stiffness(self) -> Array:
+        return np.zeros(self.size)
+
+    # places
+
+    def posed(self, x: Array) -> SpatialWorkspace:
+        """Return scratch arrays with the pose at x (..., N), complex ones among them; the moments stand last there."""
+        x = np.moveaxis(np.asarray(x), -1, 0)
+        work = SpatialWorkspace(*(np.zeros((*a.shape, *x.shape[1:]), dtype=x.dtype) for a in self.workspace()))
+        spatial.pose_links(x, self.body, work)
+        return work
+
+    def stretches(self, x: Array) -> Array:
+        return np.ones((*x.shape[:-1], self.n + 1))
+
+    def directions(self, x: Array) -> Array:
+        return from_back(self.posed(x).R[:, :, 2], 2)
+
+    def tips(self, x: Array) -> Array:
+        return self.nodes(x)[..., 2:, :]
+
+    def nodes(self, x: Array) -> Array:
+        work = self.posed(x)
+        last = work.r[-1] + self.length[-1] * work.R[-1, :, 2]
+        return from_back(np.concatenate([work.r, last[None]]), 2)
+
+    def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:  # noqa: ARG002  of the interface
+        """Return positions (..., S, 3) [m] of observed points, and the angles (..., S) of their links from +z [rad]."""
+        work = self.posed(x)
+        carrier, offset = places_of(self.model.points)
+        turned = from_back(work.R, 3)[..., carrier, :, :] @ offset[..., None]
+        z = from_back(work.R[:, :, 2], 2)[..., carrier, :]
+        angle = np.arctan2(np.hypot(z[..., 0], z[..., 1]), z[..., 2])
+        return from_back(work.r, 2)[..., carrier, :] + turned[..., 0], angle
+
+    def position_jacobian(self, x: Array, point: Station) -> Array:
+        work = self.posed(x)
+        (k,), offset = places_of((point,))
+        place = work.r[k] + work.R[k] @ offset[0]
+        joint = self.each_coordinate(*[np.arange(1, self.n + 1)] * 3).astype(int)
+        rows = np.cross(work.S, place - work.r[joint])
+        return np.asarray(np.where(joint <= k, rows.T, 0.0))
+
+    def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:  # noqa: ARG002  of the interface
+        work = self.posed(x)
+        inner = np.einsum("kji,pkj->pki", work.R, points[:, None] - work.r)
+        return np.stack([inner[..., 2], -inner[..., 1], inner[..., 0]], axis=-1)
+
+    def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:
+        tip = Station("", self.n - 1, float(self.length[-1]))
+        slopes = [self.position_jacobian(a + 1j * TINY * b, tip) for a, b in zip(x, v, strict=True)]
+        rows = np.reshape(slopes, (len(x), 3, self.size))
+        return rows.real, rows.imag / TINY
+
+    # forces and energies
+
+    def inertia(self, x: Array) -> Array:
+        work, M = self.posed(x), np.zeros((self.size, self.size))
+        spatial.inertia(0.0, self.body, work, M)
+        return np.asarray(M + np.tril(M, -1).T)
+
+    def energy(self, x: Array, v: Array) -> Energy:
+        work, x, v = self.posed(x), x.T, v.T
+        return Energy(
+            spatial_points.kinetic_energy(x, v, self.body, work), spatial_springs.elastic_energy(x, self.joints),
+            spatial_points.gravity_energy(x, self.body, work),
+        )
+
+    def no_loads(self) -> Array:
+        return np.zeros((self.n, 3, 5))
+
+    def link_loads(self, points: list[Station], forces: Array) -> Array:
+        total = np.zeros((len(forces), *self.no_loads().shape))
+        carriers, offsets = places_of(tuple(points))
+        for f, (k, offset) in enumerate(zip(carriers, offsets, strict=True)):
+            if k > 0:  # the base does not move
+                total[:, k - 1] += forces[:, f, :, None] * np.array([*offset, 1.0, 0.0])
+        return total
+
+    def load_forces(self, x: Array, load: Array) -> Array:
+        kind = np.result_type(x, load, self.body.base, self.body.rest, self.length)
+        forces = np.zeros(self.size, dtype=kind)
+        work = SpatialWorkspace(*(np.zeros(a.shape, dtype=kind) for a in self.workspace()))
+        spatial.pose_links(x, self.body, work)
+        spatial_points.add_pose_loads(load, self.body, work, forces)
+        return forces
+
+    def load_stiffness(self, x: Array, load: Array) -> Array:
+        return self._slope(lambda moved: self.load_forces(moved, load), x)
+
+    def static_forces(self, x: Array, torque: Array) -> Array:
+        given = (x, torque, *self.body, *self.joints)
+        kind = complex if any(np.iscomplexobj(value) for value in given) else float
+        body, joints = (of_kind(record, kind) for record in (self.body, self.joints))
+        forces = np.zeros(self.size, dtype=kind)
+        static = twin(spatial_points.static_forces)
+        static(of_kind(x, kind), of_kind(torque, kind), body, joints, self.workspace(kind), forces)
+        return forces
+
+    def static_slope(self, x: Array, load: Array | None = None) -> Array:
+        still = np.zeros(self.size)
+        slope = self._slope(lambda moved: self.static_forces(moved, still), x)
+        return slope if load is None else slope + self.load_stiffness(x, load)
+
+    def _slope(self, forces: Any, x: Array) -> Array:
+        """Return the slope (N, N) by x of generalised forces, by complex steps; symmetric, as they have a potential."""
+        rows = np.array([forces(x + 1j * TINY * row).imag / TINY for row in np.eye(self.size)])
+        return 0.5 * (rows + rows.T)
+
+    def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
+        load = self.no_loads() if link_load is None else np.array(link_load)
+        load[-1] += np.outer(tip_force, [0.0, 0.0, self.length[-1], 1.0, 0.0])
+        light = self.with_constants(self.body, self.joints)
+
+        def residual(q: Array, share: float) -> tuple[Array, Array]:
+            body = self.body
+            light.body = body._replace(gx=share * body.gx, gy=share * body.gy, gz=share * body.gz)
+            push = light.static_forces(q, share * torque) + light.load_forces(q, share * load)
+            return push, -light.static_slope(q, share * load if load.any() else None)
+
+        return loaded_rest(residual, np.zeros(self.size), float(np.abs(self.joints.K).max()))
+
+    def linear_parts(self, q: Array) -> tuple[Array, Array]:
+        return self.inertia(q), -self.static_slope(q)
+
+
+def rotation(vector: Any) -> Array:
+    """Return the matrix (3, 3) of a rotation vector (3,), rad."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(np.asarray(vector, dtype=float)).as_matrix())
+
+
+def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Array]:
+    """Return masses, centres of mass, moments of inertia across and along (n,) of the links, the tip mass in the last.
+
+    A link is a uniform round rod; the moments are about the centre of mass.
+    """
+    length, mass = model.link_length, model.link_mass
+    centre, lateral, axial = 0.5 * length, mass * (length**2 / 12.0 + radius**2 / 4.0), 0.5 * mass * radius**2
+    rod, total = mass[-1], mass[-1] + model.tip_mass
+    lateral[-1] += rod * model.tip_mass / total * (length[-1] - centre[-1]) ** 2
+    centre[-1] = (rod * centre[-1] + model.tip_mass * length[-1]) / total
+    return np.append(mass[:-1], total), centre, lateral, axial
+
+
+def places_of(points: tuple[Station, ...]) -> tuple[Array, Array]:
+    """Return link + 1 (S,) and places (S, 3) of points in the frames of the links, m."""
+    return (np.array([p.link + 1 for p in points], dtype=int),
+            np.array([(p.aside, -p.across, p.along) for p in points]).reshape(-1, 3))  # fmt: skip
+
+
+def from_back(a: Array, axes: int) -> Array:
+    """Return an array with its first so many axes moved behind the others."""
+    return np.moveaxis(a, range(axes), range(-axes, 0))
+
+
+def of_kind(value: Any, kind: type) -> Any:
+    """Return a number, an array or a record of these as a `kind` of numbers, in memory of their own."""
+    if isinstance(value, tuple):
+        return type(value)(*(of_kind(entry, kind) for entry in value))
+    return np.array(value, dtype=kind) if isinstance(value, np.ndarray) else kind(value)
+
+
+def spatial_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, work: Any, out: Slopes) -> None:
+    """Write the acceleration and its derivatives by x and v, row by variable, by complex steps through the kernel.
+
+    As `motion.acceleration_jacobian`, of a chain in space; `work.A` keeps the factors of M.
+    """
+    scratch = SpatialWorkspace(*(a.astype(complex) for a in work))
+    accelerate, moved = twin(spatial.acceleration), np.empty(x.size, dtype=complex)
+    given = tuple(of_kind(value, complex) for value in (torque, body, joints))
+    for rates, rows in enumerate((out.a_phi, out.a_w)):
+        for k in range(x.size):
+            here, rate = x.astype(complex), v.astype(complex)
+            (rate if rates else here)[k] += 1j * TINY
+            accelerate(here, rate, *given, scratch, moved)
+            rows[k], out.a[:] = moved.imag / TINY, moved.real
+    work.A[:] = scratch.A.real

@@ -1,0 +1,140 @@
+"""What a chain in space has beyond one in a plane."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from math import pi
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.model.checks import one_number
+
+Array = np.ndarray
+MOST_RATIO = 1e4
+MOST_RADIUS = 1e2  # m
+SCALARS = ("stiffness_ratio", "twist_ratio", "radius")
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """Parameters of a chain in space, all SI: its joints bend in two directions, and may twist.
+
+    A chain in space has its base at the origin and its base tangent along +z. The joint before each link turns by a
+    rotation vector (a, b, 0) in the cross-section, then by a twist c about the link. The planar chain is the case
+    b = c = 0: its x axis is the y axis here, its y axis the z axis.
+
+    Parameters
+    ----------
+    stiffness_ratio : float
+        Bending stiffness about the y axis of the cross-section over that about its x axis, which is the model's
+        `stiffness`; the dampers have the same ratio. 1: no direction is preferred.
+    twist_ratio : float
+        Torsional stiffness over bending stiffness (GJ / EI; 1 / (1 + nu) of a round section). 0: the chain does not
+        twist.
+    rest_turn : array (n, 3)
+        Fixed rotation before each joint, a rotation vector in the frame of the link before, rad: the rest shape. One
+        row stands for all joints.
+    base_tilt : array (2,)
+        Rotation of the clamped base about the x and y axes of the base frame, rad.
+    radius : float
+        Of the cross-section, m: rotary inertia of the links. 0: thin rods, which cannot twist.
+
+    Raises
+    ------
+    InputError
+        When a number is not finite or not physical.
+    """
+
+    stiffness_ratio: float = 1.0
+    twist_ratio: float = 0.0
+    rest_turn: Array = field(default_factory=lambda: np.zeros((1, 3)))
+    base_tilt: Array = field(default_factory=lambda: np.zeros(2))
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in SCALARS:
+            object.__setattr__(self, name, one_number(f"space {name}", getattr(self, name)))
+        for name, shape in (("rest_turn", (-1, 3)), ("base_tilt", (2,))):
+            object.__setattr__(self, name, rows_of(name, getattr(self, name), shape))
+        if not 0 < self.stiffness_ratio < MOST_RATIO:
+            raise InputError(f"space stiffness_ratio must lie in 0 to {MOST_RATIO:g}, got {self.stiffness_ratio}")
+        if not 0 <= self.twist_ratio < MOST_RATIO:
+            raise InputError(f"space twist_ratio must be 0 to {MOST_RATIO:g}, got {self.twist_ratio}")
+        if not 0 <= self.radius < MOST_RADIUS:
+            raise InputError(f"space radius must be 0 to {MOST_RADIUS:g} m, got {self.radius}")
+        if self.twist_ratio and not self.radius:
+            raise InputError("space: a chain that twists needs a radius [m]: a thin rod has no inertia about its axis")
+        if np.linalg.norm(self.rest_turn, axis=1).max() >= pi:
+            raise InputError("space rest_turn must turn each joint by less than pi rad: use more links")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Space):
+            return NotImplemented
+        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def turns(self) -> int:
+        """Number of coordinates of each joint: 2, or 3 where it twists."""
+        return 3 if self.twist_ratio else 2
+
+    def rest_of(self, n: int) -> Array:
+        """Return the rest rotation vectors (n, 3) of n joints, rad."""
+        return np.array(np.broadcast_to(self.rest_turn, (n, 3)))
+
+
+def rows_of(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return `value` as a finite array of a shape, -1 for any length, that cannot be written to."""
+    try:
+        a = np.array(value, dtype=float)
+        a = a.reshape(shape) if a.size else a
+    except (TypeError, ValueError):
+        raise InputError(f"space {name} must be numbers of shape {shape}, got {value!r:.80}") from None
+    if not a.size or not np.isfinite(a).all():
+        raise InputError(f"space {name} must be finite numbers, got {value!r:.80}")
+    a.setflags(write=False)
+    return a
+
+
+def space_of(value: Any) -> Space | None:
+    """Return `value` as a `Space`: one, a mapping of its parameters, True for the defaults; None or False for none.
+
+    Raises
+    ------
+    InputError
+        When it is none of these.
+    """
+    if value is None or value is False:
+        return None
+    if isinstance(value, Space):
+        return value
+    if value is True:
+        return Space()
+    if isinstance(value, Mapping):
+        known = [f.name for f in fields(Space)]
+        if unknown := sorted(set(value) - set(known)):
+            raise InputError(f"space has no parameter {unknown[0]!r}: it takes {', '.join(known)}")
+        return Space(**value)
+    raise InputError(f"model space must be a Space, a table of its parameters, or None, got {value!r:.60}")
+
+
+def check_space(model: Any) -> None:
+    """Raise InputError when a model in space has what only a chain in a plane has, or the other way round."""
+    size = 2 if model.space is None else 3
+    if model.gravity.size != size:
+        axes = "x, y" if size == 2 else "x, y, z"
+        raise InputError(f"model gravity must be {size} numbers ({axes} in the base frame), got {model.gravity.size}")
+    if model.space is None:
+        return
+    if len(model.space.rest_turn) not in (1, model.n):
+        raise InputError(f"space rest_turn must have one row or {model.n}, got {len(model.space.rest_turn)}")
+    planar = {"rest_angle": model.rest_angle.any(), "base_angle": model.base_angle, "extensions": model.extensions,
+              "memory": model.memory, "mass_at": model.mass_at == "tip"}  # fmt: skip
+    remedy = {"rest_angle": "give space its rest_turn", "base_angle": "give space its base_tilt"}
+    for name, given in planar.items():
+        if given:
+            raise InputError(f"a chain in space does not take {name}: {remedy.get(name, 'leave it out')}")

@@ -1,0 +1,76 @@
+"""A model in space: its parameters, its file, and what it refuses."""
+
+import numpy as np
+import pytest
+
+import pliant
+from pliant.errors import InputError
+from pliant.model import Chamber, Space, Station
+
+BODY = {"length": 0.3, "mass": 0.1, "links": 4, "joint_placement": "midsegment", "stiffness": 0.5, "damping": 1e-3}
+
+
+def in_space(**more):
+    return pliant.chain_model(**BODY, **({"torque": (1e-6,), "space": True} | more))
+
+
+def test_the_model_file_gives_back_an_equal_model_in_space(tmp_path):
+    rest = [[0.1, 0.2, 0.3]] * 4
+    space = Space(stiffness_ratio=1.3, twist_ratio=0.7, rest_turn=rest, base_tilt=(0.1, -0.2), radius=0.01)
+    model = in_space(
+        space=space, gravity=(1.0, 2.0, 3.0), torque=(1e-6,), cross_gain=(0.1, 0.2, 0.3, 0.4),
+        stations=[Station("tip", 3, 0.03, 0.01, 0.02)],
+    )
+    assert pliant.load_model(pliant.save_model(model, tmp_path / "m.json")) == model
+
+
+def test_a_model_in_a_plane_says_nothing_of_space_in_its_file(tmp_path):
+    model = pliant.chain_model(**BODY, torque=(1e-6,))
+    assert "aside" not in (text := pliant.save_model(model, tmp_path / "m.json").read_text())
+    assert '"space": {' not in text
+    assert model.space is None
+    assert model.gravity.shape == (2,)
+
+
+def test_coordinates_are_two_or_three_for_each_joint():
+    assert in_space().size == 8
+    assert in_space(space=Space(twist_ratio=0.7, radius=0.01)).size == 12
+    assert in_space().gravity.shape == (3,)
+
+
+def test_gains_of_a_chamber_are_those_of_its_azimuth():
+    """A chamber on +y pushes the tip towards -y, about +x: joint_gain sin(alpha), cross_gain -cos(alpha)."""
+    alpha = 0.4
+    chamber = Chamber(torque=(1e-6,), joint_gain=np.sin(alpha), cross_gain=-np.cos(alpha))
+    gain = pliant.chain_model(**BODY, chambers=(chamber,), space=Space(twist_ratio=1.0, radius=0.01)).actuation.gain
+    assert gain.shape == (1, 12)
+    assert np.allclose(gain[0, :8].reshape(4, 2), [np.sin(alpha), -np.cos(alpha)], rtol=1e-15)
+    assert not gain[0, 8:].any()
+
+
+@pytest.mark.parametrize(("wrong", "sentence"), [
+    ({"space": {"stiffnes_ratio": 2.0}}, "space has no parameter 'stiffnes_ratio'"),
+    ({"space": Space(), "gravity": (0.0, -9.81)}, "gravity must be 3 numbers"),
+    ({"space": None, "gravity": (0.0, 0.0, -9.81)}, "gravity must be 2 numbers"),
+    ({"space": None, "stations": [Station("tip", 3, 0.03, 0.0, 0.01)]}, "lies out of the plane"),
+    ({"rest_angle": 0.1}, "does not take rest_angle: give space its rest_turn"),
+    ({"base_angle": 0.1}, "give space its base_tilt"),
+    ({"space": "yes"}, "must be a Space"),
+    ({"space": {"rest_turn": [[0.1, 0.0, 0.0]] * 3}}, "one row or 4"),
+])  # fmt: skip
+def test_what_belongs_to_the_other_kind_of_chain_is_refused(wrong, sentence):
+    with pytest.raises(InputError, match=sentence):
+        in_space(**wrong)
+
+
+@pytest.mark.parametrize(("values", "sentence"), [
+    ({"twist_ratio": 0.7}, "needs a radius"),
+    ({"stiffness_ratio": 0.0}, "stiffness_ratio must lie in"),
+    ({"rest_turn": [[np.pi, 0.0, 0.0]]}, "less than pi"),
+    ({"rest_turn": [0.1, 0.2]}, "shape"),
+    ({"base_tilt": (np.nan, 0.0)}, "finite"),
+    ({"radius": -1.0}, "radius must be"),
+])  # fmt: skip
+def test_parameters_that_no_body_has_are_refused(values, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Space(**values)
