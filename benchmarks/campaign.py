@@ -33,7 +33,7 @@ from pliant.identification.rungs import MORE_RUNGS, RUNGS
 from pliant.recording.netcdf import write_netcdf
 from pliant.reduction import spline_shape
 from pliant.study.dense import link_experiment, shape_of
-from pliant.study.prepare import all_planar, study_model
+from pliant.study.prepare import all_aligned, study_model
 from pliant.study.record_outcomes import records_of
 from pliant.study.schema import Study
 from pliant.sweep.store import Arrays
@@ -101,7 +101,7 @@ def recorded(who: Member, folder: Path, links: int) -> tuple[Study, dict[str, xr
                   "cap_length": who.body.cap_length, "gauge_length": known["gauge_length"]},
         "recordings": {name: {"file": f"{name}.nc"} for name in LEVELS},
     })  # fmt: skip
-    aligned = all_planar(study)
+    aligned = all_aligned(study)
     assert study.reduction is not None
     shape = shape_of("high", aligned["high"].body, aligned["high"].tip, study.reduction)
     return study, {name: a.body for name, a in aligned.items()}, shape

@@ -18,7 +18,7 @@ from pliant.preprocessing.plausibility import CHECKS
 from pliant.preprocessing.quality import quality
 from pliant.recording import read
 from pliant.study import load_study
-from pliant.study.prepare import planar
+from pliant.study.prepare import aligned_recording
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -61,7 +61,7 @@ def cases() -> Iterator[tuple[str, str, dict[str, str]]]:
             continue
         for name in study.recordings:
             try:
-                yield f"study {path.stem}", name, dict(planar(study, name).doubts)
+                yield f"study {path.stem}", name, dict(aligned_recording(study, name).doubts)
             except PliantError as error:
                 yield f"study {path.stem}", name, {"refused": str(error)}
 

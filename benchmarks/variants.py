@@ -15,7 +15,7 @@ import numpy as np
 from pliant.identification.initial_guess import last_edge
 from pliant.numerics.swings import turning_points
 from pliant.study import demo_study, load_study, run_study
-from pliant.study.prepare import all_planar, load_recording
+from pliant.study.prepare import all_aligned, load_recording
 from pliant.study.run import prepare_all
 from pliant.study.schema import AlignmentEntry, Fit
 
@@ -155,7 +155,7 @@ def creep() -> None:
 
 def levels() -> None:
     """What no model at all misses of the eight levels: the tip's measured curves, interpolated over the pressure."""
-    bodies = [one.body for one in all_planar(load_study(EXAMPLES / "pneumatic_arm_levels.toml")).values()]
+    bodies = [one.body for one in all_aligned(load_study(EXAMPLES / "pneumatic_arm_levels.toml")).values()]
     level = np.array([b.attrs["nominal_pressure"] for b in bodies])
     tips = np.stack([b.position.sel(station="tip").to_numpy() for b in bodies])
     tips = tips - tips[:, :5].mean(axis=1, keepdims=True)

@@ -18,7 +18,7 @@ from PIL import Image
 from pliant import load_study, run_study
 from pliant.plotting import style
 from pliant.study import demo_study
-from pliant.study.prepare import planar
+from pliant.study.prepare import aligned_recording
 from pliant.validation.stored import load_outcome
 
 RECORD, EVERY, FRAME_MS = "pulse_119", 6, 80  # every sixth frame of 75 a second: real time
@@ -75,7 +75,7 @@ def main(folder=None):
     """Draw every frame and write them as one file."""
     outcome = load_outcome(folder) if folder else run_study(load_study(demo_study()))
     record = next(r for r in outcome.fits[0].records if r.name == RECORD and r.role == "held_out")
-    recording = planar(load_study(demo_study()), RECORD).body
+    recording = aligned_recording(load_study(demo_study()), RECORD).body
     dense = np.stack([[np.interp(record.experiment.time, recording.time, recording.position.values[:, s, a])
                        for a in (0, 1)] for s in range(0, recording.sizes["station"], 4)]).transpose(2, 0, 1)
     with style():

@@ -20,7 +20,7 @@ from pliant.cli import app
 from pliant.cli.progress import QUIET
 from pliant.errors import InputError
 from pliant.model import load_model, save_model
-from pliant.recording import make_recording, write
+from pliant.recording import make_recording, read, write
 from pliant.simulation import Pulse, equilibrium, simulate
 from pliant.simulation.forces import PointForce
 
@@ -108,6 +108,9 @@ def test_a_scenario_and_a_shape_are_told_as_json(tmp_path: Path) -> None:
     told = json.loads(invoke("shape", raw, "-o", tmp_path / "flat.nc", "--json").stdout)
     assert told["recording"] == str(tmp_path / "flat.nc")
     assert any(line.startswith("aligned") for line in told["history"])
+    told = json.loads(invoke("shape", raw, "-o", tmp_path / "deep.nc", "--space", "--plane", "+z", "--json").stdout)
+    assert any("along +z, plane +z normal to x" in line for line in told["history"])
+    assert dict(read(tmp_path / "deep.nc").sizes) == {"time": 60, "station": 3, "axis": 3}
 
 
 def swinging() -> np.ndarray:

@@ -183,7 +183,7 @@ def test_small_parts(tmp_path):
 
 def test_markers_that_stand_beside_the_base_are_left_out_of_the_fit(tmp_path):
     """A camera sees the stand as well as the body: the draft must name what moves, or its run is refused."""
-    from pliant.study.prepare import planar, study_experiment
+    from pliant.study.prepare import aligned_recording, study_experiment
     from pliant.study.schema import load_study
 
     t, kappa = swing()
@@ -201,7 +201,7 @@ def test_markers_that_stand_beside_the_base_are_left_out_of_the_fit(tmp_path):
     (tmp_path / "s.toml").write_text(draft.text)
     study = load_study(tmp_path / "s.toml")
     for name in study.recordings:
-        assert study_experiment(study, name, planar(study, name).body).stations == ("half", "end")
+        assert study_experiment(study, name, aligned_recording(study, name).body).stations == ("half", "end")
 
 
 def test_a_mapping_that_is_run_as_a_study_says_what_it_is(tmp_path):
@@ -235,10 +235,10 @@ def test_points_in_pixels_ask_for_the_camera(pixels, tmp_path):
     for name, value in {"rate_hz": 100.0, "pixels_per_mm": 4.0, "length": 0.15}.items():
         answered = answered.replace(f'{name} = "?"', f"{name} = {value}")
     (tmp_path / "s.toml").write_text(answered)
-    from pliant.study.prepare import planar
+    from pliant.study.prepare import aligned_recording
     from pliant.study.schema import load_study
 
-    found = planar(load_study(tmp_path / "s.toml"), "push_30kPa").body
+    found = aligned_recording(load_study(tmp_path / "s.toml"), "push_30kPa").body
     assert float(np.linalg.norm(found["position"].values[0, -1])) == pytest.approx(0.15, rel=0.01)
     camera = {"rate_hz": 60.0, "pixels_per_mm": 4.0}
     told = draft_study([pixels], tmp_path / "s.toml", mass=0.1, mapping={"camera": camera})

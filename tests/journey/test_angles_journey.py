@@ -15,7 +15,7 @@ from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording, read
 from pliant.study import angles_study, load_study, run_study
 from pliant.study.draft import draft_study
-from pliant.study.prepare import all_planar
+from pliant.study.prepare import all_aligned
 from pliant.testbed.bundle import LOGGED, angle_log, bundled_log
 from pliant.validation.draw import figures_of
 from pliant.validation.metrics_file import MetricsFile
@@ -82,7 +82,7 @@ def test_results_come_back_and_are_drawn_without_a_path(ran):
 def test_the_bundled_logs_are_those_of_the_virtual_laboratory():
     assert bundled_log("pulse_60").read_bytes().decode() == angle_log("pulse_60")
     study = load_study(angles_study())
-    assert all(aligned.body["angle"].attrs["reference"] == "rest" for aligned in all_planar(study).values())
+    assert all(aligned.body["angle"].attrs["reference"] == "rest" for aligned in all_aligned(study).values())
     with pytest.raises(InputError, match="use one of"):
         bundled_log("none")
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from pliant.cli import app
 from pliant.study import demo_study, load_study
-from pliant.study.prepare import planar
+from pliant.study.prepare import aligned_recording
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.stored import load_outcome
 
@@ -28,7 +28,7 @@ def film(folder: Path, name: str, recorded: str, seed: int) -> None:
     """DeepLabCut's table of four points, and the log, of a bundled recording of the virtual actuator."""
     rng = np.random.default_rng(seed)
     demo = load_study(demo_study())
-    body = planar(demo, recorded).body
+    body = aligned_recording(demo, recorded).body
     s, t = body["arc_length"].to_numpy(), body["time"].to_numpy()
     whole = np.isfinite(body["position"].to_numpy()).all(axis=(1, 2))
     at = np.arange(t[0], t[-1], 1 / RATE)

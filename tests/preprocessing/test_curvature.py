@@ -134,7 +134,7 @@ def test_frames_with_missing_stations_are_counted(family):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "spline"}, "one of basis, savgol"),
+        ({"method": "wavelet"}, "one of basis, savgol, spline"),
         ({"method": "savgol", "window": 50}, "must be odd"),
         ({"method": "savgol", "window": 301}, "at most 212 stations"),
         ({"terms": 0}, "number of terms"),
@@ -144,3 +144,17 @@ def test_frames_with_missing_stations_are_counted(family):
 def test_bad_options(family, options, message):
     with pytest.raises(InputError, match=message):
         rms_error(family, 0, **options)
+
+
+def test_the_spline_through_the_stations_knows_a_helix_of_uneven_stations():
+    s = np.cumsum(0.004 + 0.002 * np.sin(np.arange(80)))
+    radius, rise = 0.05, 0.3  # curvature radius / (radius^2 + c^2), c the rise per radian
+    c = rise * radius
+    turn = s / np.hypot(radius, c)
+    points = np.stack([radius * np.cos(turn), radius * np.sin(turn), c * turn], -1)[None]
+    found = curvature_of(make_recording([0.0], points, arc_length=s), method="spline").values
+    np.testing.assert_allclose(found[0, 5:-5], radius / (radius**2 + c**2), rtol=2e-3)
+    flat = points[..., :2] * [1, -1]
+    arc = np.linalg.norm(np.diff(flat[0], axis=0), axis=1)
+    flat = make_recording([0.0], flat, arc_length=np.append(0, np.cumsum(arc)), frame="planar")
+    np.testing.assert_allclose(curvature_of(flat, method="spline").values[0, 5:-5], -1 / radius, rtol=5e-3)

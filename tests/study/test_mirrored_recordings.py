@@ -11,7 +11,7 @@ from small_study import AXES, LEVELS_KPA, ORIGIN, changed, table, write_study
 
 from pliant.recording import make_recording, write
 from pliant.study import load_study, run_study
-from pliant.study.prepare import all_planar
+from pliant.study.prepare import all_aligned
 from pliant.validation.outcome import StudyOutcome
 from pliant.validation.stored import load_outcome
 from pliant.view.played import played_from
@@ -95,7 +95,7 @@ def test_a_side_that_is_stated_and_bodies_of_several_chambers_stay(folder: Path)
     turned = load_study(study_of(folder / "turned", np.ones(2), bend="negative"))
     several = stated.model_copy(update={"actuator": stated.actuator.model_copy(update={"chambers": [None, None]})})
     for study, sign in ((stated, 1), (turned, -1), (several, 1)):
-        recording = all_planar(study)["high"].body
+        recording = all_aligned(study)["high"].body
         assert recording.attrs.get("x_sign", 1) == sign
         assert recording["position"].values[60, -1, 0] > 0.01
         assert recording["angle"].values[-1, -1] < 0

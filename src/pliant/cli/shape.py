@@ -1,4 +1,4 @@
-"""`pliant shape`: from a raw recording to a clean planar shape."""
+"""`pliant shape`: from a raw recording to a clean shape in the base frame."""
 
 from __future__ import annotations
 
@@ -12,22 +12,26 @@ from pliant.cli.terminal import say
 
 def shape(
     file: Annotated[Path, typer.Argument(help="Raw recording of a body's shape.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Clean planar recording to write (.nc or .csv).")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Clean recording to write (.nc or .csv).")],
     mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
     base: Annotated[str | None, typer.Option(help="Station at the base; default: 'base', or the first.")] = None,
     tangent: Annotated[
         str, typer.Option(help="Base tangent: chord, clamp, station+x ..., or three numbers 'x,y,z'.")
     ] = "chord",
-    plane: Annotated[str, typer.Option(help="Plane of bending: motion, body, or its normal 'x,y,z'.")] = "motion",
+    plane: Annotated[str, typer.Option(help="Plane of bending: motion, body, input, or its normal: an axis such as +x "
+                                             "or 'x,y,z'; in space the normal is x.")] = "motion",
     cap_curvature: Annotated[float | None, typer.Option(help="Of a cap that marks a fibre's tip, 1/m, signed.")] = None,
     cap_length: Annotated[float | None, typer.Option(help="Of that cap, m.")] = None,
     body_length: Annotated[float | None, typer.Option(help="Of the body along the fibre, m: the base lies so far "
                                                            "before the tip.")] = None,
+    start: Annotated[float | None, typer.Option(help="Length of fibre before the body, m, where no cap marks its "
+                                                     "tip.")] = None,
+    space: Annotated[bool, typer.Option("--space", help="Keep three dimensions: base tangent along +z.")] = False,
     clamp_length: Annotated[float, typer.Option(help="Straight clamped fibre at its start, m.")] = 0.012,
     gauge_length: Annotated[float | None, typer.Option(help="Length over which the sensor averages, m.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")] = False,
 ) -> None:
-    """Find the tip, cut lead and tail, align: a raw shape becomes a planar one with its base at the origin.
+    """Find the tip, cut lead and tail, align: a raw shape becomes one with its base at the origin, planar or in space.
 
     Example: pliant shape fibre.nc -o clean.nc --cap-curvature 50 --cap-length 0.03 --body-length 0.17
     """
@@ -42,19 +46,20 @@ def shape(
 
     raw = read_with_mapping(file, mapping)
     found, status = quality(raw).summary(), ""
-    cap = (cap_curvature, cap_length, body_length)
-    if any(value is not None for value in cap):
-        if cap_curvature is None or cap_length is None or body_length is None:
-            raise InputError("a tip is found by its cap: give --cap-curvature, --cap-length and --body-length together")
+    cap = cap_curvature is not None and cap_length is not None
+    if any(value is not None for value in (cap_curvature, cap_length, body_length, start)):
+        if body_length is None or cap == (start is not None) or (cap_curvature is None) != (cap_length is None):
+            raise InputError("a fibre's body is found by its cap or its start: give --cap-curvature, --cap-length and "
+                             "--body-length together, or --start and --body-length")  # fmt: skip
         fibre = Fibre(
             body_length=body_length, cap_curvature=cap_curvature, cap_length=cap_length, gauge_length=gauge_length,
-            clamp_length=clamp_length,
+            clamp_length=clamp_length, start=start,
         )
         with busy("finding the tip"):
-            clean, status = body_of_fibre(raw, fibre)
+            clean, status = body_of_fibre(raw, fibre, space=space)
     else:
         with busy("aligning"):
-            clean = align(raw, base=base, tangent=direction(tangent), plane=direction(plane))
+            clean = align(raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space)
     write(clean, output)
     tell(found.splitlines(), status, str(clean.attrs["history"]).splitlines(), output, as_json=json)
 

@@ -12,6 +12,7 @@ from pliant.errors import InputError
 from pliant.identification.experiment import Experiment, leading
 from pliant.identification.recorded import one_chamber
 from pliant.model import Model
+from pliant.recording.inputs import recorded_inputs
 from pliant.simulation import Pulse, Trace
 from pliant.simulation.inputs import Input
 
@@ -23,27 +24,30 @@ ALIKE = 0.2  # sine as above, below which chambers were hardly driven apart
 
 
 def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
-    """The pressures of a recording that drive chambers of a model: model chamber to its name or index (from 0) there.
+    """The inputs of a recording that drive those of a model: model input to its name or index (from 0) there.
+
+    Pressures are counted first, then inputs of other kinds.
 
     Raises
     ------
     InputError
-        When the recording has no such pressure.
+        When the recording has no such input.
     """
-    if "pressure" not in recording:
-        raise InputError(f"recording {name} holds no measured pressure that could drive {', '.join(wanted)}")
-    pressure = recording["pressure"]
-    samples = np.asarray(pressure.values, dtype=float).reshape(pressure.shape[0], -1)
-    there = [str(c) for c in pressure["chamber"].values] if "chamber" in pressure.dims else ["the only one"]
+    inputs = recorded_inputs(recording)
+    if not inputs:
+        raise InputError(f"recording {name} holds no measured pressure or other input that could drive "
+                         f"{', '.join(wanted)}")  # fmt: skip
+    there = [one.name or "the only one" for one in inputs]
+    what = "chamber" if all(one.kind == "pressure" for one in inputs) else "input"
     found = {}
     for chamber, asked in wanted.items():
         k = there.index(asked) if asked in there else asked
         if not isinstance(k, int) or not 0 <= k < len(there):
             raise InputError(
-                f"recording {name} has no chamber {asked!r} to drive {chamber!r}: it has {', '.join(there)} "
+                f"recording {name} has no {what} {asked!r} to drive {chamber!r}: it has {', '.join(there)} "
                 f"(or 0 to {len(there) - 1})"
             )
-        found[chamber] = Trace(recording["pressure_time"].values, samples[:, k])
+        found[chamber] = Trace(inputs[k].time, np.array(inputs[k].values))
     return found
 
 

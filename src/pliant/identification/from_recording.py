@@ -16,7 +16,7 @@ from pliant.identification.recorded import (
     Excitation,
     default_excitation,
     dense_arc_length,
-    one_chamber,
+    only_input,
     recorded_angles,
     recorded_places,
 )
@@ -80,8 +80,7 @@ def experiment(
     if drive and excitation != "release":
         drives = drives_of(name, recording, drive)
     elif excitation == "trace":
-        pressure = recording["pressure"]
-        trace = Trace(recording["pressure_time"].values, one_chamber(name, pressure))
+        trace = Trace(*only_input(name, recording))
     made = Experiment(
         name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
         float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),

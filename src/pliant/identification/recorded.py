@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
+from pliant.recording.inputs import recorded_inputs
 
 Array = np.ndarray
 Excitation = Literal["trace", "pulse", "step", "release"]
@@ -50,9 +51,21 @@ def one_chamber(name: str, pressure: xr.DataArray) -> Array:
     return np.asarray(pressure.values, dtype=float).reshape(pressure.shape[0])
 
 
+def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
+    """Times [s] and samples (P,) of the one input that a record was driven with; InputError when it has several."""
+    if "pressure" in recording and "actuation" not in recording:
+        return recording["pressure_time"].values, one_chamber(name, recording["pressure"])
+    inputs = recorded_inputs(recording)
+    if len(inputs) != 1:
+        listed = ", ".join(one.name or one.kind for one in inputs) or "none"
+        raise InputError(f"recording {name} has {len(inputs)} measured inputs ({listed}): say with drive which of them "
+                         "drives which input of the model")  # fmt: skip
+    return inputs[0].time, np.array(inputs[0].values)
+
+
 def default_excitation(name: str, recording: xr.Dataset) -> Excitation:
-    """What the recording's own pressure says of its excitation."""
-    if "pressure" in recording:
+    """What the recording's own inputs say of its excitation."""
+    if {"pressure", "actuation"} & set(recording):
         return "trace"
     if "nominal_pressure" in recording.attrs:
         return "pulse"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.numerics.spline import NOT_A_KNOT, spline_matrix
 from pliant.preprocessing.arc_length import station_arc_length, whole_frames
 from pliant.preprocessing.curvature_fit import fit_curvature
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-METHODS = ("basis", "savgol")
+METHODS = ("basis", "savgol", "spline")
 UNEVEN = 0.01  # largest relative deviation of the spacing that a Savitzky-Golay filter may see
 POLYNOMIAL = 4
 
@@ -37,9 +38,10 @@ def curvature_of(
     ----------
     recording : xarray.Dataset
         Positions along one body. Planar recordings give signed curvature (positive turns about +z);
-        three-dimensional ones its magnitude, by `savgol` only.
-    method : {"basis", "savgol"}
-        Least-squares curvature basis, or Savitzky-Golay derivatives (evenly spaced stations).
+        three-dimensional ones its magnitude, not by the basis.
+    method : {"basis", "savgol", "spline"}
+        Least-squares curvature basis; Savitzky-Golay derivatives (evenly spaced stations); or the cubic spline through
+        the stations, which follows their noise.
     terms : int, optional
         Number of basis functions; default a quarter of the stations, 4 to 20.
     smoothing : float, m^5, optional
@@ -69,9 +71,13 @@ def curvature_of(
     if method == "savgol":
         kappa = savgol_curvature(position, s, window)
         attrs["window"] = window
+    elif method == "spline":
+        rows = (spline_matrix(s, s, NOT_A_KNOT, derivative)[0] for derivative in (1, 2))
+        kappa = turning(*(row @ (position - position[:, :1]) for row in rows))
     else:
         if position.shape[2] != 2:
-            raise InputError("the curvature basis needs a planar recording: align it first, or use method='savgol'")
+            raise InputError("the curvature basis needs a planar recording: align it first, or use method='savgol' or "
+                             "'spline'")  # fmt: skip
         fit = fit_curvature(position, s, terms=terms, smoothing=smoothing)
         kappa = fit.curvature
         attrs |= {"terms": fit.terms, "smoothing_m5": fit.smoothing, "rms_distance_m": fit.rms_distance}
@@ -105,13 +111,16 @@ def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], wind
             "resample along arc length first, or use method='basis'"
         )
     near = position - position[:, s.size // 2, None]  # where the body lies is no matter, and costs digits
-    first, second = (rows @ near for rows in differences(s.size, window, float(spacing.mean())))
-    speed = np.linalg.norm(first, axis=2)
-    if position.shape[2] == 2:
-        turning = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    return turning(*(rows @ near for rows in differences(s.size, window, float(spacing.mean()))))
+
+
+def turning(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Curvature (T, S), 1/m, of curves with first and second derivatives (T, S, d); in space without a sign."""
+    if first.shape[2] == 2:
+        across = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
     else:
-        turning = np.linalg.norm(np.cross(first, second), axis=2)
-    curvature: NDArray[np.float64] = turning / speed**3
+        across = np.linalg.norm(np.cross(first, second), axis=2)
+    curvature: NDArray[np.float64] = across / np.linalg.norm(first, axis=2) ** 3
     return curvature
 
 

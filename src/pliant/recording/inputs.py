@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,13 @@ def recorded_inputs(ds: xr.Dataset) -> list[RecordedInput]:
         for name, kind, values in zip(ds["input"].values, kinds, ds["actuation"].values.T, strict=True):
             found.append(RecordedInput(str(name), kind, INPUT_UNITS[kind], clock, values))
     return found
+
+
+def input_arguments(ds: xr.Dataset) -> dict[str, Any]:
+    """Arguments of `pliant.make_recording` that give another recording the same inputs."""
+    names = {"pressure": "pressure", "pressure_time": "pressure_time", "chamber": "chamber", "actuation": "actuation",
+             "input_time": "input_time", "input_names": "input", "input_kind": "kind"}  # fmt: skip
+    return {argument: ds[name].values for argument, name in names.items() if name in ds.variables}
 
 
 def inputs_at(ds: xr.Dataset, time: NDArray) -> NDArray:

@@ -74,6 +74,13 @@ class LinkPlacement:
         """Rotation (n, 3, 3) of each link against the one before, at rest; of a chain in space."""
         return swing_matrices(self.rest_angle.reshape(self.n, 2))
 
+    @property
+    def rest_bend(self) -> NDArray[np.float64]:
+        """Angle (n,) of each link to the one before at rest, rad; without a sign in space."""
+        if len(self.base) == 2:
+            return self.rest_angle
+        return np.asarray(np.linalg.norm(self.rest_angle.reshape(self.n, 2), axis=1))
+
     def beside(self, place: ArrayLike) -> list[LinkPoint]:
         """Where points (P, 3) of the body at rest [m, base frame] lie beside the links of a chain in space.
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.numerics.curve import spatial_curve
+from pliant.recording.inputs import input_arguments
 from pliant.recording.schema import check_recording, make_recording
 from pliant.sensing.strain import CoreLayout, curvature_from_strain
 from pliant.sensing.uncertainty import tip_sigma
@@ -66,12 +67,6 @@ def shape_from_strain(
     if sigma is not None:
         spacing = float(np.diff(s).mean())
         attrs["tip_sigma_m"] = tip_sigma(sigma * state.curvature_gain, spacing, float(s[-1] - s[0]))
-    optional: dict[str, Any] = {
-        name: recording[name].values for name in ("pressure", "pressure_time", "chamber") if name in recording.variables
-    }
-    if "actuation" in recording:
-        optional |= {"actuation": recording["actuation"].values, "input_time": recording["input_time"].values,
-                     "input_names": recording["input"].values, "input_kind": recording["kind"].values}
     seen = "seen" if state.sees_twist else "not seen by this layout, taken as zero"
     counted = f"{filled} missing strain value(s) bridged, {lost} frame(s) unknown behind a gap"
     history = [
@@ -82,7 +77,7 @@ def shape_from_strain(
     nominal = recording.attrs.get("nominal_pressure")
     return make_recording(
         recording["time"].values, points, arc_length=s - s[0], history=history, attrs=attrs,
-        nominal_pressure=nominal, **kept, **optional,
+        nominal_pressure=nominal, **kept, **input_arguments(recording),
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from pliant.preprocessing.cut import cut_body
 from pliant.preprocessing.side import ATTRIBUTE as SIDE
 from pliant.preprocessing.side import x_sign
 from pliant.recording import make_recording
+from pliant.recording.inputs import input_arguments
 from pliant.reduction import LinkPlacement, OrderResult, links_of, select_order
 from pliant.study.schema import Fibre, Reduction, Study
 from pliant.validation.outcome import Shape
@@ -25,13 +26,20 @@ SAME_LENGTH = 0.01  # share by which two films may differ in the length of one b
 REST_S = 0.1  # the rest shape is the mean of the first frames, before the pressure
 
 
-def body_of_fibre(raw: xr.Dataset, fibre: Fibre) -> tuple[xr.Dataset, str]:
+def body_of_fibre(
+    raw: xr.Dataset, fibre: Fibre, *, space: bool = False, normal: np.ndarray | None = None
+) -> tuple[xr.Dataset, str]:
     """The body alone, in the base frame, from a fibre with lead, body, cap and tail; and how its tip was found.
 
     Parameters
     ----------
     raw : xarray.Dataset
         Positions along the fibre in the tracker's frame, lead first.
+    fibre : Fibre
+    space : bool
+        Keep three dimensions.
+    normal : (3,) array, optional
+        Normal of the plane of bending, the axis x in space, where another recording tells it.
 
     Raises
     ------
@@ -39,17 +47,33 @@ def body_of_fibre(raw: xr.Dataset, fibre: Fibre) -> tuple[xr.Dataset, str]:
         When the cap is not found, or the body would begin before the fibre does.
     """
     first = str(raw["station"].values[0])
-    whole = align(raw, base=first, tangent="clamp", clamp_length=fibre.clamp_length, rest=fibre.rest)
+    whole = align(raw, base=first, tangent="clamp", clamp_length=fibre.clamp_length, rest=fibre.rest, space=space)
     frame = alignment_of(whole)
+    start, side, found = (fibre.start, 1.0, "") if fibre.start is not None else before_cap(whole, fibre)
+    cut = cut_body(raw, start, start + fibre.body_length)
+    plane = side * np.array(frame.normal) if normal is None else normal
+    base = str(cut["station"].values[0])
+    body = align(cut, base=base, tangent=frame.base_tangent, plane=plane, bend=None, space=space)
+    ends = f"the body lies {1e3 * start:.1f} to {1e3 * (start + fibre.body_length):.1f} mm along the fibre, as stated"
+    return body, found or ends
+
+
+def before_cap(whole: xr.Dataset, fibre: Fibre) -> tuple[float, float, str]:
+    """Arc length [m] of the base, one body length before the cap; the side to which the cap bends; how it was found.
+
+    In space the cap is told by the size of its curvature.
+    """
+    space, frame = whole.attrs["frame"] == "spatial", alignment_of(whole)
     kappa = curvature_of(whole, method="savgol", window=15)
     kappa = kappa.sel(time=slice(*frame.rest_s))  # in a bent body the fibre has slid in its lumen, and the tip along it
     s = kappa["arc_length"].values
+    cap = float(fibre.cap_curvature or 0.0)
     seen = [find_tip(
-        side * kappa.values, float(np.median(np.diff(s))), cap_curvature=fibre.cap_curvature,
-        cap_length=fibre.cap_length, gauge_length=fibre.gauge_length,
-    ) for side in (1.0, -1.0)]  # the cap says to which side it bends: a curled body does not
-    mirrored = seen[1].found and not seen[0].found
-    tip, plane = seen[mirrored], [-x if mirrored else x for x in frame.rotation[2]]
+        side * kappa.values, float(np.median(np.diff(s))), cap_curvature=abs(cap) if space else cap,
+        cap_length=float(fibre.cap_length or 0.0), gauge_length=fibre.gauge_length,
+    ) for side in ((1.0,) if space else (1.0, -1.0))]  # the cap says to which side it bends: a curled body does not
+    mirrored = not space and seen[1].found and not seen[0].found
+    tip = seen[mirrored]
     if not tip.found:
         raise InputError(f"{tip.status} State the cap's curvature and length as they are, or cut the fibre yourself.")
     if tip.arc_length < fibre.body_length:
@@ -57,9 +81,7 @@ def body_of_fibre(raw: xr.Dataset, fibre: Fibre) -> tuple[xr.Dataset, str]:
             f"the tip lies {1e3 * tip.arc_length:.1f} mm along the fibre, less than the body's "
             f"{1e3 * fibre.body_length:.1f} mm: state body_length as it lies along the fibre"
         )
-    cut = cut_body(raw, tip.arc_length - fibre.body_length, tip.arc_length)
-    body = align(cut, base=str(cut["station"].values[0]), tangent=frame.rotation[1], plane=plane, bend=None)
-    return body, tip.status
+    return tip.arc_length - fibre.body_length, -1.0 if mirrored else 1.0, tip.status
 
 
 def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction) -> Shape:
@@ -72,7 +94,7 @@ def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction)
     if n is None:
         raise InputError(f"recording {name}: {order.reason} Raise max_order or bound_mm, or state links.")
     links = links_of(body, node_arc_length=nodes_of(order, n, reduction))
-    kappa = curvature_of(body)
+    kappa = curvature_of(body, method="spline" if body.attrs["frame"] == "spatial" else "basis")
     clock = kappa["time"].values
     rest = np.nanmean(kappa.values[clock <= clock[0] + REST_S], axis=0)
     return Shape(
@@ -101,14 +123,11 @@ def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacem
     """The experiment that sees the link tips of a dense shape, nodes where `chain` has them."""
     entry = study.recordings[name]
     links = links_of(body, node_arc_length=on_body(chain.node_arc_length, body))
-    measured = "pressure" in body
-    origin = links.base if chain.node_arc_length[0] == 0 else np.zeros(2)  # that of the base, not of the first joint
+    base = links.base if chain.node_arc_length[0] == 0 else 0.0  # that of the base, not of the first joint
     tips = make_recording(
-        links.time, links.tips - origin, station=[f"link_{i + 1}" for i in range(links.n)], frame="planar",
+        links.time, links.tips - base, station=[f"link_{i + 1}" for i in range(links.n)], frame=body.attrs["frame"],
         nominal_pressure=body.attrs.get("nominal_pressure"), source=str(body.attrs.get("source", "")),
-        pressure=body["pressure"].values if measured else None,
-        pressure_time=body["pressure_time"].values if measured else None,
-        chamber=[str(c) for c in body["chamber"].values] if "chamber" in body.coords else None,
+        **input_arguments(body),
     )
     tips = tips.assign_attrs({SIDE: x_sign(body)})
     forces = [f.in_base_frame(x_sign(body)) for f in entry.forces]

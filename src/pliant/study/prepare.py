@@ -75,19 +75,19 @@ def check_pressure_unit(name: str, ds: xr.Dataset) -> None:
             )
 
 
-def all_planar(study: Study) -> dict[str, Aligned]:
+def all_aligned(study: Study) -> dict[str, Aligned]:
     """Every recording of the study, aligned; of a body with several chambers, all seen from the side of the first.
 
     Alone, each recording would be turned so that its own pressure bends it to one side: opposite chambers would look
-    alike.
+    alike. In space the first recording gives all of them the direction of x.
     """
     made: dict[str, Aligned] = {}
-    normal = None
+    normal, shared = None, len(study.actuator.chambers) > 1 or bool(study.actuator.space)
     for name in study.recordings:
-        made[name] = planar(study, name, normal)
+        made[name] = aligned_recording(study, name, normal)
         attributes = made[name].body.attrs
-        if normal is None and len(study.actuator.chambers) > 1 and "alignment" in attributes:
-            normal = np.array(alignment_of(made[name].body).rotation)[2]
+        if normal is None and shared and "alignment" in attributes:
+            normal = np.array(alignment_of(made[name].body).normal)
     made = on_one_side(study, made)
     return at_one_rest(made) if study.alignment.common_rest else made
 
@@ -101,7 +101,9 @@ def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Al
     done = dict(recordings)
     planar = [n for n, a in done.items() if not {"alignment", ATTRIBUTE} & set(a.body.attrs) and "position" in a.body]
     bend = -1 if study.alignment.options.get("bend") == "negative" else 1
-    if len(study.actuator.chambers) > 1 or not planar or planar_side(done[planar[0]].body) != -bend:
+    if study.actuator.space or len(study.actuator.chambers) > 1:
+        return done
+    if not planar or planar_side(done[planar[0]].body) != -bend:
         return done
     for name in planar:
         body = half_turn(done[name].body)
@@ -110,7 +112,7 @@ def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Al
     return done
 
 
-def planar(study: Study, name: str, normal: Array | None = None) -> Aligned:
+def aligned_recording(study: Study, name: str, normal: Array | None = None) -> Aligned:
     """One recording of the study, read, brought onto one clock and aligned, seen along `normal` (3,) where given."""
     entry = study.recordings[name]
     alignment = combined(study.alignment, entry.alignment)
@@ -135,18 +137,30 @@ def in_frame(
     study: Study, name: str, raw: xr.Dataset, alignment: AlignmentEntry, normal: Array | None,
 ) -> tuple[xr.Dataset, xr.Dataset, str]:
     """A recording's stations in the tracker's frame and in the base frame, and how the tip of a fibre was found."""
+    space = bool(study.actuator.space)
+    check_frame(name, raw, space=space)
     if study.fibre is not None:
-        return raw, *body_of_fibre(raw, study.fibre)
+        return raw, *body_of_fibre(raw, study.fibre, space=space, normal=normal)
     if "position" not in raw and "angle" in raw:
         return raw, from_rest(raw, checked_rest(alignment)), ""
-    if raw.attrs.get("frame") == "planar":
+    if raw.attrs.get("frame") != "tracker":
         return raw, raw, ""
     stations = assemble(raw, alignment.stations) if alignment.stations else raw
-    options = checked_options(alignment)
+    options = checked_options(alignment) | {"space": space}
     own = study.recordings[name].alignment
     if normal is not None and not {"plane", "bend"} & set(own.options if own else ()):
         options |= {"plane": normal, "bend": None}
     return stations, align(stations, **options), ""
+
+
+def check_frame(name: str, raw: xr.Dataset, *, space: bool) -> None:
+    """Refuse a recording that is aligned in the plane for a study in space, and the other way round."""
+    frame = str(raw.attrs.get("frame")) if "position" in raw else "planar"
+    if frame != "tracker" and space != (frame == "spatial"):
+        flat = "positions in a plane" if "position" in raw else "angles alone"
+        holds = "positions in space" if frame == "spatial" else flat
+        raise InputError(f"recording {name} holds {holds}, and [actuator] space is {str(space).lower()}: change that, "
+                         "or give the recording as the tracker made it")  # fmt: skip
 
 
 def combined(shared: AlignmentEntry, own: AlignmentEntry | None) -> AlignmentEntry:
@@ -171,7 +185,7 @@ def checked_options(alignment: AlignmentEntry) -> dict[str, Any]:
     """Options of `align`, lists made arrays; an unknown one is refused."""
     import inspect
 
-    known = [p for p in inspect.signature(align).parameters if p != "ds"]
+    known = [p for p in inspect.signature(align).parameters if p not in ("ds", "space")]  # [actuator] says space
     for key in alignment.options:
         if key not in known:
             raise InputError(f"alignment option {key!r} is unknown: use one of {', '.join(known)}")
@@ -255,8 +269,11 @@ def study_model(
     """
     values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area", "diameter"})
     values["source"] = dict(actuator.source)
+    if not values["space"]:
+        del values["space"]
     if gravity := values.pop("gravity", None):
-        values["gravity"] = in_base_frame(np.array(gravity, dtype=float), rotation, sign)
+        size = 3 if actuator.space else 2
+        values["gravity"] = in_base_frame(np.array(gravity, dtype=float), rotation, sign, size)
     if sign < 0:
         values["source"]["base_frame"] = TURNED
     if actuator.preset:
@@ -300,18 +317,29 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int) -> tuple[Chambe
 
 def measured_chain(values: dict[str, Any], links: LinkPlacement) -> Model:
     """The chain laid through a measured shape, with the link tips as its observed points."""
+    turns: dict[str, Any] = {"rest_angle": links.rest_angle}
+    if len(links.base) == 3:
+        space = values.get("space")
+        turned = np.pad(links.rest_angle.reshape(links.n, 2), ((0, 0), (0, 1)))
+        turns = {"space": {**(space if isinstance(space, dict) else {}), "rest_turn": turned}}
     for key in ("length", "links", "joint_placement"):
         values.pop(key, None)
     lengths, before = links.link_length, float(links.node_arc_length[0])  # what lies before the first joint is rigid
-    values["source"] |= dict.fromkeys(("link_length", "rest_angle"), "chords of the recorded rest shape")
+    values["source"] |= dict.fromkeys(("link_length", *turns), "chords of the recorded rest shape")
     mass = values.pop("mass") * lengths / (lengths.sum() + before)
-    model = Model(**{**values, "link_length": lengths, "rest_angle": links.rest_angle, "link_mass": mass,
-                     "base_length": before})  # fmt: skip
+    model = Model(**{**values, "link_length": lengths, "link_mass": mass, "base_length": before, **turns})  # fmt: skip
     return model.with_(stations=model.points)
 
 
-def in_base_frame(gravity: Array, rotation: Array | None, sign: int) -> Array:
-    """Gravity (2,) in the base frame from three numbers in the tracker's frame, or two in it but for the sign of x."""
+def in_base_frame(gravity: Array, rotation: Array | None, sign: int, dimension: int = 2) -> Array:
+    """Gravity (d,) in the base frame from three numbers in the tracker's frame, or two in it but for the sign of x.
+
+    In space three numbers are in the base frame where no recording was aligned from a tracker's.
+    """
+    if dimension == 3:
+        if gravity.shape != (3,):
+            raise InputError(f"gravity of a body in space is (x, y, z) of the tracker, got {gravity.size} numbers")
+        return gravity if rotation is None else rotation @ gravity
     if gravity.shape == (2,):
         return gravity * [sign, 1.0]
     if gravity.shape != (3,):

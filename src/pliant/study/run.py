@@ -27,7 +27,7 @@ from pliant.study.doubts import of_models, of_study, units_first
 from pliant.study.fits import ladder_fit, run_ladder, rungs_of
 from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.headline import headline
-from pliant.study.prepare import all_planar, hardly_moved, study_experiment, study_model, without
+from pliant.study.prepare import all_aligned, hardly_moved, study_experiment, study_model, without
 from pliant.study.resting import Aligned
 from pliant.study.schema import Study
 from pliant.study.side_by_side import run_fits
@@ -157,7 +157,7 @@ def prepare_all(study: Study, tell: Tell) -> PreparedStudy:
     """Read, align and, where the shape is dense, reduce every recording."""
     if study.ladder:
         rungs_of(study.ladder)  # refused before any work is done
-    aligned = all_planar(study)
+    aligned = all_aligned(study)
     doubts = of_study(aligned)
     for line in doubts:
         tell(f"warning: {line}")

@@ -51,6 +51,14 @@ class ExtensionTable(StudyEntry):
     damping: float = Field(0.0, ge=0)  # N s
 
 
+class SpaceTable(StudyEntry):
+    """What a body in space has beyond one that bends in a plane."""
+
+    stiffness_ratio: float = Field(1.0, gt=0)  # bending stiffness about y over that about x
+    twist_ratio: float = Field(0.0, ge=0)  # torsional over bending stiffness; 0: the chain does not twist
+    radius: float = Field(0.0, ge=0)  # m, of the cross-section: its inertia about the axis
+
+
 class ActuatorEntry(StudyEntry):
     """The body, SI. A preset gives all of it; other entries overrule the preset."""
 
@@ -69,6 +77,7 @@ class ActuatorEntry(StudyEntry):
     extensions: list[ExtensionTable] = []  # segments that lengthen
     rest_angle: float | list[float] | None = None  # rad
     gravity: list[float] | None = None  # m/s^2, (x, y) as force_n has them or (x, y, z) of the tracker
+    space: bool | SpaceTable = False  # the body moves in space, not in a plane
     section_area: float | None = Field(None, gt=0)  # m^2 of solid section, against which a fitted mass is checked
     diameter: float | None = Field(None, gt=0)  # m, outer: density, modulus and torque are checked with it
     source: dict[str, str] = {}
@@ -84,14 +93,24 @@ class AlignmentEntry(StudyEntry):
 
 
 class Fibre(StudyEntry):
-    """A fibre along the body, its tip marked by a cap of constant curvature. The base is one body length before it."""
+    """A fibre along the body: its tip marked by a cap of constant curvature, or its base at a known length."""
 
     body_length: float  # m, along the fibre
-    cap_curvature: float  # 1/m, its sign as the body bends under positive pressure
-    cap_length: float  # m
+    cap_curvature: float | None = None  # 1/m, its sign as the body bends under positive pressure
+    cap_length: float | None = None  # m; the base is one body length before the cap
+    start: float | None = Field(default=None, ge=0)  # m along the fibre to the base, where no cap marks the tip
     gauge_length: float | None = None  # m, over which the sensor averages
     rest: tuple[float, float] | None = None  # s, when the body is at rest; default: before the pressure or the motion
     clamp_length: float = 0.012  # m of straight fibre at its start, held in the clamp: gives the base tangent
+
+
+    @model_validator(mode="after")
+    def one_end(self) -> Fibre:
+        """The body is found by its cap or by where it starts."""
+        capped = self.cap_curvature is not None and self.cap_length is not None
+        if capped == (self.start is not None) or (self.cap_curvature is None) != (self.cap_length is None):
+            raise ValueError("a fibre has cap_curvature and cap_length, or start")
+        return self
 
 
 class Reduction(StudyEntry):

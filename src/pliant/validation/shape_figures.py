@@ -40,7 +40,8 @@ def shape_figure(shape: Shape) -> Any:
 def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
     """Measured points (F, S, 2), joints (F, n + 1, 2) and splines (F, P, 2) at a few telling frames, m, from the base.
 
-    The chain was laid through whole frames alone, so they are the ones that are counted here.
+    The chain was laid through whole frames alone, so they are the ones that are counted here. A body in space is seen
+    from the side from which it moves most.
     """
     links = shape.links
     whole = shape.position[np.isfinite(shape.position).all(axis=(1, 2))]
@@ -48,9 +49,16 @@ def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
         raise InputError(f"shape of {shape.name}: {len(whole)} whole frames, but a chain through {len(links.tips)}")
     tips = links.tips - links.base
     frames = instants(tips[:, -1])
-    joints = np.concatenate([np.zeros((len(frames), 1, 2)), tips[frames]], axis=1)
+    upright = np.eye(tips.shape[2])
+    joints = np.concatenate([np.zeros((len(frames), 1, len(upright))), tips[frames]], axis=1)
     splines = joints
     if links.n > 1:
         along = np.linspace(links.node_arc_length[0], links.node_arc_length[-1], 100)
-        splines = spline_shape(tips[frames], links.node_arc_length, along, boundary=shape.order.boundary)
-    return whole[frames] - links.base, joints, splines
+        splines = spline_shape(tips[frames], links.node_arc_length, along, boundary=shape.order.boundary,
+                               base=0 * upright[-1], base_tangent=upright[-1])  # fmt: skip
+    shown = whole[frames] - links.base, joints, splines
+    if len(upright) == 2:
+        return shown
+    side = np.linalg.eigh(np.cov(tips[:, -1, :2].T))[1][:, -1]
+    first, second, third = (np.stack([a[..., :2] @ side, a[..., 2]], axis=-1) for a in shown)
+    return first, second, third

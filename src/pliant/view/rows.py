@@ -247,6 +247,6 @@ def order_rows(shape: Shape) -> list[dict[str, Any]]:
 def link_rows(shape: Shape) -> list[list[str]]:
     """Number, length, rest angle, variation of length and distance from the measured tip of each link: texts only."""
     links = shape.links
-    columns = (1e3 * links.link_length, np.degrees(links.rest_angle), 100 * links.length_variation,
+    columns = (1e3 * links.link_length, np.degrees(links.rest_bend), 100 * links.length_variation,
                1e3 * np.sqrt((links.residual**2).mean(axis=0)))
     return [[str(i + 1), *(digits(float(v)) for v in row)] for i, row in enumerate(zip(*columns, strict=True))]
