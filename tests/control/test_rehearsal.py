@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from pliant.actuators import chen2018
-from pliant.control import Limits, PidTuning, Task, prepare_control
+from pliant.control import Limits, PidTuning, SupplyValve, Task, design_lqr, design_outputs, prepare_control
 from pliant.control import rehearsal as rehearsals
 from pliant.control.model_plant import ModelPlant
+from pliant.control.preparation import behind_rig
 from pliant.errors import InputError
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
-from pliant.model import chain_model, load_model
+from pliant.model import Valve, chain_model, load_model
 
 MODEL = Path(__file__).parents[2] / "examples" / "control" / "model_a.json"
 PERIOD, HIGHEST, LEVEL = 4e-3, 190e3, 8e-3
@@ -109,3 +110,20 @@ def test_the_end_of_a_trajectory_is_a_rest():
     assert np.abs(ready.trajectory.lead[-2]).max() > 0.0
     assert np.abs(last).max() == 0.0
     assert np.abs(run(ready, plant, 1.2)[-50:] - 1e-2).max() < 2e-4
+
+
+@pytest.mark.parametrize("law", [{"settle_share": 0.2}, {"natural_frequency": 8.0, "dead_band": 2e3}])
+def test_a_valve_that_no_controller_follows_is_refused_and_the_rigs_own_takes_its_place(law):
+    body, plant, (name, *_) = load_model(MODEL), ModelPlant(load_model(MODEL), noise=1e-5), reversed(law)
+    other = body.with_(chambers=(replace(body.chambers[0], valve=Valve(**law)),))
+    rest = np.array([plant.advance(0.0)[1] for _ in range(5)])
+    with pytest.raises(InputError, match=f"no valve with a {name}, as chamber"):
+        ModelPlant(other)
+    with pytest.raises(InputError, match=f"no valve with a {name}, as chamber"):
+        design_lqr(other, HIGHEST, PERIOD)
+    with pytest.raises(InputError, match=f"no valve with a {name}, as chamber"):
+        design_outputs(other, ("tip_x",), np.zeros((3, 1)), Limits(HIGHEST), PERIOD)
+    task = Task(time=[0.0], displacement=[LEVEL], duration=0.2, planned=False, feedback="pid")
+    with pytest.raises(InputError, match=f"no valve with a {name}, as chamber"):
+        prepare_control(other, plant.arc_length, rest, task, Limits(HIGHEST), PERIOD)
+    assert behind_rig(other, (SupplyValve(9.0, 6.5, 0.75),)).valve.natural_frequency > 0

@@ -17,7 +17,7 @@ from pliant.control.gains import Gains, loop_margins, regulator
 from pliant.control.limits import Limits
 from pliant.control.steady_inputs import output_values, output_weights, rest_under, steady_inputs
 from pliant.control.tuning import Tuning
-from pliant.control.valve import SupplyValve
+from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
 from pliant.linear.sampled import KILO, Margins, least_margins, periods_late
 from pliant.mechanics import mechanics_of
@@ -161,11 +161,12 @@ def design_outputs(
     Raises
     ------
     InputError
-        When something wanted is out of reach, or the numbers make no sense.
+        When something wanted is out of reach, a valve settles late or has a dead band, or the numbers make no sense.
     """
     wanted = np.asarray(wanted, dtype=float)
     if wanted.ndim != 2 or wanted.shape[1] != len(outputs) or not len(wanted) or not np.isfinite(wanted).all():
         raise InputError(f"outputs are wanted as finite rows (K, {len(outputs)}), got shape {wanted.shape}")
+    check_followed(model)
     tuning, highest = tuning or Tuning(), limits.each(model.actuation.count)
     weight = output_weights(model, outputs)
     still = output_values(model, mechanics_of(model).coordinates(state.equilibrium(model, 0.0)), outputs)
@@ -221,7 +222,8 @@ def design_lqr(
     Raises
     ------
     InputError
-        When the numbers make no sense, or no small pressure moves the tip at rest.
+        When the numbers make no sense, no small pressure moves the tip at rest, or the valve settles late or has a
+        dead band.
 
     Examples
     --------
@@ -229,6 +231,7 @@ def design_lqr(
     >>> design = design_lqr(model, highest=190e3, period=4e-3)  # doctest: +SKIP
     >>> print(design)  # doctest: +SKIP
     """
+    check_followed(model)
     family, tuning, outputs = equilibria(model, highest), tuning or Tuning(), ("tip_x", "tip_y")
     limit, pressure = np.array([float(highest)]), np.linspace(0.0, highest, grid)[:, None]
     rests = [rest_under(model, p, outputs) for p in pressure]

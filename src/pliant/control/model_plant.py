@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pliant.control.valve import FINE, SupplyValve
+from pliant.control.valve import FINE, SupplyValve, check_followed
 from pliant.errors import InputError
 from pliant.linear.linearisation import behind_valve
 from pliant.linear.sampled import hold
@@ -45,7 +45,7 @@ class ModelPlant:
     Raises
     ------
     InputError
-        When a period is no whole number of steps.
+        When a period is no whole number of steps, or a valve settles late or has a dead band.
     """
 
     rides = True  # its points stay where they are on the links
@@ -55,6 +55,7 @@ class ModelPlant:
         pressure_noise: float = 300.0, seed: int = 1, supply: tuple[SupplyValve | None, ...] = (),
         arc_length: Array | None = None,
     ) -> None:
+        check_followed(model)
         self._parts = round(period / step)
         if self._parts < 1 or abs(self._parts * step - period) > 1e-9:
             raise InputError(f"a period of {period:g} s is no whole number of steps of {step:g} s")

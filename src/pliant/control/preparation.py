@@ -16,7 +16,7 @@ from pliant.control.registry import controller_kind
 from pliant.control.rehearsal import Rehearsal, RehearsalSetting, limit_aware
 from pliant.control.steady_inputs import output_weights
 from pliant.control.trajectory import Trajectory
-from pliant.control.valve import SupplyValve
+from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
 from pliant.estimation.contract import Estimator, EstimatorKind, Setting
 from pliant.estimation.link_angles import LinkAngles, calibrated
@@ -207,7 +207,9 @@ def supplies(model: Model, supply: SupplyValve | Mapping[str, SupplyValve] | Non
 def behind_rig(model: Model, each: tuple[SupplyValve | None, ...]) -> Model:
     """The model with the valves of a rig, each by the one frequency that a linear design takes."""
     made = (c if s is None else replace(c, valve=s.mean) for c, s in zip(model.chambers, each, strict=True))
-    return model.with_(chambers=tuple(made))
+    rig = model.with_(chambers=tuple(made))
+    check_followed(rig)
+    return rig
 
 
 def warm_up(pipeline: Pipeline, shape: Array, period: float) -> None:

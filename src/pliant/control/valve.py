@@ -11,7 +11,7 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.control import feedback_loops
 from pliant.errors import FitError, InputError
-from pliant.model import Valve
+from pliant.model import Model, Valve
 
 Array = np.ndarray
 FINE = 5e-4  # s, step of the valve's equation
@@ -58,6 +58,17 @@ class SupplyValve:
             command, h, two_pi * self.rise_frequency, two_pi * self.fall_frequency, self.damping_ratio, held, out
         )
         return out
+
+
+def check_followed(model: Model) -> None:
+    """InputError where a chamber's valve settles late or has a dead band, which no controller's model holds."""
+    for chamber in model.chambers:
+        if chamber.valve.settle_share or chamber.valve.dead_band:
+            name = "settle_share" if chamber.valve.settle_share else "dead_band"
+            raise InputError(
+                f"controllers follow no valve with a {name}, as chamber {chamber.name!r} of {model.name!r} has: give "
+                f"the rig's valve (`supply`, [valve] in a task file), or set {name} to 0 in the model"
+            )
 
 
 def supply_of(valve: Valve) -> SupplyValve | None:
