@@ -1,11 +1,11 @@
-"""Random mutants of the package's text, each tried on the quick tests of its subpackage; survivors are printed.
+"""Random mutants of the package's text, each tried on the quick tests that execute it; survivors are printed.
 
-    python benchmarks/mutants.py --count 30 --seed 1 model validation estimation
+    python benchmarks/mutants.py --count 34 --seed 1 model validation estimation batch preprocessing video
 
-A mutant changes one operator, comparison, number, sign, condition or statement. Its tests are the quick ones of
-`tests/SUBPACKAGE` and all others that import its module by name; those that import it come first, and the first
-failure ends the run. Killed means that a test failed or that the time ran out. Nothing in the working tree is changed:
-source, tests and compiled kernels are copied to a folder of their own.
+A mutant changes one operator, comparison, number, sign, condition or statement. Which quick tests execute which line is
+recorded first, which takes as long as the tests and is kept for as long as neither source nor tests change. The tests
+that execute a mutant run quickest first, until one fails or they have taken `--budget` seconds. Killed means that a
+test failed or that the time ran out; the tests that killed are run unchanged at the end, where none may fail.
 """
 
 from __future__ import annotations
@@ -13,20 +13,18 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
-import os
-import shutil
-import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from executed_lines import Executed
+from quick_tests import ROOT, Copy, imported, kept_record
 
-ROOT = Path(__file__).parents[1]
 BINARY = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.FloorDiv: ast.Mult,
     ast.Mod: ast.Mult, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.MatMult: ast.Add,
@@ -37,7 +35,6 @@ COMPARED = {
 }
 SWAPPED = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "ceil", "ceil": "floor", "sin": "cos",
            "cos": "sin", "argmax": "argmin", "argmin": "argmax", "mean": "sum", "sum": "mean"}  # fmt: skip
-LIMIT = 300.0  # s for the tests of a mutant
 
 
 class Mutant(NamedTuple):
@@ -178,71 +175,106 @@ def drawn(subpackages: list[str], count: int, seed: int) -> list[Mutant]:
     return chosen
 
 
-def imported(path: Path) -> set[str]:
-    """Modules and names that a test imports, as pliant.model.limits."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module, *(f"{node.module}.{a.name}" for a in node.names)}
-        elif isinstance(node, ast.Import):
-            names |= {a.name for a in node.names}
-    return names
+def statement(tree: ast.Module, line: int) -> tuple[range, set[str]]:
+    """Lines of the statement around a line, of a compound one its head; and what it names where importing executes it.
+
+    These are the constants that it sets, or the class or function whose body or head it is part of.
+    """
+    lines, names, inside = range(line, line + 1), set[str](), False
+    for node in (n for n in ast.walk(tree) if isinstance(n, ast.stmt)):
+        body = getattr(node, "body", None)
+        last = max(body[0].lineno - 1 if isinstance(body, list) else node.end_lineno or 0, node.lineno)
+        if node.lineno <= line <= last:
+            lines = range(node.lineno, last + 1)
+            set_here = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+            parts = [part for target in set_here if target for part in ast.walk(target)]
+            names |= {part.id for part in parts if isinstance(part, ast.Name)}
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.lineno <= line <= (node.end_lineno or 0):
+            names.add(node.name)
+            inside |= isinstance(node, ast.FunctionDef) and node.body[0].lineno <= line
+    return lines, set() if inside else names
 
 
-def tests_of(module: str, root: Path) -> list[str]:
-    """Test files for a module in a copy of the tests, those that import it by name first."""
-    parts = Path(module).with_suffix("").parts[1:]
-    every = [f for f in sorted((root / "tests").rglob("test_*.py")) if "journey" not in f.parts]
-    direct = [f for f in every if ".".join(parts) in imported(f)]
-    folder = root / "tests" / parts[1]
-    beside = [f for f in every if folder in f.parents and f not in direct]
-    return [str(f.relative_to(root)) for f in (*sorted(direct, key=lambda f: folder not in f.parents), *beside)]
+def mentions(source: str, names: set[str]) -> list[int]:
+    """Lines of functions that mention names."""
+    return [line for name in names for line in lines_by_name(source).get(name, [])]
 
 
-class Copy:
-    """Source, tests and compiled kernels in a folder of their own."""
+@cache
+def lines_by_name(source: str) -> dict[str, list[int]]:
+    """Lines of functions that mention each name."""
+    found: dict[str, list[int]] = {}
+    for function in (f for f in ast.walk(ast.parse(source)) if isinstance(f, ast.FunctionDef)):
+        for node in (n for statement in function.body for n in ast.walk(statement)):
+            if isinstance(name := getattr(node, "id", getattr(node, "attr", None)), str):
+                found.setdefault(name, []).append(node.lineno)
+    return found
 
-    def __init__(self, folder: Path) -> None:
-        self.root = folder / "pliant"
-        for name in ("src", "tests"):
-            shutil.copytree(ROOT / name, self.root / name, ignore=shutil.ignore_patterns("__pycache__"))
-        for name in (p.name for p in ROOT.iterdir() if p.name not in ("src", "tests") and not p.name.startswith(".")):
-            (self.root / name).symlink_to(ROOT / name)
-        if (ROOT.parent / "shared").exists():
-            (folder / "shared").symlink_to((ROOT.parent / "shared").resolve())
-        kernels = Path(os.environ.get("NUMBA_CACHE_DIR", Path.home() / ".cache" / "pliant"))
-        if kernels.exists():
-            shutil.copytree(kernels, folder / "kernels")
-        self.environment = {
-            **os.environ, "PYTHONPATH": str(self.root / "src"), "NUMBA_CACHE_DIR": str(folder / "kernels"),
-            "PYTHONDONTWRITEBYTECODE": "1",
-        }
 
-    def run(self, tests: list[str], limit: float) -> str:
-        """Passed, killed (with the first failing test), or time ran out."""
-        command = [sys.executable, "-m", "pytest", "-q", "-x", "-n0", "-p", "no:randomly", "-p", "no:cacheprovider",
-                   "-m", "not slow", "--tb=no", *tests]  # fmt: skip
-        try:
-            done = subprocess.run(command, cwd=self.root, env=self.environment, capture_output=True, text=True,
-                                  timeout=limit, check=False)  # fmt: skip
-        except subprocess.TimeoutExpired:
-            return "killed: time"
-        if done.returncode in (0, 5):  # 5: there is no quick test
-            return "passed"
-        if done.returncode > 2:
-            raise RuntimeError(f"pytest could not run {' '.join(tests)}: {done.stderr[-500:]}")
-        failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        return f"killed: {failed[0][:150] if failed else f'exit code {done.returncode}'}"
+def compiled(module: str) -> bool:
+    """Whether Numba compiles a module, so that not every test that runs it is recorded."""
+    return module.endswith("_loops.py") or module.split("/")[2] in ("equations", "numerics")
 
-    def mutated(self, mutant: Mutant, limit: float) -> str:
-        """What the tests say of a mutant."""
-        path = self.root / mutant.module
-        source = path.read_text()
-        try:
-            path.write_text(mutant.apply(source))
-            return self.run(tests_of(mutant.module, self.root), limit)
-        finally:
-            path.write_text(source)
+
+def users(module: str, root: Path) -> set[str]:
+    """Modules that import one, directly or through compiled ones."""
+    every = {str(p.relative_to(root)): imported(p.read_text()) for p in (root / "src").rglob("*.py")}
+    found, todo = set[str](), [module]
+    while todo:
+        name = ".".join(Path(todo.pop()).with_suffix("").parts[1:])
+        new = {m for m, names in every.items() if name in names} - found
+        found |= new
+        todo += [m for m in new if compiled(m)]
+    return found
+
+
+def tests_of(mutant: Mutant, copied: Copy, record: Executed) -> list[str]:
+    """Quick tests that may see a mutant, those of its subpackage first, then the quickest.
+
+    Those that executed its statement; where importing executes it, those that executed a line of the package that
+    mentions what it names, or anything of its module where no line does. Of what Numba compiles there is no record:
+    all that executed anything of the modules that use it, or that stand in files that import it by name.
+    """
+    sources = {str(p.relative_to(copied.root)): p.read_text() for p in (copied.root / "src").rglob("*.py")}
+    lines, names = statement(ast.parse(sources[mutant.module]), mutant.start[0])
+    chosen = set() if names else record.of(mutant.module, lines)
+    for module, source in sources.items() if names else ():
+        chosen |= record.of(module, mentions(source, names))
+    if names and not chosen:
+        chosen = record.inside(mutant.module, sources[mutant.module])
+    if compiled(mutant.module):
+        name = ".".join(Path(mutant.module).with_suffix("").parts[1:])
+        files = (copied.root / "tests").rglob("test_*.py")
+        direct = {str(f.relative_to(copied.root)) for f in files if name in imported(f.read_text())}
+        chosen |= {test for test in record.seconds if test.partition("::")[0] in direct}
+        for module in users(mutant.module, copied.root):
+            chosen |= record.inside(module, sources[module])
+    near = f"tests/{Path(mutant.module).parts[2]}/"
+    return sorted(chosen, key=lambda test: (not test.startswith(near), record.seconds[test]))
+
+
+def ordered(tests: list[str], seconds: dict[str, float], budget: float) -> list[str]:
+    """As many tests as take so many seconds, those of a file together."""
+    until = np.cumsum([seconds[test] for test in tests])
+    tests = tests[: max(int(np.searchsorted(until, budget)), 1)]
+    files = list(dict.fromkeys(test.partition("::")[0] for test in tests))
+    return sorted(tests, key=lambda test: files.index(test.partition("::")[0]))
+
+
+def tried(mutant: Mutant, copied: Copy, record: Executed, budget: float) -> tuple[str, str]:
+    """The test that killed a mutant, or nothing, and what there is to say of it."""
+    every = tests_of(mutant, copied, record)
+    if not every:
+        return "", "no quick test executes it"
+    tests = ordered(every, record.seconds, budget)
+    limit = 60.0 + 10.0 * sum(record.seconds[test] for test in tests)
+    with copied.changed(mutant.module, mutant.apply((copied.root / mutant.module).read_text())):
+        code, failed = copied.run(tests, limit)
+    if code == 0:
+        return "", f"{len(tests)} of {len(every)} quick tests pass"
+    if code == -1:
+        return "time", f"no end after {limit:.0f} s"
+    return (failed[0] if failed else "import"), failed[0] if failed else f"exit code {code}"
 
 
 def main() -> None:
@@ -251,7 +283,9 @@ def main() -> None:
     parser.add_argument("subpackages", nargs="+", help="folders of src/pliant")
     parser.add_argument("--count", type=int, default=20, help="mutants of each")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--limit", type=float, default=LIMIT, help="s for the tests of one mutant")
+    parser.add_argument("--budget", type=float, default=60.0, help="s that the tests of one mutant take unchanged")
+    parser.add_argument("--tests", nargs="+", default=["tests"], help="may kill: the quick ones of these")
+    parser.add_argument("--record", type=Path, default=ROOT / "results" / "executed_lines.json")
     parser.add_argument("--list", action="store_true", help="only list them")
     wish = parser.parse_args()
     chosen = drawn(wish.subpackages, wish.count, wish.seed)
@@ -259,26 +293,27 @@ def main() -> None:
         for mutant in chosen:
             print(mutant.told((ROOT / mutant.module).read_text()))
         return
-    tried, killed, sound = Counter[str](), Counter[str](), dict[str, str]()
+    count, killed, killers = Counter[str](), Counter[str](), {}
     with tempfile.TemporaryDirectory() as folder:
         copied = Copy(Path(folder))
+        record = kept_record(wish.record, copied, wish.tests)
+        copied.prepare()
         for mutant in chosen:
-            if mutant.module not in sound:
-                sound[mutant.module] = copied.run(tests_of(mutant.module, copied.root), 2 * wish.limit)
-            if sound[mutant.module] != "passed":
-                print(f"left out, its tests fail unchanged ({sound[mutant.module]}): {mutant.module}", flush=True)
-                continue
-            name, began = Path(mutant.module).parts[2], time.perf_counter()
-            outcome = copied.mutated(mutant, wish.limit)
-            tried[name] += 1
-            killed[name] += outcome != "passed"
-            told = mutant.told((ROOT / mutant.module).read_text())
-            print(f"{outcome if outcome != 'passed' else 'SURVIVED'}\n    {told}  "
-                  f"[{time.perf_counter() - began:.0f} s]", flush=True)  # fmt: skip
+            began = time.perf_counter()
+            killer, told = tried(mutant, copied, record, wish.budget)
+            count[name := Path(mutant.module).parts[2]] += 1
+            killed[name] += bool(killer)
+            killers[killer] = name
+            change = mutant.told((ROOT / mutant.module).read_text())
+            print(f"{'killed' if killer else 'SURVIVED'}: {told}\n    {change}  [{time.perf_counter() - began:.0f} s]",
+                  flush=True)  # fmt: skip
+        _, doubtful = copied.run([test for test in killers if test in record.seconds], 3600.0, first=False)
     print("\n| subpackage | mutants | killed |\n|---|---|---|")
-    for name in tried:
-        print(f"| {name} | {tried[name]} | {killed[name]} |")
-    print(f"| all | {tried.total()} | {killed.total()} |")
+    for name in count:
+        print(f"| {name} | {count[name]} | {killed[name]} |")
+    print(f"| all | {count.total()} | {killed.total()} |")
+    if doubtful:
+        print("These tests fail unchanged as well, so what they killed does not count: " + ", ".join(doubtful))
 
 
 if __name__ == "__main__":

@@ -90,3 +90,12 @@ def test_another_package_brings_a_law(monkeypatch):
     finally:
         for cached in (torque_law.torque_laws, torque_law.law_parameters):
             cached.cache_clear()
+
+
+def test_a_start_leaves_rests_out_and_one_level_tells_the_lever_alone():
+    pressure = np.array([0.0, 2e4, 0.0, 6e4, 1e5])
+    given = {"lever": 2e-6, "compliance": 1.5e-6}
+    found = LAW.start(pressure, torque(pressure, LAW.coefficients(**given)))
+    assert found == pytest.approx(given, rel=1e-9)
+    alone = LAW.start(np.array([5e4, 0.0, 5e4]), np.array([0.1, 0.0, 0.1]))
+    assert alone == pytest.approx({"lever": 2e-6, "compliance": 0.0})
