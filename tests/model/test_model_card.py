@@ -29,7 +29,7 @@ def test_what_is_more_than_links_is_said_with_its_numbers():
         link_length=[0.1, 0.1], link_mass=[0.02, 0.03], stiffness=1.5, damping=0.01, rest_angle=[0.0, np.radians(5.0)],
         torque=[1e-6, 2e-12], valve=Valve(rise_time=0.02, dead_time=0.01), swell_share=0.25, swell_time=0.5,
         inflation_limit=3e5, inflation_time=0.05, stiffening=[0.5, 0.25], cubic_stiffening=2.0, stiffening_bound=0.3,
-        memory=Memory((0.1,), (0.5,)), tip_mass=0.01, mass_at="tip", gravity=[0.0, -9.81], bend_sign=-1,
+        memory=Memory((0.1,), (0.5,)), tip_mass=0.01, mass_at="tip", gravity=[0.0, -9.81],
         stations=[Station("middle", 0, 0.1), Station("tip", 1, 0.1)], name="all",
     )
     lines = "\n".join(body.card().lines)
