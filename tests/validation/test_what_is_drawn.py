@@ -1,0 +1,183 @@
+"""Figures draw the numbers that they are given: measured, modelled, residuals, laws, errors of stages, films."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib import animation
+
+from pliant.errors import InputError
+from pliant.plotting import page
+from pliant.validation import figures
+from pliant.validation.ladder_figure import ladder_figure
+from pliant.validation.motion import body_film
+from pliant.validation.shape_figures import shape_figure
+
+
+def legend(figure):
+    return [text.get_text() for each in figure.legends for text in each.get_texts()]
+
+
+def shows(ax, values, **look):
+    """Whether a line of an axis has these ordinates."""
+    lines = [line for line in ax.lines if all(getattr(line, f"get_{k}")() == v for k, v in look.items())]
+    return any(np.shape(y := line.get_ydata()) == np.shape(values) and np.allclose(y, values, equal_nan=True)
+               for line in lines)  # fmt: skip
+
+
+def test_a_record_shows_measured_over_modelled_residuals_and_pressure(outcome):
+    record = outcome.fits[0].records[0]
+    exp, figure = record.experiment, figures.record_figure(record)
+    rows = {ax.get_ylabel(): ax for ax in figure.axes}
+    for s in range(3):
+        for k, name in enumerate("xy"):
+            ax = rows[f"link {s + 1} {name} (mm)"]
+            assert shows(ax, 1e3 * exp.position[:, s, k])
+            assert shows(ax, 1e3 * record.modelled[:, s, k])
+    residual = 1e3 * (record.modelled - exp.position)
+    for k, name in enumerate("xy"):
+        ax = rows[f"residual\n{name} (mm)"]
+        assert all(shows(ax, residual[:, s, k]) for s in range(3))
+        assert shows(ax, [0.0, 0.0])
+        assert sum(line.get_label() == "other stations" for line in ax.lines) == 1
+    below = rows["pressure\n(kPa)"]
+    assert shows(below, 1e-3 * record.pressure.reshape(-1))
+    assert shows(below, [10.0, 10.0], label="nominal pressure")
+
+
+def test_a_traced_record_shows_the_log_within_the_recording(outcome):
+    record = outcome.fits[0].records[1]
+    below = figures.record_figure(record).axes[-1]
+    (line,) = (line for line in below.lines if line.get_label() == "measured pressure")
+    trace = record.experiment.pressure
+    near = (trace.time >= record.experiment.time[0]) & (trace.time <= record.experiment.time[-1])
+    np.testing.assert_allclose(line.get_ydata(), 1e-3 * trace.pressure[near])
+
+
+def test_residuals_show_their_correlation_and_the_band_of_white_noise(outcome):
+    record = outcome.fits[0].records[0]
+    left, right = figures.residual_figure(record).axes
+    residual = 1e3 * (record.modelled[:, -1] - record.experiment.last_station)
+    for k, name in enumerate("xy"):
+        assert shows(left, residual[:, k], label=name)
+        (line,) = (line for line in right.lines if line.get_label() == name)
+        assert line.get_ydata()[0] == pytest.approx(1.0)
+    (band,) = right.patches
+    assert band.get_height() == pytest.approx(2 * 1.96 / np.sqrt(len(residual)))
+    assert [t.get_text() for t in right.get_legend().get_texts()] == ["x", "y", "95 % of white noise"]
+
+
+def test_a_path_shows_the_body_at_telling_instants_from_its_base(outcome):
+    record = outcome.fits[0].records[1]
+    figure = figures.path_figure(record)
+    (ax,) = figure.axes
+    chains = [line for line in ax.lines if line.get_marker() == "o"]
+    assert len(chains) == sum(line.get_marker() == "+" and len(line.get_xdata()) == 3 for line in ax.lines) > 1
+    for line in chains:
+        (k,) = np.flatnonzero(np.isclose(1e3 * record.modelled[:, -1, 0], line.get_xdata()[-1], rtol=0, atol=1e-9))[:1]
+        np.testing.assert_allclose(line.get_xydata(), 1e3 * np.vstack([[0.0, 0.0], record.modelled[k]]))
+    assert {"modelled stations", "measured stations", "first frame"} <= set(legend(figure))
+    times = [text.get_text() for text in ax.texts]
+    assert len(times) == 2
+    assert times[0] == "0.00 s"
+
+
+def test_a_torque_law_is_marked_where_records_were_taken(outcome):
+    (ax,) = figures.torque_figure(outcome.fits).axes
+    chamber = outcome.model.chambers[0]
+    curve = next(line for line in ax.lines if line.get_label().endswith("polynomial law"))
+    np.testing.assert_allclose(curve.get_ydata(), 1e3 * chamber.torque_at(1e3 * curve.get_xdata()))
+    marks = [line for line in ax.lines if line.get_linestyle() == "None"]
+    taken = sorted((float(line.get_xdata()[0]), line.get_markerfacecolor() == "white") for line in marks)
+    assert taken == [(0.0, True), (10.0, False), (10.0, False), (20.0, True), (20.0, True)]  # open: held out
+    for line in marks:
+        assert line.get_ydata()[0] == pytest.approx(1e3 * chamber.torque_at(1e3 * line.get_xdata()[0]))
+    assert [t.get_text() for t in ax.get_legend().get_texts()][-2:] == ["training level", "held out level"]
+
+
+def test_a_forecast_shows_its_band(outcome):
+    forecast = outcome.forecasts[0]
+    banded = SimpleNamespace(**{**vars(forecast), "half_width": np.full(forecast.tip.shape, 2e-3)})
+    figure = figures.forecast_figure(banded)
+    for k, ax in enumerate(figure.axes):
+        tip = 1e3 * forecast.tip[:, k]
+        assert shows(ax, tip)
+        edges = ax.collections[0].get_paths()[0].vertices[:, 1]
+        assert (edges.min(), edges.max()) == pytest.approx((tip.min() - 2.0, tip.max() + 2.0))
+    assert legend(figure) == ["predicted, not recorded", "95 % band"]
+    assert legend(figures.forecast_figure(forecast)) == ["predicted, not recorded"]
+
+
+def test_a_shape_is_drawn_with_its_chain_at_each_instant(shape):
+    fan, snaps = shape_figure(shape).axes
+    assert len(fan.lines) > 3
+    assert len(snaps.lines) >= 3  # measured, chain and spline at the instants
+
+
+def stage(name, train, held_out, seconds, step_ns, result=True):
+    return SimpleNamespace(rung=SimpleNamespace(name=name, title=f"+ {name}"), train=train, held_out=held_out,
+                           seconds=seconds, step_ns=step_ns, result=result)  # fmt: skip
+
+
+@pytest.mark.parametrize("held_out", [True, False])
+def test_a_model_selection_shows_mean_errors_costs_and_the_choice(held_out):
+    seen = {"a": 6.0, "b": 8.0} if held_out else {}
+    steps = [stage("linear", {"x": 9.0}, seen, 1.5, 300.0), stage("failed", {}, {}, 0.0, 0.0, result=None),
+             stage("creep", {"x": 3.0}, {k: 0.5 * v for k, v in seen.items()}, 4.0, 700.0)]  # fmt: skip
+    selection = SimpleNamespace(steps=steps, chosen="creep")
+    errors, time, cost = ladder_figure(selection).axes
+    lines = {line.get_label(): line.get_xdata() for line in errors.lines}
+    np.testing.assert_allclose(lines["training"], [9.0, 3.0])
+    assert ("held out" in lines) == held_out
+    if held_out:
+        np.testing.assert_allclose(lines["held out"], [7.0, 3.5])
+        dashes = [line for line in errors.lines if line.get_marker() == "|"]
+        assert [list(line.get_xdata()) for line in dashes if len(line.get_xdata()) == 2] == [[6.0, 8.0], [3.0, 4.0]]
+        assert [set(line.get_ydata()) for line in dashes] == [{0}, {1}, {0}, {1}][-len(dashes):]
+    assert [t.get_text() for t in errors.get_yticklabels()] == ["+ linear", "+ creep"]
+    (band,) = errors.patches
+    assert (band.get_y(), band.get_height()) == pytest.approx((0.6, 0.8))  # about the second stage
+    assert errors.yaxis_inverted()
+    assert errors.get_xlim()[0] == 0.0
+    for ax, widths, label, text in (
+        (time, [1.5, 4.0], "time of the fits (s)", ["1.5", "4.0"]),
+        (cost, [300.0, 700.0], "simulated step (ns)", ["300", "700"]),
+    ):
+        assert [bar.get_width() for bar in ax.patches] == widths
+        assert [t.get_text() for t in ax.texts] == text
+        assert ax.get_xlabel() == label
+        assert ax.get_xlim() == pytest.approx((0.0, 1.3 * widths[-1]))
+    with page(88 / 25.4):
+        assert len(ladder_figure(selection).axes) == 1  # in one column the errors alone
+
+
+@pytest.mark.parametrize("chambers", [1, 2])
+def test_a_film_shows_the_body_the_way_of_its_tip_and_the_pressure_now(tmp_path, monkeypatch, chambers):
+    time = np.linspace(0.0, 1.0, 101)
+    tips = np.stack([np.stack([-0.1 * k * np.sin(time), 0.1 * k * np.cos(time)], axis=1) for k in (1, 2)], axis=1)
+    pressure = np.outer(time, np.arange(1, chambers + 1)) * 20
+    base = np.array([[0.0, 0.0], [0.0, 0.01]])
+    kept = {}
+    monkeypatch.setattr(animation.FuncAnimation, "save", lambda film, path, **how: kept.update(film=film, **how))
+    body_film(tmp_path / "f.gif", time, base, tips, pressure, rate=20)
+    film, figure = kept["film"], kept["film"]._fig
+    film._draw_was_started = True
+    frames = list(film.new_frame_seq())
+    assert (kept["writer"], kept["fps"], len(frames)) == ("pillow", 20, 20)
+    np.testing.assert_allclose(time[frames], np.arange(20) / 20, atol=0.0101)  # a frame of the motion or the next
+    place, side = figure.axes
+    line, way, now = film._func(60)
+    np.testing.assert_allclose(line.get_xydata(), 1e3 * np.vstack([base, tips[60]]))
+    np.testing.assert_allclose(way.get_xydata(), 1e3 * tips[:61, 1])
+    np.testing.assert_allclose(now.get_xydata(), np.stack([np.full(chambers, time[60]), pressure[60]], axis=1))
+    assert place.get_aspect() == 1.0
+    assert place.get_xlim()[0] < 1e3 * tips[..., 0].min()
+    assert place.get_xlim()[1] > 0.0
+    assert place.get_ylim()[0] < 0.0
+    assert place.get_ylim()[1] > 200.0
+    np.testing.assert_allclose(np.stack([drawn.get_ydata() for drawn in side.lines[:chambers]], axis=1), pressure)
+    monkeypatch.setattr(animation.writers, "is_available", lambda _: False)
+    with pytest.raises(InputError, match=r"needs ffmpeg.*take \.gif"):
+        body_film(tmp_path / "f.mp4", time, base, tips, pressure)
