@@ -53,3 +53,35 @@ def test_what_no_batch_is_refused():
         batch_stepper([model, chen2018.model(memory=Memory((0.1,), (0.5,)))], 2, 1e-3)
     with pytest.raises(InputError, match="too long"):
         batch_stepper([model, chen2018.model(stiffness=1e4)], 2, 1e-3)
+
+
+def test_chains_that_remember_are_steppers_of_their_own():
+    soft = chen2018.model(memory=Memory(slip_share=(0.3,), slip_angle=(0.02,)))
+    stiff = soft.with_(stiffness=2.0)
+    batch, pressure = batch_stepper([soft, stiff], 3, 1e-3), np.array([[6e4], [3e4], [9e4]])
+    batch.reset(np.array([1]), np.array([1]))
+    alone = [Stepper(stiff if k == 1 else soft, 1e-3) for k in range(3)]
+    for _ in range(2):
+        assert batch.hold(pressure, 15).tolist() == [False] * 3
+    for stepper, p in zip(alone, pressure, strict=True):
+        stepper.step(float(p[0]), 30)
+    np.testing.assert_array_equal(batch.angle, [s.angle for s in alone])
+    np.testing.assert_array_equal(batch.rate, [s.rate for s in alone])
+    batch.reset(np.array([0, 1, 2]), np.array([0, 0, 1]))  # as the body that it was, as another one
+    assert np.abs(batch.angle).max() == np.abs(batch.rate).max() == 0.0
+    batch.hold(np.full((3, 1), 3e4), 10)
+    np.testing.assert_array_equal(batch.angle[0], batch.angle[1])
+    assert abs(batch.angle[2, -1]) < abs(batch.angle[0, -1])
+
+
+@pytest.mark.parametrize("memory", [Memory(), Memory(slip_share=(0.3,), slip_angle=(0.02,))], ids=["none", "slip"])
+def test_a_chain_that_fails_is_told_and_goes_on_after_a_reset(memory):
+    model = chen2018.model(stiffening=-0.45, memory=memory)
+    batch = batch_stepper([model], 2, 1e-3)
+    failed = np.zeros(2, dtype=bool)
+    for _ in range(20):
+        failed |= batch.hold(np.array([[1e4], [9e6]]), 20)
+    assert failed.tolist() == [False, True]
+    batch.reset(np.array([1]), np.array([0]))
+    assert not batch.hold(np.array([[1e4], [1e4]]), 20).any()
+    assert np.isfinite(batch.angle).all()
