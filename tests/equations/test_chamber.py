@@ -55,14 +55,14 @@ STRAIGHT = Interval(2e4, 5e4, 8e4, 5e4)
 
 
 def chamber(share, law=LAW, limit=0.0):
-    return ChamberConstants(law, share, 0.3, limit, 0.05)
+    return ChamberConstants(law, share, 0.3, limit, 0.05, 0.0)
 
 
 def test_a_chamber_that_has_swollen_follows_the_law():
-    assert swollen_torque(1e5, 1e5, 0.7, LAW) == pytest.approx(torque(1e5, LAW), rel=1e-15)
-    assert swollen_torque(1e5, 2e4, 0.0, LAW) == torque(1e5, LAW)
-    assert swollen_torque(1e5, 2e4, 1.0, LAW) == pytest.approx(1e5 * torque(2e4, LAW) / 2e4, rel=1e-15)
-    assert swollen_torque(0.0, 2e5, 0.7, LAW) == 0.0
+    assert swollen_torque(1e5, 1e5, 0.7, LAW, 0.0) == pytest.approx(torque(1e5, LAW), rel=1e-15)
+    assert swollen_torque(1e5, 2e4, 0.0, LAW, 0.0) == torque(1e5, LAW)
+    assert swollen_torque(1e5, 2e4, 1.0, LAW, 0.0) == pytest.approx(1e5 * torque(2e4, LAW) / 2e4, rel=1e-15)
+    assert swollen_torque(0.0, 2e5, 0.7, LAW, 0.0) == 0.0
 
 
 def test_slow_pressure_behind_a_straight_one_is_exact():
@@ -81,7 +81,7 @@ def test_mean_torque_of_a_swelling_chamber(rng):
     assert mean_swollen(Interval(*p), s, chamber(0.0)) == pytest.approx(mean_of_law(Interval(*p), LAW), rel=1e-12)
     assert mean_swollen(Interval(*p), s, chamber(0.6, LAW[:1])) == pytest.approx(LAW[0] * p[3], rel=1e-12)
     t = np.linspace(0, 1, 20001)
-    straight = swollen_torque(2e4 + 6e4 * t, 3e4 + 1e4 * t, 0.6, LAW[:2])
+    straight = swollen_torque(2e4 + 6e4 * t, 3e4 + 1e4 * t, 0.6, LAW[:2], 0.0)
     found = mean_swollen(STRAIGHT, (3e4, 3.5e4, 4e4), chamber(0.6, LAW[:2]))
     assert found == pytest.approx(np.trapezoid(straight, t), rel=1e-8)
 
@@ -112,7 +112,7 @@ def test_mean_torque_of_an_inflating_chamber(rng):
     assert mean_inflated(p, s, (1.0, 1.0, 1.0), swells) == rigid
     assert mean_inflated(p, s, (16.0, 16.0, 16.0), swells) == pytest.approx(8.0 * rigid, rel=1e-14)
     t = np.linspace(0, 1, 20001)
-    growing = lever_growth(1.2 + 0.1 * t) * swollen_torque(2e4 + 6e4 * t, 3e4 + 1e4 * t, 0.6, LAW[:2])
+    growing = lever_growth(1.2 + 0.1 * t) * swollen_torque(2e4 + 6e4 * t, 3e4 + 1e4 * t, 0.6, LAW[:2], 0.0)
     found = mean_inflated(STRAIGHT, (3e4, 3.5e4, 4e4), (1.2, 1.25, 1.3), chamber(0.6, LAW[:2]))
     assert found == pytest.approx(np.trapezoid(growing, t), rel=1e-6)
 
@@ -143,7 +143,8 @@ def test_slow_states_follow_their_rates():
     state = np.array([1e4, 1.1])
     advance(0.2, Interval(p, p, p, p), own, state)
     assert state == pytest.approx(found, rel=1e-8)
-    assert torque_now(p, *state, own) == pytest.approx(lever_growth(state[1]) * swollen_torque(p, state[0], 0.6, LAW))
+    swollen = swollen_torque(p, state[0], 0.6, LAW, 0.0)
+    assert torque_now(p, *state, own) == pytest.approx(lever_growth(state[1]) * swollen)
     assert slow_rates(p, 1e4, 1.1, chamber(0.0))[1] == 0.0
 
 
@@ -153,7 +154,8 @@ def test_joints_share_the_torques_of_chambers():
     for c, t in enumerate((0.3, 0.3)):
         share_out(c, t, gain, tau)
     assert tau == pytest.approx(gain.T @ [0.3, 0.3], abs=1e-16)
-    body = ActuationConstants(np.stack([LAW, 2 * LAW]), gain, np.array([[0.6, 0.3, 0.0, 0.05], [0.0, 1.0, 0.0, 0.1]]))
+    rubber = np.array([[0.6, 0.3, 0.0, 0.05, 0.0], [0.0, 1.0, 0.0, 0.1, 0.0]])
+    body = ActuationConstants(np.stack([LAW, 2 * LAW]), gain, rubber)
     state = np.array([[2e4, 1.0], [1e4, 1.0]])
     held_torques(0.02, np.array([4e4, 0.0]), body, state, tau)
     alone = np.array([2e4, 1.0])

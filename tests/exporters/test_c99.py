@@ -12,6 +12,7 @@ from binding import COMPILER, STRICT, Arm
 
 import pliant
 from pliant.actuators import chen2018
+from pliant.equations.laws import LAWS
 from pliant.errors import InputError
 from pliant.exporters.c99 import code
 from pliant.exporters.provenance import Provenance
@@ -58,6 +59,18 @@ def test_the_steps_of_the_stepper(kind, rng, tmp_path):
         seen[k], wanted[k] = (arm.angle, arm.rate), (stepper.angle, stepper.rate)
     worst = np.abs(seen - wanted).max(axis=(0, 2))
     assert max(worst[0], 1e-3 * worst[1]) < 1e-12
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_a_law_with_a_kernel(law, rng, tmp_path):
+    levels = np.linspace(1e4, 1.2e5, 12)
+    own = law.numbers(law.start(levels, 6e-7 * levels / (1.0 + levels / 1e5)))
+    model = random_model(rng, 2, 1).with_(law=law.name, torque=own)
+    arm, stepper = Arm(model, tmp_path), Stepper(model, 1e-3)
+    for p in held_pressures(rng, 2000):
+        arm.step(p)
+        stepper.step(p)
+    np.testing.assert_allclose(arm.angle, stepper.angle, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -38,6 +38,8 @@ def test_a_model_without_a_feature_has_none_of_it(key):
     model = EVERYTHING
     if key == "second_order":
         model = model.with_(valve=Valve(natural_frequency=9.0))
+    if key == "own_law":
+        model = model.with_(law="saturating", torque=[6e-7, 1e5])
     if key == "lengthening":
         model = model.with_(extensions=(Extension(500.0),))
     if key == "points":

@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from pliant.equations.laws import LAWS
 from pliant.errors import InputError, PliantError
 from pliant.identification import Experiment, Parameter
 from pliant.identification.chamber_parameters import OWN, owners
@@ -38,6 +39,9 @@ TIMES = np.arange(0.0, 0.6, 0.01)
 EDGES = {"pulse": {"e.start": 0.1234, "e.stop": 0.3367}, "step": {"e.start": 0.1234}, "release": {"e.release": 0.1471},
          "trace": {}}  # fmt: skip
 
+LEVELS = np.linspace(1e4, 1.2e5, 8)  # Pa, and torques that rise less and less: laws with kernels begin there
+TORQUES = 6e-7 * LEVELS / (1.0 + LEVELS / 2e5)
+
 # a value for each kind of parameter, away from its bounds; every pattern of `parameters.KNOWN` must be met by one
 VALUES: dict[str, float] = {
     "stiffness": 0.9, "damping": 6e-3, "stiffness_2": 0.8, "damping_3": 5e-3, "rest_angle": 0.11, "rest_angle_3": 0.07,
@@ -58,6 +62,7 @@ VALUES: dict[str, float] = {
     "swell_share": 0.3, "swell_time": 0.2, "inflation_limit": 4e5, "inflation_time": 0.04,
     "axial_stiffness": 210.0, "axial_damping": 0.8, "axial_gain": 25.0,
     "elastic_wall_lever": 5e-7, "elastic_wall_compliance": 1.1e-6,
+    **{f"{law.name}_{name}": value for law in LAWS for name, value in law.start(LEVELS, TORQUES).items()},
 }  # fmt: skip
 
 SCALES = dict.fromkeys(("start", "stop", "release"), 0.01)
@@ -79,8 +84,8 @@ MODELS: dict[str, Model] = {
     "plain": Model(**PLAIN),
     "hardening": Model(**{**PLAIN, "mass_at": "tip", "base_angle": 0.2, "stiffening": 0.2, "cubic_stiffening": 0.6,
                           "name": "hardening", "source": {"stiffness": "stated"}}),
-    "second order": Model(**{**PLAIN, "torque": [4e-7, 2e-12], "valve": Valve(
-        dead_time=4e-3, natural_frequency=6.0, damping_ratio=0.4)}),
+    "second order": Model(**{**PLAIN, "law": LAWS[0].name, "torque": LAWS[0].numbers(LAWS[0].start(LEVELS, TORQUES)),
+                             "valve": Valve(dead_time=4e-3, natural_frequency=6.0, damping_ratio=0.4)}),
     "rubber": Model(**{**PLAIN, "torque": [4e-7, 2e-12], "swell_share": 0.3, "swell_time": 0.2, "inflation_limit": 4e5,
                        "inflation_time": 0.04, "valve": Valve(rise_time=0.03, fall_time=0.05, rise_rate=1.5e6,
                        fall_rate=9e5, settle_share=0.2, settle_time=0.3, dead_band=1.5e3)}),

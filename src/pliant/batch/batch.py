@@ -132,9 +132,9 @@ def simulate_batch(
 
 
 def one_by_one(models: Model | Sequence[Model]) -> bool:
-    """Whether lanes cannot hold the bodies of a batch: those of several chambers, and those that lengthen."""
+    """Whether lanes cannot hold the bodies: of several inputs, of laws with kernels, those that lengthen."""
     many = (models,) if isinstance(models, Model) else models
-    return any(m.actuation.count > 1 or mechanics_of(m).lengthens for m in many)
+    return any(m.actuation.count > 1 or not m.actuation.polynomial or mechanics_of(m).lengthens for m in many)
 
 
 def check_choices(variables: Sequence[str], device: str, failures: str, known: Mapping[str, Any] = VARIABLES) -> None:

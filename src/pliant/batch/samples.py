@@ -9,18 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations import symbols
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics.many import small_motions
 from pliant.mechanics.springs import springs_of
 from pliant.model import Model, Valve, fixed_length
 from pliant.model import model as model_fields
-from pliant.model.chamber import grown, remembering
+from pliant.model.chamber import RUBBER, grown, remembering
 from pliant.model.inertia import inertia_constants
 from pliant.simulation import state
 
 Array = np.ndarray
-RUBBER = symbols.ChamberConstants._fields[1:]  # of the only chamber
 SCALARS = (*model_fields.SCALARS, *RUBBER)
 PER_LINK = (*model_fields.PER_LINK, "joint_gain")
 VALVE = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time"}

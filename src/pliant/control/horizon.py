@@ -168,9 +168,7 @@ def sides(valve: Valve, supply: SupplyValve | None) -> tuple[Valve, Valve]:
 
 def torque_and_slope(chamber: Chamber, pressure: Array) -> tuple[Array, Array]:
     """Torque [N m] of a chamber's law at rest at pressures (K,) [Pa], and its slope [N m/Pa], the swelling held."""
-    lever = np.polynomial.Polynomial(chamber.torque)
-    rest = pressure * lever(pressure)
-    return rest, lever(pressure) + (1.0 - chamber.swell_share) * pressure * lever.deriv()(pressure)
+    return pressure * chamber.lever_at(pressure), chamber.law_slope(pressure)
 
 
 def alone(rows: Array, chamber: int, chambers: int) -> Array:

@@ -1,6 +1,6 @@
 """One pressure -> one torque, over an interval of time: laws, chambers that swell, chambers whose wall gives way.
 
-A chamber makes the torque of its law (`section.torque`), or, where its rubber takes time, one that depends on two slow
+A chamber makes the torque of its law (`laws`), or, where its rubber takes time, one that depends on two slow
 states: a pressure that lags (swelling) and the fourth power of the hoop stretch (inflation). `advance` averages the
 torque over an interval and moves the slow states on, `share_out` gives it to the joints: whoever takes steps takes its
 torques from here.
@@ -10,23 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pliant.equations.laws import lever, lever_secant, secant
 from pliant.equations.section import torque
 from pliant.equations.symbols import ChamberConstants, Interval
-
-
-def secant(p0, p1, a, first):
-    """Slope of the secant of the law (a_first, a_first+1, ...) between two pressures [Pa], also where they are equal.
-
-    (tau(p1) - tau(p0)) / (p1 - p0) = sum_k a_k (p0^{k-1} + p0^{k-2} p1 + ... + p1^{k-1})
-    """
-    value = 0.0 * p0
-    ratio = 1.0 + 0.0 * p0
-    power = ratio
-    for k in range(first, len(a)):
-        value = value + a[k] * ratio
-        power = power * p0
-        ratio = ratio * p1 + power
-    return value
 
 
 def mean_of_law(p, a):
@@ -39,19 +25,15 @@ def mean_of_law(p, a):
     return simpson + (p.mean - (p.start + 4.0 * p.middle + p.end) / 6.0) * secant(p.start, p.end, a, 0)
 
 
-def swollen_torque(p, slow, share, a):
+def swollen_torque(p, slow, share, a, form):
     """Torque at the pressure p of a chamber that swells: its lever grows with a pressure that lags behind; N m.
 
-    tau = p (a_1 + a_2 s + a_3 s^2 + ...),  s = p + share (slow - p)
+    tau = p (a_1 + a_2 s + a_3 s^2 + ...),  s = p + share (slow - p); of another law p lever(s)
 
-    At rest, where slow = p, and at share = 0 it is `torque`. Without pressure there is no torque, however swollen the
+    At rest, where slow = p, and at share = 0 it is the law. Without pressure there is no torque, however swollen the
     chamber still is.
     """
-    swell = p + share * (slow - p)
-    value = 0.0 * p
-    for k in range(len(a) - 1, 0, -1):
-        value = (value + a[k]) * swell
-    return (value + a[0]) * p
+    return lever(p + share * (slow - p), a, form) * p
 
 
 def slow_interval(h, p, slow, time):
@@ -75,22 +57,19 @@ def mean_swollen(p, slow, chamber):
     share = chamber.swell_share
     a = chamber.law
     simpson = (
-        swollen_torque(p.start, slow[0], share, a)
-        + 4.0 * swollen_torque(p.middle, slow[1], share, a)
-        + swollen_torque(p.end, slow[2], share, a)
+        swollen_torque(p.start, slow[0], share, a, chamber.form)
+        + 4.0 * swollen_torque(p.middle, slow[1], share, a, chamber.form)
+        + swollen_torque(p.end, slow[2], share, a, chamber.form)
     ) / 6.0
-    slope = swollen_slope(p.start, p.end, slow[1], share, a)
+    slope = swollen_slope(p.start, p.end, slow[1], share, a, chamber.form)
     return simpson + (p.mean - (p.start + 4.0 * p.middle + p.end) / 6.0) * slope
 
 
-def swollen_slope(start, end, slow, share, a):
+def swollen_slope(start, end, slow, share, a, form):
     """Slope of the chord of `swollen_torque` between two pressures [Pa], the slow one held; N m/Pa."""
     s0 = start + share * (slow - start)
     s1 = end + share * (slow - end)
-    lever = 0.0 * end
-    for k in range(len(a) - 1, -1, -1):
-        lever = lever * s1 + a[k]
-    return lever + start * (1.0 - share) * secant(s0, s1, a, 1)
+    return lever(s1, a, form) + start * (1.0 - share) * lever_secant(s0, s1, a, form)
 
 
 def inflated_interval(h, p, y, limit, time):
@@ -131,17 +110,17 @@ def mean_inflated(p, slow, y, chamber):
     share = chamber.swell_share
     a = chamber.law
     simpson = (
-        lever_growth(y[0]) * swollen_torque(p.start, slow[0], share, a)
-        + 4.0 * lever_growth(y[1]) * swollen_torque(p.middle, slow[1], share, a)
-        + lever_growth(y[2]) * swollen_torque(p.end, slow[2], share, a)
+        lever_growth(y[0]) * swollen_torque(p.start, slow[0], share, a, chamber.form)
+        + 4.0 * lever_growth(y[1]) * swollen_torque(p.middle, slow[1], share, a, chamber.form)
+        + lever_growth(y[2]) * swollen_torque(p.end, slow[2], share, a, chamber.form)
     ) / 6.0
-    slope = lever_growth(y[1]) * swollen_slope(p.start, p.end, slow[1], share, a)
+    slope = lever_growth(y[1]) * swollen_slope(p.start, p.end, slow[1], share, a, chamber.form)
     return simpson + (p.mean - (p.start + 4.0 * p.middle + p.end) / 6.0) * slope
 
 
 def torque_now(p, slow, y, chamber):
     """Torque [N m] of a chamber at the pressure p [Pa] and its slow states."""
-    made = swollen_torque(p, slow, chamber.swell_share, chamber.law)
+    made = swollen_torque(p, slow, chamber.swell_share, chamber.law, chamber.form)
     if chamber.inflation_limit.real > 0.0:
         return made * lever_growth(y)
     return made
@@ -162,7 +141,9 @@ def advance(h, p, chamber, state):
     time leaves it as it is.
     """
     if not (chamber.swell_share.real > 0.0 or chamber.inflation_limit.real > 0.0):
-        return mean_of_law(p, chamber.law)
+        if chamber.form.real == 0.0:
+            return mean_of_law(p, chamber.law)
+        return mean_swollen(p, (p.start, p.middle, p.end), chamber)  # of a share of 0
     before = state[0]
     half, last = slow_interval(h, p, before, chamber.swell_time)
     state[0] = last
@@ -177,7 +158,7 @@ def advance(h, p, chamber, state):
 def advance_one(c, h, p, actuation, state):
     """As `advance`, of chamber c of an `ActuationConstants`; its slow states are row c of `state` (C, 2)."""
     rubber = actuation.rubber
-    chamber = ChamberConstants(actuation.law[c], rubber[c, 0], rubber[c, 1], rubber[c, 2], rubber[c, 3])
+    chamber = ChamberConstants(actuation.law[c], rubber[c, 0], rubber[c, 1], rubber[c, 2], rubber[c, 3], rubber[c, 4])
     return advance(h, p, chamber, state[c])
 
 

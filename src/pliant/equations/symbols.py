@@ -105,11 +105,12 @@ class MemoryLaw(NamedTuple):
 class ChamberConstants(NamedTuple):
     """One pressure that makes one torque: `equations.chamber`."""
 
-    law: np.ndarray  # (k,) N m/Pa^i, the torque law at rest
+    law: np.ndarray  # (k,) numbers of the torque law at rest, of the polynomial in N m/Pa^i
     swell_share: float  # of the law's growth with pressure that comes late
     swell_time: float  # s
     inflation_limit: float  # Pa, towards which the wall gives way; 0: a rigid wall
     inflation_time: float  # s
+    form: float  # number of the law: `equations.laws`
 
 
 class ActuationConstants(NamedTuple):
@@ -118,9 +119,9 @@ class ActuationConstants(NamedTuple):
     Few arrays: each costs a caller.
     """
 
-    law: np.ndarray  # (C, k) N m/Pa^i
+    law: np.ndarray  # (C, k) numbers of the laws
     gain: np.ndarray  # (C, n) share of each chamber's torque that each joint feels; 1 by virtual work
-    rubber: np.ndarray  # (C, 4) the last four entries of each `ChamberConstants`
+    rubber: np.ndarray  # (C, 5) the last five entries of each `ChamberConstants`
 
 
 class Interval(NamedTuple):

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypedDict, Unpack
 import numpy as np
 
 from pliant.compiler.choose import tuples, twin
+from pliant.equations.laws import POLYNOMIAL
 from pliant.estimation import adaptive_observer_loops
 from pliant.estimation.contract import EstimatorKind, Setting, State
 from pliant.estimation.link_angles import needs_joint_rows
@@ -209,7 +210,8 @@ def without_valves(model: Model) -> Model:
 
 def with_shifts(model: Model) -> tuple[Array, Array]:
     """State matrix (3 n, 3 n) of angles, rates and rest shifts at rest; what the chambers' torques do (3 n, C)."""
-    linear = linearise(model.with_(chambers=tuple(replace(c, torque=np.array([UNIT])) for c in model.chambers)), 0.0)
+    unit = tuple(replace(c, law=POLYNOMIAL, torque=np.array([UNIT])) for c in model.chambers)
+    linear = linearise(model.with_(chambers=unit), 0.0)
     n, count = model.n, model.actuation.count
     chain = np.zeros((3 * n, 3 * n))
     chain[: 2 * n, : 2 * n] = linear.A

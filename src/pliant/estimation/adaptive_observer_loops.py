@@ -9,8 +9,8 @@ import numpy as np
 
 from pliant.equations.chamber import held_torques
 from pliant.equations.elastic import tangent
+from pliant.equations.laws import law_torque
 from pliant.equations.memory import memory_angle, step_with_memory
-from pliant.equations.section import torque
 from pliant.equations.symbols import ActuationConstants, Body, Held, Joints, MemoryLaw, Past, Workspace
 from pliant.estimation.symbols import (
     FOLLOWED,
@@ -33,7 +33,7 @@ def follow(periods, pressure, values, state, model, gains, pace, workspace):
     """
     failed = False
     if periods > 0:
-        learn_ahead(state, gains, periods, pressure, model.chambers.law, workspace.weight)
+        learn_ahead(state, gains, periods, pressure, model.chambers, workspace.weight)
         failed = ahead(state, pressure, model, periods * pace.parts, pace.h, workspace)
     outcome = FOLLOWED
     if lost(values):
@@ -61,9 +61,9 @@ def follow_of_tuples(periods, pressure, values, records):
     own = ObserverModel(
         Joints(*joints), Body(*body), ActuationConstants(*chambers), MemoryLaw(*memory), instantaneous
     )
-    held, work, springs, law, weight, move = workspace
+    held, work, springs, gain, weight, move = workspace
     scratch = Held(*held[:10], Joints(*held[10]))
-    room = ObserverWorkspace(scratch, Workspace(*work), Joints(*springs), law, weight, move)
+    room = ObserverWorkspace(scratch, Workspace(*work), Joints(*springs), gain, weight, move)
     return follow(periods, pressure, values, ObserverState(*state), own, ObserverGains(*gains), Pace(*pace), room)
 
 
@@ -82,9 +82,9 @@ def ahead(state, pressure, model, count, h, workspace):
         springs.theta0[i] = model.joints.theta0[i] + state.own_shift[i]
     own, work, failed = model.chambers, workspace.work, False
     for c in range(len(pressure)):
-        for k in range(own.law.shape[1]):
-            workspace.law[c, k] = own.law[c, k] * state.factor[0]
-    chambers = ActuationConstants(workspace.law, own.gain, own.rubber)
+        for i in range(own.gain.shape[1]):
+            workspace.gain[c, i] = own.gain[c, i] * state.factor[0]
+    chambers = ActuationConstants(own.law, workspace.gain, own.rubber)
     past = Past(model.memory, state.memory, workspace.held)
     for _ in range(count):
         held_torques(h, pressure, chambers, state.slow, work.tau)
@@ -95,10 +95,10 @@ def ahead(state, pressure, model, count, h, workspace):
     return failed
 
 
-def learn_ahead(state, gains, periods, pressure, law, new):
+def learn_ahead(state, gains, periods, pressure, chambers, new):
     """Sensitivity of the observer's state to the factor after whole periods under pressures (C,) [Pa].
 
-    `law` (C, k) are the torque laws of factor 1; `new` (3n,) is workspace.
+    `chambers` are those of factor 1; `new` (3n,) is workspace.
 
     Source: Zhang, IEEE Trans. Autom. Control 47(3), 2002
     """
@@ -109,7 +109,7 @@ def learn_ahead(state, gains, periods, pressure, law, new):
         for a in range(len(G)):
             new[a] = 0.0
         for c in range(len(pressure)):
-            push = torque(pressure[c], law[c])
+            push = law_torque(pressure[c], chambers.law[c], chambers.rubber[c, 4])
             for a in range(len(G)):
                 new[a] = new[a] + G[a, c] * push
         for a in range(len(G)):

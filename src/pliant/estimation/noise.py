@@ -71,7 +71,7 @@ class Noise:
 
     def densities(self, model: Model) -> tuple[Array, Array, Array, float]:
         """For the loops: spectral densities of joint torques, a common torque, the disturbance's rate; its growth."""
-        common = np.array([(float(c.torque[0]) * self.pressure) ** 2 for c in model.chambers])
+        common = np.array([(float(c.lever_at(0.0)) * self.pressure) ** 2 for c in model.chambers])
         size = scales(model) ** 2
         return self.torque**2 * size, common, self.random_walk**2 * size, float(self.motion_growth)
 

@@ -69,7 +69,7 @@ class ObserverWorkspace(NamedTuple):
     held: Held
     work: Workspace
     springs: Joints  # those that a step sees, their rest moved by the shift
-    law: np.ndarray  # (C, k) of the torques, times the factor
+    gain: np.ndarray  # (C, n) of the chambers' torques, times the factor
     weight: np.ndarray  # (3n,)
     move: np.ndarray  # (3n,)
 

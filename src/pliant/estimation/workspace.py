@@ -28,7 +28,7 @@ def make_observer_workspace(model: Model) -> ObserverWorkspace:
     """Workspace of the adaptive observer."""
     n, springs = model.n, mechanics_of(model).joints._replace(theta0=np.zeros(model.n))
     return ObserverWorkspace(
-        state.held(model), planar.workspace(n), springs, np.zeros_like(model.actuation.kernel().law), np.zeros(3 * n),
+        state.held(model), planar.workspace(n), springs, np.zeros_like(model.actuation.gain), np.zeros(3 * n),
         np.zeros(3 * n),
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real, cells
-from pliant.equations import energy, inertia, motion, symbols
+from pliant.equations import energy, inertia, laws, motion, symbols
 from pliant.equations.elastic import ROWS, TERMS
 from pliant.mechanics import mechanics_of, planar
 from pliant.model import Model
@@ -20,6 +20,7 @@ from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
 DERIVED = ("B", "I", "h", "hardening")  # of the parameters, what `update` works out of the others
+FORM = 4  # place of the number of its law behind the rubber of a chamber: known beforehand
 LIMITS = {"AGREE": 2e-6}  # rad, what single precision can agree to; see `equations.memory`
 
 
@@ -43,7 +44,7 @@ def parameters(model: Model) -> dict[str, Array]:
         **{t: getattr(model, t) for t in (*SPRING_TERMS, SPRING_BOUND)},
         "rest_angle": model.rest_angle, "base_length": model.base_length, "base_angle": model.base_angle,
         "gravity": model.gravity, "torque": actuation.law, "joint_gain": actuation.gain, "valve": lags,
-        "rubber": actuation.rubber, "creep_share": memory.creep_share, "creep_time": memory.creep_time,
+        "rubber": actuation.rubber[:, :FORM], "creep_share": memory.creep_share, "creep_time": memory.creep_time,
         "slip_share": memory.slip_share, "slip_angle": memory.slip_angle,
         "boucwen": np.array([getattr(memory, f) for f in memory._fields[4:]]),
         "dead_time": np.array([c.valve.dead_time for c in model.chambers]),
@@ -82,8 +83,9 @@ def names(model: Model) -> Names:
             unlimited = k >= 2 and lag[k] >= UNLIMITED
             valve[c, k] = lag[k] if unlimited or (k < 2 and not any(lag[:2])) else valve[c, k]
         kernel = chamber.kernel()[1:]
-        rubber[c] = [rubber[c, k] if kernel[k - k % 2] else kernel[k] for k in range(len(kernel))]
-    actuation = symbols.ActuationConstants(of("torque"), of("joint_gain"), rubber)
+        rubber[c] = [rubber[c, k] if kernel[k - k % 2] else kernel[k] for k in range(FORM)]
+    forms = model.actuation.kernel().rubber[:, FORM:].astype(object)
+    actuation = symbols.ActuationConstants(of("torque"), of("joint_gain"), np.hstack([rubber, forms]))
     drives = march_loops.Drives(actuation, valve, cells("s->pressure", (C,)), cells("s->chamber", (C, 2)))
     body = symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1])
     return Names(body, joints, memory, drives)
@@ -265,13 +267,9 @@ class Text:
         actuation, pressure = self.given.drives.actuation, self.given.drives.pressure
         slope = w.scratch("slope", (self.model.actuation.count,))
         for c in range(slope.size):
-            law, p = actuation.law[c], pressure[c]
-            level = rise = w.number(0.0)
-            for k in range(len(law) - 1, -1, -1):
-                rise = f"({rise} * {p} + {w.number(k + 1)} * {law[k]})"
-                level = f"(({level} + {law[k]}) * {p})"
-            w.say(f"{slope[c]} = {rise};")
-            torque = w.keep(Real(level), f"torque_{c}")
+            given = pressure[c], actuation.law[c], actuation.rubber[c, FORM]
+            w.say(f"{slope[c]} = {w.call(laws.law_slope, *given)};")
+            torque = w.keep(w.call(laws.law_torque, *given), f"torque_{c}")
             for i in range(self.model.n):
                 before = f"{tau[i]} + " if c else ""
                 w.say(f"{tau[i]} = {before}{actuation.gain[c, i]} * {torque};")

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.mechanics.springs import springs_of
 from pliant.model import Chamber, Model
@@ -43,8 +44,8 @@ def lag(chamber: Chamber) -> bool:
 
 
 def curved(chamber: Chamber) -> bool:
-    """Whether the torque is more than a multiple of the pressure."""
-    return bool(chamber.torque[1:].any())
+    """Whether the torque is more than a multiple of the pressure, as a polynomial."""
+    return chamber.law == POLYNOMIAL and bool(chamber.torque[1:].any())
 
 
 def of_chambers(change: Callable[[Chamber], Chamber]) -> Callable[[Model], Model]:
@@ -68,7 +69,7 @@ def straight_law(model: Model) -> Model:
 
     def straight(chamber: Chamber) -> Chamber:
         rigid = replace(chamber, inflation_limit=0.0)
-        return replace(chamber, torque=np.array([float(rigid.torque_at(level)) / level]))
+        return replace(chamber, law=POLYNOMIAL, torque=np.array([float(rigid.torque_at(level)) / level]))
 
     return of_chambers(straight)(model)
 
@@ -160,6 +161,10 @@ FEATURES: dict[str, Feature] = {
     },
     "law": Feature(
         "torque law beyond a multiple", some("torque law of higher degree", curved), straight_law, ("Chamber.torque",)
+    ),
+    "own_law": Feature(
+        "torque law that is no polynomial", some("torque law that is no polynomial", lambda c: c.law != POLYNOMIAL),
+        straight_law, ("Chamber.law",),
     ),
     "lagging_law": Feature(
         "such a law behind a lagging valve",

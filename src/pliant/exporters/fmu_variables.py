@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from pliant.equations.laws import LAWS
 from pliant.exporters.c_functions import DERIVED, parameters
 from pliant.exporters.names import with_identifiers
 from pliant.model import Model
@@ -65,13 +66,16 @@ def variables(model: Model, pressure: float) -> list[Variable]:
         value = parameters(model)[field]
         for index in np.ndindex(*value.shape):
             name = field + (f"[{','.join(str(i + 1) for i in index)}]" if index else "")
-            rows.append(Variable(name, "parameter", unit_of(field, index), float(value[index])))
+            rows.append(Variable(name, "parameter", unit_of(model, field, index), float(value[index])))
     return rows
 
 
-def unit_of(field: str, index: tuple[int, ...]) -> str:
+def unit_of(model: Model, field: str, index: tuple[int, ...]) -> str:
     """Return the unit of one element of a parameter; empty for a pure number."""
     if field == "torque":
+        own = {law.name: [row.unit.replace(" ", ".") for row in law.parameters.values()] for law in LAWS}
+        if units := own.get(model.chambers[index[0]].law):
+            return units[index[-1]] if index[-1] < len(units) else ""
         return "N.m/Pa" + (str(index[-1] + 1) if index[-1] else "")
     unit = UNIT_OF[field]
     return unit if isinstance(unit, str) else unit[index[-1]]

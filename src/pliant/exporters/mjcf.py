@@ -29,7 +29,8 @@ from pliant.simulation.state import equilibrium
 from pliant.text import identifiers
 
 CAN = ALL - RUBBER - LATER_TERMS - {
-    "lengthening", "bounded", "lagging_law", "two_lags", "second_order", "rates", "settling", "dead_band", "boucwen",
+    "lengthening", "bounded", "own_law", "lagging_law", "two_lags", "second_order", "rates", "settling", "dead_band",
+    "boucwen",
 }
 ARMATURE = 1e-7  # kg m^2, of a hidden hinge: MuJoCo moves nothing without inertia
 TINY = 1e-12  # kg m^2, of a mass that is a point in pliant

@@ -10,9 +10,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pliant.equations import symbols
+from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
+from pliant.model.chamber import RUBBER
 from pliant.model.torque_law import laid_torque, law_parameters, torque_laws
 
 Array = np.ndarray
@@ -21,7 +22,6 @@ VALVE = {
     "valve_rise_rate": "rise_rate", "valve_fall_rate": "fall_rate",
     "valve_dead_band": "dead_band", "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
 }  # fmt: skip
-RUBBER = symbols.ChamberConstants._fields[1:]
 GAINS = r"gain|gain_[xy]|(joint|cross)_gain_(\d+|\*)"
 OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER))}")
 
@@ -84,12 +84,11 @@ def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, 
     changes |= changed_gains(chamber, values)
     if powers := {int(k[-1]): values[k] for k in matching("torque_[1-9]", names)}:
         law = np.zeros(max([chamber.torque.size, *powers]))
-        law[: chamber.torque.size] = chamber.torque
+        law[: chamber.torque.size] = chamber.torque if chamber.law == POLYNOMIAL else 0.0
         for k, value in powers.items():
             law[k - 1] = value
-        changes["torque"] = law
-    if (laid := laid_torque(values)) is not None:
-        changes["torque"] = laid
+        changes |= {"law": POLYNOMIAL, "torque": law}
+    changes |= laid_torque(values)
     if moved := {field: values[name] for name, field in VALVE.items() if name in values}:
         changes["valve"] = replace(chamber.valve, **moved)
     return changes
@@ -170,8 +169,8 @@ def shares_scale(listed: Mapping[str, Named], chamber: Chamber, start: str, *, s
     gains = [own(n) for n, g in zip(names, chamber.joint_gain, strict=True) if g or start + n in listed]
     if not gains or not all(p and (p.free or not p.value) for p in gains) or not any(p and p.free for p in gains):
         return False
-    if laws := [law for law in torque_laws() if own(law.scaling)]:
-        return any((p := own(law.scaling)) and p.free for law in laws)
+    if laws := [law for law in torque_laws() if own(law.scaling())]:
+        return any((p := own(law.scaling())) and p.free for law in laws)
     powers = {f"torque_{k + 1}" for k in np.flatnonzero(chamber.torque)}
     powers |= {name for k in range(1, 10) if own(name := f"torque_{k}")}
     law = [own(name) for name in powers]

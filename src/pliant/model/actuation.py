@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pliant.equations import chamber, symbols
+from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
 
@@ -101,6 +102,11 @@ class Actuation:
     def remembers(self) -> bool:
         """Whether a chamber has slow states."""
         return any(c.remembers for c in self.inputs)
+
+    @property
+    def polynomial(self) -> bool:
+        """Whether all laws are polynomials."""
+        return all(c.law == POLYNOMIAL for c in self.inputs)
 
     def kernel(self) -> symbols.ActuationConstants:
         """Constants for the kernels, shorter laws filled up with zeros."""

@@ -8,13 +8,14 @@ from typing import Any, ClassVar, TypedDict
 
 import numpy as np
 
-from pliant.equations import chamber, section, symbols
+from pliant.equations import chamber, laws, symbols
 from pliant.errors import InputError
 from pliant.model.checks import check_numbers, numbers, one_number
 from pliant.model.limits import MOST_TERMS
 from pliant.model.valve import Valve
 
 Array = np.ndarray
+RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time")
 ARRAYS = ("torque", "joint_gain", "cross_gain", "axial_gain")
 POSITIVE = ("swell_time", "inflation_time")
 NOT_NEGATIVE = ("swell_share", "inflation_limit")
@@ -32,6 +33,7 @@ class ChamberValues(TypedDict, total=False):
     inflation_time: float
     axial_gain: Any
     cross_gain: Any
+    law: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,8 @@ class Chamber:
     Parameters
     ----------
     torque : array (k,)
-        Torque law tau = torque[0] p + torque[1] p^2 + ..., N m/Pa^i, p gauge. The paper's is (A d,).
+        Torque law tau = torque[0] p + torque[1] p^2 + ..., N m/Pa^i, p gauge. The paper's is (A d,). Of another `law`
+        its numbers.
     joint_gain : array (n,)
         Share of the torque law that each joint feels; 1 by virtual work. A number stands for all joints.
     valve : Valve
@@ -65,6 +68,8 @@ class Chamber:
         axis. A chamber at an azimuth alpha from x towards y has joint_gain sin(alpha) and cross_gain -cos(alpha).
     name : str
         By which recordings and parameters mean it.
+    law : str
+        "polynomial", or another law of `pliant.equations.laws`, by its name.
 
     Raises
     ------
@@ -90,6 +95,7 @@ class Chamber:
     axial_gain: Array = field(default_factory=lambda: np.zeros(1))
     cross_gain: Array = field(default_factory=lambda: np.zeros(1))
     name: str = "chamber"
+    law: str = laws.POLYNOMIAL
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
@@ -146,14 +152,23 @@ class Chamber:
         """Whether more than the pressure at hand makes the torque."""
         return self.swells or self.grows
 
+    @property
+    def plain(self) -> bool:
+        """Whether the torque is a polynomial of the pressure at hand."""
+        return self.law == laws.POLYNOMIAL and not self.remembers
+
     def rest_state(self, pressure: float) -> Array:
         """Slow states (2,) long at rest at `pressure` [Pa]: slow pressure [Pa], fourth power of the stretch."""
         return np.array([pressure, float(self.growth_at(pressure))])
 
     def torque_at(self, pressure: Any) -> Any:
         """Torque of the law at rest at gauge `pressure` [Pa], N m; any shape. Infinite where the wall gives way."""
-        torque = section.torque(np.asarray(pressure, dtype=float), self.torque)
+        torque = self.lever_at(pressure) * np.asarray(pressure, dtype=float)
         return torque * chamber.lever_growth(self.growth_at(pressure)) if self.inflation_limit else torque
+
+    def lever_at(self, pressure: Any) -> Any:
+        """Torque of the law for each pascal at gauge `pressure` [Pa], N m/Pa; any shape."""
+        return laws.lever(np.asarray(pressure, dtype=float), self.torque, laws.NUMBERS[self.law])
 
     def no_rest(self, pressure: float) -> str:
         """A sentence where the wall gives way at a pressure [Pa]; empty where the chamber comes to rest."""
@@ -181,10 +196,13 @@ class Chamber:
                 "the linear model and the controllers take a chamber with a rigid wall: fit a torque law without "
                 "inflation_limit for them"
             )
-        p = float(pressure)
-        lever = section.torque(p, self.torque) / p if p else float(self.torque[0])
-        rest = float(chamber.secant(p, p, self.torque, 1)) if self.torque.size > 1 else 0.0
-        return float(lever + p * (1.0 - self.swell_share) * rest)
+        return float(self.law_slope(float(pressure)))
+
+    def law_slope(self, pressure: Any) -> Any:
+        """Slope of the law alone at a pressure [Pa], the swelling held, N m/Pa; any shape."""
+        p, form = np.asarray(pressure, dtype=float), laws.NUMBERS[self.law]
+        rise = laws.lever_secant(p, p, self.torque, form)
+        return self.lever_at(p) + p * (1.0 - self.swell_share) * rise
 
     @property
     def key(self) -> tuple[Any, ...]:
@@ -195,6 +213,8 @@ class Chamber:
         """Law, valve and rubber, for people; `alone`: the only chamber needs no name."""
         powers = ("p", *(f"p^{k}" for k in range(2, self.torque.size + 1)))
         law = " + ".join(f"{a:.4g} {p}" for a, p in zip(self.torque, powers, strict=True))
+        if self.law != laws.POLYNOMIAL:
+            law = f"{self.law} ({', '.join(f'{a:.4g}' for a in self.torque)})"
         who = "" if alone else f"{self.name}: "
         joints = "each joint" if alone else f"joints {', '.join(str(i + 1) for i in np.flatnonzero(self.joint_gain))}"
         said = [f"{who}torque at {joints}: {law} N m, p in Pa gauge"]
@@ -213,7 +233,8 @@ class Chamber:
     def kernel(self) -> symbols.ChamberConstants:
         """Constants for the kernels."""
         return symbols.ChamberConstants(
-            self.torque, self.swell_share, self.swell_time, self.inflation_limit, self.inflation_time
+            self.torque, self.swell_share, self.swell_time, self.inflation_limit, self.inflation_time,
+            laws.NUMBERS[self.law],
         )
 
 
@@ -243,10 +264,28 @@ def check_chamber(made: Chamber) -> None:
     of = "model" if made.name == "chamber" else f"chamber {made.name!r}:"
     if made.swell_share > 1:
         raise InputError(f"{of} swell_share must be at most 1, the whole of it, got {made.swell_share}")
-    check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS)
+    check_law(made, of)
+    check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS if made.law == laws.POLYNOMIAL else ARRAYS[1:])
     if not made.torque.size:
         raise InputError(f"{of} torque must have at least one coefficient (N m/Pa); the paper's is A d")
     if made.torque.size > MOST_TERMS:
         raise InputError(f"{of} torque must have at most {MOST_TERMS} numbers, got {made.torque.size}")
     if not isinstance(made.valve, Valve):
         raise InputError(f"{of} valve must be a Valve, got {made.valve!r:.60}")
+
+
+def check_law(made: Chamber, of: str) -> None:
+    """Raise InputError when a chamber's law is not known, or its numbers are not those of a law with a kernel."""
+    if made.law not in laws.NUMBERS:
+        raise InputError(f"{of} law must be one of {', '.join(laws.NUMBERS)}, got {made.law!r:.60}")
+    if made.law == laws.POLYNOMIAL:
+        return
+    rows = laws.LAWS[int(laws.NUMBERS[made.law]) - 1].parameters
+    if made.torque.size != len(rows):
+        raise InputError(f"{of} torque of the law {made.law!r} is {', '.join(rows)}, got {made.torque.size} number(s)")
+    for value, (name, row) in zip(made.torque, rows.items(), strict=True):
+        if not (np.isfinite(value) and row.lower <= value <= row.upper):
+            raise InputError(
+                f"{of} {name} of the law {made.law!r} must lie within {row.lower:g} ... {row.upper:g} {row.unit}, got "
+                f"{value:g}: check its unit"
+            )

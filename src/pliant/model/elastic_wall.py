@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.model.torque_law import LawParameter, TorqueLaw
+from pliant.equations.law import LawParameter, TorqueLaw
 
 Array = np.ndarray
 

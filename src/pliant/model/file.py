@@ -91,6 +91,7 @@ class ChamberEntry(BaseModel):
     inflation_time: float = 0.1
     axial_gain: list[float] = [0.0]
     cross_gain: list[float] = [0.0]
+    law: str = "polynomial"
 
 
 class ExtensionEntry(BaseModel):
@@ -142,7 +143,7 @@ class ModelFile(BaseModel):
     memory: MemoryEntry = MemoryEntry()
     extensions: list[ExtensionEntry] = []
     space: SpaceEntry | None = None
-    torque: list[float] | None = None  # these nine of the only chamber, or `chambers`
+    torque: list[float] | None = None  # these ten of the only chamber, or `chambers`
     joint_gain: list[float] | None = None
     valve: ValveEntry | None = None
     swell_share: float | None = None
@@ -151,6 +152,7 @@ class ModelFile(BaseModel):
     inflation_time: float | None = None
     axial_gain: list[float] | None = None
     cross_gain: list[float] | None = None
+    law: str | None = None
     chambers: list[ChamberEntry] | None = None
     stations: list[StationEntry] = []
     source: dict[str, str] = {}

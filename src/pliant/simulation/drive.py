@@ -110,7 +110,7 @@ class Layout:
         if key not in self._driven:
             behind = self.behind(c, chamber.valve)
             torque, grown = np.empty(self.intervals.h.size), np.ones(self.intervals.lengths.size + 1)
-            if chamber.remembers:
+            if not chamber.plain:
                 row = row_of(chamber, self.resting(c, chamber.valve))
                 take_torques(twin, chamber, row, self.intervals, behind, torque, grown)
             else:  # arithmetic on whole arrays: nothing that a first simulation would have to compile

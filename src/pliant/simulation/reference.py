@@ -14,7 +14,7 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import energy, symbols
-from pliant.equations.chamber import secant, share_out, slow_rates, torque_now
+from pliant.equations.chamber import share_out, slow_rates, torque_now
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.springs import springs_of
@@ -241,7 +241,7 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
         for c, (p, _, by_valve) in enumerate(behind):
             if by_valve.any():
                 here = at.chambers[c].p
-                push = share[c] * secant(p, p, model.chambers[c].torque, 0)
+                push = share[c] * model.chambers[c].law_slope(p)
                 J[-2, here] = push @ w
                 solve(scratch.A, push)
                 J[n : 2 * n, here] = push

@@ -1,0 +1,64 @@
+"""Torque laws of one input: the polynomial, and those that have a kernel of their own.
+
+A law with a kernel is one file, such as `saturating_law`; it is entered here twice: in `LAWS`, and in `lever` under its
+number, which is its place in `LAWS` counted from 1. Chambers carry that number through every kernel as `form`.
+"""
+
+from __future__ import annotations
+
+from pliant.equations import saturating_law
+from pliant.equations.saturating_law import saturating_lever
+
+LAWS = (saturating_law.TORQUE_LAW,)
+POLYNOMIAL = "polynomial"
+NUMBERS = {POLYNOMIAL: 0.0, **{law.name: k + 1.0 for k, law in enumerate(LAWS)}}  # `form` of each law by its name
+
+
+def lever(p, a, form):
+    """Torque for each pascal [N m/Pa] of a law at the pressure p [Pa], a (k,) its numbers.
+
+    Of the polynomial, form 0: a_1 + a_2 p + a_3 p^2 + ...
+    """
+    if form.real == 1.0:
+        return saturating_lever(p, a)
+    value = 0.0 * p
+    for k in range(len(a) - 1, 0, -1):
+        value = (value + a[k]) * p
+    return value + a[0]
+
+
+def secant(p0, p1, a, first):
+    """Slope of the secant of the polynomial (a_first, a_first+1, ...) between two pressures [Pa], also equal ones.
+
+    (tau(p1) - tau(p0)) / (p1 - p0) = sum_k a_k (p0^{k-1} + p0^{k-2} p1 + ... + p1^{k-1})
+    """
+    value = 0.0 * p0
+    ratio = 1.0 + 0.0 * p0
+    power = ratio
+    for k in range(first, len(a)):
+        value = value + a[k] * ratio
+        power = power * p0
+        ratio = ratio * p1 + power
+    return value
+
+
+def lever_secant(p0, p1, a, form):
+    """Slope of the secant of a law's lever between two pressures [Pa], also where they are equal; N m/Pa^2.
+
+    Of a law with a kernel of its own between points a little further apart, so that equal pressures need no other way.
+    """
+    if form.real == 0.0:
+        return secant(p0, p1, a, 1)
+    middle = 0.5 * (p0 + p1)
+    half = 0.5 * abs((p1 - p0).real) + 1e-4 * abs(middle.real) + 1e-9
+    return (lever(middle + half, a, form) - lever(middle - half, a, form)) / (2.0 * half)
+
+
+def law_torque(p, a, form):
+    """Torque [N m] of a law at the pressure p [Pa], a (k,) its numbers."""
+    return lever(p, a, form) * p
+
+
+def law_slope(p, a, form):
+    """Slope [N m/Pa] of a law at the pressure p [Pa]."""
+    return lever(p, a, form) + p * lever_secant(p, p, a, form)
