@@ -10,7 +10,7 @@ from pliant.batch.samples import gather
 from pliant.errors import InputError, SimulationError
 from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Valve
-from pliant.simulation import Chirp, Multisine, Pulse, Trace, modes, simulate
+from pliant.simulation import Chirp, Multisine, Pulse, Trace, equilibrium, modes, simulate
 from pliant.simulation.time_step import time_step
 
 TIMES = np.arange(61) / 75.0
@@ -256,3 +256,25 @@ def test_bodies_that_lengthen_have_the_bits_of_single_runs(paper, memory):
         simulate_batch(body, own[0], times=TIMES, device="gpu")
     with pytest.raises(InputError, match="unknown variable 'axial_strain'"):
         simulate_batch(paper, own[0], times=TIMES, variables=("axial_strain",))
+
+
+def test_a_law_of_two_powers_rests_under_its_pressure_and_says_its_units(paper):
+    law, levels = paper.with_(torque=[1e-6, 4e-12]), (5e4, 9e4)
+    runs = [Pulse(level, -1.0, 9.0) for level in levels]
+    batch = simulate_batch(law, runs, times=TIMES, step=2e-3, variables=EVERYTHING)
+    for k, level in enumerate(levels):
+        np.testing.assert_allclose(batch["joint_angle"][k, 0], equilibrium(law, level), atol=1e-12)
+    assert [batch[name].attrs["units"] for name in EVERYTHING] == ["rad", "rad/s", "m"]
+    assert all(batch[name].attrs["long_name"] not in ("", "rad", "rad/s", "m") for name in batch.data_vars
+               if name != "failed_at")  # fmt: skip
+    assert batch["link"].values.tolist() == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("memory", [Memory(), Memory(slip_share=(0.2,), slip_angle=(0.02,))], ids=["none", "slip"])
+def test_a_failure_is_told_with_its_time(paper, memory):
+    """The pressure that no spring holds comes at 0.05 s; the step that fails ends soon after."""
+    soft = paper.with_(stiffening=-0.45, memory=memory)
+    runs = [Pulse(1e4, 0.05, 1.0), Pulse(1e9, 0.05, 1.0)]
+    batch = simulate_batch(soft, runs, times=np.arange(31) / 100, step=2e-3, failures="mark")
+    assert np.isnan(batch["failed_at"][0])
+    assert 0.05 < float(batch["failed_at"][1]) < 0.12

@@ -7,8 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pliant.errors import InputError
+from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import correct_all
-from pliant.estimation.kalman_loops import add_noise
+from pliant.estimation.kalman_loops import add_noise, chain_transition, propagate, recall, update
+from pliant.estimation.link_angle_loops import joint_values
+from pliant.estimation.smoother import smooth
 
 
 def test_noise_of_torques_that_joints_share_is_one_random_number_for_all(rng):
@@ -41,3 +45,107 @@ def test_the_factor_is_corrected_by_recursive_least_squares(rng):
     moved = gain @ innovation + left * step
     found = np.concatenate([state.angle, state.rate, state.own_shift]) - np.concatenate(list(start.values()))
     np.testing.assert_allclose(found, moved, rtol=1e-10, atol=1e-13)
+
+
+def joint_covariance(rng, N):
+    root = rng.normal(size=(N, N))
+    return root @ root.T
+
+
+def whole_jacobian(J, N, m):
+    """F = [[A, G], [0, 1]] from its first m columns, row by variable."""
+    F = np.eye(N)
+    F[:m] = J[:N].T
+    return F
+
+
+@pytest.mark.parametrize("disturbed", [True, False])
+def test_a_covariance_and_a_transition_move_by_the_whole_jacobian(rng, disturbed):
+    n = 3
+    m, N = 2 * n, (3 if disturbed else 2) * n
+    P, J, F = joint_covariance(rng, N), rng.normal(size=(3 * n, m)), rng.normal(size=(N, N))
+    whole = whole_jacobian(J, N, m)
+    moved_P, moved_F = P.copy(), F.copy()
+    propagate(moved_P, N, n, J, np.empty((N, N)))
+    np.testing.assert_allclose(moved_P, whole @ P @ whole.T, rtol=1e-12, atol=1e-12)
+    chain_transition(moved_F, N, n, J, np.empty((N, N)))
+    np.testing.assert_allclose(moved_F, whole @ F, rtol=1e-12, atol=1e-12)
+
+
+def test_motion_of_late_is_the_mean_square_of_joint_rates_and_fades():
+    w, recent = np.array([1.0, 3.0, 0.0]), np.zeros(1)
+    recall(w, 3, 0.01, recent)
+    assert recent[0] == pytest.approx((1.0 + 4.0 + 9.0) / 3)
+    recall(np.zeros(3), 3, 0.05, recent)
+    assert recent[0] == pytest.approx((14.0 / 3) / 1.5)
+
+
+def test_a_frame_corrects_row_by_row_as_all_rows_at_once_do(rng, monkeypatch):
+    n, rows = 3, 5
+    N = 3 * n
+    P, H, R = joint_covariance(rng, N), rng.normal(size=(rows, n)), rng.uniform(0.5, 2.0, rows)
+    H[1, 0] = 0.0
+    seen, z = rng.normal(size=rows), rng.normal(size=rows)
+    z[3] = np.nan  # one that is missing
+
+    def observed(phi, frame, links, value, slopes):
+        value[:], slopes[:] = seen, H
+
+    monkeypatch.setattr(kalman_loops, "observe", observed)
+    state = SimpleNamespace(angle=np.zeros(n), covariance=P.copy())
+    frame = SimpleNamespace(values=z, variance=R, innovation=np.empty(rows))
+    work = SimpleNamespace(H=np.empty((rows, n)), gain=np.empty(N), change=np.empty(N), links=None, seen=np.empty(rows))
+    kept = {}
+    monkeypatch.setattr(kalman_loops, "correct", lambda *_: kept.update(change=work.change.copy()))
+    used, square, logdet = update(state, None, frame, work)
+    good = np.isfinite(z)
+    whole = np.concatenate([H, np.zeros((rows, N - n))], axis=1)[good]
+    S = whole @ P @ whole.T + np.diag(R[good])
+    K = np.linalg.solve(S, whole @ P).T
+    nu = (z - seen)[good]
+    assert used == 4
+    assert square == pytest.approx(nu @ np.linalg.solve(S, nu))
+    assert logdet == pytest.approx(np.linalg.slogdet(S)[1])
+    np.testing.assert_allclose(kept["change"], K @ nu, atol=1e-12)
+    np.testing.assert_allclose(state.covariance, P - K @ S @ K.T, atol=1e-11)
+    np.testing.assert_allclose(frame.innovation[good], np.linalg.solve(np.linalg.cholesky(S), nu), atol=1e-12)
+    assert np.isnan(frame.innovation[3])
+
+
+@pytest.mark.parametrize("lag", [0, 1, 3, 30])
+def test_a_smoother_is_the_plain_recursion(rng, lag):
+    """Rauch, Tung and Striebel over the frames up to `lag` later, frame by frame."""
+    T, N = 9, 4
+    F = rng.normal(size=(T, N, N)) * 0.5 + np.eye(N)
+    C = np.array([joint_covariance(rng, N) for _ in range(T)])
+    ahead = np.array([F[k] @ C[k - 1] @ F[k].T + joint_covariance(rng, N) for k in range(T)])
+    x, predicted = rng.normal(size=(2, T, N))
+    out = SimpleNamespace(estimate=x, covariance=C, predicted=predicted, predicted_covariance=ahead, transition=F)
+    found, spread = smooth(out, lag)
+    for k in range(T):
+        last = min(k + lag, T - 1)
+        state, cover = x[last], C[last]
+        for j in range(last - 1, k - 1, -1):
+            G = C[j] @ F[j + 1].T @ np.linalg.inv(ahead[j + 1])
+            state, cover = x[j] + G @ (state - predicted[j + 1]), C[j] + G @ (cover - ahead[j + 1]) @ G.T
+        np.testing.assert_allclose(found[k], state, rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(spread[k], cover, rtol=1e-7, atol=1e-7)
+    with pytest.raises(InputError, match="at least 0, got -1"):
+        smooth(out, -1)
+
+
+def test_link_angles_follow_a_body_that_winds_up(rng):
+    """Chords of 0.1 m between ends that lie between points; each angle is the nearest to that of the link before."""
+    turn = np.array([0.5, 1.8, 1.2, 0.9, -2.9, 0.3])
+    angle = np.cumsum(turn)
+    chords = 0.1 * np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    ends = np.concatenate([np.zeros((1, 2)), np.cumsum(chords, axis=0)])
+    left, share = np.arange(7) * 2, rng.uniform(0.2, 0.8, 7)
+    points = rng.normal(size=(14, 2))
+    points[1::2] = (ends - (1 - share[:, None]) * points[::2]) / share[:, None]
+    out = np.empty(6)
+    joint_values(points, (left, share), out)
+    np.testing.assert_allclose(out, turn, atol=1e-9)
+    points[4, 1] = np.nan
+    joint_values(points, (left, share), out)
+    assert np.isnan(out).all()

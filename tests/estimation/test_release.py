@@ -30,3 +30,24 @@ def test_a_pull_that_never_was_or_never_ends_is_refused():
         release_of(torques(np.zeros(200)))
     with pytest.raises(InputError, match="disturbance torques"):
         release_of(torques(np.ones(200)).drop_vars("disturbance"))
+
+
+@pytest.mark.parametrize(("left", "released"), [(0.4, True), (0.6, False)])
+def test_a_pull_is_clear_from_twice_what_is_left_at_the_end(left, released):
+    noisy = torques(np.where(TIME < 0.8, 1.0, np.where(np.arange(200) % 2, left, -left)))
+    if released:
+        assert release_of(noisy).after == pytest.approx(left)
+    else:
+        with pytest.raises(InputError, match="is not clear of"):
+            release_of(noisy)
+
+
+def test_a_pull_that_ends_halfway_or_too_early_for_a_filter():
+    steps = torques(np.where(TIME < 0.5, 1.0, np.where(TIME < 0.9, 0.5, 0.0)))
+    told = release_of(steps)  # one half is not below a half
+    np.testing.assert_allclose([told.begin, told.half, told.gone], [0.49, 0.90, 0.90])
+    with pytest.raises(InputError, match="20 frames"):
+        release_of(steps.isel(time=slice(19)))
+    ends = torques(np.where(TIME < 0.5, 1.0, 0.3))
+    with pytest.raises(InputError, match="does not end within the recording"):
+        release_of(ends)

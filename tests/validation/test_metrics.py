@@ -229,3 +229,33 @@ def test_a_pressure_on_its_own_clock_is_judged_on_that_of_the_shape() -> None:
     assert compare(own, exp.position, 0.1) == right
     assert compare(pulse(excitation="trace", pressure=late, level=0.0, known={"start": -0.7}).synchronised({}),
                    exp.position, 0.1) == right  # fmt: skip
+
+
+def test_the_end_of_a_plateau_is_the_mean_of_whole_periods_before_it() -> None:
+    """A plateau that creeps: its end is the median of one period of 0.25 s, the shortest that holds 0.2 s."""
+    creep = 1e-3 * np.clip(T - START, 0, STOP - START)
+    late = (T > STOP - 0.25) & (T < STOP)
+    path = swing(ratio=0.3) + creep[:, None] * DIRECTION
+    found = response(pulse(path), path)
+    assert found["steady_state_mm"] == pytest.approx(20 + 1e3 * np.median(creep[late]), abs=0.02)
+
+
+def test_the_step_of_an_angle_sensor_is_told_in_degrees() -> None:
+    step = np.radians(0.5)
+    angle = step * np.round(0.4 * np.sin(5 * T) / step)
+    exp = Experiment("a", T, np.full((T.size, 1, 2), np.nan), ("tip",), "trace", Trace([0.0, 4.0], [0.0, 1e4]),
+                     angle=angle[:, None], angle_reference="rest")  # fmt: skip
+    found = compare(exp, exp.compared + np.radians(1.0), 0.1)
+    assert found["sensor_step_deg"] == pytest.approx(0.5)
+    assert found["rmse_deg"] == pytest.approx(1.0)
+    assert found["travel_deg"] == pytest.approx(np.degrees(exp.travel))
+
+
+def test_a_body_that_shortens_by_more_than_it_lengthens_is_told_so() -> None:
+    length = 0.1 * (1 + 0.05 * np.exp(-(((T - 1.0) / 0.2) ** 2)) - 0.2 * np.exp(-(((T - 3.0) / 0.2) ** 2)))
+    path = np.stack([np.zeros((T.size, 2)), np.stack([0 * T, 0 * T], axis=1)], axis=1)
+    path[:, 0, 1], path[:, 1, 1] = 0.5 * length, length
+    found = extension(Experiment("e", T, path, ("mid", "tip"), "pulse", level=1e4), 0.5 * path)
+    assert found["extension_percent"] == pytest.approx(-20, abs=0.4)
+    assert found["extension_mm"] == pytest.approx(-20, abs=0.4)
+    assert found["extension_modelled_mm"] == pytest.approx(0.5 * found["extension_mm"])
