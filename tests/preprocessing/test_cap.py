@@ -60,7 +60,7 @@ def test_refused_when_the_body_bends_like_the_cap(rng):
     assert not found.found
     assert found.confidence == 0
     assert np.isnan(found.arc_length)
-    assert "cannot be told from the body" in found.status
+    assert "the body bends as the cap does" in found.status
     assert found.frames_ambiguous == 9
 
 

@@ -146,7 +146,7 @@ def test_no_wiring_is_warned_of_where_the_stated_one_wins(folder: Path) -> None:
     drives = {"exchanged": {"left": "a", "right": "b"}, "of no recording": {"left": "c", "right": "b"}}
     outcome = run_study(loaded(folder, content(wiring={"drives": drives})))
     assert [r.name for r in outcome.wirings.rows] == ["as stated", "exchanged", "of no recording"]
-    assert "no chamber 'c'" in outcome.wirings.rows[-1].told
+    assert "no chamber 'c'" in outcome.wirings.rows[-1].reason
     assert not any("wiring" in line.lower() for line in outcome.headline.warnings)
 
 

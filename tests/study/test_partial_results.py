@@ -172,7 +172,7 @@ def test_the_hierarchy_passes_over_a_stage_that_cannot_predict(tmp_path: Path) -
     assert climbed.chosen == "elastic"
     assert other.result is not None
     assert other.held_out == {}
-    assert "the prediction of record high could not be computed" in other.told
+    assert "the prediction of record high could not be computed" in other.reason
     assert elastic.error < 5
     assert any(line.startswith("warning: ") for line in told)
     alone = ladder(train, held_out, ready.model, common=parameters_from(SOFT["parameters"]),

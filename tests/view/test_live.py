@@ -96,8 +96,8 @@ def test_what_no_body_follows_is_told_and_the_body_rests(played):
     live.stepper.rate[:] = 5e3
     live.advance(0.002)
     frame = live.frame()
-    assert "back at rest" in frame["told"]
-    assert live.frame()["told"] == ""
+    assert "back at rest" in frame["message"]
+    assert live.frame()["message"] == ""
 
 
 def test_a_recording_is_played_under_the_model(outcome):
@@ -171,7 +171,7 @@ def test_a_loop_is_watched_by_its_log(model, tmp_path):
     late = watched.frame()
     assert early["t"] < late["t"] == pytest.approx(1.99)
     assert late["kpa"] == [1.0]
-    assert "in control; target 0.00 mm, error 0.00 mm" in late["told"]
+    assert "in control; target 0.00 mm, error 0.00 mm" in late["message"]
     turn = np.arctan2(-np.diff(late["body"], axis=0)[-1, 0], np.diff(late["body"], axis=0)[-1, 1])
     assert turn == pytest.approx(0.1 + 0.199, abs=1e-4)
 
@@ -188,7 +188,7 @@ def test_a_fault_that_did_not_vent_is_told_from_its_row_on(model, tmp_path):
     for _ in range(200):
         watched.advance(0.016)
         frame = watched.frame()
-        told[frame["t"]] = frame["told"]
+        told[frame["t"]] = frame["message"]
     assert any(t > 1.8 for t in told)
     assert any(t < 1.8 for t in told)
     for t, sentence in told.items():
@@ -206,7 +206,7 @@ def test_every_output_that_a_loop_brings_to_its_place_is_told(model, tmp_path):
     watched = WatchedLoop(tmp_path / "loop.csv", model)
     watched.advance(0.016)
     frame = watched.frame()
-    assert "tip x target 30.00 mm, error -0.20 mm; angle sum target 30.00 deg, error 0.00 deg" in frame["told"]
+    assert "tip x target 30.00 mm, error -0.20 mm; angle sum target 30.00 deg, error 0.00 deg" in frame["message"]
     assert frame["kpa"] == [0.0, 4.0]
 
 
@@ -239,7 +239,7 @@ def test_a_touch_is_shown_where_it_is_and_a_fault_is_told(model, tmp_path):
     along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
     left = np.array([-along[1], along[0]])  # what runs along a nearly straight body cannot be seen
     assert left @ [fx, fy] == pytest.approx(left @ force, rel=0.2)
-    assert "VENTED, fault at 2.730 s: stale shape" in frames[-1]["told"]
+    assert "VENTED, fault at 2.730 s: stale shape" in frames[-1]["message"]
     assert read_log(tmp_path / "loop.csv").attrs["remarks"] == ["fault at 2.730 s: stale shape"]
     assert len(read_log(tmp_path / "loop.csv")) == 100
     blind = WatchedLoop(tmp_path / "loop.csv", model)
@@ -379,7 +379,7 @@ def test_nonsense_from_the_page_is_told_not_done(served):
         for text in ("{", "[]", json.dumps({"pressure_kpa": [1e9]}), json.dumps({"moon": 1}), "x" * 9000):
             page.send(text)
             deadline = time.monotonic() + 5
-            while not json.loads(page.recv(timeout=5))["told"]:
+            while not json.loads(page.recv(timeout=5))["message"]:
                 assert time.monotonic() < deadline
         assert json.loads(page.recv(timeout=5))["kpa"] == [0.0]
 

@@ -106,7 +106,7 @@ def align(
     Raises
     ------
     InputError
-        When base, tangent or plane cannot be told from the recording.
+        When the recording does not determine base, tangent or plane.
     """
     check_recording(ds)
     if "position" not in ds or ds.attrs["frame"] == "spatial":
@@ -157,9 +157,9 @@ def _without_jumps(ds: xr.Dataset, *, undo: bool) -> xr.Dataset:
         return undo_orientation_jumps(ds)
     counts = orientation_jumps(ds["quaternion"].values)
     if counts.any():
-        told = ", ".join(f"{n} {c}" for n, c in zip(ds["station"].values, counts, strict=True) if c)
+        jumps = ", ".join(f"{n} {c}" for n, c in zip(ds["station"].values, counts, strict=True) if c)
         raise InputError(
-            f"the orientation jumps by more than 30 degrees from frame to frame ({told}): undo the jumps of "
+            f"the orientation jumps by more than 30 degrees from frame to frame ({jumps}): undo the jumps of "
             "symmetric marker clusters with undo_jumps, or leave the orientation out"
         )
     return ds

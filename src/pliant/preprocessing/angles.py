@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-COARSE = 0.005  # of the range of an angle: steps beyond that are told
+COARSE = 0.005  # of the range of an angle: steps beyond that are reported
 
 
 def angle_facts(ds: xr.Dataset) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def from_rest(ds: xr.Dataset, rest: tuple[float, float] | None = None) -> xr.Dat
     Returns
     -------
     xarray.Dataset
-        Every constant that was taken off and every sign that was turned is told in its history.
+        Every constant that was taken off and every sign that was changed is in its history.
 
     Raises
     ------
@@ -80,8 +80,8 @@ def from_rest(ds: xr.Dataset, rest: tuple[float, float] | None = None) -> xr.Dat
     zero = np.array([np.median(s[np.isfinite(s)]) if np.isfinite(s).any() else 0.0 for s in still.T])
     turned = angle - zero
     names = [str(n) for n in ds["station"].values]
-    told = ", ".join(f"{n} {np.degrees(z):.3g}" for n, z in zip(names, zero, strict=True))
-    lines = [f"angles are measured from the rest at {start:.3g} to {end:.3g} s, degrees taken off: {told}"]
+    offsets = ", ".join(f"{n} {np.degrees(z):.3g}" for n, z in zip(names, zero, strict=True))
+    lines = [f"angles are measured from the rest at {start:.3g} to {end:.3g} s, degrees taken off: {offsets}"]
     backward = [k for k in range(len(names)) if turns_back(ds, turned[:, k])]
     turned[:, backward] *= -1.0
     if backward:

@@ -71,16 +71,16 @@ def station_arc_length(
         raise InputError(f"stations {where} and {where + 1} coincide in all frames: keep one of them")
     measured = np.concatenate(([0.0], np.cumsum(chords.mean(axis=0))))
     total = chords.sum(axis=1)
-    told = []
+    findings = []
     variation = float(np.ptp(total) / total.mean())
     if variation > STRETCH_WORTH_TELLING:
-        told.append(f"the length varies by {100 * variation:.1f} % over the frames; one arc length serves them all")
+        findings.append(f"the length varies by {100 * variation:.1f} % over the frames; one arc length serves them all")
     if "arc_length" not in recording.coords:
-        return measured, ("arc length: time-mean sum of chords", *told)
+        return measured, ("arc length: time-mean sum of chords", *findings)
     given = recording["arc_length"].values
     if not np.isfinite(given).all() or (np.diff(given) <= 0).any():
         raise InputError("arc_length of the stations must increase strictly from base to tip")
     ratio = measured[-1] / (given[-1] - given[0])
     if abs(ratio - 1.0) > STRETCH_WORTH_TELLING:
-        told.append(f"the chords add up to {ratio:.3f} times the recorded arc length")
-    return given - given[0], ("arc length: as recorded", *told)
+        findings.append(f"the chords add up to {ratio:.3f} times the recorded arc length")
+    return given - given[0], ("arc length: as recorded", *findings)

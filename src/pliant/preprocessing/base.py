@@ -194,7 +194,7 @@ def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray
 
 
 def still_noise(position: NDArray) -> float:
-    """Noise in metres of the median station; zero when it cannot be told."""
+    """Noise in metres of the median station; zero when it is not known."""
     noise = detectors.by_blocks(detectors.noise_level, position)
     noise = noise[np.isfinite(noise)]
     return float(np.median(noise)) if noise.size else 0.0

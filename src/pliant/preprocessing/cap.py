@@ -35,7 +35,7 @@ class Tip:
     Attributes
     ----------
     found : bool
-        False when the cap cannot be told from the body, or there is none; `arc_length` is then NaN.
+        False when the cap cannot be distinguished from the body, or there is none; `arc_length` is then NaN.
     arc_length : float, m
         Median over the frames that agree.
     standard_deviation : float, m
@@ -144,7 +144,7 @@ def _consensus(
     without, ambiguous = int((~capped).sum()), int((capped & ~clear).sum())
     counted = f"{len(place)} frame(s): {without} without a cap, {ambiguous} with a body that bends like the cap"
     if not clear.any():
-        why = "the cap cannot be told from the body" if ambiguous else "there is no cap of this curvature and length"
+        why = "the body bends as the cap does" if ambiguous else "there is no cap of this curvature and length"
         return Tip(False, np.nan, np.nan, 0.0, f"No tip: {why} ({counted}).", place, 0, without, ambiguous, 0)
     candidates = place[clear]
     median = float(np.median(candidates))

@@ -131,8 +131,8 @@ class Quality(Shown):
             seen = [v for v in travel.values() if np.isfinite(v)]
             noise = [v for v in noises.values() if np.isfinite(v)]
             if seen:
-                told = f", noise {factor * float(np.median(noise)):.2g} {unit} (median station)" if noise else ""
-                lines.append(f"largest {what} from the median {factor * max(seen):.3g} {unit}{told}")
+                noise_text = f", noise {factor * float(np.median(noise)):.2g} {unit} (median station)" if noise else ""
+                lines.append(f"largest {what} from the median {factor * max(seen):.3g} {unit}{noise_text}")
         if np.isfinite(self.out_of_plane_share):
             lines.append(f"out of the plane of bending: {100 * self.out_of_plane_share:.2g} % of the motion")
         for name, (low, high) in self.pressure_kpa.items():
@@ -327,8 +327,8 @@ def _sentences(q: Quality) -> list[str]:
         said.append("no station moves beyond its noise")
     elif q.standing:
         few = len(q.standing) <= 6
-        told = ", ".join(q.standing) if few else f"{len(q.standing)} stations, {q.standing[0]} to {q.standing[-1]}"
-        said.append(f"standing still: {told}")
+        names = ", ".join(q.standing) if few else f"{len(q.standing)} stations, {q.standing[0]} to {q.standing[-1]}"
+        said.append(f"standing still: {names}")
     return said
 
 

@@ -92,8 +92,8 @@ def undo_orientation_jumps(ds: xr.Dataset) -> xr.Dataset:
             changed[str(name)] = count
             quaternion[seen, s] = from_matrix(matrix)
     quaternion, _ = continuous(quaternion)
-    told = ", ".join(f"{name} {count}" for name, count in changed.items()) or "none"
-    line = f"undid jumps of orientation by the markers' symmetry, frames turned back: {told}"
+    frames = ", ".join(f"{name} {count}" for name, count in changed.items()) or "none"
+    line = f"undid jumps of orientation by the markers' symmetry, frames turned back: {frames}"
     return append_history(ds.assign(quaternion=ds["quaternion"].copy(data=quaternion)), line)
 
 

@@ -110,8 +110,8 @@ def resample_arc_length(
     position = ds["position"].values
     whole = np.isfinite(position).all((1, 2))
     if not whole.any():
-        raise InputError("no frame has all stations, so their arc length cannot be told: give arc_length")
-    arc, told = station_arc_length(ds, position[whole])
+        raise InputError("no frame has all stations, so their arc length is not known: give arc_length")
+    arc, findings = station_arc_length(ds, position[whole])
     if arc[-1] < spacing_mm * 1e-3:
         raise InputError(f"the spacing of {spacing_mm:g} mm is longer than the body, {1e3 * arc[-1]:.3g} mm")
     new = np.arange(int(np.floor(arc[-1] / (spacing_mm * 1e-3) + 1e-9)) + 1) * spacing_mm * 1e-3
@@ -121,7 +121,7 @@ def resample_arc_length(
         ds.drop_dims("station"), ds, {"position": place}, station=[f"s{i:03d}" for i in range(len(new))], arc_length=new
     )
     empty = int(np.isnan(place).any(-1).sum())
-    line = (f"resampled from {len(arc)} to {len(new)} stations every {spacing_mm:g} mm ({told[0]}), "
+    line = (f"resampled from {len(arc)} to {len(new)} stations every {spacing_mm:g} mm ({findings[0]}), "
             f"{1e3 * (arc[-1] - new[-1]):.3g} mm left over at the tip, {empty} points missing")  # fmt: skip
     return append_history(result, line)
 

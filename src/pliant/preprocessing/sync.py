@@ -24,7 +24,7 @@ AMBIGUOUS = 1.5  # how much more variance a rival must leave unexplained where b
 ALIKE = 0.75  # unless it explains less than this share of what the best explains
 COARSE_S = 0.02
 ROUGH = 8  # evaluations of a fit that only ranks an offset
-DOUBTFUL_S = 0.02  # an uncertainty beyond this is told as a warning
+DOUBTFUL_S = 0.02  # an uncertainty beyond this gives a warning
 LONGEST_DRIFT = 5e-3
 DRIFT_SIGMA = 3.0  # a drift is applied only when it is that clear
 

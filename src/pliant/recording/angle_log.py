@@ -2,7 +2,7 @@
 
 The first row names the columns. Time is ``time`` or ``t``, an angle has ``angle`` in its name, the pressure is
 ``pressure`` or ``p``; a unit may follow each: ``angle_deg``, ``pressure (kPa)``, ``t_ms``. Other columns, such as a set
-point, are left out and told. Semicolons, tabs and commas part cells, decimal commas and lone carriage returns are read.
+point, are left out. Semicolons, tabs and commas part cells, decimal commas and lone carriage returns are read.
 """
 
 from __future__ import annotations
@@ -105,11 +105,11 @@ def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:
     return found
 
 
-def unit_of(role: Role, found: Mapping[str, tuple[Role, str]], told: str | None, file: str) -> str:
+def unit_of(role: Role, found: Mapping[str, tuple[Role, str]], stated: str | None, file: str) -> str:
     """The one unit of all columns of a role, from their names or from the mapping."""
     named = {unit for kind, unit in found.values() if kind == role and unit}
-    if told is not None:
-        named.add(told.lower())
+    if stated is not None:
+        named.add(stated.lower())
     if len(named) > 1:
         raise InputError(f"{file} has several units of {role}, {' and '.join(sorted(named))}: state one")
     if not named and role != "time":

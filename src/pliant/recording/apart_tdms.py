@@ -14,13 +14,13 @@ def read(path: str) -> Content:
 
     arrays: dict[str, np.ndarray] = {}
     listed, others = [], []
-    room = content_bound(Path(path).stat().st_size)
+    bound = content_bound(Path(path).stat().st_size)
     with TdmsFile.open(path) as file:
         if file.file_status.incomplete_final_segment:
             raise Refused("is cut: its last segment is not whole")
         channels = [c for group in file.groups() for c in group.channels()]
         names = [c.name for c in channels]
-        if 8 * sum(len(c) for c in channels) > room:
+        if 8 * sum(len(c) for c in channels) > bound:
             raise Refused("announces more values than it can hold")
         for k, channel in enumerate(channels):
             name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"

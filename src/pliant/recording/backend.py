@@ -1,4 +1,4 @@
-"""xarray's door: ``xarray.open_dataset(path, engine="pliant")`` for every format that `read` knows."""
+"""Backend of xarray: ``xarray.open_dataset(path, engine="pliant")`` for every format that `read` knows."""
 
 from __future__ import annotations
 

@@ -90,9 +90,9 @@ class Camera(FileMapping):
 
     @model_validator(mode="after")
     def _says_one_scale(self) -> Self:
-        told = [n for n in ("pixels_per_mm", "scale", "plane", "board") if getattr(self, n) is not None]
-        if len(told) != 1:
-            got = ", ".join(told) or "none"
+        stated = [n for n in ("pixels_per_mm", "scale", "plane", "board") if getattr(self, n) is not None]
+        if len(stated) != 1:
+            got = ", ".join(stated) or "none"
             raise ValueError(f"camera needs one of pixels_per_mm, scale, plane or board, got {got}")
         if self.plane is not None and len(self.plane.pixels) != len(self.plane.mm):
             raise ValueError("camera.plane needs as many points in mm as in pixels")
@@ -150,7 +150,7 @@ class Camera(FileMapping):
                                  "coefficients")
         return out
 
-    def told(self, folder: Path) -> str:
+    def description(self, folder: Path) -> str:
         """One line for the history."""
         homography = self.homography(folder)
         if self.plane is None and self.board is None:
@@ -162,7 +162,7 @@ def in_plane(position: Array, camera: Camera, folder: Path) -> tuple[Array, str]
     """Positions (T, S, 3) [m] in the plane z = 0 of pixels (T, S, 2 or more), and how they came to be."""
     place = camera.metres(position[..., :2], folder)
     flat = np.where(np.isfinite(place[..., :1]), 0.0, np.nan)
-    return np.concatenate([place, flat], axis=2), camera.told(folder)
+    return np.concatenate([place, flat], axis=2), camera.description(folder)
 
 
 def opencv(what: str) -> Any:

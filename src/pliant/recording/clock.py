@@ -47,5 +47,5 @@ def without_repeats(time: NDArray, file: str) -> tuple[NDArray, list[str]]:
     """Which rows (T,) of a log to keep, the first of each run of equal stamps, and a line of history for the rest."""
     keep = np.concatenate([[True], np.diff(time) != 0])
     dropped = int((~keep).sum())
-    told = [f"{dropped} of {len(keep)} rows of {file} repeat the time stamp before them and are left out"]
-    return keep, told if dropped else []
+    finding = [f"{dropped} of {len(keep)} rows of {file} repeat the time stamp before them and are left out"]
+    return keep, finding if dropped else []

@@ -142,8 +142,8 @@ def _unused(header: ColumnHeader, options: ColumnMapping) -> list[str]:
     """Which columns the mapping does not speak of."""
     used = _used(header, options)
     left = [header.names[i] if header.names else i for i in range(header.width) if i not in used]
-    told = f"{len(left)} column(s) of {header.file} are not in the mapping and were left out: {shorten(left)}"
-    return [told] if left else []
+    finding = f"{len(left)} column(s) of {header.file} are not in the mapping and were left out: {shorten(left)}"
+    return [finding] if left else []
 
 
 def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[NDArray, list[str]]:

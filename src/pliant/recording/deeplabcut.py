@@ -81,7 +81,7 @@ def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[
 def whole_clock(
     frame: NDArray, points: NDArray, likelihood: NDArray | None, file: str
 ) -> tuple[NDArray, NDArray | None, list[str]]:
-    """Points on every frame from the first to the last: frames that the table leaves out become gaps, told."""
+    """Points on every frame from the first to the last: those that the table leaves out become gaps and are counted."""
     if not (np.abs(frame) < 2**53).all() or np.any(frame != np.round(frame)) or np.any(np.diff(frame) <= 0):
         raise InputError(f"the first column of {file} must be frame numbers that rise")
     number = frame.astype(int)

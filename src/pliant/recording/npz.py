@@ -45,14 +45,14 @@ def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:
         with np.load(stream, allow_pickle=False) as file:
             check_announced(file.zip, size, name)
             arrays = {key: file[key] for key in file.files}
-            told = entries_told(stream)
+            announced = announced_entries(stream)
     except InputError:
         raise
     except BROKEN as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise InputError(f"{name} is no readable .npz file, or it is damaged: {reason}") from None
-    if told != len(arrays):
-        raise InputError(f"{name} is damaged: its index shows {len(arrays)} arrays, its end says {told}")
+    if announced != len(arrays):
+        raise InputError(f"{name} is damaged: its index shows {len(arrays)} arrays, its end says {announced}")
     return arrays
 
 
@@ -74,7 +74,7 @@ def check_announced(archive: zipfile.ZipFile, size: int, name: str) -> None:
                              f"{clipped(str(shape))}, but has {entry.file_size} bytes")  # fmt: skip
 
 
-def entries_told(stream: BinaryIO) -> int:
+def announced_entries(stream: BinaryIO) -> int:
     """Number of entries of a zip archive, as its end says; `zipfile` lists what the index still shows.
 
     Source: PKWARE APPNOTE.TXT, 4.3.16 (end of central directory record); an archive of 65,535 or more says so elsewhere

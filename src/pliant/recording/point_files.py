@@ -89,7 +89,7 @@ def read_kinovea(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
 def together(
     path: Path, options: TrackerMapping, tracks: dict[str, Track], unit: str, findings: list[str]
 ) -> xr.Dataset:
-    """Tracks on the union of their times; a point that has no sample there is a gap, told."""
+    """Tracks on the union of their times; a point that has no sample there is a gap."""
     samples = sum(len(t) for t, _ in tracks.values())
     clock = np.unique(np.concatenate([np.round(t, 9) for t, _ in tracks.values()]))
     if clock.size * len(tracks) > SPARSEST * samples:

@@ -89,12 +89,12 @@ def judge_end(lines: list[str], delimiter: str | None, name: str) -> tuple[list[
         return lines, []
     rows = [line for line in lines[-COMPARED_ROWS - 1 :] if line.strip()]
     last, before = split_cells(rows[-1], delimiter), [split_cells(row, delimiter) for row in rows[:-1]]
-    told = f"the last line of {name} has no line end"
+    problem = f"the last line of {name} has no line end"
     if before and len(last) < min(map(len, before)):
-        return lines[:-1], [f"{told} and {len(last)} cell(s) where {len(before[-1])} belong: it was left out"]
+        return lines[:-1], [f"{problem} and {len(last)} cell(s) where {len(before[-1])} belong: it was left out"]
     if before and _digits(last[-1]) < min(_digits(row[-1]) for row in before):
-        return lines[:-1], [f"{told} and its last number fewer digits than those above: it was left out"]
-    return lines, [f"{told}: the file may be cut inside its last number"]
+        return lines[:-1], [f"{problem} and its last number fewer digits than those above: it was left out"]
+    return lines, [f"{problem}: the file may be cut inside its last number"]
 
 
 def _digits(cell: str) -> int:

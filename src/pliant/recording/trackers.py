@@ -34,7 +34,7 @@ class TrackerMapping(FileMapping):
     length_unit : str, optional
         Instead of a camera, where the tracker was calibrated: coordinates are then lengths, y upward.
     likelihood : float
-        A point whose likelihood or score is lower is a gap; told.
+        A point whose likelihood or score is lower is a gap.
     individual : str, optional
         Which animal or track, where there are several.
     stations : list of str, optional
@@ -71,9 +71,9 @@ def tracked(
     if likelihood is not None:
         doubtful = (likelihood < options.likelihood) & np.isfinite(points).all(axis=2)
         points = np.where(doubtful[..., None], np.nan, points)
-        told = ", ".join(f"{n} {c}" for n, c in zip(names, doubtful.sum(axis=0), strict=True) if c)
+        by_station = ", ".join(f"{n} {c}" for n, c in zip(names, doubtful.sum(axis=0), strict=True) if c)
         lost = f"{int(doubtful.sum())} of {doubtful.size} points have a likelihood below {options.likelihood:g}"
-        history.append(f"{lost} and are gaps{f': {told}' if told else ''}")
+        history.append(f"{lost} and are gaps{f': {by_station}' if by_station else ''}")
     names, points = chosen(names, points, options, path.name)
     position, how = in_metres(points, options, path)
     try:

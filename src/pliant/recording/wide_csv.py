@@ -129,7 +129,7 @@ def _checksum(lines: list[str]) -> str:
 
 
 def _changed(metadata: dict[str, Any], lines: list[str]) -> list[str]:
-    """A table of ours is not what was written: told, because a person may have edited it."""
+    """Return a finding where a table that pliant wrote was changed; a person may have edited it."""
     if metadata.get("table_sha256") in (None, _checksum(lines)):
         return []
     return ["the table is not the one that was written: its checksum differs, so it was edited or damaged since"]

@@ -64,8 +64,8 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
     position, time, dropped = whole_frames(recording)
     notes = [f"{dropped} frame(s) with missing stations left out"] if dropped else []
     chords = chord_lengths(position)
-    arc_length, told = station_arc_length(recording, position, chords)
-    notes += told
+    arc_length, findings = station_arc_length(recording, position, chords)
+    notes += findings
     axis = {"planar": "y", "spatial": "z"}.get(str(recording.attrs["frame"]))
     if axis is not None:  # the last axis, in the plane and in space
         tangent = np.broadcast_to(np.eye(position.shape[2])[-1], (len(time), position.shape[2]))

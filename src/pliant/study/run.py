@@ -184,7 +184,7 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
         if rotation is None and "alignment" in ds.attrs:
             rotation = np.array(alignment_of(ds).rotation)
         if clocks is not None:
-            tell(f"{name}: {clocks.told}")
+            tell(f"{name}: {clocks.message}")
         unit, factor = reduced.shown_in
         tell(f"prepared {name}: {reduced.time.size} frames, travel {factor * reduced.travel:.3g} {unit}")
     model = study_model(study.actuator, rotation, shape.links if shape else None, supported_links(experiments),

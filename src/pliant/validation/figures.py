@@ -258,8 +258,8 @@ def draw_pressure(ax: Axes, record: RecordOutcome) -> None:
 def legend(figure: Figure, axes: Iterable[Axes]) -> None:
     """One legend below the figure for all that the axes show, each label once."""
     entries = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    room = figure.get_figwidth() / ((0.65 + 0.062 * max(map(len, entries))) * (1 if WIDTH.get() >= NARROW else 0.75))
-    columns = max(1, min(len(entries), int(room)))
+    fitting = figure.get_figwidth() / ((0.65 + 0.062 * max(map(len, entries))) * (1 if WIDTH.get() >= NARROW else 0.75))
+    columns = max(1, min(len(entries), int(fitting)))
     figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
 
 

@@ -183,7 +183,7 @@ class WiringResult(MetricsEntry):
 
     train_percent: float | None = Field(description="mean RMSE of the training records, % of travel")
     behind: float | None = Field(description="2 ln L below that of the best wiring")
-    told: str = Field(description="why it could not be fitted")
+    reason: str = Field(description="why it could not be fitted")
 
 
 class WiringTable(MetricsEntry):
@@ -209,7 +209,7 @@ class ClockEntry(MetricsEntry):
 
     delay_s: float
     drift: float
-    told: str
+    message: str
 
 
 class MetricsFile(MetricsEntry):

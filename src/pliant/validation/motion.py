@@ -74,9 +74,9 @@ def body_film(
     frames = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], 1.0 / rate)).clip(0, t.size - 1))
     with style():
         figure, (ax, side) = new_figure(1, 2, height=3.2, gridspec_kw={"width_ratios": [2, 1]})
-        room = 0.06 * np.ptp(body[..., 1])
-        ax.set(xlim=(body[..., 0].min() - 4 * room, body[..., 0].max() + 4 * room), aspect="equal",
-               ylim=(min(body[..., 1].min(), 0.0) - room, body[..., 1].max() + room))  # fmt: skip
+        margin = 0.06 * np.ptp(body[..., 1])
+        ax.set(xlim=(body[..., 0].min() - 4 * margin, body[..., 0].max() + 4 * margin), aspect="equal",
+               ylim=(min(body[..., 1].min(), 0.0) - margin, body[..., 1].max() + margin))  # fmt: skip
         ax.set(xlabel="x (mm)", ylabel="y (mm)")
         (way,) = ax.plot([], [], color=REST_COLOUR, linestyle="-", linewidth=0.8)
         (line,) = ax.plot(

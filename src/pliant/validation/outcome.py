@@ -99,7 +99,7 @@ class Shape:
 class Clocks:
     """How the clock of a pressure was brought onto that of a shape."""
 
-    told: str
+    message: str
     time: Array  # (T,) s
     motion: Array  # (T,) main course of the shape
     clock: Array  # (P,) s, as logged
@@ -135,7 +135,7 @@ class WiringRow(NamedTuple):
     name: str
     percent: float | None  # mean error of the training records, % of travel; None where it could not be fitted
     behind: float | None  # 2 ln L below that of the best
-    told: str = ""  # why it could not be fitted
+    reason: str = ""  # why it could not be fitted
 
 
 @dataclass(frozen=True)
@@ -162,16 +162,16 @@ class Wirings:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, for JSON."""
-        rows = {r.name: {"train_percent": r.percent, "behind": r.behind, "told": r.told} for r in self.rows}
+        rows = {r.name: {"train_percent": r.percent, "behind": r.behind, "reason": r.reason} for r in self.rows}
         return {"fit": self.fit, "sentence": self.sentence, "wirings": rows}
 
     @classmethod
-    def from_dict(cls, told: dict[str, Any] | None) -> Wirings | None:
+    def from_dict(cls, content: dict[str, Any] | None) -> Wirings | None:
         """The inverse of `to_dict`; None of None."""
-        if told is None:
+        if content is None:
             return None
-        rows = (WiringRow(n, r["train_percent"], r["behind"], r["told"]) for n, r in told["wirings"].items())
-        return cls(told["fit"], tuple(rows))
+        rows = (WiringRow(n, r["train_percent"], r["behind"], r["reason"]) for n, r in content["wirings"].items())
+        return cls(content["fit"], tuple(rows))
 
 
 class Headline(NamedTuple):
@@ -251,7 +251,7 @@ class StudyOutcome(Shown):
                 for f in self.forecasts
             },
             "findings": {k: list(v) for k, v in self.findings.items()},
-            "clocks": {k: {"delay_s": c.delay, "drift": c.drift, "told": c.told} for k, c in self.clocks.items()},
+            "clocks": {k: {"delay_s": c.delay, "drift": c.drift, "message": c.message} for k, c in self.clocks.items()},
             "not_computed": [n._asdict() for n in self.failed],
             "timing": self.timing, "provenance": self.provenance,
         }

@@ -33,7 +33,7 @@ def save_results(outcome: StudyOutcome, folder: Path) -> Path:
     if outcome.shape:
         groups |= shaped(outcome.shape)
     for k, f in enumerate(outcome.forecasts):
-        groups[f"/forecast_{k}"] = foretold(f)
+        groups[f"/forecast_{k}"] = forecast_dataset(f)
     for k, (name, c) in enumerate(outcome.clocks.items()):
         groups[f"/clocks_{k}"] = xr.Dataset(
             {"time": ("frame", c.time, {"units": "s"}), "motion": ("frame", c.motion),
@@ -54,8 +54,8 @@ def recorded(exp: Experiment) -> xr.Dataset:
     """What a recording showed, and what drove it."""
     variables: dict[str, Any] = {}
     if exp.placeless:
-        told = {"units": "rad", "long_name": "measured angle", "reference": exp.angle_reference}
-        variables["angle"] = (("time", "station"), exp.compared[..., 0], told)
+        about_angle = {"units": "rad", "long_name": "measured angle", "reference": exp.angle_reference}
+        variables["angle"] = (("time", "station"), exp.compared[..., 0], about_angle)
     else:
         variables["position"] = in_metres(SPACE, exp.position, "measured position")
     if exp.pressure is not None:
@@ -121,10 +121,10 @@ def plain(result: Any, but: set[str]) -> str:
     return json.dumps(found)
 
 
-def foretold(forecast: Forecast) -> xr.Dataset:
+def forecast_dataset(forecast: Forecast) -> xr.Dataset:
     """A forecast's tip with its half-width."""
-    told = {"units": "m" if forecast.tip.shape[1] == 2 else "rad"}
-    variables: dict[str, Any] = {"tip": (("time", "axis"), forecast.tip, told)}
+    units = {"units": "m" if forecast.tip.shape[1] == 2 else "rad"}
+    variables: dict[str, Any] = {"tip": (("time", "axis"), forecast.tip, units)}
     if forecast.half_width is not None:
-        variables["half_width"] = (("time", "axis"), forecast.half_width, told)
+        variables["half_width"] = (("time", "axis"), forecast.half_width, units)
     return xr.Dataset(variables, {"time": ("time", forecast.time, {"units": "s"})}, {"name": forecast.name})

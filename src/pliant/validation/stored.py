@@ -51,12 +51,12 @@ def load_outcome(folder: str | Path) -> StudyOutcome:
         When a file is absent, not what `pliant run` writes, or of another schema.
     """
     folder = Path(folder)
-    told = metrics_of(folder)
+    metrics = metrics_of(folder)
     groups = groups_of(folder)
-    if str(told.get("run_id", "")) != str(groups["/"].attrs.get("run_id", "")):
+    if str(metrics.get("run_id", "")) != str(groups["/"].attrs.get("run_id", "")):
         raise InputError(f"{folder}: metrics.json and results.nc are of different runs; run the study again")
     try:
-        return restored(told, groups)
+        return restored(metrics, groups)
     except BROKEN as error:
         reason = clipped(f"{type(error).__name__}: {error}")
         raise InputError(f"{folder}: metrics.json and results.nc do not belong together ({reason}); run the study again"
@@ -67,7 +67,7 @@ def metrics_of(folder: Path) -> dict[str, Any]:
     """The content of metrics.json."""
     path = folder / "metrics.json"
     try:
-        told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        metrics: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         reason, cure = error.strerror or error, "name a folder that `pliant run` has written"
         if (folder / FILE).exists():
@@ -75,9 +75,9 @@ def metrics_of(folder: Path) -> dict[str, Any]:
         raise InputError(f"cannot read {path}: {reason}; {cure}") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is no JSON: {clipped(str(error))}") from None
-    if not isinstance(told, dict) or told.get("schema") != "pliant-metrics":
+    if not isinstance(metrics, dict) or metrics.get("schema") != "pliant-metrics":
         raise InputError(f"{path} is no metrics.json of `pliant run`")
-    return told
+    return metrics
 
 
 def groups_of(folder: Path) -> Groups:
@@ -91,21 +91,23 @@ def groups_of(folder: Path) -> Groups:
     return loaded
 
 
-def restored(told: dict[str, Any], groups: Groups) -> StudyOutcome:
+def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
     """The outcome from both files' content."""
     recordings = {str(ds.attrs["name"]): (experiment_of(ds), ds) for name, ds in groups.items()
                   if name.startswith("/recording_")}
-    fits = tuple(fit_of(i, name, entry, recordings) for i, (name, entry) in enumerate(told["fits"].items()))
-    forecasts = tuple(forecast_of(n, e, groups[f"/forecast_{k}"]) for k, (n, e) in enumerate(told["forecasts"].items()))
-    headline = Headline(**{**told["headline"], "warnings": tuple(told["headline"]["warnings"])}) if told[
-        "headline"] else None
-    model = fits[0].result.model.with_(name=told["study"])
+    fits = tuple(fit_of(i, name, entry, recordings) for i, (name, entry) in enumerate(metrics["fits"].items()))
+    forecasts = tuple(
+        forecast_of(n, e, groups[f"/forecast_{k}"]) for k, (n, e) in enumerate(metrics["forecasts"].items())
+    )
+    stored = metrics["headline"]
+    headline = Headline(**{**stored, "warnings": tuple(stored["warnings"])}) if stored else None
+    model = fits[0].result.model.with_(name=metrics["study"])
     return StudyOutcome(
-        told["study"], told["title"], told["description"], model, fits, forecasts, shape_of(groups),
-        tuple(told["verdict"]), {k: tuple(v) for k, v in told["findings"].items()}, told["timing"],
-        told["provenance"], ladder_of(told["ladder"], fits[0].result), headline,
-        clocks={n: clocks_of(n, e, groups) for n, e in told["clocks"].items()}, failed=failures_of(told),
-        run_id=told.get("run_id", ""), wirings=Wirings.from_dict(told.get("wiring")),
+        metrics["study"], metrics["title"], metrics["description"], model, fits, forecasts, shape_of(groups),
+        tuple(metrics["verdict"]), {k: tuple(v) for k, v in metrics["findings"].items()}, metrics["timing"],
+        metrics["provenance"], ladder_of(metrics["ladder"], fits[0].result), headline,
+        clocks={n: clocks_of(n, e, groups) for n, e in metrics["clocks"].items()}, failed=failures_of(metrics),
+        run_id=metrics.get("run_id", ""), wirings=Wirings.from_dict(metrics.get("wiring")),
     )
 
 
@@ -196,25 +198,25 @@ def shape_of(groups: Groups) -> Shape | None:
                  str(own.attrs["tip_status"]))
 
 
-def ladder_of(told: dict[str, Any] | None, result: FitResult) -> Ladder | None:
+def ladder_of(content: dict[str, Any] | None, result: FitResult) -> Ladder | None:
     """A ladder as its table and figure ask for it: that a rung was fitted, not what its fit was."""
-    if told is None:
+    if content is None:
         return None
     steps = [
         Step(Rung(name, r["title"]), None if r["step_ns"] is None else result, tuple(r["free"]), r["train_percent"],
              r["held_out_percent"], r["fit_s"], float("nan") if r["step_ns"] is None else r["step_ns"], r["stands_on"],
              bic=r["bic"], told=r["told"], open=r.get("not_determined", ""),
              given=tuple(r.get("as_given", ())))
-        for name, r in told["rungs"].items()
+        for name, r in content["rungs"].items()
     ]
-    return Ladder(tuple(steps), told["chosen"], told["reason"])
+    return Ladder(tuple(steps), content["chosen"], content["reason"])
 
 
 def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:
     """How a pressure's clock was moved."""
     ds = next(g for k, g in groups.items() if k.startswith("/clocks_") and g.attrs["name"] == name)
     time, motion, clock, pressure = (ds[k].values for k in ("time", "motion", "clock", "pressure"))
-    return Clocks(entry["told"], time, motion, clock, pressure, entry["delay_s"], entry["drift"])
+    return Clocks(entry["message"], time, motion, clock, pressure, entry["delay_s"], entry["drift"])
 
 
 def forecast_of(name: str, entry: dict[str, Any], ds: xr.Dataset) -> Forecast:

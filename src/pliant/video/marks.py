@@ -89,8 +89,8 @@ def follow_dots(
         When fewer than two dots of that colour are there, other than `count` dots, or marks away from the others.
     """
     dots = Dots(colour, region)
-    place, usual, told = _first_dots(reel, dots, colour, count)
-    return told, _dots_by_frame(reel, dots, place, usual)
+    place, usual, findings = _first_dots(reel, dots, colour, count)
+    return findings, _dots_by_frame(reel, dots, place, usual)
 
 
 def _dots_by_frame(reel: Reel, dots: Dots, place: Array, usual: Array) -> Iterator[Frame]:

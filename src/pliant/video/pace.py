@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 Array = np.ndarray
-MOVES = 0.7  # pixels a frame, from which on a repeated frame can be told from rest
+MOVES = 0.7  # pixels a frame, from which on a repeated frame is distinguished from rest
 STANDS, LEAPS = 0.2, 1.7  # of the neighbours' steps
 ALIKE = 0.35  # of the neighbours' change of the picture
 
@@ -28,7 +28,7 @@ def doubled_and_leaps(points: Array, change: Array, time: Array) -> tuple[Array,
         Mean change of the picture since the frame before.
     time : array (T,), s
 
-    Both are told where the body moves by `MOVES` or more and keeps its direction: at a turn two frames are alike.
+    Both are reported where the body moves by `MOVES` or more and keeps its direction: at a turn two frames are alike.
     """
     step = np.diff(points, axis=0, prepend=np.nan)
     apart = (step**2).sum(axis=2)

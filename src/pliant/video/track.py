@@ -44,7 +44,7 @@ class Tracking:
     colour : str, optional
         Of the dots, as ``#rrggbb``.
     count : int, optional
-        Dots on the body; marks of their colour that lie away from it are then left out, and told.
+        Dots on the body; marks of their colour that lie away from it are then left out and counted.
     region : (left, top, right, bottom), pixels, optional
         Part of the picture in which dots are looked for.
     stations : int
@@ -120,7 +120,7 @@ def track_video(
     path, how = Path(path), tracking or Tracking()
     camera = _camera(camera)
     reel = open_reel(path)
-    names, told, frames = _followed(reel, how)
+    names, findings, frames = _followed(reel, how)
     times, points, change, before = list[float](), list[Array | None](), list[float](), None
     with overlay(reel, how.overlays) as draw:
         for time, picture, found in frames:
@@ -133,7 +133,7 @@ def track_video(
             if progress is not None:
                 progress(min(1.0, len(times) / reel.count))
     ds = _recording(reel, camera, how, names, _Seen(np.array(times), _stacked(points, reel), np.array(change)))
-    return append_history(ds, *told) if told else ds
+    return append_history(ds, *findings) if findings else ds
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,8 @@ def _camera(camera: Camera | dict[str, Any]) -> Camera:
 def _followed(reel: Reel, how: Tracking) -> tuple[list[str], list[str], Iterator[tuple[float, Array, Array | None]]]:
     """Names of the stations, empty for a silhouette's; what to tell; and what is seen frame by frame."""
     if how.method == "silhouette":
-        even, told = even_exposure(reel)
-        return [], told, follow_silhouette(even, how.base)
+        even, findings = even_exposure(reel)
+        return [], findings, follow_silhouette(even, how.base)
     if how.method == "dots":
         return [], *follow_dots(reel, how.blue_green_red, how.count, how.region)
     numbers, frames = follow_aruco(reel)
@@ -182,7 +182,7 @@ def _stacked(points: list[Array | None], reel: Reel) -> Array:
 
 def _recording(reel: Reel, camera: Camera, how: Tracking, names: list[str], seen: _Seen) -> xr.Dataset:
     """The recording of what was seen, with its history."""
-    time, told, unsure = _times(reel, camera, seen.time)
+    time, findings, unsure = _times(reel, camera, seen.time)
     doubled, leaps = doubled_and_leaps(seen.points, seen.change, time)
     points = np.where(doubled[:, None, None], np.nan, seen.points)
     if how.method != "silhouette":
@@ -192,41 +192,42 @@ def _recording(reel: Reel, camera: Camera, how: Tracking, names: list[str], seen
     arc = None
     if how.method == "silhouette":
         position, arc, names, strange = _even(position, how.stations)
-        told.append(f"the body is {1e3 * arc[-1]:.2f} mm long in the picture")
+        findings.append(f"the body is {1e3 * arc[-1]:.2f} mm long in the picture")
         if strange:
-            told.append(f"{strange} frames in which its length differs by more than {100 * LENGTH:g} % are gaps")
-    told += [f"{int(hidden.sum())} of {len(time)} frames are gaps: the body was hidden, or not recognised",
+            findings.append(f"{strange} frames in which its length differs by more than {100 * LENGTH:g} % are gaps")
+    findings += [f"{int(hidden.sum())} of {len(time)} frames are gaps: the body was hidden, or not recognised",
              f"{int(doubled.sum())} frames repeat the one before and are gaps"]  # fmt: skip
     if leaps.any():
-        told.append(f"{int(leaps.sum())} steps are twice as long as their neighbours: frames may be missing in silence")
+        findings.append(f"{int(leaps.sum())} steps are twice as long as their neighbours: frames may be missing")
     with reel.path.open("rb") as file:
         digest = file_digest(file, "sha256").hexdigest()
     return make_recording(
         time, position, station=names, arc_length=arc, source=reel.path.name, source_format="video",
         source_sha256=digest, attrs={"time_uncertainty_s": unsure},
-        history=[f"followed {how.method} through {len(time)} frames of {reel.path.name}", scale, *told],
+        history=[f"followed {how.method} through {len(time)} frames of {reel.path.name}", scale, *findings],
     )
 
 
 def _times(reel: Reel, camera: Camera, time: Array) -> tuple[Array, list[str], float]:
     """Times (T,) [s] of the middle of each exposure, how they came to be, and how far off they may be [s]."""
-    told = []
+    findings = []
     if camera.rate_hz is not None:
         if abs(camera.rate_hz / reel.rate - 1.0) > 0.02:
-            told.append(f"the file says {reel.rate:.4g} frames a second, [camera] {camera.rate_hz:.4g}: that counts")
+            rates = f"{reel.rate:.4g} frames a second, [camera] {camera.rate_hz:.4g}"
+            findings.append(f"the file says {rates}, which is used")
         time = np.arange(len(time)) / camera.rate_hz
     if (np.diff(time) <= 0).any():
         raise InputError(f"{reel.path.name}: its times do not increase: say rate_hz in [camera]")
     missing, places = lost_in_times(time)
-    told.append(f"{missing} frames are missing at {places} places of the file's times")
+    findings.append(f"{missing} frames are missing at {places} places of the file's times")
     period = float(np.median(np.diff(time)))
     open_s = 1e-3 * camera.exposure_ms if camera.exposure_ms is not None else None
     read_s = 1e-3 * camera.readout_ms if camera.readout_ms is not None else None
     unsure = (0.0 if open_s is not None else 0.5 * period) + 0.5 * (read_s if read_s is not None else period)
     shutter = f"open for {1e3 * open_s:g} ms" if open_s is not None else "open for an unknown time"
     rows = f"its rows within {1e3 * read_s:g} ms" if read_s is not None else "its rows within an unknown time"
-    told.append(f"times are the middle of the exposure, known to {1e3 * unsure:.1f} ms: shutter {shutter}, {rows}")
-    return time + 0.5 * (open_s if open_s is not None else period), told, unsure
+    findings.append(f"times are the middle of the exposure, known to {1e3 * unsure:.1f} ms: shutter {shutter}, {rows}")
+    return time + 0.5 * (open_s if open_s is not None else period), findings, unsure
 
 
 def _base_first(points: Array, names: list[str], how: Tracking) -> tuple[Array, list[str]]:

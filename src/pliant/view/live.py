@@ -127,7 +127,7 @@ class Live:
         self.stepper = Stepper(self.model, step_of(self.model))
         self.chambers = self.model.actuation.count
         self.command = np.zeros(self.chambers)
-        self.speed, self.debt, self.told = 1.0, 0.0, ""
+        self.speed, self.debt, self.message = 1.0, 0.0, ""
         self.pull: Pull | None = None
         self.force = np.zeros(2)
         self.record: Experiment | None = None
@@ -181,7 +181,7 @@ class Live:
     def take(self, job: Job, made: tuple[Model, Stepper] | str) -> None:
         """Go on with what was prepared: from rest where that was asked for, else with the same motion."""
         if isinstance(made, str):
-            self.told = made
+            self.message = made
             return
         model, stepper = made
         if job.restart:
@@ -221,7 +221,7 @@ class Live:
             self.push()
             self.stepper.step(self.command)
         except SimulationError as error:
-            self.told, self.pull = f"{error} The body is back at rest.", None
+            self.message, self.pull = f"{error} The body is back at rest.", None
             self.command[:] = self.by_hand[:] = 0.0
             self.restart(0.0)
 
@@ -253,12 +253,12 @@ class Live:
         """What the page draws now: mm, kPa, N."""
         m, t = self.model, self.stepper.time
         joints = mechanics_of(m).nodes(self.stepper.position)
-        told, self.told = self.told, ""
+        message, self.message = self.message, ""
         measured = None
         if self.record is not None and not self.record.placeless:
             k = int(np.abs(self.record.time - self.record.time[0] - t).argmin())
             measured = [[None if not np.isfinite(v) else round(1e3 * float(v), 3) for v in p]
                         for p in self.record.position[k]]
-        return {"t": round(t, 6), "body": np.round(1e3 * joints, 3).tolist(), "told": told, "measured": measured,
+        return {"t": round(t, 6), "body": np.round(1e3 * joints, 3).tolist(), "message": message, "measured": measured,
                 "kpa": np.round(1e-3 * self.stepper.pressure, 4).tolist(),
                 "command": np.round(1e-3 * self.command, 4).tolist(), "force": np.round(self.force, 5).tolist()}

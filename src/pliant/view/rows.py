@@ -20,7 +20,7 @@ from pliant.validation.outcome import FitOutcome, RecordOutcome, Shape, StudyOut
 from pliant.validation.wording import digits, sized
 
 WIDE = 1.959964  # standard errors to each side of a 95 % interval
-TIED = 0.95  # correlation of errors from which two parameters are told as one
+TIED = 0.95  # correlation of errors from which two parameters are named together
 PAIRS = ("frequency_hz", "damping_ratio", "overshoot_percent", "steady_state_mm")
 DETAILS = ("frequency_large_hz", "damping_ratio_large", "frequency_small_hz", "damping_ratio_small")
 SINGLE = ("rmse_mm", "rmse_percent_of_travel", "rmse_percent_of_length", "max_mm", "fit_percent", "within_band_percent")

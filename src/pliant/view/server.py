@@ -126,7 +126,7 @@ async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -
             try:
                 live.ask(Wish.model_validate_json(text[:LARGEST]))  # what is longer is no JSON when cut
             except ValidationError:
-                live.told = "the page asked for something that cannot be"
+                live.message = "the page asked for something that cannot be"
             if live.pending:
                 asked.set()
 

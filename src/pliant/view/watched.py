@@ -55,7 +55,7 @@ class WatchedLoop:
         if len(self.angles) != model.n:
             raise InputError(f"the log {path} is of {len(self.angles)} links, the model has {model.n}")
         self.model, self.rows, self.rest = fixed_length(model), deque[list[float]](maxlen=KEPT), b""
-        self.shown, self.told, self.fault, self.touch = -np.inf, "", "", touch
+        self.shown, self.message, self.fault, self.touch = -np.inf, "", "", touch
         self.design = ""  # margins and rehearsal of the loop
         self.since = np.inf  # s, time of the first row behind the last fault
         self.chambers = len(self.named("pressure"))
@@ -95,7 +95,7 @@ class WatchedLoop:
         row = next((r for r in reversed(self.rows) if r[0] <= self.shown), None)
         if row is None:
             still = [[0.0, 0.0]] * (self.model.n + 2)
-            return {"t": 0.0, "body": still, "told": "no row has come yet", "measured": None,
+            return {"t": 0.0, "body": still, "message": "no row has come yet", "measured": None,
                     "kpa": [0.0] * self.chambers, "command": [0.0] * self.chambers, "force": [0, 0]}
         m, phi = self.model, np.array([row[k] for k in self.angles])
         joints = mechanics_of(m).nodes(phi)
@@ -103,9 +103,9 @@ class WatchedLoop:
         vented = f"VENTED, {self.fault or 'by a fault'}" if value.get("vented") else "in control"
         if not value.get("vented") and row[0] >= self.since:
             vented = f"in control, but {self.fault}"
-        told = f"{vented}; {self.wanted(value)}; a period's work took {value['work_us']:.0f} us{self.design}"
+        message = f"{vented}; {self.wanted(value)}; a period's work took {value['work_us']:.0f} us{self.design}"
         return {
-            "t": round(row[0], 6), "body": np.nan_to_num(np.round(1e3 * joints, 3)).tolist(), "told": told,
+            "t": round(row[0], 6), "body": np.nan_to_num(np.round(1e3 * joints, 3)).tolist(), "message": message,
             "measured": None, "force": [0, 0],
             "kpa": [round(float(np.nan_to_num(1e-3 * row[k])), 4) for k in self.named("pressure")],
             "command": [round(float(np.nan_to_num(1e-3 * row[k])), 4) for k in self.named("command")],

@@ -139,14 +139,14 @@
   }
 
   socket.addEventListener("open", () => {
-    $("told").textContent = "The model steps a thousand times a second.";
+    $("message").textContent = "The model steps a thousand times a second.";
     if (!data.watched && !matchMedia("(prefers-reduced-motion: reduce)").matches) pulse(2);
   });
-  socket.addEventListener("close", () => { $("told").textContent = "The program behind this page has ended."; });
+  socket.addEventListener("close", () => { $("message").textContent = "The program behind this page has ended."; });
   socket.addEventListener("message", (e) => {
     now = JSON.parse(e.data);
     frames += 1;
-    if (now.told) $("told").textContent = now.told;
+    if (now.message) $("message").textContent = now.message;
     if (now.touch) touched.push(now.touch.slice(0, 2));
     if (touched.length > MOST) touched.shift();
     keep(now);
