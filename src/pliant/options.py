@@ -9,16 +9,16 @@ from typing import Any, TypeVar, cast
 Options = TypeVar("Options", bound=Mapping[str, object])
 
 
-def with_defaults(door: Callable[..., Any], given: Options, defaults: Options) -> Options:
+def with_defaults(function: Callable[..., Any], given: Options, defaults: Options) -> Options:
     """What was given over what is taken when nothing is.
 
     Raises
     ------
     TypeError
-        For a keyword that `door` does not know; it names those that it takes.
+        For a keyword that `function` does not know; it names those that it takes.
     """
     if unknown := [name for name in given if name not in defaults]:
-        named = [p.name for p in inspect.signature(door).parameters.values() if p.kind is not p.VAR_KEYWORD]
+        named = [p.name for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
         known = ", ".join((*named, *defaults))
-        raise TypeError(f"{door.__name__} has no parameter {unknown[0]!r}: it takes {known}")
+        raise TypeError(f"{function.__name__} has no parameter {unknown[0]!r}: it takes {known}")
     return cast(Options, {**defaults, **given})

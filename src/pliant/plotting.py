@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 COLUMN_WIDTH, PAGE_WIDTH = 3.5, 7.16  # inches, two-column page
-# dark to light, so that the order survives greyscale; told apart by dashes as well
+# dark to light, so that the order survives greyscale; distinguished by dashes as well
 COLOURS = ("#000000", "#123e91", "#cc4a10", "#45a87a", "#b794d6", "#8a6d00", "#808080")
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 REST_COLOUR = "#d00000"
@@ -47,7 +47,7 @@ RC: dict[str, Any] = {
     "pdf.fonttype": 42,
 }
 WIDTH: ContextVar[float] = ContextVar("width", default=PAGE_WIDTH)  # inches, of the figures being drawn
-TALLEST = 4.6  # inches, of a narrow figure: its page has room for a caption
+TALLEST = 4.6  # inches, of a narrow figure: its page also holds a caption
 NARROW = 5.0  # inches: below, panels stand on each other and letters are smaller
 SMALL = {"font.size": 6.5, "axes.titlesize": 6.5, "axes.labelsize": 6.5, "legend.fontsize": 6, "xtick.labelsize": 6,
          "ytick.labelsize": 6, "legend.handlelength": 2.0}

@@ -1,4 +1,4 @@
-"""The only place where units other than SI are known: the doors of the house convert here."""
+"""The only module that knows units other than SI: readers, commands and plots convert here."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def motions(model: pliant.Model) -> float:
     many = pliant.simulate_batch(model, inputs[0], parameters={"stiffness": np.array([1.5, 1.7])}, duration=1.0)
     sweep = {"kind": "monte_carlo", "samples": 8, "parameters": {"stiffness": {"mean": 1.6, "std": 0.1}}}
     swept = pliant.run_sweep(sweep, model, "sweep", progress=print)
-    print(many["tip_position"].max(), swept.samples["tip"].shape, swept.summary()["told"])
+    print(many["tip_position"].max(), swept.samples["tip"].shape, swept.summary()["message"])
     return float(motion.time[-1]) + float(frequency[0] + damping[0] + angle[-1] + rate[-1])
 
 

@@ -64,7 +64,7 @@ class Schedule:
             intervals, steps = aligned((fine.size - 1, WIDTH)), aligned((keep.size, WIDTH))
             intervals[:], steps[:] = np.diff(fine)[:, None], np.diff(corners)[:, None]
             made = LaneGrid(fine, np.searchsorted(fine, corners), intervals, steps, keep)
-            self._grids.setdefault(key, made)  # the first of two threads: grids are told apart by who they are
+            self._grids.setdefault(key, made)  # the first of two threads: grids are compared by identity
         return self._grids[key]
 
     def behind(self, i: int, *, shared: bool) -> Array:

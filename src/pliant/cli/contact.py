@@ -65,8 +65,8 @@ def contact(
 
         save_map(map_contacts(found, half_width=half_width_mm * 1e-3), chart)
     for path, one in zip(recordings, found, strict=True):
-        told = report(one) if not json else {"recording": str(path), **report(one)}
-        print_numbers(told, as_json=json, title=str(path), meaning=MEANING)
+        numbers = report(one) if not json else {"recording": str(path), **report(one)}
+        print_numbers(numbers, as_json=json, title=str(path), meaning=MEANING)
 
 
 def report(found: xr.Dataset) -> dict[str, float | int | str]:

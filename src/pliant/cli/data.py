@@ -29,12 +29,12 @@ def data(
     from pliant.recording.published import data_folder, data_set, data_sets, fetch
 
     if action == "list":
-        told = [entry(name) for name in names or data_sets()]
+        entries = [entry(name) for name in names or data_sets()]
         if json:
-            say(jsonlib.dumps({"folder": str(data_folder()), "data": told}))
+            say(jsonlib.dumps({"folder": str(data_folder()), "data": entries}))
             return
         say(f"folder: {data_folder()}")
-        for one in told:
+        for one in entries:
             say(f"\n{one['name']}: {one['what']}\n  {one['licence']}; {one['origin']}")
             for file in one["files"]:
                 say(f"  {'here  ' if file['here'] else 'absent'}  {file['file']}"

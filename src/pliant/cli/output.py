@@ -105,7 +105,7 @@ def summary(trajectory: xr.Dataset) -> dict[str, Any]:
 def print_numbers(
     numbers: Mapping[str, Any], *, as_json: bool, title: str = "", meaning: Mapping[str, str] | None = None,
 ) -> None:
-    """Print named numbers as JSON, or as a table: what it is, its value, its unit, and what it means where told."""
+    """Print named numbers as JSON, or as a table: what it is, its value, its unit, and what it means where stated."""
     if as_json:
         say(jsonlib.dumps(numbers, default=float))
         return

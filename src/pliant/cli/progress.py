@@ -117,15 +117,15 @@ def counting(what: str) -> Iterator[Callable[[float], None]]:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     shown = sys.stderr.isatty() and not QUIET.get()
     bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False)
-    task, told = bar.add_task(escaped(what, "line"), total=1.0), [0]
+    task, printed = bar.add_task(escaped(what, "line"), total=1.0), [0]
 
     def update(done: float) -> None:
         late = monotonic() - began > 1.0
         if late and shown and not bar.live.is_started:
             bar.start()
-        if late and not shown and int(4 * done) > told[0]:
-            told[0] = int(4 * done)
-            mention(f"{what}: {25 * told[0]} %")
+        if late and not shown and int(4 * done) > printed[0]:
+            printed[0] = int(4 * done)
+            mention(f"{what}: {25 * printed[0]} %")
         bar.update(task, completed=done)
 
     try:

@@ -51,10 +51,10 @@ def sweep(
     if json:
         say(jsonlib.dumps(summary))
         return
-    rows = [[name.replace("_", " "), *(f"{told[key]:.5g}" for key in ("median", "low", "high")), told["unit"]]
-            for name, told in summary["numbers"].items() if told]
+    rows = [[name.replace("_", " "), *(f"{values[key]:.5g}" for key in ("median", "low", "high")), values["unit"]]
+            for name, values in summary["numbers"].items() if values]
     say("\n".join(aligned([["", "median", "2.5 %", "97.5 %", "unit"], *rows])))
-    say(f"{summary['samples']} samples, {summary['failed_samples']} of them failed; {summary['told']}")
+    say(f"{summary['samples']} samples, {summary['failed_samples']} of them failed; {summary['message']}")
     say(f"samples: {output / 'samples.nc'}")
 
 

@@ -67,8 +67,8 @@ def _list_scenarios(*, as_json: bool) -> None:
     from pliant.testbed.scenarios import SCENARIOS
 
     if as_json:
-        told = [{"duration_s": c.duration, "rate_hz": c.rate, "summary": c.summary} for c in SCENARIOS.values()]
-        say(jsonlib.dumps(dict(zip(SCENARIOS, told, strict=True))))
+        entries = [{"duration_s": c.duration, "rate_hz": c.rate, "summary": c.summary} for c in SCENARIOS.values()]
+        say(jsonlib.dumps(dict(zip(SCENARIOS, entries, strict=True))))
         return
 
     width = max(map(len, SCENARIOS))

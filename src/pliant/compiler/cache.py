@@ -42,9 +42,9 @@ def kept(function: Any, **options: Any) -> Any:
     """`function` compiled by Numba (nopython, fastmath off) when it is first called, or taken from the shared cache.
 
     Where several processes ask for one kernel at once, one compiles it and the others wait for it. Where nothing can be
-    written, it is compiled anew in every process, which is told once.
+    written, it is compiled anew in every process, with one warning.
     """
-    options["no_cfunc_wrapper"] = True  # a door for C: nobody comes by it
+    options["no_cfunc_wrapper"] = True  # an interface for C, which is not used
     made = njit(**options)(function)
     made.given = options
     if kernel_cache is None:
@@ -85,8 +85,8 @@ def kept(function: Any, **options: Any) -> Any:
 def part(whole: Any) -> Any:
     """A kernel of `kept` as those take it that call it and are compiled themselves: cheap, and of no use to Python.
 
-    A third of the time that compiling takes goes into doors for Python, which nobody opens there, and into optimising
-    what is optimised again in its callers.
+    A third of the time that compiling takes goes into interfaces for Python, which are not used there, and into
+    optimising what is optimised again in its callers.
     """
     function = whole.py_func
     copy = FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)

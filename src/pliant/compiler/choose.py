@@ -1,4 +1,4 @@
-"""The door to compiled code: the twin of a kernel, with the fastest step for its number of links inside.
+"""Compiled kernels: `twin` returns the one of a plain function, with the fastest step for its number of links inside.
 
 Few links take the dense step, many take articulated bodies, both as straight lines where they may: compiling a straight
 line takes the longer the more links it has, so beyond some number the loops run.

@@ -1,8 +1,8 @@
 """Compiled twins of plain kernels: the same text, made once by Numba, cached on disk.
 
 A decorated kernel could not be traced, differentiated by complex step or run on symbols, and a decorator inside a
-factory never finds its cache. So the text stays plain and a copy is compiled whose callees are twins too; `choose.twin`
-is the door.
+factory never finds its cache. So the text stays plain and a copy is compiled whose callees are twins too, see
+`choose.twin`.
 """
 
 from __future__ import annotations

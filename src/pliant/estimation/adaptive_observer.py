@@ -83,7 +83,7 @@ class AdaptiveObserver:
         Standard deviation of `scale` at the start, and its growth per square root of a second; 0 keeps it at 1.
         Default: 0.2 and 0.02.
     share : float
-        That of ``frozen(model, share)`` whose rest angles the state's `rest_shift` tells of.
+        That of ``frozen(model, share)`` to whose rest angles the state's `rest_shift` belongs.
 
     Attributes
     ----------

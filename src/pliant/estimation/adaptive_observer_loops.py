@@ -63,8 +63,8 @@ def follow_of_tuples(periods, pressure, values, records):
     )
     held, work, springs, gain, weight, move = workspace
     scratch = Held(*held[:10], Joints(*held[10]))
-    room = ObserverWorkspace(scratch, Workspace(*work), Joints(*springs), gain, weight, move)
-    return follow(periods, pressure, values, ObserverState(*state), own, ObserverGains(*gains), Pace(*pace), room)
+    storage = ObserverWorkspace(scratch, Workspace(*work), Joints(*springs), gain, weight, move)
+    return follow(periods, pressure, values, ObserverState(*state), own, ObserverGains(*gains), Pace(*pace), storage)
 
 
 def lost(values):

@@ -82,7 +82,7 @@ class Estimator(Protocol):
         """Take a frame of a `time` [s]; see `Frame`. A lost one is pushed too, its values NaN."""
 
     def state(self, time: float) -> State:
-        """What is known of `time` [s]; an estimator that does not predict tells of its last frame."""
+        """Return the state at `time` [s]; that of the last frame where an estimator does not predict."""
 
 
 class Setting(NamedTuple):

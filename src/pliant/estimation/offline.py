@@ -183,7 +183,7 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
 
 
 def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> FilterFrame:
-    """What the loops take of values (m,), or of those of many frames (T, m), and room for innovations (m,)."""
+    """What the loops take of values (m,), or of those of many frames (T, m), and scratch for innovations (m,)."""
     return FilterFrame(model.base_angle, observed_chain(model), rows, value, variance, np.empty(len(rows)))
 
 

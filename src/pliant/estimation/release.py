@@ -40,7 +40,7 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
     """When the pull that held a body at the start of a recording ended.
 
     The torques of `frames` frames after the first `start`, in which the filter finds them, are the pull; later torques
-    are told along it. A hand or a tendon that lets go slowly shows as a long way from `begin` to `gone`.
+    are projected onto it. A hand or a tendon that lets go slowly shows as a long way from `begin` to `gone`.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ class ObserverModel(NamedTuple):
     body: Body
     chambers: ActuationConstants
     memory: MemoryLaw
-    instantaneous: float  # stiffness of the memory before it gives way, in parts of K, as far as `frozen` keeps it
+    instantaneous: float  # stiffness of the hysteresis before it slips, in parts of K, as far as `frozen` keeps it
 
 
 class ObserverGains(NamedTuple):

@@ -22,7 +22,7 @@ class Bounds:
     shape_age, pressure_age : float
         s; an older last whole reading vents.
     highest_pressure : float
-        Pa, of the reading (leave room for noise and overshoot) and of the command.
+        Pa, of the reading (leave a margin for noise and overshoot) and of the command.
     lowest_pressure : float
         Pa, of the reading: below, the sensor is broken.
     largest_angle : float

@@ -32,8 +32,8 @@ def on_one_clock(ds: xr.Dataset, entry: Recording, name: str) -> tuple[xr.Datase
     if "pressure" not in ds:
         raise InputError(f"recording {name}: clock goes with a measured pressure, but it holds none")
     if not isinstance(wanted, str):
-        told = f"the pressure's clock is moved by {1e3 * wanted:+.6g} ms, as stated"
-        return shift_pressure(ds, wanted), None, (told,)
+        finding = f"the pressure's clock is moved by {1e3 * wanted:+.6g} ms, as stated"
+        return shift_pressure(ds, wanted), None, (finding,)
     try:
         found = sync(ds, drift=True)
     except InputError as error:

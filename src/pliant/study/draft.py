@@ -110,8 +110,8 @@ def draft_study(
     title = Path(study).stem
     out.say('Written by `pliant new` from the files. Entries that only you can know are marked "?".',
             "Every entry is explained in docs/studies.md. SI units, except where a name says otherwise.")
-    told = look_doubts(looks, Case(length=length, mass=mass, diameter=diameter, gravity=tuple(gravity or ()) or None))
-    out.say(*(f"! {line}" for line in told))
+    doubts = look_doubts(looks, Case(length=length, mass=mass, diameter=diameter, gravity=tuple(gravity or ()) or None))
+    out.say(*(f"! {line}" for line in doubts))
     out.put("name", title)
     out.put("title", title.replace("_", " "))
     out.put("step", 2e-3, "s, of the integration")
@@ -131,7 +131,7 @@ def draft_study(
     out.table("targets")
     out.say("what the verdict holds the predictions against; take a line away and it is not judged")
     out.put("rmse_percent_of_travel", 5.0)
-    return Draft("\n".join(out.text) + "\n", tuple(out.questions), told)
+    return Draft("\n".join(out.text) + "\n", tuple(out.questions), doubts)
 
 
 def look_doubts(looks: Sequence[FirstLook], case: Case) -> tuple[str, ...]:
@@ -171,11 +171,11 @@ def actuator(
 ) -> None:
     """The body."""
     out.table("actuator")
-    told = "m, as you stated"
+    comment = "m, as you stated"
     if length is None and (length := body_length(look)) is not None:
         along = "along the stations" if look.dense else "from base to tip at rest"
-        told = f"m, {along} in {look.path.name}: correct it where you know better"
-    out.ask("length", "m, of the part that bends", length, told)
+        comment = f"m, {along} in {look.path.name}: correct it where you know better"
+    out.ask("length", "m, of the part that bends", length, comment)
     out.ask("mass", "kg, of the part that bends: weigh it, or density times volume; K, D and torque share its scale",
             mass, "kg, as you stated")
     if diameter is not None:

@@ -20,29 +20,29 @@ UNITS = {"angle_unit": "deg", "pressure_unit": "kPa"}
 
 def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> tuple[xr.Dataset, dict[str, Any]]:
     """A recording, and what was made up to read it: a camera for points in pixels, units for angles and pressure."""
-    told = mapping or {}
+    stated = mapping or {}
     try:
         return read(path, mapping=mapping), {}
     except InputError:
-        for guess in guesses(path, told):
+        for guess in guesses(path, stated):
             try:
-                return read(path, mapping={**told, **guess}), guess
+                return read(path, mapping={**stated, **guess}), guess
             except InputError:
                 continue
         raise
 
 
-def guesses(path: Path, told: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What may be made up for a file whose reader needs to be told more."""
+def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What may be made up for a file whose reader needs more."""
     if not path.is_file():
         return []
-    head, known, named = path.read_bytes()[:HEAD_BYTES], readers(), told.get("format")
+    head, known, named = path.read_bytes()[:HEAD_BYTES], readers(), stated.get("format")
     fits = [n for n in (*TRACKERS, "angles") if n == named
             or (named is None and path.suffix.lower() in known[n].suffixes and known[n].recognises(head))]
     if "angles" in fits:
-        made = {k: v for k, v in UNITS.items() if k not in told}
+        made = {k: v for k, v in UNITS.items() if k not in stated}
         return [*({k: v} for k, v in made.items()), made]
-    return [] if not fits or {"camera", "length_unit"} & set(told) else [{"camera": MADE_UP}]
+    return [] if not fits or {"camera", "length_unit"} & set(stated) else [{"camera": MADE_UP}]
 
 
 def several(ds: xr.Dataset) -> list[str]:
@@ -56,17 +56,17 @@ def narrowed(
     """The mapping with the one chamber whose pressure moves most, and that chamber's name."""
     ranges = {c: high - low for c, (low, high) in found.pressure_kpa.items()}
     chosen = max(chambers, key=lambda c: ranges.get(c, 0.0))
-    told = dict((mapping or {}).get("pressure") or {}) if isinstance((mapping or {}).get("pressure"), dict) else {}
-    key = next((k for k in ("columns", "channels") if k in told), None)
+    pressure = dict((mapping or {}).get("pressure") or {}) if isinstance((mapping or {}).get("pressure"), dict) else {}
+    key = next((k for k in ("columns", "channels") if k in pressure), None)
     if mapping is None or key is None:
         raise InputError(
             f"{name} has several pressures ({', '.join(chambers)}) and a draft takes one: write a file, or a mapping, "
             f"with the one that bends the body (that of {chosen} moves most), or the study by hand, with "
             "[[actuator.chambers]] and drive (docs/chambers.md)"
         )
-    told[key] = [told[key][chambers.index(chosen)]]
-    told.pop("chamber", None)
-    return {**mapping, "pressure": told}, chosen
+    pressure[key] = [pressure[key][chambers.index(chosen)]]
+    pressure.pop("chamber", None)
+    return {**mapping, "pressure": pressure}, chosen
 
 
 LOGS = (".csv", ".txt", ".tsv", ".log", ".dat", ".mat", ".npz", ".lvm", ".tdms", ".mcap", ".db3")

@@ -11,7 +11,7 @@ from pliant.study.verdict import LONGER, by_the_model, judged, ringing
 from pliant.validation.outcome import FitOutcome, Headline, RecordOutcome, StudyOutcome
 from pliant.validation.wording import sized
 
-FAR = 10.0  # % of travel: a point that is ever so far off is told
+FAR = 10.0  # % of travel: a point that is ever so far off is named
 OVERSHOOT = 5.0  # points of the overshoot
 OFF = 10.0  # % of a frequency
 DAMPED = 25.0  # % of a damping ratio
@@ -87,7 +87,7 @@ def fit_warnings(fit: FitOutcome, *, held: bool) -> Iterator[str]:
 
 def record_warnings(record: RecordOutcome) -> Iterator[str]:
     """Yield a sentence for each deviation beyond its limit, which a small mean error may hide."""
-    yield from (told for size, told in shortfalls(record) if size > 1.0)
+    yield from (sentence for size, sentence in shortfalls(record) if size > 1.0)
 
 
 def largest_shortfall(shown: Sequence[RecordOutcome]) -> str:

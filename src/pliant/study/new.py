@@ -36,7 +36,7 @@ RETURNED = 0.3  # of the travel: what a pulse leaves at its end, and a release d
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What one file told.
+    """What was read from one file.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
 
 
 def clusters(names: Sequence[str]) -> dict[str, list[str]]:
-    """Markers on one rigid part, told by their names: ``Tip - 1``, ``Tip - 2``, ... -> ``tip``; base first.
+    """Markers on one rigid part, by their names: ``Tip - 1``, ``Tip - 2``, ... -> ``tip``; base first.
 
     Empty unless at least two groups come out, one with three markers or more.
     """
@@ -213,7 +213,7 @@ def rigid(ds: xr.Dataset, markers: Sequence[str]) -> bool:
     apart = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1)
     apart = apart[np.isfinite(apart).all(axis=(1, 2))]
     if not len(apart):
-        return True  # never seen together: what is rigid cannot be told
+        return True  # never seen together: what is rigid is not known
     low, high = np.percentile(apart, [5, 95], axis=0)
     still = bool((high - low <= np.maximum(RIGID_M, RIGID_SHARE * high)).all())
     shape = place[np.argmax(np.isfinite(place).all(axis=(1, 2)))]
@@ -273,7 +273,7 @@ def held_out(looks: Sequence[FirstLook]) -> str | None:
 
 
 def moved(look: FirstLook) -> str:
-    """When the motion begins and ends, as a comment; empty where that cannot be told."""
+    """When the motion begins and ends, as a comment; empty where that is not known."""
     if look.aligned is None or not look.scaled or excitation(look) == "trace":
         return ""
     stations = tuple(str(n) for n in look.aligned["station"].values if look.turns or n != look.base)

@@ -116,7 +116,7 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
     """One recording of the study, read, brought onto one clock and aligned, seen along `normal` (3,) where given."""
     entry = study.recordings[name]
     alignment = combined(study.alignment, entry.alignment)
-    raw, clocks, told = on_one_clock(load_recording(study, name), entry, name)
+    raw, clocks, findings = on_one_clock(load_recording(study, name), entry, name)
     raw = raw if entry.window is None else cut_time(raw, *entry.window)
     before = len(str(raw.attrs.get("history", "")).splitlines())
     if alignment.swaps is not None:
@@ -124,7 +124,7 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
     looked = quality(raw)
     with units_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
-    found = [*told, *(str(line) for line in looked.findings)]
+    found = [*findings, *(str(line) for line in looked.findings)]
     if tip:
         found.append(tip)
     elif body is not raw or alignment.swaps:
@@ -223,18 +223,18 @@ def moving_stations(name: str, ds: xr.Dataset, base: str) -> list[str]:
 
 def hardly_moved(experiments: Mapping[str, Experiment], length: float) -> dict[str, str]:
     """Recordings in which the body hardly moved, with the sentence that says so: they would only fit the noise."""
-    told = {}
+    reasons = {}
     for name, exp in experiments.items():
         unit, factor = exp.shown_in
         least = LEAST_TURN if exp.placeless else LEAST_TRAVEL * length
         if exp.travel < least:
-            least_told = f"less than {factor * least:.2g} {unit}"
+            limit = f"less than {factor * least:.2g} {unit}"
             if not exp.placeless:
-                least_told = f"less than {100 * LEAST_TRAVEL:g} % of the body's {1e3 * length:.3g} mm"
+                limit = f"less than {100 * LEAST_TRAVEL:g} % of the body's {1e3 * length:.3g} mm"
             what = "angle" if exp.placeless else "tip"
             moved = f"its {what} moves by {factor * exp.travel:.2g} {unit}"
-            told[name] = f"recording {name} is dropped: {moved}, {least_told}"
-    return told
+            reasons[name] = f"recording {name} is dropped: {moved}, {limit}"
+    return reasons
 
 
 def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) -> Study:
@@ -252,8 +252,8 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
         return entry.model_copy(update=left)
 
     fits = {name: rest(entry, f"fit {name}") for name, entry in study.fits.items()}
-    climb = rest(study.ladder, "[ladder]") if study.ladder else None
-    return study.model_copy(update={"fits": fits, "ladder": climb})
+    selection = rest(study.ladder, "[ladder]") if study.ladder else None
+    return study.model_copy(update={"fits": fits, "ladder": selection})
 
 
 def study_model(

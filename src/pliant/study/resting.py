@@ -52,7 +52,7 @@ def at_one_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
             raise InputError(f"recording {name} has other stations than {first}: common_rest compares them one by one")
         move = goal - rest_place(name, one.body)
         far = 1e3 * float(np.linalg.norm(move, axis=1).max())
-        told = f"moved by up to {far:.3g} mm, station by station, to rest where {first} does"
+        moved = f"moved by up to {far:.3g} mm, station by station, to rest where {first} does"
         body = one.body.assign(position=one.body["position"] + move)
-        made[name] = one._replace(body=body, findings=(*one.findings, told)) if name != first else one
+        made[name] = one._replace(body=body, findings=(*one.findings, moved)) if name != first else one
     return made

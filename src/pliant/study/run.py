@@ -190,7 +190,7 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
     model = study_model(study.actuator, rotation, shape.links if shape else None, supported_links(experiments),
                         min((e.x_sign for e in experiments.values()), default=1))
     dropped = hardly_moved(experiments, model.length)
-    idle = {n: told for n, e in experiments.items() if (told := at_rest(model, e))}
+    idle = {n: reason for n, e in experiments.items() if (reason := at_rest(model, e))}
     for line in (*dropped.values(), *idle.values()):
         tell(line)
     findings = {n: (*a.findings, *(s[n] for s in (dropped, idle) if n in s)) for n, a in aligned.items()}

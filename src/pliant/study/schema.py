@@ -149,7 +149,7 @@ class KnownForce(StudyEntry):
 
 
 class Recording(StudyEntry):
-    """One recording; `shorthand` tells of defaults and of many trials in one file."""
+    """One recording; see `shorthand` for defaults and many trials in one file."""
 
     file: str
     mapping: dict[str, Any] | None = None
@@ -174,7 +174,7 @@ class Recording(StudyEntry):
 
 
 class Fit(StudyEntry):
-    """One fit: what is free, what it learns from, what it must predict; `shorthand` tells of `like` and `without`."""
+    """One fit: what is free, what it learns from, what it must predict; see `shorthand` for `like` and `without`."""
 
     title: str = ""
     train: list[str]

@@ -154,8 +154,8 @@ class Helper(Thread):
         while (name := self.line.take()) is not None:
             self.name_of_fit = name
             send(process.stdin, name)
-            told, end = pickle.load(process.stdout)  # noqa: S301
-            for line in told:
+            messages, end = pickle.load(process.stdout)  # noqa: S301
+            for line in messages:
                 self.tell(line)
             self.line.put(name, end)
             self.name_of_fit = None
@@ -185,6 +185,6 @@ def help_out() -> None:
             name = pickle.load(sys.stdin.buffer)  # noqa: S301
         except EOFError:
             return
-        told: list[str] = []
-        end = ended(common, name, told.append)
-        send(answers, (told, end))
+        messages: list[str] = []
+        end = ended(common, name, messages.append)
+        send(answers, (messages, end))

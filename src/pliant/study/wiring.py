@@ -81,7 +81,7 @@ def compare_wirings(
         WiringRow(label, found[label][1], best.numbers * float(np.log(found[label][0].mean_square / best.mean_square)))
         for label in order
     ]
-    return Wirings(name, (*rows, *(WiringRow(label, None, None, told) for label, told in failed.items())))
+    return Wirings(name, (*rows, *(WiringRow(label, None, None, reason) for label, reason in failed.items())))
 
 
 def wired(study: Study, recordings: Mapping[str, xr.Dataset], fit_name: str, drive: Drive) -> list[Experiment]:

@@ -56,7 +56,7 @@ def work(campaign: Chunked, chunk: int) -> Arrays:
 
 @dataclass
 class Account:
-    """What a campaign did; told in the end."""
+    """What a campaign did, for the summary at its end."""
 
     chunks: int
     found: int = 0  # on disk before, whole

@@ -30,7 +30,7 @@ class DiskError(PliantError):
 
 
 def write_dataset(ds: xr.Dataset, path: Path) -> None:
-    """Write netCDF, whole or not at all, and onto the disk itself: a chunk that is told of survives a power cut.
+    """Write netCDF, whole or not at all, and onto the disk itself: a chunk that is reported survives a power cut.
 
     Raises
     ------
@@ -52,8 +52,8 @@ def write_sealed(content: BytesIO, path: Path) -> None:
             os.fsync(file.fileno())
     except InputError as error:
         raise DiskError(
-            f"{error}. All chunks written so far are whole: make room and start the same sweep again, it goes on where "
-            "it stopped"
+            f"{error}. All chunks written so far are whole: free space on the disk and start the same sweep again, "
+            "it goes on where it stopped"
         ) from None
 
 

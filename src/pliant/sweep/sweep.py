@@ -47,7 +47,7 @@ class SweepResult:
                 numbers[str(name)] = {**kept, "unit": a.attrs["units"]} if kept else None
         return {
             "samples": int(self.samples.sizes["sample"]), "failed_samples": int(bad.sum()), "numbers": numbers,
-            "told": self.account.sentence(), "chunks": self.account.chunks, "computed": self.account.made,
+            "message": self.account.sentence(), "chunks": self.account.chunks, "computed": self.account.made,
             "found": self.account.found, "restarts": self.account.restarts, "repeated": self.account.repeated,
         }
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-RIGID = 4.0e3  # N/m per 5 mm of touching body: the silicone gives way before the post
+RIGID = 4.0e3  # N/m per 5 mm of touching body: the silicone yields before the post
 SLIP_SPEED = 1.0e-3  # m/s, below which friction is viscous
 
 

@@ -53,9 +53,9 @@ def main(folder: Path = FOLDER) -> None:
 
 def camera() -> dict[str, Any]:
     """The ``[camera]`` that a laboratory would write, pixels to a hundredth."""
-    told = VIEW.table()
-    told["plane"]["pixels"] = np.round(told["plane"]["pixels"], 2).tolist()
-    return {**told, "exposure_ms": 1e3 * SHUTTER.exposure, "readout_ms": 0.0}
+    table = VIEW.table()
+    table["plane"]["pixels"] = np.round(table["plane"]["pixels"], 2).tolist()
+    return {**table, "exposure_ms": 1e3 * SHUTTER.exposure, "readout_ms": 0.0}
 
 
 if __name__ == "__main__":

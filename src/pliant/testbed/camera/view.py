@@ -63,11 +63,11 @@ class View:
     def table(self) -> dict[str, Any]:
         """What a laboratory would write as its ``[camera]``: four points of a sheet, and the lens if there is one."""
         corners = self.pixels(1e-3 * np.array(CORNERS_MM))
-        told: dict[str, Any] = {"plane": {"pixels": corners.tolist(), "mm": [list(c) for c in CORNERS_MM]}}
+        table: dict[str, Any] = {"plane": {"pixels": corners.tolist(), "mm": [list(c) for c in CORNERS_MM]}}
         if self.coefficients:
             middle = [0.5 * (n - 1.0) for n in self.size]
-            told["lens"] = {"focal": [self.focal, self.focal], "centre": middle, "coefficients": [*self.coefficients]}
-        return told
+            table["lens"] = {"focal": [self.focal, self.focal], "centre": middle, "coefficients": [*self.coefficients]}
+        return table
 
 
 def _bent(

@@ -37,12 +37,12 @@ def section_law(bend, stiffness, height, share, locking):
         second = 1.0 + 3.0 * square * square
         work = 0.5 * invariant
         if locking > 0.0:
-            room = 1.0 - locking * invariant
-            if room <= 0.0:
+            left = 1.0 - locking * invariant
+            if left <= 0.0:
                 return np.nan, np.nan, np.nan
-            second = second / room + 2.0 * locking * (first / room) ** 2
-            first = first / room
-            work = -0.5 * np.log(room) / locking
+            second = second / left + 2.0 * locking * (first / left) ** 2
+            first = first / left
+            work = -0.5 * np.log(left) / locking
         moment += share[j] * height[j] * first
         slope += share[j] * height[j] * height[j] * second
         energy += share[j] * work

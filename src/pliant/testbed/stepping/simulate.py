@@ -283,12 +283,12 @@ def simulate(
             )
         if progress is not None:
             progress(span.stop / steps)
-    told = out._asdict()
+    fields = out._asdict()
     if chambers == 1:
-        told |= {"pressure": out.pressure[:, 0], "volume": out.volume[:, 0]}
+        fields |= {"pressure": out.pressure[:, 0], "volume": out.volume[:, 0]}
     return RodMotion(
         time=np.asarray(np.arange(out.energy.shape[0]) * (dt * stride), dtype=float), arc_length=node_position(p),
-        **told, iterations=total / max(steps, 1),
+        **fields, iterations=total / max(steps, 1),
     )  # fmt: skip
 
 
