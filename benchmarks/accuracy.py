@@ -1,7 +1,7 @@
 """How well models of growing detail predict a pulse that they have not seen: virtual actuators a, b and c.
 
 Each actuator is recorded by the virtual fibre under pulses of 60 and 180 kPa, slow triangles, and the paper's pulse of
-119 kPa. The models learn from the first three and predict the last, over its whole 4.5 s. Every rung begins where the
+119 kPa. The models learn from the first three and predict the last, over its whole 4.5 s. Every stage begins where the
 one below it ended. Usage: python benchmarks/accuracy.py [actuators] [links]
 """
 
@@ -32,7 +32,7 @@ TRAIN, HELD_OUT = ("pulse_60", "pulse_180", "triangle"), "pulse_119"
 LINEAR = ("stiffness", "damping", "torque_1", "start")
 CREEP = ("creep_share_1", "creep_time_1", "creep_share_2", "creep_time_2")
 SLIP = ("slip_share_1", "slip_angle_1", "slip_share_2", "slip_angle_2")
-RUNGS: dict[str, tuple[str | Parameter, ...]] = {
+STAGES: dict[str, tuple[str | Parameter, ...]] = {
     "linear": LINEAR,
     "+ torque law": (*LINEAR, "torque_2"),
     "+ softening springs": (*LINEAR, "torque_2", "stiffening"),
@@ -60,7 +60,7 @@ def recorded(body: str, links: int) -> tuple[dict[str, Experiment], Model]:
 
 
 def begun(entry: str | Parameter, before: FitResult | None) -> Parameter:
-    """A parameter that begins where the rung below ended."""
+    """A parameter that begins where the stage below ended."""
     p = Parameter(entry) if isinstance(entry, str) else entry
     found = before.values.get(p.name, before.values.get(p.name.removesuffix("_*"))) if before else None
     return p if found is None else p.with_(value=float(np.clip(found, p.lower, p.upper)))
@@ -87,7 +87,7 @@ def main(bodies: str, links: int) -> None:
         held = experiments[HELD_OUT]
         print(f"actuator {body}, {links} links, travel {1e3 * held.travel:.1f} mm")
         fitted: FitResult | None = None
-        for name, entries in RUNGS.items():
+        for name, entries in STAGES.items():
             train = [experiments[n] for n in (TRAIN if "creep" in name or "hysteresis" in name else TRAIN[:2])]
             began = time.process_time()
             fitted = fit(train, model, [begun(e, fitted) for e in entries], starts=1)

@@ -5,10 +5,11 @@
     python benchmarks/campaign.py -o results/campaign --seeds 40 --figure docs/figures/campaign
 
 Each seed is another virtual laboratory (`pliant.testbed.family_member`): body, valve and sensors. It records pulses of
-1.5 s at 60, 119, 180, 234 and 360 on the scale where 180 is its working pressure. Those at 60 and 180 teach a ladder of
-models (K, D and torque law; springs that soften; that stiffen again; lag of the pressure; K of each joint; creep),
-which takes the rung of the lowest BIC among those that the recordings determine; with ``--late`` rungs that were passed
-over are tried once more at its end, as a study's ladder does. The others are held out from fit and
+1.5 s at 60, 119, 180, 234 and 360 on the scale where 180 is its working pressure. Those at 60 and 180 train a
+selection of models (K, D and torque law; springs that soften; that stiffen again; lag of the pressure; K of each
+joint; creep),
+which takes the stage of the lowest BIC among those that the recordings determine; with ``--late`` stages that were
+passed over are tried once more at its end, as a study's model selection does. The others are held out from fit and
 choice alike, and only their edge times are fitted. The rod has 60 elements.
 """
 
@@ -28,8 +29,8 @@ import xarray as xr
 from pliant.errors import PliantError
 from pliant.failures import Failures
 from pliant.identification import Experiment, predict, predict_held_out
-from pliant.identification.ladder import ladder
-from pliant.identification.rungs import MORE_RUNGS, RUNGS
+from pliant.identification.stages import MORE_STAGES, STAGES
+from pliant.identification.stepwise import select_model
 from pliant.recording.netcdf import write_netcdf
 from pliant.reduction import spline_shape
 from pliant.study.dense import link_experiment, shape_of
@@ -44,7 +45,7 @@ from pliant.validation.outcome import RecordOutcome
 LEVELS = {"low": 60e3, "high": 180e3, "inside": 119e3, "beyond": 234e3, "double": 360e3}
 TRAIN, HELD_OUT = ("low", "high"), ("inside", "beyond", "double")
 CASES = {"inside": "interpolation (0.66)", "beyond": "1.3 x", "double": "2 x"}
-RUNG_NAMES = ("torque", "soften", "stiffen", "lag", "joints", "creep")
+STAGE_NAMES = ("torque", "soften", "stiffen", "lag", "joints", "creep")
 METRICS = {  # of a held-out pulse: words, unit
     "tip_percent": ("tip, RMS", "% of length"), "shape_percent": ("whole shape, RMS", "% of length"),
     "joints_mrad": ("all joint angles, RMS", "mrad"), "joint_bias_mrad": ("worst joint at the plateau", "mrad"),
@@ -63,7 +64,7 @@ class Seeds(chunks.OneByOne):
     first: int = 0
     elements: int = 60
     links: int = 5
-    rungs: tuple[str, ...] = RUNG_NAMES
+    stages: tuple[str, ...] = STAGE_NAMES
     late: bool = False
 
     def work(self, chunk: int) -> Arrays:
@@ -71,10 +72,11 @@ class Seeds(chunks.OneByOne):
         seed, began = self.first + chunk, time.process_time()
         who = family_member(seed)
         who = replace(who, body=replace(who.body, elements=self.elements))
-        found: dict[str, Any] = {f"{case}_{m}": np.nan for case in HELD_OUT for m in METRICS} | {"told": "", "rung": ""}
+        found: dict[str, Any] = {f"{case}_{m}": np.nan for case in HELD_OUT for m in METRICS} | {"told": ""}
+        found["stage"] = ""
         found |= {f"{case}_normalised": np.full((COMMON.size, 2 * self.links), np.nan) for case in HELD_OUT}
         try:
-            found |= judged(who, self.links, self.rungs, late=self.late)
+            found |= judged(who, self.links, self.stages, late=self.late)
         except PliantError as problem:
             found["told"] = str(problem)
         body = who.body
@@ -107,25 +109,25 @@ def recorded(who: Member, folder: Path, links: int) -> tuple[Study, dict[str, xr
     return study, {name: a.body for name, a in aligned.items()}, shape
 
 
-def judged(who: Member, links: int, rungs: Sequence[str], *, late: bool = False) -> dict[str, Any]:
-    """Rung, training error, and every metric of every held-out pulse of a member."""
+def judged(who: Member, links: int, stages: Sequence[str], *, late: bool = False) -> dict[str, Any]:
+    """Stage, training error, and every metric of every held-out pulse of a member."""
     with tempfile.TemporaryDirectory() as folder:
         study, bodies, shape = recorded(who, Path(folder), links)
         experiments = {name: link_experiment(study, name, body, shape.links) for name, body in bodies.items()}
         model = study_model(study.actuator, None, shape.links)
-    known = {r.name: r for r in (*RUNGS, *MORE_RUNGS)}
+    known = {r.name: r for r in (*STAGES, *MORE_STAGES)}
     train = [experiments[n] for n in TRAIN]
-    climbed = ladder(train, [], model, rungs=[known[n]._replace(scan=()) for n in rungs], late=late)
-    found: dict[str, Any] = {"rung": climbed.chosen, "train_percent": climbed.step.error, "told": ""}
+    selection = select_model(train, [], model, stages=[known[n]._replace(scan=()) for n in stages], late=late)
+    found: dict[str, Any] = {"stage": selection.chosen, "train_percent": selection.step.error, "told": ""}
     for case in HELD_OUT:
         try:
             failures = Failures("hierarchy")
-            records = records_of(train, [experiments[case]], climbed.result, study.step, "travel", failures)
+            records = records_of(train, [experiments[case]], selection.result, study.step, "travel", failures)
             if failures:
                 found["told"] += " ".join(f.sentence for f in failures)
                 continue
             record = records[-1]
-            held = predict_held_out(experiments[case], climbed.result, step=study.step)[1]
+            held = predict_held_out(experiments[case], selection.result, step=study.step)[1]
             rows = predict(held.model, experiments[case], held.values, study.step)["position"]
         except PliantError as problem:
             found["told"] += f"{case}: {problem}. "
@@ -233,7 +235,7 @@ def worst(samples: xr.Dataset, many: int = 5) -> str:
         numbers = ", ".join(f"{n} {float(row[n]):.3g}" for n in (
             "inside_tip_percent", "beyond_tip_percent", "double_tip_percent", "length", "frequency", "loss", "slip",
             "relaxes", "swell", "locking", "rate", "noise"))  # fmt: skip
-        lines.append(f"seed {int(row['seed'])}, {row['rung'].values!s}, {row['spool'].values!s}: {numbers} {told}")
+        lines.append(f"seed {int(row['seed'])}, {row['stage'].values!s}, {row['spool'].values!s}: {numbers} {told}")
     return "\n".join(lines)
 
 
@@ -267,12 +269,12 @@ def main() -> None:
     """Run what is not there yet; table, worst five and figure of all."""
     parser = chunks.options(__doc__, "campaign", 40)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--rungs", nargs="+", default=RUNG_NAMES, help="of the ladder, from the lowest up")
-    parser.add_argument("--late", action="store_true", help="try rungs that were passed over once more at the end")
+    parser.add_argument("--stages", nargs="+", default=STAGE_NAMES, help="from the lowest up")
+    parser.add_argument("--late", action="store_true", help="try stages that were passed over once more at the end")
     parser.add_argument("--figure", type=Path, help="path without ending")
     args = parser.parse_args()
-    seeds = Seeds(args.seeds, args.first, rungs=tuple(args.rungs), late=args.late)
-    key = {"campaign": "family", "first": args.first, "elements": seeds.elements, "rungs": seeds.rungs}
+    seeds = Seeds(args.seeds, args.first, stages=tuple(args.stages), late=args.late)
+    key = {"campaign": "family", "first": args.first, "elements": seeds.elements, "stages": seeds.stages}
     key |= {"late": True} if args.late else {}
     samples = chunks.samples(seeds, key, args)
     print(f"{samples.sizes['sample']} seeds, {int(samples['failed'].sum())} with a prediction that was refused, "

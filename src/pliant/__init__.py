@@ -24,10 +24,10 @@ if TYPE_CHECKING:
         experiment,
         fit,
         identifiability,
-        ladder,
         predict,
         predict_held_out,
         prediction_band,
+        select_model,
     )
     from pliant.linear import linearise
     from pliant.model import Chamber, Extension, Memory, Model, Station, Valve, chain_model, load_model, save_model
@@ -67,8 +67,8 @@ _PAGE = {
     ),
     "pliant.batch.batch": ("simulate_batch",),
     "pliant.identification": (
-        "Experiment", "experiment", "Parameter", "identifiability", "fit", "ladder", "predict", "predict_held_out",
-        "prediction_band",
+        "Experiment", "experiment", "Parameter", "identifiability", "fit", "select_model", "predict",
+        "predict_held_out", "prediction_band",
     ),
     "pliant.study": ("load_study", "run_study"),
     "pliant.sweep.sweep": ("run_sweep",),
@@ -86,7 +86,7 @@ __all__ = [  # noqa: RUF022  in the order of the journey
     "Model", "Chamber", "Extension", "Station", "Valve", "Memory", "chain_model", "load_model", "save_model",
     "Pulse", "step", "ramp", "triangle", "Chirp", "Multisine", "Trace", "simulate", "equilibrium", "modes", "Stepper",
     "simulate_batch",
-    "Experiment", "experiment", "Parameter", "identifiability", "fit", "ladder", "predict", "predict_held_out",
+    "Experiment", "experiment", "Parameter", "identifiability", "fit", "select_model", "predict", "predict_held_out",
     "prediction_band", "load_study", "run_study", "run_sweep",
     "estimate", "find_contact", "map_contacts", "linearise", "design_lqr", "export",
     "PliantError", "InputError", "SimulationError", "FitError",

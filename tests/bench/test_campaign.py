@@ -27,12 +27,12 @@ def coarse(seed):
 @pytest.mark.slow
 def test_one_seed_is_predicted_worse_the_farther_from_what_was_taught(campaign, tmp_path, monkeypatch):
     monkeypatch.setattr(campaign, "family_member", coarse)
-    seeds = campaign.Seeds(1, first=1, elements=20, links=5, rungs=("torque",))
+    seeds = campaign.Seeds(1, first=1, elements=20, links=5, stages=("torque",))
     store = Store(tmp_path, {"campaign": "test"})
     assert run_campaign(seeds, store, Local).made == 1
     samples = store.load(0, 0, 1)
     row = {name: samples[name].values[0] for name in samples.data_vars}
-    assert (row["told"], row["rung"], row["failed"]) == ("", "torque", False)
+    assert (row["told"], row["stage"], row["failed"]) == ("", "torque", False)
     tips = [row[f"{case}_tip_percent"] for case in campaign.HELD_OUT]
     assert 0.1 < tips[0] < 10.0
     assert tips[2] > 1.5 * tips[0]

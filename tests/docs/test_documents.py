@@ -182,7 +182,7 @@ def test_every_entry_of_a_study_is_explained():
 
     text = "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("studies.md", "scaling_out.md"))
     models = (schema.Study, schema.ActuatorEntry, schema.ChamberTable, schema.AlignmentEntry, schema.Fibre,
-              schema.Reduction, schema.KnownForce, schema.Recording, schema.Fit, schema.LadderEntry,
+              schema.Reduction, schema.KnownForce, schema.Recording, schema.Fit, schema.SelectionEntry,
               schema.ForecastEntry, schema.Targets, Sweep, Range)  # fmt: skip
     told = r"^\|[^|]*`{0}`|^#+ .*\[{0}|^(# )?{0} = |^`\[\w+\.{0}\]`"
     missing = [f"{m.__name__}.{n}" for m in models for n in m.model_fields

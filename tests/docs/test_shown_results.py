@@ -13,9 +13,9 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.display import Card, as_text
 from pliant.identification.identifiability import Direction, Identifiability
-from pliant.identification.ladder import RUNGS, Ladder, Step
 from pliant.identification.prediction_bands import Band
 from pliant.identification.result import FitResult
+from pliant.identification.stepwise import STAGES, ModelSelection, Step
 from pliant.validation.outcome import FitOutcome, RecordOutcome, StudyOutcome
 
 HOSTILE = "<b>&"
@@ -57,12 +57,12 @@ MADE = {
         lambda: pliant.Experiment("low", np.arange(20) / 10, np.linspace(0, 1e-2, 40).reshape(20, 1, 2), ("tip",),
                                   "pulse", level=3e4), ["'low'", "30 kPa", "20 frames of tip", "mm"]),
     "band": (lambda: Band(*np.zeros((3, 4, 1, 2)), np.ones((4, 1, 2)), 0.95), ["95 %", "4 frames", "500 mm"]),  # type: ignore[arg-type]
-    "ladder": (
-        lambda: Ladder(
-            (Step(RUNGS[0], result=fitted(), freed=("stiffness",), train={"low": 2.0}, held_out={"high": 3.0}),),
-            RUNGS[0].name, "it is the only one.",
+    "model_selection": (
+        lambda: ModelSelection(
+            (Step(STAGES[0], result=fitted(), freed=("stiffness",), train={"low": 2.0}, held_out={"high": 3.0}),),
+            STAGES[0].name, "it is the only one.",
         ),
-        [RUNGS[0].title, "3", "it is the only one."],
+        [STAGES[0].title, "3", "it is the only one."],
     ),
     "outcome": (outcome, ["low", "held out", "0.3", "First: low to 0.3 mm."]),
 }

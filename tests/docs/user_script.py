@@ -64,8 +64,8 @@ def fits(paths: list[Path]) -> pliant.Model:
     print(own.status, prediction["position"].shape, same["pressure"].max())
     told = pliant.identifiability(experiments[:-1], start, ["stiffness", "damping", "mass"])
     band = pliant.prediction_band(experiments[-1], fitted, noise=1e-4)
-    climbed = pliant.ladder(experiments[:-1], experiments[-1:], start, progress=print)
-    print(told.identifiable, band.upper - band.lower, climbed.reason, climbed.result.values)
+    selection = pliant.select_model(experiments[:-1], experiments[-1:], start, progress=print)
+    print(told.identifiable, band.upper - band.lower, selection.reason, selection.result.values)
     outcome = pliant.run_study(pliant.load_study("study.toml"), "results", progress=print)
     return outcome.model
 

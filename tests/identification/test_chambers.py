@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import FitError, InputError
-from pliant.identification import MORE_RUNGS, RUNGS, Experiment, Parameter, design, fit, identifiability, ladder
+from pliant.identification import MORE_STAGES, STAGES, Experiment, Parameter, design, fit, identifiability, select_model
 from pliant.identification.design import Candidate, taught
 from pliant.identification.from_recording import experiment
 from pliant.identification.parameters import apply
@@ -231,13 +231,13 @@ def test_the_next_recording_drives_the_chamber_of_which_least_is_known(body: Mod
 
 
 @pytest.mark.slow
-def test_a_ladder_finds_the_law_and_the_valve_of_each_chamber(body: Model) -> None:
+def test_a_model_selection_finds_the_law_and_the_valve_of_each_chamber(body: Model) -> None:
     both = {"left": [0, 8e4, 8e4, 2e4, 0], "right": [0, 0, 9e4, 9e4, 0]}
     train = [made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())]
-    named = {r.name: r._replace(scan=()) for r in (*RUNGS, *MORE_RUNGS)}
-    rungs = [named[n] for n in ("torque", "lag", "valves")]
+    named = {r.name: r._replace(scan=()) for r in (*STAGES, *MORE_STAGES)}
+    stages = [named[n] for n in ("torque", "lag", "valves")]
     guess = apply(body, {"stiffness": 0.7, "damping": 4e-3, "left.torque_1": 3e-7, "valve_rise": 0, "valve_fall": 0})
-    found = ladder(train, [made(body, "both", both, 5)], guess, rungs=rungs)
+    found = select_model(train, [made(body, "both", both, 5)], guess, stages=stages)
     assert found.chosen == "valves"
     assert [s.stands_on for s in found.steps] == ["", "torque", "lag"]
     assert {"left.torque_1", "right.torque_1"} <= set(found.steps[0].freed)
@@ -250,5 +250,5 @@ def test_a_ladder_finds_the_law_and_the_valve_of_each_chamber(body: Model) -> No
 
 def test_a_body_of_several_chambers_without_laws_has_one_of_each_on_every_rung(body: Model) -> None:
     blank = body.with_(chambers=tuple(replace(c, torque=np.zeros(1)) for c in body.chambers))
-    found = ladder([made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())], [], blank, rungs=RUNGS[:1])
+    found = select_model([made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())], [], blank, stages=STAGES[:1])
     assert found.step.freed == ("left.torque_1", "right.torque_1")

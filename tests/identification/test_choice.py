@@ -8,10 +8,10 @@ import pytest
 from pliant.actuators import chen2018
 from pliant.errors import InputError
 from pliant.identification import FitResult, Parameter
-from pliant.identification.ladder import chosen
-from pliant.identification.ladder_fit import Step
 from pliant.identification.model_selection import Follows, error, lead, shared_bic, undetermined
-from pliant.identification.rungs import Rung
+from pliant.identification.stage_fit import Step
+from pliant.identification.stages import Stage
+from pliant.identification.stepwise import chosen
 
 
 def test_every_criterion_counts_the_numbers_of_the_closest_model() -> None:
@@ -61,11 +61,11 @@ def fitted(*parameters: Parameter) -> FitResult:
 
 
 def step(name: str, missed: float, *parameters: Parameter, added: set[str] | None = None) -> Step:
-    """A rung whose held-out record is missed by so much, % of travel, on every frame."""
+    """A stage whose held-out record is missed by so much, % of travel, on every frame."""
     result = fitted(*parameters)
     square = missed**2 * np.random.default_rng(3).uniform(0.9, 1.1, 400)
     return Step(
-        Rung(name, name), result, held_out={"h": missed}, missed={"h": square}, follows=Follows(missed, 100.0, 2),
+        Stage(name, name), result, held_out={"h": missed}, missed={"h": square}, follows=Follows(missed, 100.0, 2),
         open=", ".join(undetermined(result, added or set()).values()),
     )
 
@@ -74,28 +74,28 @@ def test_a_parameter_is_determined_to_half_of_its_value() -> None:
     sure, vague = Parameter("stiffness", 1.0, std=0.4), Parameter("creep_time_2", 359.0, std=19813.0)
     assert not undetermined(fitted(sure), set())
     assert undetermined(fitted(sure, vague), set()) == {"creep_time_2": "creep_time_2 is known as 359 +- 2e+04 s"}
-    assert not undetermined(fitted(Parameter("torque_2", 1e-13)), set()), "of any sign, and not what the rung adds"
+    assert not undetermined(fitted(Parameter("torque_2", 1e-13)), set()), "of any sign, and not what the stage adds"
     unseen = undetermined(fitted(Parameter("torque_2", 1e-13)), {"torque_2"})
     assert unseen == {"torque_2": "torque_2 is not shown by the recordings"}
     bound = undetermined(fitted(Parameter("slip_share_1", 0.0, std=0.1)), {"slip_share_1"})
     assert "ends at its bound of 0" in bound["slip_share_1"]
-    assert not undetermined(fitted(Parameter("damping", 0.0, std=0.1)), set()), "a lower rung's, at its bound"
+    assert not undetermined(fitted(Parameter("damping", 0.0, std=0.1)), set()), "a lower stage's, at its bound"
     for other in (Parameter("mass", 0.3, std=0.2, prior_std=0.2), Parameter("p.release_time", 0.02, std=0.1)):
         assert not undetermined(fitted(other), {other.name})
 
 
-def test_the_best_rung_stands_back_where_it_is_not_determined_and_every_rung_says_why() -> None:
+def test_the_best_stage_stands_back_where_it_is_not_determined_and_every_stage_says_why() -> None:
     vague = Parameter("creep_time_2", 359.0, std=19813.0)
     steps = [step("low", 3.0), step("good", 1.0), step("more", 0.99), step("two", 0.5, vague, added={"creep_time_2"})]
     found = chosen(steps)
     assert found.chosen == "good"
-    low, good, more, two = (s.told for s in found.steps)
+    low, good, more, two = (s.reason for s in found.steps)
     assert low.startswith("it errs by 2 % of travel more")
     assert not good
     assert more.startswith("it gains 0.01 % of travel on held-out records, less than 5 %")
     assert two == "not determined by the recordings (standard error over 50 %): creep_time_2 is known as 359 +- 2e+04 s"
     assert two in str(found)
-    assert found.to_dict()["rungs"]["two"]["not_determined"]
+    assert found.to_dict()["stages"]["two"]["not_determined"]
     assert chosen([step("two", 0.5, vague, added={"creep_time_2"})]).chosen == "two", "no other is there"
 
 

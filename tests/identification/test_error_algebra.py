@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.identification import Parameter, Rung, uncertainty
+from pliant.identification import Parameter, Stage, uncertainty
 from pliant.identification.identifiability import combinations
-from pliant.identification.ladder import MATERIAL, as_good
-from pliant.identification.ladder_fit import Step
 from pliant.identification.problem import scattered
+from pliant.identification.stage_fit import Step
+from pliant.identification.stepwise import MATERIAL, as_good
 from pliant.identification.uncertainty import HIDDEN, Covariance, covariance
 
 
@@ -61,7 +61,7 @@ def test_a_direction_is_hidden_by_its_share_of_the_largest_singular_value(
 def step(error: float, squares: tuple[float, ...] = ()) -> Step:
     """A stage that misses one held-out record by `error` % in every frame, or by the roots of `squares` in turns."""
     missed = np.random.default_rng(1).permutation(np.resize(squares or (error**2,), 400))
-    return replace(Step(Rung(f"{error}", "")), held_out={"r": error}, missed={"r": missed})
+    return replace(Step(Stage(f"{error}", "")), held_out={"r": error}, missed={"r": missed})
 
 
 def test_a_gain_below_a_twentieth_of_the_error_buys_nothing() -> None:
@@ -69,7 +69,7 @@ def test_a_gain_below_a_twentieth_of_the_error_buys_nothing() -> None:
     assert pytest.approx(0.05) == MATERIAL
     assert "less than 5 % of it" in as_good(step(5.24), best)
     assert as_good(step(5.26), best) == ""
-    assert as_good(best, best) == "no other rung has less"
+    assert as_good(best, best) == "no other stage has less"
     seldom = step(5.29, (280.0,) + 9 * (0.0,))  # 0.29 % more on average, with a standard error of 0.41 %
     assert "standard error of the difference" in as_good(seldom, best)
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from pliant.cli import app
 from pliant.errors import FitError, InputError, SimulationError
-from pliant.identification import Parameter, Rung, ladder
+from pliant.identification import Parameter, Stage, select_model
 from pliant.identification.fit import parameters_from
 from pliant.study import load_study, run_study, side_by_side
 from pliant.study.run import prepare_all
@@ -164,20 +164,20 @@ def test_the_hierarchy_passes_over_a_stage_that_cannot_predict(tmp_path: Path) -
     ready = prepare_all(load_study(write_study(tmp_path, study_of(good=FIT))), lambda _line: None)
     train, held_out = ([ready.experiments[n] for n in FIT[role]] for role in ("train", "held_out"))
     soft = Parameter("stiffening", -2.0, free=False)
-    rungs = [Rung("elastic", "K and D", (("stiffness", "damping"),)), Rung("soft", "soft springs", ((soft,),))]
+    stages = [Stage("elastic", "K and D", (("stiffness", "damping"),)), Stage("soft", "soft springs", ((soft,),))]
     told: list[str] = []
-    climbed = ladder(train, held_out, ready.model, common=[Parameter("torque_1", 5e-7, free=False)], rungs=rungs,
-                     progress=told.append)
-    elastic, other = climbed.steps
-    assert climbed.chosen == "elastic"
+    known = Parameter("torque_1", 5e-7, free=False)
+    selection = select_model(train, held_out, ready.model, common=[known], stages=stages, progress=told.append)
+    elastic, other = selection.steps
+    assert selection.chosen == "elastic"
     assert other.result is not None
     assert other.held_out == {}
     assert "the prediction of record high could not be computed" in other.reason
     assert elastic.error < 5
     assert any(line.startswith("warning: ") for line in told)
-    alone = ladder(train, held_out, ready.model, common=parameters_from(SOFT["parameters"]),
-                   rungs=[Rung("given", "as given")])
-    assert "no rung can predict a held-out record, so nothing is proved" in alone.reason
+    alone = select_model(train, held_out, ready.model, common=parameters_from(SOFT["parameters"]),
+                   stages=[Stage("given", "as given")])
+    assert "no stage can predict a held-out record, so nothing is proved" in alone.reason
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -47,7 +47,7 @@ starts = 1
 [fits.cubic.parameters]
 torque_1 = { value = 1e-6, free = false }
 torque_3 = "free"
-[ladder]
+[model_selection]
 train = ["trial_0", "trial_3"]
 """
 SHORT = """
@@ -78,7 +78,7 @@ like = "linear"
 train = ["trial_0"]
 without = ["stiffness"]
 parameters = { torque_1 = { value = 1e-6, free = false }, torque_3 = "free" }
-[ladder]
+[model_selection]
 train = ["trial"]
 """
 
@@ -102,14 +102,14 @@ def test_the_study_that_a_run_leaves_is_the_full_one(tmp_path: Path) -> None:
 
 
 def test_a_fit_may_be_like_one_further_down_that_is_like_another(tmp_path: Path) -> None:
-    chain = SHORT.replace("[ladder]", """
+    chain = SHORT.replace("[model_selection]", """
 [fits.third]
 like = "cubic"
 held_out = []
 [fits.first]
 like = "third"
 parameters = { damping = "free" }
-[ladder]""").replace("[fits.linear]", """
+[model_selection]""").replace("[fits.linear]", """
 [fits.zero]
 like = "first"
 weighting = "metre"

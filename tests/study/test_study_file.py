@@ -223,7 +223,7 @@ def test_a_wrong_value_anywhere_in_a_study_is_one_sentence(tmp_path: Path) -> No
     content = changed("fits", "other", like="linear", without=["damping"], parameters={"stiffness": {"value": 1.0}})
     content["recordings"] |= {"defaults": {"mapping": {"length_unit": "mm"}},
                               "many": {"file": "m.csv", "select": {"column": "ID", "values": [0, 1]}}}
-    content["ladder"] = {"train": ["low"], "common": {"torque_1": "free"}}
+    content["model_selection"] = {"train": ["low"], "common": {"torque_1": "free"}}
     assert refused(tmp_path / "study.json", content, load_study) > 200
 
 

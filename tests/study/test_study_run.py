@@ -400,7 +400,7 @@ def test_the_forces_of_a_recording_reach_its_experiment(tmp_path: Path) -> None:
     one, other = ready.experiments["low"].forces
     assert (one.at, one.time.tolist(), one.force.tolist()) == ("tip", [0.0, 0.5], [[0.0, 0.0], [0.1, -0.2]])
     assert isinstance(other.at, Station)
-    assert other.at[1:] == (1, 0.03, -0.01)
+    assert other.at == Station("known force", 1, 0.03, -0.01)
     assert ready.experiments["high"].forces == ()
 
 

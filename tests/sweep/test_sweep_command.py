@@ -92,7 +92,7 @@ def test_a_fit_is_repeated_only_where_there_is_one(tmp_path):
     path = write_study(tmp_path, {"kind": "bootstrap", "samples": 3})
     study = json.loads(path.read_text(encoding="utf-8"))
     train = next(iter(study.pop("fits").values()))["train"]
-    path.write_text(json.dumps({**study, "ladder": {"train": train}}), encoding="utf-8")
+    path.write_text(json.dumps({**study, "model_selection": {"train": train}}), encoding="utf-8")
     done = run(path, "-o", tmp_path / "out")
     assert isinstance(done.exception, InputError)
-    assert "has a [ladder] alone" in str(done.exception)
+    assert "has a [model_selection] alone" in str(done.exception)

@@ -11,8 +11,8 @@ from matplotlib import animation
 from pliant.errors import InputError
 from pliant.plotting import page
 from pliant.validation import figures
-from pliant.validation.ladder_figure import ladder_figure
 from pliant.validation.motion import body_film
+from pliant.validation.selection_figure import selection_figure
 from pliant.validation.shape_figures import shape_figure
 
 
@@ -117,7 +117,7 @@ def test_a_shape_is_drawn_with_its_chain_at_each_instant(shape):
 
 
 def stage(name, train, held_out, seconds, step_ns, result=True):
-    return SimpleNamespace(rung=SimpleNamespace(name=name, title=f"+ {name}"), train=train, held_out=held_out,
+    return SimpleNamespace(stage=SimpleNamespace(name=name, title=f"+ {name}"), train=train, held_out=held_out,
                            seconds=seconds, step_ns=step_ns, result=result)  # fmt: skip
 
 
@@ -127,7 +127,7 @@ def test_a_model_selection_shows_mean_errors_costs_and_the_choice(held_out):
     steps = [stage("linear", {"x": 9.0}, seen, 1.5, 300.0), stage("failed", {}, {}, 0.0, 0.0, result=None),
              stage("creep", {"x": 3.0}, {k: 0.5 * v for k, v in seen.items()}, 4.0, 700.0)]  # fmt: skip
     selection = SimpleNamespace(steps=steps, chosen="creep")
-    errors, time, cost = ladder_figure(selection).axes
+    errors, time, cost = selection_figure(selection).axes
     lines = {line.get_label(): line.get_xdata() for line in errors.lines}
     np.testing.assert_allclose(lines["training"], [9.0, 3.0])
     assert ("held out" in lines) == held_out
@@ -150,7 +150,7 @@ def test_a_model_selection_shows_mean_errors_costs_and_the_choice(held_out):
         assert ax.get_xlabel() == label
         assert ax.get_xlim() == pytest.approx((0.0, 1.3 * widths[-1]))
     with page(88 / 25.4):
-        assert len(ladder_figure(selection).axes) == 1  # in one column the errors alone
+        assert len(selection_figure(selection).axes) == 1  # in one column the errors alone
 
 
 @pytest.mark.parametrize("chambers", [1, 2])

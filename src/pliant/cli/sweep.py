@@ -102,8 +102,8 @@ def fitted(study: Study, wanted: Sweep, model: Path | None) -> tuple[Model, dict
 
     if not study.fits:
         raise InputError(
-            f"a {wanted.kind} sweep repeats a fit, and study {study.name} has a [ladder] alone: add what its rung "
-            "frees as a [fits.NAME] table"
+            f"a {wanted.kind} sweep repeats a fit, and study {study.name} has a [model_selection] alone: add what "
+            "its stage frees as a [fits.NAME] table"
         )
     name = wanted.fit or next(iter(study.fits))
     if name not in study.fits:

@@ -5,16 +5,16 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FitResult, fit, predict_held_out
 from pliant.identification.from_recording import experiment
 from pliant.identification.identifiability import Identifiability, identifiability
-from pliant.identification.ladder import Ladder, ladder
 from pliant.identification.parameters import Parameter
 from pliant.identification.prediction import predict
 from pliant.identification.prediction_bands import Band, prediction_band, residual_noise
 from pliant.identification.resampling import bootstrap, bootstrapped
-from pliant.identification.rungs import MORE_RUNGS, RUNGS, Rung
 from pliant.identification.sensitivity import sensitivities
+from pliant.identification.stages import MORE_STAGES, STAGES, Stage
+from pliant.identification.stepwise import ModelSelection, select_model
 
 __all__ = [
-    "MORE_RUNGS", "RUNGS", "Band", "Design", "Experiment", "FitResult", "Identifiability", "Ladder", "Parameter",
-    "Rung", "bootstrap", "bootstrapped", "design", "experiment", "fit", "identifiability", "ladder", "predict",
-    "predict_held_out", "prediction_band", "residual_noise", "sensitivities",
+    "MORE_STAGES", "STAGES", "Band", "Design", "Experiment", "FitResult", "Identifiability", "ModelSelection",
+    "Parameter", "Stage", "bootstrap", "bootstrapped", "design", "experiment", "fit", "identifiability", "predict",
+    "predict_held_out", "prediction_band", "residual_noise", "select_model", "sensitivities",
 ]

@@ -1,11 +1,11 @@
-"""The next recording for a study: its first fit, or its ladder, and what would teach it most."""
+"""The next recording for a study: its first fit, or its model selection, and what would inform it most."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from pliant.identification.design import Design, design
-from pliant.study.fits import ladder_fit, run_fit, run_ladder
+from pliant.study.fits import run_fit, run_model_selection, selection_fit
 from pliant.study.prepare import without
 from pliant.study.run import prepare_all
 from pliant.study.schema import Study
@@ -33,9 +33,9 @@ def design_study(
     ready = prepare_all(study, tell)
     study = without(study, ready.dropped)
     model = ready.model
-    climbed = run_ladder(study, ready.experiments, model, tell)
-    if climbed is not None:
-        fitted = ladder_fit(study, climbed, ready.experiments, tell)
+    selection = run_model_selection(study, ready.experiments, model, tell)
+    if selection is not None:
+        fitted = selection_fit(study, selection, ready.experiments, tell)
     else:
         name, entry = next(iter(study.fits.items()))
         fitted = run_fit(study, name, entry, ready.experiments, model, tell)

@@ -8,12 +8,22 @@ from functools import partial
 
 from pliant.errors import InputError
 from pliant.failures import Failures
-from pliant.identification import MORE_RUNGS, RUNGS, Experiment, FitResult, Ladder, Rung, bootstrapped, fit, ladder
+from pliant.identification import (
+    MORE_STAGES,
+    STAGES,
+    Experiment,
+    FitResult,
+    ModelSelection,
+    Stage,
+    bootstrapped,
+    fit,
+    select_model,
+)
 from pliant.identification.fit import parameters_from
 from pliant.model import Model
 from pliant.study.prepare import study_model
 from pliant.study.record_outcomes import records_of
-from pliant.study.schema import Fit, LadderEntry, Study
+from pliant.study.schema import Fit, SelectionEntry, Study
 from pliant.validation.outcome import FitOutcome
 
 Tell = Callable[[str], None]
@@ -44,7 +54,7 @@ def placed(study: Study, entry: Fit, model: Model) -> Model:
 
 
 def whole_fit(
-    study: Study, name: str, title: str, entry: Fit | LadderEntry, result: FitResult, seconds: float,
+    study: Study, name: str, title: str, entry: Fit | SelectionEntry, result: FitResult, seconds: float,
     experiments: Mapping[str, Experiment], tell: Tell,
 ) -> FitOutcome:
     """A fit with its records, its standard errors from a bootstrap where the study has one.
@@ -63,31 +73,36 @@ def whole_fit(
     return FitOutcome(name, title, result, records, seconds, tuple(failures))
 
 
-def rungs_of(entry: LadderEntry) -> Sequence[Rung]:
+def stages_of(entry: SelectionEntry) -> Sequence[Stage]:
     """Return the stages that the entry names; InputError for an unknown one."""
-    known = {r.name: r for r in (*RUNGS, *MORE_RUNGS)}
-    if unknown := [n for n in entry.rungs if n not in known]:
-        raise InputError(f"[ladder] names an unknown stage {unknown[0]!r}: use some of {', '.join(known)}")
-    return [known[n] for n in entry.rungs] or RUNGS
+    known = {r.name: r for r in (*STAGES, *MORE_STAGES)}
+    if unknown := [n for n in entry.stages if n not in known]:
+        raise InputError(f"[model_selection] names an unknown stage {unknown[0]!r}: use some of {', '.join(known)}")
+    return [known[n] for n in entry.stages] or STAGES
 
 
-def run_ladder(study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell) -> Ladder | None:
+def run_model_selection(
+    study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell,
+) -> ModelSelection | None:
     """Return the result of the study's model selection; None where it has none."""
-    entry = study.ladder
+    entry = study.model_selection
     if entry is None:
         return None
-    return ladder(
+    return select_model(
         [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
-        common=parameters_from(entry.common), rungs=rungs_of(entry), step=study.step,
+        common=parameters_from(entry.common), stages=stages_of(entry), step=study.step,
         weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
         progress=lambda line: tell(f"model selection: {line}"),
     )
 
 
-def ladder_fit(study: Study, climbed: Ladder, experiments: Mapping[str, Experiment], tell: Tell) -> FitOutcome:
-    """The rung that was chosen, as a fit of the study."""
-    entry = study.ladder or LadderEntry(train=[], starts=1)
-    step = climbed.step
+def selection_fit(
+    study: Study, selection: ModelSelection, experiments: Mapping[str, Experiment], tell: Tell,
+) -> FitOutcome:
+    """The stage that was chosen, as a fit of the study."""
+    entry = study.model_selection or SelectionEntry(train=[], starts=1)
+    step = selection.step
     return whole_fit(
-        study, "ladder", f"Ladder, {step.rung.title}", entry, climbed.result, step.seconds, experiments, tell
+        study, "model_selection", f"Model selection, {step.stage.title}", entry, selection.result, step.seconds,
+        experiments, tell,
     )

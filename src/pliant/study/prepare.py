@@ -238,7 +238,7 @@ def hardly_moved(experiments: Mapping[str, Experiment], length: float) -> dict[s
 
 
 def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) -> Study:
-    """The study with some recordings taken off its fits and its ladder; InputError where nothing is left to learn."""
+    """The study with some recordings taken off its fits and model selection; InputError where none is left to fit."""
     if not dropped:
         return study
 
@@ -252,8 +252,8 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
         return entry.model_copy(update=left)
 
     fits = {name: rest(entry, f"fit {name}") for name, entry in study.fits.items()}
-    selection = rest(study.ladder, "[ladder]") if study.ladder else None
-    return study.model_copy(update={"fits": fits, "ladder": selection})
+    selection = rest(study.model_selection, "[model_selection]") if study.model_selection else None
+    return study.model_copy(update={"fits": fits, "model_selection": selection})
 
 
 def study_model(

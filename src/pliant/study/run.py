@@ -17,14 +17,14 @@ import xarray as xr
 from pliant.errors import FitError, InputError
 from pliant.failures import FAILED, Failures, NotComputed, fit_failure
 from pliant.files import output_folder, replaced_together, write_text
-from pliant.identification import Experiment, Ladder
+from pliant.identification import Experiment, ModelSelection
 from pliant.identification.drives import at_rest
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.angles import supported_links
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import of_models, of_study, units_first
-from pliant.study.fits import ladder_fit, run_ladder, rungs_of
+from pliant.study.fits import run_model_selection, selection_fit, stages_of
 from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.headline import headline
 from pliant.study.prepare import all_aligned, hardly_moved, study_experiment, study_model, without
@@ -80,7 +80,7 @@ def run_study(
         check_forecasts(study, ready.experiments)
         prepared = clock.perf_counter()
         wirings = compare_wirings(study, ready.bodies, ready.model, tell)
-        ends, climbed = all_fits(study, ready, tell, workers)
+        ends, selection = all_fits(study, ready, tell, workers)
         fits, failed = computed(ends)
         fitted = clock.perf_counter()
         first = fits[0].result
@@ -89,7 +89,7 @@ def run_study(
         outcome = StudyOutcome(
             study.name, study.title or study.name, study.description, replace(first.model, name=study.name), fits,
             forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
-            {"pliant": __version__, **ready.provenance}, climbed, clocks=ready.clocks, failed=(*failed, *failures),
+            {"pliant": __version__, **ready.provenance}, selection, clocks=ready.clocks, failed=(*failed, *failures),
             wirings=wirings,
             doubts=(*ready.doubts, *doubts_of(wirings),
                     *of_models([(f.title, f.result.model) for f in fits], study.actuator)),
@@ -108,16 +108,16 @@ def run_study(
 
 def all_fits(
     study: Study, ready: PreparedStudy, tell: Tell, workers: int | None,
-) -> tuple[list[tuple[str, FitOutcome | Exception]], Ladder | None]:
+) -> tuple[list[tuple[str, FitOutcome | Exception]], ModelSelection | None]:
     """The stage that the model hierarchy chose and every fit, each with its name or the error that it ended in."""
     ends: list[tuple[str, FitOutcome | Exception]] = []
     chosen = None
     try:
-        chosen = run_ladder(study, ready.experiments, ready.model, tell)
-        ends += [("ladder", ladder_fit(study, chosen, ready.experiments, tell))] if chosen else []
+        chosen = run_model_selection(study, ready.experiments, ready.model, tell)
+        ends += [("model_selection", selection_fit(study, chosen, ready.experiments, tell))] if chosen else []
     except FAILED as error:
-        tell(f"warning: {fit_failure('ladder', error).sentence}")
-        ends.append(("ladder", error))
+        tell(f"warning: {fit_failure('model_selection', error).sentence}")
+        ends.append(("model_selection", error))
     return ends + run_fits(study, ready.experiments, ready.model, tell, workers), chosen
 
 
@@ -155,8 +155,8 @@ class PreparedStudy(NamedTuple):
 
 def prepare_all(study: Study, tell: Tell) -> PreparedStudy:
     """Read, align and, where the shape is dense, reduce every recording."""
-    if study.ladder:
-        rungs_of(study.ladder)  # refused before any work is done
+    if study.model_selection:
+        stages_of(study.model_selection)  # refused before any work is done
     aligned = all_aligned(study)
     doubts = of_study(aligned)
     for line in doubts:

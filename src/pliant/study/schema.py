@@ -188,13 +188,13 @@ class Fit(StudyEntry):
     bootstrap: int = Replicates
 
 
-class LadderEntry(StudyEntry):
+class SelectionEntry(StudyEntry):
     """Models from the given one upwards, each freeing more; the held-out records say which becomes the study's."""
 
     train: list[str]
     held_out: list[str] = []
-    common: dict[str, float | Literal["free"] | dict[str, Any]] = {}  # free on every rung
-    rungs: list[str] = []  # names of `pliant.identification.RUNGS`; all when empty
+    common: dict[str, float | Literal["free"] | dict[str, Any]] = {}  # free on every stage
+    stages: list[str] = []  # names of `pliant.identification.STAGES`; all when empty
     weighting: Weighting = "travel"
     loss: Loss = "linear"
     starts: int = Field(1, ge=1, le=100)
@@ -242,7 +242,7 @@ class Study(StudyEntry):
     reduction: Reduction | None = None
     recordings: dict[str, Recording]
     fits: dict[str, Fit] = {}
-    ladder: LadderEntry | None = None
+    model_selection: SelectionEntry | None = None
     wiring: WiringEntry | None = None
     forecasts: dict[str, ForecastEntry] = {}
     targets: Targets = Targets()
@@ -286,10 +286,14 @@ def load_study(path: str | Path) -> Study:
 
 def check_names(study: Study, path: Path) -> None:
     """Every recording that is used is listed, and no record is trained on and held out at once."""
-    if not study.recordings or not (study.fits or study.ladder):
-        raise InputError(f"study {path} needs at least one entry under [recordings] and one under [fits], or [ladder]")
+    if not study.recordings or not (study.fits or study.model_selection):
+        raise InputError(
+            f"study {path} needs at least one entry under [recordings] and one under [fits], or [model_selection]"
+        )
     listed = ", ".join(study.recordings)
-    learning: dict[str, Fit | LadderEntry] = {**study.fits, **({"[ladder]": study.ladder} if study.ladder else {})}
+    learning: dict[str, Fit | SelectionEntry] = dict(study.fits)
+    if study.model_selection:
+        learning["[model_selection]"] = study.model_selection
     for name, fit in learning.items():
         for record in [*fit.train, *fit.held_out]:
             if record not in study.recordings:
@@ -346,7 +350,7 @@ def check_parameters(study: Study, path: Path) -> None:
     tables: dict[str, Mapping[str, Any]] = {f"recording {n}": r.known for n, r in study.recordings.items()}
     tables |= {f"forecast {n}": f.known for n, f in study.forecasts.items()}
     tables |= {f"fit {n}": f.parameters for n, f in study.fits.items()}
-    tables |= {"[ladder]": study.ladder.common} if study.ladder else {}
+    tables |= {"[model_selection]": study.model_selection.common} if study.model_selection else {}
     for where, entries in tables.items():
         try:
             parameters_from(entries)

@@ -31,8 +31,8 @@ def written_out(content: Any, path: Path) -> Any:
         content["recordings"], groups = all_recordings(content["recordings"], path)
     if tables(fits := content.get("fits")):
         content["fits"] = {name: ungrouped(fit_of(name, fits, (), path), groups) for name in fits}
-    if isinstance(content.get("ladder"), Mapping):
-        content["ladder"] = ungrouped(content["ladder"], groups)
+    if isinstance(content.get("model_selection"), Mapping):
+        content["model_selection"] = ungrouped(content["model_selection"], groups)
     return content
 
 

@@ -19,7 +19,7 @@ SAME = 0.1  # of what the body grows: a model that grows by less does not
 
 def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
     """Sentences about every fit: held-out records against the targets, then training, then what the fit said."""
-    lines = [f"Model selection chose {outcome.ladder.reason}"] if outcome.ladder else []
+    lines = [f"Model selection chose {outcome.model_selection.reason}"] if outcome.model_selection else []
     lines += [outcome.wirings.sentence] if outcome.wirings else []
     for fit in outcome.fits:
         held = [r for r in fit.records if r.role == "held_out"]

@@ -102,10 +102,10 @@ def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> 
         return
     if moves_torque(outcome.fits):
         yield "torque", partial(figures.torque_figure, outcome.fits)
-    if outcome.ladder:
-        from pliant.validation.ladder_figure import ladder_figure
+    if outcome.model_selection:
+        from pliant.validation.selection_figure import selection_figure
 
-        yield "ladder", partial(ladder_figure, outcome.ladder)
+        yield "model_selection", partial(selection_figure, outcome.model_selection)
     if outcome.shape:
         from pliant.validation.shape_figures import order_figure, shape_figure
 

@@ -155,27 +155,27 @@ class HeadlineEntry(MetricsEntry):
 
 
 class StageEntry(MetricsEntry):
-    """One rung of a ladder."""
+    """One stage of a model selection."""
 
     title: str
-    stands_on: str = Field(description="the rung that it begins from")
+    stands_on: str = Field(description="the stage that it begins from")
     free: list[str]
     train_percent: dict[str, float] = Field(description="RMSE in % of travel by training record")
     held_out_percent: dict[str, float] = Field(description="the same of held-out records")
     bic: float | None
     fit_s: float
     step_ns: float | None = Field(description="time of one step of that model")
-    told: str = Field(description="why it has no numbers, or why it is not the chosen one")
+    reason: str = Field(description="why it has no numbers, or why it is not the chosen one")
     not_determined: str = Field("", description="the parameters that the recordings do not determine, in words")
     as_given: list[str] = Field([], description="parameters left as the given model has them, since not determined")
 
 
-class LadderTable(MetricsEntry):
+class SelectionTable(MetricsEntry):
     """Models of growing size."""
 
     chosen: str
     reason: str
-    rungs: dict[str, StageEntry]
+    stages: dict[str, StageEntry]
 
 
 class WiringResult(MetricsEntry):
@@ -227,7 +227,7 @@ class MetricsFile(MetricsEntry):
         description="every recording, under the first fit that computes it")
     parameters: dict[str, Value] = Field(description="of the first fit, whose model is model.json")
     fits: dict[str, FitEntry]
-    ladder: LadderTable | None
+    model_selection: SelectionTable | None
     wiring: WiringTable | None = Field(None, description="of a study that compares wirings")
     order: OrderTable | None = Field(description="of a study that lays its chain through a dense shape")
     forecasts: dict[str, dict[str, Any]] = Field(

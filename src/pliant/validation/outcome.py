@@ -10,7 +10,7 @@ import xarray as xr
 
 from pliant.display import Card, Shown
 from pliant.failures import NotComputed
-from pliant.identification import Band, Experiment, FitResult, Ladder
+from pliant.identification import Band, Experiment, FitResult, ModelSelection
 from pliant.identification.fit import parameter_dict
 from pliant.model import Model
 from pliant.model.file import model_to_dict
@@ -197,7 +197,7 @@ class StudyOutcome(Shown):
     findings: dict[str, tuple[str, ...]] = field(default_factory=dict)  # what reading and aligning each record found
     timing: dict[str, float] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
-    ladder: Ladder | None = None
+    model_selection: ModelSelection | None = None
     headline: Headline | None = None
     clocks: dict[str, Clocks] = field(default_factory=dict)  # by recording, where the pressure's clock was moved
     failed: tuple[NotComputed, ...] = ()  # whole fits, forecasts and their intervals
@@ -243,7 +243,7 @@ class StudyOutcome(Shown):
             "records": records,
             "parameters": {p.name: parameter_dict(p) for p in self.fits[0].result.parameters},
             "fits": {f.name: f.to_dict() for f in self.fits},
-            "ladder": self.ladder.to_dict() if self.ladder else None,
+            "model_selection": self.model_selection.to_dict() if self.model_selection else None,
             "wiring": self.wirings.to_dict() if self.wirings else None,
             "order": self.shape.order.to_dict() if self.shape else None,
             "forecasts": {

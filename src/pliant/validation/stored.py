@@ -12,9 +12,9 @@ import xarray as xr
 
 from pliant.errors import InputError, clipped
 from pliant.failures import NotComputed
-from pliant.identification import Band, Experiment, FitResult, Ladder, Parameter
-from pliant.identification.ladder_fit import Step
-from pliant.identification.rungs import Rung
+from pliant.identification import Band, Experiment, FitResult, ModelSelection, Parameter
+from pliant.identification.stage_fit import Step
+from pliant.identification.stages import Stage
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.model.file import read_model
@@ -105,7 +105,7 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
     return StudyOutcome(
         metrics["study"], metrics["title"], metrics["description"], model, fits, forecasts, shape_of(groups),
         tuple(metrics["verdict"]), {k: tuple(v) for k, v in metrics["findings"].items()}, metrics["timing"],
-        metrics["provenance"], ladder_of(metrics["ladder"], fits[0].result), headline,
+        metrics["provenance"], selection_of(metrics["model_selection"], fits[0].result), headline,
         clocks={n: clocks_of(n, e, groups) for n, e in metrics["clocks"].items()}, failed=failures_of(metrics),
         run_id=metrics.get("run_id", ""), wirings=Wirings.from_dict(metrics.get("wiring")),
     )
@@ -198,18 +198,18 @@ def shape_of(groups: Groups) -> Shape | None:
                  str(own.attrs["tip_status"]))
 
 
-def ladder_of(content: dict[str, Any] | None, result: FitResult) -> Ladder | None:
-    """A ladder as its table and figure ask for it: that a rung was fitted, not what its fit was."""
+def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSelection | None:
+    """A model selection as its table and figure need it: that a stage was fitted, not what its fit was."""
     if content is None:
         return None
     steps = [
-        Step(Rung(name, r["title"]), None if r["step_ns"] is None else result, tuple(r["free"]), r["train_percent"],
+        Step(Stage(name, r["title"]), None if r["step_ns"] is None else result, tuple(r["free"]), r["train_percent"],
              r["held_out_percent"], r["fit_s"], float("nan") if r["step_ns"] is None else r["step_ns"], r["stands_on"],
-             bic=r["bic"], told=r["told"], open=r.get("not_determined", ""),
+             bic=r["bic"], reason=r["reason"], open=r.get("not_determined", ""),
              given=tuple(r.get("as_given", ())))
-        for name, r in content["rungs"].items()
+        for name, r in content["stages"].items()
     ]
-    return Ladder(tuple(steps), content["chosen"], content["reason"])
+    return ModelSelection(tuple(steps), content["chosen"], content["reason"])
 
 
 def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:

@@ -11,6 +11,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.files import write_text
+from pliant.identification import ModelSelection
 from pliant.validation.draw import moves_torque
 from pliant.validation.metrics import definitions
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
@@ -27,7 +28,6 @@ from pliant.view.rows import (
     first_records,
     fit_table,
     known_unit,
-    ladder_rows,
     link_rows,
     missing_row,
     model_facts,
@@ -36,6 +36,7 @@ from pliant.view.rows import (
     parameter_row,
     record_row,
     seen_text,
+    selection_rows,
 )
 
 ASSETS = Path(__file__).parent / "assets"
@@ -128,7 +129,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
         "band_json": script_json({
             f"{k}:{r.name}": band_sentence(f, r) for k, f in enumerate(outcome.fits) for r in f.records
         }),
-        "ladder": {"reason": outcome.ladder.reason, "rows": ladder_rows(outcome.ladder)} if outcome.ladder else None,
+        "model_selection": selection_block(outcome.model_selection) if outcome.model_selection else None,
         "parameters": [
             (f, [parameter_row(p) for p in f.result.parameters], correlation_rows(f.result)) for f in outcome.fits
         ],
@@ -167,6 +168,11 @@ def band_sentence(fit: FitOutcome, record: RecordOutcome) -> str:
     held = digits(record.metrics.get("within_band_percent"), 3, zeros=False)
     return (f"The {100 * record.band.level:g} % band, of the parameters' uncertainty ({covariance.source}) and of "
             f"residuals as large as in training, holds {held} % of the coordinates.")
+
+
+def selection_block(selection: ModelSelection) -> dict[str, Any]:
+    """The stages of a model selection, and why one of them was chosen."""
+    return {"reason": selection.reason, "rows": selection_rows(selection)}
 
 
 def shape_block(shape: Shape) -> dict[str, Any]:

@@ -10,9 +10,9 @@ import numpy as np
 
 from pliant.errors import InputError, PliantError
 from pliant.failures import NotComputed
-from pliant.identification.ladder import Ladder
 from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.result import FitResult
+from pliant.identification.stepwise import ModelSelection
 from pliant.model import Model
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.simulation import modes
@@ -207,26 +207,26 @@ def plausible(m: Model) -> list[tuple[str, str]]:
     return [("first mode", f"{digits(frequency[0])} Hz, damping ratio {digits(damping[0])}"), ("plausibility", rod)]
 
 
-def ladder_rows(ladder: Ladder) -> list[dict[str, Any]]:
-    """Rungs of a ladder: texts only."""
-    titles = {s.rung.name: s.rung.title for s in ladder.steps}
-    freed = {s.rung.name: set(s.freed) for s in ladder.steps}
+def selection_rows(selection: ModelSelection) -> list[dict[str, Any]]:
+    """Stages of a model selection: texts only."""
+    titles = {s.stage.name: s.stage.title for s in selection.steps}
+    freed = {s.stage.name: set(s.freed) for s in selection.steps}
     rows, before = [], ""
-    most = max(sum(e.values()) / len(e) for s in ladder.steps for e in (s.train, s.held_out) if e)
-    for s in ladder.steps:
+    most = max(sum(e.values()) / len(e) for s in selection.steps for e in (s.train, s.held_out) if e)
+    for s in selection.steps:
         means = [sum(e.values()) / len(e) if e else None for e in (s.train, s.held_out)]
         errors = [digits(m) for m in means]
         shares = [f"{100 * (m or 0.0) / most:.0f}%" for m in means]
         added = [n for n in s.freed if n not in freed.get(s.stands_on, ())]
         rows.append({
-            "title": s.rung.title, "chosen": s.rung.name == ladder.chosen, "told": s.told,
+            "title": s.stage.title, "chosen": s.stage.name == selection.chosen, "reason": s.reason,
             "fitted": s.result is not None,
             "stands_on": titles[s.stands_on] if s.result and s.stands_on not in ("", before) else "",
             "adds": ", ".join(added) or "nothing", "free": str(len(s.freed)), "train": errors[0],
             "train_share": shares[0], "held_share": shares[1],
             "held_out": errors[1], "bic": digits(s.bic, 4), "fit": digits(s.seconds), "step": digits(s.step_ns),
         })
-        before = s.rung.name
+        before = s.stage.name
     return rows
 
 

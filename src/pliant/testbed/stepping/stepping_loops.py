@@ -99,7 +99,7 @@ def move(x, step, scale):
 def newton(x, load, body, obstacles, state, clock, work):
     """Move `x` to equilibrium at the end of the step; returns status, iterations and last update.
 
-    A step that climbed too far is shortened by the secant rule until the potential's slope along it is below
+    A step that went too far is shortened by the secant rule until the potential's slope along it is below
     0.9 of what it was: friction and slip would otherwise make the iteration cycle.
     """
     longest = np.inf

@@ -1,4 +1,4 @@
-"""The rungs of a ladder of models: what each frees beyond the one that it stands on."""
+"""The stages of a model selection: what each frees beyond the one that it stands on."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Entry = Parameter | str
 Scan = tuple[tuple[str, tuple[float, ...]], ...]  # names, and the values [SI] that they begin at, one after another
 
 
-class Rung(NamedTuple):
-    """What a rung frees beyond the one that it stands on.
+class Stage(NamedTuple):
+    """What a stage frees beyond the one that it stands on.
 
     `frees` lists choices: of those that the recordings can tell, the one of the lowest BIC is taken. `drops` names
-    parameters of lower rungs that this one replaces. Times and thresholds in `scan` are tried from values far apart,
+    parameters of lower stages that this one replaces. Times and thresholds in `scan` are tried from values far apart,
     since a fit finds what is near its start. A name that begins with ``*.`` means one for each chamber.
     """
 
@@ -37,16 +37,16 @@ def each_chamber(entry: Entry, model: Model) -> tuple[Entry, ...]:
     return tuple(n if isinstance(entry, str) else replace(entry, name=n) for n in names)
 
 
-def of_chambers(rung: Rung, model: Model) -> Rung:
-    """The rung with the parameters of a model's chambers written out."""
+def of_chambers(stage: Stage, model: Model) -> Stage:
+    """The stage with the parameters of a model's chambers written out."""
 
     def out(name: str) -> list[str]:
         return [n for n in each_chamber(name, model) if isinstance(n, str)]
 
-    return rung._replace(
-        frees=tuple(tuple(e for entry in choice for e in each_chamber(entry, model)) for choice in rung.frees),
-        drops=tuple(n for name in rung.drops for n in out(name)),
-        scan=tuple((n, row) for name, row in rung.scan for n in out(name)),
+    return stage._replace(
+        frees=tuple(tuple(e for entry in choice for e in each_chamber(entry, model)) for choice in stage.frees),
+        drops=tuple(n for name in stage.drops for n in out(name)),
+        scan=tuple((n, row) for name, row in stage.scan for n in out(name)),
     )
 
 
@@ -55,33 +55,33 @@ ELASTIC = ("stiffness", "damping")
 CREEP = ("creep_share_1", "creep_time_1")
 BOUC_WEN = ("boucwen_share", "boucwen_beta", Parameter("boucwen_gamma", 0.0, free=False))
 SOFTEN = ("stiffening", Parameter("stiffening_bound", 0.75, free=False))  # as of a neo-Hookean wall
-RUNGS: tuple[Rung, ...] = (
-    Rung("given", "as given"),
-    Rung("elastic", "K and D", (ELASTIC,)),
-    Rung("torque", "+ torque law", ((*ELASTIC, "*.torque_1", "*.torque_2"), (*ELASTIC, "*.torque_1"))),
-    Rung("lag", "+ lag of the pressure", (("valve_rise", "valve_fall"), ("valve_rise",)),
+STAGES: tuple[Stage, ...] = (
+    Stage("given", "as given"),
+    Stage("elastic", "K and D", (ELASTIC,)),
+    Stage("torque", "+ torque law", ((*ELASTIC, "*.torque_1", "*.torque_2"), (*ELASTIC, "*.torque_1"))),
+    Stage("lag", "+ lag of the pressure", (("valve_rise", "valve_fall"), ("valve_rise",)),
          scan=(("valve_rise", LAGS), ("valve_fall", LAGS))),
-    Rung("soften", "+ springs that soften", (SOFTEN,)),
-    Rung("joints", "+ K of each joint", ((Parameter("stiffness_*", shrink=0.3),),), drops=("stiffness",)),
-    Rung("creep", "+ creep", (CREEP,), scan=(("creep_time_1", (0.1, 0.7, 5.0)),)),
-    Rung("hysteresis", "+ hysteresis", (("slip_share_1", "slip_angle_1"), BOUC_WEN),
+    Stage("soften", "+ springs that soften", (SOFTEN,)),
+    Stage("joints", "+ K of each joint", ((Parameter("stiffness_*", shrink=0.3),),), drops=("stiffness",)),
+    Stage("creep", "+ creep", (CREEP,), scan=(("creep_time_1", (0.1, 0.7, 5.0)),)),
+    Stage("hysteresis", "+ hysteresis", (("slip_share_1", "slip_angle_1"), BOUC_WEN),
          scan=(("slip_angle_1", (0.003, 0.02, 0.1)), ("boucwen_beta", (300.0, 50.0, 10.0)))),
 )
-MORE_RUNGS: tuple[Rung, ...] = (  # taken where a study names them
-    Rung("odd", "odd cubic torque law", (("*.torque_1", "*.torque_3"),), drops=("*.torque_2",)),
-    Rung("stiffen", "+ springs that stiffen again", (("cubic_stiffening",),)),
-    Rung("valves", "+ a lag of each chamber", (("*.valve_rise", "*.valve_fall"), ("*.valve_rise",)),
+MORE_STAGES: tuple[Stage, ...] = (  # taken where a study names them
+    Stage("odd", "odd cubic torque law", (("*.torque_1", "*.torque_3"),), drops=("*.torque_2",)),
+    Stage("stiffen", "+ springs that stiffen again", (("cubic_stiffening",),)),
+    Stage("valves", "+ a lag of each chamber", (("*.valve_rise", "*.valve_fall"), ("*.valve_rise",)),
          drops=("valve_rise", "valve_fall"), scan=(("*.valve_rise", LAGS), ("*.valve_fall", LAGS))),
-    Rung("wall", "+ hyperelastic wall in place of the curved torque law",
+    Stage("wall", "+ hyperelastic wall in place of the curved torque law",
          (("inflation_limit", "inflation_time"), ("inflation_limit", Parameter("inflation_time", 0.05, free=False))),
          drops=("*.torque_2",), scan=(("inflation_time", (0.02, 0.1)),)),
-    Rung("settle", "+ late settling of the regulator", (("valve_settle_share", "valve_settle_time"),),
+    Stage("settle", "+ late settling of the regulator", (("valve_settle_share", "valve_settle_time"),),
          scan=(("valve_settle_time", (0.3, 1.0, 3.0)),)),
-    Rung("vent", "+ limited fall", (("valve_fall_rate",),), scan=(("valve_fall_rate", (1e4, 1e5, 1e6)),)),
-    Rung("swell", "+ late swelling", (("swell_share", "swell_time"),), scan=(("swell_time", (0.1, 0.5, 2.0)),)),
-    Rung("payne", "+ stiffness that falls with amplitude", (("payne_share", "payne_angle", "payne_exponent"),),
+    Stage("vent", "+ limited fall", (("valve_fall_rate",),), scan=(("valve_fall_rate", (1e4, 1e5, 1e6)),)),
+    Stage("swell", "+ late swelling", (("swell_share", "swell_time"),), scan=(("swell_time", (0.1, 0.5, 2.0)),)),
+    Stage("payne", "+ stiffness that falls with amplitude", (("payne_share", "payne_angle", "payne_exponent"),),
          drops=("slip_share_1", "slip_angle_1"),
          scan=(("payne_share", (0.3, 3.0, 30.0)), ("payne_angle", (0.05, 0.02, 0.01)))),
-    Rung("creep_2", "+ second creep branch", ((*CREEP, "creep_share_2", "creep_time_2"),),
+    Stage("creep_2", "+ second creep branch", ((*CREEP, "creep_share_2", "creep_time_2"),),
          scan=(("creep_time_2", (0.5, 2.0, 10.0)),)),
 )

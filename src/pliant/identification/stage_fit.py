@@ -1,4 +1,4 @@
-"""One rung of a ladder: its choices, its starts, its fit, and what the recordings say of it."""
+"""One stage of a model selection: its choices, its starts, its fit, and what the recordings say of it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.prediction import predict
 from pliant.identification.problem import root_mean_square
 from pliant.identification.result import FitResult, touches_bound
-from pliant.identification.rungs import Entry, Rung
+from pliant.identification.stages import Entry, Stage
 from pliant.model import Model
 from pliant.simulation import modes
 
@@ -34,12 +34,12 @@ TRIAL = 12  # evaluations of a fit that only tells which start is worth a whole 
 
 @dataclass(frozen=True)
 class Step:
-    """One rung after its fit.
+    """One stage after its fit.
 
     Attributes
     ----------
     result : FitResult or None
-        None where the recordings cannot tell what the rung frees; `told` then says why.
+        None where the recordings cannot tell what the stage frees; `reason` then says why.
     freed : tuple of str
         Names of all free parameters.
     train, held_out : dict
@@ -49,24 +49,24 @@ class Step:
     step_ns : float
         Of one step of a simulation.
     stands_on : str
-        Name of the rung that it frees more than; empty for the lowest.
+        Name of the stage that it frees more than; empty for the lowest.
     missed : dict
         Squared error (T,) of each frame of the held-out records, (% of travel)^2.
     follows : Follows or None
         How the training records are followed, for `bic`.
     bic : float or None
-        Bayesian information criterion, to be compared within one ladder; see `model_selection.shared_bic`.
-    told : str
+        Bayesian information criterion, to be compared within one selection; see `model_selection.shared_bic`.
+    reason : str
         Why it could not be fitted, or is not the chosen one.
     open : str
         Which parameters the recordings do not determine; empty where they determine all.
     given : tuple of str
-        Parameters that stay as the given model has them, since the recordings do not determine them on this rung.
+        Parameters that stay as the given model has them, since the recordings do not determine them on this stage.
     not_computed : tuple of NotComputed
-        Held-out records that this rung cannot predict; `held_out` and `missed` lack them.
+        Held-out records that this stage cannot predict; `held_out` and `missed` lack them.
     """
 
-    rung: Rung
+    stage: Stage
     result: FitResult | None = None
     freed: tuple[str, ...] = ()
     train: dict[str, float] | None = None
@@ -77,7 +77,7 @@ class Step:
     missed: dict[str, Array] | None = None
     follows: Follows | None = None
     bic: float | None = None
-    told: str = ""
+    reason: str = ""
     open: str = ""
     given: tuple[str, ...] = ()
     not_computed: tuple[NotComputed, ...] = ()
@@ -89,44 +89,44 @@ class Step:
 
 
 @dataclass(frozen=True)
-class LadderFit:
-    """What every rung is fitted to and judged on, and how."""
+class StageFitter:
+    """What every stage is fitted to and judged on, and how."""
 
     train: Sequence[Experiment]
     held_out: Sequence[Experiment]
     model: Model
     options: FitOptions
-    common: Sequence[str] = ()  # names of what every rung frees
+    common: Sequence[str] = ()  # names of what every stage frees
 
-    def climb(self, rung: Rung, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
-        """The rung on top of `below`, where `free` is free, and what is free on it."""
+    def fit_stage(self, stage: Stage, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
+        """The stage on top of `below`, where `free` is free, and what is free on it."""
         began = clock.perf_counter()
-        told, found = "", []
-        for choice in rung.frees or ((),):
-            taken = {n: e for n, e in free.items() if n not in rung.drops} | {
+        reason, found = "", []
+        for choice in stage.frees or ((),):
+            taken = {n: e for n, e in free.items() if n not in stage.drops} | {
                 entry_name(e): e for e in choice if entry_name(e) not in free
             }
             try:
-                found.append(self.settled(rung, taken, below, {entry_name(e) for e in choice}))
+                found.append(self.prune(stage, taken, below, {entry_name(e) for e in choice}))
             except PliantError as problem:
-                told = told or str(problem)
+                reason = reason or str(problem)
         if not found:
-            return Step(rung, seconds=clock.perf_counter() - began, told=told), free
+            return Step(stage, seconds=clock.perf_counter() - began, reason=reason), free
         found = [pair for pair in found if not pair[0].open] or found
         best = int(np.argmin(shared_bic([s.follows for s, _ in found if s.follows])))
         step, taken = found[best]
-        return replace(step, stands_on=below.rung.name, seconds=clock.perf_counter() - began), taken
+        return replace(step, stands_on=below.stage.name, seconds=clock.perf_counter() - began), taken
 
-    def settled(
-        self, rung: Rung, taken: dict[str, Entry], below: Step, choice: set[str],
+    def prune(
+        self, stage: Stage, taken: dict[str, Entry], below: Step, choice: set[str],
     ) -> tuple[Step, dict[str, Entry]]:
         """The fit of what is `taken`, where the recordings determine it; else of less.
 
         What they leave open and the given model has a value for stays as given, the worst first, while something of the
-        rung's `choice` is left. Where that does not help, the rung is what it was with all of it, and open.
+        stage's `choice` is left. Where that does not help, the stage is what it was with all of it, and open.
         """
-        ended, before = ends(below.result), tuple(n for n in below.given if n not in {*taken, *rung.drops})
-        first = result, left = self.looked_at(rung, taken, below, ended)
+        ended, before = ends(below.result), tuple(n for n in below.given if n not in {*taken, *stage.drops})
+        first = result, left = self.fit_once(stage, taken, below, ended)
         less, given = taken, before
         try:
             while loose := [p for p in result.parameters if p.name in left and p.name in less and self.has_given(p)]:
@@ -134,50 +134,50 @@ class LadderFit:
                 less, given = {n: e for n, e in less.items() if n != worst}, (*given, worst)
                 if not choice & less.keys() - set(below.freed):
                     break
-                result, left = self.looked_at(rung, less, below, ended)
+                result, left = self.fit_once(stage, less, below, ended)
                 if not left:
-                    return replace(self.judged(rung, result), given=given), less
+                    return replace(self.judged(stage, result), given=given), less
         except PliantError:
             pass  # without it the rest cannot be fitted
         result, left = first
-        return replace(self.judged(rung, result), open=", ".join(left.values()), given=before), taken
+        return replace(self.judged(stage, result), open=", ".join(left.values()), given=before), taken
 
-    def looked_at(
-        self, rung: Rung, taken: dict[str, Entry], below: Step, ended: dict[str, Parameter],
+    def fit_once(
+        self, stage: Stage, taken: dict[str, Entry], below: Step, ended: dict[str, Parameter],
     ) -> tuple[FitResult, dict[str, str]]:
         """The fit of what is `taken`, and what of it the recordings do not determine."""
-        result = self.scanned(list(taken.values()), rung, ended)
+        result = self.multistart(list(taken.values()), stage, ended)
         added = {p.name for p in result.parameters} - set(below.freed) - set(self.common)
         return result, undetermined(result, added)
 
     def has_given(self, p: Parameter) -> bool:
-        """Whether the given model has a value for a positive number of a rung: not for what memory or joints add to it.
+        """Whether the given model has a value for a positive number of a stage: not for what memory or joints add.
 
-        Coefficients of a law are left to the choices of a rung.
+        Coefficients of a law are left to the choices of a stage.
         """
         return p.name not in self.common and not p.shrink and usual_start(p.name) is None and kind_of(p.name).lower >= 0
 
-    def scanned(self, entries: Sequence[Entry], rung: Rung, ended: dict[str, Parameter]) -> FitResult:
+    def multistart(self, entries: Sequence[Entry], stage: Stage, ended: dict[str, Parameter]) -> FitResult:
         """The fit of some parameters from the best of several starts, each of which a short fit tries.
 
-        A start is where the rung below ended, or afresh: what this rung adds, others may have taken up below. Of
-        both, each value of the rung's scan is tried.
+        A start is where the stage below ended, or afresh: what this stage adds, others may have taken up below. Of
+        both, each value of the stage's scan is tried.
         """
         starts = [[self.bounded(started(e, way)) for e in entries] for way in ([ended, {}] if ended else [{}])]
-        rows = [(name, row) for name, row in rung.scan if any(p.free and p.name == name for p in starts[0])]
+        rows = [(name, row) for name, row in stage.scan if any(p.free and p.name == name for p in starts[0])]
         grid = [dict(zip((n for n, _ in rows), at, strict=True)) for at in zip(*(r for _, r in rows), strict=True)]
         if not grid and len(starts) == 1:
             return self.fitted(starts[0])
-        trials, told = [], ""
+        trials, reason = [], ""
         for listed, at in product(starts, grid or [{}]):
             try:
                 trial = self.fitted([p.with_(value=at.get(p.name, p.value)) for p in listed], TRIAL)
             except PliantError as problem:
-                told = told or str(problem)
+                reason = reason or str(problem)
                 continue
             trials.append((sum((trial.rmse[e.name] / e.travel) ** 2 for e in self.train), ends(trial), listed))
         if not trials:
-            raise FitError(told)
+            raise FitError(reason)
         _, start, listed = min(trials, key=lambda t: t[0])
         return self.fitted([self.bounded(started(p, start)) for p in listed])
 
@@ -201,16 +201,16 @@ class LadderFit:
         return FitResult(model, tuple(filled), "Nothing is free: the model as given.", rmse, len(rmse), 0.0, True,
                          turns=self.train[0].placeless)  # fmt: skip
 
-    def judged(self, rung: Rung, result: FitResult) -> Step:
-        """Errors and cost of a fitted rung."""
+    def judged(self, stage: Stage, result: FitResult) -> Step:
+        """Errors and cost of a fitted stage."""
         step = self.options["step"]
-        failures, unseen = Failures(f"of rung {rung.title}"), {}
+        failures, unseen = Failures(f"of stage {stage.title}"), {}
         for e in self.held_out:
             row = failures.attempt("prediction", e.name, partial(missed, e, result, step), "held_out")
             if row is not None:
                 unseen[e.name] = row
         return Step(
-            rung, result, tuple(p.name for p in result.parameters if p.free),
+            stage, result, tuple(p.name for p in result.parameters if p.free),
             train={e.name: 100 * result.rmse[e.name] / e.travel for e in self.train},
             held_out={name: error({name: row}) for name, row in unseen.items()}, missed=unseen,
             follows=follows(self.train, result, step, self.options["weighting"]),
@@ -240,7 +240,7 @@ def entry_name(entry: Entry) -> str:
 
 
 def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
-    """A parameter that starts where it `ended` on a lower rung; each joint's or chamber's where that of all did.
+    """A parameter that starts where it `ended` on a lower stage; each joint's or chamber's where that of all did.
 
     What ended on a bound starts afresh. The size stays that of the first start.
     """

@@ -6,22 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from pliant.identification import Ladder
+from pliant.identification import ModelSelection
 from pliant.plotting import NARROW, WIDTH, side_by_side
 from pliant.validation.figures import drawing
 from pliant.validation.wording import clip, digits
 
 
-def ladder_figure(ladder: Ladder) -> Any:
+def selection_figure(selection: ModelSelection) -> Any:
     """Draw the errors of every stage on training and held-out records; on a wide page also what the stages cost."""
-    steps = [s for s in ladder.steps if s.result]
+    steps = [s for s in selection.steps if s.result]
     at = np.arange(len(steps))
     narrow = WIDTH.get() < NARROW
     with drawing():
         height = 0.9 + 0.32 * len(steps)
         figure, axes = side_by_side(1 if narrow else 3, (1,) if narrow else (2, 1, 1), height, sharey=True)
         axes = np.atleast_1d(axes)
-        draw_errors(axes[0], ladder, at)
+        draw_errors(axes[0], selection, at)
         for ax, (cost, what) in zip(axes[1:], (
             ([s.seconds for s in steps], "time of the fits (s)"), ([s.step_ns for s in steps], "simulated step (ns)"),
         ), strict=False):
@@ -32,9 +32,9 @@ def ladder_figure(ladder: Ladder) -> Any:
     return figure
 
 
-def draw_errors(ax: Any, ladder: Ladder, at: np.ndarray) -> None:
-    """Mean error of every rung as a marker on a line, that of each record as a dash; the chosen rung on a band."""
-    steps = [s for s in ladder.steps if s.result]
+def draw_errors(ax: Any, selection: ModelSelection, at: np.ndarray) -> None:
+    """Mean error of every stage as a marker on a line, that of each record as a dash; the chosen stage on a band."""
+    steps = [s for s in selection.steps if s.result]
     for label, colour, marker, errors in (
         ("training", "0.55", "o", [s.train for s in steps]),
         ("held out", "#0b2f6b", "s", [s.held_out for s in steps]),
@@ -46,9 +46,9 @@ def draw_errors(ax: Any, ladder: Ladder, at: np.ndarray) -> None:
                 label=label)
         for k, row in enumerate(rows if max(map(len, rows)) > 1 else ()):
             ax.plot(row, [k] * len(row), color=colour, marker="|", linestyle="", markersize=8)
-    (chosen,) = (k for k, s in enumerate(steps) if s.rung.name == ladder.chosen)
+    (chosen,) = (k for k, s in enumerate(steps) if s.stage.name == selection.chosen)
     ax.axhspan(chosen - 0.4, chosen + 0.4, color="0.88", zorder=0, label="chosen")
-    ax.set_yticks(at, [clip(s.rung.title, 26) for s in steps])
+    ax.set_yticks(at, [clip(s.stage.title, 26) for s in steps])
     ax.invert_yaxis()
     ax.set(xlabel="error (% of travel)", xlim=(0, None))
     ax.legend()
