@@ -36,8 +36,8 @@ STRAIGHT_SOURCES = (
     trace.__file__, trig.__file__,
     *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "simd", "dual_numbers", "duals")),
 )
-# Not the steps: side by side and alone, they give the same bits.
-FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian}
+# Not the steps in the plane: side by side and alone, they give the same bits.
+FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian, spatial.step}
 # So long that each caller that took them in would take as long to compile again.
 CALLED: set[Any] = {linearised.step_jacobian, extension_linearised.step_jacobian}
 SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where joints turn in space
@@ -45,7 +45,7 @@ SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where jo
     energy.add_step_work: spatial_points.add_step_work, contact.add_link_loads: spatial_points.add_link_loads,
     observation.observe: spatial_points.observe,
 }  # fmt: skip
-MOST_TURNS = 16  # coordinates of a step in space as a straight line: beyond, compiling it takes seconds
+MOST_TURNS = 24  # coordinates of a step in space as a straight line: that takes 4 s to compile, 30 take 6 s
 SOURCES = (  # of a twin whose steps are made here
     __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, *STRAIGHT_SOURCES,
 )

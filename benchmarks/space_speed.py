@@ -1,0 +1,269 @@
+"""Time of a step in space: pliant beside plain C in one run, and beside MuJoCo and Pinocchio to equal error of the tip.
+
+The body is an arm of 0.17 m and 69 g in five links, let go from a bend in space under gravity across it. One joint has
+the same stiffness in its three directions, so that MuJoCo's ball joints carry the same springs; how far the two models'
+tips differ is printed. Every method is compared with itself at a tiny step. Of Pinocchio, semi-implicit Euler in
+Python, the forward dynamics alone count. The shortest of many runs of processor time counts; `--seconds S`: how long.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import subprocess
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation
+
+from pliant.bench.timing import best, machine
+from pliant.compiler.choose import straight
+from pliant.compiler.twin import options, rebuild
+from pliant.equations import spatial
+from pliant.mechanics import mechanics_of
+from pliant.model import chain_model
+
+Array = np.ndarray
+LINKS, RADIUS, LENGTH, MASS = 5, 0.012, 0.17, 0.069
+STIFFNESS, DAMPING = 1.6067, 8e-3  # N m/rad, N m s/rad, of each joint
+END, LOOKS = 1.0, 100  # s, and how often the tip is compared
+TARGETS = (1.0, 0.1, 0.02)  # mm
+STEPS = [1e-2 / k for k in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40, 64, 100, 160, 250, 400, 800)]  # s
+FINEST = 1e-2 / 4000
+CALLS = 20_000
+POINTER = ctypes.POINTER(ctypes.c_double)
+
+
+@cache
+def arm(turns: int) -> Any:
+    """The mechanics of the arm with 2 turns at each joint, or 3; without twist its links have the same inertia."""
+    space = {"radius": RADIUS, "twist_ratio": float(turns - 2)}
+    model = chain_model(length=LENGTH, mass=MASS, links=LINKS, joint_placement="midsegment", stiffness=STIFFNESS,
+                        damping=DAMPING, gravity=[9.81, 0.0, 0.0], torque=[1e-6], space=space)  # fmt: skip
+    return mechanics_of(model)
+
+
+def start(turns: int) -> Array:
+    """Coordinates of a bend in space."""
+    x = np.zeros(turns * LINKS)
+    x[: 2 * LINKS : 2], x[1 : 2 * LINKS : 2] = np.linspace(0.1, 0.4, LINKS), np.linspace(0.3, -0.3, LINKS)
+    return x
+
+
+def many_steps(count, looks, x, v, h, torque, body, joints, work, seen):
+    """Take `count` steps between looks at the coordinates, seen (looks, N)."""
+    for k in range(looks):
+        for _ in range(count):
+            step(x, v, h, torque, body, joints, work)  # noqa: F821  given by `loop`
+        for i in range(len(x)):
+            seen[k, i] = x[i]
+
+
+@cache
+def loop(turns: int) -> Any:
+    """`many_steps` about the compiled step of the arm."""
+    return rebuild(many_steps, njit(**options(many_steps)), {"step": straight(spatial.step, LINKS, 0, turns)})
+
+
+def step_ns(turns: int, seconds: float) -> float:
+    """Time of one step, ns."""
+    chain, x, v = arm(turns), np.zeros(turns * LINKS), np.zeros(turns * LINKS)
+    seen, still, work, run = np.zeros((1, x.size)), np.zeros(x.size), chain.workspace(), loop(turns)
+
+    def job() -> None:
+        x[:], v[:] = start(turns), 1.0
+        run(CALLS, 1, x, v, 1e-4, still, chain.body, chain.joints, work, seen)
+
+    return 1e9 * best(job, seconds=seconds, clock=process_time) / CALLS
+
+
+def c_step_ns(turns: int, seconds: float) -> float:
+    """Time of one step of speed/space.c, ns; compared with pliant's first."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "space.so"
+        source = Path(__file__).parent / "speed" / "space.c"
+        flags = ("-O3", "-march=native", "-shared", "-fPIC", f"-DL={LINKS}", f"-DTWIST={turns - 2}")
+        subprocess.run(["cc", *flags, str(source), "-o", str(made), "-lm"], check=True)
+        code = ctypes.CDLL(str(made))
+    chain, still = arm(turns), np.zeros(turns * LINKS)
+    b, j = chain.body, chain.joints
+    parts = (b.length, b.mass, b.centre, b.lateral, b.axial, np.swapaxes(b.rest, 1, 2), b.base.T, b.gx, b.gy, b.gz,
+             j.K, j.D, *j.hardening)  # fmt: skip
+    constants = np.concatenate([np.ravel(part) for part in parts]).astype(float)
+
+    def run(count: int, x: Array, v: Array) -> None:
+        given = [a.ctypes.data_as(POINTER) for a in (constants, x, v, still)]
+        code.many_steps(ctypes.c_long(count), *given[:3], ctypes.c_double(1e-4), given[3])
+
+    ours, theirs = (start(turns), 0.0 * start(turns)), (start(turns), 0.0 * start(turns))
+    loop(turns)(1000, 1, *ours, 1e-4, still, chain.body, chain.joints, chain.workspace(), np.zeros((1, still.size)))
+    run(1000, *theirs)
+    np.testing.assert_allclose(theirs[0], ours[0], rtol=0, atol=1e-9)
+    x, v = np.zeros(still.size), np.zeros(still.size)
+
+    def job() -> None:
+        x[:], v[:] = start(turns), 1.0
+        run(CALLS, x, v)
+
+    return 1e9 * best(job, seconds=seconds, clock=process_time) / CALLS
+
+
+def pliant_tips(h: float) -> Array:
+    """Tips (LOOKS, 3) of the arm with twist."""
+    chain, count = arm(3), round(END / LOOKS / h)
+    x, seen = start(3), np.zeros((LOOKS, 3 * LINKS))
+    loop(3)(count, LOOKS, x, np.zeros(x.size), h, np.zeros(x.size), chain.body, chain.joints, chain.workspace(), seen)
+    tips, work = np.zeros((LOOKS, 3)), chain.workspace()
+    for row, tip in zip(seen, tips, strict=True):
+        spatial.pose_links(row, chain.body, work)
+        tip[:] = work.r[-1] + chain.body.length[-1] * work.R[-1, :, 2]
+    return tips
+
+
+def quaternions() -> Array:
+    """Starts (LINKS, 4) of the ball joints, the real part last."""
+    x = start(2).reshape(LINKS, 2)
+    return Rotation.from_rotvec(np.column_stack([x, np.zeros(LINKS)])).as_quat()
+
+
+def mujoco_runner(integrator: int) -> Callable[[float], Array]:
+    """A function from a step [s] to tips (LOOKS, 3), by ball joints."""
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda _text: None)
+    body = arm(2).body
+    links = "".join(
+        f"<body pos='0 0 {body.length[k]:.17g}'><joint type='ball' stiffness='{STIFFNESS}' damping='{DAMPING}'/>"
+        f"<inertial pos='0 0 {body.centre[k]:.17g}' mass='{body.mass[k]:.17g}' "
+        f"diaginertia='{body.lateral[k]:.17g} {body.lateral[k]:.17g} {body.axial[k]:.17g}'/>"
+        for k in range(LINKS)
+    )
+    tip = f"<site name='tip' pos='0 0 {body.length[-1]:.17g}'/>"
+    head = "<mujoco><option gravity='9.81 0 0'><flag contact='disable' constraint='disable'/></option><worldbody>"
+    model = mujoco.MjModel.from_xml_string(f"{head}{links}{tip}{'</body>' * LINKS}</worldbody></mujoco>")
+    model.opt.integrator = integrator
+    data, first = mujoco.MjData(model), np.roll(quaternions(), 1, axis=1).ravel()
+
+    def solve(h: float) -> Array:
+        count = round(END / LOOKS / h)
+        model.opt.timestep = END / LOOKS / count
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = first
+        tips = np.zeros((LOOKS, 3))
+        for row in tips:
+            mujoco.mj_step(model, data, count)
+            mujoco.mj_kinematics(model, data)
+            row[:] = data.site_xpos[0]
+        return tips
+
+    return solve
+
+
+def pinocchio_runner() -> tuple[Callable[[float], Array], Callable[[], Any]]:
+    """A function from a step [s] to tips by semi-implicit Euler, and one evaluation of the forward dynamics."""
+    import pinocchio as pin
+
+    body, model, parent = arm(2).body, pin.Model(), 0
+    for k in range(LINKS):
+        frame = pin.SE3(np.eye(3), np.array([0.0, 0.0, body.length[k]]))
+        parent = model.addJoint(parent, pin.JointModelSpherical(), frame, f"joint{k}")
+        moments = np.diag([body.lateral[k], body.lateral[k], body.axial[k]])
+        inertia = pin.Inertia(body.mass[k], np.array([0.0, 0.0, body.centre[k]]), moments)
+        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+    model.gravity.linear = np.array([9.81, 0.0, 0.0])
+    data, last = model.createData(), np.array([0.0, 0.0, body.length[-1]])
+
+    def solve(h: float) -> Array:
+        count, q, v = round(END / LOOKS / h), quaternions().ravel(), np.zeros(3 * LINKS)
+        tips = np.zeros((LOOKS, 3))
+        for row in tips:
+            for _ in range(count):
+                turns = Rotation.from_quat(q.reshape(LINKS, 4)).as_rotvec().ravel()
+                v = v + h * pin.aba(model, data, q, v, -STIFFNESS * turns - DAMPING * v)
+                q = pin.integrate(model, q, h * v)
+                if not np.isfinite(q).all() or not q.any():
+                    return np.full_like(tips, np.nan)
+            pin.forwardKinematics(model, data, q)
+            row[:] = data.oMi[LINKS].act(last)
+        return tips
+
+    q, v, torque = quaternions().ravel(), np.ones(3 * LINKS), np.ones(3 * LINKS)
+    return solve, lambda: [pin.aba(model, data, q, v, torque) for _ in range(1000)]
+
+
+def to_target(solve: Callable[[float], Array], truth: Array, target: float, steps: list[float]) -> tuple[float, float]:
+    """Longest step [s] from which on the largest error of the tip stays within `target` [mm], and that error."""
+    kept = (np.nan, np.nan)
+    for h in reversed(steps):
+        with np.errstate(all="ignore"):
+            tips = solve(h)
+        error = 1e3 * np.linalg.norm(tips - truth, axis=1).max() if np.isfinite(tips).all() else np.inf
+        if not error <= target:
+            break
+        kept = h, error
+    return kept
+
+
+def race(seconds: float) -> dict[str, dict[str, Any]]:
+    """Step, error and time of each method at each target."""
+    found: dict[str, dict[str, Any]] = {}
+    truth = pliant_tips(FINEST)
+    for target in TARGETS:
+        h, error = to_target(pliant_tips, truth, target, STEPS)
+        ms = END / h * step_ns(3, seconds) / 1e6
+        found[f"pliant {target} mm"] = {"step_ms": 1e3 * h, "error_mm": error, "ms": ms}
+    try:
+        numbers = {"implicitfast": 3, "implicit": 2, "Euler": 0, "RK4": 1}
+        solvers = {f"MuJoCo {name}": mujoco_runner(number) for name, number in numbers.items()}
+    except ImportError:
+        solvers = {}
+    for name, solve in solvers.items():
+        own = solve(FINEST)
+        for target in TARGETS:
+            h, error = to_target(solve, own, target, STEPS)
+            row = {"step_ms": 1e3 * h, "error_mm": error, "from_pliant_mm": 1e3 * np.abs(own - truth).max()}
+            if np.isfinite(h):
+                row["ms"] = 1e3 * best(lambda solve=solve, h=h: solve(h), seconds=seconds, clock=process_time)
+            found[f"{name} {target} mm"] = row
+    try:
+        solve, dynamics = pinocchio_runner()
+    except ImportError:
+        return found
+    few = [h for h in STEPS if h >= 2e-5]
+    own, aba = solve(1e-5), best(dynamics, seconds=seconds, clock=process_time) / 1000
+    for target in TARGETS:
+        h, error = to_target(solve, own, target, few)
+        found[f"Pinocchio, forward dynamics alone {target} mm"] = {
+            "step_ms": 1e3 * h, "error_mm": error, "ms": 1e3 * aba * END / h,
+            "from_pliant_mm": 1e3 * np.abs(own - truth).max(),
+        }
+    return found
+
+
+def main() -> None:
+    """Print and write."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--seconds", type=float, default=2.0)
+    seconds = asked.parse_args().seconds
+    results: dict[str, Any] = {"machine": machine()}
+    for name, turns in (("swing, 10 coordinates", 2), ("swing and twist, 15", 3)):
+        ours, floor = step_ns(turns, seconds), c_step_ns(turns, seconds)
+        results[name] = {"pliant_ns": ours, "c_ns": floor}
+        print(f"one step, {name:<24} pliant {ours:7.0f} ns, C {floor:7.0f} ns, ratio {ours / floor:.2f}", flush=True)
+    results["race"] = race(seconds)
+    for name, row in results["race"].items():
+        print(f"{name:<48}", ", ".join(f"{key} {value:.3g}" for key, value in row.items()), flush=True)
+    path = Path(__file__).parent / "results" / "space_speed.json"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
