@@ -13,13 +13,15 @@ def tangents(angle: Array) -> Array:
 
 
 def arc_lengths(position: Array) -> Array:
-    """Length (T,) of arcs from the origin through the points (T, S, 2), m.
+    """Length (T,) of arcs from the origin through the points (T, S, d), m.
 
-    Each arc begins along the end of the one before, the first along +y at the origin: exact where the curvature between
-    the points is constant.
+    Each arc begins along the end of the one before, the first along +y at the origin, in space along +z: exact where
+    the curvature between the points is constant.
     """
     chords = np.diff(position, axis=1, prepend=0.0)
     reach = np.linalg.norm(chords, axis=2)
+    if position.shape[2] == 3:
+        return _lengths_in_space(chords, reach)
     angle = np.unwrap(np.arctan2(-chords[..., 0], chords[..., 1]), axis=1)
     tangent = np.zeros(len(position))
     total = np.zeros(len(position))
@@ -27,4 +29,17 @@ def arc_lengths(position: Array) -> Array:
         half = angle[:, k] - tangent
         total += reach[:, k] / np.sinc(half / np.pi)
         tangent = tangent + 2 * half
+    return total
+
+
+def _lengths_in_space(chords: Array, reach: Array) -> Array:
+    """Length (T,) of arcs over the chords (T, S, 3) of length `reach` (T, S), the first along +z, m."""
+    tangent = np.broadcast_to([0.0, 0.0, 1.0], chords[:, 0].shape)
+    total = np.zeros(len(reach))
+    for k in range(reach.shape[1]):
+        ahead = chords[:, k] / reach[:, k, None]
+        along = (tangent * ahead).sum(axis=1)
+        half = np.arctan2(np.linalg.norm(np.cross(tangent, ahead), axis=1), along)
+        total += reach[:, k] / np.sinc(half / np.pi)
+        tangent = 2 * along[:, None] * ahead - tangent  # an arc leaves its chord as it enters it, mirrored
     return total

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.options import with_defaults
 from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.quality import standing_stations
 from pliant.study.doubts import of_body
 from pliant.study.first_reading import with_logs
-from pliant.study.new import FirstLook, body_length, excitation, held_out, look_with_log, moved
+from pliant.study.new import FirstLook, azimuths, body_length, excitation, held_out, in_space, look_with_log, moved
 from pliant.study.questions import OPEN
 from pliant.study.toml_text import key, relative, toml
 
+LINKS = 5
+NEARLY_PLANAR = 0.1  # of the motion, out of its best plane: more is worth a comment
 LONGEST = 150  # characters of a comment
 
 
@@ -39,6 +42,26 @@ class Draft:
     text: str
     questions: tuple[str, ...]
     doubts: tuple[str, ...] = ()
+
+
+class StatedBody(TypedDict, total=False):
+    """What a user knows of a body.
+
+    Attributes
+    ----------
+    length, mass, diameter : float, optional
+        m, kg and m, outer.
+    gravity : 3 floats, optional
+        In the axes of the tracker, m/s^2.
+    """
+
+    length: float | None
+    mass: float | None
+    diameter: float | None
+    gravity: Sequence[float] | None
+
+
+UNKNOWN = StatedBody(length=None, mass=None, diameter=None, gravity=None)
 
 
 class Lines:
@@ -72,8 +95,7 @@ class Lines:
 
 def draft_study(
     files: Sequence[str | Path], study: str | Path, *, mapping: Mapping[str, Any] | None = None,
-    length: float | None = None, mass: float | None = None, level: float | None = None,
-    gravity: Sequence[float] | None = None, diameter: float | None = None,
+    level: float | None = None, space: bool | None = None, **body: Unpack[StatedBody],
 ) -> Draft:
     """Look at recordings of one actuator and draft their study.
 
@@ -86,12 +108,12 @@ def draft_study(
         Where the study will lie; file names in it are relative to that folder. Nothing is written.
     mapping : dict, optional
         What the files do not say themselves; see `pliant.read`.
-    length, mass, diameter : float, optional
-        Of the body, m, kg and m.
     level : float, optional
         Nominal gauge pressure of recordings that hold none, Pa.
-    gravity : 3 floats, optional
-        In the axes of the tracker, m/s^2.
+    space : bool, optional
+        Whether the body moves in space or bends in a plane. Default: as the recordings show.
+    **body
+        What is known of the body; see `StatedBody`.
 
     Returns
     -------
@@ -102,7 +124,9 @@ def draft_study(
     InputError
         When a file cannot be read or holds no positions, or two files share a name.
     """
-    looks = [look_with_log(shape, log, mapping) for shape, log in with_logs([Path(f) for f in files])]
+    stated = with_defaults(draft_study, body, UNKNOWN)
+    length, mass, diameter, gravity = stated["length"], stated["mass"], stated["diameter"], stated["gravity"]
+    looks = looks_at(files, mapping, space)
     names = [look.name for look in looks]
     if not names or len(set(names)) < len(names):
         raise InputError(f"a study needs recordings whose file names differ, got {', '.join(names) or 'none'}")
@@ -118,6 +142,7 @@ def draft_study(
     camera(out, looks)
     units(out, looks)
     actuator(out, first, length, mass, diameter)
+    in_which_space(out, looks)
     weight(out, looks, gravity)
     if first.capped:
         fibre(out, first, length)
@@ -125,6 +150,7 @@ def draft_study(
         alignment(out, first)
     if first.dense:
         reduction(out, looks)
+    chambers(out, first)
     for look in looks:
         recording(out, look, Path(study).parent, level)
     fit(out, looks)
@@ -132,6 +158,51 @@ def draft_study(
     out.say("what the verdict holds the predictions against; take a line away and it is not judged")
     out.put("rmse_percent_of_travel", 5.0)
     return Draft("\n".join(out.text) + "\n", tuple(out.questions), doubts)
+
+
+def looks_at(
+    files: Sequence[str | Path], mapping: Mapping[str, Any] | None, space: bool | None
+) -> list[FirstLook]:
+    """First looks at the recordings, all of them in the plane or in space; in space where one of them shows it."""
+    pairs = with_logs([Path(f) for f in files])
+    looks = [look_with_log(shape, log, mapping, space=space) for shape, log in pairs]
+    if driven := [look for look in looks if "actuation" in look.ds]:
+        kinds = ", ".join(sorted({str(k) for k in driven[0].ds["kind"].values}))
+        raise InputError(f"{driven[0].path.name} is driven by inputs of the kind {kinds}, and a draft takes pressures: "
+                         "write the study by hand")  # fmt: skip
+    spatial = any(look.spatial for look in looks) if space is None else space
+    if not spatial:
+        return looks
+    if any(look.chamber for look in looks):  # one that shows no motion in space by itself
+        looks = [look_with_log(shape, log, mapping, space=True) for shape, log in pairs]
+    return [in_space(look) for look in looks]
+
+
+def in_which_space(out: Lines, looks: Sequence[FirstLook]) -> None:
+    """Whether the body moves in space: what the recordings show, and what the other choice would mean."""
+    share = 100 * max(look.out_of_plane for look in looks)
+    shown = f"{share:.0f} % of the motion is out of its best plane"
+    if spatial_study(looks):
+        out.put("space", True, f"{shown}; without this line the study is in that plane and leaves it out")
+    elif 0.01 * share > NEARLY_PLANAR and not looks[0].turns:
+        out.say(f"space = true  ({shown} and left out: take the # away for a study in space)")
+
+
+def spatial_study(looks: Sequence[FirstLook]) -> bool:
+    """Whether the recordings were looked at in space."""
+    return any(look.aligned is not None and look.aligned.attrs["frame"] == "spatial" for look in looks)
+
+
+def chambers(out: Lines, look: FirstLook) -> None:
+    """The chambers of a body in space, each at the azimuth that the recording shows."""
+    if not look.chambers or look.aligned is None:
+        return
+    for name, azimuth in zip(look.chambers, azimuths(look.aligned), strict=True):
+        out.text += ["", "[[actuator.chambers]]"]
+        out.put("name", name)
+        out.put("joints", list(range(1, LINKS + 1)), "all")
+        out.put("torque", [1e-6], "N m/Pa, scaled by the gains that are fitted")
+        out.put("azimuth_deg", round(azimuth), "from x towards y of the base frame, as the last station moves")
 
 
 def look_doubts(looks: Sequence[FirstLook], case: Case) -> tuple[str, ...]:
@@ -185,7 +256,7 @@ def actuator(
     if look.turns:
         out.say("links = 2  (default: one for each angle, which is all that angles support)")
     elif not look.dense:
-        out.put("links", 5)
+        out.put("links", LINKS)
         out.put("joint_placement", "midsegment", "five links then ring within 1 % of a continuous beam")
     out.say("tip_mass = 0.006  (kg, a cap or a load at the tip: take the # away where there is one)")
 
@@ -207,7 +278,7 @@ def down(looks: Sequence[FirstLook]) -> list[float]:
     if looks[0].turns:
         return [0.0, 9.81]
     seen = [look.aligned for look in looks if look.aligned is not None and "alignment" in look.aligned.attrs]
-    tangent = np.array(alignment_of(seen[0]).rotation[1] if seen else [0.0, 0.0, -1.0])
+    tangent = np.array(alignment_of(seen[0]).base_tangent if seen else [0.0, 0.0, -1.0])
     nearest = int(np.argmax(np.abs(tangent)))
     return [float(9.81 * np.sign(tangent[k])) if k == nearest else 0.0 for k in range(len(tangent))]
 
@@ -269,6 +340,8 @@ def recording(out: Lines, look: FirstLook, folder: Path, level: float | None) ->
     out.put("file", relative(look.path, folder))
     if look.log is not None:
         out.put("pressure_file", relative(look.log, folder), "its clock is brought onto that of the shape")
+    if look.chambers:
+        out.put("drive", {name: name for name in look.chambers}, "chamber of the model = pressure of the recording")
     if look.chamber:
         out.say(f"of several pressures a draft takes one: {look.chamber} moves most, the mapping reads no other")
     if look.mapping:
@@ -327,6 +400,8 @@ def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[
     kinds, first = {excitation(look) for look in looks}, looks[0]
     levels = {round(look.highest_pa, -2) for look in looks if look.name != held and look.highest_pa is not None}
     free = [("stiffness", "N m/rad, of every joint"), ("damping", "N m s/rad, of every joint")]
+    if first.chambers:
+        return free + chamber_parameters(first.chambers) + place_parameters(first, kinds)
     if kinds != {"release"}:
         free += [("torque_1", "N m/Pa")]
         free += [("torque_2", "N m/Pa^2, seen because more than one level is trained on")] if len(levels) > 1 else []
@@ -337,8 +412,23 @@ def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[
         free += [("valve_rise", "s, time constant of the pressure")]
     if "pulse" in kinds:
         free += [("valve_fall", "s")]
-    if not first.dense and first.ds.attrs["frame"] != "planar" and kinds != {"release"}:
-        tip = (list(first.stations) or [str(s) for s in first.ds["station"].values])[-1]
-        free += [("base_angle", "rad, error of the tangent"), (f"{tip}.along", "m, where the last station sits"),
-                 (f"{tip}.across", "m")]
-    return free
+    if spatial_study([first]) and kinds != {"release"}:
+        free += [("gain_y", "of the torque about y over that about x")]
+    return free + place_parameters(first, kinds)
+
+
+def chamber_parameters(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Gains of each chamber about both axes: size and direction of its torque."""
+    return [(f"{name}.gain_{axis}", f"of the torque of {name} about {axis}") for name in names for axis in "xy"]
+
+
+def place_parameters(first: FirstLook, kinds: Collection[str]) -> list[tuple[str, str]]:
+    """The error of the base tangent and the place of the last station, where they are markers."""
+    if first.dense or first.ds.attrs["frame"] == "planar" or set(kinds) == {"release"}:
+        return []
+    tip = (list(first.stations) or [str(s) for s in first.ds["station"].values])[-1]
+    place = [(f"{tip}.along", "m, where the last station sits"), (f"{tip}.across", "m")]
+    if spatial_study([first]):
+        tilts = [(f"base_tilt_{axis}", f"rad, error of the tangent about {axis}") for axis in "xy"]
+        return [*tilts, *place, (f"{tip}.aside", "m")]
+    return [("base_angle", "rad, error of the tangent"), *place]

@@ -22,6 +22,7 @@ from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.quality import Quality, quality
 from pliant.recording import read
+from pliant.recording.inputs import inputs_at
 from pliant.study.clocks import with_pressure
 from pliant.study.doubts import units_first
 from pliant.study.first_reading import narrowed, read_or_guess, several
@@ -31,6 +32,7 @@ LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IG
 NUMBERED = re.compile(r"(.*?)[ _.:-]*\d+")  # "Tip - 1" belongs to "Tip"
 RIGID_SHARE, RIGID_M = 0.02, 1e-3  # what distances within a rigid part may change, of themselves and in metres
 LINE = 0.15  # markers whose width is below this share of their length lie along a body, not on a plate
+OUT_OF_PLANE = 0.15  # of the motion, out of its best plane: tracked bodies that bend in one show up to 0.12
 RETURNED = 0.3  # of the travel: what a pulse leaves at its end, and a release does not undo
 
 
@@ -106,6 +108,23 @@ class FirstLook:
         return without_spikes(last)[:, 0]
 
     @property
+    def out_of_plane(self) -> float:
+        """Share of the motion out of its best plane; 0 where the file is planar or nothing moves beyond the noise."""
+        share, moves = self.found.out_of_plane_share, len(self.found.standing) < self.found.stations
+        return float(share) if np.isfinite(share) and moves else 0.0
+
+    @property
+    def spatial(self) -> bool:
+        """Whether the body moves in space, as far as the file shows it."""
+        return self.ds.attrs["frame"] == "spatial" or (self.ds.attrs["frame"] == "tracker"
+                                                       and self.out_of_plane > OUT_OF_PLANE)  # fmt: skip
+
+    @property
+    def chambers(self) -> list[str]:
+        """Names of the pressures where there are several."""
+        return several(self.ds)
+
+    @property
     def widest(self) -> float:
         """Largest travel of a station, m, or turn, degrees."""
         return max((self.found.travel_deg if self.turns else self.found.travel_m).values())
@@ -129,9 +148,11 @@ class FirstLook:
         return float(named[1]) * pascal_per(named[2]) if named else None
 
 
-def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> FirstLook:
+def look_with_log(
+    path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None, *, space: bool | None = None
+) -> FirstLook:
     """Look at a file, and take its pressure from a log beside it where there is one; as `look_at`."""
-    look = look_at(path, mapping)
+    look = look_at(path, mapping, space=space)
     if log is None:
         return look
     ds = with_pressure(look.ds, read(log), look.name, log.name)
@@ -140,14 +161,18 @@ def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | Non
     return replace(look, ds=ds, log=log, found=known)
 
 
-def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
-    """Read a file, judge it, group its markers and try its alignment.
+def look_at(path: Path, mapping: Mapping[str, Any] | None = None, *, space: bool | None = None) -> FirstLook:
+    """Read a file, judge it, group its markers and try its alignment in the plane.
+
+    Of several pressures the one that moves most is kept; all of them where the body moves in space.
 
     Parameters
     ----------
     path : Path
     mapping : dict, optional
         See `pliant.read`.
+    space : bool, optional
+        Whether the study will be in space; default: as the file shows.
 
     Raises
     ------
@@ -161,13 +186,14 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
             "pressure alone: a study needs the shape too"
         raise InputError(f"{path.name} holds {held}")
     found, chosen = quality(ds), ""
-    if chambers := several(ds):
+    spatial = FirstLook(path, ds, found, kept).spatial if space is None else space
+    if (chambers := several(ds)) and not spatial:
         kept, chosen = narrowed(kept, chambers, found, path.name)
         ds = ds.assign(pressure=ds["pressure"].sel(chamber=chosen)).drop_vars("chamber")
     look = FirstLook(path, ds, found, kept, chamber=chosen, made_up=made_up)
     if look.turns:
         return replace(look, aligned=from_rest(ds))
-    if ds.attrs["frame"] == "planar":
+    if ds.attrs["frame"] != "tracker":
         return replace(look, aligned=ds)
     stations = {} if look.dense else rigid_clusters(ds)
     look = replace(look, stations=stations, options=directions(ds, found, stations, dense=look.dense))
@@ -181,6 +207,26 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
 
 
 
+
+
+def in_space(look: FirstLook) -> FirstLook:
+    """The look with its recording aligned in space.
+
+    Raises
+    ------
+    InputError
+        When the file holds angles alone, or positions that are planar already.
+    """
+    if look.turns or look.ds.attrs["frame"] == "planar":
+        raise InputError(f"{look.path.name} holds {'angles alone' if look.turns else 'a planar recording'}: a study in "
+                         "space needs the positions as the tracker has them")  # fmt: skip
+    if look.ds.attrs["frame"] == "spatial" or look.capped:
+        return look
+    try:
+        with units_first(look.found.doubts):
+            return replace(look, aligned=align(look.grouped, **look.options, space=True), problem="")
+    except InputError as error:
+        return replace(look, aligned=None, problem=str(error))
 
 
 def clusters(names: Sequence[str]) -> dict[str, list[str]]:
@@ -231,6 +277,23 @@ def directions(ds: xr.Dataset, found: Quality, stations: Mapping[str, list[str]]
     if found.orientation_jumps:
         options["undo_jumps"] = True
     return options
+
+
+def azimuths(ds: xr.Dataset) -> list[float]:
+    """Azimuth of each pressure's chamber [degrees] from x towards y, 0 to 360, by the motion of the last station.
+
+    A chamber bends the body away from itself. The station's displacement is taken for linear in all pressures.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        Recording in the base frame, in space.
+    """
+    across, inputs = without_spikes(ds["position"].values[:, -1:])[:, 0, :2], inputs_at(ds, ds["time"].values)
+    known = np.isfinite(across).all(axis=1) & np.isfinite(inputs).all(axis=1)
+    design = np.column_stack([inputs[known], np.ones(int(known.sum()))])
+    gain = np.linalg.lstsq(design, across[known], rcond=None)[0][:-1]
+    return [float(a) for a in np.degrees(np.arctan2(-gain[:, 1], -gain[:, 0])) % 360.0]
 
 
 def body_length(look: FirstLook) -> float | None:

@@ -291,14 +291,18 @@ def study_model(
     if chambers:
         for name in ("torque", "joint_gain", "valve"):
             values.pop(name, None)  # a preset's, of its only chamber
-        values["chambers"] = named_chambers(chambers, values.setdefault("links", 5) if links is None else links.n)
+        joints = values.setdefault("links", 5) if links is None else links.n
+        values["chambers"] = named_chambers(chambers, joints, space=bool(actuator.space))
     else:
         values.setdefault("torque", [0.0])
     return chain_model(**values) if links is None else measured_chain(values, links)
 
 
-def named_chambers(entries: Sequence[ChamberTable], joints: int) -> tuple[Chamber, ...]:
-    """The chambers of an actuator whose chain has so many joints."""
+def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool = False) -> tuple[Chamber, ...]:
+    """The chambers of an actuator whose chain has so many joints; in space each at its azimuth, 90 degrees by default.
+
+    There a chamber bends the body about +x, as in the plane.
+    """
     made = []
     for entry in entries:
         if strange := [j for j in entry.joints if not 1 <= j <= joints]:
@@ -310,8 +314,13 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int) -> tuple[Chambe
             )
         gain = np.zeros(joints)
         gain[np.array(entry.joints) - 1] = entry.gain
-        made.append(Chamber(torque=np.array(entry.torque), joint_gain=gain, axial_gain=np.atleast_1d(entry.axial_gain),
-                            name=entry.name))  # fmt: skip
+        if entry.azimuth_deg is not None and not space:
+            raise InputError(f"chamber {entry.name}: azimuth_deg belongs to a body in space, [actuator] space = true")
+        azimuth = np.radians(90.0 if entry.azimuth_deg is None else entry.azimuth_deg)
+        turns = {"joint_gain": np.sin(azimuth) * gain, "cross_gain": -np.cos(azimuth) * gain} if space else {
+            "joint_gain": gain}  # fmt: skip
+        made.append(Chamber(torque=np.array(entry.torque), axial_gain=np.atleast_1d(entry.axial_gain), name=entry.name,
+                            **turns))  # fmt: skip
     return tuple(made)
 
 

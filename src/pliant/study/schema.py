@@ -38,6 +38,7 @@ class ChamberTable(StudyEntry):
     joints: list[int] = Field(min_length=1)  # from 1, the first
     torque: list[float] = [0.0]  # N m/Pa^k
     gain: float | list[float] = 1.0  # share of the law that those joints feel; below 0: bends to the other side
+    azimuth_deg: float | None = None  # in space: around the axis, from x of the base frame towards y
     axial_gain: float | list[float] = 0.0  # 1/m, axial force in parts of the torque; 1 / offset by geometry
 
 
