@@ -336,14 +336,8 @@ def step(x, v, h, torque, body, joints, work):
 
     Source: as `motion.step`, written for Eq. (5) [eq:eom] in space
     """
-    half = 0.5 * h
+    build_step(x, v, h, torque, body, joints, work)
     a = work.a
-    for i in range(len(x)):
-        work.q[i] = x[i] + half * v[i]
-    pose_links(work.q, body, work)
-    joint_torques(x, v, joints, torque, half, work.t)
-    inertia(half * half, body, work, work.A)
-    add_spring_slopes(work.q, half, joints, work.A)
     ldl_factor(work.A)
     inertial_forces(work.q, v, body, work, work.f)
     for i in range(len(x)):
@@ -358,3 +352,17 @@ def step(x, v, h, torque, body, joints, work):
     for i in range(len(x)):
         x[i] = x[i] + h * (v[i] + 0.5 * a[i])
         v[i] = v[i] + a[i]
+
+
+def build_step(x, v, h, torque, body, joints, work):
+    """Write what a `step` solves into `work`: coordinates q and pose in its middle, torques t, and A, not factored.
+
+    Source: as `step`
+    """
+    half = 0.5 * h
+    for i in range(len(x)):
+        work.q[i] = x[i] + half * v[i]
+    pose_links(work.q, body, work)
+    joint_torques(x, v, joints, torque, half, work.t)
+    inertia(half * half, body, work, work.A)
+    add_spring_slopes(work.q, half, joints, work.A)

@@ -142,6 +142,49 @@ class Lag(NamedTuple):
     fall_rate: float  # Pa/s
 
 
+class TendonConstants(NamedTuple):
+    """C tendons, each from the base towards the tip through guides on the links, G guides in all: `tendon`.
+
+    A tendon without guides has the length `rest_length` + `gain` x: that of a cord along the arcs of a chain.
+    """
+
+    stiffness: np.ndarray  # (C,) N/m; 0: the drive is the tension itself
+    pretension: np.ndarray  # (C,) N, in the rest shape without drive
+    rest_length: np.ndarray  # (C,) m, in the rest shape
+    gain: np.ndarray  # (C, N) m/rad, what each coordinate adds to the length beside the guides
+    friction: np.ndarray  # (C,) coefficient of friction at guides
+    slip_rate: np.ndarray  # (C,) m/s, width of the smooth edge between slipping in and out, above 0
+    first: np.ndarray  # (C + 1,) int, number of each tendon's first guide, then G
+    link: np.ndarray  # (G,) int, link of each guide, -1 the base part; none before that of the guide in front of it
+    point: np.ndarray  # (G, 3) m, aside, across and along of each guide on its link
+
+
+class TendonWorkspace(NamedTuple):
+    """Scratch arrays of the tendons of a chain: `tendon`. Guides are counted over all tendons."""
+
+    l: np.ndarray  # (C,) m, lengths
+    gradient: np.ndarray  # (C, N) m/rad, their slopes
+    p: np.ndarray  # (G, 3) m, positions of the guides
+    u: np.ndarray  # (G, 3) direction from each guide to the next of its tendon
+    beyond: np.ndarray  # (G, N) m/rad, slope of the length from each guide to the end of its tendon
+    run: np.ndarray  # (G,) -1 to 1: 1 where a tendon slips over a guide towards the base, -1 towards the tip
+    ease: np.ndarray  # (G,) s/m, slope of `run` by the rate at which the tendon slips
+    drop: np.ndarray  # (G,) N, what the tension loses at each guide
+    drop_slope: np.ndarray  # (G,) N s/m, its slope by the rate at which the tendon slips
+    T: np.ndarray  # (C,) N, tensions at the base
+    slope: np.ndarray  # (C,) N/m, what of their slopes by the length is implicit
+    t: np.ndarray  # (N,) N m, torques of all tendons
+    A: np.ndarray  # (N, N) kg m^2, of the step without tendons
+
+
+class Tendons(NamedTuple):
+    """The tendons of a chain and what drives them."""
+
+    drive: np.ndarray  # (C,) N, mean over a step: a tension, or stiffness times what the pulled end moves by
+    law: TendonConstants
+    work: TendonWorkspace
+
+
 class Slopes(NamedTuple):
     """What `motion.acceleration_jacobian` writes: entry [l, k] of a matrix is da_k / d._l."""
 
