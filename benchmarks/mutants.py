@@ -229,11 +229,11 @@ def users(module: str, root: Path) -> set[str]:
 
 
 def tests_of(mutant: Mutant, copied: Copy, record: Executed) -> list[str]:
-    """Quick tests that may see a mutant, those of its subpackage first, then the quickest.
+    """Quick tests that may see a mutant, those that import its module or stand beside it first.
 
     Those that executed its statement; where importing executes it, those that executed a line of the package that
     mentions what it names, or anything of its module where no line does. Of what Numba compiles there is no record:
-    all that executed anything of the modules that use it, or that stand in files that import it by name.
+    all that executed anything of the modules that use it. In both cases also tests of files that import the module.
     """
     sources = {str(p.relative_to(copied.root)): p.read_text() for p in (copied.root / "src").rglob("*.py")}
     lines, names = statement(ast.parse(sources[mutant.module]), mutant.start[0])
@@ -242,15 +242,19 @@ def tests_of(mutant: Mutant, copied: Copy, record: Executed) -> list[str]:
         chosen |= record.of(module, mentions(source, names))
     if names and not chosen:
         chosen = record.inside(mutant.module, sources[mutant.module])
-    if compiled(mutant.module):
-        name = ".".join(Path(mutant.module).with_suffix("").parts[1:])
-        files = (copied.root / "tests").rglob("test_*.py")
-        direct = {str(f.relative_to(copied.root)) for f in files if name in imported(f.read_text())}
+    for module in users(mutant.module, copied.root) if compiled(mutant.module) else ():
+        chosen |= record.inside(module, sources[module])
+    name = ".".join(Path(mutant.module).with_suffix("").parts[1:])
+    files = (copied.root / "tests").rglob("test_*.py")
+    direct = {str(f.relative_to(copied.root)) for f in files if name in imported(f.read_text())}
+    if names or compiled(mutant.module):
         chosen |= {test for test in record.seconds if test.partition("::")[0] in direct}
-        for module in users(mutant.module, copied.root):
-            chosen |= record.inside(module, sources[module])
     near = f"tests/{Path(mutant.module).parts[2]}/"
-    return sorted(chosen, key=lambda test: (not test.startswith(near), record.seconds[test]))
+
+    def rank(test: str) -> tuple[bool, bool, float]:
+        return test.partition("::")[0] not in direct, not test.startswith(near), record.seconds[test]
+
+    return sorted(chosen, key=rank)
 
 
 def ordered(tests: list[str], seconds: dict[str, float], budget: float) -> list[str]:

@@ -37,6 +37,7 @@ def test_bounds_are_powers_of_ten():
     """They are generous on purpose; one that is none was typed in error. An exponent of the hysteresis ends at 50."""
     sizes = [v for name, x in LIMITS.items() for v in (x.least, x.most) if v and name != "boucwen_exponent"]
     assert all(math.log10(v) == pytest.approx(round(math.log10(v)), abs=1e-12) for v in sizes)
+    assert LIMITS["boucwen_exponent"].most == 50.0
 
 
 def test_a_wall_at_rest_grows_as_its_limit_says():

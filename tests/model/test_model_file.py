@@ -10,7 +10,7 @@ import pytest
 
 from pliant.actuators import chen2018
 from pliant.errors import InputError
-from pliant.model import Model, Station, Valve, load_model, save_model
+from pliant.model import Chamber, Extension, Memory, Model, Station, Valve, load_model, save_model
 from pliant.model.model import PER_LINK
 
 
@@ -168,3 +168,47 @@ def test_writing_leaves_the_old_file_or_the_new(tmp_path, monkeypatch):
     assert [p.name for p in tmp_path.iterdir()] == ["m.json"]
     save_model(chen2018.model(stiffness=2.0), path)
     assert load_model(path) == chen2018.model(stiffness=2.0)
+
+
+def test_what_a_file_leaves_out_is_as_the_classes_have_it(tmp_path):
+    """Each part of a model with as few numbers as make one, once from Python and once from a file written by hand."""
+    body = {"link_length": [0.1, 0.1], "link_mass": [0.02, 0.02], "stiffness": [0.5, 0.5], "damping": [0.01, 0.01]}
+    parts = (
+        ({"torque": [1e-6]}, {"torque": [1e-6]}),
+        ({"torque": [1e-6], "valve": {"rise_time": 0.1}}, {"torque": [1e-6], "valve": Valve(rise_time=0.1)}),
+        ({"torque": [1e-6], "valve": {"settle_share": 0.1}}, {"torque": [1e-6], "valve": Valve(settle_share=0.1)}),
+        ({"torque": [1e-6], "valve": {"natural_frequency": 9.0}},
+         {"torque": [1e-6], "valve": Valve(natural_frequency=9.0)}),
+        ({"torque": [1e-6], "swell_share": 0.2}, {"torque": [1e-6], "swell_share": 0.2}),
+        ({"torque": [1e-6], "inflation_limit": 3e5}, {"torque": [1e-6], "inflation_limit": 3e5}),
+        ({"torque": [1e-6], "memory": {"creep_share": [0.1], "creep_time": [0.5]}},
+         {"torque": [1e-6], "memory": Memory((0.1,), (0.5,))}),
+        ({"torque": [1e-6], "memory": {"boucwen_share": 0.1}},
+         {"torque": [1e-6], "memory": Memory(boucwen_share=0.1)}),
+        ({"torque": [1e-6], "stations": [{"name": "tip", "link": 1, "along": 0.1}]},
+         {"torque": [1e-6], "stations": [Station("tip", 1, 0.1)]}),
+        ({"torque": [1e-6], "extensions": [{"name": "all", "stiffness": 200.0}]},
+         {"torque": [1e-6], "extensions": (Extension(200.0, name="all"),)}),
+        ({"chambers": [{"name": name, "torque": [1e-6], "joint_gain": [1.0, 1.0]} for name in "ab"]},
+         {"chambers": tuple(Chamber([1e-6], joint_gain=[1.0, 1.0], name=name) for name in "ab")}),
+    )  # fmt: skip
+    for written, given in parts:
+        path = tmp_path / "m.json"
+        path.write_text(json.dumps({"rest_angle": [0.0, 0.0], **body, **written}))
+        assert load_model(path) == Model(**body, **given), written
+
+
+@pytest.mark.parametrize("rows", [((0.1, 0.2), (0.5, 0.0)), ((0.1, 0.2), (0.0, 0.5))])
+def test_every_time_of_a_memory_is_positive(rows):
+    with pytest.raises(InputError, match="memory creep_time must be positive"):
+        Memory(*rows)
+    with pytest.raises(InputError, match="memory slip_angle must be positive"):
+        Memory(slip_share=rows[0], slip_angle=rows[1])
+
+
+def test_no_gravity_is_one_zero_and_another_lone_number_is_refused():
+    body = {"link_length": 0.1, "link_mass": 0.02, "stiffness": 0.5, "damping": 0.01, "torque": [1e-6]}
+    assert Model(**body, gravity=0.0).gravity.tolist() == [0.0, 0.0]
+    assert Model(**body, gravity=[0.0, -9.81]).gravity.tolist() == [0.0, -9.81]
+    with pytest.raises(InputError, match="gravity must be"):
+        Model(**body, gravity=9.81)
