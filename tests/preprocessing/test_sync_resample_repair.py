@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
+from pliant.preprocessing.lag_model import first_component
 from pliant.preprocessing.repair import drop_repeated_frames, fill_gaps, undo_orientation_jumps
 from pliant.preprocessing.resample import pressure_on_shape_clock, resample_arc_length, resample_time
 from pliant.preprocessing.sync import shift_pressure, sync
@@ -225,3 +226,38 @@ def test_a_jump_that_stays_is_no_reason_to_turn_half_the_recording():
     fixed = undo_orientation_jumps(make_recording(np.arange(100), np.zeros((100, 1, 3)), quaternion=q[:, None]))
     assert "s000 30" in fixed.attrs["history"]
     np.testing.assert_allclose(np.abs(fixed["quaternion"].values[:, 0, 3]), 1)
+
+
+@pytest.mark.parametrize("start", [0.0, 5.0, -3.0])
+def test_resampling_is_linear_between_sightings_that_are_near_enough(start, rng):
+    """Against a loop over stations and times; the new clock begins with the first frame and ends within the last."""
+    time = start + np.arange(50) / 25
+    place = rng.normal(size=(50, 3, 2))
+    place[rng.random((50, 3)) < 0.3] = np.nan
+    place[:, 2] = np.nan
+    made = resample_time(make_recording(time, place, frame="planar"), rate_hz=40, longest_gap_s=0.09)
+    new = start + np.arange(79) / 40
+    np.testing.assert_allclose(made["time"], new)
+    for s in range(3):
+        known = np.flatnonzero(np.isfinite(place[:, s, 0]))
+        for k, t in enumerate(new):
+            before, after = known[time[known] <= t + 1e-12], known[time[known] >= t - 1e-12]
+            if before.size and after.size and time[after[0]] - time[before[-1]] <= 0.09 + 1e-12:
+                near = [np.interp(t, time[known], place[known, s, axis]) for axis in range(2)]
+                np.testing.assert_allclose(made["position"][k, s], near, atol=1e-12)
+            else:
+                assert np.isnan(made["position"][k, s]).all()
+
+
+def test_the_common_course_leaves_out_stations_that_are_often_lost():
+    time = np.arange(200) / 50
+    course = np.sin(7 * time)
+    values = np.outer(course, [1.0, -2.0, 0.5, 3.0]) + 4.0
+    values[40:, 3] = np.nan  # seen too seldom to judge all columns by it
+    values[:10, :3] = np.nan
+    found, seen = first_component(values)
+    assert np.flatnonzero(~seen).tolist() == list(range(10))
+    assert abs(np.corrcoef(found[seen], course[seen])[0, 1]) == pytest.approx(1.0, abs=1e-12)
+    assert np.std(found[seen]) == pytest.approx(np.std(course[seen]) * np.sqrt(1 + 4 + 0.25), rel=1e-9)
+    with pytest.raises(InputError, match="in which every station is seen"):
+        first_component(np.where(np.arange(200)[:, None] % 2 == [0, 1], values[:, :2], np.nan))
