@@ -149,3 +149,10 @@ def test_a_pressure_is_averaged_over_a_window_about_each_time(coarse):
     middle = 1.0 - 0.5 * ramp
     assert np.interp(middle, at, mean) == pytest.approx(0.5, abs=1e-9)
     np.testing.assert_array_equal(averaged(clock, step, 0.0)[1], step)
+
+
+def test_a_filter_has_states_for_a_disturbance_where_there_may_be_one():
+    plain, walks, begins = Noise(), Noise(random_walk=0.1), Noise(initial_disturbance=0.1)
+    assert [noise.states(ARM) for noise in (plain, walks, begins)] == [4, 6, 6]
+    assert plain.initial(ARM).shape == (4, 4)
+    np.testing.assert_allclose(np.diag(begins.initial(ARM))[4:], 0.01)

@@ -261,3 +261,14 @@ def test_the_common_course_leaves_out_stations_that_are_often_lost():
     assert np.std(found[seen]) == pytest.approx(np.std(course[seen]) * np.sqrt(1 + 4 + 0.25), rel=1e-9)
     with pytest.raises(InputError, match="in which every station is seen"):
         first_component(np.where(np.arange(200)[:, None] % 2 == [0, 1], values[:, :2], np.nan))
+
+
+def test_a_station_that_was_seen_twice_is_filled_between_and_nowhere_else():
+    place = np.full((6, 2, 2), np.nan)
+    place[1, 0], place[4, 0], place[2, 1] = [0.0, 1.0], [3.0, 4.0], [5.0, 5.0]
+    made = fill_gaps(make_recording(np.arange(6) * 0.01, place, frame="planar"), longest_s=0.031)
+    np.testing.assert_allclose(made["position"][1:5, 0], [[0, 1], [1, 2], [2, 3], [3, 4]])
+    assert np.isnan(made["position"][[0, 5], 0]).all()
+    assert np.isfinite(made["position"][:, 1, 0]).sum() == 1
+    assert "filled 2 drop-out(s)" in made.attrs["history"]
+    assert "7 are left" in made.attrs["history"]

@@ -152,7 +152,7 @@ def test_chosen_stations_hold_the_last_and_are_few(count):
 
 @pytest.mark.parametrize(("value", "text"), [
     (8.0, "8.00"), (None, "–"), (float("nan"), "–"), (-0.0634, "−0.0634"), (437, "437"),
-    (25000.0, "25000"), (1.3e-6, "1.30e-6"),
+    (25000.0, "25000"), (1.3e-6, "1.30e-6"), (999000.0, "999000"), (1e6, "1.00e6"), (1234567.0, "1.23e6"),
 ])
 def test_numbers_are_written_as_one_reads_them(value, text):
     assert digits(value) == text.replace("-", "−")
