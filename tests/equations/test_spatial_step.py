@@ -194,3 +194,58 @@ def test_no_allocation(rng):
         after = rtsys.get_allocation_stats()
         counts.append((after.alloc - before.alloc, after.mi_alloc - before.mi_alloc))
     assert counts[0] == counts[1]
+
+
+@pytest.mark.parametrize("twist", [False, True])
+def test_the_slope_of_the_weight_in_a_step(rng, twist):
+    """Exact between different joints and between swing and twist; within a swing where its joint is straight."""
+    chain = random_space_chain(rng, 3, twist=twist)
+    x, size = chain.x.copy(), chain.x.size
+    x[2:4] = 0.0
+
+    def weight(z):
+        work = chain.work(complex)
+        spatial.pose_links(z, chain.body, work)
+        spatial.inertial_forces(z, 0.0 * z, chain.body, work, work.f)
+        return work.f
+
+    exact, work, (A, M) = complex_step(weight, x), chain.work(), np.zeros((2, size, size))
+    spatial.pose_links(x, chain.body, work)
+    spatial.inertia(1.0, chain.body, work, A)
+    spatial.inertia(0.0, chain.body, work, M)
+    compared = np.tril(np.ones((size, size), dtype=bool))
+    compared[:2, :2] = compared[4:6, 4:6] = False
+    assert abs(exact[3, 2]) > 1e-4
+    np.testing.assert_allclose((A - M)[compared], exact[compared], rtol=0, atol=1e-13)
+
+
+def test_work_of_a_step_balances_the_energy(rng):
+    """Input work less the loss of the dampers is the change of the energy, to third order in the step."""
+    chain = random_space_chain(rng, 2, twist=True)
+    torque, before, left = rng.normal(0, 0.05, 6), stored(chain, chain.x, chain.v), []
+    for h in (1e-3, 5e-4):
+        x, v, work, total = chain.x.copy(), chain.v.copy(), chain.work(), np.zeros(2)
+        spatial.step(x, v, h, torque, chain.body, chain.joints, work)
+        spatial_points.add_step_work(v, h, torque, chain.joints, work, total)
+        left.append(abs(stored(chain, x, v) - before - total[0] + total[1]))
+        assert total[1] > 0
+    assert left[1] < 0.01 * total[1]
+    assert left[0] / left[1] > 7.0  # 8 for the third order
+
+
+def test_steps_that_cannot_be_followed():
+    chain, joints = hanging(2), hanging(2).joints
+    follows, fine, still = spatial_springs.follows, np.full(4, 0.5), np.zeros(4)
+    assert follows(fine, still + 900.0, 1e-3, joints)
+    assert not follows(fine, still + 1100.0, 1e-3, joints)
+    assert not follows(fine * np.nan, still, 1e-3, joints)
+    assert follows(np.array([2.7, 2.7, 0, 0]), still, 1e-3, joints)
+    assert not follows(np.array([0, 0, 2.9, 2.9]), still, 1e-3, joints)  # 4.1 rad
+    K = chain.joints.K
+    softened = joints._replace(hardening=np.stack([-0.6 * K, 0.0 * K, 0.0 * K]))
+    assert follows(np.array([0.55, 0.55, 0, 0]), still, 1e-3, softened)
+    assert not follows(np.array([0.65, 0.65, 0, 0]), still, 1e-3, softened)  # 1 / 1.2 = 0.83 rad
+    twisted = joints._replace(**{name: np.tile(getattr(joints, name), 2)[:6] for name in ("theta0", "K", "D")},
+                              hardening=np.tile(softened.hardening, 2)[:, :6])  # fmt: skip
+    assert follows(np.array([0, 0, 0, 0, 0.8, 0.8]), np.zeros(6), 1e-3, twisted)
+    assert not follows(np.array([0, 0, 0, 0, 0.8, 0.9]), np.zeros(6), 1e-3, twisted)
