@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from pliant.numerics.curve import spatial_curve
-from pliant.numerics.swing import link_frames, swing_matrices
+from pliant.numerics.joint_rotations import link_frames, swing_matrices
 from pliant.recording import make_recording
 from pliant.reduction import links_of, select_order
 from pliant.reduction.joints import beside_links

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.numerics.joint_rotations import swing_matrices
 from pliant.numerics.spline import local_cubic_matrix
-from pliant.numerics.swing import swing_matrices
 from pliant.reduction.body import body_of
 from pliant.reduction.joints import LinkPoint, beside_links, joints_in_plane, joints_in_space
 from pliant.reduction.placement import equal_nodes

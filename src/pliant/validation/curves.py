@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from pliant.identification.experiment import seen_from_side
 from pliant.model import Chamber
 from pliant.validation.outcome import FitOutcome, RecordOutcome
 
@@ -80,9 +81,20 @@ def instants(path: Array, most: int = 4) -> list[int]:
     return [int(seen[k]) for k in dict.fromkeys(reached)]
 
 
-def axes_of(unit: str) -> tuple[tuple[str, ...], str, float]:
-    """Names of what is drawn in mm, x and y, or in degrees, an angle; the unit, and how many of it make one SI unit."""
-    return (("x", "y"), unit, 1e3) if unit == "mm" else (("angle",), unit, float(np.degrees(1.0)))
+def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]:
+    """Names of what is drawn in mm, x, y (and z), or in degrees, an angle; the unit, and how many make one SI unit."""
+    return (tuple("xyz"[:dimension]), unit, 1e3) if unit == "mm" else (("angle",), unit, float(np.degrees(1.0)))
+
+
+def from_side(record: RecordOutcome) -> tuple[Array, Array, tuple[str, str]]:
+    """Measured and modelled stations (T, S, 2) [m], and what their axes are called.
+
+    A body in space is seen from the side from which it moves most.
+    """
+    exp = record.experiment
+    both = np.concatenate([exp.position, record.modelled], axis=1)
+    seen, count = seen_from_side(both), len(exp.stations)
+    return seen[:, :count], seen[:, count:], ("x", "y") if exp.dimension == 2 else ("sideways", "z")
 
 
 def level_of(record: RecordOutcome) -> float:
@@ -104,9 +116,9 @@ def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
     return laws
 
 
-def slenderness(record: RecordOutcome, body: bool) -> float:
-    """Height over width of what a path figure shows, within what a page bears."""
-    points = [record.experiment.last_station, record.modelled[:, -1]] if not body else [
-        record.experiment.position.reshape(-1, 2), record.modelled.reshape(-1, 2), np.zeros((1, 2))]
+def slenderness(measured: Array, modelled: Array, body: bool) -> float:
+    """Height over width of what a path figure of stations (T, S, 2) shows, within what a page bears."""
+    points = [measured[:, -1], modelled[:, -1]] if not body else [
+        measured.reshape(-1, 2), modelled.reshape(-1, 2), np.zeros((1, 2))]
     width, height = np.ptp([np.nanmin(p, axis=0) for p in points] + [np.nanmax(p, axis=0) for p in points], axis=0)
     return float(np.clip(height / max(width, 1e-9), 0.3, 1.1))

@@ -8,6 +8,7 @@ import numpy as np
 
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import last_edge
+from pliant.numerics.joint_rotations import swings_along
 from pliant.numerics.swings import swings
 
 Array = np.ndarray
@@ -57,8 +58,13 @@ def two_amplitudes(exp: Experiment, path: Array) -> dict[str, float | None]:
 
 
 def turns(position: Array) -> Array:
-    """Angles (T, S) [rad] from each chord to the next, through stations (T, S, 2) [m]; the first from +y."""
+    """Angles (T, S) [rad] from each chord to the next, through stations (T, S, 2) [m]; the first from +y.
+
+    In space, through (T, S, 3), swings (T, S, 2); the first from +z.
+    """
     chords = np.diff(position, axis=1, prepend=0.0)
+    if position.shape[2] == 3:
+        return swings_along(chords)
     direction = np.arctan2(-chords[..., 0], chords[..., 1])
     change = np.diff(direction, axis=1, prepend=0.0)
     return np.asarray((change + np.pi) % (2.0 * np.pi) - np.pi)
@@ -72,6 +78,7 @@ def joint_errors(exp: Experiment, modelled: Array, settled: Array) -> dict[str, 
     if len(exp.stations) < 2 or exp.placeless:
         return {"joint_rmse_mrad": None, "joint_steady_error_mrad": None}
     away = 1e3 * (turns(modelled) - turns(exp.position))
+    away = np.linalg.norm(away, axis=2) if away.ndim == 3 else away
     seen = np.isfinite(away).all(axis=1)
     rms = np.sqrt(np.mean(away[seen] ** 2, axis=0))
     late = seen & settled

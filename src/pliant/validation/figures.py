@@ -19,7 +19,16 @@ from matplotlib.lines import Line2D
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.plotting import NARROW, TALLEST, WIDTH, side_by_side, style
-from pliant.validation.curves import autocorrelation, axes_of, evenly_spaced, instants, laws_of, slenderness, thin
+from pliant.validation.curves import (
+    autocorrelation,
+    axes_of,
+    evenly_spaced,
+    from_side,
+    instants,
+    laws_of,
+    slenderness,
+    thin,
+)
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome
 from pliant.validation.wording import ROLE, clip, digits, readable, sized
 
@@ -33,7 +42,7 @@ MEASURED: dict[str, Any] = {"color": "0.57", "linestyle": "-", "linewidth": 1.9,
 MEASURED_POINTS: dict[str, Any] = {
     "color": "0.35", "linestyle": "", "marker": "+", "markersize": 4.5, "markeredgewidth": 0.9, "label": "measured",
 }
-RESIDUALS = (("black", "-"), ("#c1440e", (0, (4, 1.5))))  # of x and y
+RESIDUALS = (("black", "-"), ("#c1440e", (0, (4, 1.5))), ("#0b6b5b", (0, (1, 1))))  # of x, y and z
 MODELLED: dict[str, Any] = {"color": "#0b2f6b", "linestyle": "-", "linewidth": 0.9, "label": "modelled"}
 
 
@@ -50,7 +59,7 @@ def record_figure(record: RecordOutcome) -> Figure:
     The stations are spread evenly, the last one among them; angles alone fill one column.
     """
     exp = record.experiment
-    chosen, (names, unit, factor) = evenly_spaced(len(exp.stations), STATIONS), axes_of(exp.shown_in[0])
+    chosen, (names, unit, factor) = evenly_spaced(len(exp.stations), STATIONS), axes_of(exp.shown_in[0], exp.dimension)
     forced = exp.excitation != "release"
     with drawing():
         figure, axes = columns_in_time([*[1.0] * len(chosen), 0.8], len(names), below=0.7 * forced)
@@ -82,7 +91,7 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
     if not pairs:
         raise InputError(f"no fit holds the record {record_name!r}")
     shown, letters = pairs[:MOST_FITS], int(13.4 * WIDTH.get())
-    names, unit, factor = axes_of(pairs[0][1].experiment.shown_in[0])
+    names, unit, factor = axes_of(pairs[0][1].experiment.shown_in[0], pairs[0][1].experiment.dimension)
     with drawing():
         figure = Figure(figsize=(WIDTH.get(), 4.2), layout="constrained")
         axes = figure.subplots(len(names) + 1, len(shown), sharex=True, sharey="row", squeeze=False)
@@ -108,7 +117,8 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
 
 def residual_figure(record: RecordOutcome) -> Figure:
     """Residual of the last station in time, and its autocorrelation with the 95 % band of white noise."""
-    exp, (names, unit, factor) = record.experiment, axes_of(record.experiment.shown_in[0])
+    exp = record.experiment
+    names, unit, factor = axes_of(exp.shown_in[0], exp.dimension)
     residual = factor * (record.modelled[:, -1] - exp.last_station)
     with drawing():
         figure, (left, right) = side_by_side(2, (1, 1), 2.5)
@@ -147,28 +157,32 @@ def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
 
 
 def path_figure(record: RecordOutcome) -> Figure:
-    """Measured and modelled path of the last station in the plane; with more stations, the body at a few instants."""
+    """Measured and modelled path of the last station; with more stations, the body at a few instants.
+
+    A body in space is seen from the side.
+    """
     exp, body = record.experiment, len(record.experiment.stations) > 1
+    position, modelled, axes = from_side(record)
     with drawing():
-        size = (width := min(5.4, WIDTH.get()), 1.2 + 0.8 * width * slenderness(record, body))
+        size = (width := min(5.4, WIDTH.get()), 1.2 + 0.8 * width * slenderness(position, modelled, body))
         ax = (figure := Figure(figsize=size, layout="constrained")).subplots()
         seen = np.isfinite(exp.last_station).all(axis=1)
-        ax.plot(*(1e3 * exp.last_station).T, **MEASURED if seen.sum() > SPARSE else MEASURED_POINTS)
-        ax.plot(*(1e3 * record.modelled[:, -1]).T, **MODELLED)
+        ax.plot(*(1e3 * position[:, -1]).T, **MEASURED if seen.sum() > SPARSE else MEASURED_POINTS)
+        ax.plot(*(1e3 * modelled[:, -1]).T, **MODELLED)
         shown = instants(exp.last_station) if body else []
         for k in shown:
             first = k == shown[0]
-            chain = 1e3 * np.vstack([np.zeros((1, 2)), record.modelled[k]])
+            chain = 1e3 * np.vstack([np.zeros((1, 2)), modelled[k]])
             ax.plot(*chain.T, color="0.15", linestyle="-", linewidth=0.8, marker="o", markersize=4,
                     markerfacecolor="white", label="modelled stations" if first else None)
-            ax.plot(*(1e3 * exp.position[k]).T, linestyle="", marker="+", color="black", markersize=7,
+            ax.plot(*(1e3 * position[k]).T, linestyle="", marker="+", color="black", markersize=7,
                     label="measured stations" if first else None)
             if k in (shown[0], shown[-1]):
                 ax.annotate(f"{exp.time[k]:.2f} s", chain[-1], textcoords="offset points", xytext=(0, 9), fontsize=7,
                             ha="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5})
-        ax.plot(*(1e3 * exp.last_station[seen][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
+        ax.plot(*(1e3 * position[seen, -1][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
                 linestyle="", label="first frame")
-        ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", adjustable="datalim")
+        ax.set(xlabel=f"{axes[0]} (mm)", ylabel=f"{axes[1]} (mm)", aspect="equal", adjustable="datalim")
         legend(figure, [ax])
     return figure
 
@@ -177,7 +191,7 @@ def forecast_figure(forecast: Forecast) -> Figure:
     """Predicted x and y, or angle, of the last station of a case that was not recorded."""
     with drawing():
         figure, axes = columns_in_time([1.0], forecast.tip.shape[1])
-        names, unit, factor = axes_of("deg" if len(axes[0]) == 1 else "mm")
+        names, unit, factor = axes_of("deg" if len(axes[0]) == 1 else "mm", len(axes[0]))
         line = MODELLED | {"label": "predicted, not recorded"}
         for axis, ax in enumerate(axes[0]):
             ax.plot(*thin(forecast.time, tip := factor * forecast.tip[:, axis]), **line)

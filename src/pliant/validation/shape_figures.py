@@ -34,6 +34,8 @@ def shape_figure(shape: Shape) -> Any:
         figure, (left, right) = side_by_side(2, (1, 1), 3.4)
         curvature_fan(left, shape.arc_length, shape.curvature, shape.rest_curvature)
         snapshots(right, *chain_through(shape))
+        if shape.position.shape[2] == 3:
+            right.set(xlabel="sideways (mm)", ylabel="z (mm)")
     return figure
 
 

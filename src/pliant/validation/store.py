@@ -67,7 +67,7 @@ def recorded(exp: Experiment) -> xr.Dataset:
         variables["pressure"] = (dims, samples, {"units": "Pa", "long_name": "measured gauge pressure"})
         variables["pressure_time"] = ("pressure_time", exp.pressure.time, {"units": "s"})
     about = {"name": exp.name, "excitation": exp.excitation, "level": exp.level, "x_sign": exp.x_sign}
-    axes = ["angle"] if exp.placeless else ["x", "y"]
+    axes = ["angle"] if exp.placeless else list("xyz"[: exp.dimension])
     coordinates = {"time": ("time", exp.time, {"units": "s"}), "station": list(exp.stations), "axis": axes}
     return xr.Dataset(variables, coordinates, about)
 
@@ -123,7 +123,7 @@ def plain(result: Any, but: set[str]) -> str:
 
 def forecast_dataset(forecast: Forecast) -> xr.Dataset:
     """A forecast's tip with its half-width."""
-    units = {"units": "m" if forecast.tip.shape[1] == 2 else "rad"}
+    units = {"units": "rad" if forecast.tip.shape[1] == 1 else "m"}
     variables: dict[str, Any] = {"tip": (("time", "axis"), forecast.tip, units)}
     if forecast.half_width is not None:
         variables["half_width"] = (("time", "axis"), forecast.half_width, units)

@@ -137,7 +137,7 @@ def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
 
 def forecast_of(forecast: Forecast, pack: Pack) -> dict[str, Any]:
     """A forecast's tip and its band, mm; its angle, degrees, where the recordings hold angles alone."""
-    half, factor = forecast.half_width, 1e3 if forecast.tip.shape[1] == 2 else float(np.degrees(1.0))
+    half, factor = forecast.half_width, float(np.degrees(1.0)) if forecast.tip.shape[1] == 1 else 1e3
     edges = None if half is None else [pack.add(factor * (forecast.tip + s * half)) for s in (-1, 1)]
     return {"time": clock(forecast.time, pack), "tip": pack.add(factor * forecast.tip), "band": edges}
 

@@ -1,0 +1,79 @@
+"""Results of a body in space: kept whole, compared in three dimensions, drawn from the side."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pliant.identification import Experiment
+from pliant.numerics.joint_rotations import link_frames, swings_along
+from pliant.recording import make_recording
+from pliant.reduction import links_of, select_order
+from pliant.validation.details import joint_errors
+from pliant.validation.figures import path_figure, record_figure, residual_figure
+from pliant.validation.outcome import RecordOutcome, Shape
+from pliant.validation.shape_figures import chain_through, shape_figure
+from pliant.validation.store import recorded
+from pliant.validation.stored import experiment_of
+
+TIME = np.arange(60) / 30
+ROUND = np.stack([0.3 * np.sin(5 * TIME), 0.4 * np.cos(4 * TIME) - 0.4], -1)  # rad, of every joint
+
+
+def chain(swings, lengths=(0.1, 0.1, 0.1)):
+    """Stations (T, 3, 3) of a chain in space whose joints all swing alike."""
+    frames = link_frames(np.repeat(swings[:, None], len(lengths), axis=1))
+    return np.cumsum(frames[..., 2] * np.array(lengths)[:, None], axis=1)
+
+
+@pytest.fixture
+def record():
+    exp = Experiment("round", TIME, chain(ROUND), ("a", "b", "c"), "release")
+    return RecordOutcome("round", "train", exp, chain(ROUND + np.array([0.01, 0.0])), np.zeros((len(TIME), 1)),
+                         {"rmse_mm": 1.0, "max_mm": 2.0, "rmse_percent_of_travel": 3.0})  # fmt: skip
+
+
+def test_positions_in_space_come_back(record):
+    kept = experiment_of(recorded(record.experiment))
+    np.testing.assert_array_equal(kept.position, record.experiment.position)
+    assert kept.dimension == 3
+
+
+def test_errors_of_joints_are_those_of_their_swings(record):
+    settled = np.ones(len(TIME), dtype=bool)
+    found = joint_errors(record.experiment, record.modelled, settled)
+    swing = swings_along(np.diff(record.modelled, axis=1, prepend=0.0)) - ROUND[:, None]
+    np.testing.assert_allclose(found["joint_rmse_mrad"], 1e3 * np.sqrt((swing**2).sum(axis=2).mean(axis=0)), rtol=1e-9)
+    np.testing.assert_allclose(found["joint_rmse_mrad"], 10.0, rtol=1e-9)  # all turned by 0.01 rad about x
+
+
+def test_figures_in_space_have_three_axes_and_a_side_view(record):
+    labels = [ax.get_ylabel() for ax in record_figure(record).axes]
+    assert {"a x (mm)", "a y (mm)", "a z (mm)"} <= set(labels)
+    assert [line.get_label() for line in residual_figure(record).axes[0].lines] == ["x", "y", "z"]
+    ax = path_figure(record).axes[0]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("sideways (mm)", "z (mm)")
+    shown = ax.lines[0].get_xydata()
+    position = 1e3 * record.experiment.position[:, -1]
+    np.testing.assert_allclose(shown[:, 1], position[:, 2], atol=1e-9)
+    across = position[:, :2] - position[0, :2]
+    assert np.ptp(shown[:, 0]) > 0.9 * max(np.ptp(across @ [np.cos(a), np.sin(a)]) for a in np.linspace(0, 3, 30))
+
+
+def test_a_shape_in_space_is_drawn_from_the_side():
+    s = np.linspace(0, 0.3, 16)
+    place = np.concatenate([np.zeros((len(TIME), 1, 3)), chain(ROUND / 5, (0.02,) * 15)], axis=1)
+    ds = make_recording(TIME, place, frame="spatial", arc_length=s)
+    curvature = np.zeros((len(TIME), len(s)))
+    shape = Shape("a", s, place, curvature, curvature[0], select_order(ds, max_order=4), links_of(ds, 3), "")
+    points, joints, splines = chain_through(shape)
+    assert points.shape[2] == joints.shape[2] == splines.shape[2] == 2
+    np.testing.assert_allclose(splines[:, -1], points[:, -1], atol=1e-9)
+    np.testing.assert_allclose(joints[:, -1], points[:, -1], atol=1e-9)
+    assert shape_figure(shape).axes[1].get_ylabel() == "z (mm)"
+    flat = links_of(make_recording(TIME, place[..., 1:], frame="planar", arc_length=s), 3)
+    np.testing.assert_allclose(flat.rest_bend, flat.rest_angle)
+    bent = replace(shape.links, rest_angle=np.array([0.3, 0.4, 0, 0, 0.6, -0.8]))
+    np.testing.assert_allclose(bent.rest_bend, [0.5, 0, 1.0])
