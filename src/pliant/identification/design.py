@@ -232,6 +232,4 @@ def summary(words: str, information: Array, names: Sequence[str]) -> tuple[Propo
 
 def highest_of(exp: Experiment) -> float:
     """The highest pressure of an experiment, Pa."""
-    if exp.drives:
-        return max(float(trace.pressure.max()) for trace in exp.drives.values())
-    return float(exp.pressure.pressure.max()) if exp.pressure is not None else exp.level
+    return max([float(trace.pressure.max()) for trace in exp.traces.values()], default=exp.level)

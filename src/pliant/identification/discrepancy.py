@@ -78,7 +78,7 @@ def between(pressure: Array, grid: Array, rows: Array) -> Array:
 def taught_levels(model: Model, taught: Sequence[Experiment]) -> Array:
     """Pressures (L,) [Pa], 0 among them, at which the training records stayed for a period of the first mode."""
     period = 1.0 / float(modes(model)[0][0])
-    highest = max((peak(e) for e in taught), default=0.0)
+    highest = max((e.peak for e in taught), default=0.0)
     found = {0.0}
     for e in taught:
         if e.pressure is None:
@@ -91,11 +91,6 @@ def taught_levels(model: Model, taught: Sequence[Experiment]) -> Array:
             if (where == k).sum() >= 10:
                 found.add(float(np.median(p[where == k])) if k else 0.0)
     return np.array(sorted(found))
-
-
-def peak(exp: Experiment) -> float:
-    """Highest pressure of a record, Pa."""
-    return float(exp.pressure.pressure.max()) if exp.pressure is not None else exp.level
 
 
 def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:

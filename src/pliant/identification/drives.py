@@ -18,6 +18,7 @@ from pliant.simulation.inputs import Input
 
 Array = np.ndarray
 TOGETHER = 1e-3  # sine of the angle between two pressures, seen as vectors, below which they were never driven apart
+SHORTEST = 1e-6  # s, of a pulse
 STILL = 0.1  # of the range of the pressure that moves most: others that move less leave it alone
 IDLE = 0.02  # of that range: what a transducer's noise, and a body that breathes through its tube, make of no command
 ALIKE = 0.2  # sine as above, below which chambers were hardly driven apart
@@ -92,13 +93,17 @@ def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
             )
 
 
-def inputs_to(model: Model, exp: Experiment, start: float) -> tuple[Input, ...]:
-    """The measured pressure of each chamber, moved by `start` [s]; those that nothing drives rest at 0 Pa."""
+def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple[Input, ...]:
+    """Return what drives each input of a model: as measured, moved by `start` [s], or nominal from `start` to `stop`.
+
+    Inputs that nothing drives rest at 0.
+    """
     check_driven(model, [exp])
-    return tuple(
-        Trace(exp.drives[c.name].time + start, exp.drives[c.name].pressure) if c.name in exp.drives else Pulse(0.0)
-        for c in model.chambers
-    )
+    if exp.excitation != "trace":
+        width = np.inf if exp.excitation == "step" else max(stop - start, SHORTEST)
+        return (Pulse(exp.level, start, width),)
+    seen = [exp.driving(name) for name in model.actuation.names]
+    return tuple(Pulse(0.0) if t is None else Trace(t.time + start, t.pressure) for t in seen)
 
 
 def at_rest(model: Model, exp: Experiment) -> str:

@@ -182,6 +182,20 @@ class Experiment(Shown):
         """The unit in which a reader reads what is compared, and how many of it make one SI unit."""
         return ("deg", float(np.degrees(1.0))) if self.placeless else ("mm", 1e3)
 
+    @property
+    def traces(self) -> Mapping[str, Trace]:
+        """Measured inputs by the input of the model that each drives; "" for the one that nobody named."""
+        return self.drives or ({} if self.pressure is None else {"": self.pressure})
+
+    @property
+    def peak(self) -> float:
+        """Highest value of the input that moves most, as measured, or its nominal level, SI."""
+        return float(self.pressure.pressure.max()) if self.pressure is not None else float(self.level)
+
+    def driving(self, name: str) -> Trace | None:
+        """Return what was measured of the input `name` of a model: the only trace where none has a name."""
+        return self.drives.get(name) if self.drives else self.pressure
+
     def synchronised(self, values: Mapping[str, float]) -> Experiment:
         """The experiment with its measured pressure on the clock of the shape, as the parameter ``start`` has it."""
         start = {**for_record(values, self.name), **self.known}.get("start", 0.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -29,17 +28,11 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
     strain, force = max([grown(e) for e in experiments], default=0.0), found["axial_stiffness"]
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         law = {int(n[-1]): v for n, v in torques.items() if n.removeprefix(start).removesuffix(n[-1]) == "torque_"}
-        level = max([float(t.pressure.max()) for e in experiments for t in pressures(e, chamber.name)], default=0.0)
+        seen = [t for e in experiments if (t := e.driving(chamber.name))]
+        level = max([float(t.pressure.max()) for t in seen], default=0.0)
         torque = sum(v * level**k for k, v in law.items()) or float(chamber.torque_at(level))
         found[f"{start}axial_gain"] = strain * force / torque if torque > 0 else 0.0
     return {"axial_gain": float(np.mean([found[f"{s}axial_gain"] for s in prefixes(model)]))} | found
-
-
-def pressures(exp: Experiment, chamber: str) -> list[Any]:
-    """The measured pressures that drive a chamber in an experiment."""
-    if exp.drives:
-        return [exp.drives[chamber]] if chamber in exp.drives else []
-    return [] if exp.pressure is None else [exp.pressure]
 
 
 def grown(exp: Experiment) -> float:

@@ -16,17 +16,15 @@ from pliant.identification.pose import posed
 from pliant.identification.sensor import between_frames, lags_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
-from pliant.simulation import Pulse, Trace, equilibrium
+from pliant.simulation import Pulse, equilibrium
 from pliant.simulation.drive import Drive, driven, laid_out
 from pliant.simulation.drive import drive as drive_of
 from pliant.simulation.forces import loads_at, mean_loads
-from pliant.simulation.inputs import Input
 
 if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-SHORTEST = 1e-6  # s, of a pulse
 
 
 def set_up(
@@ -152,19 +150,9 @@ def planned(
     key = (where, *(c.key for c in model.chambers))
     if key not in plans.drives:
         if where not in plans.layouts:
-            plans.layouts[where] = laid_out(pressures(model, exp, start, stop), dead_times, times, step)
+            plans.layouts[where] = laid_out(inputs_to(model, exp, start, stop), dead_times, times, step)
         plans.drives[key] = driven(model, plans.layouts[where])
     return plans.drives[key]
-
-
-def pressures(model: Model, exp: Experiment, start: float, stop: float) -> tuple[Input, ...]:
-    """What drives each chamber of the model in an experiment that begins and ends at `start` and `stop`, s."""
-    if exp.drives or model.actuation.count > 1:
-        return inputs_to(model, exp, start)
-    if exp.pressure is not None:
-        return (Trace(exp.pressure.time + start, exp.pressure.pressure),)
-    width = np.inf if exp.excitation == "step" else max(stop - start, SHORTEST)
-    return (Pulse(exp.level, start, width),)
 
 
 def gathered(

@@ -175,7 +175,7 @@ def cautions(
             break
     if model.actuation.count > 1:  # those on opposite sides bend opposite ways
         return [sentence[0].upper() + sentence[1:] for sentence in found]
-    gain = float((model.joint_gain * model.torque_at(highest(experiments))).min()) if experiments else 1.0
+    gain = float((model.joint_gain * model.torque_at(max(e.peak for e in experiments))).min()) if experiments else 1.0
     if gain < 0 and any(n.startswith(("torque_", "gain")) for n in free):
         found.append("the torque is negative at the highest pressure: model and recordings bend opposite ways.")
     return [sentence[0].upper() + sentence[1:] for sentence in found]
@@ -186,8 +186,3 @@ def pulse_width(exp: Experiment, values: dict[str, float]) -> float:
     if exp.excitation == "pulse":
         return values[f"{exp.name}.stop"] - values[f"{exp.name}.start"]
     return float(np.inf) if exp.excitation == "release" else float(np.ptp(exp.time))
-
-
-def highest(experiments: Sequence[Experiment]) -> float:
-    """The highest pressure of the experiments, Pa."""
-    return max(float(e.pressure.pressure.max()) if e.pressure is not None else e.level for e in experiments)

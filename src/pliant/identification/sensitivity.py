@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pliant.errors import FitError, PliantError
+from pliant.identification.drives import SHORTEST
 from pliant.identification.following import TINY, moved, moved_slopes
-from pliant.identification.forward_model import SHORTEST, reattached, set_up
+from pliant.identification.forward_model import reattached, set_up
 from pliant.identification.loop_inputs import APART, Numbers, SetUp, from_one_row, in_one_row
 from pliant.identification.parameters import OF_A_RECORD
 from pliant.identification.plans import Plans

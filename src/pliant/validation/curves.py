@@ -97,17 +97,11 @@ def from_side(record: RecordOutcome) -> tuple[Array, Array, tuple[str, str]]:
     return seen[:, :count], seen[:, count:], ("x", "y") if exp.dimension == 2 else ("sideways", "z")
 
 
-def level_of(record: RecordOutcome) -> float:
-    """The pressure level that a record is known by: its nominal level, or the largest of its trace, Pa."""
-    exp = record.experiment
-    return float(exp.pressure.pressure.max()) if exp.pressure is not None else float(exp.level)
-
-
 def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
     """Each chamber of a fit with a title, and the highest pressures [Pa] that its records drive it with, by role."""
     chambers = fit.result.model.chambers
     if fit.result.model.actuation.count == 1:
-        return [(fit.title, chambers[0], {level_of(r): r.role for r in fit.records})]
+        return [(fit.title, chambers[0], {r.experiment.peak: r.role for r in fit.records})]
     laws = []
     for c in chambers:
         driven = [r for r in fit.records if c.name in r.experiment.drives]

@@ -257,7 +257,7 @@ def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:
 def draw_pressure(ax: Axes, record: RecordOutcome) -> None:
     """Pressures behind the valves as modelled, over the measured traces or the nominal level."""
     exp = record.experiment
-    for k, (name, trace) in enumerate((exp.drives or ({"": exp.pressure} if exp.pressure else {})).items()):
+    for k, (name, trace) in enumerate(exp.traces.items()):
         near = (trace.time >= exp.time[0]) & (trace.time <= exp.time[-1])
         line = MEASURED | {"label": f"measured pressure{name and f', {name}'}", "color": f"{0.57 - 0.12 * (k % 4):.2f}"}
         ax.plot(*thin(trace.time[near], 1e-3 * trace.pressure[near]), **line)

@@ -60,7 +60,7 @@ def thinning(outcome: StudyOutcome) -> int:
 def measured_of(exp: Experiment, every: int, pack: Pack) -> dict[str, Any]:
     """What a recording showed: s, mm (degrees of angles alone) and kPa."""
     pressures = []
-    for name, trace in (exp.drives or ({"": exp.pressure} if exp.pressure is not None else {})).items():
+    for name, trace in exp.traces.items():
         seen = np.interp(exp.time[::every], trace.time, trace.pressure, left=np.nan, right=np.nan)
         pressures.append({"name": f"measured, {name}" if name else "measured", "value": pack.add(1e-3 * seen)})
     return {

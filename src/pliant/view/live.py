@@ -231,7 +231,7 @@ class Live:
             self.restart(0.0)
         if exp.pressure is not None:
             now = np.array([exp.time[0] + self.stepper.time - self.played.start])
-            traces = [exp.drives.get(c.name) for c in self.model.chambers] if exp.drives else [exp.pressure]
+            traces = [exp.driving(name) for name in self.model.actuation.names]
             self.command[:] = [float(t(now)[0]) if t else 0.0 for t in traces]
 
     def push(self) -> None:

@@ -8,11 +8,9 @@ import secrets
 import socket
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
 from pliant.errors import InputError
-from pliant.identification import Experiment
 from pliant.model import Chamber, Model
 from pliant.view.live import Live, Played, Wish
 from pliant.view.report import asset, script_json, template
@@ -57,13 +55,8 @@ def chamber_names(model: Model, count: int) -> list[str]:
 
 def highest(played: Played) -> float:
     """Where the sliders of pressures end, kPa: a quarter above what was recorded."""
-    seen = [level_of_experiment(e) for e in played.records.values()]
+    seen = [e.peak for e in played.records.values()]
     return 1.25e-3 * max(seen) if seen and max(seen) > 0 else BARE_KPA
-
-
-def level_of_experiment(exp: Experiment) -> float:
-    """The highest pressure of a recording, Pa."""
-    return float(np.max(exp.pressure.pressure)) if exp.pressure is not None else float(exp.level)
 
 
 def application(played: Played, token: str, host: str) -> Any:
