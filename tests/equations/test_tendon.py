@@ -193,12 +193,12 @@ def swinging(rng, **options):
 @pytest.mark.parametrize("friction", [0.0, 0.4])
 def test_second_order_through_slack_and_taut(rng, friction):
     chain, law = swinging(rng, friction=friction, pretension=0.1)
-    end, steps = 0.05, np.array([200, 400, 800, 1600])
+    end, steps = 0.05, np.array([150, 300, 600, 1200])
     exact, _ = reference(chain, law, end)
     errors = [np.abs(run(chain, law, end / k, k)[0] - exact[0]).max() for k in steps]
     pulls = []
-    for k in range(0, 400, 4):
-        l = measured(law, chain, run(chain, law, end / 400, k)[0]).l
+    for k in range(0, 200, 10):
+        l = measured(law, chain, run(chain, law, end / 200, k)[0]).l
         pulls.append([tendon.pull(c, l[c], np.array(DRIVE), law) for c in range(4)])
     crossings = (np.diff(np.sign(pulls), axis=0) != 0).sum()
     assert crossings >= 3  # some go slack and come back within the time
@@ -211,9 +211,9 @@ def test_stiff_tendons_need_no_small_step(rng, h, friction):
     """Cords of 10^6 N/m that are slack 5 um below their rest length: a chain that begins to hang comes to rest."""
     chain, _ = swinging(rng)
     body = chain.body._replace(base=np.eye(3), rest=np.stack([np.eye(3)] * 2), gx=0.0, gy=0.0, gz=9.81)
-    chain = SpaceChain(body, chain.joints._replace(D=np.full(4, 0.02)), 0.0 * chain.x, 0.0 * chain.v)
+    chain = SpaceChain(body, chain.joints._replace(D=np.full(4, 0.05)), 0.0 * chain.x, 0.0 * chain.v)
     law = random_tendons(rng, chain, stiffness=1e6, pretension=5.0, friction=friction)
-    x, v = run(chain, law._replace(slip_rate=np.full(4, 0.05)), h, 1000, np.zeros(4))
+    x, v = run(chain, law._replace(slip_rate=np.full(4, 0.05)), h, 300, np.zeros(4))
     assert np.abs(v).max() < 2e-3
     assert 0.0 < np.abs(x).max() < 0.3
 
