@@ -85,7 +85,8 @@ def chain(n: int, length: float, bending: float, torsion: float, *, turn: float 
     none = np.zeros(n)
     K = np.append(np.full(2 * n, bending), np.full(n, torsion)) * n / length
     joints = Joints(0.0, np.zeros(3 * n), K, np.zeros(3 * n), np.zeros((ROWS, 3 * n)), np.zeros(n))
-    return Chain(SpatialBody(links, none, none, none, none, rest, ALONG_X, 0.0, 0.0, 0.0), joints)
+    tendons = np.zeros((0, 3 * n)), *np.zeros((4, 0))
+    return Chain(SpatialBody(links, none, none, none, none, rest, ALONG_X, 0.0, 0.0, 0.0, *tendons), joints)
 
 
 def heavy(rod: Rod, n: int, gravity: Array, damping_time: float = 0.0) -> Chain:

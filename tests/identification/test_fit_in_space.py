@@ -9,7 +9,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit import fit
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
-from pliant.model import Chamber, Space, Station
+from pliant.model import Chamber, Space, Station, Tendon
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
 
@@ -51,6 +51,7 @@ EXCITED = {
     "own_places": {"excitation": "trace", "drives": TRACES, "own_places": True},
     "release": {"excitation": "release"},
     "held": {"excitation": "release", "held": np.array([[0.01, -0.01, 0.18], [0.05, -0.03, 0.28]])},
+    "tendons": {"excitation": "trace", "drives": {n: Trace(TIME, 1e-7 * t.pressure) for n, t in TRACES.items()}},
     "forces": {"excitation": "trace", "drives": TRACES,
                "forces": (PointForce(np.array([0.0, 1.0]), np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.1]]), "tip"),)},
 }  # fmt: skip
@@ -67,6 +68,12 @@ def test_derivatives_of_a_motion_in_space_are_those_of_differences(kind):
         places = [Station("mid", 0, 0.11, 0.0, 0.01), Station("tip", 1, 0.07)]
         model = arm(links=2, space=Space(stiffness_ratio=1.2), stations=places)
         del values["twist_ratio"]
+    if kind == "tendons":
+        cord = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "pretension": 0.5}
+        cords = [Tendon.at_azimuth(a, np.ones(LINKS), name=n, pair=n == "red", **cord) for n, a in AZIMUTHS.items()]
+        model = arm(chambers=cords)
+        values |= {"line_stiffness": 1.8e3, "blue.pretension": 0.3, "green.lever": 7e-3}
+        del values["red.torque_1"]
     if kind == "own_places":  # those of the model's places do nothing then
         values = {k: v for k, v in values.items() if "." not in k or k.startswith(("red", "green", "blue"))}
     sizes = {name: abs(value) for name, value in values.items()}

@@ -27,6 +27,11 @@ class SpaceChain(NamedTuple):
         return workspace(self.n, len(self.x), kind)
 
 
+def no_tendons(size):
+    """The last entries of a body without tendons."""
+    return np.zeros((0, size)), *np.zeros((4, 0))
+
+
 def workspace(n, size, kind=float):
     """Scratch arrays for n links and `size` coordinates."""
     shapes = {
@@ -44,7 +49,7 @@ def random_space_chain(rng, n, *, twist=False, springs=True):
     turns = Rotation.from_rotvec(rng.normal(0, 0.4, (n + 1, 3))).as_matrix()
     body = SpatialBody(
         length, rng.uniform(0.005, 0.03, n), length[1:] * rng.uniform(0.2, 1.0, n), rng.uniform(1e-6, 1e-5, n),
-        rng.uniform(1e-6, 1e-5, n), turns[1:], turns[0], *rng.normal(0, 5, 3),
+        rng.uniform(1e-6, 1e-5, n), turns[1:], turns[0], *rng.normal(0, 5, 3), *no_tendons(size),
     )  # fmt: skip
     return SpaceChain(body, random_joints(rng, n, size) if springs else free_joints(n, size),
                       rng.uniform(-0.9, 0.9, size), rng.normal(0, 8.0, size))  # fmt: skip
@@ -78,6 +83,7 @@ def of_the_plane(chain, q, dq, *, twist=False, base_length=0.0):
     body = SpatialBody(
         np.append(base_length, chain.l), m, c, lateral, 0.3 * lateral + 1e-8,
         rotation_about_x(chain.theta0), rotation_about_x(chain.base_angle)[0], 0.0, chain.gx, chain.gy,
+        *no_tendons(size),
     )  # fmt: skip
 
     def spread(values, beyond=0.0):

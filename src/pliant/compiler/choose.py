@@ -56,7 +56,7 @@ def twin(kernel: Any, links: int | None = None, segments: int = 0, turns: int = 
 
     Made for a number of `links`, it takes its steps by what is fastest for so many; see `substitutes`. Where so many
     `segments` lengthen, its steps are those of `equations.extension`; where each joint has 2 or 3 `turns`, those of
-    `equations.spatial`.
+    `equations.spatial`, and `segments` is the number of tendons.
     """
     return made(kernel, links, segments, turns)
 
@@ -102,7 +102,8 @@ def substitutes(
     """
     found, made = reached(kernel), {}
     if turns > 1:
-        return {planar: spatial_twin(own, links, turns, loops) for planar, own in SPATIAL.items() if planar in found}
+        sizes = links, segments, turns
+        return {planar: spatial_twin(own, sizes, loops) for planar, own in SPATIAL.items() if planar in found}
     if motion.step in found:
         made[motion.step] = extensible_step(links, segments) if segments else fast_step(links)
     if linearised.step_jacobian in found:
@@ -117,10 +118,10 @@ def substitutes(
     return made
 
 
-def spatial_twin(kernel: Any, links: int, turns: int, loops: bool) -> Any:
-    """The compiled twin of a kernel of a chain in space."""
-    if kernel is spatial.step and links * turns <= MOST_TURNS and not loops:
-        return straight(kernel, links, 0, turns)
+def spatial_twin(kernel: Any, sizes: tuple[int, int, int], loops: bool) -> Any:
+    """The compiled twin of a kernel of a chain in space of so many links, tendons and turns of each joint."""
+    if kernel is spatial.step and sizes[0] * sizes[2] <= MOST_TURNS and not loops:
+        return straight(kernel, *sizes)
     return twin(kernel)
 
 

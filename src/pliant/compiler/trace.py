@@ -173,18 +173,19 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
     }
 
 
-def spatial_workspace(n: int, turns: int, kind: type = float) -> SpatialWorkspace:
-    """Return scratch arrays of a `kind` of numbers for n links in space whose joints have 2 or 3 turns."""
+def spatial_workspace(n: int, turns: int, tendons: int = 0, kind: type = float) -> SpatialWorkspace:
+    """Return scratch arrays of a `kind` of numbers for n links in space, of 2 or 3 turns a joint, with tendons."""
     size = turns * n
     shapes: dict[str, tuple[int, ...]] = {
-        "A": (size, size), "R": (n + 1, 3, 3), "r": (n + 1, 3), "P": (n, 3, 3), "series": (n, 4), "J": (n, 3, 3),
+        "A": (size, size), "tau": (size + tendons,), "R": (n + 1, 3, 3), "r": (n + 1, 3), "P": (n, 3, 3),
+        "series": (n, 4), "J": (n, 3, 3),
         **dict.fromkeys("SEFN", (size, 3)), **dict.fromkeys("CLM", (n, 3)),
         **dict.fromkeys(("omega", "alpha", "lift", "turn"), (3,)),
     }
     return SpatialWorkspace(*(np.zeros(shapes.get(f, (size,)), dtype=kind) for f in SpatialWorkspace._fields))
 
 
-def spatial_arguments(n: int, turns: int) -> dict[str, Any]:
+def spatial_arguments(n: int, turns: int, tendons: int) -> dict[str, Any]:
     """As `example_arguments`, of a chain in space whose joints have so many turns: `equations.spatial`."""
     size = n * turns
 
@@ -193,16 +194,22 @@ def spatial_arguments(n: int, turns: int) -> dict[str, Any]:
 
     masses = (zeros(n), zeros(n), zeros(n), zeros(n))
     return {
-        "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size), "a": zeros(size), "total": zeros(3),
-        "body": SpatialBody(zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0),
+        "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size + tendons), "a": zeros(size),
+        "total": zeros(3),
+        "body": SpatialBody(
+            zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0, zeros(tendons, size),
+            *(zeros(tendons) for _ in range(4)),
+        ),
         "joints": Joints(0.0, zeros(size), zeros(size), zeros(size), zeros(ROWS, size), zeros(n)),
-        "work": spatial_workspace(n, turns),
+        "work": spatial_workspace(n, turns, tendons),
     }
 
 
 def recording(kernel: FunctionType, n: int, segments: int = 0, turns: int = 1) -> KernelProgram:
-    """The recording of a kernel for n links, and so many segments that lengthen, or turns of each joint in space."""
-    examples = extensible_arguments(n, segments) if segments else example_arguments(n)
-    examples = spatial_arguments(n, turns) if turns > 1 else examples
+    """The recording of a kernel for n links, and so many segments that lengthen; in space, tendons, and turns."""
+    if turns > 1:
+        examples = spatial_arguments(n, turns, segments)
+    else:
+        examples = extensible_arguments(n, segments) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
-    return record(kernel, {name: examples[name] for name in names}, kept=("work.a",))
+    return record(kernel, {name: examples[name] for name in names}, kept=("work.a", "work.pull"))

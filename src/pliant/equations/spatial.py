@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pliant.equations.arc_tendon import add_pull, add_pull_slopes
 from pliant.equations.spatial_springs import add_spring_slopes, joint_torques
 from pliant.numerics.ldl import ldl_factor, ldl_solve
 
@@ -314,12 +315,13 @@ def pass_down(k, length, work):
 def acceleration(x, v, torque, body, joints, work, a):
     """Write the accelerations a (N,) of all coordinates, rad/s^2; as `motion.acceleration`.
 
-    `torque` (N,) is what drives each coordinate [N m]. `work.A` keeps the factors of M.
+    `torque` (N + R,) is what drives each coordinate [N m], and each tendon [N]. `work.A` keeps the factors of M.
 
     Paper: Eq. (5) [eq:eom], in space
     """
     pose_links(x, body, work)
     joint_torques(x, v, joints, torque, 0.0, work.t)
+    add_pull(x, torque, body, work)
     inertial_forces(x, v, body, work, work.f)
     for i in range(len(x)):
         a[i] = work.t[i] - work.f[i]
@@ -329,10 +331,10 @@ def acceleration(x, v, torque, body, joints, work, a):
 
 
 def step(x, v, h, torque, body, joints, work):
-    """Advance x and v (N,) in place by h [s] under the mean torques (N,): the step of `motion.step`.
+    """Advance x and v (N,) in place by h [s] under the mean torques (N + R,): the step of `motion.step`.
 
-    Springs, dampers and the slope of gravity are implicit; what goes with the square of the rates is taken at their
-    middle by a second solve with the same factors. `work.a` keeps the change of v.
+    Springs, dampers, tendons and the slope of gravity are implicit; what goes with the square of the rates is taken at
+    their middle by a second solve with the same factors. `work.a` keeps the change of v, `work.pull` what tendons pull.
 
     Source: as `motion.step`, written for Eq. (5) [eq:eom] in space
     """
@@ -364,5 +366,7 @@ def build_step(x, v, h, torque, body, joints, work):
         work.q[i] = x[i] + half * v[i]
     pose_links(work.q, body, work)
     joint_torques(x, v, joints, torque, half, work.t)
+    add_pull(work.q, torque, body, work)
     inertia(half * half, body, work, work.A)
     add_spring_slopes(work.q, half, joints, work.A)
+    add_pull_slopes(work.q, half * half, torque, body, work.A)

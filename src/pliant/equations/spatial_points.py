@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pliant.equations.arc_tendon import add_pull
 from pliant.equations.spatial import inertial_forces, pose_links, turn_on
 from pliant.equations.spatial_springs import joint_torques
 
@@ -121,7 +122,7 @@ def add_step_work(v, h, torque, joints, work, total):
     """
     for i in range(len(v)):
         rate = v[i] - 0.5 * work.a[i]
-        total[0] = total[0] + h * torque[i] * rate
+        total[0] = total[0] + h * (torque[i] + work.pull[i]) * rate
         total[1] = total[1] + h * joints.D[i] * rate * rate
 
 
@@ -135,11 +136,12 @@ def observe(x, base_angle, places, seen):
 
 
 def static_forces(x, torque, body, joints, work, forces):
-    """What inputs (N,), springs and weight do to x at rest, forces (N,): zero in equilibrium, N m."""
+    """What inputs (N + R,), springs and weight do to x at rest, forces (N,): zero in equilibrium, N m."""
     for i in range(len(x)):
         work.v[i] = 0.0 * x[i]
     pose_links(x, body, work)
     joint_torques(x, work.v, joints, torque, 0.0, work.t)
+    add_pull(x, torque, body, work)
     inertial_forces(x, work.v, body, work, work.f)
     for i in range(len(x)):
         forces[i] = work.t[i] - work.f[i]

@@ -50,6 +50,11 @@ class SpatialBody(NamedTuple):
     gx: float  # m/s^2, gravity in fixed axes
     gy: float  # m/s^2
     gz: float  # m/s^2
+    lever: np.ndarray  # (R, N) m, of each tendon at each coordinate: `arc_tendon`; no rows without tendons
+    tendon_stiffness: np.ndarray  # (R,) N/m
+    pretension: np.ndarray  # (R,) N
+    edge: np.ndarray  # (R,) N, over which a tendon becomes taut
+    slack: np.ndarray  # (R,) 1 of a tendon that can hang slack, 0 of a pair that never does
 
 
 class Links(NamedTuple):
@@ -258,7 +263,8 @@ class SpatialWorkspace(NamedTuple):
     f: np.ndarray  # (N,)
     q: np.ndarray  # (N,) the coordinates in the middle of the step
     v: np.ndarray  # (N,) the rates there
-    tau: np.ndarray  # (N,) N m, what the inputs give each coordinate
+    tau: np.ndarray  # (N + R,) N m, what the inputs give each coordinate; behind them, N, what they draw each tendon by
+    pull: np.ndarray  # (N,) N m, torques of the tendons
     R: np.ndarray  # (n + 1, 3, 3) rotations of the links, the part before the first joint first
     r: np.ndarray  # (n + 1, 3) m, where they start
     P: np.ndarray  # (n, 3, 3) frames of the joints

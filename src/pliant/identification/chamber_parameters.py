@@ -12,7 +12,7 @@ import numpy as np
 
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
-from pliant.model import Chamber, Model
+from pliant.model import Chamber, Model, Tendon
 from pliant.model.chamber import RUBBER
 from pliant.model.torque_law import laid_torque, law_parameters, torque_laws
 
@@ -23,7 +23,8 @@ VALVE = {
     "valve_dead_band": "dead_band", "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
 }  # fmt: skip
 GAINS = r"gain|gain_[xy]|(joint|cross)_gain_(\d+|\*)"
-OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER))}")
+TENDON = ("lever", "line_stiffness", "pretension", "pulley")
+OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER, *TENDON))}")
 
 
 @lru_cache(4096)
@@ -81,7 +82,7 @@ def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, 
     if "axial_gain" in values:
         pushed = chamber.axial_gain != 0
         changes["axial_gain"] = np.where(pushed if pushed.any() else True, values["axial_gain"], 0.0)
-    changes |= changed_gains(chamber, values)
+    changes |= changed_gains(chamber, values) | tendon_changes(chamber, values)
     if powers := {int(k[-1]): values[k] for k in matching("torque_[1-9]", names)}:
         law = np.zeros(max([chamber.torque.size, *powers]))
         law[: chamber.torque.size] = chamber.torque if chamber.law == POLYNOMIAL else 0.0
@@ -92,6 +93,11 @@ def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, 
     if moved := {field: values[name] for name, field in VALVE.items() if name in values}:
         changes["valve"] = replace(chamber.valve, **moved)
     return changes
+
+
+def tendon_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, float]:
+    """Return what `values` change of a tendon; nothing of a chamber, to which shared values do not apply."""
+    return {name: values[name] for name in TENDON if name in values} if isinstance(chamber, Tendon) else {}
 
 
 def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:

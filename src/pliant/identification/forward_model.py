@@ -136,7 +136,7 @@ def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans:
 def no_drive(model: Model) -> Drive:
     """The drive of no step at all."""
     C = model.actuation.count
-    return Drive(np.zeros(0), np.zeros((0, C)), model.actuation.gain, np.zeros(0, dtype=int), np.zeros((1, C)),
+    return Drive(np.zeros(0), np.zeros((0, C)), model.actuation.columns, np.zeros(0, dtype=int), np.zeros((1, C)),
                  np.zeros(C))  # fmt: skip
 
 
@@ -163,7 +163,8 @@ def gathered(
     model, (along, across, aside) = here.model, here.places(exp.stations)
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
-        gain=model.actuation.gain, chambers=np.zeros((0, 0)), torque_before=here.torque_before(plan.initial),
+        gain=np.array(model.actuation.columns), chambers=np.zeros((0, 0)),
+        torque_before=here.torque_before(plan.initial),
         load=np.zeros((0, *mechanics_of(model).no_loads().shape)), load_before=loads_at(model, (), 0.0), body=here.body,
         joints=here.joints._replace(base_angle=base[1]), memory=here.memory,
         along=along, across=across, aside=aside, shift=shift_of(own, exp),

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pliant.errors import FitError, InputError, SimulationError
-from pliant.identification.chamber_parameters import owners, prefixes
+from pliant.identification.chamber_parameters import TENDON, owners, prefixes
 from pliant.identification.drives import check_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
@@ -19,7 +19,7 @@ from pliant.identification.parameters import Parameter, apply, check_names, each
 from pliant.identification.space_parameters import space_start
 from pliant.identification.torque_start import highest_level, torque_starts, typical_sizes
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Station
+from pliant.model import Model, Station, Tendon
 from pliant.model.torque_law import unfinished_law
 from pliant.numerics.ringdown import RingDown, ring_down
 from pliant.simulation import equilibrium, modes
@@ -217,6 +217,7 @@ def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str,
         highest = max([float(t.pressure.max()) for t in driven], default=highest_level(experiments))
         found |= {f"{start}{k}": v for k, v in chamber_guess(highest).items()}
         found[f"{start}gain"] = float(chamber.joint_gain.mean())
+        found |= {f"{start}{name}": float(getattr(chamber, name)) for name in TENDON if isinstance(chamber, Tendon)}
         for field in ("joint_gain", "cross_gain"):
             gains = np.broadcast_to(getattr(chamber, field), model.n)
             found |= {f"{start}{field}_{i + 1}": float(a) for i, a in enumerate(gains)}

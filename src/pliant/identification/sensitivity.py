@@ -233,7 +233,7 @@ def combined(made: list[SetUp], stencil: Any, size: float) -> Slope:
 def rest_stiffness(made: SetUp) -> Array:
     """Slope (N, N) by the coordinates of what pulls at them at rest, negative definite."""
     numbers = made.numbers
-    return at_rest_of(made, numbers).static_slope(numbers.phi, numbers.load_before)
+    return at_rest_of(made, numbers).static_slope(numbers.phi, numbers.load_before, numbers.torque_before)
 
 
 def at_rest(made: SetUp, slope: Slope, stiffness: Array) -> Slope:

@@ -261,8 +261,11 @@ class Mechanics(ABC):
         """Return what inputs (N,), springs and weight do to x at rest, also of complex x: zero in equilibrium."""
 
     @abstractmethod
-    def static_slope(self, x: Array, load: Array | None = None) -> Array:
-        """Return the slope (N, N) by x of `static_forces`, and of `load_forces` where there is a load; symmetric."""
+    def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:
+        """Return the slope (N, N) by x of `static_forces`, and of `load_forces` where there is a load; symmetric.
+
+        `torque` is that of the inputs, where what they pull depends on x: 0 without.
+        """
 
     @abstractmethod
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:

@@ -300,7 +300,7 @@ class PlanarChain(Mechanics):
         held, _ = self._springs(self.joint_coordinates(x))
         return (torque - held) @ self.to_joints + self.load_forces(x, self.weight())
 
-    def static_slope(self, x: Array, load: Array | None = None) -> Array:
+    def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:  # noqa: ARG002
         _, tangent = self._springs(self.joint_coordinates(x))
         load = self.weight() if load is None else self.weight() + load
         return self.load_stiffness(x, load) - self.to_joints.T @ np.diag(tangent) @ self.to_joints

@@ -14,7 +14,7 @@ from pliant.equations.symbols import Joints, Slopes, SpatialBody, SpatialWorkspa
 from pliant.mechanics import springs
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.mechanics.rest import loaded_rest
-from pliant.model import Model, Space, Station
+from pliant.model import Model, Space, Station, Tendon
 
 Array = np.ndarray
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
@@ -42,8 +42,14 @@ class SpatialChain(Mechanics):
         model, space = self.model, self.space
         gx, gy, gz = (float(g) for g in model.gravity)
         rest = np.array([rotation(v) for v in space.rest_of(self.n)])
-        return SpatialBody(self.length, *link_inertias(model, space.radius), rest, rotation([*space.base_tilt, 0.0]),
-                           gx, gy, gz)  # fmt: skip
+        base = rotation([*space.base_tilt, 0.0])
+        return SpatialBody(self.length, *link_inertias(model, space.radius), rest, base, gx, gy, gz, *self._tendons())
+
+    def _tendons(self) -> list[Array]:
+        """Return levers (R, N) and constants (R,) of the tendons whose tensions follow from their lengths."""
+        drawn = list(self.model.actuation.tendons)
+        constants = [c.constants() for c in (self.model.chambers[i] for i in drawn) if isinstance(c, Tendon)]
+        return [np.array(self.model.actuation.gain[drawn]), *np.reshape(constants, (-1, 4)).T.copy()]
 
     @cached_property
     def joints(self) -> Joints:
@@ -58,7 +64,7 @@ class SpatialChain(Mechanics):
         return np.append(values, twist) if self.space.turns == 3 else values
 
     def workspace(self, kind: type = float) -> SpatialWorkspace:
-        return spatial_workspace(self.n, self.space.turns, kind)
+        return spatial_workspace(self.n, self.space.turns, len(self.model.actuation.tendons), kind)
 
     def acceleration(self) -> Any:
         return twin(spatial.acceleration)
@@ -68,7 +74,7 @@ class SpatialChain(Mechanics):
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        return self.n, 0, self.space.turns
+        return self.n, len(self.model.actuation.tendons), self.space.turns
 
     # coordinates
 
@@ -225,8 +231,8 @@ class SpatialChain(Mechanics):
         static(of_kind(x, kind), of_kind(torque, kind), body, joints, self.workspace(kind), forces)
         return forces
 
-    def static_slope(self, x: Array, load: Array | None = None) -> Array:
-        still = np.zeros(self.size)
+    def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:
+        still = np.zeros(self.size + len(self.model.actuation.tendons)) if torque is None else torque
         slope = self._slope(lambda moved: self.static_forces(moved, still), x)
         return slope if load is None else slope + self.load_stiffness(x, load)
 
@@ -244,7 +250,7 @@ class SpatialChain(Mechanics):
             body = self.body
             light.body = body._replace(gx=share * body.gx, gy=share * body.gy, gz=share * body.gz)
             push = light.static_forces(q, share * torque) + light.load_forces(q, share * load)
-            return push, -light.static_slope(q, share * load if load.any() else None)
+            return push, -light.static_slope(q, share * load if load.any() else None, share * torque)
 
         return loaded_rest(residual, np.zeros(self.size), float(np.abs(self.joints.K).max()))
 

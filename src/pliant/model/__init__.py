@@ -11,14 +11,15 @@ from pliant.model.memory import Memory, payne, springpot
 from pliant.model.model import Model
 from pliant.model.space import Space
 from pliant.model.station import Station
+from pliant.model.tendon import Tendon
 from pliant.model.valve import Valve
 
 if TYPE_CHECKING:
     from pliant.model.file import load_model, save_model
 
 __all__ = [
-    "Actuation", "Chamber", "Extension", "Memory", "Model", "Space", "Station", "Valve", "chain_model", "fixed_length",
-    "load_model", "payne", "save_model", "springpot",
+    "Actuation", "Chamber", "Extension", "Memory", "Model", "Space", "Station", "Tendon", "Valve", "chain_model",
+    "fixed_length", "load_model", "payne", "save_model", "springpot",
 ]
 
 

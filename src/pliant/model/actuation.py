@@ -13,6 +13,7 @@ from pliant.equations import chamber, symbols
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
+from pliant.model.tendon import Tendon
 
 Array = np.ndarray
 
@@ -84,12 +85,27 @@ class Actuation:
         joints = np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.inputs])
         if self.turns > 1:
             across = np.stack([np.broadcast_to(c.cross_gain, (self.joints,)) for c in self.inputs])
-            bent = np.stack([joints, across], axis=-1).reshape(self.count, -1)
+            lever = np.array([[c.lever if c.elastic else 1.0] if isinstance(c, Tendon) else [1.0] for c in self.inputs])
+            bent = lever * np.stack([joints, across], axis=-1).reshape(self.count, -1)
             return np.pad(bent, ((0, 0), (0, (self.turns - 2) * self.joints)))
         if not self.segment_length:
             return joints
         axial = np.stack([self.axial_gains(c) for c in self.inputs])
         return np.hstack([joints, axial * self.segment_length])
+
+    @cached_property
+    def tendons(self) -> tuple[int, ...]:
+        """Indices of the inputs that draw in a tendon, whose tension follows from its length."""
+        return tuple(i for i, c in enumerate(self.inputs) if isinstance(c, Tendon) and c.elastic)
+
+    @cached_property
+    def columns(self) -> Array:
+        """What kernels take for `gain` (C, N + R): inputs that make torques, then where each tendon's command is."""
+        if not self.tendons:
+            return self.gain
+        gain = np.array(self.gain)
+        gain[list(self.tendons)] = 0.0
+        return np.hstack([gain, np.eye(self.count)[:, list(self.tendons)]])
 
     def axial_gains(self, chamber: Chamber) -> Array:
         """Axial force (S,) of a chamber on each segment in parts of its torque, 1/m."""
@@ -112,7 +128,7 @@ class Actuation:
         """Constants for the kernels, shorter laws filled up with zeros."""
         longest = max(c.torque.size for c in self.inputs)
         law = np.stack([np.pad(c.torque, (0, longest - c.torque.size)) for c in self.inputs])
-        return symbols.ActuationConstants(law, np.array(self.gain), np.array([c.kernel()[1:] for c in self.inputs]))
+        return symbols.ActuationConstants(law, np.array(self.columns), np.array([c.kernel()[1:] for c in self.inputs]))
 
     def pressures(self, value: Any) -> Array:
         """`value` as pressures (C,) [Pa]: a number is enough for one input; 0 is no pressure in any.
@@ -136,10 +152,13 @@ class Actuation:
         return np.array([float(c.torque_at(p)) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
 
     def joint_torques(self, pressure: Any) -> Array:
-        """Torques (n + S,) [N m] of joints and strains at rest at `pressure` (C,) [Pa]; infinite if walls give way."""
-        tau = np.empty(self.gain.shape[1])
+        """Torques (N + R,) [N m] of coordinates, commands [N] of tendons behind them, at rest at `pressure` (C,) [Pa].
+
+        Infinite if walls give way.
+        """
+        tau = np.empty(self.columns.shape[1])
         for c, torque in enumerate(self.torques(pressure)):
-            chamber.share_out(c, torque, self.gain, tau)
+            chamber.share_out(c, torque, self.columns, tau)
         return tau
 
     def no_rest(self, pressure: Any) -> str:

@@ -265,7 +265,8 @@ def check_chamber(made: Chamber) -> None:
     if made.swell_share > 1:
         raise InputError(f"{of} swell_share must be at most 1, the whole of it, got {made.swell_share}")
     check_law(made, of)
-    check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS if made.law == laws.POLYNOMIAL else ARRAYS[1:])
+    plain = made.law == laws.POLYNOMIAL and made.kind == Chamber.kind  # a tendon's law follows from its own numbers
+    check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS if plain else ARRAYS[1:])
     if not made.torque.size:
         raise InputError(f"{of} torque must have at least one coefficient (N m/Pa); the paper's is A d")
     if made.torque.size > MOST_TERMS:

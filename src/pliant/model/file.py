@@ -19,6 +19,7 @@ from pliant.model.memory import Memory
 from pliant.model.model import Model
 from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.model.station import Station
+from pliant.model.tendon import Tendon
 from pliant.model.valve import Valve
 
 SCHEMA: Literal["pliant-model"] = "pliant-model"
@@ -27,7 +28,7 @@ UNITS = {
     "link_length": "m", "rest_angle": "rad", "link_mass": "kg", "stiffness": "N m/rad", "damping": "N m s/rad",
     "torque": "N m/Pa^k", "tip_mass": "kg", "base_length": "m", "base_angle": "rad", "gravity": "m/s^2",
     "valve": "s, Hz", "valve rates": "Pa/s", "dead_band": "Pa",
-    "stations": "m", "space": "rad, 1, m", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
+    "stations": "m", "space": "rad, 1, m", "tendons": "m, N/m, N", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
     "inflation_limit": "Pa", "inflation_time": "s", "axial_gain": "1/m",
     "extensions": "N, N s, m", **{name: term.unit for name, term in SPRING_TERMS.items()},
     SPRING_BOUND: "1",
@@ -78,7 +79,7 @@ class ValveEntry(BaseModel):
 
 
 class ChamberEntry(BaseModel):
-    """One of several chambers in a model file."""
+    """One of several inputs in a model file: a chamber, or a tendon, which has a kind."""
 
     model_config = ConfigDict(extra="forbid")
     name: str
@@ -92,6 +93,22 @@ class ChamberEntry(BaseModel):
     axial_gain: list[float] = [0.0]
     cross_gain: list[float] = [0.0]
     law: str = "polynomial"
+
+
+class TendonEntry(BaseModel):
+    """A tendon in a model file."""
+
+    model_config = ConfigDict(extra="forbid")
+    driven_by: Literal["tension", "displacement", "angle"]
+    name: str
+    joint_gain: list[float]
+    cross_gain: list[float]
+    lever: float
+    line_stiffness: float = 0.0
+    pretension: float = 0.0
+    pulley: float = 0.0
+    pair: bool = False
+    valve: ValveEntry = ValveEntry()
 
 
 class ExtensionEntry(BaseModel):
@@ -153,7 +170,7 @@ class ModelFile(BaseModel):
     axial_gain: list[float] | None = None
     cross_gain: list[float] | None = None
     law: str | None = None
-    chambers: list[ChamberEntry] | None = None
+    chambers: list[ChamberEntry | TendonEntry] | None = None
     stations: list[StationEntry] = []
     source: dict[str, str] = {}
     checksum: str = ""
@@ -172,7 +189,7 @@ def model_to_dict(model: Model) -> dict[str, Any]:
     """The content of a model file."""
     content: dict[str, Any] = {"schema_name": SCHEMA, "schema_version": SCHEMA_VERSION, "units": UNITS}
     content |= plain(model)
-    chambers = [{**plain(c), "valve": dataclasses.asdict(c.valve)} for c in model.chambers]
+    chambers = [input_entries(c) for c in model.chambers]
     if len(chambers) == 1 and model.chambers[0].name == Chamber.name:
         del content["chambers"], chambers[0]["name"]
         content |= chambers[0]
@@ -186,6 +203,21 @@ def model_to_dict(model: Model) -> dict[str, Any]:
     else:
         del content["space"]
     return content
+
+
+def input_entries(law: Chamber) -> dict[str, Any]:
+    """The entries of one input: those of a tendon that follow from others are left out."""
+    entries = plain(law) | {"valve": dataclasses.asdict(law.valve)}
+    if isinstance(law, Tendon):
+        chamber = {field.name for field in dataclasses.fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}
+        return {name: value for name, value in entries.items() if name not in chamber}
+    return entries
+
+
+def input_of(entries: dict[str, Any]) -> Chamber:
+    """The chamber or tendon of the entries of a model file."""
+    own = {**entries, "valve": Valve(**entries["valve"])}
+    return Tendon(**own) if "driven_by" in own else Chamber(**own)
 
 
 def plain(of: Any) -> dict[str, Any]:
@@ -267,7 +299,7 @@ def read_model(text: bytes | str, where: str) -> Model:
     try:
         values["extensions"] = tuple(Extension(**e) for e in values["extensions"])
         if "chambers" in values:
-            values["chambers"] = tuple(Chamber(**{**c, "valve": Valve(**c["valve"])}) for c in values["chambers"])
+            values["chambers"] = tuple(input_of(c) for c in values["chambers"])
         if "valve" in values:
             values["valve"] = Valve(**values["valve"])
         model = Model(**{**values, "memory": Memory(**values["memory"])})

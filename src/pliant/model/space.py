@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.model.chamber import Chamber
 from pliant.model.checks import one_number
 
 Array = np.ndarray
@@ -129,6 +130,8 @@ def check_space(model: Any) -> None:
         axes = "x, y" if size == 2 else "x, y, z"
         raise InputError(f"model gravity must be {size} numbers ({axes} in the base frame), got {model.gravity.size}")
     if model.space is None:
+        if tendon := next((c.name for c in model.chambers if c.kind != Chamber.kind), ""):
+            raise InputError(f"tendon {tendon!r} pulls at a chain in space: give the model its space")
         return
     if len(model.space.rest_turn) not in (1, model.n):
         raise InputError(f"space rest_turn must have one row or {model.n}, got {len(model.space.rest_turn)}")

@@ -211,7 +211,7 @@ def driven(model: Model, layout: Layout) -> Drive:
     columns = [layout.driven(c, chamber) for c, chamber in enumerate(model.chambers)]
     torque, shown, stretch = (np.column_stack(rows) for rows in zip(*columns, strict=True))
     grows = any(c.grows for c in model.chambers)
-    gain = np.array(model.actuation.gain)
+    gain = np.array(model.actuation.columns)
     initial = np.array([layout.resting(c, chamber.valve) for c, chamber in enumerate(model.chambers)])
     none = np.zeros((0, *mechanics_of(model).no_loads().shape))
     return Drive(layout.intervals.h, torque, gain, layout.keep, shown, initial, stretch if grows else None, none,

@@ -1,0 +1,116 @@
+"""A tendon as the input of a chain in space: pulled by a known force, drawn in by a length, or wound by a motor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.model.chamber import Chamber
+from pliant.model.checks import check_numbers, one_number
+from pliant.model.limits import check_limit
+
+Array = np.ndarray
+DRIVEN = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of recorded inputs, and their units
+NUMBERS = ("lever", "line_stiffness", "pretension", "pulley")
+EDGE = 1e-4  # m: a tendon becomes taut over twice this displacement
+
+
+@dataclass(frozen=True, eq=False)
+class Tendon(Chamber):
+    """One tendon along a chain in space, or a pair of opposite ones on one motor; all SI.
+
+    It pulls with the tension T = max(0, k (u - g . x) + T_0): g is its lever at each coordinate x, exact where the body
+    bends in arcs, u how far it is drawn in, k its stiffness with all that holds it. Driven by a tension, T is that.
+
+    Parameters
+    ----------
+    driven_by : {"tension", "displacement", "angle"}
+        What the input is: a tension [N], a displacement of its end [m], or the angle of a motor [rad].
+    lever : float
+        Distance of the path from the axis, m. What it turns at a joint is `lever` times joint_gain about the x axis and
+        times cross_gain about the y axis: -sin(alpha) and cos(alpha) at an azimuth alpha from x towards y, 0 beyond its
+        end; see `at_azimuth`.
+    line_stiffness : float
+        k, N/m; of a tendon that is not driven by its tension.
+    pretension : float
+        T_0, N; below 0 the tendon hangs slack by -T_0 / k.
+    pulley : float
+        Radius of the motor's pulley, m; of a tendon driven by an angle.
+    pair : bool
+        Whether two opposite tendons on one motor stay taut: the tension is then their difference, of either sign.
+    name, valve, joint_gain, cross_gain
+        As of a `Chamber`; the valve is the lag of the motor.
+
+    Raises
+    ------
+    InputError
+        When a parameter is missing, not finite or not physical.
+    """
+
+    torque: Array = (0.0,)  # type: ignore[assignment]  # follows from the other parameters
+    name: str = "tendon"
+    driven_by: str = "tension"
+    lever: float = 0.0
+    line_stiffness: float = 0.0
+    pretension: float = 0.0
+    pulley: float = 0.0
+    pair: bool = False
+
+    def __post_init__(self) -> None:
+        who = f"tendon {self.name!r}:"
+        if self.driven_by not in DRIVEN:
+            raise InputError(f"{who} driven_by must be {', '.join(DRIVEN)}, got {self.driven_by!r:.40}")
+        for name in NUMBERS:
+            object.__setattr__(self, name, one_number(name, getattr(self, name)))
+        check_numbers(self, who, ("lever",), ("line_stiffness", "pulley"), ("pretension",))
+        if self.elastic and not self.line_stiffness:
+            raise InputError(f"{who} driven by its {self.driven_by}, it needs a line_stiffness [N/m]")
+        if (self.driven_by == "angle") != (self.pulley > 0):
+            raise InputError(f"{who} a pulley [m] goes with driven_by = 'angle', and with nothing else")
+        if self.swell_share or self.inflation_limit or np.any(self.axial_gain) or self.law != Chamber.law:
+            raise InputError(f"{who} law, swell_share, inflation_limit and axial_gain are those of a chamber")
+        object.__setattr__(self, "kind", self.driven_by)
+        object.__setattr__(self, "unit", DRIVEN[self.driven_by])
+        law = {"tension": self.lever, "displacement": self.line_stiffness, "angle": self.line_stiffness * self.pulley}
+        object.__setattr__(self, "torque", np.array([law[self.driven_by]]))
+        check_limit(who, "joint_gain", float(np.abs(self.joint_gain).max(initial=0.0)))
+        super().__post_init__()
+
+    @classmethod
+    def at_azimuth(cls, azimuth: float, joints: Any, **more: Any) -> Tendon:
+        """Return a tendon at an azimuth [rad] from x towards y.
+
+        Parameters
+        ----------
+        joints : array (n,)
+            1 for each joint that it passes, 0 for those beyond its end; other numbers where it comes nearer to the
+            axis, in parts of `lever`.
+        **more
+            Everything else that a `Tendon` takes.
+        """
+        passed = np.asarray(joints, dtype=float)
+        return cls(joint_gain=-np.sin(azimuth) * passed, cross_gain=np.cos(azimuth) * passed, **more)
+
+    @property
+    def elastic(self) -> bool:
+        """Whether its tension follows from its length: `torque` is then a force for each unit of the input, N."""
+        return self.driven_by != "tension"
+
+    def constants(self) -> tuple[float, float, float, float]:
+        """Return stiffness [N/m], pretension [N], edge [N] and whether it can hang slack, for the kernels."""
+        return self.line_stiffness, self.pretension, self.line_stiffness * EDGE, float(not self.pair)
+
+    def sentences(self, *, alone: bool) -> list[str]:  # noqa: ARG002  of the interface
+        """Return the path and the law, for people."""
+        azimuth = np.degrees(np.arctan2(-self.joint_gain, self.cross_gain)) % 360.0
+        turned = np.flatnonzero(np.hypot(self.joint_gain, self.cross_gain))
+        shown = ", ".join(dict.fromkeys(f"{azimuth[i % azimuth.size]:.3g}" for i in turned)) or "-"
+        text = f"{self.name}: tendon at {1e3 * self.lever:.3g} mm, azimuth {shown} deg, driven by its {self.driven_by}"
+        more = [f"{1e-3 * self.line_stiffness:.4g} N/mm, pretension {self.pretension:.3g} N"] if self.elastic else []
+        more += [f"pulley {1e3 * self.pulley:.3g} mm"] if self.pulley else []
+        more += ["pair that stays taut"] if self.pair else []
+        lag = [line.partition(": ")[2] for line in super().sentences(alone=True)[1:]]
+        return [", ".join([text, *more]), *(f"{self.name}: lag {line}" for line in lag)]
