@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from oracles.derivatives import complex_step
 from oracles.space import random_space_chain
+from oracles.space import with_tendons as tendons_on
 from scipy.integrate import solve_ivp
 
 import pliant
@@ -16,14 +17,8 @@ from pliant.model import Space, Tendon
 K, T0, EDGE = 800.0, 1.5, 0.08
 
 
-def with_tendons(rng, n=2, *, slack=(1.0, 1.0, 0.0)):
-    chain = random_space_chain(rng, n)
-    lever = rng.normal(0, 0.01, (3, 2 * n))
-    body = chain.body._replace(
-        lever=lever, tendon_stiffness=np.full(3, K), pretension=np.array([T0, -T0, T0]), edge=np.full(3, EDGE),
-        slack=np.array(slack),
-    )
-    return chain._replace(body=body)
+def with_tendons(rng, n=2):
+    return tendons_on(random_space_chain(rng, n), rng, stiffness=K, pretension=T0, edge=EDGE)
 
 
 def test_tension_is_that_of_a_spring_or_nothing():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracles.derivatives import complex_step
-from oracles.space import SpaceChain, free_joints, no_tendons, random_joints, random_space_chain
+from oracles.space import SpaceChain, free_joints, no_tendons, random_joints, random_space_chain, with_tendons
 from scipy.integrate import solve_ivp
 
 from pliant.compiler.choose import twin
@@ -146,8 +146,8 @@ def test_a_heavy_top_precesses_regularly():
 
 
 def test_derivatives_of_a_step_by_every_kind_of_parameter(rng):
-    """Complex steps through the text against differences of it: state, geometry, inertia, springs, weight."""
-    chain = random_space_chain(rng, 2, twist=True)
+    """Complex steps through the text against differences of it: state, geometry, inertia, springs, weight, tendons."""
+    chain = with_tendons(random_space_chain(rng, 2, twist=True), rng)
     given = {"x": chain.x, "v": chain.v, **chain.body._asdict(), **chain.joints._asdict()}
     given = {name: np.asarray(value) for name, value in given.items() if name not in ("unbent", "base_angle")}
 
@@ -156,7 +156,8 @@ def test_derivatives_of_a_step_by_every_kind_of_parameter(rng):
         body = type(chain.body)(*(moved[f] for f in chain.body._fields))
         joints = chain.joints._replace(**{f: moved[f] for f in ("theta0", "K", "D", "hardening")})
         x, v = moved["x"], moved["v"]
-        spatial.step(x, v, 1e-3, np.zeros(6), body, joints, chain.work(complex))
+        torque = np.append(np.zeros(6), [2.0, 1.4, 1.0])
+        spatial.step(x, v, 1e-3, torque, body, joints, chain.work(complex))
         return np.concatenate([x, v])
 
     for name, value in given.items():

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import pliant
 from pliant.mechanics import mechanics_of
-from pliant.model import Space, Station
+from pliant.model import Chamber, Space, Station, Tendon
 from pliant.simulation.forces import PointForce
 
 BODY = {"length": 0.3, "mass": 0.1, "links": 5, "joint_placement": "midsegment", "stiffness": 0.5, "damping": 2e-3,
@@ -131,3 +131,20 @@ def test_a_stepper_pushed_out_of_plane_balances_its_energy():
         initial_angle=pliant.equilibrium(model),
     )
     assert np.allclose(stepper.tips()[-1], motion.tip_position.values[-1, -1], atol=1e-9)
+
+
+def test_a_linear_model_in_space_moves_as_the_chain_does():
+    """Static gains against the rests under a little more of each input; poles against the modes."""
+    cord = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "name": "cord"}
+    tendon = Tendon.at_azimuth(0.7, np.ones(5), **cord)
+    model = pliant.chain_model(**{k: v for k, v in BODY.items() if k != "torque"}, gravity=(1.0, -2.0, -9.0), space=True,
+                               chambers=[Chamber(torque=(1e-6,), cross_gain=0.4), tendon])  # fmt: skip
+    rest = np.array([30e3, 3e-3])
+    linear = pliant.linearise(model, rest)
+    assert linear.outputs[:3] == ("tip_x", "tip_y", "tip_z")
+    for c, more in enumerate((10.0, 1e-6)):
+        beside = [pliant.equilibrium(model, rest + s * more * np.eye(2)[c]) for s in (1, -1)]
+        up, down = (mechanics_of(model).tips(q)[-1] for q in beside)
+        gains = [linear.static_gain(name, c) for name in linear.outputs[:3]]
+        assert np.allclose(gains, (up - down) / (2 * more), rtol=1e-4, atol=1e-6 * np.abs(gains).max())
+    assert linear.poles().real.max() < 0

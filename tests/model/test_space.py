@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import pliant
+from pliant.control import Limits, design_lqr, design_outputs
 from pliant.errors import InputError
+from pliant.estimation import KalmanFilter
 from pliant.model import Chamber, Space, Station
 
 BODY = {"length": 0.3, "mass": 0.1, "links": 4, "joint_placement": "midsegment", "stiffness": 0.5, "damping": 1e-3}
@@ -74,3 +76,17 @@ def test_what_belongs_to_the_other_kind_of_chain_is_refused(wrong, sentence):
 def test_parameters_that_no_body_has_are_refused(values, sentence):
     with pytest.raises(InputError, match=sentence):
         Space(**values)
+
+
+@pytest.mark.parametrize("use", [
+    lambda model, _: KalmanFilter(model),
+    lambda model, _: pliant.simulate_batch([model, model], pliant.Pulse(1e3), duration=0.1),
+    lambda model, folder: pliant.export(model, "mjcf", folder / "m.xml"),
+    lambda model, folder: pliant.export(model, "c99", folder / "m.c"),
+    lambda model, _: design_lqr(model, 1e5, 1e-3),
+    lambda model, _: design_outputs(model, ("tip_x",), np.zeros((1, 1)), Limits(1e5), 1e-3),
+])  # fmt: skip
+def test_what_takes_planar_chains_alone_refuses_one_in_space(use, tmp_path):
+    with pytest.raises(InputError, match="in a plane"):
+        use(in_space(), tmp_path)
+    assert not list(tmp_path.iterdir())

@@ -32,6 +32,15 @@ def no_tendons(size):
     return np.zeros((0, size)), *np.zeros((4, 0))
 
 
+def with_tendons(chain, rng, *, stiffness=800.0, pretension=1.5, edge=0.08):
+    """The chain with two tendons, the second of which hangs slack, and a pair that never does."""
+    body = chain.body._replace(
+        lever=rng.normal(0, 0.01, (3, len(chain.x))), tendon_stiffness=np.full(3, stiffness),
+        pretension=pretension * np.array([1.0, -1.0, 1.0]), edge=np.full(3, edge), slack=np.array([1.0, 1.0, 0.0]),
+    )
+    return chain._replace(body=body)
+
+
 def workspace(n, size, kind=float):
     """Scratch arrays for n links and `size` coordinates."""
     shapes = {

@@ -123,10 +123,11 @@ def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans:
     """Joint angles (n,) of a body that is held: as measured, by a force at the tip, or in its unloaded shape."""
     model = here.model
     if exp.held is not None:
-        fixed_length(
-            model, f"experiment {exp.name}: a pose that was held is read off positions for a body of fixed length, and "
-            f"the model {model.name!r} lengthens: leave out held (as measured), or the model's extensions",
-        )
+        if not model.space:
+            fixed_length(
+                model, f"experiment {exp.name}: a pose that was held is read off positions for a body of fixed length, "
+                f"and the model {model.name!r} lengthens: leave out held (as measured), or the model's extensions",
+            )
         return posed(model, observed(here, exp), exp.held - shift_of(own, exp), plans.poses)
     if "hold_force" in own:
         return equilibrium(model, 0.0, np.array([own["hold_force"], *[0.0] * (exp.dimension - 1)]))

@@ -32,7 +32,7 @@ def posed(model: Model, chosen: list[Station], seen: Array, found: dict[Any, Arr
 
 def sought(model: Model, chosen: list[Station], seen: Array) -> Array:
     """As `posed`."""
-    there = fixed_length(model).with_(stations=tuple(chosen))
+    there = (model if model.space else fixed_length(model)).with_(stations=tuple(chosen))
     chain = mechanics_of(there)
     pull = LEAST_PULL * model.length * chain.to_joints
     unloaded = chain.coordinates(np.zeros(model.size))

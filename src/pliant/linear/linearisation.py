@@ -18,6 +18,7 @@ from pliant.model import Model, Station, Valve
 from pliant.simulation import state
 
 Array = np.ndarray
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class LinearModel:
 
     @property
     def n(self) -> int:
-        """Number of links."""
+        """Number of links; in space of the joints' coordinates."""
         return self.angle.size
 
     @property
@@ -148,8 +149,8 @@ def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     """
     chain = mechanics_of(model)
     x = chain.coordinates(state.equilibrium(model, pressure))
-    a_x, a_v, a_tau = derivatives(model, x)
-    n, N = model.n, model.size
+    a_x, a_v, a_tau = derivatives(model, x, model.actuation.joint_torques(pressure))
+    n, N = model.size - len(model.extensions), model.size
     A, B = np.block([[np.zeros((N, N)), np.eye(N)], [a_x, a_v]]), np.zeros((2 * N, 0))
     states = [*chain.names, *chain.rate_names]
     pressures = model.actuation.pressures(pressure)
@@ -165,16 +166,19 @@ def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     return LinearModel(A, B, C, outputs, tuple(states), x[:n], pressures, late, x[n:])
 
 
-def derivatives(model: Model, x: Array) -> tuple[Array, Array, Array]:
-    """Derivatives of the accelerations at rest: by coordinates, by rates (N, N), by the torque of each chamber (C, N).
+def derivatives(model: Model, x: Array, torque: Array) -> tuple[Array, Array, Array]:
+    """Derivatives of the accelerations at rest: by coordinates, by rates (N, N), by the law of each input (C, N).
 
     At rest the inertia and what goes with the square of the rates have no part in them.
     """
     chain = mechanics_of(model)
     M, R = chain.inertia(x), chain.to_joints
-    slope = chain.static_slope(x) - R.T @ np.diag(chain.stuck_stiffness) @ R
+    slope = chain.static_slope(x, torque=torque) - R.T @ np.diag(chain.stuck_stiffness) @ R
     damping = R.T @ np.diag(chain.joints.D) @ R
-    return np.linalg.solve(M, slope), -np.linalg.solve(M, damping), np.linalg.solve(M, (model.actuation.gain @ R).T).T
+    push = model.actuation.gain @ R
+    for c in model.actuation.tendons:  # which may hang slack
+        push[c] = chain.static_forces(x, torque + 1j * TINY * model.actuation.columns[c]).imag / TINY
+    return np.linalg.solve(M, slope), -np.linalg.solve(M, damping), np.linalg.solve(M, push.T).T
 
 
 def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[str, ...]]:
@@ -197,8 +201,13 @@ def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[
 
 
 def output_rows(model: Model, x: Array, states: int) -> tuple[Array, tuple[str, ...]]:
-    """Rows of C and their names: the last tip, the sum of the joint angles, each joint angle, each strain."""
+    """Rows of C and their names: the last tip, in a plane the sum of the joint angles, each joint coordinate."""
     n, N, chain = model.n, model.size, mechanics_of(model)
+    if chain.dimension == 3:
+        C = np.zeros((3 + N, states))
+        C[:3, :N] = chain.position_jacobian(x, Station("tip", n - 1, float(model.link_length[-1])))
+        C[3:, :N] = np.eye(N)
+        return C, ("tip_x", "tip_y", "tip_z", *chain.joint_names)
     C = np.zeros((3 + N, states))
     C[:2, :N] = chain.position_jacobian(x, Station("tip", n - 1, float(model.link_length[-1])))
     C[2, n - 1] = 1.0

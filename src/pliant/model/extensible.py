@@ -9,6 +9,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.model.inertia import inertia_constants
 from pliant.model.parameters import ModelParameters
+from pliant.model.space import in_plane
 
 Array = np.ndarray
 Parameters = TypeVar("Parameters", bound=ModelParameters)
@@ -28,13 +29,14 @@ def joints_inside(model: ModelParameters) -> tuple[tuple[int, ...], ...]:
 
 
 def fixed_length(model: Parameters, refusal: str = "") -> Parameters:
-    """The model, when nothing lengthens: who cannot follow a length that changes asks here.
+    """The model, when it is in a plane and nothing lengthens: who cannot follow a length that changes asks here.
 
     Raises
     ------
     InputError
-        When segments lengthen, in the words of `refusal`, if any.
+        When the model moves in space, or segments lengthen, in the words of `refusal`, if any.
     """
+    in_plane(model, "this")
     if names := ", ".join(e.name for e in model.extensions):
         raise InputError(
             refusal or f"this takes a body of fixed length, and {model.name!r} lengthens ({names}): use simulate, "

@@ -123,6 +123,15 @@ def space_of(value: Any) -> Space | None:
     raise InputError(f"model space must be a Space, a table of its parameters, or None, got {value!r:.60}")
 
 
+def in_plane(model: Any, what: str) -> None:
+    """Raise InputError where a model moves in space and `what` takes chains in a plane alone."""
+    if model.space is not None:
+        raise InputError(
+            f"{what} takes a chain in a plane, and {model.name!r} moves in space: simulate, Stepper, equilibrium, "
+            "modes, linearise, fit and predict take it"
+        )
+
+
 def check_space(model: Any) -> None:
     """Raise InputError when a model in space has what only a chain in a plane has, or the other way round."""
     size = 2 if model.space is None else 3
