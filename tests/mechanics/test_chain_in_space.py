@@ -137,8 +137,8 @@ def test_a_linear_model_in_space_moves_as_the_chain_does():
     """Static gains against the rests under a little more of each input; poles against the modes."""
     cord = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "name": "cord"}
     tendon = Tendon.at_azimuth(0.7, np.ones(5), **cord)
-    model = pliant.chain_model(**{k: v for k, v in BODY.items() if k != "torque"}, gravity=(1.0, -2.0, -9.0), space=True,
-                               chambers=[Chamber(torque=(1e-6,), cross_gain=0.4), tendon])  # fmt: skip
+    body = {k: v for k, v in BODY.items() if k != "torque"} | {"chambers": [Chamber((1e-6,), cross_gain=0.4), tendon]}
+    model = pliant.chain_model(**body, gravity=(1.0, -2.0, -9.0), space=True)
     rest = np.array([30e3, 3e-3])
     linear = pliant.linearise(model, rest)
     assert linear.outputs[:3] == ("tip_x", "tip_y", "tip_z")
