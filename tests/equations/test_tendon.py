@@ -412,7 +412,8 @@ def test_an_arm_in_mujoco_is_identified(rng):
     n, length = 3, 0.05
     K = np.array([0.4] * 6 + [0.3] * 3)
     body = SpatialBody(np.full(n + 1, length), np.full(n, 0.02), np.full(n, length / 2), np.full(n, 1e-5),
-                       np.full(n, 1e-5), np.stack([np.eye(3)] * n), np.eye(3), 0.0, 0.0, 9.81, *no_tendons(9))  # fmt: skip
+                       np.full(n, 1e-5), np.stack([np.eye(3)] * n), np.eye(3), 0.0, 0.0, 9.81,
+                       *no_tendons(9))  # fmt: skip
     azimuth, link = np.repeat([0.3, 0.3 + 2 * np.pi / 3, 0.3 - 2 * np.pi / 3], n + 1), np.tile(np.arange(-1, n), 3)
 
     def arm(values):
