@@ -108,7 +108,7 @@ def test_what_cannot_be_drafted_in_space_says_so(tmp_path):
 @pytest.mark.slow
 def test_the_drafted_study_finds_the_body(folder):
     draft = draft_study([folder / "run0.nc", folder / "run1.nc"], folder / "s.toml", mass=0.1, gravity=GRAVITY)
-    text = draft.text.replace("links = 5", "links = 3").replace("[1, 2, 3, 4, 5]", "[1, 2, 3]")
+    text = draft.text.replace("links = 5", "links = 3")
     text = text.replace("[fits.first]\n", "[fits.first]\nstarts = 1\n").replace("step = 0.002", "step = 0.005")
     (folder / "s.toml").write_text(text)
     outcome = run_study(load_study(folder / "s.toml"))

@@ -200,7 +200,6 @@ def chambers(out: Lines, look: FirstLook) -> None:
     for name, azimuth in zip(look.chambers, azimuths(look.aligned), strict=True):
         out.text += ["", "[[actuator.chambers]]"]
         out.put("name", name)
-        out.put("joints", list(range(1, LINKS + 1)), "all")
         out.put("torque", [1e-6], "N m/Pa, scaled by the gains that are fitted")
         out.put("azimuth_deg", round(azimuth), "from x towards y of the base frame, as the last station moves")
 

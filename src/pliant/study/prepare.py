@@ -305,15 +305,16 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool 
     """
     made = []
     for entry in entries:
-        if strange := [j for j in entry.joints if not 1 <= j <= joints]:
+        turned = list(range(1, joints + 1)) if entry.joints is None else entry.joints
+        if strange := [j for j in turned if not 1 <= j <= joints]:
             raise InputError(f"chamber {entry.name} turns joint {strange[0]}, but the chain has joints 1 to {joints}")
-        if isinstance(entry.gain, list) and len(entry.gain) != len(entry.joints):
+        if isinstance(entry.gain, list) and len(entry.gain) != len(turned):
             raise InputError(
-                f"chamber {entry.name}: gain is one number or one for each of its {len(entry.joints)} joints, got "
+                f"chamber {entry.name}: gain is one number or one for each of its {len(turned)} joints, got "
                 f"{len(entry.gain)}"
             )
         gain = np.zeros(joints)
-        gain[np.array(entry.joints) - 1] = entry.gain
+        gain[np.array(turned) - 1] = entry.gain
         if entry.azimuth_deg is not None and not space:
             raise InputError(f"chamber {entry.name}: azimuth_deg belongs to a body in space, [actuator] space = true")
         azimuth = np.radians(90.0 if entry.azimuth_deg is None else entry.azimuth_deg)

@@ -35,7 +35,7 @@ class ChamberTable(StudyEntry):
     """One of several chambers: the joints that it turns, and its torque law."""
 
     name: str = Field(min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
-    joints: list[int] = Field(min_length=1)  # from 1, the first
+    joints: list[int] | None = Field(default=None, min_length=1)  # from 1, the first; default: all
     torque: list[float] = [0.0]  # N m/Pa^k
     gain: float | list[float] = 1.0  # share of the law that those joints feel; below 0: bends to the other side
     azimuth_deg: float | None = None  # in space: around the axis, from x of the base frame towards y
