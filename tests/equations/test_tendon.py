@@ -314,6 +314,16 @@ def test_the_compiled_step_is_the_text_and_makes_no_arrays(rng):
     assert not [kernel for kernel in reached(tendon.step_with_tendons) if makes_arrays(kernel)]
 
 
+def test_taut_tendons_cost_two_factorisations(rng, monkeypatch):
+    chain, law = swinging(rng, friction=0.0, pretension=200.0)
+    factor, count = tendon.ldl_factor, []
+    monkeypatch.setattr(tendon, "ldl_factor", lambda A: count.append(factor(A)))
+    given = (np.zeros(4), tendons(law, DRIVE), chain.body, chain.joints, chain.work())
+    for _ in range(5):
+        tendon.step_with_tendons(chain.x, chain.v, 1e-4, *given)
+    assert len(count) == 10
+
+
 def test_a_step_without_tendons_is_that_of_the_chain(rng):
     """The same bits as `spatial.step`, or a last digit: the solves go another way."""
     chain = random_space_chain(rng, 3, twist=True)

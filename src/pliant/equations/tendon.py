@@ -16,7 +16,7 @@ from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 TINY = 1e-24  # under a root, so that it has a derivative at 0
 ROUNDS = 25  # of Newton's method in a step, at most
-TURN = 1e-11  # rad: a smaller turn over a step is none
+AGREED = 1e-10  # of the largest torque of a step: what may be left of them
 
 
 def measure_tendons(x, law, work, cords):
@@ -253,8 +253,8 @@ def step_with_tendons(x, v, h, torque, tendons, body, joints, work):
     """Advance x and v (N,) in place by h [s] under mean torques (N,) and tendons: `spatial.step` with tendons.
 
     tendons: `symbols.Tendons`. The change a of v solves A a = h (t - f + t_tendons(a)) by Newton's method, tensions as
-    means over the step and friction at its middle rates: one round where no tendon goes slack, taut or back. `work.a`
-    keeps a.
+    means over the step and friction at its middle rates: one factorisation for each of the two solves where all tendons
+    stay taut or slack and none rubs. `work.a` keeps a.
     """
     law, cords = tendons.law, tendons.work
     build_step(x, v, h, torque, body, joints, work)
@@ -284,19 +284,23 @@ def solve_step(v, h, tendons, work):
             work.v[i] = v[i] + 0.5 * work.a[i]
         slip(work.v, law, cords)
         tendon_torques(law, cords)
+        largest = 0.0
+        size = 0.0
         for i in range(len(v)):
-            rest = h * (work.t[i] - work.f[i] + cords.t[i])
+            push = h * (work.t[i] - work.f[i] + cords.t[i])
+            taken = 0.0 * push
             for j in range(len(v)):
-                rest = rest - cords.A[max(i, j), min(i, j)] * work.a[j]
-                if j <= i:
-                    work.A[i, j] = cords.A[i, j]
-            work.v[i] = rest
+                taken = taken + cords.A[max(i, j), min(i, j)] * work.a[j]
+            work.v[i] = push - taken
+            largest = max(largest, abs(work.v[i].real))
+            size = max(size, abs(push.real), abs(taken.real))
+        if largest <= AGREED * size:
+            break
+        for i in range(len(v)):
+            for j in range(i + 1):
+                work.A[i, j] = cords.A[i, j]
         add_tendon_slopes(half, law, cords, work.A)
         ldl_factor(work.A)
         ldl_solve(work.A, work.v)
-        largest = 0.0
         for i in range(len(v)):
             work.a[i] = work.a[i] + work.v[i]
-            largest = max(largest, abs(work.v[i].real) * h)
-        if largest <= TURN:
-            break
