@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.estimation import Noise
+from pliant.estimation import KalmanFilter, Noise
 from pliant.estimation.consistency import mean_bounds, nees, whiteness
 from pliant.estimation.link_tips import LinkTips, rested
 from pliant.estimation.measurement import measurement_of, rows_of
 from pliant.estimation.measurement_loops import ALONG_X, ALONG_Y, ANGLE, JOINT
 from pliant.estimation.noise import default_noise
 from pliant.estimation.offline import averaged
-from pliant.model import Station, chain_model
+from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import equilibrium
 
@@ -156,3 +156,14 @@ def test_a_filter_has_states_for_a_disturbance_where_there_may_be_one():
     assert [noise.states(ARM) for noise in (plain, walks, begins)] == [4, 6, 6]
     assert plain.initial(ARM).shape == (4, 4)
     np.testing.assert_allclose(np.diag(begins.initial(ARM))[4:], 0.01)
+
+
+@pytest.mark.parametrize("sample", [(np.nan, 1e4), (1e4, np.nan), (np.inf, np.nan)])
+def test_every_pressure_of_a_sample_is_a_number(sample):
+    two = tuple(Chamber([1e-6], joint_gain=np.ones(2), name=name) for name in "ab")
+    live = KalmanFilter(ARM.with_(chambers=two), Noise())
+    live.push_pressure(0.0, (0.0, 1e4))
+    with pytest.raises(InputError, match="must be finite"):
+        live.push_pressure(0.1, sample)
+    with pytest.raises(InputError, match="must be finite"):
+        live.push_pressure(np.nan, (0.0, 1e4))

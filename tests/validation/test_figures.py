@@ -136,6 +136,8 @@ def test_autocorrelation_of_white_noise_and_of_a_wave(rng):
     lag, correlation = curves.autocorrelation(time, noise)
     assert correlation[0] == pytest.approx(1.0)
     assert lag[1] == pytest.approx(0.01)
+    assert lag.size == 401
+    assert curves.autocorrelation(time[:200], noise[:200])[0].size == 51  # to a quarter of the length
     assert (np.abs(correlation[1:]) > 1.96 / np.sqrt(3800)).mean() < 0.12
     _, wave = curves.autocorrelation(time, np.sin(2 * np.pi * time))
     assert wave[100] == pytest.approx(0.975, abs=0.01)

@@ -259,3 +259,18 @@ def test_a_body_that_shortens_by_more_than_it_lengthens_is_told_so() -> None:
     assert found["extension_percent"] == pytest.approx(-20, abs=0.4)
     assert found["extension_mm"] == pytest.approx(-20, abs=0.4)
     assert found["extension_modelled_mm"] == pytest.approx(0.5 * found["extension_mm"])
+
+
+@pytest.mark.parametrize("stations", [1, 2])
+def test_two_stations_make_a_joint_and_one_makes_none(stations: int) -> None:
+    lean = 0.1 * np.sin(T)[:, None] * np.arange(1, stations + 1)
+    off = lean + 0.01 * np.arange(1, stations + 1) ** 2
+
+    def chain(direction: np.ndarray) -> np.ndarray:
+        return np.cumsum(0.05 * np.stack([-np.sin(direction), np.cos(direction)], axis=-1), axis=1)
+
+    names = ("mid", "tip")[-stations:]
+    exp = Experiment("p", T, chain(lean), names, "trace", Trace([0.0, 4.0], [0.0, 1e4]))
+    found = compare(exp, chain(off), 0.1)
+    assert found["joint_rmse_mrad"] == (None if stations == 1 else pytest.approx([10.0, 30.0]))
+    assert found["joint_steady_error_mrad"] == (None if stations == 1 else pytest.approx([10.0, 30.0]))

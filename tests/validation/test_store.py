@@ -14,8 +14,9 @@ import xarray as xr
 from pliant.errors import InputError, PliantError
 from pliant.exporters.provenance import standard_errors
 from pliant.exporters.randomisation import uncertainty_of
+from pliant.identification import Experiment
 from pliant.validation import stored
-from pliant.validation.store import save_results
+from pliant.validation.store import recorded, save_results
 from pliant.validation.stored import load_outcome
 
 
@@ -105,3 +106,13 @@ def test_any_entry_of_the_metrics_may_be_of_another_kind(kept, tmp_path, monkeyp
                 refused += 1
                 assert "\n" not in str(error), path  # noqa: PT017  either way is right
     assert refused > 20
+
+
+def test_angles_alone_are_kept_with_their_unit_and_reference():
+    angle = np.linspace(0.0, 1.0, 24).reshape(12, 2)
+    exp = Experiment("a", np.arange(12) * 0.1, np.full((12, 2, 2), np.nan), ("mid", "tip"), "pulse", level=1e4,
+                     angle=angle, angle_reference="rest")  # fmt: skip
+    kept = recorded(exp)["angle"]
+    assert kept.dims == ("time", "station")
+    np.testing.assert_array_equal(kept, angle)
+    assert (kept.attrs["units"], kept.attrs["reference"]) == ("rad", "rest")

@@ -230,6 +230,9 @@ def test_dots_are_ordered_along_the_body_and_followed_through_gaps():
     assert follow.gap.tolist() == [0.0] * 5
     assert follow.travel[4] > follow.travel[1] > follow.travel[0]
     assert np.isnan(follow(np.empty((0, 2)), np.empty(0))).all()
+    follow = ChainOfDots(place, np.full(5, 30.0))
+    both = np.concatenate([place, [[31.0, 2.5]]])  # beside the fourth dot lies one that is nearly where it should be
+    np.testing.assert_allclose(follow(both, np.full(6, 30.0)), place)
     odd = np.concatenate([seen, [[20.0, 60.0]]])
     assert np.isfinite(follow(odd, np.array([30.0] * 5 + [90.0]))).all()  # a mark of another size is none of them
 

@@ -34,7 +34,7 @@ def stiffness(case: Case) -> str:
 
 def torque(case: Case) -> str:
     """A torque for each pascal that no chamber within the body can make: it is an area times a lever."""
-    if case.model is None or case.model.length <= 0:
+    if case.model is None:
         return ""
     made = max(float(np.max(np.abs(c.lever_at(0.0) * c.joint_gain))) for c in case.model.chambers)
     wide = USUAL_WIDTH * case.model.length if case.diameter is None else case.diameter
