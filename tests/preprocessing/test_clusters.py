@@ -113,3 +113,33 @@ def test_signs_of_quaternions_are_made_continuous():
     result, turned = rotations.continuous(q)
     assert turned == 1
     assert np.nanmin(result[..., 3]) == 1
+
+
+@pytest.mark.parametrize("kind", ["noisy", "flat", "mirrored"])
+def test_the_best_rotation_is_one_even_where_a_reflection_lies_nearer(kind):
+    rng = np.random.default_rng(7)
+    shape = rng.normal(size=(6, 3)) * [1.0, 1.0, 0.0 if kind == "flat" else 0.8] + [0.3, 0.0, -1.0]
+    turn = Rotation.random(5, random_state=8)
+    mirror = [1.0, 1.0, -1.0 if kind == "mirrored" else 1.0]
+    seen = np.einsum("tij,nj->tni", turn.as_matrix(), shape - shape.mean(0)) * mirror
+    seen = seen + 0.02 * rng.normal(size=seen.shape) + rng.normal(size=(5, 1, 3))
+    found = rotations.best_rotation(shape, seen)
+    np.testing.assert_allclose(np.linalg.det(found), 1.0)
+    for k in range(5):
+        best, _ = Rotation.align_vectors(seen[k] - seen[k].mean(0), shape - shape.mean(0))
+        np.testing.assert_allclose(found[k], best.as_matrix(), atol=1e-6)
+
+
+def test_the_mean_rotation_is_one_even_of_turns_far_apart():
+    turns = Rotation.random(40, random_state=9).as_matrix().reshape(20, 2, 3, 3)
+    far = Rotation.from_rotvec(np.pi * np.eye(3) * 0.97).as_matrix()[:, None]
+    for rows in (turns, far):
+        found = rotations.mean_rotation(rows)
+        np.testing.assert_allclose(np.linalg.det(found), 1.0)
+        for s in range(rows.shape[1]):
+            np.testing.assert_allclose(found[s], Rotation.from_matrix(rows[:, s]).mean().as_matrix(), atol=1e-9)
+    some = turns.copy()
+    some[3, 0], some[:, 1] = np.nan, np.nan
+    rest = Rotation.from_matrix(np.delete(turns[:, 0], 3, axis=0)).mean().as_matrix()
+    np.testing.assert_allclose(rotations.mean_rotation(some)[0], rest, atol=1e-9)
+    assert np.isnan(rotations.mean_rotation(some)[1]).all()

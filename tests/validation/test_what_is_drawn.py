@@ -89,6 +89,7 @@ def test_a_torque_law_is_marked_where_records_were_taken(outcome):
     chamber = outcome.model.chambers[0]
     curve = next(line for line in ax.lines if line.get_label().endswith("polynomial law"))
     np.testing.assert_allclose(curve.get_ydata(), 1e3 * chamber.torque_at(1e3 * curve.get_xdata()))
+    assert curve.get_xdata().max() == pytest.approx(1.05 * 20.0)  # a little beyond the highest level
     marks = [line for line in ax.lines if line.get_linestyle() == "None"]
     taken = sorted((float(line.get_xdata()[0]), line.get_markerfacecolor() == "white") for line in marks)
     assert taken == [(0.0, True), (10.0, False), (10.0, False), (20.0, True), (20.0, True)]  # open: held out

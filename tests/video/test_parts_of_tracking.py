@@ -260,7 +260,7 @@ def test_the_times_of_frames_are_the_middle_of_the_exposure():
     assert "open for an unknown time, its rows within an unknown time" in told[-1]
     at, told, _ = _times(reel, Camera(pixels_per_mm=1.0, rate_hz=60.0, exposure_ms=1.0), time)
     np.testing.assert_allclose(at, np.arange(9) / 60.0 + 0.5e-3)
-    assert told[0] == "the file says 30 frames a second, [camera] 60: that counts"
+    assert told[0].startswith("the file says 30 frames a second, [camera] 60")
     assert len(_times(reel, Camera(pixels_per_mm=1.0, rate_hz=30.3), time)[1]) == 2
     with pytest.raises(InputError, match="its times do not increase"):
         _times(reel, Camera(pixels_per_mm=1.0), np.zeros(9))
