@@ -27,7 +27,7 @@ def fitted() -> FitResult:
 
 
 def outcome() -> StudyOutcome:
-    seen: Any = SimpleNamespace(placeless=False)
+    seen: Any = SimpleNamespace(without_positions=False)
     record = RecordOutcome("low", "held_out", seen, np.zeros(1), np.zeros(1), {"rmse_mm": 0.3, "max_mm": None})
     fit = FitOutcome("first", "First", fitted(), (record,), 0.5)
     return StudyOutcome("arm", HOSTILE, "", chen2018.model(), (fit,), verdict=("First: low to 0.3 mm.",))

@@ -60,7 +60,7 @@ def test_a_lag_is_that_of_the_closed_form():
 
 def test_a_pendulum_behind_a_coarse_and_late_sensor_is_found_again(model):
     records = [experiment(name, seen(level)) for name, level in LEVELS.items()]
-    assert all(r.placeless and r.angles_alone and r.angle_reference == "rest" for r in records)
+    assert all(r.without_positions and r.angles_alone and r.angle_reference == "rest" for r in records)
     free = ["stiffness", "damping", "torque_1", "sensor_lag"]
     found = fit(records, model, free, starts=1)
     # the angle alone gives ratios to the mass, which is stated here

@@ -1,4 +1,4 @@
-"""Bands that grow away from what was taught: against closed forms, and not at all where a level was taught."""
+"""Bands that grow away from the training: against closed forms, and not at all where a level was in training."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pliant.identification.discrepancy import (
     discrepancy,
     faster,
     rest_places,
-    taught_levels,
+    training_levels,
 )
 from pliant.identification.prediction import predict
 from pliant.mechanics import mechanics_of
@@ -30,16 +30,16 @@ def body(truth: Model) -> Model:
     return truth.with_(torque=LAW, valve=Valve())
 
 
-def lacking(model: Model, exp: Any, taught: list[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def lacking(model: Model, exp: Any, training: list[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Discrepancy, modelled positions and pressure of a record under its own model."""
     made = predict(model, exp, {}, 2e-3)
     rows, pressure = made["position"], made["pressure"]
-    return discrepancy(model, exp, {}, rows, pressure, taught), rows, pressure[:, 0]
+    return discrepancy(model, exp, {}, rows, pressure, training), rows, pressure[:, 0]
 
 
 def test_levels_are_those_at_which_the_pressure_stayed(body: Model, traced: Any, pulse: Any) -> None:
-    assert taught_levels(body, [traced(body, "a", 6e4), traced(body, "b", 1.4e5)]) == pytest.approx([0, 6e4, 1.4e5])
-    assert taught_levels(body, [pulse(body, "p", 8e4)]).tolist() == [0.0, 8e4]
+    assert training_levels(body, [traced(body, "a", 6e4), traced(body, "b", 1.4e5)]) == pytest.approx([0, 6e4, 1.4e5])
+    assert training_levels(body, [pulse(body, "p", 8e4)]).tolist() == [0.0, 8e4]
 
 
 def test_what_the_model_curves_off_the_line_through_the_taught_levels(body: Model, traced: Any) -> None:
@@ -74,17 +74,17 @@ def test_a_body_that_lengthens_rests_where_angles_and_strain_put_it(body: Model,
 
 
 def test_a_band_is_as_it_was_where_the_level_was_taught_and_grows_beyond(body: Model, traced: Any) -> None:
-    taught = [traced(body, "low", 6e4), traced(body, "high", 1.4e5)]
-    middle, _, pressure = lacking(body, traced(body, "held", 1e5), taught)
-    rests, straight = rest_places(body, taught[0], np.array([1e5]), np.array([0.0, 6e4, 1.4e5]))
+    training = [traced(body, "low", 6e4), traced(body, "high", 1.4e5)]
+    middle, _, pressure = lacking(body, traced(body, "held", 1e5), training)
+    rests, straight = rest_places(body, training[0], np.array([1e5]), np.array([0.0, 6e4, 1.4e5]))
     assert middle[pressure > 9.99e4] == pytest.approx(INSIDE * np.abs(rests - straight)[[0] * 38], rel=0.05, abs=1e-7)
-    known, _, pressure = lacking(body, taught[1], taught)
+    known, _, pressure = lacking(body, training[1], training)
     plateau = pressure > 1.39e5
     assert known[plateau].max() < 1e-6
     sizes = []
     for level in (1.7e5, 2.0e5):
-        found, rows, pressure = lacking(body, traced(body, "held", level), taught)
-        rests, straight = rest_places(body, taught[0], np.array([level]), np.array([0.0, 6e4, 1.4e5]))
+        found, rows, pressure = lacking(body, traced(body, "held", level), training)
+        rests, straight = rest_places(body, training[0], np.array([level]), np.array([0.0, 6e4, 1.4e5]))
         last = np.flatnonzero(pressure > 0.999 * level)[-1]
         sizes.append(np.abs(found[last]).max())
         assert (found[last] >= 0.99 * BEYOND * np.abs(rests - straight)[0]).all()

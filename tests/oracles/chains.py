@@ -46,7 +46,7 @@ class Chain(NamedTuple):
         own = {name: np.array(getattr(self, name)) for name in ("theta0", "K", "D")}
         scale = np.full(self.n, self.bend_scale)
         hardening = np.stack([self.K * self.stiffening, self.K * self.cubic_stiffening, scale])
-        return Joints(self.base_angle, **own, hardening=hardening, unbent=np.array(self.theta0))
+        return Joints(self.base_angle, **own, hardening=hardening, unloaded=np.array(self.theta0))
 
     def actuator(self):
         """The same chain for `pliant.basic`, which has no base angle: it goes into the first rest angle."""

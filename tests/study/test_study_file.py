@@ -183,7 +183,7 @@ def test_a_recording_that_hardly_moves_leaves_its_fits_and_a_fit_of_nothing_else
     assert without(two, []) is two
     with pytest.raises(InputError, match=f"fit {name} has nothing to learn from"):
         without(two, [still, "other"])
-    moves = [SimpleNamespace(travel=t, placeless=False, shown_in=("mm", 1e3)) for t in (1e-2, 1e-4)]
+    moves = [SimpleNamespace(travel=t, without_positions=False, shown_in=("mm", 1e3)) for t in (1e-2, 1e-4)]
     said = hardly_moved(dict(zip(("a", "b"), moves, strict=True)), 0.1)
     assert list(said) == ["b"]
     assert "0.1 mm" in said["b"]

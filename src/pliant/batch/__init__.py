@@ -1,1 +1,1 @@
-"""Many simulations at once: on SIMD lanes, all cores or a GPU."""
+"""Many simulations at once: on SIMD vectors, all cores or a GPU."""

@@ -1,4 +1,4 @@
-"""`simulate_batch`: thousands of parameter sets, pressures or initial states at once, on SIMD lanes and all cores."""
+"""`simulate_batch`: thousands of parameter sets, pressures or initial states at once, on SIMD vectors and all cores."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def simulate_batch(
 
 
 def one_by_one(models: Model | Sequence[Model]) -> bool:
-    """Whether lanes cannot hold the bodies: of several inputs, of laws with kernels, those that lengthen."""
+    """Whether vectors cannot hold the bodies: of several inputs, of laws with kernels, those that lengthen."""
     many = (models,) if isinstance(models, Model) else models
     return any(m.actuation.count > 1 or not m.actuation.polynomial or mechanics_of(m).lengthens for m in many)
 

@@ -1,7 +1,7 @@
-"""A batch on an NVIDIA GPU: each thread marches one sample by the text that marches lanes on a processor.
+"""A batch on an NVIDIA GPU: each thread marches one sample by the text that marches vectors on a processor.
 
-Imported only when a GPU is asked for. A thread sees its sample as lanes of width one: an array of lanes is then the
-array itself, and nothing of `batch.simd_loops` or `pliant.equations` is written a second time.
+Imported only when a GPU is asked for. A thread sees its sample as a vector of width one: an array of vectors is then
+the array itself, and nothing of `batch.simd_loops` or `pliant.equations` is written a second time.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ THREADS = 64  # of a block: small, because each thread keeps some hundred number
 
 
 def itself(array):
-    """An array of lanes of width one."""
+    """An array of vectors of width one."""
     return array
 
 

@@ -1,4 +1,4 @@
-"""Chains that lanes cannot hold side by side: each marched alone, several of them on as many threads.
+"""Chains that SIMD vectors cannot hold side by side: each marched alone, several of them on as many threads.
 
 Those that remember slip at different times; those of several chambers take more torques than a lane can hold; those
 that lengthen have coordinates that a lane does not know.

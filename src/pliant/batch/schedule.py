@@ -23,7 +23,7 @@ Array = np.ndarray
 
 
 class LaneGrid(NamedTuple):
-    """As `simulation.drive.Grid`, for lanes."""
+    """As `simulation.drive.Grid`, for SIMD vectors."""
 
     nodes: Array  # (m + 1,) s
     parts: Array  # (steps + 1,) first interval of each step

@@ -77,7 +77,7 @@ class Groups:
         self.march = lane_twin(simd_loops.march_lanes, self.samples.template.n)
 
     def members(self, group: int) -> tuple[slice, list[int]]:
-        """The samples of a group, and who is in its lanes: the last group repeats its last sample."""
+        """The samples of a group, and who is in its vectors: the last group repeats its last sample."""
         first = group * WIDTH
         last = self.samples.size - 1
         return slice(first, min(first + WIDTH, last + 1)), np.minimum(np.arange(first, first + WIDTH), last).tolist()
@@ -115,7 +115,7 @@ class Groups:
 class Alone(Groups):
     """Groups of chains that remember: what comes before the march is worked out together, the march of each alone.
 
-    Which elements slip differs from chain to chain, and lanes cannot part.
+    Which elements slip differs from chain to chain, and vectors cannot part.
     """
 
     def prepare(self) -> None:

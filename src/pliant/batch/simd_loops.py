@@ -1,4 +1,4 @@
-"""The loops of a batch that run compiled, on lanes: `WIDTH` chains side by side (`pliant.compiler.simd`).
+"""The loops of a batch that run compiled, on SIMD vectors: `WIDTH` chains side by side (`pliant.compiler.simd`).
 
 Plain text here; `pliant.compiler.simd.lane_twin` makes what runs. The equations are those of `pliant.equations`.
 """
@@ -21,7 +21,7 @@ FAR = 1e4  # in K: springs that stiffen more are none
 
 
 class Output(NamedTuple):
-    """What `march_lanes` writes, the lanes last."""
+    """What `march_lanes` writes, the samples last."""
 
     phi: np.ndarray  # (rows, n, W) rad
     w: np.ndarray  # (rows, n, W) rad/s
@@ -43,7 +43,7 @@ class Commanded(NamedTuple):
 
 
 class Lane(NamedTuple):
-    """What the samples of a group are, the lanes last."""
+    """What the samples of a group are, its samples last."""
 
     body: tuple[np.ndarray, ...]  # B (n, n, W), I (n, W), h (n, W), gravity (2, W)
     joints: np.ndarray  # (5 + terms, n, W) theta0, K, D, gain, hardening
@@ -51,7 +51,7 @@ class Lane(NamedTuple):
 
 
 def mean_torques(h, parts, behind, law, torque):
-    """Mean torque [N m] of every step, lanes, from the pressure behind the valve in the intervals that it is made of.
+    """Mean torque [N m] of every step, vectors, from the pressure behind the valve in the intervals that it is made of.
 
     h (m, W) are the lengths of the intervals [s], parts (steps + 1,) says which of them make a step, behind (m, 4, W)
     holds the pressure at their start, middle and end and its mean, law (k, W) the torque law, torque (steps, W).
@@ -78,11 +78,11 @@ def mean_torques(h, parts, behind, law, torque):
 def march_lanes(state, h, torque, keep, samples, scratch, out):
     """Take len(h) steps of `WIDTH` chains side by side, as `simulation.march_loops.march` takes them of one.
 
-    Every array has the lanes last: state (2, n, W) the angles and rates, advanced in place; h and torque (steps, W);
+    Every array has the samples last: state (2, n, W) the angles and rates, advanced in place; h and torque (steps, W);
     keep (steps,) the row of the output after each, negative: none, row 0 being the start; `samples` (`Lane`); scratch
     (n, n, W) twice and (6, n + 1, W); `out` (`Output`).
     A lane that fails has its step written to out.failed, and goes on as it may; the others do not feel it. Returns the
-    bits of the lanes that are good.
+    bits of the samples that are good.
     """
     n = state.shape[1]
     chain = as_lanes(samples.joints)
@@ -119,7 +119,7 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
 
 
 def sound(phi, w, h, joint, good):
-    """The bits of the `good` lanes whose links turn by less than a radian in h and whose springs have not given way."""
+    """The bits of the `good` samples whose links turn by less than a radian in h and whose springs are stable."""
     for i in range(len(phi)):
         good &= within(w[i] * h, 1.0)
         far = FAR * joint.K[i]  # positive is what lies no further from a far point than zero does
@@ -130,7 +130,7 @@ def sound(phi, w, h, joint, good):
 def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
     """Take as many `steps` of h [s] of every group of a batch under held commands, as `march_loops.hold` of one chain.
 
-    Groups come first, lanes last: state (G, 2, n, W) the angles and rates, advanced in place; `samples` (`Lane`) with
+    Groups come first, samples last: state (G, 2, n, W) the angles and rates, advanced in place; `samples` (`Lane`) with
     a body of (G, ...), joints (G, 5 + terms, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch
     as in `march_lanes`; failed (G, W) is set to 1 for a chain that fails, which goes on as it may, and to 0 for the
     others.
@@ -180,7 +180,7 @@ def torques_of_lanes(group, h, chambers, vectors):
 
 
 def keep_lanes(row, phi, w, where, out):
-    """Write the chains at phi and w (n,), lanes, to a row of `out`, an `Output` of lanes; `where` is `Lane.place`."""
+    """Write chains at phi and w (n,), vectors, to a row of `out`, an `Output` of vectors; `where` is `Lane.place`."""
     n = len(phi)
     for i in range(n):
         out.phi[row, i] = phi[i]

@@ -1,4 +1,4 @@
-"""Many chains one stretch of time after the other: their state stays in the lanes between the calls."""
+"""Many chains one stretch of time after the other: their state stays in the vectors between the calls."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Stepped(Protocol):
 
 
 def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
-    """`size` chains, each one of `models`, all the first at the beginning: on lanes, or one by one where they remember.
+    """`size` chains, each one of `models`, all the first at the beginning: in vectors, or one by one with memory.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def pool_of(models: Sequence[Model]) -> dict[str, Array]:
 
 
 class OneByOne:
-    """Chains that remember, each a `Stepper` of its own: a `Stepped`. Which elements slip parts them, lanes cannot."""
+    """Chains with hysteresis states, each a `Stepper` of its own: a `Stepped`. Which elements slip differs by chain."""
 
     def __init__(self, models: Sequence[Model], size: int, step: float) -> None:
         self._models, self._step = models, step

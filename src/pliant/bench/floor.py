@@ -48,7 +48,7 @@ def constants(model: Model) -> Array:
     second, third, scale = joints.hardening  # the law as floor.c has it
     parts = (
         body.B, body.I, body.h, body.gx, body.gy, joints.base_angle, joints.theta0, joints.K, joints.D, second,
-        joints.unbent, third, scale,
+        joints.unloaded, third, scale,
     )
     return np.concatenate([np.ravel(part) for part in parts]).astype(float)
 

@@ -1,1 +1,1 @@
-"""How one text becomes what runs: compiled twins, straight lines, SIMD lanes, and the choice among them."""
+"""How one text becomes what runs: compiled twins, straight lines, SIMD vectors, and the choice among them."""

@@ -23,7 +23,7 @@ from numba.core.extending import (
 )
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
-from pliant.compiler.simd import NUMBERS, WIDTH, Wide, lanes
+from pliant.compiler.simd import NUMBERS, WIDTH, Wide, vector
 from pliant.numerics.trig import cos_sin
 
 SLOTS = 2 * WIDTH  # floats in memory: the value, a gap up to where a register may be loaded from, the derivatives
@@ -50,7 +50,7 @@ dual = Dual()
 @register_model(Dual)
 class _Model(models.StructModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, [("real", types.float64), ("slopes", lanes)])
+        super().__init__(manager, kind, [("real", types.float64), ("slopes", vector)])
 
 
 make_attribute_wrapper(Dual, "real", "real")
@@ -77,14 +77,14 @@ def _joined(_context: Any, real: Any, slopes: Any) -> Any:
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         return _made(context, builder, *args)
 
-    return dual(types.float64, lanes), generate
+    return dual(types.float64, vector), generate
 
 
 @lower_cast(types.Float, Dual)  # type: ignore[untyped-decorator]
 @lower_cast(types.Integer, Dual)  # type: ignore[untyped-decorator]
 def _constant(context: Any, builder: Any, kind: Any, _dual: Any, value: Any) -> Any:
     real = context.cast(builder, value, kind, types.float64)
-    return _made(context, builder, real, context.get_constant_null(lanes))
+    return _made(context, builder, real, context.get_constant_null(vector))
 
 
 class _Rules:
@@ -96,7 +96,7 @@ class _Rules:
     def scaled(self, da: Any, x: Any) -> Any:
         """Derivatives times a float; None without any."""
         build, cast = self.builder, self.context.cast
-        return None if da is None else build.fmul(da, cast(build, x, types.float64, lanes), flags=_CONTRACT)
+        return None if da is None else build.fmul(da, cast(build, x, types.float64, vector), flags=_CONTRACT)
 
     def sum(self, da: Any, db: Any) -> Any:
         """Of derivatives, either of which may be None."""

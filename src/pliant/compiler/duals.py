@@ -1,6 +1,6 @@
 """Dual numbers: a value with `WIDTH` derivatives beside it, so that a kernel's one text carries them exactly.
 
-Numba learns a scalar type `dual` that is a float and `lanes` of derivatives. It adds, multiplies and divides by the
+Numba learns a scalar type `dual` that is a float and a `vector` of derivatives. It adds, multiplies and divides by the
 rules of Leibniz, mixes with floats, and has sine, cosine, exponentials, roots and powers; what a text compares are the
 values, `x.real`. A kernel compiled for arrays of duals is the kernel: nothing is written twice, and the values are
 those of the kernel on floats, to the bit. In memory a dual is a row of `SLOTS` floats, the value first (`duals`).

@@ -1,7 +1,7 @@
 """From a recording of `trace` to machine code: its operations are written as instructions of LLVM.
 
 Numba types and compiles the call alone: as Python text, the same operations take it up to six times as long. Works
-on floats, complex numbers, `simd` lanes and mixtures: an operation is done in the wider of its operands' kinds.
+on floats, complex numbers, `simd` vectors and mixtures: an operation is done in the wider of its operands' kinds.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Lanes: `WIDTH` numbers side by side as one number, so that a kernel's one text advances `WIDTH` chains at once.
 
-Numba learns a scalar type `lanes` that is a vector of LLVM. It adds, multiplies and divides as a float does, mixes
-with floats, and has sine, cosine, floor and rounding. A kernel compiled for arrays of lanes is the kernel: nothing is
-written twice. An array of lanes is a float array whose last axis has `WIDTH` entries (`as_lanes`, in compiled code).
+Numba learns a scalar type `vector` that is a vector of LLVM. It adds, multiplies and divides as a float does, mixes
+with floats, and has sine, cosine, floor and rounding. A kernel compiled for arrays of such vectors is the kernel:
+nothing is written twice. An array of vectors is a float array whose last axis has `WIDTH` entries (`as_lanes`, in
+compiled code).
 """
 
 from __future__ import annotations
@@ -62,10 +63,10 @@ class Lanes(Wide):
     """`WIDTH` doubles; a float mixes in as `WIDTH` equal ones."""
 
     def __init__(self) -> None:
-        super().__init__("lanes", WIDTH)
+        super().__init__("vector", WIDTH)
 
 
-lanes = Lanes()
+vector = Lanes()
 
 
 @register_model(Lanes)
@@ -84,14 +85,14 @@ def _repeat(context: Any, builder: Any, kind: Any, _lanes: Any, value: Any) -> A
 
 
 def _define(operation: Any, instruction: str, operands: int) -> None:
-    """Teach Numba an operator of lanes by the instruction of LLVM that does it."""
+    """Add to Numba an operator of vectors by the instruction of LLVM that does it."""
 
     @infer_global(operation)
     class _Typed(AbstractTemplate):
         def generic(self, args: Any, _kws: Any) -> Any:
-            fits = len(args) == operands and lanes in args
-            if fits and all(a == lanes or isinstance(a, NUMBERS) for a in args):
-                return signature(lanes, *[lanes] * operands)
+            fits = len(args) == operands and vector in args
+            if fits and all(a == vector or isinstance(a, NUMBERS) for a in args):
+                return signature(vector, *[vector] * operands)
             return None
 
     @lower_builtin(operation, *[Lanes] * operands)  # type: ignore[untyped-decorator]
@@ -111,14 +112,14 @@ def _vector_function(builder: Any, name: str, x: Any) -> Any:
 
 
 def _unary(name: str) -> Any:
-    """The function of LLVM called `name`, on lanes."""
+    """The function of LLVM called `name`, on vectors."""
 
     @intrinsic
     def call(_context: Any, x: Any) -> Any:
         def generate(_target: Any, builder: Any, _sig: Any, args: Any) -> Any:
             return _vector_function(builder, name, args[0])
 
-        return lanes(x), generate
+        return vector(x), generate
 
     return call
 
@@ -129,27 +130,27 @@ _cos_sin = register_jitable(trig.pair)
 
 @overload(np.floor)
 def _np_floor(x):
-    return (lambda x: _floor(x)) if x == lanes else None  # noqa: PLW0108  Numba takes Python functions here
+    return (lambda x: _floor(x)) if x == vector else None  # noqa: PLW0108  Numba takes Python functions here
 
 
 @overload(np.rint)
 def _np_rint(x):
-    return (lambda x: _rint(x)) if x == lanes else None  # noqa: PLW0108
+    return (lambda x: _rint(x)) if x == vector else None  # noqa: PLW0108
 
 
 @overload(np.sqrt)
 def _np_sqrt(x):
-    return (lambda x: _sqrt(x)) if x == lanes else None  # noqa: PLW0108
+    return (lambda x: _sqrt(x)) if x == vector else None  # noqa: PLW0108
 
 
 @overload(np.sin)
 def _np_sin(x):
-    return (lambda x: _cos_sin(x)[1]) if x == lanes else None
+    return (lambda x: _cos_sin(x)[1]) if x == vector else None
 
 
 @overload(np.cos)
 def _np_cos(x):
-    return (lambda x: _cos_sin(x)[0]) if x == lanes else None
+    return (lambda x: _cos_sin(x)[0]) if x == vector else None
 
 
 @intrinsic
@@ -161,15 +162,15 @@ def within(_context: Any, x: Any, limit: Any) -> Any:
         bits = builder.bitcast(builder.fcmp_ordered("<=", size, args[1]), ir.IntType(WIDTH))
         return builder.zext(bits, ir.IntType(64))
 
-    return types.int64(lanes, lanes), generate
+    return types.int64(vector, vector), generate
 
 
 @intrinsic
 def as_lanes(_context: Any, array: Any) -> Any:
-    """The float array (..., WIDTH) as an array (...) of lanes, sharing its memory; see `aligned`."""
+    """The float array (..., WIDTH) as an array (...) of vectors, sharing its memory; see `aligned`."""
     if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype == types.float64):
         return None
-    result = types.Array(lanes, array.ndim - 1, "C")
+    result = types.Array(vector, array.ndim - 1, "C")
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         source = context.make_array(array)(context, builder, args[0])
@@ -195,7 +196,7 @@ def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty
 
 @cache
 def lane_twin(kernel: FunctionType, links: int, segments: int = 0) -> Any:
-    """The compiled twin of a kernel on lanes: as `choose.twin`, and it lets other threads run."""
+    """The compiled twin of a kernel on vectors: as `choose.twin`, and it lets other threads run."""
     fast = choose.substitutes(kernel, links, segments)
     if kernel in fast:
         return fast[kernel]

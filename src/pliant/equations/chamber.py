@@ -1,4 +1,4 @@
-"""One pressure -> one torque, over an interval of time: laws, chambers that swell, chambers whose wall gives way.
+"""One pressure -> one torque, over an interval of time: laws, chambers that swell, hyperelastic walls.
 
 A chamber makes the torque of its law (`laws`), or, where its rubber takes time, one that depends on two slow
 states: a pressure that lags (swelling) and the fourth power of the hoop stretch (inflation). `advance` averages the
@@ -100,7 +100,7 @@ def inflated(h, p, y, limit, time):
 def lever_growth(y):
     """Factor stretch^3 on the torque: V = A L + A d sum(q) and A d = 2/3 r2^3 grows with the cube of the radius.
 
-    Paper: Sec. III-C, with a radius that gives way
+    Paper: Sec. III-C, with a radius that grows
     """
     return y**0.75
 

@@ -89,7 +89,7 @@ def joint_torques(phi, w, joints, torque, ahead, t):
     for i in range(n):
         q = phi[i] - angle - joints.theta0[i]
         dq = w[i] - rate
-        bend = phi[i] - angle - joints.unbent[i] + ahead * dq
+        bend = phi[i] - angle - joints.unloaded[i] + ahead * dq
         spring = spring_torque(i, joints, q + ahead * dq, bend)
         t[i] = torque[i] - spring - joints.D[i] * dq
         angle = phi[i]
@@ -102,7 +102,7 @@ def joint_tangents(phi, w, joints, ahead, slope):
     angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(len(joints.theta0)):
-        bend = phi[i] - angle - joints.unbent[i] + ahead * (w[i] - rate)
+        bend = phi[i] - angle - joints.unloaded[i] + ahead * (w[i] - rate)
         slope[i] = spring_slope(i, joints, bend)
         angle = phi[i]
         rate = w[i]
@@ -110,7 +110,7 @@ def joint_tangents(phi, w, joints, ahead, slope):
 
 def tangent(i, phi, joints):
     """Slope of the spring of joint i, N m/rad: what is not positive holds nothing."""
-    angle = phi[i] - joints.unbent[i]
+    angle = phi[i] - joints.unloaded[i]
     if i > 0:
         angle = angle - phi[i - 1]
     else:
@@ -124,7 +124,7 @@ def bending_energy(phi, joints):
     before = joints.base_angle
     for i in range(len(joints.theta0)):
         q = phi[i] - before - joints.theta0[i]
-        bend = phi[i] - before - joints.unbent[i]
+        bend = phi[i] - before - joints.unloaded[i]
         value = value + spring_energy(i, joints, q, bend)
         before = phi[i]
     return value

@@ -92,7 +92,7 @@ def tridiagonal_terms(phi, w, h, joints, work, J):
     """
     N = len(w)
     for i in range(len(joints.theta0)):
-        bend = phi[i] - 0.5 * h * w[i] - joints.unbent[i]
+        bend = phi[i] - 0.5 * h * w[i] - joints.unloaded[i]
         if i > 0:
             bend = bend - phi[i - 1] + 0.5 * h * w[i - 1]
         else:

@@ -5,7 +5,7 @@ what the law of the first coordinate adds to its linear spring. With K_a = K_b n
 and a > 0 it is the spring of the plane. Of `hardening` (terms + 1, N) the columns of b are not read.
 
 In a `Joints` record in space `theta0` (N,) is where the linear springs hold nothing: 0, but where hysteresis moves it.
-`unbent` (n,) is 0: its length is the number of links.
+`unloaded` (n,) is 0: its length is the number of links.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def joint_torques(x, v, joints, torque, ahead, t):
 
     Paper: Eq. (5) [eq:eom], in space
     """
-    n = len(joints.unbent)
+    n = len(joints.unloaded)
     for i in range(0, 2 * n, 2):
         a = x[i] + ahead * v[i]
         b = x[i + 1] + ahead * v[i + 1]
@@ -48,7 +48,7 @@ def joint_torques(x, v, joints, torque, ahead, t):
 
 def add_spring_slopes(q, half, joints, A):
     """Add to the lower triangle of A (N, N) what a step of 2 `half` [s] has implicit at q (N,): h/2 D + h^2/4 K'."""
-    n = len(joints.unbent)
+    n = len(joints.unloaded)
     quarter = half * half
     for i in range(0, 2 * n, 2):
         m, ratio = swing_size(i, joints, q[i], q[i + 1])
@@ -66,7 +66,7 @@ def add_spring_slopes(q, half, joints, A):
 
 def elastic_energy(x, joints):
     """Return the energy of the springs, J, 0 in the rest shape."""
-    n = len(joints.unbent)
+    n = len(joints.unloaded)
     value = 0.0 * x[0]
     for i in range(0, 2 * n, 2):
         m, _ = swing_size(i, joints, x[i], x[i + 1])
@@ -83,7 +83,7 @@ def follows(x, v, h, joints):
 
     No coordinate moves by more than a radian, no joint swings by more than 4, no spring has softened to nothing.
     """
-    n = len(joints.unbent)
+    n = len(joints.unloaded)
     for i in range(len(x)):
         if not abs((v[i] * h).real) <= 1.0:
             return False

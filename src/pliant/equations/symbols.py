@@ -83,7 +83,7 @@ class Joints(NamedTuple):
     K: np.ndarray  # (n,) N m/rad
     D: np.ndarray  # (n,) N m s/rad
     hardening: np.ndarray  # (terms + 1, n) K2 [N m/rad^2], K3 [N m/rad^3] ..., bound R [1/rad^2] of springs: `elastic`
-    unbent: np.ndarray  # (n,) rad, theta0, from which these count also where memory moves a step's theta0
+    unloaded: np.ndarray  # (n,) rad, theta0, from which these count also where memory moves a step's theta0
 
 
 class ObservedChain(NamedTuple):
@@ -113,7 +113,7 @@ class ChamberConstants(NamedTuple):
     law: np.ndarray  # (k,) numbers of the torque law at rest, of the polynomial in N m/Pa^i
     swell_share: float  # of the law's growth with pressure that comes late
     swell_time: float  # s
-    inflation_limit: float  # Pa, towards which the wall gives way; 0: a rigid wall
+    inflation_limit: float  # Pa, towards which the wall expands; 0: a rigid wall
     inflation_time: float  # s
     form: float  # number of the law: `equations.laws`
 

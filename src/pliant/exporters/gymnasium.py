@@ -1,8 +1,8 @@
 """Environments of Gymnasium: ``pliant/Reach-v0``, ``pliant/Track-v0`` and, on MuJoCo, ``pliant/Push-v0``.
 
 Importing this module registers them. A model is a `Model` or a model file; with its fit, every episode draws another
-body from the fit's covariance. ``gymnasium.make_vec`` makes one batch of SIMD lanes out of as many bodies as it is
-asked for: their state stays in the lanes, and Python sees whole arrays.
+body from the fit's covariance. ``gymnasium.make_vec`` makes one batch of SIMD vectors out of as many bodies as it is
+asked for: their state stays in the vectors, and Python sees whole arrays.
 """
 
 from __future__ import annotations

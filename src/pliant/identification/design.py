@@ -123,7 +123,7 @@ def design(
     found, refused = [], []
     for candidate in offered:
         try:
-            more = taught(fitted, experiments, candidate, sizes, step)
+            more = information_gain(fitted, experiments, candidate, sizes, step)
         except SimulationError as error:
             refused.append(f"{candidate.words}: {error}")
             continue
@@ -162,7 +162,7 @@ def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
     return offered
 
 
-def taught(
+def information_gain(
     fitted: FitResult, experiments: Sequence[Experiment], candidate: Candidate, sizes: dict[str, float], step: float,
 ) -> Array:
     """Information (P, P) that a recording under a candidate adds, per relative change of each shared parameter.

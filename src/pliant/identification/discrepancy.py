@@ -1,9 +1,9 @@
-"""What a model may lack where it was not taught: a band that grows away from the taught pressures and speeds.
+"""What a model may lack beyond its training: a band that grows away from the training pressures and speeds.
 
-Between two taught levels, and beyond them, a model curves by the terms that it has; another model that follows the
-taught levels as well would curve otherwise. The straight line through the nearest taught levels is what all of them
+Between two training levels, and beyond them, a model curves by the terms that it has; another model that follows the
+training levels as well would curve otherwise. The straight line through the nearest training levels is what all of them
 agree on, and what the model bends more or less than that is uncertain by a share of itself. So is the part of a motion
-that is faster than any that was taught.
+that is faster than any in training.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
     from pliant.model import Model
 
 Array = np.ndarray
-INSIDE = 0.3  # standard deviation of what the model curves between two taught levels, in shares of it
+INSIDE = 0.3  # standard deviation of what the model curves between two training levels, in shares of it
 BEYOND = 1.0  # and beyond them; both set on the virtual actuators a, b and c, see docs/judging_a_fit.md
-FASTER = 0.5  # of what is faster than any taught motion
-LEVELS = 20  # of the highest pressure: how finely levels are told apart
+FASTER = 0.5  # of what is faster than any training motion
+LEVELS = 20  # of the highest pressure: how finely levels are distinguished
 GRID = 40  # pressures at which rest is found
 
 
 def discrepancy(
     model: Model, exp: Experiment, values: Mapping[str, float], modelled: Array, pressure: Array,
-    taught: Sequence[Experiment],
+    training: Sequence[Experiment],
 ) -> Array:
-    """Standard deviation (T, S, 2) [m] of what a model may lack of a motion that it was not taught.
+    """Standard deviation (T, S, 2) [m] of what a model may lack of a motion beyond its training.
 
     Of angles alone (T, S, 1), rad.
 
-    Zero for a pressure and a speed that were taught. A body with several chambers has no line of levels: there speed
-    alone counts.
+    Zero for a pressure and a speed that occurred in training. A body with several chambers has no line of levels:
+    there speed alone counts.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ def discrepancy(
         Its predicted positions, m, or angles, rad.
     pressure : array (T, C)
         Behind the valves, Pa.
-    taught : sequence of Experiment
+    training : sequence of Experiment
         What the model was fitted to.
     """
     m = apply(model, {**for_record(values, exp.name), **exp.known})
     lacking, still = np.zeros_like(modelled), modelled[:1]
-    levels = taught_levels(m, taught)
+    levels = training_levels(m, training)
     if m.actuation.count == 1 and exp.excitation != "release" and len(levels) > 1:
         course = pressure[:, 0]
         grid = np.linspace(min(course.min(), 0.0), max(course.max(), 0.0), GRID)
@@ -66,7 +66,7 @@ def discrepancy(
         share = np.where((grid > levels[-1]) | (grid < 0), BEYOND, INSIDE)[: len(rests), None, None]
         lacking = between(course, grid, share * np.abs(rests - straight))
         still = between(course, grid, rests)
-    return np.hypot(lacking, FASTER * faster(exp, modelled, taught) * np.abs(modelled - still))
+    return np.hypot(lacking, FASTER * faster(exp, modelled, training) * np.abs(modelled - still))
 
 
 def between(pressure: Array, grid: Array, rows: Array) -> Array:
@@ -75,12 +75,12 @@ def between(pressure: Array, grid: Array, rows: Array) -> Array:
     return np.stack(columns, axis=-1).reshape(pressure.size, *rows.shape[1:])
 
 
-def taught_levels(model: Model, taught: Sequence[Experiment]) -> Array:
+def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
     """Pressures (L,) [Pa], 0 among them, at which the training records stayed for a period of the first mode."""
     period = 1.0 / float(modes(model)[0][0])
-    highest = max((e.peak for e in taught), default=0.0)
+    highest = max((e.peak for e in training), default=0.0)
     found = {0.0}
-    for e in taught:
+    for e in training:
         if e.pressure is None:
             found |= {e.level} if e.excitation in ("pulse", "step") else set()
             continue
@@ -96,7 +96,7 @@ def taught_levels(model: Model, taught: Sequence[Experiment]) -> Array:
 def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:
     """What is observed (G, S, 2 or 1) at rest at the pressures `grid`, and what straight lines would make it.
 
-    The lines go through the joint angles, and strains, at the two nearest taught `levels`. Both end where no rest is
+    The lines go through the joint angles, and strains, at the two nearest training `levels`. Both end where no rest is
     found.
     """
     angles: list[Array] = []
@@ -124,9 +124,9 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
     return places(angles), places(lines)
 
 
-def faster(exp: Experiment, modelled: Array, taught: Sequence[Experiment]) -> Array:
-    """Share (T, 1, 1) of the tip's predicted speed that is beyond the highest of the taught records."""
-    limit = max((float(np.nanmax(speed(e.time, e.last_station))) for e in taught), default=np.inf)
+def faster(exp: Experiment, modelled: Array, training: Sequence[Experiment]) -> Array:
+    """Share (T, 1, 1) of the tip's predicted speed that is beyond the highest of the training records."""
+    limit = max((float(np.nanmax(speed(e.time, e.last_station))) for e in training), default=np.inf)
     own = speed(exp.time, modelled[:, -1])
     return np.asarray(np.clip(1.0 - limit / np.maximum(own, 1e-300), 0.0, 1.0))[:, None, None]
 

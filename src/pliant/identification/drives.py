@@ -142,7 +142,7 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
     seen = pressures_at(model, experiments)
     moves = np.ptp(seen, axis=0)
     most = int(np.argmax(moves))
-    told = [
+    findings = [
         f"Chamber {model.chambers[k].name} was hardly driven: its pressure moves by "
         f"{100 * moves[k] / moves[most]:.2g} % of that of {model.chambers[most].name}, and its law rests on that."
         for k in mine if moves[k] <= IDLE * moves[most]
@@ -153,8 +153,8 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
         one, other = model.chambers[a], model.chambers[b]
         if shared(seen[:, a], seen[:, b]) < ALIKE:
             overlap = bool(np.any((one.joint_gain != 0) & (other.joint_gain != 0)))
-            told.append(f"Chambers {one.name} and {other.name} {hardly_apart(overlap, uneven)}")
-    return told
+            findings.append(f"Chambers {one.name} and {other.name} {hardly_apart(overlap, uneven)}")
+    return findings
 
 
 def hardly_apart(overlap: bool, uneven: bool) -> str:
@@ -169,7 +169,7 @@ def hardly_apart(overlap: bool, uneven: bool) -> str:
             "of them alone, or free stiffness_*.")
 
 
-def told_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
+def findings_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
     """Why recordings do not tell the parameters `names` apart, where their chambers were never driven (apart)."""
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
@@ -180,5 +180,5 @@ def told_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[E
     for a, b in combinations(mine, 2):
         if shared(seen[:, a], seen[:, b]) < TOGETHER:
             both = f"{model.chambers[a].name} and {model.chambers[b].name}"
-            return f"chambers {both} were never driven apart: their gains cannot be told apart"
+            return f"chambers {both} were never driven apart: their gains cannot be separated"
     return ""

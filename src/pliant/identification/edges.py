@@ -96,9 +96,9 @@ def onset_in_noise(t: Array, u: Array, first: int) -> float:
 
 def held_pose(exp: Experiment) -> Array:
     """Places (S, 2) of the stations in the last moments before the body is let go, m."""
-    if exp.excitation != "release" or exp.placeless:
+    if exp.excitation != "release" or exp.without_positions:
         raise InputError(f"experiment {exp.name}: a pose was held before a release, and places show it, but this is a "
-                         f"{exp.excitation}{' seen by angles alone' if exp.placeless else ''}")  # fmt: skip
+                         f"{exp.excitation}{' seen by angles alone' if exp.without_positions else ''}")  # fmt: skip
     onset = edges(exp)["release"]
     held = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
     if np.isnan(held).all(axis=0).any():  # always one frame: the onset is one

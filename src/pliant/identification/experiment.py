@@ -72,11 +72,11 @@ class Experiment(Shown):
         0 Pa. `pressure` is then the one that moves most.
     x_sign : {1, -1}
         -1 where the base frame is turned by pi about the base tangent against the recording's own axes.  # D4
-    placeless : bool
+    without_positions : bool
         Whether no place was observed, so that everything rests on the angles; found from the data.
     travel : float
-        Largest displacement of the last station from its rest, m, or its largest turn, rad, where `placeless`; found
-        from the data, spikes of single frames passed over.
+        Largest displacement of the last station from its rest, m, or its largest turn, rad, where `without_positions`;
+        found from the data, spikes of single frames passed over.
     """
 
     name: str
@@ -98,7 +98,7 @@ class Experiment(Shown):
     own_places: bool = False
     drives: Mapping[str, Trace] = field(default_factory=dict)
     x_sign: int = 1
-    placeless: bool = field(init=False)
+    without_positions: bool = field(init=False)
     travel: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -112,7 +112,7 @@ class Experiment(Shown):
                 f"experiment {self.name}: positions must be (time, station, 2) = {(*wanted, 2)}, or (time, station, 3) "
                 f"in space, got {self.position.shape}"
             )
-        object.__setattr__(self, "placeless", self.angle is not None and not np.isfinite(self.position).any())
+        object.__setattr__(self, "without_positions", self.angle is not None and not np.isfinite(self.position).any())
         check_extras(self)
         if self.drives:
             check_drives(self)
@@ -146,7 +146,7 @@ class Experiment(Shown):
         unit, factor = self.shown_in
         travel = f"travel {factor * self.travel:.3g} {unit}"
         title = f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, {travel}"
-        return Card(title, drawing="" if self.placeless else body_svg(self.poses(), title))
+        return Card(title, drawing="" if self.without_positions else body_svg(self.poses(), title))
 
     def poses(self) -> list[tuple[str, Array]]:
         """The body at five instants from the first to the farthest, and the path of the last station, to draw."""
@@ -165,7 +165,7 @@ class Experiment(Shown):
     @property
     def compared(self) -> Array:
         """What a model is compared by: places (T, S, 2), m; angles (T, S, 1), rad, where no place was observed."""
-        return self.angle[..., None] if self.placeless and self.angle is not None else self.position
+        return self.angle[..., None] if self.without_positions and self.angle is not None else self.position
 
     @property
     def last_station(self) -> Array:
@@ -180,7 +180,7 @@ class Experiment(Shown):
     @property
     def shown_in(self) -> tuple[str, float]:
         """The unit in which a reader reads what is compared, and how many of it make one SI unit."""
-        return ("deg", float(np.degrees(1.0))) if self.placeless else ("mm", 1e3)
+        return ("deg", float(np.degrees(1.0))) if self.without_positions else ("mm", 1e3)
 
     @property
     def traces(self) -> Mapping[str, Trace]:

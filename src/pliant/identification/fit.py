@@ -108,7 +108,7 @@ def fit(
     how = with_defaults(fit, options, FIT_OPTIONS)
     step, loss, weighting = how["step"], how["loss"], how["weighting"]
     check_choices(loss, weighting)
-    if len({e.placeless for e in experiments}) > 1:
+    if len({e.without_positions for e in experiments}) > 1:
         raise InputError("one fit compares places or angles alone: its experiments hold the one and the other")
     model, filled = prepare(experiments, model, parameters)
     if not any(p.free for p in filled):
@@ -162,8 +162,10 @@ def predict_held_out(
         values = fitted.values
         prediction = predict(fitted.model, experiment, values, step)
         rmse = {experiment.name: root_mean_square(prediction["compared"], experiment.compared)}
-        told = "nothing was fitted to this record"
-        return prediction, FitResult(fitted.model, tuple(fixed), told, rmse, 1, 0.0, True, turns=experiment.placeless)
+        note = "nothing was fitted to this record"
+        return prediction, FitResult(
+            fitted.model, tuple(fixed), note, rmse, 1, 0.0, True, turns=experiment.without_positions
+        )
     moments = best_edges(experiment, fitted, step)
     span = float(np.ptp(experiment.time))
     low, high = float(experiment.time[0]) - span, float(experiment.time[-1]) + span
@@ -244,7 +246,7 @@ def finished(
     notes = cautions(model, parameters, problem.experiments, section_area) + combinations(problem, best.x, found)
     if found.correlated:
         notes.append(f"Residuals are correlated over {found.correlated:.2g} s, which the standard errors count in.")
-    notes += [told for e in problem.experiments if (told := at_rest(problem.model, e))]
+    notes += [note for e in problem.experiments if (note := at_rest(problem.model, e))]
     notes += hardly_driven([p.name for p in problem.free], problem.model, problem.experiments)
     if held_gains(parameters, problem.model):
         notes.append("The mean of the joints' gains is held where it began: the torque law has a scale of its own.")
@@ -254,7 +256,7 @@ def finished(
     return FitResult(
         model, parameters, status_sentence(best, parameters, far), rmse, problem.evaluations, seconds,
         best.status > 0 and not far,
-        found, tuple(notes), float(bic), turns=problem.experiments[0].placeless,
+        found, tuple(notes), float(bic), turns=problem.experiments[0].without_positions,
     )
 
 

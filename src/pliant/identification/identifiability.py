@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import PliantError
-from pliant.identification.drives import told_of_chambers
+from pliant.identification.drives import findings_of_chambers
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import prepare
 from pliant.identification.parameters import Parameter, kind_of, shared_name
@@ -138,11 +138,11 @@ def examine(problem: Problem) -> Identifiability:
 
 def in_chambers(problem: Problem, found: Direction) -> Direction:
     """The direction; where it does not show since chambers were not driven (apart), it says so, from the pressures."""
-    told = told_of_chambers(found.names, problem.model, problem.experiments)
-    if not told:
+    findings = findings_of_chambers(found.names, problem.model, problem.experiments)
+    if not findings:
         return found
     cure = f"record one of them driven alone, or fix {found.names[0]}"
-    return replace(found, sentence=f"{told} ({found.sentence})", cure=cure)
+    return replace(found, sentence=f"{findings} ({found.sentence})", cure=cure)
 
 
 def information(problem: Problem, x: Array) -> Identifiability:
@@ -243,22 +243,22 @@ def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
     rel = np.where(judged, np.sqrt(np.maximum(np.diag(C), 0.0)), 0.0)
     prior = np.array([p.prior_std or np.inf for p in problem.free]) / sizes
     names = found.names
-    told = [
+    findings = [
         f"{names[i]} rests on its prior, which the recordings hardly narrow." for i in np.flatnonzero(rel > 0.8 * prior)
     ]
     worst = int(np.argmax(rel))
     if rel[worst] <= WEAK:
-        return told
+        return findings
     alone = np.sqrt(np.maximum(np.diag(C) - C[:, worst] ** 2 / C[worst, worst], 0.0))
     others = [i for i in np.flatnonzero((rel > 0.1) & (alone < 0.8 * rel)) if i != worst]
     if not others:
         share = f"{100 * rel[worst]:.0f} % of its size"
-        return [*told, f"{names[worst]} is known to {share} only: {cure((names[worst],))}."]
+        return [*findings, f"{names[worst]} is known to {share} only: {cure((names[worst],))}."]
     move = 10 * C[:, worst] / C[worst, worst]
     along = join_words([f"{names[i]} {abs(move[i]):.1f} % {'higher' if move[i] > 0 else 'lower'}" for i in others])
     gain = join_words([f"{names[i]} to {100 * alone[i]:.0f} % instead of {100 * rel[i]:.0f} %" for i in others])
     listed = (*(names[i] for i in others), names[worst])
-    return [*told, (
+    return [*findings, (
         f"{join_words(listed)} make up for each other: {names[worst]} 10 % higher with {along} follows the recordings "
         f"as well. {names[worst]} is known to {100 * rel[worst]:.0f} % of its size; were it fixed, {gain} would be "
         "known."

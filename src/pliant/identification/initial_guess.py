@@ -70,7 +70,7 @@ def registered(model: Model, experiments: Sequence[Experiment], values: dict[str
     known = {p.name: p for p in model.points}
     points = {p.name: p for p in model.stations}
     for exp in experiments:
-        if exp.placeless:
+        if exp.without_positions:
             points = turning_points(model, exp, known) | points
             continue
         m = apply(model, {**values, **exp.known})
@@ -210,7 +210,7 @@ def ring_start(model: Model, experiments: Sequence[Experiment], wanted: set[str]
 
 
 def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
-    """Gains as each chamber has them, and twice the highest pressure for the limit of a wall that gives way."""
+    """Gains as each chamber has them, and twice the highest pressure for the limit of a hyperelastic wall."""
     found = chamber_guess(highest_level(experiments))
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         driven = [t for e in experiments for name, t in e.drives.items() if name == chamber.name]

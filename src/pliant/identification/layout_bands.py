@@ -46,6 +46,6 @@ def band_of_swings(experiments: Sequence[Experiment], model: Model) -> tuple[flo
 
     As of a body bent evenly, whose end moves by half its angle times its length.
     """
-    turns = [e.travel if e.placeless else 2.0 * e.travel / model.length for e in experiments]
+    turns = [e.travel if e.without_positions else 2.0 * e.travel / model.length for e in experiments]
     joint = max(turns) / model.n
     return LEAST * joint, 2.0 * joint

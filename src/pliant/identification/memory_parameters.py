@@ -46,7 +46,7 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     "valve_settle_share": ("1", 0.0, 0.9, 0.1, "share of the pressure that comes late"),
     "valve_settle_time": ("s", 0.2, 1e3, 0.0, "how late"),
     "swell_time": ("s", 1e-3, 1e4, 0.0, "how late"),
-    "inflation_limit": ("Pa", 1e3, 1e9, 0.0, "pressure towards which the chamber's wall gives way without end"),
+    "inflation_limit": ("Pa", 1e3, 1e9, 0.0, "pressure towards which the chamber's wall expands without end"),
     "inflation_time": ("s", 1e-4, 1e3, 0.0, "time that the wall takes at low pressure"),
 }
 LAYOUTS: dict[str, tuple[Callable[..., Springpot | Payne], tuple[str, ...], str]] = {
@@ -58,7 +58,7 @@ PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle")}
 
 
 def usual_start(name: str) -> float | None:
-    """Where a fit of this parameter begins unless told otherwise; None for a name that is not one of memory.
+    """Where a fit of this parameter begins unless stated otherwise; None for a name that is not one of memory.
 
     Branches of one kind begin apart: from equal ones no fit would tell them from each other.
     """
@@ -79,7 +79,7 @@ def usual_start(name: str) -> float | None:
 
 
 def chamber_guess(highest: float) -> dict[str, float]:
-    """Where a wall that gives way begins: twice the `highest` pressure [Pa] of the recordings."""
+    """Where the limit of a hyperelastic wall begins: twice the `highest` pressure [Pa] of the recordings."""
     return {"inflation_limit": 2.0 * highest}
 
 

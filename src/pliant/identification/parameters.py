@@ -113,10 +113,10 @@ class Parameter:
             return "given"
         if self.prior_std is None:
             return "data"
-        told = f"prior {self.prior:.4g} +- {self.prior_std:.2g}" if self.prior is not None else "prior"
+        prior_text = f"prior {self.prior:.4g} +- {self.prior_std:.2g}" if self.prior is not None else "prior"
         if self.narrowed is None or self.moved is None:
-            return f"{told} alone"
-        which = told if self.narrowed > MOSTLY_PRIOR else f"data and {told}"
+            return f"{prior_text} alone"
+        which = prior_text if self.narrowed > MOSTLY_PRIOR else f"data and {prior_text}"
         return f"{which}; moved by {self.moved:+.1f} of its sd, narrowed to {100 * min(self.narrowed, 1.0):.0f} %"
 
 
@@ -168,7 +168,7 @@ KNOWN: dict[str, Kind] = {
     "sensor_lag": Kind("s", lower=0.0, upper=10.0, scale=0.02, meaning="time constant of the shape's sensor"),
     "release": Kind("s", scale=0.01, meaning="when the held body is let go"),
     "release_time": Kind("s", lower=0.0, upper=0.2, scale=0.01, meaning="how long the hand takes to let go"),
-    "base_turn": Kind("rad", lower=-0.2, upper=0.2, scale=0.01, meaning="turn of a clamp that gives way at release"),
+    "base_turn": Kind("rad", lower=-0.2, upper=0.2, scale=0.01, meaning="turn of a clamp that yields at release"),
     "hold_force": Kind("N", scale=0.05, meaning="force at the tip, along x, that holds the body before its release"),
     **{n: Kind(*row) for n, row in {**ROWS, **extension_parameters.ROWS, **space_parameters.ROWS}.items()},
 }

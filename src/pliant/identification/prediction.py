@@ -41,7 +41,7 @@ def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], ste
 
 def compared_of(exp: Experiment, rows: Array) -> Array:
     """What is compared (..., T, S, d or 1) of observed rows (..., T, S, 3); see `Experiment.compared`."""
-    return turned(exp, rows)[..., None] if exp.placeless else rows[..., : exp.dimension]
+    return turned(exp, rows)[..., None] if exp.without_positions else rows[..., : exp.dimension]
 
 
 def turned(exp: Experiment, rows: Array) -> Array:

@@ -60,7 +60,7 @@ class Band(Shown):
 
 def prediction_band(
     experiment: Experiment, fitted: FitResult, *, step: float = 2e-3, level: float = 0.95,
-    noise: float | Array = 0.0, own: FitResult | None = None, taught: Sequence[Experiment] = (),
+    noise: float | Array = 0.0, own: FitResult | None = None, training: Sequence[Experiment] = (),
 ) -> Band:
     """The prediction of an experiment with the band that the fit's covariance gives it (delta method).
 
@@ -81,7 +81,7 @@ def prediction_band(
         `residual_noise` takes it from the training records.
     own : FitResult, optional
         The fit of what is the experiment's own, from `predict_held_out`, where it is there already.
-    taught : sequence of Experiment, optional
+    training : sequence of Experiment, optional
         What the fit learned from: the band then grows where pressure or speed leave what they showed; see
         `discrepancy`.
 
@@ -117,9 +117,9 @@ def prediction_band(
     relative = fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(unit, unit)
     variance = np.einsum("itsc,ij,jtsc->tsc", theirs, relative, theirs)
     variance = np.maximum(variance, 0.0) + noise**2
-    if taught:
+    if training:
         pressure = predict(own.model, experiment, own.values, step)["pressure"]
-        variance += discrepancy(own.model, experiment, own.values, rows, pressure, taught) ** 2
+        variance += discrepancy(own.model, experiment, own.values, rows, pressure, training) ** 2
     std = np.sqrt(variance)
     half = NormalDist().inv_cdf(0.5 + 0.5 * level) * std
     return Band(rows, std, rows - half, rows + half, level, *experiment.shown_in)

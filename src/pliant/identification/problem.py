@@ -149,8 +149,8 @@ class Problem:
         residual = self.data_residual(x)
         parts = np.split(residual, self.ends[:-1])
         frames = [correlated_frames(o, part) for o, part in zip(self.observed, parts, strict=True)]
-        told = sum(part.size / f for part, f in zip(parts, frames, strict=True))
-        self.size = float(np.sqrt(residual.size / told))
+        independent = sum(part.size / f for part, f in zip(parts, frames, strict=True))
+        self.size = float(np.sqrt(residual.size / independent))
         if self.weighting != "noise":
             self.size *= max(float(np.sqrt(np.mean(residual**2))), 1e-12 * self.unit)
             return

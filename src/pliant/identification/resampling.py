@@ -38,8 +38,8 @@ def bootstrapped(
     found = fitted.covariance._replace(matrix=np.atleast_2d(np.cov(values.T)), source="block bootstrap")
     errors = dict(zip(found.names, found.std, strict=True))
     parameters = tuple(p.with_(std=errors.get(p.name)) for p in fitted.parameters)
-    told = f"Standard errors come from {replicates} replicates that keep residuals correlated as they are."
-    return replace(fitted, parameters=parameters, covariance=found, notes=(*fitted.notes, told))
+    note = f"Standard errors come from {replicates} replicates that keep residuals correlated as they are."
+    return replace(fitted, parameters=parameters, covariance=found, notes=(*fitted.notes, note))
 
 
 def bootstrap(
@@ -82,7 +82,7 @@ def bootstrap(
 
 def with_drawn(exp: Experiment, drawn: Array) -> Experiment:
     """The experiment with other places (T, S, 2), or angles (T, S, 1) where it holds those alone."""
-    return replace(exp, angle=drawn[..., 0]) if exp.placeless else replace(exp, position=drawn)
+    return replace(exp, angle=drawn[..., 0]) if exp.without_positions else replace(exp, position=drawn)
 
 
 def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator) -> Array:

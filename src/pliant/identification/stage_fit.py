@@ -199,7 +199,7 @@ class StageFitter:
             for e in self.train
         }
         return FitResult(model, tuple(filled), "Nothing is free: the model as given.", rmse, len(rmse), 0.0, True,
-                         turns=self.train[0].placeless)  # fmt: skip
+                         turns=self.train[0].without_positions)  # fmt: skip
 
     def judged(self, stage: Stage, result: FitResult) -> Step:
         """Errors and cost of a fitted stage."""

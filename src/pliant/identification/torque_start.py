@@ -86,13 +86,13 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Ch
 
     def shown(q: Array) -> Array:
         phi = mechanics_of(model).coordinates(q)
-        return phi[last.link] if exp.placeless else mechanics_of(model).stations(phi)[0][k]
+        return phi[last.link] if exp.without_positions else mechanics_of(model).stations(phi)[0][k]
 
-    unbent = equilibrium(model)
-    rest = shown(unbent)
+    unloaded = equilibrium(model)
+    rest = shown(unloaded)
 
     def gap(torque: float) -> float:
-        return float(np.linalg.norm(shown(unbent + share * torque / joints.K) - rest)) - target
+        return float(np.linalg.norm(shown(unloaded + share * torque / joints.K) - rest)) - target
 
     from scipy.optimize import brentq
 

@@ -162,7 +162,7 @@ class Actuation:
         return tau
 
     def no_rest(self, pressure: Any) -> str:
-        """A sentence on the chamber whose wall gives way at `pressure` (C,) [Pa]."""
+        """A sentence on the chamber whose wall has no equilibrium at `pressure` (C,) [Pa]."""
         said = (c.no_rest(p) for c, p in zip(self.inputs, self.pressures(pressure), strict=True))
         return next(filter(None, said), "")
 

@@ -56,8 +56,8 @@ class Chamber:
         A chamber that swells: this share of what the law adds beyond torque[0] p grows with a pressure that lags by
         swell_time, s. See `pliant.equations.chamber.swollen_torque`; share 0: at once.
     inflation_limit, inflation_time : float
-        A chamber whose wall gives way: the pressure [Pa] towards which it grows without end, shear modulus times wall
-        over radius of a thin neo-Hookean tube, and the time [s] that its rubber takes at low pressure. The torque
+        With a hyperelastic wall: the pressure [Pa] towards which it grows without end, shear modulus times wall over
+        radius of a thin neo-Hookean tube, and the time [s] that its rubber takes at low pressure. The torque
         grows with the cube of the stretch; see `pliant.equations.chamber.inflated_interval`. Limit 0: a rigid wall.
     axial_gain : array (S,)
         Axial force on each segment that lengthens (`pliant.model.Extension`), in parts of the torque, 1/m. By virtual
@@ -144,7 +144,7 @@ class Chamber:
 
     @property
     def grows(self) -> bool:
-        """Whether the wall gives way."""
+        """Whether the wall is hyperelastic."""
         return self.inflation_limit > 0
 
     @property
@@ -162,7 +162,7 @@ class Chamber:
         return np.array([pressure, float(self.growth_at(pressure))])
 
     def torque_at(self, pressure: Any) -> Any:
-        """Torque of the law at rest at gauge `pressure` [Pa], N m; any shape. Infinite where the wall gives way."""
+        """Torque of the law at rest at gauge `pressure` [Pa], N m; any shape. Infinite where the wall bursts."""
         torque = self.lever_at(pressure) * np.asarray(pressure, dtype=float)
         return torque * chamber.lever_growth(self.growth_at(pressure)) if self.inflation_limit else torque
 
@@ -171,7 +171,7 @@ class Chamber:
         return laws.lever(np.asarray(pressure, dtype=float), self.torque, laws.NUMBERS[self.law])
 
     def no_rest(self, pressure: float) -> str:
-        """A sentence where the wall gives way at a pressure [Pa]; empty where the chamber comes to rest."""
+        """A sentence where the wall has no equilibrium at a pressure [Pa]; empty where the chamber comes to rest."""
         if np.isfinite(self.torque_at(pressure)):
             return ""
         return (
@@ -189,7 +189,7 @@ class Chamber:
         Raises
         ------
         InputError
-            Where the wall gives way: its growth is a state that a linear model does not have.
+            With a hyperelastic wall: its growth is a state that a linear model does not have.
         """
         if self.inflation_limit:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Numbers at the door of a model and of a chamber."""
+"""Checks of the numbers given to a model and to a chamber."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A chamber whose wall gives way at once, in proportion to the pressure: its lever grows with the cube of its radius.
+"""A chamber whose wall expands at once, in proportion to the pressure: its lever grows with the cube of its radius.
 
 tau = a p (1 + c p)^3
 

@@ -88,7 +88,7 @@ class Memory:
 
     @property
     def instantaneous(self) -> float:
-        """Stiffness of all branches together before any of them gives way, in parts of the joint's own."""
+        """Stiffness of all branches together before any of them slips, in parts of the joint's own."""
         return sum(self.creep_share) + sum(self.slip_share) + self.boucwen_share
 
     def law(self) -> symbols.MemoryLaw:
@@ -114,7 +114,7 @@ def springpot(share: float, order: float, low: float, high: float) -> Springpot:
     Two branches a decade, from half a decade below the band to half a decade above it, rates w_j evenly spaced by r on
     a logarithmic scale: ``share sin(pi a) / pi  ln(r) w_j^a``, a the order. What lies above them is one more branch
     with the first two moments of all faster ones, a dashpot within the band. What lies below them is a spring: within
-    the band it cannot be told from the joint's own, so it is handed back and not laid out.
+    the band it cannot be distinguished from the joint's own, so it is handed back and not laid out.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def payne(share: float, angle: float, exponent: float, low: float, high: float) 
     at three amplitudes a decade from `low` to `high`. With v = 1 / (1 + (x / angle)^(2 m)), elements that slip beyond x
     are together as stiff as ``share v (1 - 2 m + 2 m v)``, those that slip before hold the torque ``share 2 m x v
     (1 - v)``; those between two amplitudes are one. What slips beyond the band is a spring: within it that cannot be
-    told from the joint's own, so it is handed back and not laid out.
+    distinguished from the joint's own, so it is handed back and not laid out.
 
     Parameters
     ----------

@@ -44,11 +44,11 @@ def sentences(model: ModelParameters) -> list[str]:
             f"{term.letter} in {term.unit}: {', '.join(f'{c:.3g}' for c in np.unique(getattr(model, name)))}"
             for name, term in list(SPRING_TERMS.items())[: used[-1]]
         )
-        told = f"springs {in_words(used[-1])}, {'; '.join(sizes)}"
+        springs = f"springs {in_words(used[-1])}, {'; '.join(sizes)}"
         if model.stiffening_bound.any():
             most = ", ".join(f"{100 * f:.3g} %" for f in np.unique(model.stiffening_bound))
-            told += f"; what s does to the slope is at most {most} of K"
-        said.insert(1, told)
+            springs += f"; what s does to the slope is at most {most} of K"
+        said.insert(1, springs)
     for e, length in zip(model.extensions, model.segment_length, strict=True):
         damper = f", {e.damping:.4g} N s" if e.damping else ""
         said.append(f"segment {e.name!r} of {1e3 * length:.4g} mm lengthens: EA {e.stiffness:.4g} N{damper}")

@@ -79,7 +79,7 @@ class InitialValueProblem(NamedTuple):
         every = 2 if factor > 1.0 and self.times.size > 2 else 1  # every second time: no step reaches beyond one
         other = self.plan(factor * float(plan.h.max()), self.times[::every])
         if factor > 1.0 and other.h.size > 0.75 * plan.h.size:
-            raise SimulationError("the output times and jumps leave no room for longer steps")
+            raise SimulationError("the output times and jumps permit no longer steps")
         return self.tips(phi[::every]), self.tips(self.marched(other)[0])
 
 

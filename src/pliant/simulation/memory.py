@@ -1,4 +1,4 @@
-"""Chains that remember: their march, and what a trajectory tells of the memory."""
+"""Chains that remember: their march, and the outputs of their hysteresis states."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def first_states(model: Model, q0: Array, given: Array | None) -> Array:
     return rest
 
 
-def told(model: Model, phi: Array, states: Array, loss: Array) -> dict[str, Entry]:
+def outputs(model: Model, phi: Array, states: Array, loss: Array) -> dict[str, Entry]:
     """States, torque, stored and dissipated energy of the memory along a trajectory, with their dimensions."""
     if not model.memory:
         return {}

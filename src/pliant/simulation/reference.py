@@ -120,7 +120,7 @@ class Place(NamedTuple):
     p: int
     dp: int
     slow: slice  # of a chamber that swells, one place or none
-    stretch: slice  # its fourth power, of one whose wall gives way, one place or none
+    stretch: slice  # its fourth power, of a hyperelastic wall, one place or none
 
 
 class StateLayout(NamedTuple):

@@ -55,7 +55,7 @@ def trajectory(
 ) -> xr.Dataset:
     """Label the arrays of a simulation.
 
-    `memory` holds what `memory.told` tells, and the stretch of a chamber that inflates; empty for a model that
+    `memory` holds what `memory.outputs` returns, and the stretch of a chamber that inflates; empty for a model that
     remembers nothing.
     """
     times, pressure, phi, w = motion

@@ -141,7 +141,7 @@ def simulate(
     phi, w, work, states = solution.marched
     if lost := state.first_given_way(model, problem.times, phi):
         raise SimulationError(lost)
-    extra = memory.told(model, phi, states, work[:, -1])
+    extra = memory.outputs(model, phi, states, work[:, -1])
     if solution.stretch is not None:
         extra["hoop_stretch"] = (("time", "input"), solution.stretch)
     motion = trajectory(

@@ -68,7 +68,7 @@ def equilibrium(
     Raises
     ------
     SimulationError
-        When no stable equilibrium is found: the load buckles the chain, or the chamber's wall gives way.
+        When no stable equilibrium is found: the load buckles the chain, or the chamber's wall has no equilibrium.
     InputError
         When the pressure or the force is not finite.
 
@@ -107,7 +107,7 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
     Of a body that lengthens there are n + S, those of its strains among them.
 
     The damping ratio is that of the modal diagonal of D: exact where D is proportional to K. Memory adds its stiffness
-    as before it gives way: creep has no time to flow, slip elements stick. Paper: Eq. (5) [eq:eom], linearised.
+    as before it slips: creep has no time to flow, slip elements stick. Paper: Eq. (5) [eq:eom], linearised.
 
     Parameters
     ----------

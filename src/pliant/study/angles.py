@@ -23,9 +23,9 @@ def supported_links(experiments: Mapping[str, Experiment]) -> int | None:
     InputError
         When some recordings hold places and others do not.
     """
-    kinds = {name: e.placeless for name, e in experiments.items()}
+    kinds = {name: e.without_positions for name, e in experiments.items()}
     if len(set(kinds.values())) > 1:
-        bare = [name for name, placeless in kinds.items() if placeless]
+        bare = [name for name, without_positions in kinds.items() if without_positions]
         raise InputError(f"recording {bare[0]} holds angles and no places, others hold places: a study compares one of "
                          "them")  # fmt: skip
     if not all(kinds.values()):

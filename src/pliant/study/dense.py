@@ -61,7 +61,7 @@ def body_of_fibre(
 def before_cap(whole: xr.Dataset, fibre: Fibre) -> tuple[float, float, str]:
     """Arc length [m] of the base, one body length before the cap; the side to which the cap bends; how it was found.
 
-    In space the cap is told by the size of its curvature.
+    In space the cap is found by the size of its curvature.
     """
     space, frame = whole.attrs["frame"] == "spatial", alignment_of(whole)
     kappa = curvature_of(whole, method="savgol", window=15)

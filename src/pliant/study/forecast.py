@@ -69,8 +69,8 @@ def run_forecast(
     seen: list[str] = []
 
     def measure(values: Mapping[str, float]) -> np.ndarray:
-        prediction = predict(result.model, case, {**values, **own}, study.step)
-        tip, grown = prediction["compared"][:, -1], {} if case.placeless else growth(prediction["position"], NAMES)
+        motion = predict(result.model, case, {**values, **own}, study.step)
+        tip, grown = motion["compared"][:, -1], {} if case.without_positions else growth(motion["position"], NAMES)
         traits = {**response(template.synchronised(values), tip), **grown}
         seen[:] = seen or [k for k, v in traits.items() if v is not None]
         numbers = [np.nan if (v := traits[k]) is None else v for k in seen]
@@ -101,11 +101,11 @@ def run_forecast(
 
 
 def tip_lacks(
-    result: FitResult, case: Experiment, values: Mapping[str, float], taught: Sequence[Experiment], step: float,
+    result: FitResult, case: Experiment, values: Mapping[str, float], training: Sequence[Experiment], step: float,
 ) -> np.ndarray:
     """What the model may lack of the last station's motion (T, 2 or 1), one standard deviation; see `discrepancy`."""
     prediction = predict(result.model, case, values, step)
-    return discrepancy(result.model, case, values, prediction["compared"], prediction["pressure"], taught)[:, -1]
+    return discrepancy(result.model, case, values, prediction["compared"], prediction["pressure"], training)[:, -1]
 
 
 def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Experiment:

@@ -226,12 +226,12 @@ def hardly_moved(experiments: Mapping[str, Experiment], length: float) -> dict[s
     reasons = {}
     for name, exp in experiments.items():
         unit, factor = exp.shown_in
-        least = LEAST_TURN if exp.placeless else LEAST_TRAVEL * length
+        least = LEAST_TURN if exp.without_positions else LEAST_TRAVEL * length
         if exp.travel < least:
             limit = f"less than {factor * least:.2g} {unit}"
-            if not exp.placeless:
+            if not exp.without_positions:
                 limit = f"less than {100 * LEAST_TRAVEL:g} % of the body's {1e3 * length:.3g} mm"
-            what = "angle" if exp.placeless else "tip"
+            what = "angle" if exp.without_positions else "tip"
             moved = f"its {what} moves by {factor * exp.travel:.2g} {unit}"
             reasons[name] = f"recording {name} is dropped: {moved}, {limit}"
     return reasons

@@ -34,7 +34,7 @@ def outcome_of(
     prediction = predict(result.model, exp, values, step)
     finite(prediction["compared"], "the modelled motion")
     metrics = compare(exp.synchronised(values), prediction["compared"], result.model.length)
-    body = None if exp.placeless else predict_body(result.model, exp, values, step)
+    body = None if exp.without_positions else predict_body(result.model, exp, values, step)
     return RecordOutcome(exp.name, role, exp, prediction["compared"], prediction["pressure"], metrics, body=body)
 
 
@@ -101,6 +101,6 @@ def band_of(
     """The band of a prediction: from the uncertainty of the parameters, and residuals as the training records have."""
     exp = made.experiment
     noise = residual_noise(train, result, exp, made.modelled, step=step, weighting=weighting)
-    band = prediction_band(exp, result, step=step, noise=noise, own=own, taught=train)
+    band = prediction_band(exp, result, step=step, noise=noise, own=own, training=train)
     finite(band.std, "the width of the band")
     return band

@@ -75,7 +75,7 @@ def joint_errors(exp: Experiment, modelled: Array, settled: Array) -> dict[str, 
 
     `settled` (T,) says which frames are the end of the motion.
     """
-    if len(exp.stations) < 2 or exp.placeless:
+    if len(exp.stations) < 2 or exp.without_positions:
         return {"joint_rmse_mrad": None, "joint_steady_error_mrad": None}
     away = 1e3 * (turns(modelled) - turns(exp.position))
     away = np.linalg.norm(away, axis=2) if away.ndim == 3 else away

@@ -94,7 +94,7 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     fit = 1.0 - np.sqrt(np.sum(distance[seen] ** 2) / np.nansum(variation**2))
     traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
     ends, begins = (traits[who][f"steady_state_{unit}"] for who in ("modelled", "measured"))
-    own = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.placeless else {
+    own = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.without_positions else {
         "rmse_percent_of_length": 100 * rmse / length, **extension(exp, modelled)}
     return {
         f"rmse_{unit}": factor * rmse,

@@ -213,7 +213,7 @@ class StudyOutcome(Shown):
     @property
     def turns(self) -> bool:
         """Whether its recordings hold angles and no places."""
-        return any(r.experiment.placeless for f in self.fits for r in f.records)
+        return any(r.experiment.without_positions for f in self.fits for r in f.records)
 
     def card(self) -> Card:
         """The headline, and every record under the first fit that holds it."""

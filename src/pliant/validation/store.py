@@ -53,7 +53,7 @@ def in_metres(dims: Sequence[str], values: Array, name: str = "") -> tuple[Seque
 def recorded(exp: Experiment) -> xr.Dataset:
     """What a recording showed, and what drove it."""
     variables: dict[str, Any] = {}
-    if exp.placeless:
+    if exp.without_positions:
         about_angle = {"units": "rad", "long_name": "measured angle", "reference": exp.angle_reference}
         variables["angle"] = (("time", "station"), exp.compared[..., 0], about_angle)
     else:
@@ -67,7 +67,7 @@ def recorded(exp: Experiment) -> xr.Dataset:
         variables["pressure"] = (dims, samples, {"units": "Pa", "long_name": "measured gauge pressure"})
         variables["pressure_time"] = ("pressure_time", exp.pressure.time, {"units": "s"})
     about = {"name": exp.name, "excitation": exp.excitation, "level": exp.level, "x_sign": exp.x_sign}
-    axes = ["angle"] if exp.placeless else list("xyz"[: exp.dimension])
+    axes = ["angle"] if exp.without_positions else list("xyz"[: exp.dimension])
     coordinates = {"time": ("time", exp.time, {"units": "s"}), "station": list(exp.stations), "axis": axes}
     return xr.Dataset(variables, coordinates, about)
 
@@ -83,7 +83,7 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
             whole = np.stack([np.full(shape, np.nan) if v is None else v for v in values])
             found[name] = (("fit", *dims), whole, {"units": units})
 
-    unit = "rad" if exp.placeless else "m"
+    unit = "rad" if exp.without_positions else "m"
     stack("modelled", SPACE, unit, [r.modelled if r else None for r in rows])
     stack("modelled_pressure", ("time", "input"), "Pa", [r.pressure if r else None for r in rows])
     stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])

@@ -72,7 +72,7 @@ def measured_of(exp: Experiment, every: int, pack: Pack) -> dict[str, Any]:
 
 def grown_of(position: Array, exp: Experiment, every: int, pack: Pack) -> dict[str, Any] | None:
     """How much longer the body is than in its first frames, mm, by arcs through the stations; nothing for one point."""
-    if exp.placeless or len(exp.stations) < 2:
+    if exp.without_positions or len(exp.stations) < 2:
         return None
     length = arc_lengths(position)
     return pack.add(1e3 * (length - np.nanmedian(length[:5]))[::every]) if np.isfinite(length[:5]).any() else None

@@ -255,7 +255,7 @@ class Live:
         joints = mechanics_of(m).nodes(self.stepper.position)
         message, self.message = self.message, ""
         measured = None
-        if self.record is not None and not self.record.placeless:
+        if self.record is not None and not self.record.without_positions:
             k = int(np.abs(self.record.time - self.record.time[0] - t).argmin())
             measured = [[None if not np.isfinite(v) else round(1e3 * float(v), 3) for v in p]
                         for p in self.record.position[k]]

@@ -45,13 +45,13 @@ def columns(keys: Sequence[str], *, turns: bool) -> tuple[str, ...]:
 def record_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
     """A row of the table of records: texts only."""
     m = record.metrics
-    pairs = {k: m.get(k) or {} for k in columns(PAIRS, turns=record.experiment.placeless)}
+    pairs = {k: m.get(k) or {} for k in columns(PAIRS, turns=record.experiment.without_positions)}
     measured, modelled = (pairs["frequency_hz"].get(who) for who in ("measured", "modelled"))
     off = 100 * (modelled / measured - 1) if measured and modelled else None
     return {
         "name": record.name, "fit": fit.title, "missing": "",
         "notes": [*(n.sentence for n in fit.not_computed if n.record == record.name), *edge_notes(m)],
-        "single": {k: digits(m.get(k)) for k in columns(SINGLE, turns=record.experiment.placeless)},
+        "single": {k: digits(m.get(k)) for k in columns(SINGLE, turns=record.experiment.without_positions)},
         "pairs": {k: [digits(pairs[k].get(who)) for who in ("measured", "modelled")] for k in pairs},
         "frequency_difference": digits(off, 2, "+"),
         "steady_state_error": digits(sized(m, "steady_state_error")[0], 2, "+"),
