@@ -148,3 +148,26 @@ def test_inputs_of_any_kind_end_the_rest_and_show_their_range():
     assert "input cable: 3 to 3 N" in found.summary()
     holed = ds.assign(actuation=ds["actuation"].where(ds["input_time"] > 0.1))
     assert "12 samples of inputs other than pressure are missing" in quality(holed).summary()
+
+
+def test_faults_of_rigid_bodies_are_counted_and_undone_before_the_base_frame():
+    turn = Rotation.random(rng=6)
+    clean = tracked(turn, noise=0.0)
+    q = clean["quaternion"].values.copy()
+    flip = np.array([0.0, 0.0, 1.0, 0.0])  # half a turn about the markers' own z, which they do not tell apart
+    q[100:160, 3] = (Rotation.from_quat(q[100:160, 3]) * Rotation.from_quat(flip)).as_quat()
+    q[200:, 1] *= -1.0
+    q[120, 5] = (Rotation.from_quat(q[120, 5]) * Rotation.from_rotvec([0.2, 0, 0])).as_quat()
+    faulty = clean.assign(quaternion=clean["quaternion"].copy(data=q))
+    found = quality(faulty)
+    assert found.orientation_jumps == {"c": 2}
+    assert found.sign_flips["a"] == 1
+    assert found.orientation_spikes == {"tip": 1}
+    assert not quality(clean).orientation_spikes
+    with pytest.raises(InputError, match=r"jumps by more than 30 degrees .*\(c 2\)"):
+        align(faulty, space=True)
+    mended, wanted = align(faulty, space=True, undo_jumps=True), align(clean, space=True)
+    assert "frames turned back: c 60" in mended.attrs["history"]
+    apart = (rotations(mended).inv() * rotations(wanted)).magnitude().reshape(-1, 6)
+    assert apart[np.arange(300) != 120].max() < 0.01  # the turn is known to the motion between two frames
+    assert apart[120, 5] == pytest.approx(0.2, abs=1e-6)  # a spike stays, for a robust loss to pass over

@@ -16,6 +16,7 @@ from pliant.preprocessing.labels import exchanged
 from pliant.preprocessing.plausibility import UNITS, Case, doubts
 from pliant.preprocessing.plausibility.shape import extent
 from pliant.preprocessing.pressure_clock import clock_sentences, pressure_clock
+from pliant.preprocessing.rotations import continuous
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.schema import check_recording
 
@@ -46,7 +47,7 @@ class Quality(Shown):
         Steps of more than 2.5 times the median one.
     repeated_frames : int
         Frames that equal the one before in every number.
-    missing, spikes, station_jumps, sign_flips, orientation_jumps : dict
+    missing, spikes, station_jumps, sign_flips, orientation_jumps, orientation_spikes : dict
         Counts per station (frames); stations without any are left out.
     frame_jumps_s : tuple of float
         Times at which more than half of the stations jumped at once.
@@ -91,6 +92,7 @@ class Quality(Shown):
     station_jumps: dict[str, int] = field(default_factory=dict)
     sign_flips: dict[str, int] = field(default_factory=dict)
     orientation_jumps: dict[str, int] = field(default_factory=dict)
+    orientation_spikes: dict[str, int] = field(default_factory=dict)
     frame_jumps_s: tuple[float, ...] = ()
     stretched: dict[str, int] = field(default_factory=dict)
     swapped: dict[str, int] = field(default_factory=dict)
@@ -249,6 +251,8 @@ def _positions(ds: xr.Dataset) -> dict[str, Any]:
     if quaternion is not None:
         found["sign_flips"] = _counts(names, detectors.sign_flips(quaternion))
         found["orientation_jumps"] = _counts(names, detectors.orientation_jumps(quaternion))
+        steady, _ = continuous(quaternion[~repeated])
+        found["orientation_spikes"] = _counts(names, by_blocks(lambda part: detectors.spikes(part).sum(0), steady))
     if len(names) >= DENSE_STATIONS:
         pairs = [f"{a}-{b}" for a, b in pairwise(names)]
         found["stretched"] = _counts(pairs, by_blocks(_stretched, fresh, overlap=1))
@@ -315,6 +319,7 @@ def _sentences(q: Quality) -> list[str]:
         (q.missing, "drop-outs"), (q.spikes, "spikes of one frame"), (q.station_jumps, "sudden jumps"),
         (q.sign_flips, "flips of the quaternion's sign (the orientation stays the same)"),
         (q.orientation_jumps, "jumps of orientation by more than 30 degrees (a symmetric marker cluster?)"),
+        (q.orientation_spikes, "spikes of the orientation in one frame"),
         (q.stretched, "frames with spacing more than 5 % off its median"),
     ):  # fmt: skip
         if counts:
