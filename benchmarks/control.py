@@ -63,7 +63,7 @@ class Loop:
             self.loop.period(self.deadline, self.deadline)
             self.deadline += round(PERIOD * 1e9)
             seen = np.linalg.norm(mechanics_of(self.body).tips(self.ready.estimator.state(0.0).angle)[-1] - self.still)
-            rows.append((np.linalg.norm(self.plant.tip - self.rest), seen, self.loop.command))
+            rows.append((np.linalg.norm(self.plant.tip - self.rest), seen, *self.loop.command))
         return np.array(rows).T
 
 

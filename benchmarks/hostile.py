@@ -192,7 +192,7 @@ clock, sink = SystemClock(), UdpSink(("127.0.0.1", port))
 class Body:
     finished, count = False, 0
     target = error = 0.0
-    saturated, chambers = 0, 1
+    saturated, chambers, fault = 0, 1, ""
     def __init__(self):
         self.queue, self.last = [], 0
     def read(self):
@@ -271,7 +271,7 @@ def loop_fault(fault: str) -> tuple[float, float]:
     """Pressure [Pa] at which a fault leaves the valve, and the time [ms] from its beginning until it was vented."""
     source, clock, seen = UdpSource(), SystemClock(), []
     marked = Marked(source)
-    valve = ValveReceiver(marked, lambda p: seen.append((time.perf_counter(), p)), 1e5, clock)
+    valve = ValveReceiver(marked, lambda p: seen.append((time.perf_counter(), p.max())), 1e5, clock)
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-c", CHILD, fault, str(source.address[1]), folder]
         child = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
@@ -332,7 +332,7 @@ def sent_and_obeyed(key: bytes | None) -> float:
         valve.poll()
 
     price = each(once)
-    if valve.command != 3e4:
+    if valve.command.tolist() != [3e4]:
         raise RuntimeError("the valve did not obey")
     sink.close()
     source.close()
