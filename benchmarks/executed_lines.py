@@ -1,7 +1,8 @@
 """Which test executes which line of the package, recorded by coverage: a plugin of pytest, and what is kept of it.
 
 What a test starts as a process of its own is recorded too. A fixture that several tests share runs in the first of
-them: its lines count for all tests that take it. Kernels that Numba compiles leave no trace.
+them: its lines count for all tests that take it. Kernels that Numba compiles leave no trace; tests that fail are left
+out.
 """
 
 from __future__ import annotations
@@ -61,6 +62,7 @@ class Recorder:
         self.folder, self.now = Path(folder), ""
         self.seconds: dict[str, float] = {}
         self.fixtures: dict[str, list[str]] = {}
+        self.failed = set[str]()
         self.coverage = coverage.Coverage(config_file=f"{folder}/tests.ini")
         self.coverage.start()
         os.environ["COVERAGE_PROCESS_START"] = f"{folder}/processes.ini"  # of processes that tests start
@@ -79,6 +81,8 @@ class Recorder:
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         self.seconds[report.nodeid] = round(self.seconds.get(report.nodeid, 0.0) + report.duration, 3)
+        if report.failed:
+            self.failed.add(report.nodeid)
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self.switch(nodeid)
@@ -89,7 +93,8 @@ class Recorder:
     def pytest_sessionfinish(self) -> None:
         self.coverage.stop()
         self.coverage.save()
-        told = {"seconds": self.seconds, "fixtures": self.fixtures}
+        sound = {test: seconds for test, seconds in self.seconds.items() if test not in self.failed}
+        told = {"seconds": sound, "fixtures": self.fixtures}
         (self.folder / "tests.json").write_text(json.dumps(told))
 
 
