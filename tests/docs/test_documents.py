@@ -181,8 +181,8 @@ def test_every_entry_of_a_study_is_explained():
     from pliant.sweep.spec import Range, Sweep
 
     text = "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("studies.md", "scaling_out.md"))
-    models = (schema.Study, schema.ActuatorEntry, schema.ChamberTable, schema.AlignmentEntry, schema.Fibre,
-              schema.Reduction, schema.KnownForce, schema.Recording, schema.Fit, schema.SelectionEntry,
+    models = (schema.Study, schema.ActuatorEntry, schema.ChamberTable, schema.TendonTable, schema.AlignmentEntry,
+              schema.Fibre, schema.Reduction, schema.KnownForce, schema.Recording, schema.Fit, schema.SelectionEntry,
               schema.ForecastEntry, schema.Targets, Sweep, Range)  # fmt: skip
     told = r"^\|[^|]*`{0}`|^#+ .*\[{0}|^(# )?{0} = |^`\[\w+\.{0}\]`"
     missing = [f"{m.__name__}.{n}" for m in models for n in m.model_fields

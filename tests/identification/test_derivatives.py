@@ -24,6 +24,7 @@ from derivative_cases import (
     problem_of,
     wrong_columns,
 )
+from space_cases import OF_TENDONS, SOUND, arm, tendon_arm
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, experiment
@@ -56,7 +57,9 @@ def test_a_sample_agrees_with_differences_for_every_model(model: str, excitation
 
 def test_every_kind_of_parameter_is_among_the_cases() -> None:
     kinds = (*KNOWN, *law_parameters())
-    assert [kind for kind in kinds if not any(re.fullmatch(kind, name) for name in VALUES)] == []
+    names = {name.partition(".")[2] or name for name in (*SOUND, *OF_TENDONS)}  # in space: test_fit_in_space.py
+    names |= {*VALUES, *SOUND}
+    assert [kind for kind in kinds if not any(re.fullmatch(kind, name) for name in names)] == []
 
 
 def test_every_parameter_moves_some_case() -> None:
@@ -100,7 +103,7 @@ def test_every_option_is_possible_and_no_two_are_one(field: str, what: str) -> N
 @pytest.mark.parametrize("kind", [Model, Chamber, Valve, Memory, Extension])
 def test_every_entry_of_a_model_is_among_the_models(kind: type) -> None:
     """Of each there are two values at least, so that its default is not the only one."""
-    parts: list[Any] = list(MODELS.values())
+    parts: list[Any] = [*MODELS.values(), arm(), tendon_arm()]
     if kind in (Chamber, Valve):
         parts = [c for m in parts for c in m.chambers]
     if kind in (Extension, Memory):

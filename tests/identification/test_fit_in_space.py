@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from space_cases import AZIMUTHS, LINKS, OF_TENDONS, SOUND, STEP, TIME, TRACES, arm, tendon_arm
 
 import pliant
 from pliant.errors import InputError
@@ -9,35 +10,9 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit import fit
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
-from pliant.model import Chamber, Space, Station, Tendon
+from pliant.model import Space, Station
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
-
-LINKS, STEP = 3, 4e-3
-TIME = np.arange(0.0, 0.6, 0.02)
-AZIMUTHS = {"red": 1.5, "green": 3.6, "blue": 5.7}
-TRACES = {name: Trace(TIME, 30e3 * (1.0 + np.sin(2 * np.pi * f * TIME + f)))
-          for name, f in zip(AZIMUTHS, (0.9, 1.7, 2.3), strict=True)}  # fmt: skip
-SOUND = {
-    "stiffness": 0.6, "damping": 6e-3, "cubic_stiffening": 0.3, "stiffness_ratio": 1.3, "twist_ratio": 0.8,
-    "mass": 0.09, "base_tilt_x": 0.05, "base_tilt_y": -0.08, "rest_turn_x_2": 0.06, "rest_turn_z_1": -0.1,
-    "tip_mass": 0.004,
-    "red.gain_x": 1.1, "red.gain_y": -0.2, "green.cross_gain_2": 0.7, "blue.joint_gain_1": -0.4, "red.torque_1": 2.1e-6,
-    "green.valve_rise": 0.03, "base_z": 1e-3, "base_x": -2e-3, "tip.aside": 3e-3, "mid.across": 1e-3, "mid.along": 0.05,
-    "latency": 4e-3, "sensor_lag": 0.02, "start": 2e-3,
-}  # fmt: skip
-
-
-def arm(**more):
-    chambers = [Chamber(torque=(2e-6,), joint_gain=np.sin(a), cross_gain=-np.cos(a), name=name)
-                for name, a in AZIMUTHS.items()]  # fmt: skip
-    values = {
-        "length": 0.3, "mass": 0.1, "links": LINKS, "joint_placement": "midsegment", "stiffness": 0.5, "damping": 5e-3,
-        "chambers": chambers, "gravity": (1.0, 0.5, -9.81),
-        "space": Space(stiffness_ratio=1.2, twist_ratio=0.7, radius=0.02),
-        "stations": [Station("mid", 1, 0.04, 0.0, 0.01), Station("tip", 2, 0.05)],
-    }  # fmt: skip
-    return pliant.chain_model(**(values | more))
 
 
 def record(position=None, *, name="r", **more):
@@ -69,10 +44,8 @@ def test_derivatives_of_a_motion_in_space_are_those_of_differences(kind):
         model = arm(links=2, space=Space(stiffness_ratio=1.2), stations=places)
         del values["twist_ratio"]
     if kind == "tendons":
-        cord = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "pretension": 0.5}
-        cords = [Tendon.at_azimuth(a, np.ones(LINKS), name=n, pair=n == "red", **cord) for n, a in AZIMUTHS.items()]
-        model = arm(chambers=cords)
-        values |= {"line_stiffness": 1.8e3, "blue.pretension": 0.3, "green.lever": 7e-3}
+        model = tendon_arm()
+        values |= OF_TENDONS
         del values["red.torque_1"]
     if kind == "own_places":  # those of the model's places do nothing then
         values = {k: v for k, v in values.items() if "." not in k or k.startswith(("red", "green", "blue"))}

@@ -12,8 +12,8 @@ from pliant.preprocessing.align import align
 from pliant.preprocessing.alignment import alignment_of
 from pliant.recording import make_recording, write
 from pliant.study.dense import body_of_fibre, shape_of
-from pliant.study.prepare import all_aligned, in_base_frame, in_frame
-from pliant.study.schema import Fibre, Reduction, Study
+from pliant.study.prepare import all_aligned, in_base_frame, in_frame, study_model
+from pliant.study.schema import ActuatorEntry, Fibre, Reduction, Study, TendonTable, check_chambers
 
 TURN, SHIFT = Rotation.random(rng=8), np.array([0.2, 0.5, -0.1])
 TIME = np.arange(150) / 50
@@ -109,3 +109,33 @@ def test_the_body_of_a_fibre_in_space_by_its_start_or_its_cap():
         Fibre(body_length=0.3)
     with pytest.raises(ValueError, match="cap_curvature and cap_length, or start"):
         Fibre(body_length=0.3, start=0.1, cap_curvature=5.0)
+
+
+TENDON = {"name": "red", "driven_by": "angle", "azimuth_deg": 60, "lever": 8e-3, "pulley": 0.01, "joints": [1, 2]}
+
+
+def test_tendons_of_a_study_become_inputs_of_its_model():
+    actuator = {"length": 0.3, "mass": 0.1, "links": 4, "space": True, "tendons": [TENDON],
+                "chambers": [{"name": "air", "torque": [1e-6]}]}  # fmt: skip
+    model = study_model(ActuatorEntry.model_validate(actuator), None)
+    assert model.actuation.names == ("air", "red")
+    assert model.actuation.units == ("Pa", "rad")
+    turned = model.actuation.gain[1].reshape(4, 2)  # a tendon bends the body towards itself: about -sin, cos
+    np.testing.assert_allclose(turned[:2], np.tile(8e-3 * np.array([-np.sin(np.pi / 3), 0.5]), (2, 1)), atol=1e-15)
+    assert not turned[2:].any()
+
+
+@pytest.mark.parametrize(("change", "sentence"), [
+    ({"joints": [5]}, "tendon red turns joint 5"), ({"pulley": 0.0}, "a pulley"),
+    ({"driven_by": "tension", "pulley": 0.0, "lever": 1e3}, "lever must have a size"),
+])  # fmt: skip
+def test_tendons_that_a_chain_cannot_have_are_refused(change, sentence):
+    actuator = {"length": 0.3, "mass": 0.1, "links": 4, "space": True, "tendons": [TENDON | change]}
+    with pytest.raises(InputError, match=sentence):
+        study_model(ActuatorEntry.model_validate(actuator), None)
+
+
+def test_tendons_of_a_body_in_a_plane_are_refused(study, tmp_path):
+    flat = study.actuator.model_copy(update={"space": False, "tendons": [TendonTable(**TENDON)]})
+    with pytest.raises(InputError, match="pull at a body in space"):
+        check_chambers(study.model_copy(update={"actuator": flat}), tmp_path / "study.toml")

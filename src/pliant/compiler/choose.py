@@ -14,6 +14,7 @@ from typing import Any
 from pliant.compiler import trace
 from pliant.compiler.twin import compiled_twin, fingerprint, reached
 from pliant.equations import (
+    arc_tendon,
     articulated,
     contact,
     elastic,
@@ -47,7 +48,8 @@ SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where jo
 }  # fmt: skip
 MOST_TURNS = 24  # coordinates of a step in space as a straight line: that takes 4 s to compile, 30 take 6 s
 SOURCES = (  # of a twin whose steps are made here
-    __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, *STRAIGHT_SOURCES,
+    __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, spatial.__file__,
+    spatial_points.__file__, spatial_springs.__file__, arc_tendon.__file__, *STRAIGHT_SOURCES,
 )
 
 

@@ -15,7 +15,7 @@ from pliant.model.limits import check_limit
 Array = np.ndarray
 DRIVEN = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of recorded inputs, and their units
 NUMBERS = ("lever", "line_stiffness", "pretension", "pulley")
-EDGE = 1e-4  # m: a tendon becomes taut over twice this displacement
+EDGE = 1e-5  # m: a tendon becomes taut over twice this displacement
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import xarray as xr
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, experiment
-from pliant.model import Chamber, Extension, Model, chain_model
+from pliant.model import Chamber, Extension, Model, Tendon, chain_model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
@@ -27,7 +27,7 @@ from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
 from pliant.study.doubts import of_body, preset, presets, stated_case, units_first
 from pliant.study.resting import Aligned, at_one_rest
-from pliant.study.schema import ActuatorEntry, AlignmentEntry, ChamberTable, Recording, Study
+from pliant.study.schema import ActuatorEntry, AlignmentEntry, ChamberTable, Recording, Study, TendonTable
 from pliant.units import pascal_per
 
 Array = np.ndarray
@@ -280,6 +280,7 @@ def study_model(
         defaults = dict(preset(actuator.preset).BODY)
         values = {**defaults, **values, "source": {**defaults.get("source", {}), **values["source"]}}
     chambers = [ChamberTable(**c) for c in values.pop("chambers")]
+    tendons = [TendonTable(**c) for c in values.pop("tendons")]
     values["extensions"] = tuple(Extension(**e) for e in values.pop("extensions"))
     missing = [k for k in ("length", "mass") if k not in values]
     if missing:
@@ -288,11 +289,12 @@ def study_model(
         values.setdefault("links", usual)
     values.setdefault("stiffness", 1.0)
     values.setdefault("damping", 1e-3)
-    if chambers:
+    if chambers or tendons:
         for name in ("torque", "joint_gain", "valve"):
             values.pop(name, None)  # a preset's, of its only chamber
         joints = values.setdefault("links", 5) if links is None else links.n
-        values["chambers"] = named_chambers(chambers, joints, space=bool(actuator.space))
+        drawn = tuple(tendon_of(entry, joints) for entry in tendons)
+        values["chambers"] = named_chambers(chambers, joints, space=bool(actuator.space)) + drawn
     else:
         values.setdefault("torque", [0.0])
     return chain_model(**values) if links is None else measured_chain(values, links)
@@ -305,9 +307,7 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool 
     """
     made = []
     for entry in entries:
-        turned = list(range(1, joints + 1)) if entry.joints is None else entry.joints
-        if strange := [j for j in turned if not 1 <= j <= joints]:
-            raise InputError(f"chamber {entry.name} turns joint {strange[0]}, but the chain has joints 1 to {joints}")
+        turned = joints_of(entry, joints)
         if isinstance(entry.gain, list) and len(entry.gain) != len(turned):
             raise InputError(
                 f"chamber {entry.name}: gain is one number or one for each of its {len(turned)} joints, got "
@@ -323,6 +323,24 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool 
         made.append(Chamber(torque=np.array(entry.torque), axial_gain=np.atleast_1d(entry.axial_gain), name=entry.name,
                             **turns))  # fmt: skip
     return tuple(made)
+
+
+def joints_of(entry: ChamberTable | TendonTable, joints: int) -> list[int]:
+    """The joints, from 1, that an input turns: all where it does not say."""
+    turned = list(range(1, joints + 1)) if entry.joints is None else entry.joints
+    if strange := [j for j in turned if not 1 <= j <= joints]:
+        what = "tendon" if isinstance(entry, TendonTable) else "chamber"
+        raise InputError(f"{what} {entry.name} turns joint {strange[0]}, but the chain has joints 1 to {joints}")
+    return turned
+
+
+def tendon_of(entry: TendonTable, joints: int) -> Tendon:
+    """The tendon of a study's table, on a chain that has so many joints."""
+    passed = np.isin(np.arange(1, joints + 1), joints_of(entry, joints))
+    values = entry.model_dump(exclude={"joints", "azimuth_deg"})
+    if entry.driven_by == "tension":
+        values["line_stiffness"] = 0.0
+    return Tendon.at_azimuth(np.radians(entry.azimuth_deg), passed, **values)
 
 
 def measured_chain(values: dict[str, Any], links: LinkPlacement) -> Model:

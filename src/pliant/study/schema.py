@@ -42,6 +42,20 @@ class ChamberTable(StudyEntry):
     axial_gain: float | list[float] = 0.0  # 1/m, axial force in parts of the torque; 1 / offset by geometry
 
 
+class TendonTable(StudyEntry):
+    """One tendon of a body in space, or a pair on one motor; see `pliant.model.Tendon`."""
+
+    name: str = Field(min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
+    driven_by: Literal["tension", "displacement", "angle"]
+    joints: list[int] | None = Field(default=None, min_length=1)  # that it passes, from 1; default: all
+    azimuth_deg: float  # around the axis, from x of the base frame towards y; it bends the body towards itself
+    lever: float = Field(gt=0)  # m, distance from the axis
+    line_stiffness: float = Field(1000.0, gt=0)  # N/m; not of one driven by its tension
+    pretension: float = 0.0  # N; below 0 it hangs slack
+    pulley: float = Field(0.0, ge=0)  # m, radius; of one driven by an angle
+    pair: bool = False  # two opposite tendons on one motor that stay taut
+
+
 class ExtensionTable(StudyEntry):
     """A segment of the body that lengthens, between two places along it."""
 
@@ -75,6 +89,7 @@ class ActuatorEntry(StudyEntry):
     damping: float | list[float] | None = None  # N m s/rad
     torque: list[float] | None = None  # N m/Pa^k, of the only chamber
     chambers: list[ChamberTable] = []  # in its place, where there are several
+    tendons: list[TendonTable] = []  # in their place or beside them, of a body in space
     extensions: list[ExtensionTable] = []  # segments that lengthen
     rest_angle: float | list[float] | None = None  # rad
     gravity: list[float] | None = None  # m/s^2, (x, y) as force_n has them or (x, y, z) of the tracker
@@ -327,9 +342,12 @@ def check_reduction(study: Study, path: Path) -> None:
 
 def check_chambers(study: Study, path: Path) -> None:
     """Recordings drive chambers that the actuator has; it has a torque law or chambers, not both."""
-    names = [c.name for c in study.actuator.chambers] or ["chamber"]
-    if study.actuator.chambers and study.actuator.torque is not None:
+    inputs = [c.name for c in study.actuator.chambers] + [t.name for t in study.actuator.tendons]
+    names = inputs or ["chamber"]
+    if inputs and study.actuator.torque is not None:
         raise InputError(f"study {path}: give [actuator] torque, of the only chamber, or [[actuator.chambers]]")
+    if study.actuator.tendons and not study.actuator.space:
+        raise InputError(f"study {path}: [[actuator.tendons]] pull at a body in space: [actuator] space = true")
     driven: dict[str, Collection[str]] = {f"forecast {n}": f.pressures for n, f in study.forecasts.items()}
     driven |= {f"recording {n}": r.drive for n, r in study.recordings.items()}
     if study.wiring:

@@ -1,0 +1,44 @@
+"""A chain in space with chambers or tendons, and a value for each kind of parameter that it has beyond the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import pliant
+from pliant.model import Chamber, Space, Station, Tendon
+from pliant.simulation import Trace
+
+LINKS, STEP = 3, 4e-3
+TIME = np.arange(0.0, 0.6, 0.02)
+AZIMUTHS = {"red": 1.5, "green": 3.6, "blue": 5.7}
+TRACES = {name: Trace(TIME, 30e3 * (1.0 + np.sin(2 * np.pi * f * TIME + f)))
+          for name, f in zip(AZIMUTHS, (0.9, 1.7, 2.3), strict=True)}  # fmt: skip
+SOUND = {
+    "stiffness": 0.6, "damping": 6e-3, "cubic_stiffening": 0.3, "stiffness_ratio": 1.3, "twist_ratio": 0.8,
+    "mass": 0.09, "base_tilt_x": 0.05, "base_tilt_y": -0.08, "rest_turn_x_2": 0.06, "rest_turn_z_1": -0.1,
+    "tip_mass": 0.004,
+    "red.gain_x": 1.1, "red.gain_y": -0.2, "green.cross_gain_2": 0.7, "blue.joint_gain_1": -0.4, "red.torque_1": 2.1e-6,
+    "green.valve_rise": 0.03, "base_z": 1e-3, "base_x": -2e-3, "tip.aside": 3e-3, "mid.across": 1e-3, "mid.along": 0.05,
+    "latency": 4e-3, "sensor_lag": 0.02, "start": 2e-3,
+}  # fmt: skip
+CORD = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "pretension": 0.5}
+WOUND = {"driven_by": "angle", "pulley": 0.01, "lever": 8e-3, "line_stiffness": 2e3, "pair": True}
+OF_TENDONS = {"line_stiffness": 1.8e3, "blue.pretension": 0.3, "green.lever": 7e-3, "red.pulley": 0.012}
+
+
+def arm(**more):
+    chambers = [Chamber(torque=(2e-6,), joint_gain=np.sin(a), cross_gain=-np.cos(a), name=name)
+                for name, a in AZIMUTHS.items()]  # fmt: skip
+    values = {
+        "length": 0.3, "mass": 0.1, "links": LINKS, "joint_placement": "midsegment", "stiffness": 0.5, "damping": 5e-3,
+        "chambers": chambers, "gravity": (1.0, 0.5, -9.81),
+        "space": Space(stiffness_ratio=1.2, twist_ratio=0.7, radius=0.02),
+        "stations": [Station("mid", 1, 0.04, 0.0, 0.01), Station("tip", 2, 0.05)],
+    }  # fmt: skip
+    return pliant.chain_model(**(values | more))
+
+
+def tendon_arm():
+    """The arm with tendons in place of its chambers; the red one is a pair, wound by a motor."""
+    kinds = {name: WOUND if name == "red" else CORD for name in AZIMUTHS}
+    return arm(chambers=[Tendon.at_azimuth(a, np.ones(LINKS), name=n, **kinds[n]) for n, a in AZIMUTHS.items()])
