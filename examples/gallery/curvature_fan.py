@@ -9,12 +9,12 @@ from pathlib import Path
 from pliant.plotting import COLUMN_WIDTH, curvature_fan, new_figure, save_figure, style
 from pliant.preprocessing.curvature import curvature_of
 from pliant.study import demo_study, load_study
-from pliant.study.prepare import planar
+from pliant.study.prepare import aligned_recording
 
 
 def main(path: Path) -> None:
     """Draw the figure into `path`."""
-    body = planar(load_study(demo_study()), "step_240").body  # raw fibre points: tip found, cut, aligned
+    body = aligned_recording(load_study(demo_study()), "step_240").body  # raw fibre points: tip found, cut, aligned
     kappa = curvature_of(body)
     rest = kappa.sel(time=slice(0.0, 0.4)).mean("time")  # the step comes at 0.5 s
     with style():

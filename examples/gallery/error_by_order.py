@@ -9,12 +9,12 @@ from pathlib import Path
 import pliant
 from pliant.plotting import error_by_order, new_figure, order_bars, save_figure, style
 from pliant.study import demo_study, load_study
-from pliant.study.prepare import planar
+from pliant.study.prepare import aligned_recording
 
 
 def main(path: Path) -> None:
     """Draw the figure into `path`."""
-    body = planar(load_study(demo_study()), "step_240").body
+    body = aligned_recording(load_study(demo_study()), "step_240").body
     result = pliant.select_order(body, max_order=5, bound_mm=3.0)
     errors = dict(zip(result.orders, result.max_error, strict=True))
     with style():

@@ -138,7 +138,7 @@ def test_steady_inputs_are_those_of_a_root_find():
         wanted = tip_at(body, share * highest)
         found = steady_inputs(body, BOTH, wanted + np.array([0.0, 0.16]), highest, np.zeros(2))
         exact = root(lambda x, aim=wanted: (tip_at(body, 1e5 * x) - aim) / 0.1, found.pressure * 1e-5, tol=1e-12)
-        assert exact.success
+        assert np.abs(exact.fun).max() < 1e-9  # not its flag, which may complain that it can come no nearer
         np.testing.assert_allclose(found.pressure, 1e5 * exact.x, atol=20.0)
         np.testing.assert_allclose(tip_at(body, found.pressure), wanted, atol=2e-6)
 

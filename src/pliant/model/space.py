@@ -141,6 +141,8 @@ def check_space(model: Any) -> None:
     if model.space is None:
         if tendon := next((c.name for c in model.chambers if c.kind != Chamber.kind), ""):
             raise InputError(f"tendon {tendon!r} pulls at a chain in space: give the model its space")
+        if across := next((c.name for c in model.chambers if c.cross_gain.any()), ""):
+            raise InputError(f"chamber {across!r} has a cross_gain, of joints in space: give the model its space")
         return
     if len(model.space.rest_turn) not in (1, model.n):
         raise InputError(f"space rest_turn must have one row or {model.n}, got {len(model.space.rest_turn)}")
