@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pliant.compiler.choose import twin
+from pliant.compiler.trace import spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs
 from pliant.equations.elastic import ROWS
 from pliant.equations.symbols import Joints, SpatialBody, SpatialWorkspace
@@ -68,13 +69,7 @@ class Chain(NamedTuple):
 
     def work(self, kind: type = float) -> SpatialWorkspace:
         """Scratch arrays."""
-        n, size = self.n, len(self.joints.K)
-        shapes = {
-            "A": (size, size), "R": (n + 1, 3, 3), "r": (n + 1, 3), "P": (n, 3, 3), "series": (n, 4), "J": (n, 3, 3),
-            **dict.fromkeys("SEFN", (size, 3)), **dict.fromkeys("CLM", (n, 3)),
-            **dict.fromkeys(("omega", "alpha", "lift", "turn"), (3,)),
-        }  # fmt: skip
-        return SpatialWorkspace(*(np.zeros(shapes.get(f, (size,)), kind) for f in SpatialWorkspace._fields))
+        return spatial_workspace(self.n, len(self.joints.K) // self.n, kind=kind)
 
 
 def chain(n: int, length: float, bending: float, torsion: float, *, turn: float = 0.0) -> Chain:

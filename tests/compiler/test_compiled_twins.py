@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numba.core.errors import NumbaError
+from oracles.allocation import allocations
 from oracles.chains import SIZES, random_chain, random_state, workspace
 
 from pliant.compiler.choose import straight, twin
@@ -109,20 +110,12 @@ def many_jacobians(count, kernel_arguments):
 @pytest.mark.parametrize("loop", [many, many_jacobians])
 def test_no_allocation(rng, loop):
     from numba import njit
-    from numba.core.runtime import _nrt_python, rtsys
 
     cases = dict(motion_cases(*arrays(rng, 5)))
     arguments = cases[step if loop is many else acceleration_jacobian]
     compiled = rebuild(loop, njit, {k.__name__: twin(k) for k in (step, acceleration_jacobian)})
-    compiled(1, arguments)
-    _nrt_python.memsys_enable_stats()
-    counts = []
-    for count in (1, 1000):
-        before = rtsys.get_allocation_stats()
-        compiled(count, arguments)
-        after = rtsys.get_allocation_stats()
-        counts.append((after.alloc - before.alloc, after.mi_alloc - before.mi_alloc))
-    assert counts[0] == counts[1]
+    once, often = allocations(compiled, arguments)
+    assert once == often
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracles.allocation import allocations
 from oracles.chains import random_chain, random_state, workspace
 
 from pliant.compiler.choose import straight, substitutes, twin
@@ -77,17 +78,9 @@ def many(count, arguments):
 
 def test_no_allocation(rng):
     from numba import njit
-    from numba.core.runtime import _nrt_python, rtsys
 
     chain, phi, w = start(rng, 9)
     arguments = (phi, w, 1e-4, chain.drive(0.02), chain.body(), chain.joints(), workspace(9))
     compiled = rebuild(many, njit, {"step_articulated": twin(step_articulated)})
-    compiled(1, arguments)
-    _nrt_python.memsys_enable_stats()
-    counts = []
-    for count in (1, 1000):
-        before = rtsys.get_allocation_stats()
-        compiled(count, arguments)
-        after = rtsys.get_allocation_stats()
-        counts.append(after.alloc - before.alloc)
-    assert counts[0] == counts[1]
+    once, often = allocations(compiled, arguments)
+    assert once == often

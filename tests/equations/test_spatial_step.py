@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracles.allocation import allocations
 from oracles.derivatives import complex_step
 from oracles.space import SpaceChain, free_joints, no_tendons, random_joints, random_space_chain, with_tendons
 from scipy.integrate import solve_ivp
@@ -181,20 +182,12 @@ def many(count, arguments):
 @pytest.mark.slow
 def test_no_allocation(rng):
     from numba import njit
-    from numba.core.runtime import _nrt_python, rtsys
 
     chain = random_space_chain(rng, 2, twist=True)
     arguments = (0.1 * chain.x, 0.1 * chain.v, 1e-5, np.zeros(6), chain.body, chain.joints, chain.work())
     compiled = rebuild(many, njit, {"spatial_step": twin(spatial.step)})
-    compiled(1, arguments)
-    _nrt_python.memsys_enable_stats()
-    counts = []
-    for count in (1, 1000):
-        before = rtsys.get_allocation_stats()
-        compiled(count, arguments)
-        after = rtsys.get_allocation_stats()
-        counts.append((after.alloc - before.alloc, after.mi_alloc - before.mi_alloc))
-    assert counts[0] == counts[1]
+    once, often = allocations(compiled, arguments)
+    assert once == often
 
 
 @pytest.mark.parametrize("twist", [False, True])

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from pliant.compiler.trace import spatial_workspace
 from pliant.equations.elastic import ROWS
-from pliant.equations.symbols import Joints, SpatialBody, SpatialWorkspace
+from pliant.equations.symbols import Joints, SpatialBody
 
 
 class SpaceChain(NamedTuple):
@@ -43,12 +44,7 @@ def with_tendons(chain, rng, *, stiffness=800.0, pretension=1.5, edge=0.08):
 
 def workspace(n, size, kind=float):
     """Scratch arrays for n links and `size` coordinates."""
-    shapes = {
-        "A": (size, size), "R": (n + 1, 3, 3), "r": (n + 1, 3), "P": (n, 3, 3), "series": (n, 4), "J": (n, 3, 3),
-        **dict.fromkeys("SEFN", (size, 3)), **dict.fromkeys("CLM", (n, 3)),
-        **dict.fromkeys(("omega", "alpha", "lift", "turn"), (3,)),
-    }  # fmt: skip
-    return SpatialWorkspace(*(np.zeros(shapes.get(f, (size,)), kind) for f in SpatialWorkspace._fields))
+    return spatial_workspace(n, size // n, kind=kind)
 
 
 def random_space_chain(rng, n, *, twist=False, springs=True):

@@ -17,7 +17,7 @@ from pliant.cores import cores
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.space import in_plane
+from pliant.model.space import require_planar
 from pliant.options import with_defaults
 from pliant.simulation.drive import inputs_of
 from pliant.simulation.inputs import Input
@@ -110,7 +110,7 @@ def simulate_batch(
     """
     how = with_defaults(simulate_batch, options, BATCH_OPTIONS)
     for model in (models,) if isinstance(models, Model) else models:
-        in_plane(model, "simulate_batch")
+        require_planar(model, "simulate_batch")
     device, failures = how["device"], how["failures"]
     times = output_times(duration, times, step)
     step = shared_step((models,) if isinstance(models, Model) else models) if step is None else step

@@ -106,7 +106,7 @@ def _inner(kernel: FunctionType, links: int | None, segments: int, turns: int) -
     fast = choose.substitutes(kernel, links, segments, turns, loops=True) if links else {}
     if kernel in fast:
         return fast[kernel]
-    tag = f"{links or 'n'}_{segments}_duals" if turns == 1 else f"{choose.size_tag(links, segments, turns)}_duals"
+    tag = f"{choose.size_tag(links, segments, turns)}_duals"
     return compiled_twin(
         kernel, tag, lambda callee: _inner(callee, links, segments, turns), choose.SOURCES, replaced=fast
     )

@@ -200,8 +200,7 @@ def lane_twin(kernel: FunctionType, links: int, segments: int = 0) -> Any:
     fast = choose.substitutes(kernel, links, segments)
     if kernel in fast:
         return fast[kernel]
-    size = f"{links}_{segments}" if segments else f"{links}"
-    tag, sources = (size, choose.SOURCES) if fast else ("n", ())
+    tag, sources = (choose.size_tag(links, segments), choose.SOURCES) if fast else ("n", ())
     return compiled_twin(
         kernel, tag, lambda callee: lane_twin(callee, links, segments), (__file__, *sources), nogil=True
     )

@@ -17,7 +17,7 @@ from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import estimate, input_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.space import in_plane
+from pliant.model.space import require_planar
 from pliant.simulation import simulate
 from pliant.version import __version__
 
@@ -93,7 +93,7 @@ def find_contact(
         at.contact_arc_length, at.contact_force                    # where along the body, m; how hard, N
         at.hidden_tangential.any()                                 # whether the shape could not show a component
     """
-    in_plane(model, "find_contact")
+    require_planar(model, "find_contact")
     settings = noise or default_noise(model, disturbance=True)
     learnt = free if isinstance(free, FreeMotion) else free_motion(
         free, model, false_alarms_per_hour=false_alarms_per_hour, noise=settings, **options

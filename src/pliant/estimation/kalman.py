@@ -22,7 +22,7 @@ from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace,
 from pliant.estimation.workspace import make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.space import in_plane
+from pliant.model.space import require_planar
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -112,7 +112,7 @@ class KalmanFilter:
     ) -> None:
         if not (step > 0 and latency >= 0 and buffer >= 0):
             raise InputError(f"step must be > 0, latency and buffer >= 0 s: got {step}, {latency}, {buffer}")
-        in_plane(model, "a Kalman filter")
+        require_planar(model, "a Kalman filter")
         self.model, self.noise = model, noise or default_noise(model)
         self.step, self.latency, self.buffer = step, latency, buffer
         self.counts, self.fault = Counts(), ""

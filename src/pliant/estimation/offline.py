@@ -22,7 +22,7 @@ from pliant.estimation.workspace import make_output, make_workspace
 from pliant.identification.drives import measured
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Valve
-from pliant.model.space import in_plane
+from pliant.model.space import require_planar
 from pliant.simulation import Trace, state
 from pliant.simulation.drive import Drive
 from pliant.simulation.drive import drive as drive_plan
@@ -104,7 +104,7 @@ def estimate(
         found.attrs["nis_ratio"], found.attrs["nis_bounds"]        # 1 where the covariances are right
         found.disturbance, found.disturbance_sd                    # N m of each joint: pushed?
     """
-    in_plane(model, "estimate")
+    require_planar(model, "estimate")
     settings = noise or default_noise(model, disturbance=disturbance)
     measurement = measurement_of(recording, model, settings, stations)
     source, held = input_of(recording, model, pressure, pressure_window, drive)

@@ -225,7 +225,7 @@ EVERYWHERE = (  # fields that every target writes, or that name and gather other
     "Model.base_angle", "Model.memory", "Model.name", "Model.source", "Chamber.name",
     "Chamber.valve", "Extension.name", "Station.name",
 )
-OF_SPACE = ("Model.space", "Chamber.cross_gain", "Station.aside")  # not of a chain in a plane: `in_plane` refuses them
+OF_SPACE = ("Model.space", "Chamber.cross_gain", "Station.aside")  # `require_planar` refuses models that have them
 KNOWN = frozenset((*EVERYWHERE, *OF_SPACE)).union(*(feature.fields for feature in FEATURES.values()))
 ALL = frozenset(FEATURES)
 LATER_TERMS = frozenset(tuple(SPRING_TERMS)[2:])  # of the springs, see `SPRING_TERMS`

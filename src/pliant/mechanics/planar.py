@@ -17,6 +17,7 @@ from pliant.equations.elastic import LEAST_STRETCH, spring_slope, spring_torque
 from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleWorkspace, Joints, Slopes, Workspace
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
+from pliant.mechanics.complex_slopes import complex_slopes
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.mechanics.frames import LinkFrames, link_coordinates
 from pliant.mechanics.rest import loaded_rest
@@ -26,7 +27,6 @@ from pliant.model.inertia import inertia_constants
 from pliant.numerics.arcs import tangents
 
 Array = np.ndarray
-TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
 class PlanarChain(Mechanics):
@@ -361,14 +361,10 @@ def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any,
 
     As `motion.acceleration_jacobian`, of a body that lengthens; `work.A` keeps the factors of M.
     """
-    scratch = ExtensibleWorkspace(*(a.astype(complex) for a in work))
-    for rates, rows in enumerate((out.a_phi, out.a_w)):
-        for k in range(x.size):
-            here, rate, moved = x.astype(complex), v.astype(complex), np.empty(x.size, dtype=complex)
-            (rate if rates else here)[k] += 1j * TINY
-            extension.acceleration(here, rate, torque, body, joints, scratch, moved)
-            rows[k], out.a[:] = moved.imag / TINY, moved.real
-    work.A[:] = scratch.A.real
+    def accelerate(x: Array, v: Array, work: Any, a: Array) -> None:
+        extension.acceleration(x, v, torque, body, joints, work, a)
+
+    complex_slopes(accelerate, x, v, work, out)
 
 
 def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:

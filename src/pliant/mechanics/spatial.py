@@ -12,12 +12,12 @@ from pliant.compiler.trace import spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs
 from pliant.equations.symbols import Joints, Slopes, SpatialBody, SpatialWorkspace
 from pliant.mechanics import springs
+from pliant.mechanics.complex_slopes import TINY, complex_slopes
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.mechanics.rest import loaded_rest
 from pliant.model import Model, Space, Station, Tendon
 
 Array = np.ndarray
-TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
 class SpatialChain(Mechanics):
@@ -139,10 +139,14 @@ class SpatialChain(Mechanics):
 
     def posed(self, x: Array) -> SpatialWorkspace:
         """Return scratch arrays with the pose at x (..., N), complex ones among them; the moments stand last there."""
-        x = np.moveaxis(np.asarray(x), -1, 0)
-        work = SpatialWorkspace(*(np.zeros((*a.shape, *x.shape[1:]), dtype=x.dtype) for a in self.workspace()))
-        spatial.pose_links(x, self.body, work)
+        work = self._scratch(x)
+        spatial.pose_links(np.moveaxis(x, -1, 0), self.body, work)
         return work
+
+    def _scratch(self, x: Array) -> SpatialWorkspace:
+        """Return scratch arrays for coordinates x (..., N) of all moments, which stand last."""
+        moments = x.shape[:-1]
+        return SpatialWorkspace(*(np.zeros((*a.shape, *moments), dtype=x.dtype) for a in self.workspace()))
 
     def stretches(self, x: Array) -> Array:
         return np.ones((*x.shape[:-1], self.n + 1))
@@ -160,20 +164,18 @@ class SpatialChain(Mechanics):
 
     def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:  # noqa: ARG002  of the interface
         """Return positions (..., S, 3) [m] of observed points, and the angles (..., S) of their links from +z [rad]."""
-        work = self.posed(x)
-        carrier, offset = places_of(self.model.points)
-        turned = from_back(work.R, 3)[..., carrier, :, :] @ offset[..., None]
-        z = from_back(work.R[:, :, 2], 2)[..., carrier, :]
-        angle = np.arctan2(np.hypot(z[..., 0], z[..., 1]), z[..., 2])
-        return from_back(work.r, 2)[..., carrier, :] + turned[..., 0], angle
+        work, points = self.posed(x), self.model.points
+        position = np.zeros((len(points), 3, *x.shape[:-1]), dtype=x.dtype)
+        for point, place in zip(points, position, strict=True):
+            spatial_points.point_position(point.link, point.aside, point.across, point.along, work, place)
+        z = work.R[[point.link + 1 for point in points], :, 2]
+        return from_back(position, 2), from_back(np.arctan2(np.hypot(z[:, 0], z[:, 1]), z[:, 2]), 1)
 
     def position_jacobian(self, x: Array, point: Station) -> Array:
-        work = self.posed(x)
-        (k,), offset = places_of((point,))
-        place = work.r[k] + work.R[k] @ offset[0]
-        joint = self.each_coordinate(*[np.arange(1, self.n + 1)] * 3).astype(int)
-        rows = np.cross(work.S, place - work.r[joint])
-        return np.asarray(np.where(joint <= k, rows.T, 0.0))
+        work, place, J = self.posed(x), np.zeros(3, dtype=x.dtype), np.zeros((3, self.size), dtype=x.dtype)
+        spatial_points.point_position(point.link, point.aside, point.across, point.along, work, place)
+        spatial_points.point_slope(point.link, place, work, J)
+        return J
 
     def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:  # noqa: ARG002  of the interface
         work = self.posed(x)
@@ -194,7 +196,7 @@ class SpatialChain(Mechanics):
         return np.asarray(M + np.tril(M, -1).T)
 
     def energy(self, x: Array, v: Array) -> Energy:
-        work, x, v = self.posed(x), x.T, v.T
+        work, x, v = self._scratch(x), x.T, v.T
         return Energy(
             spatial_points.kinetic_energy(x, v, self.body, work), spatial_springs.elastic_energy(x, self.joints),
             spatial_points.gravity_energy(x, self.body, work),
@@ -205,10 +207,9 @@ class SpatialChain(Mechanics):
 
     def link_loads(self, points: list[Station], forces: Array) -> Array:
         total = np.zeros((len(forces), *self.no_loads().shape))
-        carriers, offsets = places_of(tuple(points))
-        for f, (k, offset) in enumerate(zip(carriers, offsets, strict=True)):
-            if k > 0:  # the base does not move
-                total[:, k - 1] += forces[:, f, :, None] * np.array([*offset, 1.0, 0.0])
+        for f, p in enumerate(points):
+            if p.link >= 0:  # the base does not move
+                total[:, p.link] += forces[:, f, :, None] * np.array([p.aside, -p.across, p.along, 1.0, 0.0])
         return total
 
     def load_forces(self, x: Array, load: Array) -> Array:
@@ -278,12 +279,6 @@ def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Arr
     return np.append(mass[:-1], total), centre, lateral, axial
 
 
-def places_of(points: tuple[Station, ...]) -> tuple[Array, Array]:
-    """Return link + 1 (S,) and places (S, 3) of points in the frames of the links, m."""
-    return (np.array([p.link + 1 for p in points], dtype=int),
-            np.array([(p.aside, -p.across, p.along) for p in points]).reshape(-1, 3))  # fmt: skip
-
-
 def from_back(a: Array, axes: int) -> Array:
     """Return an array with its first so many axes moved behind the others."""
     return np.moveaxis(a, range(axes), range(-axes, 0))
@@ -301,13 +296,10 @@ def spatial_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, wo
 
     As `motion.acceleration_jacobian`, of a chain in space; `work.A` keeps the factors of M.
     """
-    scratch = SpatialWorkspace(*(a.astype(complex) for a in work))
-    accelerate, moved = twin(spatial.acceleration), np.empty(x.size, dtype=complex)
     given = tuple(of_kind(value, complex) for value in (torque, body, joints))
-    for rates, rows in enumerate((out.a_phi, out.a_w)):
-        for k in range(x.size):
-            here, rate = x.astype(complex), v.astype(complex)
-            (rate if rates else here)[k] += 1j * TINY
-            accelerate(here, rate, *given, scratch, moved)
-            rows[k], out.a[:] = moved.imag / TINY, moved.real
-    work.A[:] = scratch.A.real
+    compiled = twin(spatial.acceleration)
+
+    def accelerate(x: Array, v: Array, work: Any, a: Array) -> None:
+        compiled(x, v, *given, work, a)
+
+    complex_slopes(accelerate, x, v, work, out)

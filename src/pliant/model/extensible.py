@@ -9,7 +9,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.model.inertia import inertia_constants
 from pliant.model.parameters import ModelParameters
-from pliant.model.space import in_plane
+from pliant.model.space import require_planar
 
 Array = np.ndarray
 Parameters = TypeVar("Parameters", bound=ModelParameters)
@@ -36,7 +36,7 @@ def fixed_length(model: Parameters, refusal: str = "") -> Parameters:
     InputError
         When the model moves in space, or segments lengthen, in the words of `refusal`, if any.
     """
-    in_plane(model, "this")
+    require_planar(model, "this")
     if names := ", ".join(e.name for e in model.extensions):
         raise InputError(
             refusal or f"this takes a body of fixed length, and {model.name!r} lengthens ({names}): use simulate, "

@@ -123,7 +123,7 @@ def space_of(value: Any) -> Space | None:
     raise InputError(f"model space must be a Space, a table of its parameters, or None, got {value!r:.60}")
 
 
-def in_plane(model: Any, what: str) -> None:
+def require_planar(model: Any, what: str) -> None:
     """Raise InputError where a model moves in space and `what` takes chains in a plane alone."""
     if model.space is not None:
         raise InputError(

@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Model
 from pliant.model.file import model_to_dict
-from pliant.model.space import in_plane
+from pliant.model.space import require_planar
 from pliant.options import with_defaults
 from pliant.sweep.scheduler import Account, Count, Tell, executor_of, run_campaign
 from pliant.sweep.spec import PULSE, Sweep, sweep_from
@@ -120,7 +120,7 @@ def run_sweep(
         For an unknown keyword.
     """
     hired = with_defaults(run_sweep, who, WORKERS)
-    in_plane(model, "a sweep")
+    require_planar(model, "a sweep")
     sweep = sweep if isinstance(sweep, Sweep) else sweep_from(dict(sweep))
     check_parameters(sweep, model, experiments)
     maker = hired["make_executor"] or executor_of(hired["scheduler"], hired["workers"])

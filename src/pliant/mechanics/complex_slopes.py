@@ -1,0 +1,36 @@
+"""Derivatives of accelerations by complex steps, for kernels without derivatives of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from pliant.equations.symbols import Slopes
+
+Array = np.ndarray
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
+
+
+def complex_slopes(
+    accelerate: Callable[[Array, Array, Any, Array], None], x: Array, v: Array, work: Any, out: Slopes
+) -> None:
+    """Write the acceleration and its derivatives by x and v (N,), row by variable; `work.A` keeps the factors of M.
+
+    Parameters
+    ----------
+    accelerate : callable
+        ``accelerate(x, v, work, a)`` writes accelerations a (N,) of complex coordinates and rates.
+    work : record of arrays
+        Scratch arrays of the kernel.
+    """
+    scratch = type(work)(*(a.astype(complex) for a in work))
+    moved = np.empty(x.size, dtype=complex)
+    for by_rate, rows in enumerate((out.a_phi, out.a_w)):
+        for k in range(x.size):
+            position, rate = x.astype(complex), v.astype(complex)
+            (rate if by_rate else position)[k] += 1j * TINY
+            accelerate(position, rate, scratch, moved)
+            rows[k], out.a[:] = moved.imag / TINY, moved.real
+    work.A[:] = scratch.A.real
