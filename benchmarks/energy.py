@@ -22,7 +22,7 @@ import numpy as np
 import pliant
 from pliant.errors import PliantError
 from pliant.model import Extension, Model
-from pliant.simulation import state
+from pliant.simulation import inputs, state
 from pliant.simulation.accuracy import AccuracyWarning
 from pliant.simulation.balance import EnergyWarning
 from pliant.simulation.inputs import Input
@@ -72,7 +72,7 @@ def random_motion(rng: np.random.Generator, number: int) -> Motion | None:
             level = typical_pressure(model) * float(rng.uniform(0.2, 2.0))
             return Motion(model, pliant.Pulse(level, 0.05, 0.2), None, kind, how) if level else None
         bend = np.append(rng.uniform(-BENT[how], BENT[how], model.n), np.zeros(model.size - model.n))
-        return Motion(model, pliant.step(0.0), q + bend, kind, how)
+        return Motion(model, inputs.step(0.0), q + bend, kind, how)
     except PliantError:
         return None
 

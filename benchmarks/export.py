@@ -27,7 +27,7 @@ from pliant.actuators import chen2018
 from pliant.exporters.c99 import code
 from pliant.exporters.mjcf import mjcf
 from pliant.exporters.provenance import Told
-from pliant.model import load_model
+from pliant.model import Memory, load_model
 from pliant.simulation import Stepper, simulate
 
 STEP, STEPS = 1e-3, 100_000
@@ -88,7 +88,7 @@ void many(arm_state *s, const arm_parameters *p, double pressure, long steps)
 
 def kinds():
     body = load_model(MODELS / "model_a.json")
-    return {"paper": chen2018.model(), "softening": body.with_(memory=pliant.Memory()), "memory": body}
+    return {"paper": chen2018.model(), "softening": body.with_(memory=Memory()), "memory": body}
 
 
 def compiled(text, folder, name):

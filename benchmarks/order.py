@@ -38,7 +38,7 @@ def timed(recording, repeats: int = 3, **options) -> float:
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
-        select_order(recording, bound_mm=1.0, **options)
+        select_order(recording, bound=1e-3, **options)
         times.append(time.perf_counter() - start)
     return min(times)
 
@@ -46,7 +46,7 @@ def timed(recording, repeats: int = 3, **options) -> float:
 def peak_memory(recording) -> float:
     """Peak memory of a selection beside the recording, in multiples of its positions."""
     tracemalloc.start()
-    select_order(recording, bound_mm=1.0)
+    select_order(recording, bound=1e-3)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return peak / recording["position"].nbytes

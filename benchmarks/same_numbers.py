@@ -20,6 +20,7 @@ import xarray as xr
 import pliant
 from pliant.contact.moment_arms import moment_arms
 from pliant.contact.residual import static_residual
+from pliant.model import Extension, Memory, Valve
 from pliant.recording import make_recording
 
 SEED, MODELS, STEP = 20261123, 24, 2.5e-4  # step in s
@@ -32,13 +33,13 @@ def random_model(rng: np.random.Generator, k: int) -> pliant.Model:
     chambers = [
         pliant.Chamber(
             name=f"c{c}", torque=[rng.uniform(3e-7, 9e-7), 2e-12 * (k % 2)], joint_gain=rng.uniform(0.6, 1.2, n),
-            valve=pliant.Valve(rise_time=0.03 * (k % 3 > 0), fall_time=0.04 * (k % 3 > 0)),
+            valve=Valve(rise_time=0.03 * (k % 3 > 0), fall_time=0.04 * (k % 3 > 0)),
             axial_gain=[40.0] if k % 3 == 1 else [0.0],
         )
         for c in range(1 + (k % 5 == 4))
     ]
-    memory = pliant.Memory(creep_share=[0.2, 0.1], creep_time=[0.2, 2.0]) if k % 4 == 3 else pliant.Memory()
-    extensions = [pliant.Extension(stiffness=120.0, damping=0.5)] if k % 3 == 1 else []
+    memory = Memory(creep_share=[0.2, 0.1], creep_time=[0.2, 2.0]) if k % 4 == 3 else Memory()
+    extensions = [Extension(stiffness=120.0, damping=0.5)] if k % 3 == 1 else []
     return pliant.Model(
         link_length=rng.uniform(0.02, 0.05, n), link_mass=rng.uniform(0.005, 0.02, n),
         stiffness=rng.uniform(0.8, 2.0, n), damping=rng.uniform(2e-3, 9e-3, n), rest_angle=rng.uniform(-0.1, 0.1, n),

@@ -87,6 +87,6 @@ def shape() -> Shape:
     position[7, 12] = np.nan
     ds = make_recording(time, position, station=[f"p{i}" for i in range(s.size)], frame="planar", arc_length=s)
     curvature = np.broadcast_to(kappa, (time.size, s.size))
-    order = select_order(ds, max_order=5, bound_mm=1.0)
+    order = select_order(ds, max_order=5, bound=1e-3)
     links = links_of(ds, 3)
     return Shape("bending", s, position, curvature, curvature[0], order, links, "The tip was found by its cap.")

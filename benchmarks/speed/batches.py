@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pliant.actuators import chen2018
-from pliant.batch.batch import simulate_batch
+from pliant.batch import simulate_batch
 from pliant.bench.floor import floor
 from pliant.bench.kernels import TORQUE
 from pliant.bench.timing import best, best_in_turn, processor_flags

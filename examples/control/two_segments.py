@@ -17,6 +17,7 @@ import pliant
 from pliant.control import TaskFile
 from pliant.control.model_plant import ModelPlant
 from pliant.loop.task import Done, run_task
+from pliant.model import Memory, Valve
 
 PERIOD = 4e-3  # s
 HIGHEST = np.array([200e3, 180e3])  # Pa
@@ -24,8 +25,8 @@ HIGHEST = np.array([200e3, 180e3])  # Pa
 
 def two_segments() -> pliant.Model:
     """Segments that bend to opposite sides, each behind a valve of its own."""
-    valves = [pliant.Valve(natural_frequency=8.0, damping_ratio=0.8, dead_time=8e-3),
-              pliant.Valve(natural_frequency=11.0, damping_ratio=0.9, dead_time=5e-3)]  # fmt: skip
+    valves = [Valve(natural_frequency=8.0, damping_ratio=0.8, dead_time=8e-3),
+              Valve(natural_frequency=11.0, damping_ratio=0.9, dead_time=5e-3)]  # fmt: skip
     low = pliant.Chamber(torque=[3e-6], joint_gain=[1.0, 1.0, 0.0, 0.0], valve=valves[0], name="low")
     high = pliant.Chamber(torque=[3e-6], joint_gain=[0.0, 0.0, -1.0, -1.0], valve=valves[1], name="high")
     body = pliant.chain_model(length=0.16, mass=0.06, links=4, stiffness=1.2, damping=15e-3, torque=[0.0])
@@ -35,7 +36,7 @@ def two_segments() -> pliant.Model:
 def unlike(model: pliant.Model) -> pliant.Model:
     """Another specimen: softer, one chamber weaker, and it creeps."""
     low, high = model.chambers
-    creep = pliant.Memory(creep_share=(0.05,), creep_time=(0.3,))
+    creep = Memory(creep_share=(0.05,), creep_time=(0.3,))
     return model.with_(
         stiffness=0.92 * model.stiffness, chambers=(low, replace(high, torque=0.95 * high.torque)), memory=creep,
         name="another specimen",

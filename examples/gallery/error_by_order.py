@@ -6,8 +6,8 @@ Run: python examples/gallery/error_by_order.py [picture.png]
 import sys
 from pathlib import Path
 
-import pliant
 from pliant.plotting import error_by_order, new_figure, order_bars, save_figure, style
+from pliant.reduction import select_order
 from pliant.study import demo_study, load_study
 from pliant.study.prepare import aligned_recording
 
@@ -15,7 +15,7 @@ from pliant.study.prepare import aligned_recording
 def main(path: Path) -> None:
     """Draw the figure into `path`."""
     body = aligned_recording(load_study(demo_study()), "step_240").body
-    result = pliant.select_order(body, max_order=5, bound_mm=3.0)
+    result = select_order(body, max_order=5, bound=3e-3)
     errors = dict(zip(result.orders, result.max_error, strict=True))
     with style():
         figure, (left, right) = new_figure(1, 2, width_ratios=(2, 1))

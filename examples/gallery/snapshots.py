@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-import pliant
 from pliant.plotting import COLUMN_WIDTH, new_figure, save_figure, snapshots, style
-from pliant.reduction import links_of, spline_shape
+from pliant.reduction import links_of, select_order, spline_shape
 from pliant.study import demo_study, load_study
 from pliant.study.prepare import aligned_recording
 
@@ -20,7 +19,7 @@ LINKS, FRAMES = 5, 5
 def main(path: Path) -> None:
     """Draw the figure into `path`."""
     body = aligned_recording(load_study(demo_study()), "step_240").body
-    order = pliant.select_order(body, max_order=LINKS)
+    order = select_order(body, max_order=LINKS)
     nodes = order.node_arc_length[order.orders.index(LINKS)]
     links = links_of(body, node_arc_length=nodes)
     whole = np.isfinite(body["position"].values).all(axis=(1, 2))  # the chain is laid through whole frames alone

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.batch.batch import simulate_batch
+from pliant.batch import simulate_batch
 from pliant.batch.samples import gather
 from pliant.errors import InputError, SimulationError
 from pliant.identification.parameters import apply

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pliant.actuators import chen2018
-from pliant.batch.batch import simulate_batch
+from pliant.batch import simulate_batch
 from pliant.errors import InputError
 from pliant.model import Memory, Valve, chain_model
 from pliant.simulation import Pulse

@@ -12,17 +12,21 @@ import pytest
 import pliant
 from pliant.actuators import chen2018
 from pliant.display import Card, as_text
+from pliant.identification import Experiment, Parameter
 from pliant.identification.identifiability import Direction, Identifiability
 from pliant.identification.prediction_bands import Band
 from pliant.identification.result import FitResult
 from pliant.identification.stepwise import STAGES, ModelSelection, Step
+from pliant.preprocessing.quality import quality
+from pliant.recording import make_recording
+from pliant.reduction import select_order
 from pliant.validation.outcome import FitOutcome, RecordOutcome, StudyOutcome
 
 HOSTILE = "<b>&"
 
 
 def fitted() -> FitResult:
-    parameters = (pliant.Parameter("stiffness", 1.6067, std=0.02), pliant.Parameter("tip_mass", 0.0, free=False))
+    parameters = (Parameter("stiffness", 1.6067, std=0.02), Parameter("tip_mass", 0.0, free=False))
     return FitResult(chen2018.model(), parameters, f"The fit converged {HOSTILE}.", {"low": 1e-3}, 12, 0.5, True)
 
 
@@ -37,7 +41,7 @@ def bent(frames: int = 8):
     t, s = np.arange(frames) / 10, np.linspace(0, 0.17, 40)
     kappa = np.linspace(1, 9, frames)[:, None]
     points = np.stack([np.cos(kappa * s) - 1, np.sin(kappa * s)], axis=2) / kappa[..., None]
-    return pliant.make_recording(t, points, arc_length=s, frame="planar")
+    return make_recording(t, points, arc_length=s, frame="planar")
 
 
 MADE = {
@@ -45,8 +49,8 @@ MADE = {
     "unequal": (lambda: chen2018.model().with_(stiffness=np.arange(1.0, 6.0)), ["  5  "]),
     "hundred": (lambda: pliant.chain_model(length=1, mass=1, links=100, stiffness=np.arange(1.0, 101.0), damping=0.1,
                                            torque=[1e-6]), ["... 88 more"]),
-    "quality": (lambda: pliant.quality(bent()), ["8 frames of 40 station(s)"]),
-    "order": (lambda: pliant.select_order(bent(), bound_mm=3.0, max_order=3), ["segments", "2 *"]),
+    "quality": (lambda: quality(bent()), ["8 frames of 40 station(s)"]),
+    "order": (lambda: select_order(bent(), bound=3e-3, max_order=3), ["segments", "2 *"]),
     "fit": (fitted, ["converged", "stiffness", "+- 0.02", "N m/rad", "low 1 mm"]),
     "identifiability": (
         lambda: Identifiability(("mass", "damping"), (None, 2e-4), np.ones(2),
@@ -54,7 +58,7 @@ MADE = {
         ["Not every", "not shown", "fix mass."],
     ),
     "experiment": (
-        lambda: pliant.Experiment("low", np.arange(20) / 10, np.linspace(0, 1e-2, 40).reshape(20, 1, 2), ("tip",),
+        lambda: Experiment("low", np.arange(20) / 10, np.linspace(0, 1e-2, 40).reshape(20, 1, 2), ("tip",),
                                   "pulse", level=3e4), ["'low'", "30 kPa", "20 frames of tip", "mm"]),
     "band": (lambda: Band(*np.zeros((3, 4, 1, 2)), np.ones((4, 1, 2)), 0.95), ["95 %", "4 frames", "500 mm"]),  # type: ignore[arg-type]
     "model_selection": (
@@ -113,7 +117,7 @@ def test_a_model_and_an_experiment_are_drawn():
     assert [base[1] - y for _, y in points] == pytest.approx([0.0, 110.0, 220.0], abs=0.11)
     bent = page.partition("<polyline")[2].partition('points="')[2].partition('"')[0].split()[-1]
     assert float(bent.partition(",")[0]) < base[0] - 10
-    exp = pliant.Experiment("a<b", np.arange(20) / 10, np.linspace(0.05, 0.1, 40).reshape(20, 1, 2), ("tip",), "pulse",
+    exp = Experiment("a<b", np.arange(20) / 10, np.linspace(0.05, 0.1, 40).reshape(20, 1, 2), ("tip",), "pulse",
                             level=3e4)
     assert exp._repr_html_().count("<polyline") == 6  # five instants and the path
     assert "<svg" not in repr(model)

@@ -18,6 +18,7 @@ from pliant.equations.chain import link_transform, tips
 from pliant.equations.motion import acceleration
 from pliant.equations.section import bladder_area
 from pliant.mechanics import mechanics_of
+from pliant.recording import make_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "deviations.md").read_text(encoding="utf-8")
@@ -93,7 +94,7 @@ def test_d4_positive_pressure_bends_to_minus_x_and_recordings_are_turned_to_it()
     tip = np.concatenate([np.repeat(tip[:1], still, axis=0), tip])
     time = np.arange(len(tip)) / 1e3
     for side in (1.0, -1.0):
-        seen = pliant.make_recording(time, tip[:, None] * [side, 1.0], station=["tip"], frame="planar",
+        seen = make_recording(time, tip[:, None] * [side, 1.0], station=["tip"], frame="planar",
                                      pressure=np.where(time > time[still], 119e3, 0.0))  # fmt: skip
         np.testing.assert_array_equal(pliant.align(seen)["position"].values[:, 0], tip)
         np.testing.assert_array_equal(pliant.align(seen, bend=None)["position"], seen["position"])

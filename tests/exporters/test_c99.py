@@ -18,7 +18,7 @@ from pliant.exporters.c99 import code
 from pliant.exporters.provenance import Provenance
 from pliant.mechanics import mechanics_of, planar
 from pliant.model import Chamber, Memory, Model, Valve
-from pliant.simulation import Stepper, simulate
+from pliant.simulation import Stepper, Trace, simulate
 from pliant.simulation.accuracy import AccuracyWarning
 from pliant.simulation.time_step import time_step
 
@@ -107,8 +107,8 @@ def test_dead_time_is_that_of_simulate(dead, rng, tmp_path):
     model = chen2018.model(valve=Valve(rise_time=0.01, fall_time=0.01, dead_time=dead))
     levels = np.repeat(rng.uniform(0.0, 1e5, 10), 20)
     edges = np.arange(levels.size + 1) * 1e-3
-    trace = pliant.Trace(np.repeat(edges, 2)[1:-1], np.repeat(levels, 2))
-    before = pliant.Trace(np.concatenate([[-1.0, 0.0], trace.time]), np.concatenate([[0.0, 0.0], trace.pressure]))
+    trace = Trace(np.repeat(edges, 2)[1:-1], np.repeat(levels, 2))
+    before = Trace(np.concatenate([[-1.0, 0.0], trace.time]), np.concatenate([[0.0, 0.0], trace.pressure]))
     run = simulate(model, before, times=edges, step=1e-3)
     arm = Arm(model, tmp_path)
     rows = []

@@ -31,7 +31,7 @@ def test_independent_numbers(fibre, boundary):
 
 def test_five_links_do_not_hold_three_millimetres(fibre):
     for boundary in ("natural", "not-a-knot", "clamped+not-a-knot"):
-        result = select_order(fibre, bound_mm=3, boundary=boundary)
+        result = select_order(fibre, bound=3e-3, boundary=boundary)
         assert result.max_error[3].max() > 7e-3
         assert result.frames == 5812
         assert result.stations == 20
@@ -40,8 +40,8 @@ def test_five_links_do_not_hold_three_millimetres(fibre):
 
 
 def test_best_placement_on_the_fibre(fibre):
-    equal = select_order(fibre, bound_mm=3)
-    best = select_order(fibre, bound_mm=3, placement="best")
+    equal = select_order(fibre, bound=3e-3)
+    best = select_order(fibre, bound=3e-3, placement="best")
     assert (best.max_error.max(axis=1) <= equal.max_error.max(axis=1)).all()
     assert equal.chosen is None
     assert best.chosen == 8
@@ -53,7 +53,7 @@ def test_rows_in_space_and_their_chain(shared_data):
     raw = make_recording(np.arange(len(points)) / 4.0, points)
     body = align(raw, base="s000", tangent="clamp", rest=[0, 0.5], space=True)
     assert alignment_of(body).out_of_plane_share > 0.5
-    found = select_order(body, bound_mm=5, boundary="natural")
+    found = select_order(body, bound=5e-3, boundary="natural")
     s, place = body["arc_length"].values, body["position"].values
     for knots, errors in zip(found.node_arc_length, found.max_error, strict=True):  # another program's spline
         spline = CubicSpline(knots, place[:, np.searchsorted(s, knots)], axis=1, bc_type="natural")

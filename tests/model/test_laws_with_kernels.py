@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pliant
+from pliant.batch import simulate_batch
 from pliant.equations import laws
 from pliant.equations.section import torque
 from pliant.errors import InputError
@@ -87,7 +88,7 @@ def test_a_fit_finds_a_law(law):
 @EACH_LAW
 def test_batches_take_it_one_by_one_and_exports_carry_or_refuse_it(law, tmp_path):
     model, pulse = with_law(law), Pulse(8e4, 0.02, 0.2)
-    many = pliant.simulate_batch([model, BODY], pulse, duration=0.1, step=1e-3)
+    many = simulate_batch([model, BODY], pulse, duration=0.1, step=1e-3)
     alone = simulate(model, pulse, duration=0.1, step=1e-3)
     np.testing.assert_allclose(many.tip_position.values[0], alone.tip_position.values, atol=1e-12)
     assert FEATURES["own_law"].names(model) == ("torque law that is no polynomial",)

@@ -35,7 +35,7 @@ def test_from_strain_to_links(rng):
     assert abs(tip.arc_length - (LEAD + LENGTH)) < SPACING
     body = cut_body(shape_from_strain(fibre, layout), LEAD, tip.arc_length)
     assert "cut to the body" in body.attrs["history"]
-    order = select_order(body, bound_mm=1.0)
+    order = select_order(body, bound=1e-3)
     assert order.chosen is not None
     assert order.frames == 60
     assert order.notes[0] == "arc length: as recorded"

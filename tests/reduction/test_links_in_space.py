@@ -40,8 +40,8 @@ def test_planar_motion_is_the_first_of_each_pair_of_swings():
     np.testing.assert_allclose(space.link_length, plane.link_length, rtol=1e-13)
     np.testing.assert_allclose(space.residual, plane.residual, atol=1e-13)
     assert space.to_xarray().sizes["coordinate"] == 10
-    for bound in (None, 1.0):
-        a, b = select_order(flat, bound_mm=bound), select_order(ds, bound_mm=bound)
+    for bound in (None, 1e-3):
+        a, b = select_order(flat, bound=bound), select_order(ds, bound=bound)
         np.testing.assert_allclose(a.max_error, b.max_error, atol=1e-14)
         assert a.chosen == b.chosen
 
@@ -77,7 +77,7 @@ def test_order_does_not_depend_on_how_the_body_lies():
     for boundary in ("natural", "not-a-knot"):
         a, b = (select_order(ds, boundary=boundary) for ds in (at_base, anywhere))
         np.testing.assert_allclose(a.max_error, b.max_error, atol=1e-13)
-    found = select_order(at_base, bound_mm=1.0, boundary="not-a-knot")
+    found = select_order(at_base, bound=1e-3, boundary="not-a-knot")
     apart = []
     for knots in found.node_arc_length:  # an independent spline through the same joints, frame by frame
         joints = CubicSpline(S, place, axis=1)(knots)

@@ -141,13 +141,13 @@ def test_choice_is_the_lowest_order_within_the_bound():
     free = select_order(recording)
     assert free.chosen is None
     assert "no bound" in free.reason
-    bound = float(free.max_error[2].max() * 1e3) + 1e-6
-    result = select_order(recording, bound_mm=bound)
+    bound = float(free.max_error[2].max()) + 1e-9
+    result = select_order(recording, bound=bound)
     assert result.chosen == 4
     assert "n = 4" in result.summary()
     assert result.fraction_within(4) == 1.0
     assert result.fraction_within(2) < 1.0
-    impossible = select_order(recording, bound_mm=1e-9)
+    impossible = select_order(recording, bound=1e-12)
     assert impossible.chosen is None
     assert "No order up to 8" in impossible.reason
     assert "smallest maximum" in impossible.reason
@@ -155,7 +155,7 @@ def test_choice_is_the_lowest_order_within_the_bound():
 
 def test_json_form():
     recording, _ = wavy(frames=5)
-    text = json.loads(json.dumps(select_order(recording, max_order=3, bound_mm=3).to_dict()))
+    text = json.loads(json.dumps(select_order(recording, max_order=3, bound=3e-3).to_dict()))
     assert set(text) == {"orders", "chosen", "bound_mm", "frames", "stations"}
     assert set(text["orders"]) == {"2", "3"}
     assert set(text["orders"]["2"]) == {"max_mm", "mean_mm", "median_of_max_mm", "p95_of_max_mm"}
@@ -177,12 +177,12 @@ def test_result_as_dataset_and_worst_frames():
 
 def test_few_stations_are_said_and_not_trusted():
     recording, _ = wavy(stations=7)
-    result = select_order(recording, max_order=8, bound_mm=50)
+    result = select_order(recording, max_order=8, bound=0.05)
     assert result.chosen == 2
     assert "too few to judge" in result.reason
     assert result.orders[-1] < 7
     assert any("more than 7 stations" in note for note in result.notes)
-    blind = select_order(recording, max_order=5, bound_mm=1e-6)
+    blind = select_order(recording, max_order=5, bound=1e-9)
     assert blind.chosen is None
 
 
@@ -216,7 +216,7 @@ def test_a_body_that_stretches_evenly_needs_no_more_links(boundary, metric):
     longer = make_recording(
         time, recording["position"].values * stretch[:, None, None], arc_length=s, frame="planar",
     )
-    options = {"boundary": boundary, "metric": metric, "bound_mm": 0.5}
+    options = {"boundary": boundary, "metric": metric, "bound": 5e-4}
     plain, stretched = select_order(recording, **options), select_order(longer, **options)
     np.testing.assert_allclose(stretched.max_error, stretch * plain.max_error, rtol=1e-3)
     np.testing.assert_array_equal(stretched.node_arc_length[2], plain.node_arc_length[2])
@@ -235,8 +235,8 @@ def test_a_length_that_stays_leaves_the_slope_at_the_base_alone():
         ({"placement": "random"}, "placement must be one of equal, best"),
         ({"metric": "dtw"}, "metric must be one of arc, closest"),
         ({"max_order": 1}, "at least 2 segments"),
-        ({"bound_mm": -3}, "positive number of millimetres"),
-        ({"bound_mm": float("nan")}, "positive number of millimetres"),
+        ({"bound": -3}, "positive length in metres"),
+        ({"bound": float("nan")}, "positive length in metres"),
     ],
 )
 def test_bad_options(options, message):

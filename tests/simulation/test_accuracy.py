@@ -12,7 +12,7 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.errors import InputError, SimulationError
 from pliant.model import Extension, Memory, Model
-from pliant.simulation import accurate, solve
+from pliant.simulation import accurate, inputs, solve
 from pliant.simulation.accuracy import AccuracyWarning, step_for, tip_error
 from pliant.simulation.balance import EnergyWarning, energy_defects
 from pliant.simulation.forces import PointForce
@@ -21,7 +21,7 @@ from pliant.simulation.time_step import TOLERANCE, TYPICAL, longest_step, nice, 
 LENGTH, MASS, STIFFNESS = 0.1, 0.05, 0.4
 SWING = Model(link_length=LENGTH, link_mass=MASS, stiffness=STIFFNESS, damping=0.0, torque=[1e-6])
 OMEGA = np.sqrt(STIFFNESS / (MASS * LENGTH**2 / 3.0))
-NOTHING = pliant.step(0.0)
+NOTHING = inputs.step(0.0)
 
 
 def swing_error(motion: xr.Dataset, start: float) -> float:
@@ -91,7 +91,7 @@ def test_a_motion_too_fast_for_the_first_step_is_refused_unless_a_shorter_one_is
     q = 0.5 * np.cos(OMEGA * motion.time) + 300.0 / OMEGA * np.sin(OMEGA * motion.time)
     assert np.abs(motion.joint_angle[:, 0] - q).max() < 0.02
     with pytest.raises(SimulationError, match=r"more than a radian within the step of 1 ms"):
-        pliant.simulate(SWING, pliant.step(1e12), duration=0.1)
+        pliant.simulate(SWING, inputs.step(1e12), duration=0.1)
 
 
 @pytest.mark.parametrize(("step", "expected"), [(1e-3, 1e-3), (9e-4, 5e-4), (3e-4, 2e-4), (1.7e-5, 1e-5), (0.0, 1e-6)])
@@ -186,7 +186,7 @@ def test_the_accurate_method_refuses_what_it_cannot_bound(monkeypatch):
     with pytest.raises(InputError, match="tolerance must be a positive fraction"):
         pliant.simulate(SWING, NOTHING, duration=1.0, method="accurate", tolerance=0.0)
     with pytest.raises(SimulationError, match="more than a radian"):
-        pliant.simulate(SWING, pliant.step(1e9), duration=0.1, method="accurate")
+        pliant.simulate(SWING, inputs.step(1e9), duration=0.1, method="accurate")
 
 
 def test_missing_energy_alone_is_reported_beyond_a_tenth(monkeypatch):

@@ -11,6 +11,7 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.simulation import inputs
 from pliant.simulation.accuracy import AccuracyWarning
 from pliant.simulation.balance import EnergyWarning, energy_defects
 
@@ -22,14 +23,14 @@ BENT = np.array([0.6, -0.6, 0.6])
 
 def test_a_chain_that_gains_energy_is_reported():
     with pytest.warns(AccuracyWarning, match="of its energy from nothing: the step of 0.5 ms is too long"):
-        motion = pliant.simulate(HEAVY, pliant.step(0.0), duration=3.0, step=5e-4, initial_angle=BENT)
+        motion = pliant.simulate(HEAVY, inputs.step(0.0), duration=3.0, step=5e-4, initial_angle=BENT)
     total = motion.kinetic_energy + motion.elastic_energy
     assert motion.attrs["energy_gain"] > 0.01
     assert motion.attrs["energy_gain"] == pytest.approx(float((total.max() - total[0]) / total.max()), rel=0.5)
 
 
 def test_a_shorter_step_is_the_cure():
-    motion = pliant.simulate(HEAVY, pliant.step(0.0), duration=1.0, step=5e-5, initial_angle=BENT, check=False)
+    motion = pliant.simulate(HEAVY, inputs.step(0.0), duration=1.0, step=5e-5, initial_angle=BENT, check=False)
     assert motion.attrs["energy_gain"] < 2e-3
 
 
@@ -68,7 +69,7 @@ def test_a_stepper_balances_what_the_dampers_take():
     stepper.step(5e4, 50)
     q, dq = mechanics_of(model).joint_angles(stepper.angle), np.diff(stepper.rate, prepend=0.0)
     before, total = energy(model, q, dq), stepper._watch.total.copy()
-    motion = pliant.simulate(model, pliant.step(5e4), duration=0.2, initial_angle=q, initial_rate=dq, step=1e-3)
+    motion = pliant.simulate(model, inputs.step(5e4), duration=0.2, initial_angle=q, initial_rate=dq, step=1e-3)
     stepper.step(5e4, 200)
     after = energy(model, mechanics_of(model).joint_angles(stepper.angle), np.diff(stepper.rate, prepend=0.0))
     work, dampers, _ = stepper._watch.total - total
@@ -77,5 +78,5 @@ def test_a_stepper_balances_what_the_dampers_take():
 
 
 def test_nothing_at_all_gains_nothing():
-    motion = pliant.simulate(chen2018.model(), pliant.step(0.0), duration=0.1)
+    motion = pliant.simulate(chen2018.model(), inputs.step(0.0), duration=0.1)
     assert energy_defects(motion) == (0.0, 0.0)

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 import pytest
 
-from pliant.batch.batch import simulate_batch
+from pliant.batch import simulate_batch
 from pliant.errors import SimulationError
 from pliant.mechanics.springs import springs_of
 from pliant.model import Memory, Model

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pliant.actuators import chen2018
-from pliant.batch.batch import simulate_batch
+from pliant.batch import simulate_batch
 from pliant.errors import InputError
 from pliant.model import Valve
 from pliant.simulation import Pulse, Stepper, Trace, simulate, step

@@ -11,9 +11,8 @@ from importlib.util import find_spec
 
 import pytest
 
-from pliant.sweep import scheduler
+from pliant.sweep import run_sweep, scheduler
 from pliant.sweep.spec import sweep_from
-from pliant.sweep.sweep import run_sweep
 
 pytestmark = [
     pytest.mark.slow, pytest.mark.filterwarnings("ignore"),  # what Dask says of its own is not ours

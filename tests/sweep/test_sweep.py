@@ -20,9 +20,8 @@ from pliant.identification import Parameter, experiment
 from pliant.model import Chamber, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Pulse, simulate
-from pliant.sweep import scheduler, store, tasks
+from pliant.sweep import run_sweep, scheduler, store, tasks
 from pliant.sweep.spec import fixed, sweep_from, table
-from pliant.sweep.sweep import run_sweep
 
 
 @pytest.fixture(scope="module")

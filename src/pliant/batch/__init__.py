@@ -1,1 +1,5 @@
 """Many simulations at once: on SIMD vectors, all cores or a GPU."""
+
+from pliant.batch.batch import simulate_batch
+
+__all__ = ["simulate_batch"]

@@ -103,9 +103,10 @@ def simulate_batch(
     Examples
     --------
     >>> import pliant
+    >>> from pliant.batch import simulate_batch
     >>> from pliant.actuators import chen2018
     >>> pulse = pliant.Pulse(level=50e3, start=0.1, width=1.0)
-    >>> pliant.simulate_batch([chen2018.model()] * 8, pulse, duration=0.2).sizes["sample"]
+    >>> simulate_batch([chen2018.model()] * 8, pulse, duration=0.2).sizes["sample"]
     8
     """
     how = with_defaults(simulate_batch, options, BATCH_OPTIONS)

@@ -50,7 +50,8 @@ def order(
     recording = read_with_mapping(file, mapping)
     with busy("trying orders"):
         result = select_order(
-            recording, max_order=max_order, bound_mm=bound_mm, boundary=boundary, placement=placement, metric=metric
+            recording, max_order=max_order, bound=None if bound_mm is None else 1e-3 * bound_mm, boundary=boundary,
+            placement=placement, metric=metric,
         )
     if figure is not None:
         for path in _draw(result, figure):

@@ -23,6 +23,9 @@ def momentum_residual(
 
     Parameters
     ----------
+    model : Model
+    time : array (T,)
+        s.
     angle, rate : array (T, n)
         Absolute link angles [rad] and rates [rad/s]; no acceleration is needed.
     pressure : array (T,), (T, C) of several chambers
@@ -63,6 +66,7 @@ def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
 
     Parameters
     ----------
+    model : Model
     angle : array (T, n)
         Absolute link angles, rad. Of a body that lengthens (T, n + S), its strains behind them: so is what is returned.
     pressure : array (T,), (T, C) of several chambers

@@ -37,8 +37,8 @@ class Extension:
 
     Examples
     --------
-    >>> import pliant
-    >>> pliant.Extension(stiffness=40.0).stiffness  # EA, N
+    >>> from pliant.model import Extension
+    >>> Extension(stiffness=40.0).stiffness  # EA, N
     40.0
     """
 

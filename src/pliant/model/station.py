@@ -24,8 +24,8 @@ class Station(NamedTuple):
 
     Examples
     --------
-    >>> import pliant
-    >>> pliant.Station("tip", link=5, along=0.03).name
+    >>> from pliant.model import Station
+    >>> Station("tip", link=5, along=0.03).name
     'tip'
     """
 

@@ -174,9 +174,10 @@ def quality(ds: xr.Dataset) -> Quality:
 
     Examples
     --------
-    >>> import pliant
+    >>> from pliant.preprocessing.quality import quality
+    >>> from pliant.recording import make_recording
     >>> places = [[[0, 0, 0], [0.01 * k, 0.1, 0]] for k in range(5)]
-    >>> pliant.quality(pliant.make_recording([0.0, 0.1, 0.2, 0.3, 0.4], places)).rate_hz
+    >>> quality(make_recording([0.0, 0.1, 0.2, 0.3, 0.4], places)).rate_hz
     10.0
     """
     check_recording(ds)

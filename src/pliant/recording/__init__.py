@@ -39,8 +39,10 @@ def write(ds: xr.Dataset, path: str | Path) -> Path:
 
     Examples
     --------
-    >>> import pliant, tempfile
-    >>> ds = pliant.make_recording([0.0, 0.1], [[[0, 0, 0]], [[0, 0.1, 0]]], station=["tip"])
+    >>> import tempfile
+    >>> import pliant
+    >>> from pliant.recording import make_recording
+    >>> ds = make_recording([0.0, 0.1], [[[0, 0, 0]], [[0, 0.1, 0]]], station=["tip"])
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     pliant.write(ds, f"{folder}/a.csv").name
     'a.csv'

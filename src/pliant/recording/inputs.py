@@ -39,7 +39,7 @@ def recorded_inputs(ds: xr.Dataset) -> list[RecordedInput]:
 
 
 def input_arguments(ds: xr.Dataset) -> dict[str, Any]:
-    """Arguments of `pliant.make_recording` that give another recording the same inputs."""
+    """Arguments of `make_recording` that give another recording the same inputs."""
     names = {"pressure": "pressure", "pressure_time": "pressure_time", "chamber": "chamber", "actuation": "actuation",
              "input_time": "input_time", "input_names": "input", "input_kind": "kind"}  # fmt: skip
     return {argument: ds[name].values for argument, name in names.items() if name in ds.variables}

@@ -106,8 +106,8 @@ def make_recording(
 
     Examples
     --------
-    >>> import pliant
-    >>> ds = pliant.make_recording([0.0, 0.1], [[[0, 0, 0], [0, 0.1, 0]], [[0, 0, 0], [0.01, 0.099, 0]]])
+    >>> from pliant.recording import make_recording
+    >>> ds = make_recording([0.0, 0.1], [[[0, 0, 0], [0, 0.1, 0]], [[0, 0, 0], [0.01, 0.099, 0]]])
     >>> dict(ds.sizes)
     {'time': 2, 'station': 2, 'axis': 3}
     """

@@ -27,7 +27,7 @@ def select_order(
     recording: xr.Dataset,
     *,
     max_order: int = 8,
-    bound_mm: float | None = None,
+    bound: float | None = None,
     boundary: str = CLAMPED,
     placement: str = "equal",
     metric: str = "arc",
@@ -44,8 +44,8 @@ def select_order(
         A recording with positions along one body, base first. Frames with a missing station are left out and
         counted.
     max_order : int
-    bound_mm : float, optional
-        Largest error that is allowed in any frame, mm. Without it no order is chosen.
+    bound : float, optional
+        Largest error that is allowed in any frame, m. Without it no order is chosen.
     boundary : {"natural", "not-a-knot", "clamped+not-a-knot"}
         End conditions of the spline. The default takes the base tangent as known: +y in an aligned planar
         recording, +z in one in space, otherwise measured frame by frame from the first tenth of the body.
@@ -77,8 +77,8 @@ def select_order(
     _check_options(boundary=boundary, placement=placement, metric=metric, nodes=nodes)
     if max_order < 2:
         raise InputError(f"max_order must be at least 2 segments, but is {max_order}")
-    if bound_mm is not None and not bound_mm > 0:
-        raise InputError(f"bound_mm must be a positive number of millimetres, but is {bound_mm}")
+    if bound is not None and not bound > 0:
+        raise InputError(f"bound must be a positive length in metres, but is {bound}")
     body = body_of(recording)
     knots = _knots(body, max_order, boundary, placement, nodes)
     largest, mean = frame_errors(body, [spline_map(body.arc_length, k, boundary) for k in knots], metric)
@@ -93,7 +93,7 @@ def select_order(
         mean_error=mean,
         node_arc_length=tuple(knots),
         stations_between=tuple(stations_between(body.arc_length, k) for k in knots),
-        bound=None if bound_mm is None else bound_mm * 1e-3,
+        bound=bound,
         boundary=boundary,
         placement=placement,
         metric=metric,

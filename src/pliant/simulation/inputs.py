@@ -85,8 +85,8 @@ def step(level: float, start: float = 0.0) -> Pulse:
 
     Examples
     --------
-    >>> import pliant
-    >>> rises = pliant.step(50e3, start=0.1)
+    >>> from pliant.simulation import inputs
+    >>> rises = inputs.step(50e3, start=0.1)
     >>> [float(rises(t)) for t in (0.0, 0.5, 60.0)]
     [0.0, 50000.0, 50000.0]
     """
@@ -112,8 +112,8 @@ class Trace:
 
     Examples
     --------
-    >>> import pliant
-    >>> float(pliant.Trace([0.0, 1.0], [0.0, 40e3])(0.25))
+    >>> from pliant.simulation import Trace
+    >>> float(Trace([0.0, 1.0], [0.0, 40e3])(0.25))
     10000.0
     """
 
@@ -170,8 +170,8 @@ def ramp(level: float, start: float, duration: float) -> Trace:
 
     Examples
     --------
-    >>> import pliant
-    >>> float(pliant.ramp(50e3, start=0.0, duration=1.0)(0.5))
+    >>> from pliant.simulation import inputs
+    >>> float(inputs.ramp(50e3, start=0.0, duration=1.0)(0.5))
     25000.0
     """
     if not (np.isfinite(duration) and duration > 0):
@@ -189,8 +189,8 @@ def triangle(level: float, period: float, cycles: int, start: float = 0.0) -> Tr
 
     Examples
     --------
-    >>> import pliant
-    >>> rising = pliant.triangle(40e3, period=2.0, cycles=1)
+    >>> from pliant.simulation import inputs
+    >>> rising = inputs.triangle(40e3, period=2.0, cycles=1)
     >>> float(rising(0.5))
     20000.0
     """
@@ -213,8 +213,8 @@ class Chirp:
 
     Examples
     --------
-    >>> import pliant
-    >>> chirp = pliant.Chirp(amplitude=10e3, offset=20e3, f0=0.5, f1=4.0, duration=5.0)
+    >>> from pliant.simulation import Chirp
+    >>> chirp = Chirp(amplitude=10e3, offset=20e3, f0=0.5, f1=4.0, duration=5.0)
     >>> bool(10e3 <= chirp(1.0) <= 30e3)
     True
     """

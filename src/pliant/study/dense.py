@@ -87,7 +87,7 @@ def before_cap(whole: xr.Dataset, fibre: Fibre) -> tuple[float, float, str]:
 def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction) -> Shape:
     """Curvature, order and links of the recording whose shape decides the chain."""
     order: OrderResult = select_order(
-        body, max_order=max(reduction.max_order, reduction.links or 2), bound_mm=reduction.bound_mm,
+        body, max_order=max(reduction.max_order, reduction.links or 2), bound=1e-3 * reduction.bound_mm,
         boundary=reduction.boundary, placement=reduction.placement,
     )
     n = reduction.links or order.chosen

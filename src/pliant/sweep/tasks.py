@@ -50,7 +50,7 @@ class Campaign:
 
 def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
     """The tip of every sample against time, its highest deflection, and the parameters that made it."""
-    from pliant.batch.batch import simulate_batch
+    from pliant.batch import simulate_batch
     from pliant.simulation import Pulse
     from pliant.simulation.time_step import shared_step
 
