@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.preprocessing.align import align, alignment_of
+from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import quality
 from pliant.recording import read
 from pliant.recording.inputs import recorded_inputs
@@ -26,6 +27,19 @@ def test_the_trunk_by_rate_and_motor_angles(shared_data):
     np.testing.assert_allclose(body["position"].values[:, :, 2], -ds["position"].values[:, :, 1], atol=1e-12)
     assert alignment_of(body).flatness > 0.8
     assert [one.name for one in recorded_inputs(body)] == MOTORS["columns"]
+
+
+def test_frozen_disks_and_held_angles_of_the_trunk(shared_data):
+    ds = read(shared_data / "spatial_tendon_trunk" / "observations_controlled_3.csv", mapping=TRUNK)
+    found = quality(ds)
+    frames = [(round(100 * a), round(100 * b), count) for a, b, count in found.frozen["tip"]]
+    assert frames == [(385, 435, 51), (885, 934, 50)]  # as read off the file by eye
+    assert "middle" not in found.frozen
+    assert found.input_held == {f"phi{k}": (5, pytest.approx(0.05)) for k in range(1, 7)}
+    left = leave_out_frozen(ds)["position"].values
+    assert np.isnan(left[385:436, 2]).all()
+    assert np.isfinite(left[384, 2]).all()
+    assert np.array_equal(np.isnan(left).any(-1).sum(0), [15, 0, 101])
 
 
 def test_the_trunk_at_rest_has_orientations(shared_data):

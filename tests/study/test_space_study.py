@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -12,7 +14,7 @@ from pliant.preprocessing.align import align
 from pliant.preprocessing.alignment import alignment_of
 from pliant.recording import make_recording, write
 from pliant.study.dense import body_of_fibre, shape_of
-from pliant.study.prepare import all_aligned, in_base_frame, in_frame, study_model
+from pliant.study.prepare import aligned_recording, all_aligned, in_base_frame, in_frame, study_model
 from pliant.study.schema import ActuatorEntry, Fibre, Reduction, Study, TendonTable, check_chambers
 
 TURN, SHIFT = Rotation.random(rng=8), np.array([0.2, 0.5, -0.1])
@@ -139,3 +141,23 @@ def test_tendons_of_a_body_in_a_plane_are_refused(study, tmp_path):
     flat = study.actuator.model_copy(update={"space": False, "tendons": [TendonTable(**TENDON)]})
     with pytest.raises(InputError, match="pull at a body in space"):
         check_chambers(study.model_copy(update={"actuator": flat}), tmp_path / "study.toml")
+
+
+def test_a_study_leaves_frozen_frames_out_and_draws_lines_through_held_inputs(study):
+    place = points(4, 1)[:, [0, 15, 30]]
+    place[80:90, 2] = place[79, 2]  # the tip's last place, repeated
+    smooth = np.where(TIME < 1, 0.0, np.sin(4 * (TIME - 1)))
+    held = np.repeat(smooth[::3], 3)
+    raw = tracked(place, station=["base", "middle", "tip"], actuation=held[:, None], input_kind="tension",
+                  input_names=["cord"])  # fmt: skip
+    write(raw, Path(study.folder) / "one.nc")
+    entry = study.recordings["one"].model_copy(update={"staircase": "lines"})
+    aligned = aligned_recording(study.model_copy(update={"recordings": {"one": entry}}), "one")
+    np.testing.assert_array_equal(np.isnan(aligned.body["position"].values).any((1, 2)),
+                                  (np.arange(150) >= 80) & (np.arange(150) < 90))  # fmt: skip
+    error = np.abs(aligned.body["actuation"].values[:, 0] - smooth)[60:147].max()
+    assert error < 0.2 * np.abs(held - smooth)[60:147].max()
+    assert "left out frames in which a station was frozen: tip 10" in aligned.findings
+    assert "straight lines between the changes of cord" in aligned.findings
+    as_it_is = aligned_recording(study, "one").body["actuation"].values[:, 0]
+    np.testing.assert_array_equal(as_it_is, held)

@@ -12,6 +12,7 @@ from pliant.display import Card, Shown
 from pliant.preprocessing import detectors
 from pliant.preprocessing.angles import angle_facts, angle_sentences
 from pliant.preprocessing.detectors import by_blocks
+from pliant.preprocessing.held import Span, frozen, frozen_sentences, frozen_spans, staircase_sentences, staircases
 from pliant.preprocessing.labels import exchanged
 from pliant.preprocessing.plausibility import UNITS, Case, doubts
 from pliant.preprocessing.plausibility.shape import extent
@@ -49,6 +50,8 @@ class Quality(Shown):
         Frames that equal the one before in every number.
     missing, spikes, station_jumps, sign_flips, orientation_jumps, orientation_spikes : dict
         Counts per station (frames); stations without any are left out.
+    frozen : dict
+        Stations whose last place the tracker repeated while others moved: (first s, last s, frames) of each span.
     frame_jumps_s : tuple of float
         Times at which more than half of the stations jumped at once.
     stretched : dict
@@ -68,6 +71,8 @@ class Quality(Shown):
         Per chamber: (smallest, largest).
     input_range : dict
         Per input other than pressure: (smallest, largest, unit), in N, mm or degrees.
+    input_held : dict
+        Inputs recorded as staircases, pressures among them: (samples, seconds) from one update to the next.
     pressure_samples, pressure_duration_s, pressure_rate_hz : int, float, float
         Of a pressure with a clock of its own.
     pressure_gaps : tuple of (sample, start_s, length_s, missing)
@@ -93,6 +98,7 @@ class Quality(Shown):
     sign_flips: dict[str, int] = field(default_factory=dict)
     orientation_jumps: dict[str, int] = field(default_factory=dict)
     orientation_spikes: dict[str, int] = field(default_factory=dict)
+    frozen: dict[str, tuple[Span, ...]] = field(default_factory=dict)
     frame_jumps_s: tuple[float, ...] = ()
     stretched: dict[str, int] = field(default_factory=dict)
     swapped: dict[str, int] = field(default_factory=dict)
@@ -105,6 +111,7 @@ class Quality(Shown):
     out_of_plane_share: float = float("nan")
     pressure_kpa: dict[str, tuple[float, float]] = field(default_factory=dict)
     input_range: dict[str, tuple[float, float, str]] = field(default_factory=dict)
+    input_held: dict[str, tuple[int, float]] = field(default_factory=dict)
     pressure_samples: int = 0
     pressure_duration_s: float = 0.0
     pressure_rate_hz: float = float("nan")
@@ -193,7 +200,7 @@ def quality(ds: xr.Dataset) -> Quality:
         found["missing"] = {str(c): int(n) for c, n in zip(ds["core"].values, lost, strict=True) if n}
     if "pressure" in ds:
         found |= {"pressure_kpa": _pressure_range(ds), **pressure_clock(ds)}
-    found["input_range"] = _input_range(ds)
+    found |= {"input_range": _input_range(ds), "input_held": staircases(ds)}
     if "time" not in ds.coords:
         found |= {to: found[of] for to, of in OF_A_LOG.items() if of in found}
     found["doubts"] = doubts(Case(ds, found.get("swapped", {})), "recording")
@@ -201,7 +208,8 @@ def quality(ds: xr.Dataset) -> Quality:
     first = [sentence for check, sentence in result.doubts.items() if check in UNITS]  # the rest may follow from it
     later = [sentence for check, sentence in result.doubts.items() if check not in UNITS]
     clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
-    findings = (*first, *_sentences(result), *clock, *_lost_inputs(ds), *_hardly_moves(ds, result), *later)
+    findings = (*first, *_sentences(result), *clock, *staircase_sentences(result.input_held),
+                *_lost_inputs(ds), *_hardly_moves(ds, result), *later)
     return replace(result, findings=findings)
 
 
@@ -248,6 +256,7 @@ def _positions(ds: xr.Dataset) -> dict[str, Any]:
         "noise_m": dict(zip(names, noise.tolist(), strict=True)),
         "travel_m": dict(zip(names, travel.tolist(), strict=True)),
         "standing": _standing(names, deviation, noise), "swapped": exchanged(fresh, clock, names),
+        "frozen": frozen_spans(time, names, frozen(position, quaternion)),
     }  # fmt: skip
     if quaternion is not None:
         found["sign_flips"] = _counts(names, detectors.sign_flips(quaternion))
@@ -325,6 +334,7 @@ def _sentences(q: Quality) -> list[str]:
     ):  # fmt: skip
         if counts:
             said.append(f"{what}: {_listed(counts)}")
+    said += frozen_sentences(q.frozen)
     if q.frame_jumps_s:
         times = ", ".join(f"{t:.3g}" for t in q.frame_jumps_s[:6])
         said.append(f"{len(q.frame_jumps_s)} jump(s) of whole frames, at {times} s")

@@ -345,6 +345,8 @@ def recording(out: Lines, look: FirstLook, folder: Path, level: float | None) ->
         out.say(f"of several pressures a draft takes one: {look.chamber} moves most, the mapping reads no other")
     if look.mapping:
         out.put("mapping", look.mapping)
+    if look.found.input_held:
+        out.put("staircase", "lines", "inputs are held between updates: straight lines between their changes")
     if (moving := moving_beside(look)) is not None:
         out.put("stations", moving, f"what moves, tip last; others stand still beside the base {look.base}")
     kind, when = excitation(look), moved(look)

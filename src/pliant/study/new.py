@@ -20,6 +20,7 @@ from pliant.preprocessing.align import DENSE_STATIONS, align
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.detectors import without_spikes
+from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
 from pliant.recording import read
 from pliant.recording.inputs import inputs_at
@@ -186,6 +187,7 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None, *, space: bool
             "pressure alone: a study needs the shape too"
         raise InputError(f"{path.name} holds {held}")
     found, chosen = quality(ds), ""
+    ds = leave_out_frozen(ds)
     spatial = FirstLook(path, ds, found, kept).spatial if space is None else space
     if (chambers := several(ds)) and not spatial:
         kept, chosen = narrowed(kept, chambers, found, path.name)

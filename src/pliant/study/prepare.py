@@ -16,6 +16,7 @@ from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.cut import cut_time
+from pliant.preprocessing.held import leave_out_frozen, lines_between_changes
 from pliant.preprocessing.labels import exclude_swaps, undo_swaps
 from pliant.preprocessing.plausibility.pressure import LEAST_PRESSURE
 from pliant.preprocessing.quality import quality, standing_stations
@@ -122,6 +123,9 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
     if alignment.swaps is not None:
         raw = (undo_swaps if alignment.swaps == "undo" else exclude_swaps)(raw)
     looked = quality(raw)
+    raw = leave_out_frozen(raw)
+    if entry.staircase == "lines":
+        raw = lines_between_changes(raw)
     with units_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
     found = [*findings, *(str(line) for line in looked.findings)]

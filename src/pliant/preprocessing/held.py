@@ -1,0 +1,176 @@
+"""Values that a logger holds: stations frozen at their last place, and inputs recorded as staircases."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pliant.preprocessing.detectors import noise_level
+from pliant.recording import append_history
+from pliant.recording.inputs import recorded_inputs
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+LEAST_REPEATS = 3  # frames in a row that repeat the one before: fewer happen by chance
+GRID_STEPS = 3.0  # of its resolution: a station whose next step is smaller may have been slow
+BEYOND_NOISE = 6.0  # noise levels by which another station must move meanwhile
+LEAST_CHANGES = 20  # of an input: fewer are steps and pulses
+ALIKE, SHORTER = 0.6, 0.1  # of the intervals between changes: near the median one; shorter, as those of noise are
+Span = tuple[float, float, int]  # first and last time [s] and number of repeated frames
+
+
+def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
+    """Return where a tracker held the last place of a station while another station moved, (T, S) bool.
+
+    Such a station repeats every number for at least three frames, then steps by more than its resolution. The frame
+    that is repeated is not marked.
+
+    Parameters
+    ----------
+    position : (T, S, 2 or 3) array, m
+    quaternion : (T, S, 4) array, optional
+    """
+    flat = position if quaternion is None else np.concatenate([position, quaternion], axis=-1)
+    marked = np.zeros(position.shape[:2], dtype=bool)
+    candidates = {s: runs(_repeats(flat[:, s])) for s in range(position.shape[1])}
+    candidates = {s: spans for s, spans in candidates.items() if spans}
+    if not candidates or position.shape[1] < 2:
+        return marked
+    noise = np.nan_to_num(noise_level(position))
+    for s, spans in candidates.items():
+        steps = np.abs(np.diff(position[:, s], axis=0)).max(axis=-1)
+        moving = steps[steps > 0]
+        resolution = moving.min(initial=np.inf)
+        others = np.arange(position.shape[1]) != s
+        for start, stop in spans:  # frames start to stop - 1 repeat frame start - 1
+            after = steps[stop - 1] if stop < len(position) else np.median(moving) if moving.size else 0.0
+            part = position[start - 1 : stop, others]
+            apart = np.sqrt(((part - part[:1]) ** 2).sum(-1))
+            apart = np.where(np.isfinite(apart), apart, 0.0).max(axis=0)
+            if after > GRID_STEPS * resolution and (apart > BEYOND_NOISE * noise[others]).any():
+                marked[start:stop, s] = True
+    return marked
+
+
+def runs(flags: NDArray) -> list[tuple[int, int]]:
+    """Return the first and one past the last index of each run of at least `LEAST_REPEATS` true flags (T,)."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edge[::2], edge[1::2], strict=True) if b - a >= LEAST_REPEATS]
+
+
+def _repeats(values: NDArray) -> NDArray:
+    """(T,) bool: equals the frame before in every number that was seen, and some were."""
+    now, before = values[1:], values[:-1]
+    lost = np.isnan(now)
+    same = ((now == before) | (lost & np.isnan(before))).all(axis=-1) & ~lost.all(axis=-1)
+    return np.concatenate([[False], same])
+
+
+def frozen_spans(time: NDArray, names: list[str], marked: NDArray) -> dict[str, tuple[Span, ...]]:
+    """Return the spans of each frozen station; `marked` (T, S) is that of `frozen`."""
+    return {
+        name: tuple((float(time[a]), float(time[b - 1]), b - a) for a, b in runs(marked[:, s]))
+        for s, name in enumerate(names) if marked[:, s].any()
+    }  # fmt: skip
+
+
+def leave_out_frozen(ds: xr.Dataset) -> xr.Dataset:
+    """Return the recording with the places of frozen stations missing; the same object where there are none.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        With positions as the tracker made them; one without is returned as it is.
+    """
+    if "position" not in ds:
+        return ds
+    marked = frozen(ds["position"].values, ds["quaternion"].values if "quaternion" in ds else None)
+    if not marked.any():
+        return ds
+    changed = {name: ds[name].copy(data=np.where(marked[..., None], np.nan, ds[name].values))
+               for name in ("position", "quaternion") if name in ds}  # fmt: skip
+    count = ", ".join(f"{n} {k}" for n, k in zip(ds["station"].values, marked.sum(axis=0), strict=True) if k)
+    return append_history(ds.assign(changed), f"left out frames in which a station was frozen: {count}")
+
+
+def frozen_sentences(spans: dict[str, tuple[Span, ...]]) -> list[str]:
+    """Return one sentence for each frozen station, with the longest spans."""
+    said = []
+    for name, listed in spans.items():
+        longest = sorted(sorted(listed, key=lambda span: -span[2])[:3])
+        where = ", ".join(f"{a:.2f} to {b:.2f} s" for a, b, _ in longest)
+        more = f" and {len(listed) - len(longest)} shorter" if len(listed) > len(longest) else ""
+        said.append(f"{name} is frozen in {sum(span[2] for span in listed)} frames while others move ({where}{more}): "
+                    "the tracker repeated its last place; studies leave these frames out")  # fmt: skip
+    return said
+
+
+def staircases(ds: xr.Dataset) -> dict[str, tuple[int, float]]:
+    """Return samples and seconds between the updates of each input that was logged faster than it was updated.
+
+    An input is held where the intervals between its changes are nearly all alike and longer than a sample, and most
+    changes are larger than its resolution. The only pressure of a recording is called ``p``.
+    """
+    found = {}
+    for one in recorded_inputs(ds):
+        every = _interval(one.values)
+        if every > 1:
+            found[one.name or "p"] = (every, every * float(np.median(np.diff(one.time))))
+    return found
+
+
+def _interval(values: NDArray) -> int:
+    """Samples from one change of a held input to the next; 1 where it is not held."""
+    step = np.diff(values)
+    changed = np.flatnonzero(np.nan_to_num(step))
+    if changed.size < LEAST_CHANGES:
+        return 1
+    size, apart = np.abs(step[changed]), np.diff(changed)
+    every = int(np.median(apart))
+    alike = np.abs(apart - every) <= (1 if every > 2 else 0)
+    coarse = np.mean(size > 1.5 * size.min()) < 0.5
+    shorter = (apart < every) & ~alike
+    return 1 if coarse or np.mean(alike) < ALIKE or np.mean(shorter) > SHORTER else every
+
+
+def staircase_sentences(held: dict[str, tuple[int, float]]) -> list[str]:
+    """Return one sentence for the inputs that share an interval."""
+    said = []
+    for every, seconds in sorted(set(held.values())):
+        names = ", ".join(n for n, v in held.items() if v == (every, seconds))
+        said.append(f"held inputs: {names}, a new value every {every} samples ({1e3 * seconds:.3g} ms); "
+                    'staircase = "lines" draws straight lines between the changes')  # fmt: skip
+    return said
+
+
+def lines_between_changes(ds: xr.Dataset) -> xr.Dataset:
+    """Return the recording with straight lines between the changes of held inputs; others stay as they are.
+
+    A value that stays longer than one and a half intervals is kept until one interval before the next change.
+    """
+    held = staircases(ds)
+    if not held:
+        return append_history(ds, "no input is held: none was made of straight lines")
+    changed: dict[str, NDArray] = {}
+    columns = {"pressure": 0, "actuation": 0}
+    for one in recorded_inputs(ds):
+        variable = "pressure" if one.kind == "pressure" else "actuation"
+        values = changed.setdefault(variable, ds[variable].values.reshape(len(one.time), -1).copy())
+        if (one.name or "p") in held:
+            values[:, columns[variable]] = _lines(one.time, one.values, held[one.name or "p"][0])
+        columns[variable] += 1
+    data: dict[str, Any] = {n: ds[n].copy(data=v.reshape(ds[n].shape)) for n, v in changed.items()}
+    return append_history(ds.assign(data), f"straight lines between the changes of {', '.join(held)}")
+
+
+def _lines(time: NDArray, values: NDArray, every: int) -> NDArray:
+    """(P,) linear between the samples at which `values` change; missing samples stay missing."""
+    seen = np.isfinite(values)
+    rows = np.flatnonzero(seen)
+    new = rows[np.concatenate([[True], np.diff(values[rows]) != 0])]
+    late = new[1:][np.diff(new) > 1.5 * every] - every  # the last update that brought the same value
+    knots = np.union1d(np.append(new, rows[-1]), late[seen[late]])
+    return np.where(seen, np.interp(time, time[knots], values[knots]), np.nan)
