@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pliant.equations.observation import motion_of
+from pliant.equations.spatial_linearised import motion_of as motion_in_space
 from pliant.errors import InputError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import correct_all
@@ -73,10 +75,11 @@ def test_a_covariance_and_a_transition_move_by_the_whole_jacobian(rng, disturbed
 
 
 def test_motion_of_late_is_the_mean_square_of_joint_rates_and_fades():
-    w, recent = np.array([1.0, 3.0, 0.0]), np.zeros(1)
-    recall(w, 3, 0.01, recent)
+    recent, joints = np.zeros(1), SimpleNamespace(theta0=np.zeros(3), unloaded=np.zeros(2))
+    recall(motion_of(np.array([1.0, 3.0, 0.0, 9.0]), joints), 0.01, recent)  # the last one is the rate of a strain
     assert recent[0] == pytest.approx((1.0 + 4.0 + 9.0) / 3)
-    recall(np.zeros(3), 3, 0.05, recent)
+    assert motion_in_space(np.array([1.0, 3.0, -2.0, 0.0]), joints) == pytest.approx(14.0 / 2)
+    recall(0.0, 0.05, recent)
     assert recent[0] == pytest.approx((14.0 / 3) / 1.5)
 
 

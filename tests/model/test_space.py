@@ -7,7 +7,7 @@ import pliant
 from pliant.batch import simulate_batch
 from pliant.control import Limits, design_lqr, design_outputs
 from pliant.errors import InputError
-from pliant.estimation import KalmanFilter
+from pliant.estimation import AdaptiveObserver
 from pliant.model import Chamber, Space, Station
 
 BODY = {"length": 0.3, "mass": 0.1, "links": 4, "joint_placement": "midsegment", "stiffness": 0.5, "damping": 1e-3}
@@ -81,7 +81,7 @@ def test_parameters_that_no_body_has_are_refused(values, sentence):
 
 
 @pytest.mark.parametrize("use", [
-    lambda model, _: KalmanFilter(model),
+    lambda model, _: AdaptiveObserver(model, 4e-3),
     lambda model, _: simulate_batch([model, model], pliant.Pulse(1e3), duration=0.1),
     lambda model, folder: pliant.export(model, "mjcf", folder / "m.xml"),
     lambda model, folder: pliant.export(model, "c99", folder / "m.c"),

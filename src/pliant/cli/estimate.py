@@ -10,6 +10,7 @@ import typer
 from pliant.cli.pressures import DRIVE, LEVELS, drives, levels
 
 if TYPE_CHECKING:
+    import numpy as np
     import xarray as xr
 
     from pliant.simulation.inputs import Input
@@ -30,7 +31,7 @@ MEANING = {
 
 
 def estimate(
-    recording: Annotated[Path, typer.Argument(help="Aligned (planar) recording.")],
+    recording: Annotated[Path, typer.Argument(help="Aligned recording.")],
     model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
     disturbance: Annotated[bool, typer.Option(help="Estimate an unknown torque of each joint too.")] = True,
     level_kpa: Annotated[
@@ -74,8 +75,18 @@ def estimate(
     print_numbers(report(found), as_json=json, title=str(recording), meaning=MEANING)
 
 
+def of_joints(found: xr.Dataset, name: str, end: str = "") -> np.ndarray:
+    """Return a variable of all joints (T, N): in space of each axis, those of one axis after those of another."""
+    import numpy as np
+
+    parts = [found[f"{name}{axis}{end}"] for axis in ("", "_x", "_y", "_twist") if f"{name}{axis}{end}" in found]
+    return np.concatenate([part.values for part in parts], axis=1) if parts else np.zeros((found.sizes["time"], 0))
+
+
 def report(found: xr.Dataset) -> dict[str, float | int | str]:
     """Return the summary of an estimate: numbers and sentences."""
+    import numpy as np
+
     a = found.attrs
     low, high = a["nis_bounds"]
     ratio, correlation, bound = a["nis_ratio"], a["innovation_correlation"], a["innovation_correlation_bound"]
@@ -88,12 +99,12 @@ def report(found: xr.Dataset) -> dict[str, float | int | str]:
         "frames": a["frames"], "frames_skipped": a["frames_skipped"], "frames_in_part": a["frames_in_part"],
         "normalised_innovation": ratio, "normalised_innovation_95_low": low, "normalised_innovation_95_high": high,
         "innovation_correlation": correlation, "innovations_are": f"{consistent}; {white}",
-        "largest_rate_rad_s": float(abs(found["smooth_joint_rate"]).max()),
-        "typical_rate_sd_rad_s": float(found["joint_rate_sd"].median()),
+        "largest_rate_rad_s": float(np.abs(of_joints(found, "smooth_joint_rate")).max()),
+        "typical_rate_sd_rad_s": float(np.median(of_joints(found, "joint_rate", "_sd"))),
     }
-    if "disturbance" in found:
-        made["largest_disturbance_mn_m"] = 1e3 * float(abs(found["disturbance"]).max())
-        made["typical_disturbance_sd_mn_m"] = 1e3 * float(found["disturbance_sd"].median())
+    if (torque := of_joints(found, "disturbance")).size:
+        made["largest_disturbance_mn_m"] = 1e3 * float(np.abs(torque).max())
+        made["typical_disturbance_sd_mn_m"] = 1e3 * float(np.median(of_joints(found, "disturbance", "_sd")))
     if "axial_strain" in found:
         made["largest_axial_strain_percent"] = 100.0 * float(abs(found["smooth_axial_strain"]).max())
         made["typical_axial_strain_sd_percent"] = 100.0 * float(found["axial_strain_sd"].median())

@@ -25,6 +25,7 @@ from pliant.equations import (
     motion,
     observation,
     spatial,
+    spatial_linearised,
     spatial_points,
     spatial_springs,
 )
@@ -40,16 +41,21 @@ STRAIGHT_SOURCES = (
 # Not the steps in the plane: side by side and alone, they give the same bits.
 FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian, spatial.step}
 # So long that each caller that took them in would take as long to compile again.
-CALLED: set[Any] = {linearised.step_jacobian, extension_linearised.step_jacobian}
+CALLED: set[Any] = {
+    linearised.step_jacobian, extension_linearised.step_jacobian, spatial_linearised.step_jacobian,
+}
 SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where joints turn in space
     motion.step: spatial.step, motion.acceleration: spatial.acceleration, elastic.follows: spatial_springs.follows,
     energy.add_step_work: spatial_points.add_step_work, contact.add_link_loads: spatial_points.add_link_loads,
-    observation.observe: spatial_points.observe,
+    observation.observe: spatial_points.observe, observation.place_links: spatial_linearised.place_links,
+    observation.observe_point: spatial_linearised.observe_point, observation.motion_of: spatial_linearised.motion_of,
+    linearised.step_jacobian: spatial_linearised.step_jacobian,
 }  # fmt: skip
 MOST_TURNS = 24  # coordinates of a step in space as a straight line: that takes 4 s to compile, 30 take 6 s
 SOURCES = (  # of a twin whose steps are made here
     __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, spatial.__file__,
-    spatial_points.__file__, spatial_springs.__file__, arc_tendon.__file__, *STRAIGHT_SOURCES,
+    spatial_linearised.__file__, spatial_points.__file__, spatial_springs.__file__, arc_tendon.__file__,
+    *STRAIGHT_SOURCES,
 )
 
 

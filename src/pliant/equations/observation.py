@@ -79,6 +79,25 @@ def point_slope(axis, place, chain, links, row):
                 row[k - 1] = -whole * s - aside * c
 
 
+def observe_point(axis, row, chain, links, slope):
+    """Return the position along an axis [m] that a row (kind, link, along, across) sees; slope (n + S,) by coordinates.
+
+    `links` holds what `place_links` wrote.
+    """
+    link = int(row[1])
+    point_slope(axis, (link, row[2], row[3]), chain, links, slope)
+    return position(axis, link, row[2], row[3], links)
+
+
+def motion_of(w, joints):
+    """Return the mean square of the joint rates [rad^2/s^2], of the rates w of links, and of strains behind them."""
+    n = len(joints.theta0)
+    power = w[0] * w[0]
+    for i in range(1, n):
+        power = power + (w[i] - w[i - 1]) * (w[i] - w[i - 1])
+    return power / n
+
+
 def observe(phi, base_angle, places, seen):
     """Position [m] and angle [rad] of the observed points, seen (S, 3), at coordinates phi (n + S,).
 

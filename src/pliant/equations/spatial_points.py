@@ -19,16 +19,19 @@ def point_position(link, aside, across, along, work, p):
 
 def point_slope(link, p, work, J):
     """Write the Jacobian J (3, N) of a point p (3,) of a link: s x (p - r) of each coordinate before it."""
+    for axis in range(3):
+        axis_slope(axis, link, p, work, J[axis])
+
+
+def axis_slope(axis, link, p, work, row):
+    """Write one row (N,) of `point_slope`: that of the position along an axis."""
     n = work.P.shape[0]
-    for i in range(J.shape[1]):
+    j = (axis + 1) % 3
+    m = (axis + 2) % 3
+    for i in range(len(row)):
         k = i // 2 if i < 2 * n else i - 2 * n
-        x = p[0] - work.r[k + 1, 0]
-        y = p[1] - work.r[k + 1, 1]
-        z = p[2] - work.r[k + 1, 2]
         moves = 1.0 if k <= link else 0.0
-        J[0, i] = moves * (work.S[i, 1] * z - work.S[i, 2] * y)
-        J[1, i] = moves * (work.S[i, 2] * x - work.S[i, 0] * z)
-        J[2, i] = moves * (work.S[i, 0] * y - work.S[i, 1] * x)
+        row[i] = moves * (work.S[i, j] * (p[m] - work.r[k + 1, m]) - work.S[i, m] * (p[j] - work.r[k + 1, j]))
 
 
 def add_pose_loads(load, body, work, t):

@@ -281,3 +281,12 @@ class SpatialWorkspace(NamedTuple):
     alpha: np.ndarray  # (3,) rad/s^2
     lift: np.ndarray  # (3,) m/s^2, acceleration of a joint, less gravity
     turn: np.ndarray  # (3,) rad/s
+
+
+class SpatialSlopes(NamedTuple):
+    """What `spatial_linearised.step_jacobian` writes, and the complex numbers that it works on."""
+
+    J: np.ndarray  # (3N, 2N)
+    x: np.ndarray  # (N,)
+    v: np.ndarray  # (N,)
+    work: SpatialWorkspace

@@ -24,7 +24,7 @@ class State(NamedTuple):
     time : float
         s, of which it tells.
     angle, rate : array (n,)
-        Absolute link angles [rad] and rates [rad/s].
+        Absolute link angles [rad] and rates [rad/s]; in space (N,), of the joint coordinates, and N stands for n.
     rest_shift : array (n,)
         Of the joints' rest angles against those of ``frozen(model)``, rad: the memory as it is, and what the model
         lacks; zeros where the estimator has no model.
@@ -64,7 +64,7 @@ class State(NamedTuple):
 class Frame(NamedTuple):
     """One frame of the shape as an estimator takes it."""
 
-    rows: Array  # (m, 4) of (kind, link, along, across): what each value sees, as `rows_of` makes them
+    rows: Array  # (m, 4) of (kind, link, along, across), in space aside: what each value sees, as of `rows_of`
     values: Array  # (m,) m or rad, in the model's base frame; NaN where one is lost
     variance: Array  # (m,)
 

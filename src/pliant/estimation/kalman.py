@@ -15,6 +15,7 @@ from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import rest_shift
 from pliant.estimation.contract import EstimatorKind, Setting, State
+from pliant.estimation.measurement import row_width
 from pliant.estimation.measurement_loops import ANGLE, JOINT
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of, frame_of
@@ -22,7 +23,6 @@ from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace,
 from pliant.estimation.workspace import make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.space import require_planar
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -83,7 +83,8 @@ class KalmanFilter:
     pressure : array (C,)
         Held now, Pa.
     angle, rate, disturbance : array (n,)
-        Absolute link angles [rad] and rates [rad/s], disturbance torques of the joints [N m].
+        Absolute link angles [rad] and rates [rad/s], disturbance torques of the joints [N m]; in space (N,), of the
+        joint coordinates.
     strain, strain_rate : array (S,)
         Of the segments that lengthen, and per second.
     covariance : array (N, N)
@@ -112,18 +113,18 @@ class KalmanFilter:
     ) -> None:
         if not (step > 0 and latency >= 0 and buffer >= 0):
             raise InputError(f"step must be > 0, latency and buffer >= 0 s: got {step}, {latency}, {buffer}")
-        require_planar(model, "a Kalman filter")
         self.model, self.noise = model, noise or default_noise(model)
         self.step, self.latency, self.buffer = step, latency, buffer
         self.counts, self.fault = Counts(), ""
         self._chain = chain_of(model)
         self._workspaces: dict[int, FilterWorkspace] = {}
-        self._predict = twin(kalman_loops.predict_span, *mechanics_of(model).sizes)
-        self._update = twin(kalman_loops.update)
+        sizes = mechanics_of(model).sizes
+        self._predict, self._update = twin(kalman_loops.predict_span, *sizes), twin(kalman_loops.update, *sizes)
         self._rest_shift = twin(rest_shift)
-        q, n, size = state.equilibrium(model, pressure), model.n, model.size
+        q, size, n = state.equilibrium(model, pressure), model.size, model.size - len(model.extensions)
         self.time, self.pressure = float(time), model.actuation.pressures(pressure)
-        self._actuation, self._torques, self._tau = model.actuation.kernel(), twin(chamber.held_torques), np.zeros(size)
+        self._actuation, self._torques = model.actuation.kernel(), twin(chamber.held_torques)
+        self._tau = np.zeros(model.actuation.columns.shape[1])
         self._slow = model.actuation.rest_state(pressure)
         start, memory = self.noise.initial(model), state.relaxed(model, q)
         N = start.shape[0]
@@ -154,6 +155,8 @@ class KalmanFilter:
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
         """Take a frame of the shape: `rows` (m, 4) as `rows_of` makes them, their values (m,) and variances (m,).
 
+        In space rows are (m, 5).
+
         Values that are not numbers are skipped; positions and angles are those of the model's base frame.
 
         Raises
@@ -162,8 +165,11 @@ class KalmanFilter:
             When the shapes do not agree or the time is not finite.
         """
         rows, values, variance = (np.ascontiguousarray(a, dtype=float) for a in (rows, values, variance))
-        if rows.shape != (values.size, 4) or variance.shape != values.shape or not math.isfinite(time):
-            raise InputError(f"a frame has rows (m, 4), m values and m variances, got {rows.shape}, {values.shape}")
+        wide = row_width(self.model)
+        if rows.shape != (values.size, wide) or variance.shape != values.shape or not math.isfinite(time):
+            raise InputError(
+                f"a frame has rows (m, {wide}), m values and m variances, got {rows.shape}, {values.shape}"
+            )
         if not np.isfinite(values).any():
             self.counts.skipped += 1
             return
@@ -172,17 +178,18 @@ class KalmanFilter:
     def state(self, time: float) -> State:
         """What is known of `time` [s], or of the newest event where that is later."""
         self.advance(time)
-        model, n = self.model, self.model.n
+        model, K, n = self.model, self._chain.joints.K, self.angle.size
         angle, rate, disturbance = self.angle.copy(), self.rate.copy(), self.disturbance.copy()
-        memory, shift = model.memory, np.empty(n)
-        self._rest_shift(
-            angle, disturbance / model.stiffness, self.memory, float(model.base_angle), model.rest_angle,
-            memory.law(), memory.instantaneous, shift,
-        )
+        memory, shift = model.memory, disturbance / K[:n]
+        if model.space is None:
+            self._rest_shift(
+                angle, shift.copy(), self.memory, float(model.base_angle), model.rest_angle, memory.law(),
+                memory.instantaneous, shift,
+            )
         return State(
             self.time, angle, rate, shift, disturbance, self.covariance.copy(), fault=self.fault,
             strain=self.strain.copy(), strain_rate=self.strain_rate.copy(),
-            strain_shift=self._own.disturbance[n:] / self._chain.joints.K[n:],
+            strain_shift=self._own.disturbance[n:] / K[n:],
         )
 
     def advance(self, time: float) -> None:

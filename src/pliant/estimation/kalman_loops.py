@@ -2,8 +2,8 @@
 
 The state is (phi, w) or (phi, w, d): absolute angles [rad] and rates [rad/s] of the links, and a disturbance torque
 [N m] of each joint, a random walk; where segments lengthen, strains, their rates and what disturbs them stand behind
-those of the links, so that n + S stands for n. Memory of the joints moves with the estimate; what is not known of it is
-left to the disturbance.
+those of the links, so that n + S stands for n; in space the N coordinates of the joints stand for the n angles. Memory
+of the joints moves with the estimate; what is not known of it is left to the disturbance.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from pliant.equations.linearised import step_jacobian
 from pliant.equations.memory import remember, step_with_memory
+from pliant.equations.observation import motion_of
 from pliant.equations.symbols import Past
 from pliant.estimation.measurement_loops import observe
 from pliant.estimation.symbols import FilterFrame
@@ -30,7 +31,7 @@ def predict(state, model, h, torque, noise, workspace):
     N = P.shape[0]
     springs = workspace.springs
     tau = workspace.work.tau
-    for i in range(n):
+    for i in range(len(tau)):
         tau[i] = torque[i]
     for i in range(len(joints.theta0)):
         springs.theta0[i] = joints.theta0[i] + d[i] / joints.K[i]
@@ -47,12 +48,12 @@ def predict(state, model, h, torque, noise, workspace):
         if not taken >= 0.0:
             return -1
         springs = workspace.held.springs
-    step_jacobian(phi, w, h, tau, body, springs, workspace.work, workspace.J)
+    step_jacobian(phi, w, h, tau, body, springs, workspace.work, workspace.slopes)
     for i in range(n):
         if not abs(w[i]) * h <= 1.0:
             return -1
     propagate(P, N, n, workspace.J, workspace.W)
-    recall(w, len(joints.theta0), h, noise.recent)
+    recall(motion_of(w, joints), h, noise.recent)
     add_noise(P, n, h, gain, noise, workspace.J, workspace.G)
     return 0
 
@@ -112,12 +113,9 @@ def add_noise(P, n, h, gain, noise, J, G):
         P[m + i, m + i] += random_walk[i] * (1.0 + motion_growth * recent[0]) * h
 
 
-def recall(w, n, h, recent):
-    """Mean square of the joint rates [rad^2/s^2], the highest of late: it fades within `FADE`."""
-    power = w[0] * w[0]
-    for i in range(1, n):
-        power += (w[i] - w[i - 1]) * (w[i] - w[i - 1])
-    recent[0] = max(power / n, recent[0] / (1.0 + h / FADE))
+def recall(power, h, recent):
+    """Keep the highest mean square of the joint rates [rad^2/s^2] of late: it fades within `FADE`."""
+    recent[0] = max(power, recent[0] / (1.0 + h / FADE))
 
 
 def update(state, model, frame, workspace):

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
-from pliant.estimation.measurement_loops import ALONG_X, ALONG_Y, ANGLE, JOINT
+from pliant.estimation.measurement_loops import ALONG_X, ALONG_Y, ALONG_Z, ANGLE, JOINT
 from pliant.estimation.noise import Noise
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
@@ -18,6 +18,7 @@ from pliant.reduction.body import body_of
 from pliant.simulation import state
 
 Array = np.ndarray
+AXES = (ALONG_X, ALONG_Y, ALONG_Z)
 PLAIN = 0.5  # correlation of the pressure with the tip's x, of the wrong sign, from which a recording is refused
 
 
@@ -25,7 +26,7 @@ class Measurement(NamedTuple):
     """A measurement over time: rows (m, 4) of (kind, link, along, across), values (T, m), variances (m,)."""
 
     time: Array  # (T,) s, as stamped
-    rows: Array
+    rows: Array  # in space (m, 5), with aside behind
     value: Array  # NaN where a row is missing
     variance: Array
     label: tuple[str, ...]
@@ -33,16 +34,32 @@ class Measurement(NamedTuple):
 
 
 def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
-    """Rows (m, 4) that see x and y, and the angle, of stations on links; in the model's base frame."""
-    rows = []
+    """Rows (m, 4) that see x and y, and the angle, of stations on links, in the model's base frame.
+
+    In space rows (m, 5) that see x, y and z; there is no angle.
+
+    Raises
+    ------
+    InputError
+        When a station sits on the base, or an angle is wanted in space.
+    """
+    rows: list[tuple[float, ...]] = []
+    if angle and model.space is not None:
+        raise InputError(f"{model.name!r} moves in space, where a link has no one angle: give positions of stations")
     for s in stations:
         if not 0 <= s.link < model.n:
             raise InputError(f"station {s.name!r} sits on the base and tells nothing of the links: leave it out")
         if position:
-            rows += [(kind, s.link, s.along, s.across) for kind in (ALONG_X, ALONG_Y)]
+            rows += [(kind, s.link, s.along, s.across, s.aside) for kind in AXES[: mechanics_of(model).dimension]]
         if angle:
-            rows.append((ANGLE, s.link, 0.0, 0.0))
-    return np.array(rows, dtype=float).reshape(-1, 4)
+            rows.append((ANGLE, s.link, 0.0, 0.0, 0.0))
+    wide = np.array(rows, dtype=float).reshape(-1, 5)
+    return wide[:, : row_width(model)]
+
+
+def row_width(model: Model) -> int:
+    """Return how many numbers a row of a measurement has: kind, link, along, across; in space aside too."""
+    return 4 if model.space is None else 5
 
 
 def measurement_of(
@@ -52,19 +69,21 @@ def measurement_of(
 
     Stations that the model knows are taken as they are, with their angles where recorded. A recording of none of them
     but of a dense curve, base first, is compressed to the angles between links that divide the
-    curve's length as the model's do.
+    curve's length as the model's do. In space only the positions of the model's stations are taken.
 
     Raises
     ------
     InputError
-        When the recording is not planar, bends to the other side than the model, or shows neither the model's stations
-        nor a dense curve (which tells nothing of a body that lengthens).
+        When the recording is not aligned in the plane, or in space, as the model is; bends to the other side than the
+        model; or shows neither the model's stations nor a dense curve (which tells nothing of a body that lengthens).
     """
     check_recording(recording)
-    if recording.attrs.get("frame") != "planar":
-        raise InputError(f"a planar recording is needed, not the frame {recording.attrs.get('frame')!r}: align it by "
-                         "`pliant shape RECORDING -o aligned.nc`, or pliant.align")
-    if bends_away(recording, model):
+    space = model.space is not None
+    frame = "spatial" if space else "planar"
+    if recording.attrs.get("frame") != frame:
+        raise InputError(f"a {frame} recording is needed, not the frame {recording.attrs.get('frame')!r}: align it by "
+                         f"`pliant shape RECORDING {'--space ' * space}-o aligned.nc`, or pliant.align")
+    if not space and bends_away(recording, model):
         raise InputError("under pressure the recorded body bends to the other side than the model: turn the recording "
                          "into the base frame by `pliant shape RECORDING -o aligned.nc`, or pliant.align")  # D4
     names = [str(s) for s in recording["station"].values]
@@ -74,11 +93,11 @@ def measurement_of(
         raise InputError(f"station {missing[0]!r} is not in both recording and model; the model has {', '.join(known)}")
     if wanted:
         return from_stations(recording, model, noise, tuple(known[s] for s in wanted))
-    if len(names) >= 3 * model.n:
+    if len(names) >= 3 * model.n and not space:
         return from_curve(recording, model, noise)
     raise InputError(
-        f"the recording shows {', '.join(names[:5])}, the model's stations are {', '.join(known)}: name them alike, or "
-        f"record a curve of at least {3 * model.n} points, base first"
+        f"the recording shows {', '.join(names[:5])}, the model's stations are {', '.join(known)}: name them alike"
+        + ("" if space else f", or record a curve of at least {3 * model.n} points, base first")
     )
 
 
@@ -99,14 +118,15 @@ def bends_away(recording: xr.Dataset, model: Model) -> bool:
 def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
     """Coordinates, and angles where recorded, of named stations."""
     names = [s.name for s in stations]
-    angled = "angle" in recording
+    angled = "angle" in recording and model.space is None
+    axes = recording["axis"].values
     position = recording["position"].sel(station=names).values.astype(float)
     columns, variance, label = [], [], []
     turned = angles_of(recording, model, stations) if angled else None
     for k, s in enumerate(stations):
-        columns += [position[:, k, 0], position[:, k, 1]]
-        variance += [noise.stations.get(s.name, noise.position) ** 2] * 2
-        label += [f"{s.name} x", f"{s.name} y"]
+        columns += list(position[:, k].T)
+        variance += [noise.stations.get(s.name, noise.position) ** 2] * axes.size
+        label += [f"{s.name} {axis}" for axis in axes]
         if turned is not None:
             columns.append(turned[:, k])
             variance.append(noise.angle**2)

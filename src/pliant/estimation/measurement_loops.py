@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from pliant.equations.observation import place_links, point_slope, position
+from pliant.equations.observation import observe_point, place_links
 
-ANGLE, ALONG_X, ALONG_Y, JOINT = 0, 1, 2, 3  # what a row of a measurement sees
+ANGLE, ALONG_X, ALONG_Y, JOINT, ALONG_Z = 0, 1, 2, 3, 4  # what a row of a measurement sees
 
 
 def observe(x, frame, links, seen, H):
     """What each row of a measurement sees (m,), and its slopes H (m, N) with respect to the coordinates x (N,).
 
     A row is (kind, link, along, across): the angle of a link, from +y or from the link before it, or x or y of a point
-    fixed to it. `links` (5, n + 1) is scratch.
+    fixed to it. Of a chain in space it is (kind, link, along, across, aside), and sees x, y or z of a point. `links` is
+    scratch.
     """
     rows = frame.rows
     place_links(x, frame.base_angle, frame.chain, links)
@@ -27,6 +28,5 @@ def observe(x, frame, links, seen, H):
                 seen[r] -= x[link - 1]
                 H[r, link - 1] = -1.0
             continue
-        axis = 0 if kind == ALONG_X else 1
-        seen[r] = position(axis, link, rows[r, 2], rows[r, 3], links)
-        point_slope(axis, (link, rows[r, 2], rows[r, 3]), frame.chain, links, H[r])
+        axis = 2 if kind == ALONG_Z else kind - ALONG_X
+        seen[r] = observe_point(axis, rows[r], frame.chain, links, H[r])

@@ -87,9 +87,14 @@ class Noise:
 
 
 def scales(model: Model) -> Array:
-    """Size (n + S,) of what is unknown of each torque: 1 for the joints, EA L over their mean stiffness for strains."""
-    axial = mechanics_of(model).joints.K[model.n :] / float(np.mean(model.stiffness))
-    return np.append(np.ones(model.n), axial)
+    """Size (N,) of what is unknown of each generalised force: 1 for the joints' bending.
+
+    For the strains of segments, and in space for bending about y and for twist, their stiffness over the joints' mean.
+    """
+    chain = mechanics_of(model)
+    size = chain.joints.K / float(np.mean(model.stiffness))
+    size[chain.kinds[0].rows] = 1.0
+    return np.asarray(size)
 
 
 def default_noise(model: Model, *, disturbance: bool = True) -> Noise:

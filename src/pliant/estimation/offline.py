@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 
 from pliant.compiler.choose import twin
-from pliant.equations.symbols import ObservedChain
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.consistency import mean_bounds, whiteness
@@ -22,7 +21,6 @@ from pliant.estimation.workspace import make_output, make_workspace
 from pliant.identification.drives import measured
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Valve
-from pliant.model.space import require_planar
 from pliant.simulation import Trace, state
 from pliant.simulation.drive import Drive
 from pliant.simulation.drive import drive as drive_plan
@@ -51,8 +49,8 @@ def estimate(
     Parameters
     ----------
     recording : xarray.Dataset
-        Planar recording: the model's stations, with angles where recorded, or a dense curve, base first. Missing
-        numbers are skipped and counted.
+        Aligned recording: the model's stations, with angles where recorded, or a dense curve, base first; of a model in
+        space its stations. Missing numbers are skipped and counted.
     noise : Noise, optional
         Default: in proportion to the model's stiffness, see `pliant.estimation.noise.default_noise`.
     pressure : Input, or one for each chamber, optional
@@ -79,8 +77,9 @@ def estimate(
     -------
     xarray.Dataset
         joint_angle, joint_rate, disturbance (time, joint) as filtered, `smooth_*` of them `lag` frames later, `*_sd`
-        their standard deviations; of segments that lengthen axial_strain, axial_strain_rate, axial_disturbance [N]
-        (time, segment) likewise; innovation (time, row), whitened; normalised_innovation_squared and rows_used (time).
+        their standard deviations; in space of each axis: joint_angle_x, joint_angle_y, joint_angle_twist ...; of
+        segments that lengthen axial_strain, axial_strain_rate, axial_disturbance [N] (time, segment); innovation
+        (time, row), whitened; normalised_innovation_squared and rows_used (time).
         attrs: nis_ratio with its 95 % bounds, innovation_correlation with its bound, frames skipped, notes.
 
     Raises
@@ -104,7 +103,6 @@ def estimate(
         found.attrs["nis_ratio"], found.attrs["nis_bounds"]        # 1 where the covariances are right
         found.disturbance, found.disturbance_sd                    # N m of each joint: pushed?
     """
-    require_planar(model, "estimate")
     settings = noise or default_noise(model, disturbance=disturbance)
     measurement = measurement_of(recording, model, settings, stations)
     source, held = input_of(recording, model, pressure, pressure_window, drive)
@@ -186,12 +184,8 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
 
 def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> FilterFrame:
     """What the loops take of values (m,), or of those of many frames (T, m), and scratch for innovations (m,)."""
-    return FilterFrame(model.base_angle, observed_chain(model), rows, value, variance, np.empty(len(rows)))
-
-
-def observed_chain(model: Model) -> ObservedChain:
-    """Lengths that the positions of points follow from, for the loops."""
-    return ObservedChain(model.base_length, np.array(model.link_length), np.array(model.stretch_share))
+    constants = mechanics_of(model).observed()[0]
+    return FilterFrame(model.base_angle, constants, rows, value, variance, np.empty(len(rows)))
 
 
 def chain_of(model: Model) -> FilterModel:
@@ -245,7 +239,7 @@ def described(
     data["tip_position"] = (("time", "link", "axis"), tips, {"units": "m", "long_name": "estimated link tips"})
     coords: dict[str, Any] = {
         "time": ("time", measurement.time, {"units": "s", "long_name": "stamp of the frame"}),
-        **mechanics_of(model).labels, "link": np.arange(1, model.n + 1), "axis": ["x", "y"],
+        **mechanics_of(model).labels, "link": np.arange(1, model.n + 1), "axis": list("xyz"[: tips.shape[-1]]),
         "row": list(measurement.label), "input": list(model.actuation.names),
     }
     return xr.Dataset(data, coords, attrs=judged(measurement, out, noise, model, lag))

@@ -24,7 +24,7 @@ class Release(NamedTuple):
     half, gone : float
         s: first frames at which it was below a half, and below a tenth.
     held : array (n,)
-        Torques of the joints while held, N m.
+        Torques of the joints while held, N m; in space (2 n,), those about x first.
     after : float
         Root mean square of the torques later than half a second after `half`, over that of `held`.
     """
@@ -61,9 +61,10 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
         found = estimate(recording, model, pressure=pliant.Pulse(0.0), noise=noise)
         release_of(found).begin                                    # s
     """
-    if "disturbance" not in found or found.sizes["time"] < start + 2 * frames:
+    parts = [name for name in ("disturbance", "disturbance_x", "disturbance_y") if name in found]
+    if not parts or found.sizes["time"] < start + 2 * frames:
         raise InputError(f"a release needs disturbance torques (noise.random_walk > 0) and {start + 2 * frames} frames")
-    time, torque = found["time"].values, found["disturbance"].values
+    time, torque = found["time"].values, np.concatenate([found[name].values for name in parts], axis=1)
     held = np.median(torque[start : start + frames], axis=0)
     left = float(np.sqrt(np.mean(np.sum(torque[-REST:] ** 2, axis=1))))
     if np.linalg.norm(held) <= CLEAR * left:

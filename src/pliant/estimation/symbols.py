@@ -15,6 +15,9 @@ from pliant.equations.symbols import (
     Joints,
     MemoryLaw,
     ObservedChain,
+    SpatialBody,
+    SpatialSlopes,
+    SpatialWorkspace,
     Workspace,
 )
 
@@ -88,7 +91,7 @@ class FilterModel(NamedTuple):
     """What the filter's loops take of a model."""
 
     gain: np.ndarray  # (C, n) share of the torque of each chamber that each joint feels
-    body: Body | ExtensibleBody
+    body: Body | ExtensibleBody | SpatialBody
     joints: Joints
     memory: MemoryLaw
     remembers: bool  # whether there is memory
@@ -117,8 +120,8 @@ class FilterFrame(NamedTuple):
     """What the filter is corrected by: one frame, or the frames of a record with values (T, m)."""
 
     base_angle: float  # rad
-    chain: ObservedChain
-    rows: np.ndarray  # (m, 4), see `measurement_loops.observe`
+    chain: ObservedChain | SpatialBody
+    rows: np.ndarray  # (m, 4), in space (m, 5), see `measurement_loops.observe`
     values: np.ndarray  # (m,) m or rad, NaN where one is missing
     variance: np.ndarray  # (m,)
     innovation: np.ndarray  # (m,) takes the whitened innovations
@@ -127,10 +130,11 @@ class FilterFrame(NamedTuple):
 class FilterWorkspace(NamedTuple):
     """Arrays that one prediction or update works in: n links, N states, m rows of the measurement."""
 
-    work: Workspace | ExtensibleWorkspace
+    work: Workspace | ExtensibleWorkspace | SpatialWorkspace
     held: Held
     springs: Joints  # those that a step sees, their rest moved by the disturbance
     J: np.ndarray  # (3n, 2n)
+    slopes: np.ndarray | SpatialSlopes  # J, in space with what it is made by
     W: np.ndarray  # (N, N)
     phi: np.ndarray  # (n,)
     w: np.ndarray  # (n,)
@@ -139,7 +143,7 @@ class FilterWorkspace(NamedTuple):
     change: np.ndarray  # (N,)
     seen: np.ndarray  # (m,)
     H: np.ndarray  # (m, n)
-    links: np.ndarray  # (5, links + 1), see `equations.observation.place_links`
+    links: np.ndarray | SpatialWorkspace  # scratch of `equations.observation.place_links`, (5, links + 1)
 
 
 class FilterOutput(NamedTuple):

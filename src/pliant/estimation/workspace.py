@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from pliant.estimation.symbols import FilterOutput, FilterWorkspace, ObserverWorkspace
@@ -14,14 +16,13 @@ Array = np.ndarray
 
 def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
     """Workspace of the filter for a model, so many states and rows."""
-    n, joints = model.size, mechanics_of(model).joints
+    n, chain = model.size, mechanics_of(model)
+    joints, slopes = chain.joints, chain.slopes()
     springs = joints._replace(theta0=joints.theta0.copy(), K=joints.K.copy())  # writable, like those of `held`
-    shapes = [
-        (3 * n, 2 * n), (states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n),
-        (5, model.n + 1),
-    ]
-    work = mechanics_of(model).workspace()
-    return FilterWorkspace(work, state.held(model), springs, *(np.zeros(shape) for shape in shapes))
+    J = slopes if isinstance(slopes, np.ndarray) else slopes.J
+    shapes = [(states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n)]
+    scratch: list[Any] = [*map(np.zeros, shapes), chain.observed()[1]]
+    return FilterWorkspace(chain.workspace(), state.held(model), springs, J, slopes, *scratch)
 
 
 def make_observer_workspace(model: Model) -> ObserverWorkspace:

@@ -76,6 +76,14 @@ class Mechanics(ABC):
     def workspace(self, kind: type = float) -> Any:
         """Return scratch arrays of a `kind` of numbers for one step."""
 
+    @abstractmethod
+    def slopes(self) -> Any:
+        """Return what the kernels of a step's Jacobian write: J (3N, 2N), or a record that holds it as J."""
+
+    @abstractmethod
+    def observed(self) -> tuple[Any, Any]:
+        """Return what kernels see points by: constants of the chain, and scratch for the pose of its links."""
+
     def parts(self) -> tuple[Any, Any, Any]:
         """Return body, joints and a workspace: what a kernel takes beside coordinates, rates and torque."""
         return self.body, self.joints, self.workspace()

@@ -14,7 +14,7 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.equations import chain, energy, extension, inertia, motion
 from pliant.equations.elastic import LEAST_STRETCH, spring_slope, spring_torque
-from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleWorkspace, Joints, Slopes, Workspace
+from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleWorkspace, Joints, ObservedChain, Slopes, Workspace
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import complex_slopes
@@ -82,6 +82,14 @@ class PlanarChain(Mechanics):
 
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
         return workspace(self.n, self.segments, kind)
+
+    def slopes(self) -> Array:
+        return np.zeros((3 * self.size, 2 * self.size))
+
+    def observed(self) -> tuple[ObservedChain, Array]:
+        model = self.model
+        chain = ObservedChain(model.base_length, np.array(model.link_length), np.array(model.stretch_share))
+        return chain, np.zeros((5, self.n + 1))
 
     def acceleration(self) -> Any:
         return twin(extension.acceleration if self.segments else motion.acceleration)

@@ -10,7 +10,7 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.compiler.trace import spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs
-from pliant.equations.symbols import Joints, Slopes, SpatialBody, SpatialWorkspace
+from pliant.equations.symbols import Joints, Slopes, SpatialBody, SpatialSlopes, SpatialWorkspace
 from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import TINY, complex_slopes
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
@@ -65,6 +65,13 @@ class SpatialChain(Mechanics):
 
     def workspace(self, kind: type = float) -> SpatialWorkspace:
         return spatial_workspace(self.n, self.space.turns, len(self.model.actuation.tendons), kind)
+
+    def slopes(self) -> SpatialSlopes:
+        x, v = (np.zeros(self.size, dtype=complex) for _ in range(2))
+        return SpatialSlopes(np.zeros((3 * self.size, 2 * self.size)), x, v, self.workspace(complex))
+
+    def observed(self) -> tuple[SpatialBody, SpatialWorkspace]:
+        return self.body, self.workspace()
 
     def acceleration(self) -> Any:
         return twin(spatial.acceleration)

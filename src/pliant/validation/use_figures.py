@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,9 +20,11 @@ def estimate_overview(found: Any) -> Figure:
     time, lengthens = found["time"].values, "axial_strain" in found
     with style():
         figure, axes = new_figure(3 + lengthens, 1, height=5.4 + 1.8 * lengthens, sharex=True)
-        for j, joint in enumerate(found["joint"].values):
-            rate, sd = found["smooth_joint_rate"].values[:, j], found["smooth_joint_rate_sd"].values[:, j]
-            (line,) = axes[0].plot(time, 57.29578 * found["joint_angle"].values[:, j], label=f"joint {joint}")
+        turns = [axis for axis in ("", "_x", "_y", "_twist") if f"joint_angle{axis}" in found]
+        for axis, (j, joint) in product(turns, enumerate(found["joint"].values)):
+            rate, sd = (found[f"smooth_joint_rate{axis}{end}"].values[:, j] for end in ("", "_sd"))
+            angle = 57.29578 * found[f"joint_angle{axis}"].values[:, j]
+            (line,) = axes[0].plot(time, angle, label=f"joint {joint}{axis.replace('_', ' ')}")
             axes[1].plot(time, rate, color=line.get_color())
             axes[1].fill_between(time, rate - 2 * sd, rate + 2 * sd, color=line.get_color(), alpha=0.2, linewidth=0)
         axes[0].set_ylabel("angle (deg)")

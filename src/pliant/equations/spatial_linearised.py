@@ -1,0 +1,68 @@
+"""The exact Jacobian of one step of a chain in space, and what a filter sees of it: `linearised` in three dimensions.
+
+The derivatives are complex steps through the text of `spatial.step`: whatever that text says, springs, tendons and
+weight, is in the Jacobian.
+"""
+
+from __future__ import annotations
+
+from pliant.equations.spatial import pose_links, step
+from pliant.equations.spatial_points import axis_slope, point_position
+
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
+
+
+def step_jacobian(x, v, h, torque, body, joints, work, slopes):
+    """Advance x and v (N,) in place by h [s] as `spatial.step`, and write the Jacobian slopes.J (3N, 2N) of that step.
+
+    As `linearised.step_jacobian`: J[i, k] = d(x', v')_k / d(x, v, t)_i, row by variable, t_i [N m] being a further
+    torque along coordinate i that is held over the step. `slopes` is `symbols.SpatialSlopes`.
+
+    Source: Squire and Trapp, Using complex variables to estimate derivatives of real functions (1998)
+    """
+    n = len(x)
+    moved = slopes.work
+    for row in range(3 * n):
+        for i in range(n):
+            slopes.x[i] = x[i]
+            slopes.v[i] = v[i]
+        for i in range(len(moved.tau)):
+            moved.tau[i] = torque[i]
+        if row < n:
+            slopes.x[row] = x[row] + TINY * 1j
+        elif row < 2 * n:
+            slopes.v[row - n] = v[row - n] + TINY * 1j
+        else:
+            moved.tau[row - 2 * n] = torque[row - 2 * n] + TINY * 1j
+        step(slopes.x, slopes.v, h, moved.tau, body, joints, moved)
+        for k in range(n):
+            slopes.J[row, k] = slopes.x[k].imag / TINY
+            slopes.J[row, n + k] = slopes.v[k].imag / TINY
+    step(x, v, h, torque, body, joints, work)
+
+
+def place_links(x, base_angle, body, work):
+    """Pose all links at x (N,) into `work`: `observation.place_links` of a chain in space."""
+    pose_links(x, body, work)
+
+
+def observe_point(axis, row, body, work, slope):
+    """Return the position along an axis [m] that a row (kind, link, along, across, aside) sees; slope (N,) by x.
+
+    `work` holds the pose; `observation.observe_point` of a chain in space.
+    """
+    link = int(row[1])
+    point_position(link, row[4], row[3], row[2], work, work.turn)
+    axis_slope(axis, link, work.turn, work, slope)
+    return work.turn[axis]
+
+
+def motion_of(v, joints):
+    """Return the mean over the joints of the square of their rate [rad^2/s^2], of swing and twist together.
+
+    `observation.motion_of` of a chain in space.
+    """
+    power = v[0] * v[0]
+    for i in range(1, len(v)):
+        power = power + v[i] * v[i]
+    return power / len(joints.unloaded)

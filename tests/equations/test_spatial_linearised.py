@@ -1,0 +1,55 @@
+"""The Jacobian of a step in space, and what a filter sees, against differences through the kernels' own texts."""
+
+import numpy as np
+import pytest
+
+from pliant.equations import spatial, spatial_linearised
+from pliant.mechanics import mechanics_of
+from pliant.model import Space, Station, Tendon, chain_model
+
+CORDS = [Tendon.at_azimuth(a, np.ones(2), driven_by="displacement", lever=8e-3, line_stiffness=2e3, pretension=0.5,
+                           name=str(a)) for a in (0.4, 2.5, 4.6)]  # fmt: skip
+
+
+@pytest.fixture
+def bent(rng):
+    space = Space(stiffness_ratio=1.4, twist_ratio=0.8, radius=0.02, rest_turn=rng.normal(0, 0.2, (2, 3)))
+    model = chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5, damping=5e-3, gravity=(1.0, -2.0, -9.0),
+                        cubic_stiffening=0.4, space=space, chambers=CORDS, stations=[Station("m", 1, 0.1, 0.01, -0.02)])
+    return model, rng.normal(0, 0.4, 6), rng.normal(0, 3.0, 6), np.append(rng.normal(0, 0.05, 6), [1.5, -2.0, 0.3])
+
+
+def stepped(chain, x, v, torque):
+    x, v = x.copy(), v.copy()
+    spatial.step(x, v, 4e-3, torque, chain.body, chain.joints, chain.workspace())
+    return np.append(x, v)
+
+
+def test_the_jacobian_of_a_step_in_space_is_that_of_differences(bent):
+    model, x, v, torque = bent
+    chain = mechanics_of(model)
+    slopes, after, rates = chain.slopes(), x.copy(), v.copy()
+    parts = chain.body, chain.joints, chain.workspace()
+    spatial_linearised.step_jacobian(after, rates, 4e-3, torque, *parts, slopes)
+    assert np.array_equal(np.append(after, rates), stepped(chain, x, v, torque))
+    for row, (by, size) in enumerate((k, s) for k, s in enumerate((1e-5, 1e-4, 1e-4)) for _ in range(6)):
+        ends = []
+        for sign in (1, -1):
+            moved = [x.copy(), v.copy(), torque.copy()]
+            moved[by][row % 6] += sign * size
+            ends.append(stepped(chain, *moved))
+        difference = (ends[0] - ends[1]) / (2 * size)
+        assert np.abs(slopes.J[row] - difference).max() < 1e-6 * (1.0 + np.abs(difference).max())
+
+
+def test_a_row_sees_a_station_and_its_slopes(bent):
+    model, x, *_ = bent
+    chain, point = mechanics_of(model), model.points[0]
+    body, work = chain.observed()
+    spatial_linearised.place_links(x, 0.0, body, work)
+    row, slope = np.array([0.0, point.link, point.along, point.across, point.aside]), np.zeros(6)
+    for axis in range(3):
+        place = spatial_linearised.observe_point(axis, row, body, work, slope)
+        assert place == pytest.approx(chain.stations(x)[0][0, axis], abs=1e-15)
+        ends = [chain.stations(x + s)[0][0, axis] - chain.stations(x - s)[0][0, axis] for s in 1e-6 * np.eye(6)]
+        assert np.allclose(slope, np.array(ends) / 2e-6, atol=1e-9)
