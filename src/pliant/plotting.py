@@ -227,29 +227,32 @@ def snapshots(
     ax.legend()
 
 
-def recording_overview(ds: Any, *, most: int = 5) -> Figure:
+def recording_overview(recording: Any, *, most: int = 5) -> Figure:
     """Displacement of a recording's stations against time, one panel an axis, or their angles, with the pressure below.
 
     Of many stations, `most` are shown, from base to tip.
     """
-    has_pressure = "pressure" in ds
-    if "position" in ds:
-        places, labels = 1e3 * ds["position"].values, [f"displacement {a} (mm)" for a in ds["axis"].values]
+    has_pressure = "pressure" in recording
+    if "position" in recording:
+        places, labels = (
+            1e3 * recording["position"].values,
+            [f"displacement {a} (mm)" for a in recording["axis"].values],
+        )
     else:
-        places, labels = np.degrees(ds["angle"].values)[..., None], ["angle from its start (deg)"]
-    names = [str(s) for s in ds["station"].values]
+        places, labels = np.degrees(recording["angle"].values)[..., None], ["angle from its start (deg)"]
+    names = [str(s) for s in recording["station"].values]
     shown = sorted(set(np.linspace(0, len(names) - 1, min(most, len(names))).round().astype(int)))
-    moved = places - np.nanmedian(places[: 10 if "position" in ds else 3], axis=0)
+    moved = places - np.nanmedian(places[: 10 if "position" in recording else 3], axis=0)
     rows = len(labels) + has_pressure
     with style():
         figure, panels = new_figure(rows, 1, height=1.3 * rows + 0.6, sharex=True, squeeze=False)
         for k, (ax, label) in enumerate(zip(panels[:, 0], labels, strict=False)):
             for i in shown:
-                ax.plot(ds["time"].values, moved[:, i, k], label=names[i])
+                ax.plot(recording["time"].values, moved[:, i, k], label=names[i])
             ax.set_ylabel(label)
         panels[0, 0].legend(ncols=len(shown), loc="lower right", bbox_to_anchor=(1, 1))
         if has_pressure:
-            panels[-1, 0].plot(ds["pressure_time"].values, 1e-3 * ds["pressure"].values)
+            panels[-1, 0].plot(recording["pressure_time"].values, 1e-3 * recording["pressure"].values)
             panels[-1, 0].set_ylabel("gauge pressure (kPa)")
         panels[-1, 0].set_xlabel("time (s)")
         figure.align_ylabels()

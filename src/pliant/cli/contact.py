@@ -53,7 +53,7 @@ def contact(
     quiet, touched = ([read_with_mapping(f, None) for f in files] for files in (free, recordings))
     with busy("finding contact"):
         learnt = free_motion(quiet, loaded, false_alarms_per_hour=false_alarms_per_hour, **options)
-        found = [find_contact(ds, loaded, free=learnt, **options) for ds in touched]
+        found = [find_contact(recording, loaded, free=learnt, **options) for recording in touched]
     if output is not None:
         save_trajectory(found[0], output)
     if figure is not None:

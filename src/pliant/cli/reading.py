@@ -31,30 +31,30 @@ def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
         return read(path, mapping=load_mapping(mapping))
 
 
-def print_recording(ds: xr.Dataset, path: Path, *, as_json: bool) -> None:
+def print_recording(recording: xr.Dataset, path: Path, *, as_json: bool) -> None:
     """Print what is in a recording and its quality."""
     from pliant.preprocessing.quality import quality
 
     with busy("judging the recording"):
-        found = quality(ds)
+        found = quality(recording)
     if as_json:
-        content = {"file": str(path), "format": ds.attrs.get("source_format"), "sizes": dict(ds.sizes)}
-        content["station_names"] = [str(s) for s in ds["station"].values] if "station" in ds else []
-        content["history"] = history_of(ds)
+        content = {"file": str(path), "format": recording.attrs.get("source_format"), "sizes": dict(recording.sizes)}
+        content["station_names"] = [str(s) for s in recording["station"].values] if "station" in recording else []
+        content["history"] = history_of(recording)
         say(jsonlib.dumps({**content, "quality": plain(found.to_dict())}))
         return
-    say(escaped(f"{path} ({ds.attrs.get('source_format', 'unknown format')})", "line"))
-    if "station" in ds:
-        names = [str(s) for s in ds["station"].values]
+    say(escaped(f"{path} ({recording.attrs.get('source_format', 'unknown format')})", "line"))
+    if "station" in recording:
+        names = [str(s) for s in recording["station"].values]
         say(f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}")
     say(found.summary())
-    for line in history_of(ds):
+    for line in history_of(recording):
         say(f"  {line}")
 
 
-def history_of(ds: xr.Dataset) -> list[str]:
+def history_of(recording: xr.Dataset) -> list[str]:
     """What reading and every later step did to a recording, one sentence each."""
-    return [line for line in str(ds.attrs.get("history", "")).split("\n") if line]
+    return [line for line in str(recording.attrs.get("history", "")).split("\n") if line]
 
 
 def plain(value: Any) -> Any:

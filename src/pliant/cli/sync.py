@@ -38,20 +38,20 @@ def sync(
     from pliant.recording import write
     from pliant.study.clocks import with_pressure
 
-    ds = read_with_mapping(shape, mapping)
+    recording = read_with_mapping(shape, mapping)
     if pressure is not None:
-        ds = with_pressure(ds, read_with_mapping(pressure, pressure_mapping), shape.stem, pressure.name)
+        recording = with_pressure(recording, read_with_mapping(pressure, pressure_mapping), shape.stem, pressure.name)
     with busy("comparing the clocks"):
-        found = find(ds, largest_s=largest_s, drift=True)
+        found = find(recording, largest_s=largest_s, drift=True)
     if figure is not None:
         from pliant.plotting import clock_figure
         from pliant.validation.outcome import Clocks
 
-        c = Clocks.of(ds, found)
+        c = Clocks.of(recording, found)
         title = f"the pressure's clock is moved by {1e3 * c.delay:+.1f} ± {1e3 * found.uncertainty_s:.1f} ms"
         write_figure(clock_figure(c.time, c.motion, c.clock, c.pressure, c.delay, c.drift, title), figure)
     if output is not None:
-        write(shift_pressure(ds, found.delay_s, found.drift), output)
+        write(shift_pressure(recording, found.delay_s, found.drift), output)
     if json:
         from dataclasses import asdict
         from json import dumps

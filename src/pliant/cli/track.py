@@ -42,15 +42,15 @@ def track(
         raise InputError(f"recordings are written as .nc or .csv, not {output.name!r}")
     how = Tracking(method, pixels(base), colour, overlays=tuple(overlay or ()), **options)  # type: ignore[arg-type]
     with counting(f"following the body through {video.name}") as progress:
-        ds = track_video(video, entries.get("camera", entries), how, progress=progress)
-    write(ds, output)
+        recording = track_video(video, entries.get("camera", entries), how, progress=progress)
+    write(recording, output)
     written = [str(p) for p in (output, *how.overlays)]
     if json:
         from json import dumps
 
-        say(dumps({"history": history_of(ds), "written": written}))
+        say(dumps({"history": history_of(recording), "written": written}))
         return
-    say("\n".join([*history_of(ds), *(f"wrote {p}" for p in written)]))
+    say("\n".join([*history_of(recording), *(f"wrote {p}" for p in written)]))
 
 
 def pixels(text: str | None) -> tuple[float, float] | None:

@@ -44,7 +44,7 @@ Bend = Literal["positive", "negative"]
 
 
 def align(
-    ds: xr.Dataset,
+    recording: xr.Dataset,
     *,
     base: str | None = None,
     tangent: str | ArrayLike = "chord",
@@ -63,7 +63,7 @@ def align(
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         Recording in frame ``tracker``. A ``planar`` one, whose base and tangent are known, is turned by pi about the
         base tangent where it bends to the other side than `bend` says.
     base : str, optional
@@ -108,19 +108,19 @@ def align(
     InputError
         When the recording does not determine base, tangent or plane.
     """
-    check_recording(ds)
-    if "position" not in ds or ds.attrs["frame"] == "spatial":
+    check_recording(recording)
+    if "position" not in recording or recording.attrs["frame"] == "spatial":
         raise InputError("align needs positions; this recording is aligned in space already or holds none")
-    if ds.attrs["frame"] == "planar":
-        return half_turn(ds) if bend is not None and planar_side(ds) == -_wanted_sign(bend) else ds
-    ds = _without_jumps(ds, undo=undo_jumps)
-    index = _base_index(ds, base)
-    window, span = _rest(ds, rest)
-    position = ds["position"].values
-    matrices = to_matrix(ds["quaternion"].values) if "quaternion" in ds else None
+    if recording.attrs["frame"] == "planar":
+        return half_turn(recording) if bend is not None and planar_side(recording) == -_wanted_sign(bend) else recording
+    recording = _without_jumps(recording, undo=undo_jumps)
+    index = _base_index(recording, base)
+    window, span = _rest(recording, rest)
+    position = recording["position"].values
+    matrices = to_matrix(recording["quaternion"].values) if "quaternion" in recording else None
     pose = mean_place(position[window])
-    _require_base(pose, index, ds)
-    base_rotation = base_rotation_at_rest(_quaternion(ds), index, window)
+    _require_base(pose, index, recording)
+    base_rotation = base_rotation_at_rest(_quaternion(recording), index, window)
     base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=-1)))
     if remove_base_motion:
         position, matrices = _without_base_motion(position, matrices, index, pose[index], base_rotation)
@@ -129,44 +129,44 @@ def align(
     offset = _offset(origin_offset, origin, pose[index])
     zero = pose[index] + (offset * y if offset.ndim == 0 else offset)
     about = {"motion": mean_place(position), "body": zero}  # the mean: a rest pose outside the plane must not tilt it
-    given = input_normal(ds, y, position, pose) if _is(plane, "input") else _axis(plane, base_rotation)
+    given = input_normal(recording, y, position, pose) if _is(plane, "input") else _axis(plane, base_rotation)
     normal, flatness = bending_normal(plane if given is None else given, y, position, about, still_noise(position))
-    sign = 1 if _is(plane, "input") else bending_sign(ds, position, pose, zero, np.cross(y, normal))
+    sign = 1 if _is(plane, "input") else bending_sign(recording, position, pose, zero, np.cross(y, normal))
     kept = bend is None or (space and not (_is(plane, "motion", "body", "input")))
     if not kept and sign not in (0, _wanted_sign(str(bend))):
         normal, sign = -normal, -sign
     rotation = np.stack([np.cross(y, normal), y, normal])
     rotation = np.roll(rotation, 1, axis=0) if space else rotation
     report = Alignment(
-        base=str(ds["station"].values[index]), origin=tuple(zero.tolist()),
+        base=str(recording["station"].values[index]), origin=tuple(zero.tolist()),
         rotation=tuple(tuple(row) for row in rotation.tolist()), tangent=_named(tangent), plane=_named(plane),
         bending=sign, rest_s=span, flatness=flatness, base_travel_m=base_travel,
         base_motion_removed=remove_base_motion, frame="spatial" if space else "planar",
         **_out_of_plane(position, about["motion"], normal),
     )  # fmt: skip
-    arc = _arc_length(ds, arc_length, pose, index, offset)
+    arc = _arc_length(recording, arc_length, pose, index, offset)
     place = _turned(position, zero, rotation if space else rotation[:2])
     turned = _orientations(matrices, window, rotation) if space else _angles(matrices, window, normal)
-    return _aligned(ds, place, {"quaternion" if space else "angle": turned}, arc, report)
+    return _aligned(recording, place, {"quaternion" if space else "angle": turned}, arc, report)
 
 
-def _without_jumps(ds: xr.Dataset, *, undo: bool) -> xr.Dataset:
-    if "quaternion" not in ds:
-        return ds
+def _without_jumps(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
+    if "quaternion" not in recording:
+        return recording
     if undo:
-        return undo_orientation_jumps(ds)
-    counts = orientation_jumps(ds["quaternion"].values)
+        return undo_orientation_jumps(recording)
+    counts = orientation_jumps(recording["quaternion"].values)
     if counts.any():
-        jumps = ", ".join(f"{n} {c}" for n, c in zip(ds["station"].values, counts, strict=True) if c)
+        jumps = ", ".join(f"{n} {c}" for n, c in zip(recording["station"].values, counts, strict=True) if c)
         raise InputError(
             f"the orientation jumps by more than 30 degrees from frame to frame ({jumps}): undo the jumps of "
             "symmetric marker clusters with undo_jumps, or leave the orientation out"
         )
-    return ds
+    return recording
 
 
-def _base_index(ds: xr.Dataset, base: str | None) -> int:
-    names = [str(n) for n in ds["station"].values]
+def _base_index(recording: xr.Dataset, base: str | None) -> int:
+    names = [str(n) for n in recording["station"].values]
     if base is None:
         return names.index("base") if "base" in names else 0
     if base not in names:
@@ -174,9 +174,9 @@ def _base_index(ds: xr.Dataset, base: str | None) -> int:
     return names.index(base)
 
 
-def _rest(ds: xr.Dataset, rest: Sequence[float] | None) -> tuple[NDArray, tuple[float, float]]:
-    time = ds["time"].values
-    start, end = rest_window(ds) if rest is None else _pair(rest)
+def _rest(recording: xr.Dataset, rest: Sequence[float] | None) -> tuple[NDArray, tuple[float, float]]:
+    time = recording["time"].values
+    start, end = rest_window(recording) if rest is None else _pair(rest)
     window = (time >= start) & (time <= end)
     if not window.any():
         raise InputError(f"the rest window {start:g} to {end:g} s holds no frame: the recording lasts from "
@@ -211,8 +211,8 @@ def _is_zero(value: Any) -> bool:
     return isinstance(value, int | float) and value == 0.0
 
 
-def _quaternion(ds: xr.Dataset) -> NDArray | None:
-    return ds["quaternion"].values if "quaternion" in ds else None
+def _quaternion(recording: xr.Dataset) -> NDArray | None:
+    return recording["quaternion"].values if "quaternion" in recording else None
 
 
 def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
@@ -223,11 +223,11 @@ def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
     return made
 
 
-def _require_base(pose: NDArray, index: int, ds: xr.Dataset) -> None:
-    unseen = [str(n) for n, p in zip(ds["station"].values, pose, strict=True) if not np.isfinite(p).all()]
+def _require_base(pose: NDArray, index: int, recording: xr.Dataset) -> None:
+    unseen = [str(n) for n, p in zip(recording["station"].values, pose, strict=True) if not np.isfinite(p).all()]
     if unseen:
         raise InputError(f"{', '.join(unseen)} is never seen in the rest window: choose another rest window "
-                         f"(the base is {ds['station'].values[index]})")  # fmt: skip
+                         f"(the base is {recording['station'].values[index]})")  # fmt: skip
 
 
 def _without_base_motion(
@@ -295,12 +295,12 @@ def _orientations(matrices: NDArray | None, window: NDArray, rotation: NDArray) 
 
 
 def _arc_length(
-    ds: xr.Dataset, given: Sequence[float] | None, pose: NDArray, index: int, offset: NDArray
+    recording: xr.Dataset, given: Sequence[float] | None, pose: NDArray, index: int, offset: NDArray
 ) -> ArrayLike | None:
     if given is not None:
         return given
-    if "arc_length" in ds.coords:
-        return ds["arc_length"].values
+    if "arc_length" in recording.coords:
+        return recording["arc_length"].values
     if len(pose) < DENSE_STATIONS:
         return None
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(pose, axis=0), axis=-1))])
@@ -308,14 +308,14 @@ def _arc_length(
 
 
 def _aligned(
-    ds: xr.Dataset, place: NDArray, turned: dict[str, Any], arc: ArrayLike | None, report: Alignment
+    recording: xr.Dataset, place: NDArray, turned: dict[str, Any], arc: ArrayLike | None, report: Alignment
 ) -> xr.Dataset:
-    attrs = dict(ds.attrs) | {"frame": report.frame, "alignment": json.dumps(asdict(report))}
+    attrs = dict(recording.attrs) | {"frame": report.frame, "alignment": json.dumps(asdict(report))}
     made = make_recording(
-        ds["time"].values, place, station=[str(n) for n in ds["station"].values], **turned,
+        recording["time"].values, place, station=[str(n) for n in recording["station"].values], **turned,
         arc_length=arc, frame=report.frame, attrs=attrs,
     )  # fmt: skip
-    others = ds.drop_dims("station").drop_vars(["axis", "component"], errors="ignore")
+    others = recording.drop_dims("station").drop_vars(["axis", "component"], errors="ignore")
     made = made.assign({n: others[n] for n in others.data_vars}).assign_attrs(attrs)
     space = report.frame == "spatial"
     frame = f"base {report.base} at the origin, tangent {report.tangent} along +{'z' if space else 'y'}, "
@@ -323,7 +323,7 @@ def _aligned(
     rest = f"rest {report.rest_s[0]:.3g} to {report.rest_s[1]:.3g} s, bending sign {report.bending:+d}"
     out = f"{1e3 * report.out_of_plane_rms_m:.3g} mm rms ({100 * report.out_of_plane_share:.2g} % of the motion)"
     lines = [f"aligned: {frame}, {rest}", f"out of plane {out}, {'kept' if space else 'left out'}"]
-    lines += clock_finding(ds)
+    lines += clock_finding(recording)
     if report.flatness > VAGUE_PLANE:
         lines.append(f"the plane is vague: the motion across it is {100 * report.flatness:.0f} % of that in it")
     if report.base_travel_m > 0:

@@ -67,10 +67,10 @@ class Alignment:
         return self.rotation[2 if self.frame == "spatial" else 1]
 
 
-def alignment_of(ds: xr.Dataset) -> Alignment:
+def alignment_of(recording: xr.Dataset) -> Alignment:
     """Report of the alignment that made a recording; InputError when it was not aligned here."""
     try:
-        values = json.loads(ds.attrs["alignment"])
+        values = json.loads(recording.attrs["alignment"])
         rotation = tuple(tuple(row) for row in values["rotation"])
         pairs = {"origin": tuple(values["origin"]), "rest_s": tuple(values["rest_s"])}
         return Alignment(**(values | pairs | {"rotation": rotation}))

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 COARSE = 0.005  # of the range of an angle: steps beyond that are reported
 
 
-def angle_facts(ds: xr.Dataset) -> dict[str, Any]:
+def angle_facts(recording: xr.Dataset) -> dict[str, Any]:
     """Fields of `Quality` that a recording of angles alone has: gaps, spikes, noise, turn and step of each station."""
-    names = [str(n) for n in ds["station"].values]
-    angle = ds["angle"].values
+    names = [str(n) for n in recording["station"].values]
+    angle = recording["angle"].values
     columns = angle[..., None]
     spikes, lost = detectors.spikes(columns).sum(0), np.isnan(angle).sum(0)
     return {
@@ -53,12 +53,12 @@ def angle_sentences(facts: dict[str, float]) -> list[str]:
             for name, step in facts.items()]  # fmt: skip
 
 
-def from_rest(ds: xr.Dataset, rest: tuple[float, float] | None = None) -> xr.Dataset:
+def from_rest(recording: xr.Dataset, rest: tuple[float, float] | None = None) -> xr.Dataset:
     """Angles measured from the rest pose, turning to the positive side under positive pressure.
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         A recording of angles without places; where its pressure was measured, on the clock of the angles.
     rest : (start, end), s, optional
         When the body was at rest. Default: found, see `rest_window`.
@@ -73,26 +73,26 @@ def from_rest(ds: xr.Dataset, rest: tuple[float, float] | None = None) -> xr.Dat
     InputError
         When no rest is found.
     """
-    check_recording(ds)
-    start, end = rest or rest_window(ds)
-    time, angle = ds["time"].values, ds["angle"].values
+    check_recording(recording)
+    start, end = rest or rest_window(recording)
+    time, angle = recording["time"].values, recording["angle"].values
     still = angle[(time >= start) & (time <= end)]
     zero = np.array([np.median(s[np.isfinite(s)]) if np.isfinite(s).any() else 0.0 for s in still.T])
     turned = angle - zero
-    names = [str(n) for n in ds["station"].values]
+    names = [str(n) for n in recording["station"].values]
     offsets = ", ".join(f"{n} {np.degrees(z):.3g}" for n, z in zip(names, zero, strict=True))
     lines = [f"angles are measured from the rest at {start:.3g} to {end:.3g} s, degrees taken off: {offsets}"]
-    backward = [k for k in range(len(names)) if turns_back(ds, turned[:, k])]
+    backward = [k for k in range(len(names)) if turns_back(recording, turned[:, k])]
     turned[:, backward] *= -1.0
     if backward:
         lines.append(f"positive pressure turned {', '.join(names[k] for k in backward)} to the negative side: the sign "
                      "is turned")  # fmt: skip
-    kept = ds.assign(angle=ds["angle"].copy(data=turned))
-    kept["angle"].attrs = {**ds["angle"].attrs, "reference": "rest"}
+    kept = recording.assign(angle=recording["angle"].copy(data=turned))
+    kept["angle"].attrs = {**recording["angle"].attrs, "reference": "rest"}
     return append_history(kept, *lines)
 
 
-def turns_back(ds: xr.Dataset, angle: NDArray) -> bool:
+def turns_back(recording: xr.Dataset, angle: NDArray) -> bool:
     """Whether an angle (T,) from rest goes to the negative side under pressure, or most where none was measured.
 
     Of several chambers each may bend to its own side: nothing is turned.
@@ -100,10 +100,14 @@ def turns_back(ds: xr.Dataset, angle: NDArray) -> bool:
     seen = np.isfinite(angle)
     if not seen.any():
         return False
-    if "pressure" in ds and ds["pressure"].ndim > 1 and ds.sizes["chamber"] > 1:
+    if "pressure" in recording and recording["pressure"].ndim > 1 and recording.sizes["chamber"] > 1:
         return False
-    if "pressure" in ds:
-        p = np.interp(ds["time"].values, ds["pressure_time"].values, np.nan_to_num(ds["pressure"].values.reshape(-1)))
+    if "pressure" in recording:
+        p = np.interp(
+            recording["time"].values,
+            recording["pressure_time"].values,
+            np.nan_to_num(recording["pressure"].values.reshape(-1)),
+        )
         away = p - np.median(p[:5])
         return bool(float(away[seen] @ angle[seen]) < 0)
     return bool(abs(np.min(angle[seen])) > abs(np.max(angle[seen])))

@@ -104,7 +104,7 @@ def _clamp_tangent(body: NDArray, clamp_length: float | None) -> NDArray:
     return direction if direction @ (points[-1] - points[0]) > 0 else -direction
 
 
-def input_normal(ds: xr.Dataset, tangent: NDArray, position: NDArray, pose: NDArray) -> NDArray:
+def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pose: NDArray) -> NDArray:
     """Unit normal of the plane in which the first input bends the body, positive where the input is.
 
     The displacement of the station that moves most is taken for linear in all inputs together; the direction is that
@@ -112,7 +112,7 @@ def input_normal(ds: xr.Dataset, tangent: NDArray, position: NDArray, pose: NDAr
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         Recording with measured inputs: its pressures, then its others.
     tangent : (3,) array
     position : (T, S, 3) array, m
@@ -124,7 +124,7 @@ def input_normal(ds: xr.Dataset, tangent: NDArray, position: NDArray, pose: NDAr
     InputError
         When no input was measured, or the first one moves nothing across the tangent.
     """
-    inputs = inputs_at(ds, ds["time"].values)
+    inputs = inputs_at(recording, recording["time"].values)
     if not inputs.shape[1]:
         raise InputError("plane 'input' needs a measured input, but the recording holds none: state another plane")
     across = (position - pose) @ (np.eye(3) - np.outer(tangent, tangent))

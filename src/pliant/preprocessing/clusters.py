@@ -44,13 +44,13 @@ class Cluster(FileMapping):
 
 
 def assemble(
-    ds: xr.Dataset, mapping: Mapping[str, Any], *, tolerance_mm: float = 1.0
+    recording: xr.Dataset, mapping: Mapping[str, Any], *, tolerance_mm: float = 1.0
 ) -> xr.Dataset:
     """Replace markers by stations, one for each cluster.
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         Recording whose stations are markers.
     mapping : dict
         From base to tip: station name -> list of marker names, or a dict as in `Cluster`.
@@ -71,27 +71,27 @@ def assemble(
         For an unknown marker (the message lists those there are), a marker in two clusters, two base
         clusters, or markers that do not move as one rigid part.
     """
-    check_recording(ds)
-    if "position" not in ds or ds.attrs["frame"] != "tracker":
+    check_recording(recording)
+    if "position" not in recording or recording.attrs["frame"] != "tracker":
         raise InputError("clusters are assembled from tracked positions, before the alignment")
     clusters = _load(mapping)
-    members = _members(clusters, [str(n) for n in ds["station"].values])
-    shape = (ds.sizes["time"], len(members))
+    members = _members(clusters, [str(n) for n in recording["station"].values])
+    shape = (recording.sizes["time"], len(members))
     place, quaternion, residual, history = np.empty((*shape, 3)), np.empty((*shape, 4)), np.empty(shape[1]), []
     for k, (name, markers) in enumerate(members.items()):
         place[:, k], quaternion[:, k], residual[k], line = _station(
-            ds, name, clusters[name], markers, tolerance_mm * 1e-3
+            recording, name, clusters[name], markers, tolerance_mm * 1e-3
         )
         history.append(line)
     used = {m for markers in members.values() for m in markers}
-    unused = [str(n) for n in ds["station"].values if str(n) not in used]
+    unused = [str(n) for n in recording["station"].values if str(n) not in used]
     if unused:
         history.append(f"{len(unused)} marker(s) belong to no cluster and were left out: {', '.join(unused)}")
     made = make_recording(
-        ds["time"].values, place, station=list(members),
-        quaternion=quaternion if np.isfinite(quaternion).any() else None, attrs=dict(ds.attrs),
+        recording["time"].values, place, station=list(members),
+        quaternion=quaternion if np.isfinite(quaternion).any() else None, attrs=dict(recording.attrs),
     )  # fmt: skip
-    others = ds.drop_vars(["position", "quaternion", "station", "component", "arc_length"], errors="ignore")
+    others = recording.drop_vars(["position", "quaternion", "station", "component", "arc_length"], errors="ignore")
     others = others.drop_dims("station", errors="ignore")
     made = others.merge(made, combine_attrs="override").assign_attrs(made.attrs)
     rigidity = ("station", residual,
@@ -146,10 +146,10 @@ def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, li
 
 
 def _station(
-    ds: xr.Dataset, name: str, cluster: Cluster, markers: list[str], tolerance: float
+    recording: xr.Dataset, name: str, cluster: Cluster, markers: list[str], tolerance: float
 ) -> tuple[NDArray, NDArray, float, str]:
     """Position (T, 3), quaternion (T, 4), rigidity and a line of history."""
-    points = ds["position"].sel(station=markers).values
+    points = recording["position"].sel(station=markers).values
     complete = np.isfinite(points).all((1, 2))
     if not complete.any():
         raise InputError(f"the markers of station {name!r} are never seen all at once")

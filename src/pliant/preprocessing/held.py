@@ -77,23 +77,23 @@ def frozen_spans(time: NDArray, names: list[str], marked: NDArray) -> dict[str, 
     }  # fmt: skip
 
 
-def leave_out_frozen(ds: xr.Dataset) -> xr.Dataset:
+def leave_out_frozen(recording: xr.Dataset) -> xr.Dataset:
     """Return the recording with the places of frozen stations missing; the same object where there are none.
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         With positions as the tracker made them; one without is returned as it is.
     """
-    if "position" not in ds:
-        return ds
-    marked = frozen(ds["position"].values, ds["quaternion"].values if "quaternion" in ds else None)
+    if "position" not in recording:
+        return recording
+    marked = frozen(recording["position"].values, recording["quaternion"].values if "quaternion" in recording else None)
     if not marked.any():
-        return ds
-    changed = {name: ds[name].copy(data=np.where(marked[..., None], np.nan, ds[name].values))
-               for name in ("position", "quaternion") if name in ds}  # fmt: skip
-    count = ", ".join(f"{n} {k}" for n, k in zip(ds["station"].values, marked.sum(axis=0), strict=True) if k)
-    return append_history(ds.assign(changed), f"left out frames in which a station was frozen: {count}")
+        return recording
+    changed = {name: recording[name].copy(data=np.where(marked[..., None], np.nan, recording[name].values))
+               for name in ("position", "quaternion") if name in recording}  # fmt: skip
+    count = ", ".join(f"{n} {k}" for n, k in zip(recording["station"].values, marked.sum(axis=0), strict=True) if k)
+    return append_history(recording.assign(changed), f"left out frames in which a station was frozen: {count}")
 
 
 def frozen_sentences(spans: dict[str, tuple[Span, ...]]) -> list[str]:
@@ -108,14 +108,14 @@ def frozen_sentences(spans: dict[str, tuple[Span, ...]]) -> list[str]:
     return said
 
 
-def staircases(ds: xr.Dataset) -> dict[str, tuple[int, float]]:
+def staircases(recording: xr.Dataset) -> dict[str, tuple[int, float]]:
     """Return samples and seconds between the updates of each input that was logged faster than it was updated.
 
     An input is held where the intervals between its changes are nearly all alike and longer than a sample, and most
     changes are larger than its resolution. The only pressure of a recording is called ``p``.
     """
     found = {}
-    for one in recorded_inputs(ds):
+    for one in recorded_inputs(recording):
         every = _interval(one.values)
         if every > 1:
             found[one.name or "p"] = (every, every * float(np.median(np.diff(one.time))))
@@ -146,24 +146,24 @@ def staircase_sentences(held: dict[str, tuple[int, float]]) -> list[str]:
     return said
 
 
-def lines_between_changes(ds: xr.Dataset) -> xr.Dataset:
+def lines_between_changes(recording: xr.Dataset) -> xr.Dataset:
     """Return the recording with straight lines between the changes of held inputs; others stay as they are.
 
     A value that stays longer than one and a half intervals is kept until one interval before the next change.
     """
-    held = staircases(ds)
+    held = staircases(recording)
     if not held:
-        return append_history(ds, "no input is held: none was made of straight lines")
+        return append_history(recording, "no input is held: none was made of straight lines")
     changed: dict[str, NDArray] = {}
     columns = {"pressure": 0, "actuation": 0}
-    for one in recorded_inputs(ds):
+    for one in recorded_inputs(recording):
         variable = "pressure" if one.kind == "pressure" else "actuation"
-        values = changed.setdefault(variable, ds[variable].values.reshape(len(one.time), -1).copy())
+        values = changed.setdefault(variable, recording[variable].values.reshape(len(one.time), -1).copy())
         if (one.name or "p") in held:
             values[:, columns[variable]] = _lines(one.time, one.values, held[one.name or "p"][0])
         columns[variable] += 1
-    data: dict[str, Any] = {n: ds[n].copy(data=v.reshape(ds[n].shape)) for n, v in changed.items()}
-    return append_history(ds.assign(data), f"straight lines between the changes of {', '.join(held)}")
+    data: dict[str, Any] = {n: recording[n].copy(data=v.reshape(recording[n].shape)) for n, v in changed.items()}
+    return append_history(recording.assign(data), f"straight lines between the changes of {', '.join(held)}")
 
 
 def _lines(time: NDArray, values: NDArray, every: int) -> NDArray:

@@ -61,33 +61,35 @@ def exchanged(position: NDArray, time: NDArray, names: list[str]) -> dict[str, i
     return found
 
 
-def undo_swaps(ds: xr.Dataset) -> xr.Dataset:
+def undo_swaps(recording: xr.Dataset) -> xr.Dataset:
     """Give every station the label that continues its motion, in the frames in which labels are exchanged."""
-    return _repaired(ds, undo=True)
+    return _repaired(recording, undo=True)
 
 
-def exclude_swaps(ds: xr.Dataset) -> xr.Dataset:
+def exclude_swaps(recording: xr.Dataset) -> xr.Dataset:
     """Make gaps of the stations whose labels are exchanged, in those frames."""
-    return _repaired(ds, undo=False)
+    return _repaired(recording, undo=False)
 
 
-def _repaired(ds: xr.Dataset, *, undo: bool) -> xr.Dataset:
-    check_recording(ds)
-    if "position" not in ds:
+def _repaired(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
+    check_recording(recording)
+    if "position" not in recording:
         raise InputError("exchanged labels are found from positions, but the recording holds none")
-    names = [str(n) for n in ds["station"].values]
-    order = label_order(ds["position"].values, ds["time"].values)
-    listed = ", ".join(f"{n} {c}" for n, c in exchanged(ds["position"].values, ds["time"].values, names).items())
+    names = [str(n) for n in recording["station"].values]
+    order = label_order(recording["position"].values, recording["time"].values)
+    listed = ", ".join(
+        f"{n} {c}" for n, c in exchanged(recording["position"].values, recording["time"].values, names).items()
+    )
     wrong = order != np.arange(len(names))
     for name in ("position", "quaternion", "angle"):
-        if name in ds:
-            values = ds[name].values
+        if name in recording:
+            values = recording[name].values
             at = order.reshape(*order.shape, *[1] * (values.ndim - 2))
             gone = wrong.reshape(at.shape)
             new = np.take_along_axis(values, at, axis=1) if undo else np.where(gone, np.nan, values)
-            ds = ds.assign({name: ds[name].copy(data=new)})
+            recording = recording.assign({name: recording[name].copy(data=new)})
     what = "exchanged labels are undone" if undo else "stations with exchanged labels are left out"
-    return append_history(ds, f"{what}, frames: {listed or 'none'}")
+    return append_history(recording, f"{what}, frames: {listed or 'none'}")
 
 
 def _last_seen(position: NDArray) -> NDArray[np.intp]:

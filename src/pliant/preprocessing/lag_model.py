@@ -49,17 +49,17 @@ class Fitted(NamedTuple):
     after_motion: bool  # whether the log begins with its pressure up
 
 
-def body_course(ds: xr.Dataset) -> TimeSeries:
+def body_course(recording: xr.Dataset) -> TimeSeries:
     """Main common course of all that moves; spikes and gaps carry no weight."""
-    if "position" in ds:
-        columns = without_spikes(ds["position"].values).reshape(ds.sizes["time"], -1)
+    if "position" in recording:
+        columns = without_spikes(recording["position"].values).reshape(recording.sizes["time"], -1)
     else:
-        columns = without_spikes(ds["angle"].values[..., None])[..., 0]
+        columns = without_spikes(recording["angle"].values[..., None])[..., 0]
     columns = columns[:, np.isfinite(columns).sum(0) >= FEWEST]
     course, seen = first_component(columns)
     if np.ptp(course[seen]) == 0:
         raise InputError("the motion is constant: there is nothing to compare clocks by")
-    time = ds["time"].values
+    time = recording["time"].values
     return TimeSeries(time, np.interp(time, time[seen], course[seen])[:, None], seen.astype(float))
 
 
@@ -79,10 +79,10 @@ def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
     return centred @ weights, seen
 
 
-def pressure_course(ds: xr.Dataset) -> TimeSeries:
+def pressure_course(recording: xr.Dataset) -> TimeSeries:
     """The pressure, main course first, then each chamber where there are several; gaps bridged."""
-    values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
-    clock = ds["pressure_time"].values
+    values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
+    clock = recording["pressure_time"].values
     seen = np.isfinite(values).all(1)
     if seen.sum() < FEWEST:
         raise InputError(f"clocks need at least {FEWEST} samples of pressure")

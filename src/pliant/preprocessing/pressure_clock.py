@@ -15,15 +15,15 @@ MOST_NAMED = 5
 Gap = tuple[int, float, float, int]  # sample before it, its start and length [s], samples missing
 
 
-def pressure_clock(ds: xr.Dataset) -> dict[str, Any]:
+def pressure_clock(recording: xr.Dataset) -> dict[str, Any]:
     """Return what is known of the clock of a pressure, as fields of `Quality`; none where it is that of the shape.
 
     A step of a regular clock that is longer than 1.5 usual ones is a gap, with as many samples missing as fit into it.
     """
-    if "pressure" not in ds:
+    if "pressure" not in recording:
         return {}
-    time = ds["pressure_time"].values
-    if "time" in ds.coords and np.array_equal(time, ds["time"].values):
+    time = recording["pressure_time"].values
+    if "time" in recording.coords and np.array_equal(time, recording["time"].values):
         return {}
     found: dict[str, Any] = {"pressure_samples": len(time), "pressure_duration_s": float(time[-1] - time[0])}
     if len(time) < 2:

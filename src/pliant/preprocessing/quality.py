@@ -166,12 +166,12 @@ def spanned(duration: float, rate: float) -> str:
     return f", {duration:.2f} s at {rate:.4g} Hz" if np.isfinite(rate) else ""
 
 
-def quality(ds: xr.Dataset) -> Quality:
+def quality(recording: xr.Dataset) -> Quality:
     """Find and count what is suspicious in a recording; nothing is changed.
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         A recording.
 
     Returns
@@ -187,39 +187,41 @@ def quality(ds: xr.Dataset) -> Quality:
     >>> quality(make_recording([0.0, 0.1, 0.2, 0.3, 0.4], places)).rate_hz
     10.0
     """
-    check_recording(ds)
+    check_recording(recording)
     found: dict[str, Any] = {}
-    if "time" in ds.coords:
-        found |= _clock(ds["time"].values)
-    if "position" in ds:
-        found |= _positions(ds)
-    elif "angle" in ds:
-        found |= angle_facts(ds)
-    if "strain" in ds:
-        lost = np.isnan(ds["strain"].values).sum((0, 2))
-        found["missing"] = {str(c): int(n) for c, n in zip(ds["core"].values, lost, strict=True) if n}
-    if "pressure" in ds:
-        found |= {"pressure_kpa": _pressure_range(ds), **pressure_clock(ds)}
-    found |= {"input_range": _input_range(ds), "input_held": staircases(ds)}
-    if "time" not in ds.coords:
+    if "time" in recording.coords:
+        found |= _clock(recording["time"].values)
+    if "position" in recording:
+        found |= _positions(recording)
+    elif "angle" in recording:
+        found |= angle_facts(recording)
+    if "strain" in recording:
+        lost = np.isnan(recording["strain"].values).sum((0, 2))
+        found["missing"] = {str(c): int(n) for c, n in zip(recording["core"].values, lost, strict=True) if n}
+    if "pressure" in recording:
+        found |= {"pressure_kpa": _pressure_range(recording), **pressure_clock(recording)}
+    found |= {"input_range": _input_range(recording), "input_held": staircases(recording)}
+    if "time" not in recording.coords:
         found |= {to: found[of] for to, of in OF_A_LOG.items() if of in found}
-    found["doubts"] = doubts(Case(ds, found.get("swapped", {})), "recording")
+    found["doubts"] = doubts(Case(recording, found.get("swapped", {})), "recording")
     result = Quality(**found)
     first = [sentence for check, sentence in result.doubts.items() if check in UNITS]  # the rest may follow from it
     later = [sentence for check, sentence in result.doubts.items() if check not in UNITS]
     clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
     findings = (*first, *_sentences(result), *clock, *staircase_sentences(result.input_held),
-                *_lost_inputs(ds), *_hardly_moves(ds, result), *later)
+                *_lost_inputs(recording), *_hardly_moves(recording, result), *later)
     return replace(result, findings=findings)
 
 
-def standing_stations(ds: xr.Dataset) -> tuple[str, ...]:
+def standing_stations(recording: xr.Dataset) -> tuple[str, ...]:
     """Stations that stand still while others move, as `quality` finds them, without the rest of its work."""
-    position = ds["position"].values
-    repeated = detectors.repeated_frames(position, ds["quaternion"].values if "quaternion" in ds else None)
+    position = recording["position"].values
+    repeated = detectors.repeated_frames(
+        position, recording["quaternion"].values if "quaternion" in recording else None
+    )
     fresh = position[~repeated] if repeated.any() else position
     noise, deviation = (by_blocks(f, fresh) for f in (detectors.noise_level, detectors.rms_deviation))
-    return _standing([str(n) for n in ds["station"].values], deviation, noise)
+    return _standing([str(n) for n in recording["station"].values], deviation, noise)
 
 
 def _clock(time: np.ndarray) -> dict[str, Any]:
@@ -236,10 +238,10 @@ def _clock(time: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _positions(ds: xr.Dataset) -> dict[str, Any]:
-    names = [str(n) for n in ds["station"].values]
-    position, time = ds["position"].values, ds["time"].values
-    quaternion = ds["quaternion"].values if "quaternion" in ds else None
+def _positions(recording: xr.Dataset) -> dict[str, Any]:
+    names = [str(n) for n in recording["station"].values]
+    position, time = recording["position"].values, recording["time"].values
+    quaternion = recording["quaternion"].values if "quaternion" in recording else None
     repeated = detectors.repeated_frames(position, quaternion)
     fresh, clock = (position[~repeated], time[~repeated]) if repeated.any() else (position, time)
     measures = (detectors.noise_level, detectors.rms_deviation, detectors.travel)
@@ -286,9 +288,9 @@ def _standing(names: list[str], deviation: np.ndarray, noise: np.ndarray) -> tup
     return tuple(name for name, still in zip(names, deviation <= limit, strict=True) if still)
 
 
-def _pressure_range(ds: xr.Dataset) -> dict[str, tuple[float, float]]:
-    values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1) / 1e3
-    names = [str(c) for c in ds["chamber"].values] if "chamber" in ds.coords else ["p"]
+def _pressure_range(recording: xr.Dataset) -> dict[str, tuple[float, float]]:
+    values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1) / 1e3
+    names = [str(c) for c in recording["chamber"].values] if "chamber" in recording.coords else ["p"]
     seen = {n: v[np.isfinite(v)] for n, v in zip(names, values.T, strict=True)}
     nan = float("nan")
     return {n: (float(v.min()), float(v.max())) if v.size else (nan, nan) for n, v in seen.items()}
@@ -297,9 +299,9 @@ def _pressure_range(ds: xr.Dataset) -> dict[str, tuple[float, float]]:
 SHOWN_IN = {"tension": (1.0, "N"), "displacement": (1e3, "mm"), "angle": (float(np.rad2deg(1.0)), "degrees")}
 
 
-def _input_range(ds: xr.Dataset) -> dict[str, tuple[float, float, str]]:
+def _input_range(recording: xr.Dataset) -> dict[str, tuple[float, float, str]]:
     found = {}
-    for one in (i for i in recorded_inputs(ds) if i.kind in SHOWN_IN):
+    for one in (i for i in recorded_inputs(recording) if i.kind in SHOWN_IN):
         factor, unit = SHOWN_IN[one.kind]
         seen = factor * one.values[np.isfinite(one.values)]
         found[one.name] = (float(seen.min(initial=np.inf)), float(seen.max(initial=-np.inf)), unit)
@@ -348,16 +350,18 @@ def _sentences(q: Quality) -> list[str]:
     return said
 
 
-def _lost_inputs(ds: xr.Dataset) -> list[str]:
-    lost = {name: int(np.isnan(ds[name].values).sum()) for name in ("pressure", "actuation") if name in ds}
+def _lost_inputs(recording: xr.Dataset) -> list[str]:
+    lost = {
+        name: int(np.isnan(recording[name].values).sum()) for name in ("pressure", "actuation") if name in recording
+    }
     called = {"pressure": "pressure", "actuation": "inputs other than pressure"}
     return [f"{count} samples of {called[name]} are missing" for name, count in lost.items() if count]
 
 
-def _hardly_moves(ds: xr.Dataset, q: Quality) -> list[str]:
-    if "unit of length" in q.doubts or not q.travel_m or ds.sizes["station"] < 2 or not np.isfinite(
+def _hardly_moves(recording: xr.Dataset, q: Quality) -> list[str]:
+    if "unit of length" in q.doubts or not q.travel_m or recording.sizes["station"] < 2 or not np.isfinite(
         list(q.travel_m.values())
     ).any():
         return []
-    still = np.nanmax(list(q.travel_m.values())) < LEAST_TRAVEL * extent(ds["position"].values)
+    still = np.nanmax(list(q.travel_m.values())) < LEAST_TRAVEL * extent(recording["position"].values)
     return ["the recording hardly moves: its largest travel is below 1 % of its extent"] if still else []

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 SAME_SYMMETRY = np.deg2rad(25.0)
 
 
-def fill_gaps(ds: xr.Dataset, *, longest_s: float) -> xr.Dataset:
+def fill_gaps(recording: xr.Dataset, *, longest_s: float) -> xr.Dataset:
     """Interpolate drop-outs of positions linearly in time, if the stretch between two sightings is short.
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
     longest_s : float, s
         Longest time between the two sightings around a gap. Longer gaps and those at the ends stay NaN.
 
@@ -32,10 +32,10 @@ def fill_gaps(ds: xr.Dataset, *, longest_s: float) -> xr.Dataset:
     xarray.Dataset
         Orientation and angle are not filled.
     """
-    check_recording(ds)
-    if "position" not in ds or not longest_s > 0:
+    check_recording(recording)
+    if "position" not in recording or not longest_s > 0:
         raise InputError("fill_gaps needs positions and a positive longest_s in seconds")
-    time, position = ds["time"].values, ds["position"].values.copy()
+    time, position = recording["time"].values, recording["position"].values.copy()
     filled = 0
     for s in range(position.shape[1]):
         seen = np.isfinite(position[:, s]).all(-1)
@@ -51,24 +51,24 @@ def fill_gaps(ds: xr.Dataset, *, longest_s: float) -> xr.Dataset:
         filled += int(short.sum())
     left_over = int(np.isnan(position).any(-1).sum())
     line = f"filled {filled} drop-out(s) of at most {longest_s:g} s by linear interpolation, {left_over} are left"
-    return append_history(ds.assign(position=ds["position"].copy(data=position)), line)
+    return append_history(recording.assign(position=recording["position"].copy(data=position)), line)
 
 
-def drop_repeated_frames(ds: xr.Dataset) -> xr.Dataset:
+def drop_repeated_frames(recording: xr.Dataset) -> xr.Dataset:
     """Leave out frames that equal the one before in every number, as when a log runs faster than its tracker.
 
     The pressure, which has its own clock, keeps all samples.
     """
-    check_recording(ds)
-    if "position" not in ds:
+    check_recording(recording)
+    if "position" not in recording:
         raise InputError("drop_repeated_frames needs positions")
-    quaternion = ds["quaternion"].values if "quaternion" in ds else None
-    repeated = detectors.repeated_frames(ds["position"].values, quaternion)
+    quaternion = recording["quaternion"].values if "quaternion" in recording else None
+    repeated = detectors.repeated_frames(recording["position"].values, quaternion)
     line = f"left out {int(repeated.sum())} of {len(repeated)} frames that repeat the one before"
-    return append_history(ds.isel(time=np.flatnonzero(~repeated)), line)
+    return append_history(recording.isel(time=np.flatnonzero(~repeated)), line)
 
 
-def undo_orientation_jumps(ds: xr.Dataset) -> xr.Dataset:
+def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:
     """Undo jumps between the orientations that a symmetric marker cluster cannot tell apart.
 
     Such a tracker reports R S in place of R for a while, with the same turn S of the cluster's symmetry each
@@ -80,12 +80,12 @@ def undo_orientation_jumps(ds: xr.Dataset) -> xr.Dataset:
     InputError
         When a jump is left that no turn of the symmetry explains.
     """
-    check_recording(ds)
-    if "quaternion" not in ds:
+    check_recording(recording)
+    if "quaternion" not in recording:
         raise InputError("undo_orientation_jumps needs orientations, but the recording holds none")
-    quaternion = ds["quaternion"].values.copy()
+    quaternion = recording["quaternion"].values.copy()
     changed = {}
-    for s, name in enumerate(ds["station"].values):
+    for s, name in enumerate(recording["station"].values):
         seen = np.flatnonzero(np.isfinite(quaternion[:, s]).all(-1))
         matrix, count = _continued(to_matrix(quaternion[seen, s]), str(name))
         if count:
@@ -94,7 +94,7 @@ def undo_orientation_jumps(ds: xr.Dataset) -> xr.Dataset:
     quaternion, _ = continuous(quaternion)
     frames = ", ".join(f"{name} {count}" for name, count in changed.items()) or "none"
     line = f"undid jumps of orientation by the markers' symmetry, frames turned back: {frames}"
-    return append_history(ds.assign(quaternion=ds["quaternion"].copy(data=quaternion)), line)
+    return append_history(recording.assign(quaternion=recording["quaternion"].copy(data=quaternion)), line)
 
 
 def _continued(matrix: NDArray, name: str) -> tuple[NDArray, int]:

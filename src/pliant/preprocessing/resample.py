@@ -20,7 +20,7 @@ GAP_RATIO = 2.5
 
 
 def resample_time(
-    ds: xr.Dataset, *, rate_hz: float | None = None, time: ArrayLike | None = None, longest_gap_s: float
+    recording: xr.Dataset, *, rate_hz: float | None = None, time: ArrayLike | None = None, longest_gap_s: float
 ) -> xr.Dataset:
     """Interpolate the shape linearly to a regular clock (or given times).
 
@@ -29,7 +29,7 @@ def resample_time(
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
     rate_hz : float, optional
         New frame rate, from the first frame on.
     time : (T,) array, s, optional
@@ -37,58 +37,58 @@ def resample_time(
     longest_gap_s : float
         Where the two sightings around a new sample lie further apart, it is NaN.
     """
-    check_recording(ds)
-    if "position" not in ds:
+    check_recording(recording)
+    if "position" not in recording:
         raise InputError("resample_time needs positions")
     if (rate_hz is None) == (time is None):
         raise InputError("give either rate_hz or time")
     if not longest_gap_s > 0 or (rate_hz is not None and not 0 < rate_hz < np.inf):
         raise InputError("rate_hz and longest_gap_s must be positive and finite")
-    old = ds["time"].values
+    old = recording["time"].values
     if time is None:
         count = int(np.floor((old[-1] - old[0]) * float(rate_hz or 0.0) + 1e-9)) + 1
         new = old[0] + np.arange(count) / float(rate_hz or np.nan)
     else:
         new = np.asarray(time, dtype=np.float64)
-    arrays = {n: ds[n].values for n in ("position", "quaternion", "angle") if n in ds}
+    arrays = {n: recording[n].values for n in ("position", "quaternion", "angle") if n in recording}
     if "quaternion" in arrays:
         arrays["quaternion"] = continuous(arrays["quaternion"])[0]
     made = {n: _in_time(old, value, new, longest_gap_s) for n, value in arrays.items()}
     if "quaternion" in made:
         norm = np.linalg.norm(made["quaternion"], axis=-1, keepdims=True)
         made["quaternion"] = made["quaternion"] / np.where(norm > 0.1, norm, np.nan)
-    result = _with(ds.drop_dims("time"), ds, made, time=new)
+    result = _with(recording.drop_dims("time"), recording, made, time=new)
     empty = int(np.isnan(made["position"]).any(-1).sum())
     bridged = f"gaps up to {longest_gap_s:g} s bridged, {empty} points missing"
     return append_history(result, f"resampled from {len(old)} to {len(new)} frames, {bridged}")
 
 
-def pressure_on_shape_clock(ds: xr.Dataset) -> xr.Dataset:
+def pressure_on_shape_clock(recording: xr.Dataset) -> xr.Dataset:
     """Interpolate the pressure linearly to the times of the shape; outside its own clock it is NaN."""
-    check_recording(ds)
-    if "pressure" not in ds or "time" not in ds.coords:
+    check_recording(recording)
+    if "pressure" not in recording or "time" not in recording.coords:
         raise InputError("pressure_on_shape_clock needs a shape and a pressure")
-    clock, time = ds["pressure_time"].values, ds["time"].values
-    values = ds["pressure"].values.reshape(len(clock), -1)
+    clock, time = recording["pressure_time"].values, recording["time"].values
+    values = recording["pressure"].values.reshape(len(clock), -1)
     new = np.stack([np.interp(time, clock, v, left=np.nan, right=np.nan) for v in values.T], -1)
-    chamber = [str(c) for c in ds["chamber"].values] if "chamber" in ds.coords else None
+    chamber = [str(c) for c in recording["chamber"].values] if "chamber" in recording.coords else None
     made = make_recording(
-        pressure=new if chamber else new[:, 0], pressure_time=time, chamber=chamber, attrs=dict(ds.attrs)
+        pressure=new if chamber else new[:, 0], pressure_time=time, chamber=chamber, attrs=dict(recording.attrs)
     )
-    rest = ds.drop_dims("pressure_time").drop_vars("chamber", errors="ignore")
+    rest = recording.drop_dims("pressure_time").drop_vars("chamber", errors="ignore")
     missing = int(np.isnan(new).any(1).sum())
     line = f"pressure brought from {len(clock)} samples to the clock of the shape, {missing} samples missing"
-    return append_history(rest.merge(made, combine_attrs="override").assign_attrs(ds.attrs), line)
+    return append_history(rest.merge(made, combine_attrs="override").assign_attrs(recording.attrs), line)
 
 
 def resample_arc_length(
-    ds: xr.Dataset, *, spacing_mm: float, longest_gap_mm: float | None = None
+    recording: xr.Dataset, *, spacing_mm: float, longest_gap_mm: float | None = None
 ) -> xr.Dataset:
     """Interpolate a dense shape to stations of equal arc length, by cubic splines through each frame.
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         At least four stations from base to tip; their arc length is the recorded one or the time-mean sum of
         chords.
     spacing_mm : float
@@ -102,23 +102,27 @@ def resample_arc_length(
     xarray.Dataset
         Positions only: orientations do not follow from points.
     """
-    check_recording(ds)
-    if "position" not in ds or ds.sizes["station"] < LEAST_STATIONS:
+    check_recording(recording)
+    if "position" not in recording or recording.sizes["station"] < LEAST_STATIONS:
         raise InputError(f"resampling along the body needs positions of at least {LEAST_STATIONS} stations")
     if not 0 < spacing_mm < np.inf:
         raise InputError(f"spacing_mm must be positive and finite, not {spacing_mm!r}")
-    position = ds["position"].values
+    position = recording["position"].values
     whole = np.isfinite(position).all((1, 2))
     if not whole.any():
         raise InputError("no frame has all stations, so their arc length is not known: give arc_length")
-    arc, findings = station_arc_length(ds, position[whole])
+    arc, findings = station_arc_length(recording, position[whole])
     if arc[-1] < spacing_mm * 1e-3:
         raise InputError(f"the spacing of {spacing_mm:g} mm is longer than the body, {1e3 * arc[-1]:.3g} mm")
     new = np.arange(int(np.floor(arc[-1] / (spacing_mm * 1e-3) + 1e-9)) + 1) * spacing_mm * 1e-3
     gap = GAP_RATIO * float(np.diff(arc).max()) if longest_gap_mm is None else longest_gap_mm * 1e-3
     place = _along(arc, position, new, gap)
     result = _with(
-        ds.drop_dims("station"), ds, {"position": place}, station=[f"s{i:03d}" for i in range(len(new))], arc_length=new
+        recording.drop_dims("station"),
+        recording,
+        {"position": place},
+        station=[f"s{i:03d}" for i in range(len(new))],
+        arc_length=new,
     )
     empty = int(np.isnan(place).any(-1).sum())
     line = (f"resampled from {len(arc)} to {len(new)} stations every {spacing_mm:g} mm ({findings[0]}), "
@@ -167,15 +171,15 @@ def _along(arc: NDArray, position: NDArray, new: NDArray, gap: float) -> NDArray
     return result
 
 
-def _with(kept: xr.Dataset, ds: xr.Dataset, arrays: dict, **coords: object) -> xr.Dataset:
+def _with(kept: xr.Dataset, recording: xr.Dataset, arrays: dict, **coords: object) -> xr.Dataset:
     """Recording with new arrays; what does not hang on the replaced dimension is kept."""
-    station = coords.get("station", [str(n) for n in ds["station"].values])
-    arc = coords.get("arc_length", ds["arc_length"].values if "arc_length" in ds.coords else None)
+    station = coords.get("station", [str(n) for n in recording["station"].values])
+    arc = coords.get("arc_length", recording["arc_length"].values if "arc_length" in recording.coords else None)
     made = make_recording(
-        coords.get("time", ds["time"].values), station=station, arc_length=arc,  # type: ignore[arg-type]
-        frame=ds.attrs["frame"], attrs=dict(ds.attrs), **arrays,
-        angle_reference=next((ds[n].attrs["reference"] for n in ("angle", "quaternion") if n in ds
-                              and "reference" in ds[n].attrs), "rest"),
+        coords.get("time", recording["time"].values), station=station, arc_length=arc,  # type: ignore[arg-type]
+        frame=recording.attrs["frame"], attrs=dict(recording.attrs), **arrays,
+        angle_reference=next((recording[n].attrs["reference"] for n in ("angle", "quaternion") if n in recording
+                              and "reference" in recording[n].attrs), "rest"),
     )  # fmt: skip
     others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation")}
-    return made.assign(others).assign_attrs(ds.attrs)
+    return made.assign(others).assign_attrs(recording.attrs)

@@ -24,7 +24,7 @@ FEWEST_FRAMES = 3
 STILL_FRAMES = 0.95
 
 
-def rest_window(ds: xr.Dataset) -> tuple[float, float]:
+def rest_window(recording: xr.Dataset) -> tuple[float, float]:
     """Find the still stretch before the first motion.
 
     Where inputs were measured, it is the time before one of them first leaves its start by 5 % of its range, if
@@ -42,9 +42,9 @@ def rest_window(ds: xr.Dataset) -> tuple[float, float]:
     InputError
         When no still stretch lasts 0.1 s.
     """
-    check_recording(ds)
-    time, position = ds["time"].values, shown(ds)
-    quiet = before_inputs(ds)
+    check_recording(recording)
+    time, position = recording["time"].values, shown(recording)
+    quiet = before_inputs(recording)
     if quiet is not None and still_within(position, time, quiet):
         return quiet
     runs = [run for run in _runs(_still(position, time)) if time[run[1]] - time[run[0]] >= LEAST_REST_S]
@@ -56,34 +56,34 @@ def rest_window(ds: xr.Dataset) -> tuple[float, float]:
     return float(time[chosen[0]]), float(time[chosen[1]])
 
 
-def shown(ds: xr.Dataset) -> NDArray:
+def shown(recording: xr.Dataset) -> NDArray:
     """Places (T, S, axes) of a recording, m, or its angles (T, S, 1), rad, where it has no places; without spikes."""
-    if "position" in ds:
-        return detectors.spikes_bridged(ds["position"].values)
-    if "angle" not in ds:
+    if "position" in recording:
+        return detectors.spikes_bridged(recording["position"].values)
+    if "angle" not in recording:
         raise InputError("a rest window is found from positions or angles, but the recording holds neither")
-    return detectors.spikes_bridged(ds["angle"].values[..., None])
+    return detectors.spikes_bridged(recording["angle"].values[..., None])
 
 
-def before_inputs(ds: xr.Dataset) -> tuple[float, float] | None:
+def before_inputs(recording: xr.Dataset) -> tuple[float, float] | None:
     """First and last frame before a measured input moves; None without one, or with fewer than three frames."""
-    inputs, starts = recorded_inputs(ds), []
+    inputs, starts = recorded_inputs(recording), []
     for one in inputs:
         moved = np.abs(one.values - np.nanmedian(one.values[:5])) > INPUT_SHARE * np.ptp(one.values)
         starts += [one.time[int(np.argmax(moved))]] if moved.any() else []
     if not inputs:
         return None
-    time = ds["time"].values
+    time = recording["time"].values
     before = time[time < min(starts, default=inputs[0].time[0])]
     return (float(before[0]), float(before[-1])) if before.size >= FEWEST_FRAMES else None
 
 
-def clock_finding(ds: xr.Dataset) -> list[str]:
+def clock_finding(recording: xr.Dataset) -> list[str]:
     """The sentence that a body which moves before its pressure deserves; none where it waits."""
-    window = before_inputs(ds)
-    if window is None or still_within(shown(ds), ds["time"].values, window):
+    window = before_inputs(recording)
+    if window is None or still_within(shown(recording), recording["time"].values, window):
         return []
-    what = "the pressure does" if "pressure" in ds else "its inputs do"
+    what = "the pressure does" if "pressure" in recording else "its inputs do"
     line = f"the body moves before {what} ({window[1]:.3g} s): their clocks differ, or a hand moved it"
     return [f"{line}; rest is taken from the shape"]
 

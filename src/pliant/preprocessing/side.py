@@ -19,7 +19,7 @@ ATTRIBUTE = "x_sign"
 
 
 def bending_sign(
-    ds: xr.Dataset, position: NDArray, pose: NDArray, origin: NDArray, x_axis: NDArray,
+    recording: xr.Dataset, position: NDArray, pose: NDArray, origin: NDArray, x_axis: NDArray,
 ) -> int:
     """Return the sense in which a body turns: 1 about +z, its tip towards -x; -1 about -z; 0 where nothing moves.
 
@@ -28,7 +28,7 @@ def bending_sign(
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         The recording.
     position : array (T, S, d)
         Of its stations, m.
@@ -41,10 +41,10 @@ def bending_sign(
     most = int(np.argmax(travel))
     sideways = (position[:, most] - pose[most]) @ x_axis if travel.max() > 0 else (position[:, -1] - origin) @ x_axis
     weight = sideways
-    if "pressure" in ds:
-        values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
+    if "pressure" in recording:
+        values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
         rise = np.nan_to_num(values - np.nanmin(values, axis=0, initial=np.inf)).sum(1)
-        level = np.interp(ds["time"].values, ds["pressure_time"].values, rise)
+        level = np.interp(recording["time"].values, recording["pressure_time"].values, rise)
         if level.max() > level.min():
             chosen = level > 0.5 * (level.max() + level.min())
             weight = np.where(chosen, sideways, 0.0)
@@ -52,35 +52,35 @@ def bending_sign(
     return -int(np.sign(largest[np.argmax(np.abs(largest))]))
 
 
-def planar_side(ds: xr.Dataset) -> int:
+def planar_side(recording: xr.Dataset) -> int:
     """Return `bending_sign` of a planar recording; 0 without positions or rest, or with several chambers."""
-    several = "pressure" in ds and ds["pressure"].ndim > 1 and ds.sizes["chamber"] > 1
-    if "position" not in ds or ds.attrs["frame"] != "planar" or several:
+    several = "pressure" in recording and recording["pressure"].ndim > 1 and recording.sizes["chamber"] > 1
+    if "position" not in recording or recording.attrs["frame"] != "planar" or several:
         return 0
-    position, time = ds["position"].values, ds["time"].values
+    position, time = recording["position"].values, recording["time"].values
     try:
-        start, end = rest_window(ds)
+        start, end = rest_window(recording)
     except InputError:  # never at rest
         return 0
     pose = mean_place(position[(time >= start) & (time <= end)])
-    return bending_sign(ds, position, pose, np.zeros(2), np.array([1.0, 0.0]))
+    return bending_sign(recording, position, pose, np.zeros(2), np.array([1.0, 0.0]))
 
 
-def half_turn(ds: xr.Dataset) -> xr.Dataset:
+def half_turn(recording: xr.Dataset) -> xr.Dataset:
     """Return a planar recording turned by pi about the base tangent: x and angles change their signs.
 
     `x_sign` of the result says so, and its history.
     """
-    changed = ds.assign_attrs({ATTRIBUTE: -x_sign(ds)})
-    if "position" in ds:
-        changed["position"] = ds["position"] * np.array([-1.0, 1.0])
-        changed["position"].attrs = ds["position"].attrs
-    if "angle" in ds:
-        changed["angle"] = -ds["angle"]
-        changed["angle"].attrs = ds["angle"].attrs
+    changed = recording.assign_attrs({ATTRIBUTE: -x_sign(recording)})
+    if "position" in recording:
+        changed["position"] = recording["position"] * np.array([-1.0, 1.0])
+        changed["position"].attrs = recording["position"].attrs
+    if "angle" in recording:
+        changed["angle"] = -recording["angle"]
+        changed["angle"].attrs = recording["angle"].attrs
     return append_history(changed, "turned by pi about the base tangent: x and angles change their signs")
 
 
-def x_sign(ds: xr.Dataset) -> int:
+def x_sign(recording: xr.Dataset) -> int:
     """Return the sign of a recording's own x axis in the base frame: -1 where the recording has made a `half_turn`."""
-    return int(ds.attrs.get(ATTRIBUTE, 1))
+    return int(recording.attrs.get(ATTRIBUTE, 1))

@@ -71,7 +71,7 @@ class Delay(Shown):
         return Card(self.summary(), [])
 
 
-def sync(ds: xr.Dataset, *, largest_s: float | None = None, drift: bool = False) -> Delay:
+def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool = False) -> Delay:
     """Find the offset, and where asked the drift, between the clocks of pressure and shape.
 
     A body of second order, with gains on pressure and its square and with slow creep, is driven by the pressure; the
@@ -80,7 +80,7 @@ def sync(ds: xr.Dataset, *, largest_s: float | None = None, drift: bool = False)
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         Recording with pressure and with position or angle.
     largest_s : float, optional
         Largest offset that is looked for, of either sign. Default: every offset at which half of the shorter record
@@ -94,10 +94,10 @@ def sync(ds: xr.Dataset, *, largest_s: float | None = None, drift: bool = False)
         When pressure or motion is missing or constant, when no offset explains the motion, or when two offsets explain
         it equally well, as with a periodic pressure.
     """
-    check_recording(ds)
-    if not ({"position", "angle"} & set(ds)) or "pressure" not in ds:
+    check_recording(recording)
+    if not ({"position", "angle"} & set(recording)) or "pressure" not in recording:
         raise InputError("clocks are compared by motion and pressure, but the recording lacks one of them")
-    body, pressure = body_course(ds), pressure_course(ds)
+    body, pressure = body_course(recording), pressure_course(recording)
     best, rival = two_best(body, pressure, offsets(body.time, pressure.time, largest_s))
     check_fit(best, rival, largest_s)
     warnings = doubts(best, pressure)
@@ -206,13 +206,13 @@ def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> ND
     return np.asarray(np.interp(delays, lags, score, left=0.0, right=0.0))
 
 
-def shift_pressure(ds: xr.Dataset, delay_s: float, drift: float = 0.0) -> xr.Dataset:
+def shift_pressure(recording: xr.Dataset, delay_s: float, drift: float = 0.0) -> xr.Dataset:
     """Move the clock of the pressure onto that of the shape: its times become ``t * (1 + drift) + delay_s``."""
-    check_recording(ds)
-    if "pressure" not in ds or not (np.isfinite(delay_s) and np.isfinite(drift)):
+    check_recording(recording)
+    if "pressure" not in recording or not (np.isfinite(delay_s) and np.isfinite(drift)):
         raise InputError("shift_pressure needs a recording with pressure and a finite delay in seconds")
-    clock = ds["pressure_time"].copy(data=ds["pressure_time"].values * (1.0 + drift) + delay_s)
-    shifted = ds.assign_coords(pressure_time=clock.values)
-    shifted["pressure_time"].attrs = dict(ds["pressure_time"].attrs)
+    clock = recording["pressure_time"].copy(data=recording["pressure_time"].values * (1.0 + drift) + delay_s)
+    shifted = recording.assign_coords(pressure_time=clock.values)
+    shifted["pressure_time"].attrs = dict(recording["pressure_time"].attrs)
     rate = f" and its rate by {1e6 * drift:+.0f} ppm" if drift else ""
     return append_history(shifted, f"clock of the pressure moved by {1e3 * delay_s:+.2f} ms{rate}")

@@ -17,12 +17,12 @@ read = read_recording
 __all__ = ["Reader", "append_history", "check_recording", "make_recording", "read", "readers", "write"]
 
 
-def write(ds: xr.Dataset, path: str | Path) -> Path:
+def write(recording: xr.Dataset, path: str | Path) -> Path:
     """Write a recording as netCDF (.nc) or wide CSV (.csv), whole or not at all.
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         A recording; see `check_recording`.
     path : str or Path
         Its ending chooses the format. A file of this name is replaced.
@@ -42,9 +42,9 @@ def write(ds: xr.Dataset, path: str | Path) -> Path:
     >>> import tempfile
     >>> import pliant
     >>> from pliant.recording import make_recording
-    >>> ds = make_recording([0.0, 0.1], [[[0, 0, 0]], [[0, 0.1, 0]]], station=["tip"])
+    >>> recording = make_recording([0.0, 0.1], [[[0, 0, 0]], [[0, 0.1, 0]]], station=["tip"])
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     pliant.write(ds, f"{folder}/a.csv").name
+    ...     pliant.write(recording, f"{folder}/a.csv").name
     'a.csv'
     """
     path = Path(path)
@@ -52,11 +52,11 @@ def write(ds: xr.Dataset, path: str | Path) -> Path:
     if suffix in (".nc", ".nc4"):
         from pliant.recording.netcdf import write_netcdf
 
-        write_netcdf(ds, path)
+        write_netcdf(recording, path)
     elif suffix == ".csv":
         from pliant.recording.wide_csv import write_wide_csv
 
-        write_wide_csv(ds, path)
+        write_wide_csv(recording, path)
     else:
         raise InputError(f"recordings are written as .nc or .csv, not {path.name!r}")
     return path

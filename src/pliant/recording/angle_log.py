@@ -85,12 +85,12 @@ def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     }  # fmt: skip
     if pressures:
         table["pressure"] = {"columns": pressures, "unit": units["pressure"]}
-    ds = read_columns(path, table)
-    step = float(np.median(np.diff(ds["time"].values))) if ds.sizes["time"] > 1 else 0.0
+    recording = read_columns(path, table)
+    step = float(np.median(np.diff(recording["time"].values))) if recording.sizes["time"] > 1 else 0.0
     if step > SLOWEST and not (options.time_unit or found[clocks[0]][1]):
         raise InputError(f"{path.name}: its times go in steps of {step:.4g}, too long for seconds: state time_unit, "
                          "'s', 'ms' or 'us', in its mapping")  # fmt: skip
-    return ds
+    return recording
 
 
 def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:

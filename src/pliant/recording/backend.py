@@ -34,9 +34,9 @@ class RecordingBackend(BackendEntrypoint):
         """Read a file; `mapping` and `format` as in `pliant.read`."""
         if not isinstance(filename_or_obj, (str, os.PathLike)):
             raise InputError(f"a recording is opened by its path, not by {type(filename_or_obj).__name__}")
-        ds = read_recording(Path(filename_or_obj), mapping=mapping, format=format)
+        recording = read_recording(Path(filename_or_obj), mapping=mapping, format=format)
         names = [drop_variables] if isinstance(drop_variables, str) else list(drop_variables or ())
-        return ds.drop_vars(names, errors="ignore")
+        return recording.drop_vars(names, errors="ignore")
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
         """Only C3D is ours beyond doubt; for other endings the engine must be named."""

@@ -23,29 +23,29 @@ class RecordedInput(NamedTuple):
     values: NDArray  # (P,) SI
 
 
-def recorded_inputs(ds: xr.Dataset) -> list[RecordedInput]:
+def recorded_inputs(recording: xr.Dataset) -> list[RecordedInput]:
     """All measured inputs of a recording, its pressures first, each on its own clock."""
     found = []
-    if "pressure" in ds:
-        values = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
-        names = [str(c) for c in ds["chamber"].values] if "chamber" in ds["pressure"].dims else [""]
-        clock = ds["pressure_time"].values
+    if "pressure" in recording:
+        values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
+        names = [str(c) for c in recording["chamber"].values] if "chamber" in recording["pressure"].dims else [""]
+        clock = recording["pressure_time"].values
         found += [RecordedInput(n, "pressure", "Pa", clock, v) for n, v in zip(names, values.T, strict=True)]
-    if "actuation" in ds:
-        clock, kinds = ds["input_time"].values, [str(k) for k in ds["kind"].values]
-        for name, kind, values in zip(ds["input"].values, kinds, ds["actuation"].values.T, strict=True):
+    if "actuation" in recording:
+        clock, kinds = recording["input_time"].values, [str(k) for k in recording["kind"].values]
+        for name, kind, values in zip(recording["input"].values, kinds, recording["actuation"].values.T, strict=True):
             found.append(RecordedInput(str(name), kind, INPUT_UNITS[kind], clock, values))
     return found
 
 
-def input_arguments(ds: xr.Dataset) -> dict[str, Any]:
+def input_arguments(recording: xr.Dataset) -> dict[str, Any]:
     """Arguments of `make_recording` that give another recording the same inputs."""
     names = {"pressure": "pressure", "pressure_time": "pressure_time", "chamber": "chamber", "actuation": "actuation",
              "input_time": "input_time", "input_names": "input", "input_kind": "kind"}  # fmt: skip
-    return {argument: ds[name].values for argument, name in names.items() if name in ds.variables}
+    return {argument: recording[name].values for argument, name in names.items() if name in recording.variables}
 
 
-def inputs_at(ds: xr.Dataset, time: NDArray) -> NDArray:
+def inputs_at(recording: xr.Dataset, time: NDArray) -> NDArray:
     """Measured inputs (T, C) at the times [s], linear between their samples and held beyond them; C may be 0."""
-    rows = [np.interp(time, one.time, one.values) for one in recorded_inputs(ds)]
+    rows = [np.interp(time, one.time, one.values) for one in recorded_inputs(recording)]
     return np.stack(rows, -1) if rows else np.zeros((len(time), 0))

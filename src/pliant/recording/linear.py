@@ -45,7 +45,7 @@ def without_lines(mapping: Mapping[str, Any] | None) -> tuple[Mapping[str, Any] 
     return {k: v for k, v in mapping.items() if k != KEY} or None, mapping[KEY]
 
 
-def scaled(ds: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
+def scaled(recording: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
     """The recording with scale and offset of its channels applied, each named in its history.
 
     Raises
@@ -57,24 +57,28 @@ def scaled(ds: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
         raise InputError(f"the mapping for {file}: {KEY} is a table by channel, such as {KEY}.pressure")
     for name, entry in lines.items():
         line = LinearScale.load(entry if hasattr(entry, "items") else {"scale": entry}, file)
-        variable, where = channel(ds, str(name), file)
+        variable, where = channel(recording, str(name), file)
         added = line.offset * factor(variable, line, str(name), file)
-        values = ds[variable].copy(deep=True)
+        values = recording[variable].copy(deep=True)
         values[where] = line.scale * values[where] + added
         finding = f"{name} is {line.scale:g} times what the file holds, plus {line.offset:g} {line.unit or ''}".rstrip()
-        history = "\n".join(filter(None, [str(ds.attrs.get("history", "")), finding]))
-        ds = ds.assign({variable: values}).assign_attrs(history=history)
-    return ds
+        history = "\n".join(filter(None, [str(recording.attrs.get("history", "")), finding]))
+        recording = recording.assign({variable: values}).assign_attrs(history=history)
+    return recording
 
 
-def channel(ds: xr.Dataset, name: str, file: str) -> tuple[str, dict[str, Any]]:
+def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str, Any]]:
     """The variable that a line concerns, and which of its channels."""
-    if name in CHANNELS and name in ds:
+    if name in CHANNELS and name in recording:
         return name, {}
     for variable, (dimension, _) in CHANNELS.items():
-        if variable in ds and dimension in ds[variable].dims and name in [str(n) for n in ds[dimension].values]:
-            return variable, {dimension: [str(n) for n in ds[dimension].values].index(name)}
-    held = ", ".join(v for v in CHANNELS if v in ds)
+        if (
+            variable in recording
+            and dimension in recording[variable].dims
+            and name in [str(n) for n in recording[dimension].values]
+        ):
+            return variable, {dimension: [str(n) for n in recording[dimension].values].index(name)}
+    held = ", ".join(v for v in CHANNELS if v in recording)
     raise InputError(f"the mapping for {file}: {KEY} names {name!r}, which is no channel of it; it holds {held}")
 
 

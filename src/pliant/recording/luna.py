@@ -77,19 +77,21 @@ def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
     InputError
         When clocks or gauges differ, or a core's name repeats.
     """
-    if not recordings or any("strain" not in ds for ds in recordings):
+    if not recordings or any("strain" not in recording for recording in recordings):
         raise InputError("combine_cores needs recordings of strain")
     first = recordings[0]
-    for ds in recordings[1:]:
+    for recording in recordings[1:]:
         for name in ("time", "gauge_position"):
-            same = ds[name].shape == first[name].shape and np.allclose(ds[name], first[name], rtol=0, atol=1e-6)
+            same = recording[name].shape == first[name].shape and np.allclose(
+                recording[name], first[name], rtol=0, atol=1e-6
+            )
             if not same:
                 raise InputError(f"the cores differ in {name}: resample them to one first")
-    names = [str(c) for ds in recordings for c in ds["core"].values]
+    names = [str(c) for recording in recordings for c in recording["core"].values]
     if len(set(names)) != len(names):
         raise InputError(f"the names of the cores must differ, but they are {', '.join(names)}")
     joined = make_recording(
-        first["time"].values, strain=np.concatenate([ds["strain"].values for ds in recordings], 1),
+        first["time"].values, strain=np.concatenate([recording["strain"].values for recording in recordings], 1),
         gauge_position=first["gauge_position"].values, core=names, attrs=dict(first.attrs),
     )  # fmt: skip
     return append_history(joined, f"joined {len(names)} cores: {', '.join(names)}")

@@ -83,12 +83,12 @@ def _attributes(stored: dict[str, Any]) -> dict[str, Any]:
             for key, value in stored.items()}  # fmt: skip
 
 
-def write_netcdf(ds: xr.Dataset, path: Path, *, float32: bool = False, compress: bool = False) -> None:
+def write_netcdf(recording: xr.Dataset, path: Path, *, float32: bool = False, compress: bool = False) -> None:
     """Write a recording as netCDF, whole or not at all.
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         A recording.
     path : Path
     float32 : bool
@@ -96,15 +96,15 @@ def write_netcdf(ds: xr.Dataset, path: Path, *, float32: bool = False, compress:
     compress : bool
         Deflate the measured arrays: smaller and slower.
     """
-    check_recording(ds)
+    check_recording(recording)
     encoding: dict[str, dict[str, Any]] = {}
     for name in VARIABLES:
-        if name in ds:
+        if name in recording:
             encoding[name] = {"dtype": "float32" if float32 else "float64", "_FillValue": None}
             if compress:
                 encoding[name] |= {"zlib": True, "complevel": 1, "shuffle": True}
-    attrs = {key: _storable(value) for key, value in ds.attrs.items()} | {"Conventions": "CF-1.11"}
-    plain = ds.drop_encoding().assign_attrs(attrs)
+    attrs = {key: _storable(value) for key, value in recording.attrs.items()} | {"Conventions": "CF-1.11"}
+    plain = recording.drop_encoding().assign_attrs(attrs)
     with whole(path) as temporary:
         try:
             plain.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
@@ -122,20 +122,24 @@ def _storable(value: Any) -> Any:
     return json.dumps(value, default=str)
 
 
-def _in_memory(ds: xr.Dataset) -> xr.Dataset:
+def _in_memory(recording: xr.Dataset) -> xr.Dataset:
     """Double precision, plain strings, no traces of the file."""
-    ds = ds.drop_encoding()
+    recording = recording.drop_encoding()
     for name in ("station", "axis", "component", "chamber", "core", "input", "kind"):
-        if name in ds.coords:
-            ds = ds.assign_coords({name: ds[name].astype(str)})
+        if name in recording.coords:
+            recording = recording.assign_coords({name: recording[name].astype(str)})
     for name in (*VARIABLES, *COORDINATES):
-        if name in ds.variables and ds[name].dtype.kind in "iuf" and ds[name].dtype != np.float64:
-            converted = ds[name].astype(np.float64)
-            ds = ds.assign_coords({name: converted}) if name in ds.coords else ds.assign({name: converted})
-    attrs = {key: value.item() if isinstance(value, np.generic) else value for key, value in ds.attrs.items()}
+        if name in recording.variables and recording[name].dtype.kind in "iuf" and recording[name].dtype != np.float64:
+            converted = recording[name].astype(np.float64)
+            recording = (
+                recording.assign_coords({name: converted})
+                if name in recording.coords
+                else recording.assign({name: converted})
+            )
+    attrs = {key: value.item() if isinstance(value, np.generic) else value for key, value in recording.attrs.items()}
     attrs.pop("Conventions", None)
-    ds.attrs = attrs  # ds is ours since drop_encoding
-    return ds
+    recording.attrs = attrs  # it is ours since drop_encoding
+    return recording
 
 
 def _recognises(head: bytes) -> bool:

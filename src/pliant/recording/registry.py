@@ -144,18 +144,18 @@ def read_recording(
     mapping, lines = without_lines(mapping)
     reader = _choose(path, head, mapping, format)
     try:
-        ds = check_recording(scaled(reader.read(path, mapping), lines, path.name))
+        recording = check_recording(scaled(reader.read(path, mapping), lines, path.name))
     except InputError as error:
         raise InputError(f"{error}{looks_like(head, reader.name)}") from None
-    return ds.assign_attrs(_provenance(ds, path, reader.name, digest))
+    return recording.assign_attrs(_provenance(recording, path, reader.name, digest))
 
 
-def _provenance(ds: xr.Dataset, path: Path, name: str, digest: str) -> dict[str, str]:
+def _provenance(recording: xr.Dataset, path: Path, name: str, digest: str) -> dict[str, str]:
     """Attributes of origin; a recording that was read before keeps its first source."""
     line = f"read {path.name} as {name}"
-    history = str(ds.attrs.get("history", ""))
+    history = str(recording.attrs.get("history", ""))
     attrs = {"history": f"{history}\n{line}" if history else line}
-    if not ds.attrs.get("source"):
+    if not recording.attrs.get("source"):
         attrs |= {"source": path.name, "source_format": name, "source_sha256": digest}
     return attrs
 

@@ -48,8 +48,8 @@ VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
 }
 
 
-def check_recording(ds: xr.Dataset) -> xr.Dataset:
-    """Return `ds` unchanged when it keeps the rules of the schema.
+def check_recording(recording: xr.Dataset) -> xr.Dataset:
+    """Return `recording` unchanged when it keeps the rules of the schema.
 
     Refused are: another schema or a newer version; a variable with unknown dimensions or without its
     units; a clock that is not finite and strictly increasing, by 1 ns at least; infinite values and those
@@ -62,44 +62,44 @@ def check_recording(ds: xr.Dataset) -> xr.Dataset:
     InputError
         Says which rule is broken, and where.
     """
-    _check_attributes(ds)
-    if not {"position", "angle", "strain", "pressure", "actuation"} & set(ds.data_vars):
+    _check_attributes(recording)
+    if not {"position", "angle", "strain", "pressure", "actuation"} & set(recording.data_vars):
         raise InputError(
             "a recording holds position, angle, strain, pressure or another input, but this one holds "
-            f"{', '.join(map(str, ds.data_vars)) or 'no variable'}"
+            f"{', '.join(map(str, recording.data_vars)) or 'no variable'}"
         )
     for name, (allowed, units, _) in VARIABLES.items():
-        if name in ds:
-            _check_array(ds[name], name, allowed, units)
+        if name in recording:
+            _check_array(recording[name], name, allowed, units)
     for name, (dims, units, _) in COORDINATES.items():
-        if name in ds.coords:
-            _check_array(ds[name], name, (dims,), units)
-    if {"position", "angle", "strain"} & set(ds.data_vars):
-        _check_clock(ds, "time")
-    if "pressure" in ds:
-        _check_clock(ds, "pressure_time")
-    if "actuation" in ds:
-        _check_clock(ds, "input_time")
-        _check_inputs(ds)
-    _check_names(ds)
-    _check_stations(ds)
-    _check_rotations(ds)
-    return ds
+        if name in recording.coords:
+            _check_array(recording[name], name, (dims,), units)
+    if {"position", "angle", "strain"} & set(recording.data_vars):
+        _check_clock(recording, "time")
+    if "pressure" in recording:
+        _check_clock(recording, "pressure_time")
+    if "actuation" in recording:
+        _check_clock(recording, "input_time")
+        _check_inputs(recording)
+    _check_names(recording)
+    _check_stations(recording)
+    _check_rotations(recording)
+    return recording
 
 
-def _check_attributes(ds: xr.Dataset) -> None:
-    _check_texts("the recording", ds.attrs, TEXTS)
-    if ds.attrs.get("schema") != SCHEMA:
+def _check_attributes(recording: xr.Dataset) -> None:
+    _check_texts("the recording", recording.attrs, TEXTS)
+    if recording.attrs.get("schema") != SCHEMA:
         raise InputError(
-            f"expected a recording with attribute schema={SCHEMA!r}, but found {ds.attrs.get('schema')!r}; "
+            f"expected a recording with attribute schema={SCHEMA!r}, but found {recording.attrs.get('schema')!r}; "
             "build one with make_recording or read one with read"
         )
-    version = ds.attrs.get("schema_version")
+    version = recording.attrs.get("schema_version")
     if not isinstance(version, (int, np.integer)) or not 1 <= int(version) <= SCHEMA_VERSION:
         raise InputError(f"recordings of schema_version 1 to {SCHEMA_VERSION} are known, not {version!r}")
-    if ds.attrs.get("frame") not in FRAMES:
-        raise InputError(f"frame of a recording is one of {', '.join(FRAMES)}, not {ds.attrs.get('frame')!r}")
-    pressure = ds.attrs.get("nominal_pressure", 0.0)
+    if recording.attrs.get("frame") not in FRAMES:
+        raise InputError(f"frame of a recording is one of {', '.join(FRAMES)}, not {recording.attrs.get('frame')!r}")
+    pressure = recording.attrs.get("nominal_pressure", 0.0)
     if not isinstance(pressure, (int, float, np.number)) or not np.isfinite(pressure):
         raise InputError(f"nominal_pressure must be a finite number of pascals, not {pressure!r}")
 
@@ -131,10 +131,10 @@ def _check_array(array: xr.DataArray, name: str, allowed: Sequence[tuple[str, ..
         )
 
 
-def _check_clock(ds: xr.Dataset, name: str) -> None:
-    if name not in ds.coords:
+def _check_clock(recording: xr.Dataset, name: str) -> None:
+    if name not in recording.coords:
         raise InputError(f"the recording has no coordinate {name}")
-    clock = ds[name].values
+    clock = recording[name].values
     if clock.size == 0:
         raise InputError(f"the recording is empty: {name} has no sample")
     if not np.isfinite(clock).all():
@@ -148,54 +148,54 @@ def _check_clock(ds: xr.Dataset, name: str) -> None:
         )
 
 
-def _check_names(ds: xr.Dataset) -> None:
+def _check_names(recording: xr.Dataset) -> None:
     """No name breaks out of the line, the table or the figure that it is written into."""
     for kind in ("station", "chamber", "core", "input"):
-        for name in ds[kind].values if kind in ds.coords else ():
+        for name in recording[kind].values if kind in recording.coords else ():
             if not is_line(str(name)):
                 raise InputError(f"the name of a {kind} must be one printable line: {clipped(repr(str(name)), 60)}")
 
 
-def _check_inputs(ds: xr.Dataset) -> None:
+def _check_inputs(recording: xr.Dataset) -> None:
     """Every input has a name of its own and a known kind."""
-    if "input" not in ds.coords or "kind" not in ds.coords or ds["kind"].dims != ("input",):
+    if "input" not in recording.coords or "kind" not in recording.coords or recording["kind"].dims != ("input",):
         raise InputError("actuation needs the coordinates input, the names, and kind along it")
-    if strange := [str(k) for k in ds["kind"].values if str(k) not in INPUT_UNITS]:
+    if strange := [str(k) for k in recording["kind"].values if str(k) not in INPUT_UNITS]:
         kinds = ", ".join(INPUT_UNITS)
         raise InputError(f"the kind of an input is one of {kinds}, not {clipped(repr(strange[0]), 60)}")
-    names = [str(n) for n in ds["input"].values]
+    names = [str(n) for n in recording["input"].values]
     if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
         raise InputError(f"input names must differ, but these repeat: {clipped(', '.join(repeated), 200)}")
 
 
-def _check_stations(ds: xr.Dataset) -> None:
-    shown = next((name for name in ("position", "angle") if name in ds), None)
+def _check_stations(recording: xr.Dataset) -> None:
+    shown = next((name for name in ("position", "angle") if name in recording), None)
     if shown is None:
         return
-    names = [str(n) for n in ds["station"].values] if "station" in ds.coords else []
-    if not names or len(names) != ds.sizes["station"]:
+    names = [str(n) for n in recording["station"].values] if "station" in recording.coords else []
+    if not names or len(names) != recording.sizes["station"]:
         raise InputError(f"{shown} needs at least one station and a name for each")
     repeated = sorted(name for name, count in Counter(names).items() if count > 1)
     if repeated:
         raise InputError(f"station names must differ, but these repeat: {clipped(', '.join(repeated), 200)}")
     if shown == "angle":
         return
-    axes = [str(a) for a in ds["axis"].values] if "axis" in ds.coords else []
-    expected = ["x", "y"] if ds.attrs["frame"] == "planar" else ["x", "y", "z"]
+    axes = [str(a) for a in recording["axis"].values] if "axis" in recording.coords else []
+    expected = ["x", "y"] if recording.attrs["frame"] == "planar" else ["x", "y", "z"]
     if axes != expected:
-        raise InputError(f"the axes of a recording in frame {ds.attrs['frame']!r} are {expected}, not {axes}")
+        raise InputError(f"the axes of a recording in frame {recording.attrs['frame']!r} are {expected}, not {axes}")
 
 
-def _check_rotations(ds: xr.Dataset) -> None:
-    if "angle" in ds:
-        if ds.attrs["frame"] != "planar":
+def _check_rotations(recording: xr.Dataset) -> None:
+    if "angle" in recording:
+        if recording.attrs["frame"] != "planar":
             raise InputError("angle belongs to planar recordings only: align the recording first")
-        if ds["angle"].attrs.get("reference") not in REFERENCES:
+        if recording["angle"].attrs.get("reference") not in REFERENCES:
             raise InputError("angle must carry the attribute reference, 'rest' or 'base'")
-    if "quaternion" in ds:
-        if ds.attrs["frame"] == "spatial" and ds["quaternion"].attrs.get("reference") not in REFERENCES:
+    if "quaternion" in recording:
+        if recording.attrs["frame"] == "spatial" and recording["quaternion"].attrs.get("reference") not in REFERENCES:
             raise InputError("quaternion of an aligned recording must carry the attribute reference, 'rest' or 'base'")
-        norm = np.linalg.norm(ds["quaternion"].values, axis=-1)
+        norm = np.linalg.norm(recording["quaternion"].values, axis=-1)
         wrong = np.abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE  # NaN compares false: no orientation
         if wrong.any():
             raise InputError(f"{int(wrong.sum())} quaternion(s) are not of unit length; normalise them")

@@ -107,8 +107,8 @@ def make_recording(
     Examples
     --------
     >>> from pliant.recording import make_recording
-    >>> ds = make_recording([0.0, 0.1], [[[0, 0, 0], [0, 0.1, 0]], [[0, 0, 0], [0.01, 0.099, 0]]])
-    >>> dict(ds.sizes)
+    >>> recording = make_recording([0.0, 0.1], [[[0, 0, 0], [0, 0.1, 0]], [[0, 0, 0], [0.01, 0.099, 0]]])
+    >>> dict(recording.sizes)
     {'time': 2, 'station': 2, 'axis': 3}
     """
     variables: dict[str, Any] = {}
@@ -132,24 +132,24 @@ def make_recording(
     _add_pressure(variables, coords, pressure, pressure_time, chamber)
     _add_inputs(variables, coords, actuation, input_time, input_names, input_kind)
     _add_strain(variables, coords, strain, gauge_position, core)
-    ds = _assemble(variables, coords)
-    for name in [n for n in ("angle", "quaternion") if n in ds and frame != "tracker"]:
-        ds[name].attrs["reference"] = angle_reference
+    recording = _assemble(variables, coords)
+    for name in [n for n in ("angle", "quaternion") if n in recording and frame != "tracker"]:
+        recording[name].attrs["reference"] = angle_reference
     lines = [history] if isinstance(history, str) else list(history)
-    ds.attrs = {
+    recording.attrs = {
         "schema": SCHEMA, "schema_version": SCHEMA_VERSION, "frame": frame, "source": source,
         "source_format": source_format, "source_sha256": source_sha256,
         "pressure_reference": "gauge", "history": "\n".join(line for line in lines if line),
     } | (attrs or {})  # fmt: skip
     if nominal_pressure is not None:
-        ds.attrs["nominal_pressure"] = float(nominal_pressure)
-    return check_recording(ds)
+        recording.attrs["nominal_pressure"] = float(nominal_pressure)
+    return check_recording(recording)
 
 
-def append_history(ds: xr.Dataset, *lines: str) -> xr.Dataset:
-    """Return the recording with more lines of history; the data are shared, `ds` stays as it was."""
-    kept = [line for line in str(ds.attrs.get("history", "")).split("\n") if line]
-    return ds.assign_attrs(history="\n".join([*kept, *(line.replace("\n", " ") for line in lines)]))
+def append_history(recording: xr.Dataset, *lines: str) -> xr.Dataset:
+    """Return the recording with more lines of history; the data are shared, `recording` stays as it was."""
+    kept = [line for line in str(recording.attrs.get("history", "")).split("\n") if line]
+    return recording.assign_attrs(history="\n".join([*kept, *(line.replace("\n", " ") for line in lines)]))
 
 
 def _floats(name: str, value: ArrayLike, ndim: int) -> NDArray[np.float64]:
@@ -224,11 +224,11 @@ def _assemble(variables: dict, coords: dict) -> xr.Dataset:
     import xarray as xr
 
     try:
-        ds = xr.Dataset(variables, coords)
+        recording = xr.Dataset(variables, coords)
     except ValueError as error:
         shapes = {name: np.shape(value[1]) for name, value in variables.items()}
         raise InputError(f"the arrays of a recording do not fit together: {shapes}; {error}") from None
     for name, (_, units, long_name) in (VARIABLES | COORDINATES).items():
-        if name in ds.variables:
-            ds[name].attrs.update(units=units, long_name=long_name)
-    return ds
+        if name in recording.variables:
+            recording[name].attrs.update(units=units, long_name=long_name)
+    return recording

@@ -93,7 +93,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     return _recording(columns, metadata, path.name, findings)
 
 
-def write_wide_csv(ds: xr.Dataset, path: Path) -> None:
+def write_wide_csv(recording: xr.Dataset, path: Path) -> None:
     """Write a recording as wide CSV with full precision; its pressure must be on the clock of the shape.
 
     Raises
@@ -101,24 +101,26 @@ def write_wide_csv(ds: xr.Dataset, path: Path) -> None:
     InputError
         When the recording holds what one table cannot: two clocks, strain, or inputs other than pressure.
     """
-    check_recording(ds)
-    if "position" not in ds or {"strain", "actuation"} & set(ds):
+    check_recording(recording)
+    if "position" not in recording or {"strain", "actuation"} & set(recording):
         raise InputError("a wide CSV holds positions and pressure, not strain or other inputs: write netCDF (.nc) "
                          "instead")
-    columns: dict[str, Any] = {"t": ds["time"].values}
-    if "pressure" in ds:
-        columns |= _pressure_columns(ds)
-    labels = [f"{i:03d}" for i in range(ds.sizes["station"])]
+    columns: dict[str, Any] = {"t": recording["time"].values}
+    if "pressure" in recording:
+        columns |= _pressure_columns(recording)
+    labels = [f"{i:03d}" for i in range(recording.sizes["station"])]
     for i, label in enumerate(labels):
-        columns |= {f"{a}_{label}": ds["position"].values[:, i, k] for k, a in enumerate(ds["axis"].values)}
-        if "quaternion" in ds:
-            q = ds["quaternion"].values[:, i]
+        columns |= {
+            f"{a}_{label}": recording["position"].values[:, i, k] for k, a in enumerate(recording["axis"].values)
+        }
+        if "quaternion" in recording:
+            q = recording["quaternion"].values[:, i]
             columns |= {f"q{c}_{label}": q[:, k] for k, c in enumerate(COMPONENTS)}
-        if "angle" in ds:
-            columns[f"angle_{label}"] = ds["angle"].values[:, i]
+        if "angle" in recording:
+            columns[f"angle_{label}"] = recording["angle"].values[:, i]
     rows = np.column_stack(list(columns.values())).tolist()
     table = [",".join(columns), *(",".join("" if v != v else repr(v) for v in row) for row in rows), ""]  # noqa: PLR0124
-    metadata = _written_metadata(ds) | {"table_sha256": _checksum(table)}
+    metadata = _written_metadata(recording) | {"table_sha256": _checksum(table)}
     with whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.write("# " + json.dumps(metadata, ensure_ascii=False) + "\n")
         file.write("\n".join(table))
@@ -283,29 +285,29 @@ def _kept(metadata: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def _pressure_columns(ds: xr.Dataset) -> dict[str, NDArray]:
-    if not np.array_equal(ds["pressure_time"].values, ds["time"].values):
+def _pressure_columns(recording: xr.Dataset) -> dict[str, NDArray]:
+    if not np.array_equal(recording["pressure_time"].values, recording["time"].values):
         raise InputError(
             "a wide CSV has one clock, but pressure and shape have two: write netCDF (.nc), or resample the "
             "pressure to the clock of the shape first"
         )
-    values = ds["pressure"].values
+    values = recording["pressure"].values
     if values.ndim == 1:
         return {"p_pa": values}
-    return {f"p_pa_{c}": values[:, k] for k, c in enumerate(ds["chamber"].values)}
+    return {f"p_pa_{c}": values[:, k] for k, c in enumerate(recording["chamber"].values)}
 
 
-def _written_metadata(ds: xr.Dataset) -> dict[str, Any]:
-    metadata = {"rows": ds.sizes["time"], "length_unit": "m", "station": ds["station"].values.tolist()}
+def _written_metadata(recording: xr.Dataset) -> dict[str, Any]:
+    metadata = {"rows": recording.sizes["time"], "length_unit": "m", "station": recording["station"].values.tolist()}
     for name in ("frame", "nominal_pressure", "history", "source", "source_format", "source_sha256"):
-        if ds.attrs.get(name) not in (None, ""):
-            metadata[name] = ds.attrs[name]
-    if "arc_length" in ds.coords:
-        metadata["arc_length"] = ds["arc_length"].values.tolist()
+        if recording.attrs.get(name) not in (None, ""):
+            metadata[name] = recording.attrs[name]
+    if "arc_length" in recording.coords:
+        metadata["arc_length"] = recording["arc_length"].values.tolist()
     for name in ("angle", "quaternion"):
-        if name in ds and "reference" in ds[name].attrs:
-            metadata["angle_reference"] = ds[name].attrs["reference"]
-    other = ds.attrs.get("metadata")
+        if name in recording and "reference" in recording[name].attrs:
+            metadata["angle_reference"] = recording[name].attrs["reference"]
+    other = recording.attrs.get("metadata")
     return metadata | (json.loads(other) if isinstance(other, str) else {})
 
 

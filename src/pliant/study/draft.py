@@ -166,8 +166,8 @@ def looks_at(
     """First looks at the recordings, all of them in the plane or in space; in space where one of them shows it."""
     pairs = with_logs([Path(f) for f in files])
     looks = [look_with_log(shape, log, mapping, space=space) for shape, log in pairs]
-    if driven := [look for look in looks if "actuation" in look.ds]:
-        kinds = ", ".join(sorted({str(k) for k in driven[0].ds["kind"].values}))
+    if driven := [look for look in looks if "actuation" in look.recording]:
+        kinds = ", ".join(sorted({str(k) for k in driven[0].recording["kind"].values}))
         raise InputError(f"{driven[0].path.name} is driven by inputs of the kind {kinds}, and a draft takes pressures: "
                          "write the study by hand")  # fmt: skip
     spatial = any(look.spatial for look in looks) if space is None else space
@@ -292,13 +292,13 @@ def fibre(out: Lines, look: FirstLook, length: float | None) -> None:
     out.table("fibre")
     out.say("the cap's curvature marks the tip; the base lies one body length before it")
     out.ask("body_length", "m, of the body along the fibre", length, "m, as you stated")
-    out.put("cap_curvature", float(look.ds.attrs["cap_curvature"]), "1/m, as the file says")
-    out.put("cap_length", float(look.ds.attrs["cap_length"]), "m, as the file says")
+    out.put("cap_curvature", float(look.recording.attrs["cap_curvature"]), "1/m, as the file says")
+    out.put("cap_length", float(look.recording.attrs["cap_length"]), "m, as the file says")
 
 
 def alignment(out: Lines, look: FirstLook) -> None:
     """From the tracker's frame to the base frame."""
-    if look.ds.attrs["frame"] == "planar":
+    if look.recording.attrs["frame"] == "planar":
         if not look.dense:
             out.table("alignment.options")
             out.put("base", look.base, "the recording is planar already; this station stands still and is not fitted")
@@ -425,9 +425,9 @@ def chamber_parameters(names: Sequence[str]) -> list[tuple[str, str]]:
 
 def place_parameters(first: FirstLook, kinds: Collection[str]) -> list[tuple[str, str]]:
     """The error of the base tangent and the place of the last station, where they are markers."""
-    if first.dense or first.ds.attrs["frame"] == "planar" or set(kinds) == {"release"}:
+    if first.dense or first.recording.attrs["frame"] == "planar" or set(kinds) == {"release"}:
         return []
-    tip = (list(first.stations) or [str(s) for s in first.ds["station"].values])[-1]
+    tip = (list(first.stations) or [str(s) for s in first.recording["station"].values])[-1]
     place = [(f"{tip}.along", "m, where the last station sits"), (f"{tip}.across", "m")]
     if spatial_study([first]):
         tilts = [(f"base_tilt_{axis}", f"rad, error of the tangent about {axis}") for axis in "xy"]

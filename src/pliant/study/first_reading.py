@@ -45,9 +45,13 @@ def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [] if not fits or {"camera", "length_unit"} & set(stated) else [{"camera": MADE_UP}]
 
 
-def several(ds: xr.Dataset) -> list[str]:
+def several(recording: xr.Dataset) -> list[str]:
     """Names of the chambers where a recording has more than one."""
-    return [str(c) for c in ds["chamber"].values] if "chamber" in ds.dims and ds.sizes["chamber"] > 1 else []
+    return (
+        [str(c) for c in recording["chamber"].values]
+        if "chamber" in recording.dims and recording.sizes["chamber"] > 1
+        else []
+    )
 
 
 def narrowed(

@@ -44,7 +44,7 @@ class FirstLook:
     Attributes
     ----------
     path : Path
-    ds : xarray.Dataset
+    recording : xarray.Dataset
     found : Quality
     mapping : dict or None
     stations : dict
@@ -60,11 +60,11 @@ class FirstLook:
     made_up : dict
         What nobody said and was made up to read the file, for its shape alone: a camera, or units.
     log : Path or None
-        Log of the pressure in a file of its own; `ds` then holds it, on its own clock.
+        Log of the pressure in a file of its own; `recording` then holds it, on its own clock.
     """
 
     path: Path
-    ds: xr.Dataset
+    recording: xr.Dataset
     found: Quality
     mapping: dict[str, Any] | None
     stations: dict[str, list[str]] = field(default_factory=dict)
@@ -83,13 +83,13 @@ class FirstLook:
     @property
     def grouped(self) -> xr.Dataset:
         """The recording, with one station for each cluster of markers."""
-        return assemble(self.ds, self.stations) if self.stations else self.ds
+        return assemble(self.recording, self.stations) if self.stations else self.recording
 
     @property
     def base(self) -> str:
         """Name of the base station."""
-        report = json.loads(str(self.ds.attrs.get("alignment", "{}")))
-        return str(self.options.get("base") or report.get("base") or self.ds["station"].values[0])
+        report = json.loads(str(self.recording.attrs.get("alignment", "{}")))
+        return str(self.options.get("base") or report.get("base") or self.recording["station"].values[0])
 
     @property
     def scaled(self) -> bool:
@@ -99,13 +99,13 @@ class FirstLook:
     @property
     def turns(self) -> bool:
         """Whether the file holds angles and no places."""
-        return "position" not in self.ds
+        return "position" not in self.recording
 
     @property
     def shown(self) -> np.ndarray:
         """What the last station did (T, axes): its place, or its angle where the file holds those alone."""
-        ds = self.ds if self.aligned is None else self.aligned
-        last = ds["angle"].values[:, -1:, None] if self.turns else ds["position"].values[:, -1:]
+        recording = self.recording if self.aligned is None else self.aligned
+        last = recording["angle"].values[:, -1:, None] if self.turns else recording["position"].values[:, -1:]
         return without_spikes(last)[:, 0]
 
     @property
@@ -117,13 +117,13 @@ class FirstLook:
     @property
     def spatial(self) -> bool:
         """Whether the body moves in space, as far as the file shows it."""
-        return self.ds.attrs["frame"] == "spatial" or (self.ds.attrs["frame"] == "tracker"
+        return self.recording.attrs["frame"] == "spatial" or (self.recording.attrs["frame"] == "tracker"
                                                        and self.out_of_plane > OUT_OF_PLANE)  # fmt: skip
 
     @property
     def chambers(self) -> list[str]:
         """Names of the pressures where there are several."""
-        return several(self.ds)
+        return several(self.recording)
 
     @property
     def widest(self) -> float:
@@ -133,18 +133,18 @@ class FirstLook:
     @property
     def dense(self) -> bool:
         """Whether the shape is known all along the body."""
-        return not self.turns and int(self.ds.sizes["station"]) >= DENSE_STATIONS
+        return not self.turns and int(self.recording.sizes["station"]) >= DENSE_STATIONS
 
     @property
     def capped(self) -> bool:
         """Whether the file says that a cap marks the tip."""
-        return "cap_curvature" in self.ds.attrs and "cap_length" in self.ds.attrs
+        return "cap_curvature" in self.recording.attrs and "cap_length" in self.recording.attrs
 
     @property
     def highest_pa(self) -> float | None:
         """Highest measured pressure, or the level that the file's name states, Pa; None when neither is known."""
-        if "pressure" in self.ds:
-            return float(np.nanmax(self.ds["pressure"].values))
+        if "pressure" in self.recording:
+            return float(np.nanmax(self.recording["pressure"].values))
         named = LEVEL.search(self.path.stem)
         return float(named[1]) * pascal_per(named[2]) if named else None
 
@@ -156,10 +156,10 @@ def look_with_log(
     look = look_at(path, mapping, space=space)
     if log is None:
         return look
-    ds = with_pressure(look.ds, read(log), look.name, log.name)
-    found = quality(ds)
+    recording = with_pressure(look.recording, read(log), look.name, log.name)
+    found = quality(recording)
     known = replace(look.found, pressure_kpa=found.pressure_kpa, doubts=found.doubts)
-    return replace(look, ds=ds, log=log, found=known)
+    return replace(look, recording=recording, log=log, found=known)
 
 
 def look_at(path: Path, mapping: Mapping[str, Any] | None = None, *, space: bool | None = None) -> FirstLook:
@@ -181,29 +181,34 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None, *, space: bool
         When the file cannot be read, or holds no positions.
     """
     kept = dict(mapping) if mapping else None
-    ds, made_up = read_or_guess(path, kept)
-    if not {"position", "angle"} & set(ds):
-        held = "strain: make positions of it with pliant.sensing.shape_from_strain first" if "strain" in ds else \
-            "pressure alone: a study needs the shape too"
+    recording, made_up = read_or_guess(path, kept)
+    if not {"position", "angle"} & set(recording):
+        held = (
+            "strain: make positions of it with pliant.sensing.shape_from_strain first"
+            if "strain" in recording
+            else "pressure alone: a study needs the shape too"
+        )
         raise InputError(f"{path.name} holds {held}")
-    found, chosen = quality(ds), ""
-    ds = leave_out_frozen(ds)
-    spatial = FirstLook(path, ds, found, kept).spatial if space is None else space
-    if (chambers := several(ds)) and not spatial:
+    found, chosen = quality(recording), ""
+    recording = leave_out_frozen(recording)
+    spatial = FirstLook(path, recording, found, kept).spatial if space is None else space
+    if (chambers := several(recording)) and not spatial:
         kept, chosen = narrowed(kept, chambers, found, path.name)
-        ds = ds.assign(pressure=ds["pressure"].sel(chamber=chosen)).drop_vars("chamber")
-    look = FirstLook(path, ds, found, kept, chamber=chosen, made_up=made_up)
+        recording = recording.assign(pressure=recording["pressure"].sel(chamber=chosen)).drop_vars("chamber")
+    look = FirstLook(path, recording, found, kept, chamber=chosen, made_up=made_up)
     if look.turns:
-        return replace(look, aligned=from_rest(ds))
-    if ds.attrs["frame"] != "tracker":
-        return replace(look, aligned=ds)
-    stations = {} if look.dense else rigid_clusters(ds)
-    look = replace(look, stations=stations, options=directions(ds, found, stations, dense=look.dense))
+        return replace(look, aligned=from_rest(recording))
+    if recording.attrs["frame"] != "tracker":
+        return replace(look, aligned=recording)
+    stations = {} if look.dense else rigid_clusters(recording)
+    look = replace(look, stations=stations, options=directions(recording, found, stations, dense=look.dense))
     if look.capped:
         return look
     try:
         with units_first(found.doubts):
-            return replace(look, aligned=align(assemble(ds, stations) if stations else ds, **look.options))
+            return replace(
+                look, aligned=align(assemble(recording, stations) if stations else recording, **look.options)
+            )
     except InputError as error:
         return replace(look, problem=str(error))
 
@@ -219,10 +224,10 @@ def in_space(look: FirstLook) -> FirstLook:
     InputError
         When the file holds angles alone, or positions that are planar already.
     """
-    if look.turns or look.ds.attrs["frame"] == "planar":
+    if look.turns or look.recording.attrs["frame"] == "planar":
         raise InputError(f"{look.path.name} holds {'angles alone' if look.turns else 'a planar recording'}: a study in "
                          "space needs the positions as the tracker has them")  # fmt: skip
-    if look.ds.attrs["frame"] == "spatial" or look.capped:
+    if look.recording.attrs["frame"] == "spatial" or look.capped:
         return look
     try:
         with units_first(look.found.doubts):
@@ -246,18 +251,18 @@ def clusters(names: Sequence[str]) -> dict[str, list[str]]:
     return dict(sorted(groups.items(), key=lambda item: "base" not in item[0]))
 
 
-def rigid_clusters(ds: xr.Dataset) -> dict[str, list[str]]:
+def rigid_clusters(recording: xr.Dataset) -> dict[str, list[str]]:
     """The groups that names suggest, where they can be plates: off one line, and keeping their distances."""
-    groups = clusters([str(s) for s in ds["station"].values])
+    groups = clusters([str(s) for s in recording["station"].values])
     found: dict[str, list[str]] = {}
     for name, markers in groups.items():
-        found |= {name: markers} if rigid(ds, markers) else {m: [m] for m in markers}
+        found |= {name: markers} if rigid(recording, markers) else {m: [m] for m in markers}
     return found if any(len(markers) > 1 for markers in found.values()) else {}
 
 
-def rigid(ds: xr.Dataset, markers: Sequence[str]) -> bool:
+def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
     """Whether markers can sit on one plate: not on a line, and their distances hardly change (5 to 95 % of frames)."""
-    place = ds["position"].sel(station=list(markers)).values
+    place = recording["position"].sel(station=list(markers)).values
     apart = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1)
     apart = apart[np.isfinite(apart).all(axis=(1, 2))]
     if not len(apart):
@@ -269,9 +274,11 @@ def rigid(ds: xr.Dataset, markers: Sequence[str]) -> bool:
     return still and (len(markers) < 3 or bool(size[1] > LINE * size[0]))
 
 
-def directions(ds: xr.Dataset, found: Quality, stations: Mapping[str, list[str]], *, dense: bool) -> dict[str, Any]:
+def directions(
+    recording: xr.Dataset, found: Quality, stations: Mapping[str, list[str]], *, dense: bool
+) -> dict[str, Any]:
     """Options of `align`: the base by its name, else what stands still, else the first."""
-    names = list(stations) or [str(s) for s in ds["station"].values]
+    names = list(stations) or [str(s) for s in recording["station"].values]
     named = [n for n in names if "base" in n.lower()]
     standing = [n for n in found.standing if n in names] if len(found.standing) < len(names) else []
     base = (named or ([] if dense else standing) or names)[0]
@@ -281,17 +288,20 @@ def directions(ds: xr.Dataset, found: Quality, stations: Mapping[str, list[str]]
     return options
 
 
-def azimuths(ds: xr.Dataset) -> list[float]:
+def azimuths(recording: xr.Dataset) -> list[float]:
     """Azimuth of each pressure's chamber [degrees] from x towards y, 0 to 360, by the motion of the last station.
 
     A chamber bends the body away from itself. The station's displacement is taken for linear in all pressures.
 
     Parameters
     ----------
-    ds : xarray.Dataset
+    recording : xarray.Dataset
         Recording in the base frame, in space.
     """
-    across, inputs = without_spikes(ds["position"].values[:, -1:])[:, 0, :2], inputs_at(ds, ds["time"].values)
+    across, inputs = (
+        without_spikes(recording["position"].values[:, -1:])[:, 0, :2],
+        inputs_at(recording, recording["time"].values),
+    )
     known = np.isfinite(across).all(axis=1) & np.isfinite(inputs).all(axis=1)
     design = np.column_stack([inputs[known], np.ones(int(known.sum()))])
     gain = np.linalg.lstsq(design, across[known], rcond=None)[0][:-1]
@@ -310,7 +320,7 @@ def body_length(look: FirstLook) -> float | None:
 
 def excitation(look: FirstLook) -> Excitation:
     """"trace", "pulse", "step" or "release", as far as the file shows it."""
-    if "pressure" in look.ds:
+    if "pressure" in look.recording:
         return "trace"
     if look.aligned is None:
         return "pulse"
@@ -342,9 +352,9 @@ def moved(look: FirstLook) -> str:
     if look.aligned is None or not look.scaled or excitation(look) == "trace":
         return ""
     stations = tuple(str(n) for n in look.aligned["station"].values if look.turns or n != look.base)
-    ds = look.aligned.assign_attrs(nominal_pressure=1.0)  # any level: only times are asked for
+    recording = look.aligned.assign_attrs(nominal_pressure=1.0)  # any level: only times are asked for
     try:
-        found = edges(experiment(look.name, ds, stations=stations, excitation=excitation(look)))
+        found = edges(experiment(look.name, recording, stations=stations, excitation=excitation(look)))
     except InputError:
         return ""
     return ", ".join(f"{what} near {time:.2f} s" for what, time in found.items())

@@ -42,15 +42,15 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     entry = study.recordings[name]
     path = located(study, entry.file)
     mapping = {**seen_by(study, entry.file), **study.mapping, **(entry.mapping or {})}
-    ds = read(path, mapping=mapping or None, format=entry.format)
+    recording = read(path, mapping=mapping or None, format=entry.format)
     if entry.pressure_file is not None:
         log = read(located(study, entry.pressure_file), mapping=entry.pressure_mapping)
-        ds = with_pressure(ds, log, name, Path(entry.pressure_file).name)
+        recording = with_pressure(recording, log, name, Path(entry.pressure_file).name)
     if entry.nominal_pressure is not None:
-        ds = ds.assign_attrs(nominal_pressure=entry.nominal_pressure * pascal_per(entry.pressure_unit))
+        recording = recording.assign_attrs(nominal_pressure=entry.nominal_pressure * pascal_per(entry.pressure_unit))
     if not entry.allow_low_pressure:
-        check_pressure_unit(name, ds)
-    return ds
+        check_pressure_unit(name, recording)
+    return recording
 
 
 def seen_by(study: Study, file: str) -> dict[str, Any]:
@@ -64,10 +64,10 @@ def located(study: Study, file: str) -> Path:
     return path if path.is_absolute() or file.startswith(PREFIX) else Path(study.folder) / path
 
 
-def check_pressure_unit(name: str, ds: xr.Dataset) -> None:
+def check_pressure_unit(name: str, recording: xr.Dataset) -> None:
     """Refuse a pressure too low to move a soft body: psi, kPa or mbar that were read as Pa."""
-    nominal = ds.attrs.get("nominal_pressure", 0.0)
-    measured = float(np.nanmax(np.abs(ds["pressure"].values), initial=0.0)) if "pressure" in ds else 0.0
+    nominal = recording.attrs.get("nominal_pressure", 0.0)
+    measured = float(np.nanmax(np.abs(recording["pressure"].values), initial=0.0)) if "pressure" in recording else 0.0
     for what, pascal in (("nominal pressure", nominal), ("highest pressure", measured)):
         if 0 < pascal < LEAST_PRESSURE:
             raise InputError(
@@ -189,34 +189,34 @@ def checked_options(alignment: AlignmentEntry) -> dict[str, Any]:
     """Options of `align`, lists made arrays; an unknown one is refused."""
     import inspect
 
-    known = [p for p in inspect.signature(align).parameters if p not in ("ds", "space")]  # [actuator] says space
+    known = [p for p in inspect.signature(align).parameters if p not in ("recording", "space")]  # [actuator] says space
     for key in alignment.options:
         if key not in known:
             raise InputError(f"alignment option {key!r} is unknown: use one of {', '.join(known)}")
     return dict(alignment.options)
 
 
-def study_experiment(study: Study, name: str, ds: xr.Dataset) -> Experiment:
+def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experiment:
     """The experiment of an aligned recording: moving stations, excitation, what is known of it."""
     entry: Recording = study.recordings[name]
-    base = alignment_of(ds).base if "alignment" in ds.attrs else "base"
-    stations = entry.stations or moving_stations(name, ds, base)
+    base = alignment_of(recording).base if "alignment" in recording.attrs else "base"
+    stations = entry.stations or moving_stations(name, recording, base)
     return experiment(
-        name, ds, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
-        angles=entry.angles, held=entry.held, forces=[f.in_base_frame(x_sign(ds)) for f in entry.forces],
+        name, recording, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
+        angles=entry.angles, held=entry.held, forces=[f.in_base_frame(x_sign(recording)) for f in entry.forces],
         drive=entry.drive, own_places=entry.own_places,
     )
 
 
-def moving_stations(name: str, ds: xr.Dataset, base: str) -> list[str]:
+def moving_stations(name: str, recording: xr.Dataset, base: str) -> list[str]:
     """Every station but the base; refused when another one of a few stands still too, for it may be the base.
 
     All stations where angles alone were recorded.
     """
-    stations = [str(s) for s in ds.station.values if str(s) != base]
-    if "position" not in ds:
+    stations = [str(s) for s in recording.station.values if str(s) != base]
+    if "position" not in recording:
         return stations
-    still = [s for s in standing_stations(ds) if s in stations]
+    still = [s for s in standing_stations(recording) if s in stations]
     if still and len(still) < len(stations) < DENSE_STATIONS:
         raise InputError(
             f"recording {name}: {', '.join(still)} stands still beside the base {base!r}; name the base in "

@@ -26,13 +26,13 @@ class Aligned(NamedTuple):
     doubts: Mapping[str, str] = MappingProxyType({})  # what looks wrong in it, by the name of the check
 
 
-def rest_place(name: str, ds: xr.Dataset) -> Array:
+def rest_place(name: str, recording: xr.Dataset) -> Array:
     """Mean place (S, 2) [m] of the stations in the window that the alignment took for rest."""
-    if "alignment" not in ds.attrs:
+    if "alignment" not in recording.attrs:
         raise InputError(f"recording {name} is not aligned by the study: common_rest needs the rest that it finds")
-    start, stop = alignment_of(ds).rest_s
-    window = (ds["time"].values >= start) & (ds["time"].values <= stop)
-    return np.asarray(np.nanmean(ds["position"].values[window], axis=0))
+    start, stop = alignment_of(recording).rest_s
+    window = (recording["time"].values >= start) & (recording["time"].values <= stop)
+    return np.asarray(np.nanmean(recording["position"].values[window], axis=0))
 
 
 def at_one_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:

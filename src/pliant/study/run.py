@@ -176,13 +176,15 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
     experiments, provenance = {}, {}
     rotation = None
     for name, one in aligned.items():
-        ds, clocks = one.body, one.clocks
-        reduced = link_experiment(study, name, ds, shape.links) if shape else study_experiment(study, name, ds)
+        recording, clocks = one.body, one.clocks
+        reduced = (
+            link_experiment(study, name, recording, shape.links) if shape else study_experiment(study, name, recording)
+        )
         experiments[name] = reduced
-        digest = ds.attrs.get("source_sha256", "")
-        provenance[name] = f"{ds.attrs.get('source', '')}{f' sha256 {digest}' if digest else ''}"
-        if rotation is None and "alignment" in ds.attrs:
-            rotation = np.array(alignment_of(ds).rotation)
+        digest = recording.attrs.get("source_sha256", "")
+        provenance[name] = f"{recording.attrs.get('source', '')}{f' sha256 {digest}' if digest else ''}"
+        if rotation is None and "alignment" in recording.attrs:
+            rotation = np.array(alignment_of(recording).rotation)
         if clocks is not None:
             tell(f"{name}: {clocks.message}")
         unit, factor = reduced.shown_in

@@ -29,7 +29,7 @@ class DiskError(PliantError):
     """The disk does not take what was computed; what is written stays good."""
 
 
-def write_dataset(ds: xr.Dataset, path: Path) -> None:
+def write_dataset(recording: xr.Dataset, path: Path) -> None:
     """Write netCDF, whole or not at all, and onto the disk itself: a chunk that is reported survives a power cut.
 
     Raises
@@ -38,7 +38,7 @@ def write_dataset(ds: xr.Dataset, path: Path) -> None:
         When the disk is full or refuses; no draft is left behind.
     """
     content = BytesIO()  # in memory first: HDF5 that meets a full disk takes the process down with it
-    ds.to_netcdf(content, engine="h5netcdf")
+    recording.to_netcdf(content, engine="h5netcdf")
     write_sealed(content, path)
 
 
@@ -136,10 +136,10 @@ class Store:
         """All chunks as one dataset, every sample once and in order."""
         parts = []
         for chunk, (first, last) in enumerate(bounds):
-            ds = self.load(chunk, first, last)
-            if ds is None:
+            recording = self.load(chunk, first, last)
+            if recording is None:
                 raise PliantError(f"chunk {chunk} (samples {first} to {last - 1}) is missing or damaged: sweep again")
-            parts.append(ds)
+            parts.append(recording)
         whole = xr.concat(parts, dim="sample", data_vars="all", join="exact", combine_attrs="override")
         if not np.array_equal(whole["sample"].values, np.arange(bounds[-1][1])):
             raise PliantError("the chunks do not make every sample once: remove the folder and sweep again")

@@ -38,9 +38,9 @@ def bundle_recording(name: str) -> xr.Dataset:
     from pliant.recording import append_history
     from pliant.testbed.laboratory import generate
 
-    ds = generate(name, "a", 1).recording
-    rounded = ds["position"].copy(data=np.round(ds["position"].to_numpy() / QUANTUM) * QUANTUM)
-    return append_history(ds.assign(position=rounded), f"positions rounded to {QUANTUM * 1e6:.1f} um")
+    recording = generate(name, "a", 1).recording
+    rounded = recording["position"].copy(data=np.round(recording["position"].to_numpy() / QUANTUM) * QUANTUM)
+    return append_history(recording.assign(position=rounded), f"positions rounded to {QUANTUM * 1e6:.1f} um")
 
 
 def bundled_log(name: str = "pulse_119") -> Path:
@@ -65,10 +65,10 @@ def angle_log(name: str, seed: int = 1) -> str:
     from pliant.testbed.rod import actuator
     from pliant.testbed.scenarios import scenario
 
-    ds = generate(name, "a", seed, lab=Laboratory(output="angle")).recording
-    time = ds["time"].to_numpy()
+    recording = generate(name, "a", seed, lab=Laboratory(output="angle")).recording
+    time = recording["time"].to_numpy()
     (command,) = one_each(scenario(name).command, actuator("a"), "command")
-    columns = (np.degrees(ds["angle"].to_numpy()[:, 0]), 1e-3 * ds["pressure"].to_numpy(),
+    columns = (np.degrees(recording["angle"].to_numpy()[:, 0]), 1e-3 * recording["pressure"].to_numpy(),
                1e-3 * command(time))  # fmt: skip
     rows = [f"{t:.2f};{angle:.1f};{pressure:.2f};{wanted:.0f}" for t, angle, pressure, wanted in
             zip(time, *columns, strict=True)]  # fmt: skip

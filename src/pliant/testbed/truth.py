@@ -64,7 +64,7 @@ def make_truth(motion: RodMotion, p: RodParameters, at: NDArray[np.float64], att
     s = motion.arc_length[: body.weight.size]
     fields = material_fields(p, s)
     each, gain = ((), body.gain[0]) if len(p.chambers) == 1 else (("chamber",), body.gain)
-    ds = xr.Dataset(
+    recording = xr.Dataset(
         {
             "position": (("time", "node", "axis"), node_positions(motion, at), {"units": "m"}),
             "force": (("time", "node", "axis"), motion.force[nearest], {"units": "N"}),
@@ -85,18 +85,18 @@ def make_truth(motion: RodMotion, p: RodParameters, at: NDArray[np.float64], att
             "store": ENERGY,
         } | ({"chamber": [c.name for c in p.chambers]} if each else {}),
     )
-    ds.attrs = {"schema": SCHEMA, "schema_version": 1, "parameters": json.dumps(asdict(p)), **attrs}
-    return ds
+    recording.attrs = {"schema": SCHEMA, "schema_version": 1, "parameters": json.dumps(asdict(p)), **attrs}
+    return recording
 
 
-def write_truth(ds: xr.Dataset, path: Path) -> None:
+def write_truth(recording: xr.Dataset, path: Path) -> None:
     """Write the truth as compressed netCDF, single precision, whole or not at all."""
     encoding = {
         str(name): {"dtype": "float32", "zlib": True, "complevel": 4, "shuffle": True, "_FillValue": None}
-        for name in ds.data_vars
+        for name in recording.data_vars
     }
     with whole(path) as temporary:
-        ds.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+        recording.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
 
 
 def read_truth(path: Path) -> xr.Dataset:

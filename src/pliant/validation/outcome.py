@@ -108,9 +108,9 @@ class Clocks:
     drift: float
 
     @classmethod
-    def of(cls, ds: xr.Dataset, found: Delay) -> Clocks:
+    def of(cls, recording: xr.Dataset, found: Delay) -> Clocks:
         """From a recording as it was logged and what `sync` found."""
-        motion, pressure = body_course(ds), pressure_course(ds)
+        motion, pressure = body_course(recording), pressure_course(recording)
         return cls(found.summary(), motion.time, motion.values[:, 0], pressure.time, pressure.values[:, 0],
                    found.delay_s, found.drift)  # fmt: skip
 

@@ -39,7 +39,9 @@ def save_results(outcome: StudyOutcome, folder: Path) -> Path:
             {"time": ("frame", c.time, {"units": "s"}), "motion": ("frame", c.motion),
              "clock": ("sample", c.clock, {"units": "s"}), "pressure": ("sample", c.pressure)}, attrs={"name": name})
     packed = {"zlib": True, "complevel": 1, "shuffle": True}
-    encoding = {path: {str(v): packed for v, a in ds.data_vars.items() if a.ndim} for path, ds in groups.items()}
+    encoding = {
+        path: {str(v): packed for v, a in recording.data_vars.items() if a.ndim} for path, recording in groups.items()
+    }
     with whole(folder / FILE) as draft:
         xr.DataTree.from_dict(groups).to_netcdf(draft, engine="h5netcdf", encoding=encoding)
     return folder / FILE

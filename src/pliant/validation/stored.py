@@ -93,8 +93,11 @@ def groups_of(folder: Path) -> Groups:
 
 def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
     """The outcome from both files' content."""
-    recordings = {str(ds.attrs["name"]): (experiment_of(ds), ds) for name, ds in groups.items()
-                  if name.startswith("/recording_")}
+    recordings = {
+        str(recording.attrs["name"]): (experiment_of(recording), recording)
+        for name, recording in groups.items()
+        if name.startswith("/recording_")
+    }
     fits = tuple(fit_of(i, name, entry, recordings) for i, (name, entry) in enumerate(metrics["fits"].items()))
     forecasts = tuple(
         forecast_of(n, e, groups[f"/forecast_{k}"]) for k, (n, e) in enumerate(metrics["forecasts"].items())
@@ -111,23 +114,33 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
     )
 
 
-def experiment_of(ds: xr.Dataset) -> Experiment:
+def experiment_of(recording: xr.Dataset) -> Experiment:
     """A recording as it was fitted."""
     trace = None
     drives = {}
-    if "driven" in ds:
-        times = ds["pressure_time"].values
-        drives = {str(c): Trace(times, ds["pressure"].values[:, k]) for k, c in enumerate(ds["driven"].values)}
-    elif "pressure" in ds:
-        trace = Trace(ds["pressure_time"].values, ds["pressure"].values)
-    stations = tuple(str(s) for s in ds["station"].values)
+    if "driven" in recording:
+        times = recording["pressure_time"].values
+        drives = {
+            str(c): Trace(times, recording["pressure"].values[:, k]) for k, c in enumerate(recording["driven"].values)
+        }
+    elif "pressure" in recording:
+        trace = Trace(recording["pressure_time"].values, recording["pressure"].values)
+    stations = tuple(str(s) for s in recording["station"].values)
     seen: dict[str, Any] = {}
-    if "angle" in ds:
-        seen = {"angle": ds["angle"].values, "angle_reference": ds["angle"].attrs["reference"], "angles_alone": True}
-    place = ds["position"].values if "position" in ds else np.full((ds.sizes["time"], len(stations), 2), np.nan)
+    if "angle" in recording:
+        seen = {
+            "angle": recording["angle"].values,
+            "angle_reference": recording["angle"].attrs["reference"],
+            "angles_alone": True,
+        }
+    place = (
+        recording["position"].values
+        if "position" in recording
+        else np.full((recording.sizes["time"], len(stations), 2), np.nan)
+    )
     return Experiment(
-        str(ds.attrs["name"]), ds["time"].values, place, stations, ds.attrs["excitation"], trace,
-        float(ds.attrs["level"]), drives=drives, x_sign=int(ds.attrs["x_sign"]), **seen,
+        str(recording.attrs["name"]), recording["time"].values, place, stations, recording.attrs["excitation"], trace,
+        float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]), **seen,
     )
 
 
@@ -140,8 +153,8 @@ def fit_of(
     for record, numbers in entry["records"].items():
         if set(numbers) <= {"role", "not_computed"}:
             continue  # its motion could not be computed
-        exp, ds = recordings[record]
-        own = ds.isel(fit=i)
+        exp, recording = recordings[record]
+        own = recording.isel(fit=i)
         metrics = {key: value for key, value in numbers.items() if key not in ("role", "not_computed")}
         body = own["body"].values if "body" in own and own["body"].notnull().any() else None
         records.append(RecordOutcome(record, numbers["role"], exp, own["modelled"].values,
@@ -172,13 +185,13 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
     )
 
 
-def band_of(ds: xr.Dataset, exp: Experiment) -> Band | None:
+def band_of(recording: xr.Dataset, exp: Experiment) -> Band | None:
     """The band of a prediction, where it has one."""
-    level = float(ds["band_level"])
+    level = float(recording["band_level"])
     if np.isnan(level):
         return None
-    std, lower, upper = (ds[f"band_{part}"].values for part in ("std", "lower", "upper"))
-    return Band(ds["modelled"].values, std, lower, upper, level, *exp.shown_in)
+    std, lower, upper = (recording[f"band_{part}"].values for part in ("std", "lower", "upper"))
+    return Band(recording["modelled"].values, std, lower, upper, level, *exp.shown_in)
 
 
 def shape_of(groups: Groups) -> Shape | None:
@@ -214,16 +227,16 @@ def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSele
 
 def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:
     """How a pressure's clock was moved."""
-    ds = next(g for k, g in groups.items() if k.startswith("/clocks_") and g.attrs["name"] == name)
-    time, motion, clock, pressure = (ds[k].values for k in ("time", "motion", "clock", "pressure"))
+    recording = next(g for k, g in groups.items() if k.startswith("/clocks_") and g.attrs["name"] == name)
+    time, motion, clock, pressure = (recording[k].values for k in ("time", "motion", "clock", "pressure"))
     return Clocks(entry["message"], time, motion, clock, pressure, entry["delay_s"], entry["drift"])
 
 
-def forecast_of(name: str, entry: dict[str, Any], ds: xr.Dataset) -> Forecast:
+def forecast_of(name: str, entry: dict[str, Any], recording: xr.Dataset) -> Forecast:
     """A prediction for a case that was not recorded."""
     apart = {"title", "stated", "half_width_95"}
     return Forecast(
-        name, entry["title"], entry["stated"], ds["time"].values, ds["tip"].values,
+        name, entry["title"], entry["stated"], recording["time"].values, recording["tip"].values,
         {k: v for k, v in entry.items() if k not in apart}, entry["half_width_95"],
-        ds["half_width"].values if "half_width" in ds else None,
+        recording["half_width"].values if "half_width" in recording else None,
     )

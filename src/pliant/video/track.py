@@ -132,8 +132,8 @@ def track_video(
             before = sparse
             if progress is not None:
                 progress(min(1.0, len(times) / reel.count))
-    ds = _recording(reel, camera, how, names, _Seen(np.array(times), _stacked(points, reel), np.array(change)))
-    return append_history(ds, *findings) if findings else ds
+    recording = _recording(reel, camera, how, names, _Seen(np.array(times), _stacked(points, reel), np.array(change)))
+    return append_history(recording, *findings) if findings else recording
 
 
 @dataclass(frozen=True)

@@ -32,12 +32,12 @@ def length(case: Case) -> str:
 
 def reach(case: Case) -> float | None:
     """Farthest that a point was seen from the base, or the arc length of a dense shape, m."""
-    ds = case.aligned
-    if ds is None or "position" not in ds:
+    recording = case.aligned
+    if recording is None or "position" not in recording:
         return None
-    if "arc_length" in ds.coords and np.isfinite(ds["arc_length"].values).all():
-        return float(ds["arc_length"].values.max())
-    away = np.linalg.norm(ds["position"].values, axis=-1)
+    if "arc_length" in recording.coords and np.isfinite(recording["arc_length"].values).all():
+        return float(recording["arc_length"].values.max())
+    away = np.linalg.norm(recording["position"].values, axis=-1)
     return float(np.percentile(away[np.isfinite(away)], 99.5)) if np.isfinite(away).any() else None
 
 

@@ -22,9 +22,13 @@ def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
     """Name and finite values (P,) [Pa] of each measured pressure."""
     if case.recording is None or "pressure" not in case.recording:
         return
-    ds = case.recording
-    columns = ds["pressure"].values.reshape(ds.sizes["pressure_time"], -1)
-    names = [f"the pressure {c}" for c in ds["chamber"].values] if "chamber" in ds.coords else ["the pressure"]
+    recording = case.recording
+    columns = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
+    names = (
+        [f"the pressure {c}" for c in recording["chamber"].values]
+        if "chamber" in recording.coords
+        else ["the pressure"]
+    )
     for name, values in zip(names, columns.T, strict=True):
         if np.isfinite(values).any():
             yield name, values[np.isfinite(values)]

@@ -18,10 +18,15 @@ DENSE = 8  # stations from which on the direction near the base is seen
 
 def length_unit(case: Case) -> str:
     """Positions in millimetres that were read as metres, and the like."""
-    ds = case.recording
-    if ds is None or "position" not in ds or ds.sizes["station"] < 2 or not np.isfinite(ds["position"].values).any():
+    recording = case.recording
+    if (
+        recording is None
+        or "position" not in recording
+        or recording.sizes["station"] < 2
+        or not np.isfinite(recording["position"].values).any()
+    ):
         return ""
-    size = extent(ds["position"].values)
+    size = extent(recording["position"].values)
     return "" if LEAST_BODY < size < MOST_BODY else f"the stations lie within {size:.3g} m: check the unit of length"
 
 
@@ -34,11 +39,11 @@ def extent(position: np.ndarray) -> float:
 
 def angle_unit(case: Case) -> str:
     """Degrees that were read as radians, or the other way round."""
-    ds = case.recording
-    if ds is None or "angle" not in ds:
+    recording = case.recording
+    if recording is None or "angle" not in recording:
         return ""
-    angle = np.degrees(ds["angle"].values)
-    turn = {str(n): float(np.ptp(a[np.isfinite(a)])) for n, a in zip(ds["station"].values, angle.T, strict=True)
+    angle = np.degrees(recording["angle"].values)
+    turn = {str(n): float(np.ptp(a[np.isfinite(a)])) for n, a in zip(recording["station"].values, angle.T, strict=True)
             if np.isfinite(a).any()}  # fmt: skip
     if not turn:
         return ""
@@ -46,7 +51,7 @@ def angle_unit(case: Case) -> str:
     if turn[name] > MOST_TURN:
         return (f"the angle of {name} turns by {turn[name]:.4g} degrees: are its values degrees, read as rad? State "
                 'angle_unit = "deg", and correct the header where it says otherwise')  # fmt: skip
-    if "position" not in ds and 0 < turn[name] < LEAST_TURN and np.nanmax(np.abs(angle)) < LEAST_TURN:
+    if "position" not in recording and 0 < turn[name] < LEAST_TURN and np.nanmax(np.abs(angle)) < LEAST_TURN:
         return (f"no angle turns by more than {turn[name]:.2g} degrees: are the values radians, read as degrees? State "
                 'angle_unit = "rad" if they are')  # fmt: skip
     return ""
