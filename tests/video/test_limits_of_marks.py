@@ -52,7 +52,7 @@ def test_a_dot_has_nine_pixels_at_least(rows, columns, count):
 
 
 def test_a_dot_lies_where_its_colour_is_weighed_beyond_a_fifth():
-    """A faint column beside the dot shifts it by what it weighs; what lies three pixels away, or is another dot, none."""
+    """A faint column beside the dot shifts it by what it weighs; what lies farther away, or is another dot, does not."""
     place, mass = Dots(RED).all(dotted([(slice(10, 15), slice(20, 25), 1.0), (slice(10, 15), slice(25, 26), 0.3)]))
     np.testing.assert_allclose(mass, [25 * 0.8 + 5 * 0.1], rtol=1e-4)
     np.testing.assert_allclose(place, [[22 + 5 * 0.1 * 3 / 20.5, 12.0]], rtol=1e-5)
@@ -156,18 +156,19 @@ def test_the_next_dot_is_the_one_that_fits_best_and_a_hidden_one_is_passed():
 def test_the_slowest_dot_leads_and_speed_and_gaps_are_counted():
     follow = row_of_dots(5)
     follow.travel[:] = [5.0, 4.0, 0.0, 3.0, 9.0]
-    everyone = follow.place + [0.0, 1.0]
+    up = np.array([0.0, 1.0])
+    everyone = follow.place + up
     np.testing.assert_allclose(follow(everyone[::-1], np.full(5, 30.0)), everyone)
     np.testing.assert_allclose(follow.travel, [6.0, 5.0, 1.0, 4.0, 10.0])
     np.testing.assert_allclose(follow.step, np.tile([0.0, 1.0], (5, 1)))
-    some = np.delete(everyone + [0.0, 1.0], 3, axis=0)
+    some = np.delete(everyone + up, 3, axis=0)
     found = follow(some, np.full(4, 30.0))
     assert np.isnan(found[3]).all()
     assert follow.gap.tolist() == [0, 0, 0, 1, 0]
     assert follow.place[3].tolist() == everyone[3].tolist()
     follow(some, np.full(4, 30.0))
     assert follow.gap.tolist() == [0, 0, 0, 2, 0]
-    follow(everyone + [0.0, 3.0], np.full(5, 30.0))
+    follow(everyone + 3 * up, np.full(5, 30.0))
     assert follow.gap.tolist() == [0, 0, 0, 0, 0]
     assert follow.step[3].tolist() == [0.0, 0.0]  # a step over a gap is no speed
     assert follow.travel[3] == 4.0
@@ -191,7 +192,8 @@ class Sees:
 
 
 def test_the_dots_are_those_of_the_first_thirty_frames_with_most():
-    place, mass, told = _first_dots(FILM, Sees(lambda k: [5.0] * (4 if k == 30 else 3 if k in (29, 7) else 2)), RED, None)
+    counts = {30: 4, 29: 3, 7: 3}
+    place, mass, told = _first_dots(FILM, Sees(lambda k: [5.0] * counts.get(k, 2)), RED, None)
     np.testing.assert_allclose(place[np.argsort(place[:, 0])], [[0, 7], [10, 7], [20, 7]])
     assert (mass.tolist(), told) == ([5.0] * 3, [])
     place, mass, _ = _first_dots(FILM, Sees(lambda k: [10.0, 4.1, 3.9, 24.9, 25.1, 10.0, 10.0] if not k else [9.0] * 4),
@@ -386,8 +388,8 @@ def test_marks_are_ordered_from_the_stated_base():
     ({"stations": 4}, None), ({"stations": 200}, None), ({"stations": 3}, "between 4 and 200, got 3"),
     ({"stations": 201}, "between 4 and 200, got 201"), ({"count": 2}, None), ({"count": 2.0}, "2 or more, got 2.0"),
     ({"region": (1, 2, 3, 4)}, None), ({"region": [1.0, 2, 3, 4]}, None), ({"region": (3, 2, 3, 4)}, "region is"),
-    ({"region": (1, 4, 3, 4)}, "region is"), ({"region": (1, 2, 3)}, "region is"), ({"region": (1, 2, "c", 4)}, "region is"),
-    ({"region": 5}, "region is"),
+    ({"region": (1, 4, 3, 4)}, "region is"), ({"region": (1, 2, 3)}, "region is"),
+    ({"region": (1, 2, "c", 4)}, "region is"), ({"region": 5}, "region is"),
 ])
 def test_options_of_tracking_at_their_limits(options, said):
     whole = {"method": "silhouette" if "stations" in options else "dots",

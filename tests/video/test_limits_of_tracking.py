@@ -102,7 +102,8 @@ def test_an_end_is_found_within_two_widths_beyond_the_line_or_one_before(drawn, 
     assert tip == reached
     assert made[-1] == pytest.approx((drawn if reached else 240.0, 120.0), abs=0.15)
     np.testing.assert_allclose(np.diff(made[:, 0]), (made[-1, 0] - 60.0) / 60, atol=1e-6)
-    state.half[:], state.light[:] = np.append([8.0] * 4, [30.0] * 57), np.append([around().body] * 6, [around().light] * 55)
+    state.half[:], state.light[:] = 30.0, around().light  # of the tip alone
+    state.half[:4], state.light[:6] = 8.0, around().body
     made, base = follow._ended(ribbon(straight(60.0, drawn)), line, state, at_tip=False)
     assert base == reached
     assert made[-1, 0] == pytest.approx(drawn if reached else 240.0, abs=0.15)
