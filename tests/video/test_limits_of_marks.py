@@ -52,7 +52,7 @@ def test_a_dot_has_nine_pixels_at_least(rows, columns, count):
 
 
 def test_a_dot_lies_where_its_colour_is_weighed_beyond_a_fifth():
-    """A faint column beside the dot shifts it by what it weighs; what lies farther away, or is another dot, does not."""
+    """A faint column beside the dot shifts it by what it weighs; what lies farther away does not, nor another dot."""
     place, mass = Dots(RED).all(dotted([(slice(10, 15), slice(20, 25), 1.0), (slice(10, 15), slice(25, 26), 0.3)]))
     np.testing.assert_allclose(mass, [25 * 0.8 + 5 * 0.1], rtol=1e-4)
     np.testing.assert_allclose(place, [[22 + 5 * 0.1 * 3 / 20.5, 12.0]], rtol=1e-5)
