@@ -10,6 +10,7 @@ from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import quality
 from pliant.recording import read
 from pliant.recording.inputs import recorded_inputs
+from pliant.study.new import tendon_ends
 
 DISKS = {name: {"position": [f"{axis}{k}" for axis in "xyz"]} for k, name in ((1, "top"), (2, "middle"), (3, "tip"))}
 MOTORS = {"columns": [f"phi{k}" for k in range(1, 7)], "kind": "angle", "unit": "deg"}
@@ -70,3 +71,13 @@ def test_the_tentacle_by_index(shared_data):
     assert dict(ds.sizes) == {"time": 1160, "station": 5, "axis": 3}
     spread = np.ptp(ds["position"].values, axis=0).max()
     assert spread < 0.02  # a static pose
+
+
+def test_where_the_tendons_of_each_motor_end(shared_data):
+    file = shared_data / "spatial_tendon_trunk" / "observations_controlled_1.csv"
+    ds = read(file, mapping=TRUNK | {"rows": [0, 6000]})
+    body = align(leave_out_frozen(ds), base="top", tangent="-y", rest=[0, 0.05], origin=[0.1018, 0.0, 0.105],
+                 space=True)  # fmt: skip
+    disks = np.median(body["position"].values[:10, :, 2], axis=0)
+    ends = [int(np.argmin(abs(disks - end))) for _, end in tendon_ends(body)]
+    assert ends == [1, 2, 0, 2, 0, 1]  # of motors 1 to 6; as fits of all geometry to 150 s find them

@@ -12,7 +12,8 @@ from pliant.errors import InputError
 from pliant.identification.experiment import Experiment, leading
 from pliant.identification.recorded import one_chamber
 from pliant.model import Model
-from pliant.recording.inputs import recorded_inputs
+from pliant.recording.inputs import RecordedInput, recorded_inputs
+from pliant.recording.rules import INPUT_UNITS
 from pliant.simulation import Pulse, Trace
 from pliant.simulation.inputs import Input
 
@@ -24,7 +25,7 @@ IDLE = 0.02  # of that range: what a transducer's noise, and a body that breathe
 ALIKE = 0.2  # sine as above, below which chambers were hardly driven apart
 
 
-def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
+def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, RecordedInput]:
     """The inputs of a recording that drive those of a model: model input to its name or index (from 0) there.
 
     Pressures are counted first, then inputs of other kinds.
@@ -48,8 +49,14 @@ def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int])
                 f"recording {name} has no {what} {asked!r} to drive {chamber!r}: it has {', '.join(there)} "
                 f"(or 0 to {len(there) - 1})"
             )
-        found[chamber] = Trace(inputs[k].time, np.array(inputs[k].values))
+        found[chamber] = inputs[k]
     return found
+
+
+def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
+    """Time series of the inputs of a recording that drive those of a model; see `driving`."""
+    driven = driving(name, recording, wanted)
+    return {to: Trace(one.time, np.array(one.values)) for to, one in driven.items()}
 
 
 def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None) -> list[Array]:
@@ -86,10 +93,24 @@ def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
                 f"experiment {exp.name} drives the chamber {strange[0]!r}, but model {model.name!r} has "
                 f"{', '.join(names)}"
             )
+        check_kinds(model, exp)
         if len(names) > 1 and exp.excitation != "release" and not exp.drives:
             raise InputError(
                 f"experiment {exp.name} does not say which of the chambers {', '.join(names)} its pressure drives: "
                 'give drives (in a study: drive = {chamber = "pressure of the recording"}), from measured pressures'
+            )
+
+
+def check_kinds(model: Model, exp: Experiment) -> None:
+    """Refuse an experiment whose recorded input is of another kind than the input of the model that it drives."""
+    for to, kind in exp.input_kinds.items():
+        k = model.actuation.names.index(to) if to else 0
+        wanted = model.actuation.kinds[k]
+        if kind != wanted:
+            raise InputError(
+                f"experiment {exp.name}: input {model.actuation.names[k]!r} of model {model.name!r} is a {wanted} "
+                f"[{model.actuation.units[k]}], but what drives it was recorded as a {kind} "
+                f"[{INPUT_UNITS.get(kind, 'Pa')}]: correct driven_by of the tendon, kind in the mapping, or drive"
             )
 
 

@@ -70,6 +70,9 @@ class Experiment(Shown):
     drives : dict
         Measured pressures by the chamber of the model that each drives, where it has several; those not named rest at
         0 Pa. `pressure` is then the one that moves most.
+    input_kinds : dict
+        Kind of each recorded input ("pressure", "tension", "displacement", "angle") by the input of the model that it
+        drives, "" the only one; empty where that is not known.
     x_sign : {1, -1}
         -1 where the base frame is turned by pi about the base tangent against the recording's own axes.  # D4
     without_positions : bool
@@ -97,6 +100,7 @@ class Experiment(Shown):
     angles_alone: bool = False
     own_places: bool = False
     drives: Mapping[str, Trace] = field(default_factory=dict)
+    input_kinds: Mapping[str, str] = field(default_factory=dict)
     x_sign: int = 1
     without_positions: bool = field(init=False)
     travel: float = field(init=False)

@@ -9,7 +9,7 @@ from typing import Literal
 import xarray as xr
 
 from pliant.errors import InputError
-from pliant.identification.drives import drives_of
+from pliant.identification.drives import drives_of, driving
 from pliant.identification.edges import held_pose
 from pliant.identification.experiment import Experiment
 from pliant.identification.recorded import (
@@ -21,6 +21,7 @@ from pliant.identification.recorded import (
     recorded_places,
 )
 from pliant.preprocessing.side import x_sign
+from pliant.recording.inputs import recorded_inputs
 from pliant.recording.schema import check_recording
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
@@ -76,11 +77,13 @@ def experiment(
     if missing := [s for s in used if s not in available]:
         raise InputError(f"recording {name} has no station {missing[0]!r}; it has {', '.join(available)}")
     excitation = excitation or default_excitation(name, recording)
-    trace, drives = None, {}
+    trace, drives, kinds = None, {}, {}
     if drive and excitation != "release":
         drives = drives_of(name, recording, drive)
+        kinds = {to: one.kind for to, one in driving(name, recording, drive).items()}
     elif excitation == "trace":
         trace = Trace(*only_input(name, recording))
+        kinds = {"": recorded_inputs(recording)[0].kind}
     made = Experiment(
         name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
         float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
@@ -88,6 +91,6 @@ def experiment(
         noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
-        own_places=own_places, x_sign=x_sign(recording),
+        own_places=own_places, input_kinds=kinds, x_sign=x_sign(recording),
     )
     return replace(made, held=held_pose(made)) if held == "measured" else made

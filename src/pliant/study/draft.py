@@ -15,14 +15,20 @@ from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.quality import standing_stations
 from pliant.study.doubts import of_body
+from pliant.study.draft_inputs import LINKS, chamber_parameters, chambers, channels, tendons
 from pliant.study.first_reading import with_logs
-from pliant.study.new import FirstLook, azimuths, body_length, excitation, held_out, in_space, look_with_log, moved
-from pliant.study.questions import OPEN
-from pliant.study.toml_text import key, relative, toml
+from pliant.study.new import (
+    FirstLook,
+    body_length,
+    excitation,
+    held_out,
+    in_space,
+    look_with_log,
+    moved,
+)
+from pliant.study.toml_text import Lines, key, relative
 
-LINKS = 5
 NEARLY_PLANAR = 0.1  # of the motion, out of its best plane: more is worth a comment
-LONGEST = 150  # characters of a comment
 
 
 @dataclass(frozen=True)
@@ -62,35 +68,6 @@ class StatedBody(TypedDict, total=False):
 
 
 UNKNOWN = StatedBody(length=None, mass=None, diameter=None, gravity=None)
-
-
-class Lines:
-    """Lines of the text as they come, and the questions among them."""
-
-    def __init__(self) -> None:
-        self.text: list[str] = []
-        self.questions: list[str] = []
-
-    def say(self, *comments: str) -> None:
-        """Comments."""
-        lines = [" ".join(c.split()) for c in comments]
-        self.text += [f"# {c if len(c) <= LONGEST else c[: LONGEST - 4] + ' ...'}" for c in lines]
-
-    def table(self, name: str) -> None:
-        """Begin a table."""
-        self.text += ["", f"[{name}]"]
-
-    def put(self, name: str, value: Any, comment: str = "") -> None:
-        """An entry."""
-        self.text.append(f"{key(name)} = {toml(value)}" + (f"  # {comment}" if comment else ""))
-
-    def ask(self, name: str, question: str, value: Any = None, known: str = "") -> None:
-        """An entry that only the user knows, or its value where it is known after all."""
-        if value is not None:
-            self.put(name, float(f"{value:.4g}") if isinstance(value, float) else value, known)
-            return
-        self.put(name, OPEN, question)
-        self.questions.append(f"{name}: {question}")
 
 
 def draft_study(
@@ -151,13 +128,14 @@ def draft_study(
     if first.dense:
         reduction(out, looks)
     chambers(out, first)
+    tendons(out, first)
     for look in looks:
         recording(out, look, Path(study).parent, level)
     fit(out, looks)
     out.table("targets")
     out.say("what the verdict holds the predictions against; take a line away and it is not judged")
     out.put("rmse_percent_of_travel", 5.0)
-    return Draft("\n".join(out.text) + "\n", tuple(out.questions), doubts)
+    return Draft("\n".join(out.text) + "\n", tuple(dict.fromkeys(out.questions)), doubts)
 
 
 def looks_at(
@@ -166,11 +144,7 @@ def looks_at(
     """First looks at the recordings, all of them in the plane or in space; in space where one of them shows it."""
     pairs = with_logs([Path(f) for f in files])
     looks = [look_with_log(shape, log, mapping, space=space) for shape, log in pairs]
-    if driven := [look for look in looks if "actuation" in look.recording]:
-        kinds = ", ".join(sorted({str(k) for k in driven[0].recording["kind"].values}))
-        raise InputError(f"{driven[0].path.name} is driven by inputs of the kind {kinds}, and a draft takes pressures: "
-                         "write the study by hand")  # fmt: skip
-    spatial = any(look.spatial for look in looks) if space is None else space
+    spatial = any(look.spatial or look.cords for look in looks) if space is None else space
     if not spatial:
         return looks
     if any(look.chamber for look in looks):  # one that shows no motion in space by itself
@@ -191,17 +165,6 @@ def in_which_space(out: Lines, looks: Sequence[FirstLook]) -> None:
 def spatial_study(looks: Sequence[FirstLook]) -> bool:
     """Whether the recordings were looked at in space."""
     return any(look.aligned is not None and look.aligned.attrs["frame"] == "spatial" for look in looks)
-
-
-def chambers(out: Lines, look: FirstLook) -> None:
-    """The chambers of a body in space, each at the azimuth that the recording shows."""
-    if not look.chambers or look.aligned is None:
-        return
-    for name, azimuth in zip(look.chambers, azimuths(look.aligned), strict=True):
-        out.text += ["", "[[actuator.chambers]]"]
-        out.put("name", name)
-        out.put("torque", [1e-6], "N m/Pa, scaled by the gains that are fitted")
-        out.put("azimuth_deg", round(azimuth), "from x towards y of the base frame, as the last station moves")
 
 
 def look_doubts(looks: Sequence[FirstLook], case: Case) -> tuple[str, ...]:
@@ -339,14 +302,11 @@ def recording(out: Lines, look: FirstLook, folder: Path, level: float | None) ->
     out.put("file", relative(look.path, folder))
     if look.log is not None:
         out.put("pressure_file", relative(look.log, folder), "its clock is brought onto that of the shape")
-    if look.chambers:
-        out.put("drive", {name: name for name in look.chambers}, "chamber of the model = pressure of the recording")
+    channels(out, look)
     if look.chamber:
         out.say(f"of several pressures a draft takes one: {look.chamber} moves most, the mapping reads no other")
     if look.mapping:
         out.put("mapping", look.mapping)
-    if look.found.input_held:
-        out.put("staircase", "lines", "inputs are held between updates: straight lines between their changes")
     if (moving := moving_beside(look)) is not None:
         out.put("stations", moving, f"what moves, tip last; others stand still beside the base {look.base}")
     kind, when = excitation(look), moved(look)
@@ -401,8 +361,9 @@ def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[
     kinds, first = {excitation(look) for look in looks}, looks[0]
     levels = {round(look.highest_pa, -2) for look in looks if look.name != held and look.highest_pa is not None}
     free = [("stiffness", "N m/rad, of every joint"), ("damping", "N m s/rad, of every joint")]
-    if first.chambers:
-        return free + chamber_parameters(first.chambers) + place_parameters(first, kinds)
+    if first.chambers or first.cords:
+        named = [*first.chambers, *(one.name for one in first.cords)]
+        return free + chamber_parameters(named) + place_parameters(first, kinds)
     if kinds != {"release"}:
         free += [("torque_1", "N m/Pa")]
         free += [("torque_2", "N m/Pa^2, seen because more than one level is trained on")] if len(levels) > 1 else []
@@ -416,11 +377,6 @@ def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[
     if spatial_study([first]) and kinds != {"release"}:
         free += [("gain_y", "of the torque about y over that about x")]
     return free + place_parameters(first, kinds)
-
-
-def chamber_parameters(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Gains of each chamber about both axes: size and direction of its torque."""
-    return [(f"{name}.gain_{axis}", f"of the torque of {name} about {axis}") for name in names for axis in "xy"]
 
 
 def place_parameters(first: FirstLook, kinds: Collection[str]) -> list[tuple[str, str]]:

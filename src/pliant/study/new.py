@@ -23,7 +23,7 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
 from pliant.recording import read
-from pliant.recording.inputs import inputs_at
+from pliant.recording.inputs import RecordedInput, inputs_at, recorded_inputs
 from pliant.study.clocks import with_pressure
 from pliant.study.doubts import units_first
 from pliant.study.first_reading import narrowed, read_or_guess, several
@@ -117,13 +117,18 @@ class FirstLook:
     @property
     def spatial(self) -> bool:
         """Whether the body moves in space, as far as the file shows it."""
-        return self.recording.attrs["frame"] == "spatial" or (self.recording.attrs["frame"] == "tracker"
-                                                       and self.out_of_plane > OUT_OF_PLANE)  # fmt: skip
+        frame = self.recording.attrs["frame"]
+        return frame == "spatial" or (frame == "tracker" and (self.out_of_plane > OUT_OF_PLANE or bool(self.cords)))
 
     @property
     def chambers(self) -> list[str]:
         """Names of the pressures where there are several."""
         return several(self.recording)
+
+    @property
+    def cords(self) -> list[RecordedInput]:
+        """Inputs other than pressure: those of tendons."""
+        return [one for one in recorded_inputs(self.recording) if one.kind != "pressure"]
 
     @property
     def widest(self) -> float:
@@ -298,14 +303,46 @@ def azimuths(recording: xr.Dataset) -> list[float]:
     recording : xarray.Dataset
         Recording in the base frame, in space.
     """
-    across, inputs = (
-        without_spikes(recording["position"].values[:, -1:])[:, 0, :2],
-        inputs_at(recording, recording["time"].values),
-    )
-    known = np.isfinite(across).all(axis=1) & np.isfinite(inputs).all(axis=1)
-    design = np.column_stack([inputs[known], np.ones(int(known.sum()))])
-    gain = np.linalg.lstsq(design, across[known], rcond=None)[0][:-1]
-    return [float(a) for a in np.degrees(np.arctan2(-gain[:, 1], -gain[:, 0])) % 360.0]
+    gain = -sideways(recording)[:, -1]
+    return [float(a) for a in np.degrees(np.arctan2(gain[:, 1], gain[:, 0])) % 360.0]
+
+
+def sideways(recording: xr.Dataset) -> np.ndarray:
+    """Displacement (C, S, 2) of each station across the base tangent for a unit of each input, as if it were linear."""
+    across = without_spikes(recording["position"].values)[..., :2]
+    inputs = inputs_at(recording, recording["time"].values)
+    design = np.column_stack([inputs, np.ones(len(inputs))])
+    gain = np.full((inputs.shape[1], *across.shape[1:]), np.nan)
+    for s in range(across.shape[1]):
+        known = np.isfinite(across[:, s]).all(axis=1) & np.isfinite(inputs).all(axis=1)
+        gain[:, s] = np.linalg.lstsq(design[known], across[known, s], rcond=None)[0][:-1]
+    return gain
+
+
+def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
+    """Azimuth [degrees] of the tendon of each input, and where it ends [m along the base tangent at rest].
+
+    A tendon bends the body towards itself, evenly from the base to one of the stations, and leaves it straight beyond:
+    the end is the station for which that explains the displacements of all stations best.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording in the base frame, in space, without input 0 in any channel.
+    """
+    height = np.nanmedian(recording["position"].values[:10, :, 2], axis=0)
+    ends = np.sort(height[height > 0.05 * height.max()])
+    bent = np.minimum(height, ends[:, None])
+    shapes = bent * (height - 0.5 * bent)  # (E, S) displacement for a unit of curvature up to each end
+    found = []
+    for gain in sideways(recording):
+        seen = np.isfinite(gain).all(axis=1)
+        curvature = shapes[:, seen] @ gain[seen] / (shapes[:, seen] ** 2).sum(axis=1)[:, None]  # (E, 2)
+        missed = ((gain[seen] - shapes[:, seen, None] * curvature[:, None]) ** 2).sum(axis=(1, 2))
+        best = int(np.argmin(missed))
+        towards = curvature[best]
+        found.append((float(np.degrees(np.arctan2(towards[1], towards[0])) % 360.0), float(ends[best])))
+    return found
 
 
 def body_length(look: FirstLook) -> float | None:
@@ -320,7 +357,7 @@ def body_length(look: FirstLook) -> float | None:
 
 def excitation(look: FirstLook) -> Excitation:
     """"trace", "pulse", "step" or "release", as far as the file shows it."""
-    if "pressure" in look.recording:
+    if {"pressure", "actuation"} & set(look.recording):
         return "trace"
     if look.aligned is None:
         return "pulse"

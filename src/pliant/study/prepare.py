@@ -24,6 +24,7 @@ from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side, x_sign
 from pliant.recording import read
 from pliant.recording.published import PREFIX
 from pliant.reduction import LinkPlacement
+from pliant.study.channels import inputs_in_words
 from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
 from pliant.study.doubts import of_body, preset, presets, stated_case, units_first
@@ -128,7 +129,7 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         raw = lines_between_changes(raw)
     with units_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
-    found = [*findings, *(str(line) for line in looked.findings)]
+    found = [*findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
     if tip:
         found.append(tip)
     elif body is not raw or alignment.swaps:

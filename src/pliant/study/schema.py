@@ -173,6 +173,7 @@ class Recording(StudyEntry):
     pressure_file: str | None = None  # a log of the pressure, apart from the shape
     pressure_mapping: dict[str, Any] | None = None
     clock: Literal["same", "align"] | float | None = None  # s to add to the log's times; default: align another file's
+    signal: Literal["measured", "commanded"] | None = None  # what its inputs are, where that is known
     staircase: Literal["lines"] | None = None  # inputs held between updates: straight lines between their changes
     window: tuple[float, float] | None = None  # s on the clock of the shape: the part that is used
     excitation: Excitation | None = None

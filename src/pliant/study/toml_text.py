@@ -1,4 +1,4 @@
-"""How a draft writes values, keys and file names."""
+"""How a draft writes its lines: values, keys, file names, comments and questions."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pliant.recording.published import PREFIX
+from pliant.study.questions import OPEN
 
 
 def relative(path: Path, folder: Path) -> str:
@@ -38,3 +39,35 @@ def toml(value: Any) -> str:
 def key(name: str) -> str:
     """A key as TOML, quoted where it must be."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml(name)
+
+
+LONGEST = 150  # characters of a comment
+
+
+class Lines:
+    """Lines of the text as they come, and the questions among them."""
+
+    def __init__(self) -> None:
+        self.text: list[str] = []
+        self.questions: list[str] = []
+
+    def say(self, *comments: str) -> None:
+        """Comments."""
+        lines = [" ".join(c.split()) for c in comments]
+        self.text += [f"# {c if len(c) <= LONGEST else c[: LONGEST - 4] + ' ...'}" for c in lines]
+
+    def table(self, name: str) -> None:
+        """Begin a table."""
+        self.text += ["", f"[{name}]"]
+
+    def put(self, name: str, value: Any, comment: str = "") -> None:
+        """An entry."""
+        self.text.append(f"{key(name)} = {toml(value)}" + (f"  # {comment}" if comment else ""))
+
+    def ask(self, name: str, question: str, value: Any = None, known: str = "") -> None:
+        """An entry that only the user knows, or its value where it is known after all."""
+        if value is not None:
+            self.put(name, float(f"{value:.4g}") if isinstance(value, float) else value, known)
+            return
+        self.put(name, OPEN, question)
+        self.questions.append(f"{name}: {question}")

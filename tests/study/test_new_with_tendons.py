@@ -1,0 +1,81 @@
+"""`pliant new` on recordings of tendons: what it drafts, and that inputs of other kinds are refused and named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pliant.errors import InputError
+from pliant.identification import experiment
+from pliant.identification.drives import check_driven
+from pliant.model import Tendon, chain_model
+from pliant.numerics.curve import spatial_curve
+from pliant.preprocessing.align import align
+from pliant.recording import make_recording, write
+from pliant.study.draft import draft_study
+from pliant.study.new import tendon_ends
+from pliant.study.prepare import aligned_recording, all_aligned, study_model
+from pliant.study.schema import load_study
+
+TIME = np.arange(0, 4, 0.02)
+S = np.linspace(0, 0.3, 31)
+ENDS, AZIMUTHS = (0.1, 0.3, 0.2), np.radians([40.0, 200.0, 310.0])  # of three tendons, m and from x towards y
+TURN = Rotation.from_euler("zx", [50, 200], degrees=True)  # of the tracker
+
+
+def arm(kind="displacement", *, both=False):
+    """A body of arcs: each tendon bends it evenly up to its end, towards itself; three stations and a base."""
+    moves = np.where(TIME < 0.4, 0.0, TIME - 0.4)[:, None]
+    drawn = 2e-3 * (np.sin([2.1, 3.2, 4.7] * moves) if both else np.sin([2.1, 3.2, 4.7] * moves) ** 2)
+    curvature = np.zeros((len(TIME), len(S), 2))
+    for u, end, a in zip(drawn.T, ENDS, AZIMUTHS, strict=True):
+        curvature[:, end - 1e-9 >= S] += 400 * u[:, None, None] * [np.cos(a), np.sin(a)]
+    place = spatial_curve(curvature, S)[0][..., [0, 2, 1]] * [-1, 1, 1]  # from +y to +z
+    tracked = TURN.apply(place[:, [0, 10, 20, 30]].reshape(-1, 3)).reshape(-1, 4, 3)
+    return make_recording(TIME, tracked + 0.1, station=["base", "first", "middle", "tip"], actuation=drawn,
+                          input_kind=kind, input_names=["t1", "t2", "t3"])  # fmt: skip
+
+
+def test_azimuths_and_ends_of_tendons():
+    body = align(arm(), base="base", tangent="chord", space=True)
+    azimuth, end = np.array(tendon_ends(body)).T
+    np.testing.assert_allclose(end, ENDS, atol=2e-3)
+    apart = np.degrees(AZIMUTHS - AZIMUTHS[0])
+    np.testing.assert_allclose((azimuth - azimuth[0] - apart + 180) % 360, 180, atol=4)  # x is that of the motion
+
+
+def test_a_study_of_tendons_is_drafted_and_builds_a_model(tmp_path):
+    write(arm("angle", both=True), tmp_path / "run.nc")
+    draft = draft_study([tmp_path / "run.nc"], tmp_path / "s.toml", mass=0.1)
+    assert len(draft.questions) == 2  # each once, though three tendons ask them
+    assert draft.text.count("[[actuator.tendons]]") == 3
+    assert "pair = true  # its motor turns either way" in draft.text
+    text = draft.text.replace('lever = "?"', "lever = 8e-3").replace('pulley = "?"', "pulley = 0.01")
+    (tmp_path / "s.toml").write_text(text)
+    study = load_study(tmp_path / "s.toml")
+    assert [t.joints for t in study.actuator.tendons] == [[1, 2], None, [1, 2, 3]]  # joints at 30, 90, 150, ... mm
+    model = study_model(study.actuator, None)
+    assert model.actuation.kinds == ("angle",) * 3
+    assert study.recordings["run"].drive == {"t1": "t1", "t2": "t2", "t3": "t3"}
+    words = "inputs, measured: t1 drives t1, t2 drives t2, t3 drives t3 (angle of a motor, rad)"
+    assert words in all_aligned(study)["run"].findings
+    silent = study.model_copy(update={"recordings": {
+        "run": study.recordings["run"].model_copy(update={"signal": None, "drive": {}})}})  # fmt: skip
+    words = "inputs, not stated whether measured or commanded: t1, t2, t3 (angle of a motor, rad)"
+    assert words in aligned_recording(silent, "run").findings
+
+
+@pytest.mark.parametrize("drive", [{"t1": "t1"}, None])
+def test_an_input_of_another_kind_is_refused(drive):
+    body = align(arm(), base="base", tangent="chord", space=True)
+    body = body if drive else body.isel(input=[0])
+    one = experiment("one", body, drive=drive)
+    assert one.input_kinds == {"t1" if drive else "": "displacement"}
+    cord = {"lever": 8e-3, "name": "t1"}
+    right = chain_model(length=0.3, mass=0.1, links=3, stiffness=1.0, damping=0.01, space=True, chambers=[
+        Tendon.at_azimuth(0.0, np.ones(3), driven_by="displacement", line_stiffness=1e3, **cord)])  # fmt: skip
+    check_driven(right, [one])
+    wrong = right.with_(chambers=[Tendon.at_azimuth(0.0, np.ones(3), driven_by="tension", **cord)])
+    with pytest.raises(InputError, match=r"'t1' .* is a tension \[N\], but .* recorded as a displacement \[m\]"):
+        check_driven(wrong, [one])
