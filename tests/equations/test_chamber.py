@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from pliant.equations.chamber import (
     advance,
@@ -22,9 +23,11 @@ from pliant.equations.chamber import (
     slow_rates,
     swollen_torque,
     torque_now,
+    wall_rate,
 )
 from pliant.equations.section import torque
 from pliant.equations.symbols import ActuationConstants, ChamberConstants, Interval
+from pliant.model.chamber import rest_growth
 
 
 @pytest.mark.parametrize("terms", [1, 2, 4])
@@ -54,8 +57,8 @@ LAW = np.array([6e-7, 2e-12, 3e-18])
 STRAIGHT = Interval(2e4, 5e4, 8e4, 5e4)
 
 
-def chamber(share, law=LAW, limit=0.0):
-    return ChamberConstants(law, share, 0.3, limit, 0.05, 0.0)
+def chamber(share, law=LAW, limit=0.0, jm=0.0):
+    return ChamberConstants(law, share, 0.3, limit, 0.05, jm, 0.0)
 
 
 def test_a_chamber_that_has_swollen_follows_the_law():
@@ -86,22 +89,65 @@ def test_mean_torque_of_a_swelling_chamber(rng):
     assert found == pytest.approx(np.trapezoid(straight, t), rel=1e-8)
 
 
-LIMIT, WALL = 5e4, 0.05
+LIMIT, WALL = 5e4, 0.05  # the time of `chamber`
 
 
 def test_a_chamber_inflates_as_its_wall_lets_it():
     """At rest p = limit (1 - stretch^-4); the nearer the limit, the slower; nothing special at the limit itself."""
     for p in (0.0, 1e4, 4e4, -2e4):
-        middle, end = inflated_interval(50.0, Interval(p, p, p, p), 1.0, LIMIT, WALL)
+        middle, end = inflated_interval(50.0, Interval(p, p, p, p), 1.0, chamber(0.0, limit=LIMIT))
         assert p == pytest.approx(LIMIT * (1.0 - 1.0 / end), abs=1e-9)
         assert middle == pytest.approx(end)
     for p in (2e4, 4e4, LIMIT, LIMIT * (1 + 1e-10), 6e4):
         t = np.linspace(0.0, 0.1, 200_001)
         rate = (1.0 - p / LIMIT) / WALL
         expected = np.exp(-rate * 0.1) * 1.2 + np.trapezoid(np.exp(-rate * t), t) / WALL
-        assert inflated(0.1, p, 1.2, LIMIT, WALL) == pytest.approx(expected, rel=1e-9)
-    left = [1.0 / (1.0 - p / LIMIT) - inflated(0.1, p, 1.0, LIMIT, WALL) for p in (2e4, 4e4)]
+        assert inflated(0.1, p, 1.2, chamber(0.0, limit=LIMIT)) == pytest.approx(expected, rel=1e-9)
+    left = [1.0 / (1.0 - p / LIMIT) - inflated(0.1, p, 1.0, chamber(0.0, limit=LIMIT)) for p in (2e4, 4e4)]
     assert left[1] > 10 * left[0]
+
+
+def test_a_gent_wall_rests_where_its_rubber_holds_the_pressure():
+    """Against the derivative of Gent's energy -jm / 2 ln(1 - J / jm); there is a rest at any pressure."""
+    jm = 20.0
+    for push in (-0.5, 0.3, 0.9, 1.0, 1.2, 4.0):
+        y = rest_growth(np.array(push * LIMIT), LIMIT, jm)
+        stretch = y**0.25
+
+        def energy(x):  # of a ring of unit shear modulus, wall and radius
+            return -0.5 * jm * np.log(1.0 - (x**2 + x**-2 - 2.0) / jm)
+
+        slope = np.imag(energy(stretch + 1e-30j)) / 1e-30
+        assert slope / stretch == pytest.approx(push, rel=1e-9)  # p = W' / (stretch radius) of a thin tube
+        held = 1.0
+        for _ in range(150):
+            held = inflated(0.05, push, held, chamber(0.0, limit=1.0, jm=jm))
+        assert held == pytest.approx(y, rel=1e-9)
+    assert rest_growth(np.array([2e4, 9e4]), LIMIT, 0.0) == pytest.approx([1.0 / 0.6, np.inf])
+    assert rest_growth(np.array([2e4, 4e4]), LIMIT, 1e9) == pytest.approx([1.0 / 0.6, 5.0], rel=1e-6)
+    far = rest_growth(np.array([1e2 * LIMIT, 1e5 * LIMIT]), LIMIT, jm)
+    assert np.isfinite(far).all()
+    assert far[1] > far[0]
+
+
+def test_a_gent_wall_moves_as_its_rate_says():
+    """Second order in the interval, by an adaptive solver; the slope of the rate by a complex step, both branches."""
+    own, p = chamber(0.0, limit=LIMIT, jm=4.0), 1.3 * LIMIT
+    found = solve_ivp(lambda _, y: wall_rate(p, y, own)[0], (0.0, 0.1), [1.1], rtol=1e-11, atol=1e-12).y[0, -1]
+    errors = []
+    for count in (20, 40):
+        y = 1.1
+        for _ in range(count):
+            y = inflated(0.1 / count, p, y, own)
+        errors.append(abs(y - found))
+    assert errors[1] < 2e-3 * found
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
+    for y in (0.6, 1.0, 3.0, 20.0, 33.0, 40.0, 300.0):
+        rate, slope = wall_rate(p, y + 1e-30j, own)
+        assert np.imag(rate) / 1e-30 == pytest.approx(slope.real, rel=1e-12, abs=1e-12)
+    edge = brentq(lambda y: np.sqrt(y) + 1.0 / np.sqrt(y) - 2.0 - 0.9 * 4.0, 10.0, 100.0)
+    below, above = (np.array(wall_rate(p, edge * x, own)) for x in (1.0 - 1e-9, 1.0 + 1e-9))
+    assert below == pytest.approx(above, rel=1e-6)  # the tangent continues it without a step or a kink
 
 
 def test_mean_torque_of_an_inflating_chamber(rng):
@@ -125,7 +171,7 @@ def test_a_step_advances_what_a_record_averages(rng, share, limit):
     for row in behind:
         p = Interval(*row)
         half, last = slow_interval(0.02, p, slow, own.swell_time)
-        y1, y2 = inflated_interval(0.02, p, y, limit, own.inflation_time) if limit else (1.0, 1.0)
+        y1, y2 = inflated_interval(0.02, p, y, own) if limit else (1.0, 1.0)
         rigid = mean_swollen(p, (slow, half, last), own) if share else mean_of_law(p, own.law)
         expected = mean_inflated(p, (slow, half, last), (y, y1, y2), own) if limit else rigid
         assert advance(0.02, p, own, state) == pytest.approx(expected, rel=1e-14)
@@ -154,7 +200,7 @@ def test_joints_share_the_torques_of_chambers():
     for c, t in enumerate((0.3, 0.3)):
         share_out(c, t, gain, tau)
     assert tau == pytest.approx(gain.T @ [0.3, 0.3], abs=1e-16)
-    rubber = np.array([[0.6, 0.3, 0.0, 0.05, 0.0], [0.0, 1.0, 0.0, 0.1, 0.0]])
+    rubber = np.array([[0.6, 0.3, 0.0, 0.05, 0.0, 0.0], [0.0, 1.0, 0.0, 0.1, 0.0, 0.0]])
     body = ActuationConstants(np.stack([LAW, 2 * LAW]), gain, rubber)
     state = np.array([[2e4, 1.0], [1e4, 1.0]])
     held_torques(0.02, np.array([4e4, 0.0]), body, state, tau)

@@ -39,7 +39,8 @@ def random_model(rng: np.random.Generator, n: int, kind: int) -> Model:
         cubic_stiffening=0.1 * (kind % 2), stiffening_bound=0.75 * (kind % 3 == 1),
         base_length=0.01 * (kind % 2), base_angle=rng.uniform(-0.5, 0.5),
         gravity=rng.uniform(-9, 9, 2), valve=VALVES[kind % 3], memory=MEMORIES[kind % 4],
-        swell_share=0.2 * (kind in (2, 5)), swell_time=0.4, inflation_limit=9e5 * (kind in (3, 5)), name="random",
+        swell_share=0.2 * (kind in (2, 5)), swell_time=0.4, inflation_limit=9e5 * (kind in (3, 5)),
+        inflation_jm=0.5 * (kind == 5), name="random",
     )
 
 

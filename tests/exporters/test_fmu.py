@@ -230,7 +230,7 @@ def test_names_are_structured_and_differ_and_units_are_si(version, branched, mad
     assert {"left_tip.x", "pressure_near_end", "pressure_far_behind_valve", "_3_5_kPa.angle"} <= set(names)
     units = {v.name: v.unit or "" for v in described.modelVariables}
     assert [units[f"valve[1,{k}]"] for k in (1, 2, 3, 4)] == ["s", "s", "Pa/s", "Pa/s"]
-    assert [units[f"rubber[2,{k}]"] for k in (1, 2, 3, 4)] == ["", "s", "Pa", "s"]
+    assert [units[f"rubber[2,{k}]"] for k in (1, 2, 3, 4, 5)] == ["", "s", "Pa", "s", ""]
     bases = {u.name: u.baseUnit for u in described.unitDefinitions}
     torque = bases[units["torque[1,1]"]]
     assert (torque.kg, torque.m, torque.s, torque.rad) == (0, 3, 0, 0)  # N m/Pa is m^3
@@ -242,7 +242,7 @@ def test_units_of_every_parameter_are_known():
     """A parameter that is added to the C needs a unit here, one for each column where they differ."""
     model = chen2018.model(
         torque=[6e-7, 1e-13, 1e-19], memory=Memory((0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.1),
-        swell_share=0.1, inflation_limit=1e6,
+        swell_share=0.1, inflation_limit=1e6, inflation_jm=20.0,
     )
     units = {v.name: v.unit for v in variables(model, 0.0)}
     assert [units[f"torque[1,{k}]"] for k in (1, 2, 3)] == ["N.m/Pa", "N.m/Pa2", "N.m/Pa3"]

@@ -47,7 +47,8 @@ def test_a_law_is_kept_in_files_and_checked(law, tmp_path):
 
 
 @EACH_LAW
-@pytest.mark.parametrize("rubber", [{}, {"swell_share": 0.5, "swell_time": 0.1, "inflation_limit": 4e5}])
+@pytest.mark.parametrize("rubber", [{}, {"swell_share": 0.5, "swell_time": 0.1, "inflation_limit": 4e5},
+                                    {"inflation_limit": 6e4, "inflation_time": 0.03, "inflation_jm": 2.0}])
 def test_a_motion_is_that_of_an_adaptive_solver_and_of_the_stepper(law, rubber):
     model, h, level = with_law(law).with_(**rubber), 1e-3, 8e4
     times, pulse = np.linspace(0.0, 0.3, 31), Pulse(level, 0.0, 1.0)

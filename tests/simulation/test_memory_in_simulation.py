@@ -126,6 +126,12 @@ def test_an_inflating_chamber_rests_as_its_wall_and_remembers_its_stretch(paper,
     assert load_model(save_model(model, tmp_path / "m.json")) == model
     with pytest.raises(SimulationError, match="grows without end"):
         equilibrium(model, 2e5)
+    bounded = model.with_(inflation_jm=1.0)
+    run = simulate(bounded, step(3e5, 0.01), times=np.array([0.0, 2.0, 3.0]), step=2e-3)
+    assert run.joint_angle.values[-1] == pytest.approx(equilibrium(bounded, 3e5))
+    x = run.hoop_stretch.values[-1, 0]
+    push = (1.0 - x**-4) / (1.0 - (x**2 + x**-2 - 2.0))
+    assert push == pytest.approx(1.5, rel=1e-6)  # 3e5 Pa in parts of the limit
 
 
 def test_steps_of_an_inflating_chamber_are_those_of_simulate(paper):

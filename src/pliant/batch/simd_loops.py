@@ -35,7 +35,7 @@ class Commanded(NamedTuple):
     command: np.ndarray  # (G, W, C) Pa
     law: np.ndarray  # (G, W, C, k), gain and rubber: `symbols.ActuationConstants` of each lane
     gain: np.ndarray  # (G, W, C, n)
-    rubber: np.ndarray  # (G, W, C, 5)
+    rubber: np.ndarray  # (G, W, C, 6)
     valve: np.ndarray  # (G, W, C, 4) a `Lag` for each
     pressure: np.ndarray  # (G, W, C) Pa behind the valves, advanced in place
     slow: np.ndarray  # (G, W, C, 2) slow states, advanced in place

@@ -72,29 +72,60 @@ def swollen_slope(start, end, slow, share, a, form):
     return lever(s1, a, form) + start * (1.0 - share) * lever_secant(s0, s1, a, form)
 
 
-def inflated_interval(h, p, y, limit, time):
-    """Fourth power y of a chamber's hoop stretch at the middle and the end of an `Interval` p of length h [s].
+def gent_factor(y, jm):
+    """Factor of Gent's rubber on the tension of the wall, and its slope by y, the fourth power of the hoop stretch.
 
-    time y' = 1 - (1 - p / limit) y
+    G = 1 / (1 - J / jm), J = stretch^2 + stretch^-2 - 2, the first invariant less 3 of a tube whose length is held.
+    Above J = 0.9 jm the tangent there continues it, so that any step of time stays finite.
 
-    A thin neo-Hookean tube of viscous rubber whose length fibres hold: p = limit (1 - stretch^-4) at rest, limit [Pa]
-    being shear modulus times wall over radius. It grows without end at the limit, and ever more slowly towards it.
-    Exact where the pressure is constant.
+    Source: Gent, A new constitutive relation for rubber, Rubber Chem. Technol. 69 (1996) 59
+    """
+    root = np.sqrt(y)
+    left = 1.0 - (root + 1.0 / root - 2.0) / jm
+    factor = 20.0 - 100.0 * left
+    slope = 100.0 + 0.0 * y
+    if left.real > 0.1:
+        factor = 1.0 / left
+        slope = factor * factor
+    return factor, slope * 0.5 * (1.0 - 1.0 / y) / (root * jm)
+
+
+def wall_rate(p, y, chamber):
+    """Rate y' [1/s] of the fourth power of the hoop stretch at the pressure p [Pa], and its slope by y.
+
+    time y' = p / limit y - (y - 1) G(y)
+
+    A thin tube of viscous rubber whose length fibres hold; `limit` [Pa] is the shear modulus times wall over radius.
+    Of a neo-Hookean rubber, `inflation_jm` = 0, G = 1: p = limit (1 - stretch^-4) at rest, and it grows without end at
+    the limit, ever more slowly towards it. Gent's rubber stiffens towards J = jm: `gent_factor`.
 
     Source: Rivlin (1949) for the tube; the rate is work done by p less work stored, taken by the wall's viscosity.
     """
-    half = 0.5 * h
+    push = p / chamber.inflation_limit
+    if chamber.inflation_jm.real > 0.0:
+        factor, slope = gent_factor(y, chamber.inflation_jm)
+        rate = push * y - (y - 1.0) * factor
+        return rate / chamber.inflation_time, (push - factor - (y - 1.0) * slope) / chamber.inflation_time
+    return (1.0 - (1.0 - push) * y) / chamber.inflation_time, (push - 1.0) / chamber.inflation_time
+
+
+def inflated_interval(h, p, y, chamber):
+    """Fourth power y of a chamber's hoop stretch at the middle and the end of an `Interval` p of length h [s]."""
     first = 2.0 * p.mean - 0.5 * (p.middle + p.end)
-    return inflated(half, first, y, limit, time), inflated(h, p.mean, y, limit, time)
+    return inflated(0.5 * h, first, y, chamber), inflated(h, p.mean, y, chamber)
 
 
-def inflated(h, p, y, limit, time):
-    """Fourth power of the hoop stretch after h [s] at the pressure p [Pa]; see `inflated_interval`."""
-    x = (1.0 - p / limit) * h / time
+def inflated(h, p, y, chamber):
+    """Fourth power of the hoop stretch after h [s] at the pressure p [Pa], by the exponential of `wall_rate`'s slope.
+
+    Exact of a neo-Hookean wall, of second order in h of Gent's.
+    """
+    rate, slope = wall_rate(p, y, chamber)
+    x = -slope * h
     late = 1.0 - 0.5 * x  # mean of the decay: its series where the difference below would lose its digits
     if abs(x.real) > 1e-8:
         late = -np.expm1(-x) / x
-    return y + h / time * late * (1.0 - (1.0 - p / limit) * y)
+    return y + h * late * rate
 
 
 def lever_growth(y):
@@ -130,7 +161,7 @@ def slow_rates(p, slow, y, chamber):
     """Rates of the slow states at the pressure p [Pa]: of the slow pressure, Pa/s, and of y, 1/s."""
     growing = 0.0 * y
     if chamber.inflation_limit.real > 0.0:
-        growing = (1.0 - (1.0 - p / chamber.inflation_limit) * y) / chamber.inflation_time
+        growing, _ = wall_rate(p, y, chamber)
     return (p - slow) / chamber.swell_time, growing
 
 
@@ -150,7 +181,7 @@ def advance(h, p, chamber, state):
     if not chamber.inflation_limit.real > 0.0:
         return mean_swollen(p, (before, half, last), chamber)
     y = state[1]
-    y_half, y_last = inflated_interval(h, p, y, chamber.inflation_limit, chamber.inflation_time)
+    y_half, y_last = inflated_interval(h, p, y, chamber)
     state[1] = y_last
     return mean_inflated(p, (before, half, last), (y, y_half, y_last), chamber)
 
@@ -158,7 +189,9 @@ def advance(h, p, chamber, state):
 def advance_one(c, h, p, actuation, state):
     """As `advance`, of chamber c of an `ActuationConstants`; its slow states are row c of `state` (C, 2)."""
     rubber = actuation.rubber
-    chamber = ChamberConstants(actuation.law[c], rubber[c, 0], rubber[c, 1], rubber[c, 2], rubber[c, 3], rubber[c, 4])
+    chamber = ChamberConstants(
+        actuation.law[c], rubber[c, 0], rubber[c, 1], rubber[c, 2], rubber[c, 3], rubber[c, 4], rubber[c, 5],
+    )
     return advance(h, p, chamber, state[c])
 
 

@@ -115,6 +115,7 @@ class ChamberConstants(NamedTuple):
     swell_time: float  # s
     inflation_limit: float  # Pa, towards which the wall expands; 0: a rigid wall
     inflation_time: float  # s
+    inflation_jm: float  # J_m of a Gent wall, at which its stretch ends; 0: neo-Hookean
     form: float  # number of the law: `equations.laws`
 
 
@@ -126,7 +127,7 @@ class ActuationConstants(NamedTuple):
 
     law: np.ndarray  # (C, k) numbers of the laws
     gain: np.ndarray  # (C, n) share of each chamber's torque that each joint feels; 1 by virtual work
-    rubber: np.ndarray  # (C, 5) the last five entries of each `ChamberConstants`
+    rubber: np.ndarray  # (C, 6) the last six entries of each `ChamberConstants`
 
 
 class Interval(NamedTuple):

@@ -109,7 +109,7 @@ def learn_ahead(state, gains, periods, pressure, chambers, new):
         for a in range(len(G)):
             new[a] = 0.0
         for c in range(len(pressure)):
-            push = law_torque(pressure[c], chambers.law[c], chambers.rubber[c, 4])
+            push = law_torque(pressure[c], chambers.law[c], chambers.rubber[c, 5])
             for a in range(len(G)):
                 new[a] = new[a] + G[a, c] * push
         for a in range(len(G)):

@@ -33,7 +33,7 @@ from pliant.simulation.time_step import shared_step, warn_too_coarse
 from pliant.text import escaped
 
 Array = np.ndarray
-CAN = ALL - {"lengthening", "second_order", "settling", "dead_band", "space", "tendons"}
+CAN = ALL - {"lengthening", "second_order", "settling", "dead_band"}
 MOST_LINKS = 24  # the text of a step grows with the cube of the links
 
 
@@ -129,7 +129,7 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
         rows.append(f"{kind} memory[{n}][{text.branches}]; /* rad, {labels} of each joint */")
     if queue:
         rows += [f"{kind} queue[{queue}][{C}]; /* Pa, commands on their way */", "int next; /* place of the next */"]
-    units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s", "B": "derived", "I": "derived", "h": "derived",
+    units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", "B": "derived", "I": "derived", "h": "derived",
              "hardening": "derived", "torque": "N m/Pa^k", "joint_gain": "1",
              "boucwen": "1, 1/rad^n, 1/rad^n, 1"}  # fmt: skip
     known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}

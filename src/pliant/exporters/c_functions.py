@@ -20,7 +20,7 @@ from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
 DERIVED = ("B", "I", "h", "hardening")  # of the parameters, what `update` works out of the others
-FORM = 4  # place of the number of its law behind the rubber of a chamber: known beforehand
+FORM = 5  # place of the number of its law behind the rubber of a chamber: known beforehand
 LIMITS = {"AGREE": 2e-6}  # rad, what single precision can agree to; see `equations.memory`
 
 

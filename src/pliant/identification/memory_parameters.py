@@ -48,6 +48,7 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     "swell_time": ("s", 1e-3, 1e4, 0.0, "how late"),
     "inflation_limit": ("Pa", 1e3, 1e9, 0.0, "pressure towards which the chamber's wall expands without end"),
     "inflation_time": ("s", 1e-4, 1e3, 0.0, "time that the wall takes at low pressure"),
+    "inflation_jm": ("1", 1.0, 1e4, 0.0, "J_m of a wall of Gent's rubber, which bounds its stretch"),
 }
 LAYOUTS: dict[str, tuple[Callable[..., Springpot | Payne], tuple[str, ...], str]] = {
     # laws of few numbers: what lays them out, its numbers, the kind of branch that it lays
@@ -67,7 +68,7 @@ def usual_start(name: str) -> float | None:
               "payne_share": 3.0, "payne_angle": 0.02, "payne_exponent": 0.4,
               "boucwen_share": 0.1, "boucwen_beta": 20.0, "boucwen_gamma": 10.0, "boucwen_exponent": 1.5,
               **dict.fromkeys(SPRING_TERMS, 0.0), SPRING_BOUND: 0.75,
-              "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05,
+              "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05, "inflation_jm": 50.0,
               "valve_dead_band": 1e3, "valve_settle_share": 0.1, "valve_settle_time": 2.0,
               "valve_rise_rate": 3e5, "valve_fall_rate": 3e5}  # fmt: skip
     if own in single:

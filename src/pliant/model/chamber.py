@@ -15,10 +15,10 @@ from pliant.model.limits import MOST_TERMS
 from pliant.model.valve import Valve
 
 Array = np.ndarray
-RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time")
+RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time", "inflation_jm")
 ARRAYS = ("torque", "joint_gain", "cross_gain", "axial_gain")
 POSITIVE = ("swell_time", "inflation_time")
-NOT_NEGATIVE = ("swell_share", "inflation_limit")
+NOT_NEGATIVE = ("swell_share", "inflation_limit", "inflation_jm")
 
 
 class ChamberValues(TypedDict, total=False):
@@ -31,6 +31,7 @@ class ChamberValues(TypedDict, total=False):
     swell_time: float
     inflation_limit: float
     inflation_time: float
+    inflation_jm: float
     axial_gain: Any
     cross_gain: Any
     law: str
@@ -55,10 +56,11 @@ class Chamber:
     swell_share, swell_time : float
         A chamber that swells: this share of what the law adds beyond torque[0] p grows with a pressure that lags by
         swell_time, s. See `pliant.equations.chamber.swollen_torque`; share 0: at once.
-    inflation_limit, inflation_time : float
-        With a hyperelastic wall: the pressure [Pa] towards which it grows without end, shear modulus times wall over
-        radius of a thin neo-Hookean tube, and the time [s] that its rubber takes at low pressure. The torque
-        grows with the cube of the stretch; see `pliant.equations.chamber.inflated_interval`. Limit 0: a rigid wall.
+    inflation_limit, inflation_time, inflation_jm : float
+        With a hyperelastic wall: shear modulus times wall over radius of a thin tube [Pa], the time [s] that its rubber
+        takes at low pressure, and J_m of Gent's rubber, which bounds its stretch: J_m = stretch^2 + stretch^-2 - 2 at
+        most. Without it, 0, the rubber is neo-Hookean and grows without end at `inflation_limit`. The torque
+        grows with the cube of the stretch; see `pliant.equations.chamber.wall_rate`. Limit 0: a rigid wall.
     axial_gain : array (S,)
         Axial force on each segment that lengthens (`pliant.model.Extension`), in parts of the torque, 1/m. By virtual
         work it is 1 / offset where a chamber lies at an offset [m] from the neutral axis: its volume A (L (1 + e) +
@@ -92,6 +94,7 @@ class Chamber:
     swell_time: float = 1.0
     inflation_limit: float = 0.0
     inflation_time: float = 0.1
+    inflation_jm: float = 0.0
     axial_gain: Array = field(default_factory=lambda: np.zeros(1))
     cross_gain: Array = field(default_factory=lambda: np.zeros(1))
     name: str = "chamber"
@@ -181,7 +184,7 @@ class Chamber:
 
     def growth_at(self, pressure: Any) -> Any:
         """Fourth power of the hoop stretch at rest at gauge `pressure` [Pa]: 1 for a rigid wall."""
-        return rest_growth(np.asarray(pressure, dtype=float), self.inflation_limit)
+        return rest_growth(np.asarray(pressure, dtype=float), self.inflation_limit, self.inflation_jm)
 
     def torque_slope(self, pressure: float) -> float:
         """Slope of the torque law at a pressure [Pa], the swelling held: N m/Pa.
@@ -225,7 +228,8 @@ class Chamber:
         if self.swell_share:
             said.append(f"{who}swelling: share {self.swell_share:.3g}, {self.swell_time:.3g} s")
         if self.inflation_limit:
-            said.append(f"{who}inflation: limit {self.inflation_limit:.4g} Pa, {self.inflation_time:.3g} s")
+            bound = f", J_m {self.inflation_jm:.4g}" if self.inflation_jm else ""
+            said.append(f"{who}inflation: limit {self.inflation_limit:.4g} Pa, {self.inflation_time:.3g} s{bound}")
         if self.axial_gain.any():
             said.append(f"{who}axial force: {', '.join(f'{g:.4g}' for g in self.axial_gain)} 1/m of the torque")
         return said
@@ -234,20 +238,38 @@ class Chamber:
         """Constants for the kernels."""
         return symbols.ChamberConstants(
             self.torque, self.swell_share, self.swell_time, self.inflation_limit, self.inflation_time,
-            laws.NUMBERS[self.law],
+            self.inflation_jm, laws.NUMBERS[self.law],
         )
 
 
-def rest_growth(pressure: Array, limit: Any) -> Array:
-    """Fourth power of the hoop stretch at rest at `pressure` [Pa] towards `limit` [Pa]; 1 where the limit is 0."""
-    left = 1.0 - pressure / np.where(limit, limit, np.inf)
-    return np.where(left > 0.0, 1.0 / np.where(left > 0.0, left, 1.0), np.inf)
+def rest_growth(pressure: Array, limit: Any, jm: Any = 0.0) -> Array:
+    """Fourth power of the hoop stretch at rest at `pressure` [Pa] towards `limit` [Pa]; 1 where the limit is 0.
+
+    Of Gent's rubber with `jm` above 0 it is finite at every pressure; without, infinite from the limit on.
+    """
+    push, jm = np.broadcast_arrays(pressure / np.where(limit, limit, np.inf), jm)
+    y = np.where(push < 1.0, 1.0 / np.where(push < 1.0, 1.0 - push, 1.0), np.inf)
+    for at in map(tuple, np.argwhere(jm)):
+        y[at] = rest_of_gent(float(push[at]), float(jm[at]))
+    return y
+
+
+def rest_of_gent(push: float, jm: float) -> float:
+    """Fourth power of the hoop stretch at which a Gent wall rests at a pressure of `push` times its limit."""
+    wall = symbols.ChamberConstants(np.zeros(1), 0.0, 1.0, 1.0, 1.0, jm, 0.0)
+    y = max(1.0 / (1.0 - push), 1e-300) if push < 0.5 else (jm * (1.0 + 0.02 * push) + 4.0) ** 2  # beyond the rest
+    for _ in range(100):  # Newton from beyond the rest converges steadily: the rate is concave in y
+        rate, slope = chamber.wall_rate(push, y, wall)
+        y -= rate / slope
+        if abs(rate) <= 1e-14 * abs(slope) * y:
+            break
+    return float(y)
 
 
 def grown(torque: Array, pressure: Array, values: Mapping[str, Array]) -> Array:
     """Torques (N,) of laws at rest, with the growth of the walls of many chambers whose `values` (N,) are given."""
     soft, limit = np.flatnonzero(values["inflation_limit"]), values["inflation_limit"]
-    torque[soft] *= chamber.lever_growth(rest_growth(pressure[soft], limit[soft]))
+    torque[soft] *= chamber.lever_growth(rest_growth(pressure[soft], limit[soft], values["inflation_jm"][soft]))
     return torque
 
 

@@ -29,7 +29,7 @@ UNITS = {
     "torque": "N m/Pa^k", "tip_mass": "kg", "base_length": "m", "base_angle": "rad", "gravity": "m/s^2",
     "valve": "s, Hz", "valve rates": "Pa/s", "dead_band": "Pa",
     "stations": "m", "space": "rad, 1, m", "tendons": "m, N/m, N", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
-    "inflation_limit": "Pa", "inflation_time": "s", "axial_gain": "1/m",
+    "inflation_limit": "Pa", "inflation_time": "s", "inflation_jm": "1", "axial_gain": "1/m",
     "extensions": "N, N s, m", **{name: term.unit for name, term in SPRING_TERMS.items()},
     SPRING_BOUND: "1",
 }
@@ -90,6 +90,7 @@ class ChamberEntry(BaseModel):
     swell_time: float = 1.0
     inflation_limit: float = 0.0
     inflation_time: float = 0.1
+    inflation_jm: float = 0.0
     axial_gain: list[float] = [0.0]
     cross_gain: list[float] = [0.0]
     law: str = "polynomial"
@@ -160,13 +161,14 @@ class ModelFile(BaseModel):
     memory: MemoryEntry = MemoryEntry()
     extensions: list[ExtensionEntry] = []
     space: SpaceEntry | None = None
-    torque: list[float] | None = None  # these ten of the only chamber, or `chambers`
+    torque: list[float] | None = None  # these eleven of the only chamber, or `chambers`
     joint_gain: list[float] | None = None
     valve: ValveEntry | None = None
     swell_share: float | None = None
     swell_time: float | None = None
     inflation_limit: float | None = None
     inflation_time: float | None = None
+    inflation_jm: float | None = None
     axial_gain: list[float] | None = None
     cross_gain: list[float] | None = None
     law: str | None = None

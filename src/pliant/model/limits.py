@@ -51,6 +51,7 @@ LIMITS = {
     "swell_time": Limit(1e-6, 1e9, "s"),
     "inflation_limit": Limit(1.0, 1e12, "Pa", zero=True),
     "inflation_time": Limit(1e-6, 1e9, "s"),
+    "inflation_jm": Limit(0.1, 1e9, "", zero=True),
     "station along": Limit(0.0, 1e3, "m"),
     "station across": Limit(0.0, 1e3, "m"),
     "station aside": Limit(0.0, 1e3, "m"),

@@ -20,7 +20,7 @@ from pliant.simulation.pressure_loops import UNLIMITED
 Array = np.ndarray
 Twin = Callable[[Any], Any]  # of a kernel, on floats or on duals
 OF_A_VALVE = 10  # entries of a row that are the valve's, the first
-BEFORE_LAW = OF_A_VALVE + 7  # and before the torque law, whose length is its own
+BEFORE_LAW = OF_A_VALVE + 8  # and before the torque law, whose length is its own
 
 
 class ValveConstants(NamedTuple):
@@ -100,7 +100,7 @@ def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any,
         return
     state = row[BEFORE_LAW - 2 : BEFORE_LAW].copy() if row.ndim == 1 else row[BEFORE_LAW - 2 : BEFORE_LAW]
     single = row[OF_A_VALVE:BEFORE_LAW].tolist() if row.ndim == 1 else row[OF_A_VALVE:BEFORE_LAW]
-    run(pressure_loops.slow_torques)(*at, p, symbols.ChamberConstants(law, *single[:5]), state, torque, grown)
+    run(pressure_loops.slow_torques)(*at, p, symbols.ChamberConstants(law, *single[:6]), state, torque, grown)
 
 
 def torque_slopes(chamber: Chamber, row: Array, at: Intervals, commands: Array) -> Array:
