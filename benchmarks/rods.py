@@ -80,7 +80,7 @@ def chain(n: int, length: float, bending: float, torsion: float, *, turn: float 
     none = np.zeros(n)
     K = np.append(np.full(2 * n, bending), np.full(n, torsion)) * n / length
     joints = Joints(0.0, np.zeros(3 * n), K, np.zeros(3 * n), np.zeros((ROWS, 3 * n)), np.zeros(n))
-    tendons = np.zeros((0, 3 * n)), *np.zeros((4, 0))
+    tendons = np.zeros((0, 3 * n)), *np.zeros((4, 0)), np.zeros((n + 1, 0))
     return Chain(SpatialBody(links, none, none, none, none, rest, ALONG_X, 0.0, 0.0, 0.0, *tendons), joints)
 
 
@@ -123,7 +123,7 @@ class Statics:
         return left
 
     def equilibrium(self, load: Array, parts: int = 4) -> Array:
-        """Coordinates at rest; load (n, 3, 5) and weight grow in equal parts."""
+        """Coordinates at rest; load (n + 1, 3, 5) and weight grow in equal parts."""
         x, body = np.zeros(self.size), self.chain.body
         for k in range(1, parts + 1):
             share = k / parts
@@ -149,14 +149,14 @@ class Statics:
 
 def add_wrench(load: Array, link: int, along: float, wrench: Array, share: float = 1.0) -> None:
     """Add moment (first three) and force (last three) at a point on the axis of a link, 0 the first behind a joint."""
-    load[link, :, 2] += share * along * wrench[3:]
-    load[link, :, 3] += share * wrench[3:]
-    load[link, :, 4] += share * wrench[:3]
+    load[link + 1, :, 2] += share * along * wrench[3:]
+    load[link + 1, :, 3] += share * wrench[3:]
+    load[link + 1, :, 4] += share * wrench[:3]
 
 
 def wrenches(chain: Chain, middle: Array, tip: Array) -> Array:
     """Loads of wrenches at half the length and at the tip; one at a joint acts half on either side."""
-    load, n, length = np.zeros((chain.n, 3, 5)), chain.n, chain.body.length
+    load, n, length = np.zeros((chain.n + 1, 3, 5)), chain.n, chain.body.length
     if n % 2:
         add_wrench(load, n // 2, 0.0, middle, 0.5)
         add_wrench(load, n // 2 - 1, length[n // 2], middle, 0.5)
@@ -169,7 +169,7 @@ def wrenches(chain: Chain, middle: Array, tip: Array) -> Array:
 def bend(n: int, force: float) -> Array:
     """Tip of the 45 degree bend under a force out of its plane: radius 100, section 1 x 1, E 1e7, G 0.5e7."""
     arc = chain(n, 25 * np.pi, 1e7 / 12, 0.5e7 * 0.1406, turn=np.pi / 4 / n)
-    load = np.zeros((n, 3, 5))
+    load = np.zeros((n + 1, 3, 5))
     add_wrench(load, n - 1, arc.body.length[-1], np.array([0, 0, 0, 0, 0, force]))
     statics = Statics(arc)
     return statics.tip(statics.equilibrium(load, 6))
@@ -180,7 +180,7 @@ def end_moment(n: int, bending: float, moment: Array) -> tuple[Array, Array]:
 
     The tangent turns about the moment by |moment| / bending for each unit of length: a circle or a helix.
     """
-    rod, load = chain(n, 1.0, bending, 0.6 * bending), np.zeros((n, 3, 5))
+    rod, load = chain(n, 1.0, bending, 0.6 * bending), np.zeros((n + 1, 3, 5))
     add_wrench(load, n - 1, 0.0, np.append(moment, np.zeros(3)))
     statics = Statics(rod)
     rate = np.linalg.norm(moment) / bending

@@ -144,7 +144,8 @@ def test_energies_by_the_positions_alone(rng, twist):
 @pytest.mark.parametrize("twist", [False, True])
 def test_points_and_the_forces_at_them(rng, twist):
     """A point's Jacobian by complex step; forces and moments by the work that they do."""
-    chain, point = random_space_chain(rng, 3, twist=twist), (0.01, -0.02, 0.03)
+    chain = random_space_chain(rng, 3, twist=twist)
+    aside, across, along = point = 0.01, -0.02, 0.03
     size, work = len(chain.x), chain.work()
 
     def position(z, link):
@@ -154,19 +155,18 @@ def test_points_and_the_forces_at_them(rng, twist):
         return p
 
     force, moment = rng.normal(size=(2, 3, 3))
-    expected, load = np.zeros(size), np.zeros((3, 3, 5))
+    expected, load = np.zeros(size), np.zeros((4, 3, 5))
     spatial.pose_links(chain.x, chain.body, work)
     for link in range(3):
         p, J = np.zeros(3), np.zeros((3, size))
         spatial_points.point_position(link, *point, work, p)
-        spatial_points.point_slope(link, p, work, J)
+        spatial_points.point_slope(link, along, p, chain.body, work, J)
         slope = complex_step(lambda z, link=link: position(z, link), chain.x)
         np.testing.assert_allclose(J, slope, rtol=0, atol=1e-14)
         turned = [lagrange.motion(chain, chain.x, e)[3][link] for e in np.eye(size)]
         expected += slope.T @ force[link] + np.array(turned) @ moment[link]
-        aside, across, along = point
-        load[link, :, :3] = np.outer(force[link], (aside, -across, along))
-        load[link, :, 3], load[link, :, 4] = force[link], moment[link]
+        load[link + 1, :, :3] = np.outer(force[link], (aside, -across, along))
+        load[link + 1, :, 3], load[link + 1, :, 4] = force[link], moment[link]
     work.tau[:] = 0.0
     spatial_points.add_link_loads(chain.x, chain.v, 0.0, load, chain.body, chain.joints, work)
     assert work.tau == pytest.approx(expected, abs=1e-13)

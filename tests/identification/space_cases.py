@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import pliant
-from pliant.model import Chamber, Space, Station, Tendon
+from pliant.model import Chamber, Extension, Space, Station, Tendon
 from pliant.simulation import Trace
 
 LINKS, STEP = 3, 4e-3
@@ -23,6 +23,10 @@ SOUND = {
 }  # fmt: skip
 CORD = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "pretension": 0.5}
 WOUND = {"driven_by": "angle", "pulley": 0.01, "lever": 8e-3, "line_stiffness": 2e3, "pair": True}
+OF_SEGMENTS = {
+    "axial_stiffness": 55.0, "upper.axial_stiffness": 45.0, "lower.axial_damping": 0.3, "axial_gain": 25.0,
+    "blue.axial_gain": 40.0, "cord.pretension": 0.6, "cord.gain_x": 0.8,
+}  # fmt: skip
 OF_TENDONS = {"line_stiffness": 1.8e3, "blue.pretension": 0.3, "green.lever": 7e-3, "red.pulley": 0.012}
 
 
@@ -36,6 +40,15 @@ def arm(**more):
         "stations": [Station("mid", 1, 0.04, 0.0, 0.01), Station("tip", 2, 0.05)],
     }  # fmt: skip
     return pliant.chain_model(**(values | more))
+
+
+def lengthening_arm():
+    """The arm with a tendon beside its chambers, which all lengthen its halves."""
+    chambers = [Chamber(torque=(2e-6,), joint_gain=np.sin(a), cross_gain=-np.cos(a), axial_gain=30.0, name=name)
+                for name, a in AZIMUTHS.items()]  # fmt: skip
+    cord = Tendon.at_azimuth(0.4, [1, 1, 0], name="cord", **CORD)
+    halves = (Extension(60.0, 0.4, 0.0, 0.15, "lower"), Extension(50.0, 0.5, 0.15, None, "upper"))
+    return arm(chambers=[*chambers, cord], extensions=halves)
 
 
 def tendon_arm():

@@ -2,7 +2,19 @@
 
 import numpy as np
 import pytest
-from space_cases import AZIMUTHS, LINKS, OF_TENDONS, SOUND, STEP, TIME, TRACES, arm, tendon_arm
+from space_cases import (
+    AZIMUTHS,
+    LINKS,
+    OF_SEGMENTS,
+    OF_TENDONS,
+    SOUND,
+    STEP,
+    TIME,
+    TRACES,
+    arm,
+    lengthening_arm,
+    tendon_arm,
+)
 
 import pliant
 from pliant.errors import InputError
@@ -27,6 +39,8 @@ EXCITED = {
     "release": {"excitation": "release"},
     "held": {"excitation": "release", "held": np.array([[0.01, -0.01, 0.18], [0.05, -0.03, 0.28]])},
     "tendons": {"excitation": "trace", "drives": {n: Trace(TIME, 1e-7 * t.pressure) for n, t in TRACES.items()}},
+    "lengthens": {"excitation": "trace", "drives": {**TRACES, "cord": Trace(TIME, 1e-7 * TRACES["red"].pressure)},
+                  "forces": (PointForce(np.zeros(1), np.array([[0.1, 0.0, 0.3]]), "mid"),)},
     "forces": {"excitation": "trace", "drives": TRACES,
                "forces": (PointForce(np.array([0.0, 1.0]), np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.1]]), "tip"),)},
 }  # fmt: skip
@@ -47,6 +61,9 @@ def test_derivatives_of_a_motion_in_space_are_those_of_differences(kind):
         model = tendon_arm()
         values |= OF_TENDONS
         del values["red.torque_1"]
+    if kind == "lengthens":
+        model = lengthening_arm()
+        values |= OF_SEGMENTS
     if kind == "own_places":  # those of the model's places do nothing then
         values = {k: v for k, v in values.items() if "." not in k or k.startswith(("red", "green", "blue"))}
     sizes = {name: abs(value) for name, value in values.items()}

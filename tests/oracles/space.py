@@ -25,12 +25,12 @@ class SpaceChain(NamedTuple):
         return len(self.body.mass)
 
     def work(self, kind=float):
-        return workspace(self.n, len(self.x), kind)
+        return workspace(self.n, len(self.x), kind, self.body.share.shape[1])
 
 
 def no_tendons(size):
-    """The last entries of a body without tendons."""
-    return np.zeros((0, size)), *np.zeros((4, 0))
+    """The last entries of a body without tendons whose length does not change."""
+    return np.zeros((0, size)), *np.zeros((4, 0)), np.zeros((0, 0))
 
 
 def with_tendons(chain, rng, *, stiffness=800.0, pretension=1.5, edge=0.08):
@@ -42,9 +42,9 @@ def with_tendons(chain, rng, *, stiffness=800.0, pretension=1.5, edge=0.08):
     return chain._replace(body=body)
 
 
-def workspace(n, size, kind=float):
-    """Scratch arrays for n links and `size` coordinates."""
-    return spatial_workspace(n, size // n, kind=kind)
+def workspace(n, size, kind=float, segments=0):
+    """Scratch arrays for n links and `size` coordinates, of which `segments` are strains."""
+    return spatial_workspace(n, (size - segments) // n, segments, kind=kind)
 
 
 def random_space_chain(rng, n, *, twist=False, springs=True):
@@ -52,12 +52,33 @@ def random_space_chain(rng, n, *, twist=False, springs=True):
     size = 3 * n if twist else 2 * n
     length = rng.uniform(0.02, 0.06, n + 1)
     turns = Rotation.from_rotvec(rng.normal(0, 0.4, (n + 1, 3))).as_matrix()
+    axial = rng.uniform(1e-6, 1e-5, n)
     body = SpatialBody(
-        length, rng.uniform(0.005, 0.03, n), length[1:] * rng.uniform(0.2, 1.0, n), rng.uniform(1e-6, 1e-5, n),
-        rng.uniform(1e-6, 1e-5, n), turns[1:], turns[0], *rng.normal(0, 5, 3), *no_tendons(size),
+        length, rng.uniform(0.005, 0.03, n), length[1:] * rng.uniform(0.2, 1.0, n),
+        0.5 * axial + rng.uniform(1e-6, 1e-5, n), axial, turns[1:], turns[0], *rng.normal(0, 5, 3), *no_tendons(size),
     )  # fmt: skip
     return SpaceChain(body, random_joints(rng, n, size) if springs else free_joints(n, size),
                       rng.uniform(-0.9, 0.9, size), rng.normal(0, 8.0, size))  # fmt: skip
+
+
+def lengthening(chain, rng, segments, *, springs=True):
+    """The chain with so many segments that lengthen, each part of several links and of what lies before them."""
+    share = rng.uniform(0.2, 1.0, (chain.n + 1, segments)) / segments
+    joints, size = chain.joints, len(chain.x) + segments
+
+    def behind(values, strains):
+        return np.append(values, strains * springs)
+
+    joints = joints._replace(
+        theta0=np.zeros(size), K=behind(joints.K, rng.uniform(1.0, 3.0, segments)),
+        D=behind(joints.D, rng.uniform(1e-3, 1e-2, segments)),
+    )
+    lever = np.zeros((len(chain.body.lever), size))
+    lever[:, : len(chain.x)] = chain.body.lever
+    lever[:, len(chain.x) :] = -rng.uniform(0.05, 0.1, (len(lever), segments))
+    return SpaceChain(chain.body._replace(share=share, lever=lever), joints,
+                      np.append(chain.x, rng.uniform(-0.3, 0.4, segments)),
+                      np.append(chain.v, rng.normal(0, 5.0, segments)))  # fmt: skip
 
 
 def random_joints(rng, n, size, *, isotropic=True):

@@ -2,6 +2,7 @@
 
 Rotations come from the matrix exponential; one of blocks [[X, dX], [0, X]] brings the derivative along a direction, and
 a complex step through all of it the second one. No axis, no Jacobian of a rotation vector and no recursion of forces.
+A link is two halves of its mass on its axis, which its strain moves apart, and a disk that turns.
 """
 
 from __future__ import annotations
@@ -31,19 +32,27 @@ def blocks(X, dX):
 
 
 def motion(chain, x, dx):
-    """Centres of mass (n, 3), their velocities, rotations (n, 3, 3) and angular velocities (n, 3) at x moving by dx."""
-    n, body = chain.n, chain.body
+    """Half masses (n, 2, 3), their velocities, rotations (n, 3, 3) and angular velocities (n, 3) at x moving by dx."""
+    n, body, segments = chain.n, chain.body, chain.body.share.shape[1]
+    strained = [body.share @ z[z.size - segments :] if segments else np.zeros(n + 1) for z in (x, dx)]
+    reach = np.sqrt((body.lateral - 0.5 * body.axial) / body.mass)
+    x, dx = x[: x.size - segments], dx[: dx.size - segments]
     swing, twist = (expm(blocks(X, dX)) for X, dX in zip(generators(x, n), generators(dx, n), strict=True))
-    R, p = blocks(body.base, 0.0 * body.base), np.zeros((6, 6), swing.dtype)
+    R = blocks(body.base, 0.0 * body.base)
+    p = np.zeros((6, 6), np.result_type(swing.dtype, *strained))
     found = [[], [], [], []]
-    for k in range(n):
-        p = p + body.length[k] * R
-        R = R @ blocks(body.rest[k], 0.0 * body.rest[k]) @ swing[k] @ twist[k]
-        centre = p + body.centre[k] * R
-        spin = R[:3, 3:] @ R[:3, :3].T
-        parts = (centre[:3, 2], centre[:3, 5], R[:3, :3], np.array([spin[2, 1], spin[0, 2], spin[1, 0]]))
-        for many, one in zip(found, parts, strict=True):
-            many.append(one)
+    for k in range(n + 1):
+        stretched = R @ blocks((1.0 + strained[0][k]) * np.eye(3), strained[1][k] * np.eye(3))
+        if k:
+            halves = [p + place * stretched for place in body.centre[k - 1] + reach[k - 1] * np.array([1.0, -1.0])]
+            spin = R[:3, 3:] @ R[:3, :3].T
+            parts = (np.stack([h[:3, 2] for h in halves]), np.stack([h[:3, 5] for h in halves]), R[:3, :3],
+                     np.array([spin[2, 1], spin[0, 2], spin[1, 0]]))  # fmt: skip
+            for many, one in zip(found, parts, strict=True):
+                many.append(one)
+        if k < n:
+            p = p + body.length[k] * stretched
+            R = R @ blocks(body.rest[k], 0.0 * body.rest[k]) @ swing[k] @ twist[k]
     return tuple(map(np.stack, found))
 
 
@@ -51,22 +60,27 @@ def kinetic_energy(chain, x, v):
     body = chain.body
     _, speed, R, omega = motion(chain, x, v)
     local = np.einsum("kji,kj->ki", R, omega)
-    moments = np.stack([body.lateral, body.lateral, body.axial], axis=1)
-    return 0.5 * (body.mass @ (speed**2).sum(axis=1) + (moments * local**2).sum())
+    return 0.5 * (0.5 * body.mass @ (speed**2).sum(axis=(1, 2)) + (disks(body) * local**2).sum())
+
+
+def disks(body):
+    """Moments of inertia (n, 3) of the cross-sections, which no strain changes."""
+    return np.stack([0.5 * body.axial, 0.5 * body.axial, body.axial], axis=1)
 
 
 def gravity_energy(chain, x):
     body = chain.body
-    return -body.mass @ motion(chain, x, 0.0 * x)[0] @ np.array([body.gx, body.gy, body.gz])
+    return -body.mass @ motion(chain, x, 0.0 * x)[0].mean(axis=1) @ np.array([body.gx, body.gy, body.gz])
 
 
 def inertia(chain, x):
     """M (N, N) from the velocities that unit rates make."""
-    body, moments = chain.body, np.stack([chain.body.lateral, chain.body.lateral, chain.body.axial], axis=1)
+    body, moments = chain.body, disks(chain.body)
     moved = [motion(chain, x, e) for e in np.eye(x.size)]
     speed = np.stack([s for _, s, _, _ in moved])
     local = np.stack([np.einsum("kji,kj->ki", R, omega) for _, _, R, omega in moved])
-    return np.einsum("ikd,k,jkd->ij", speed, body.mass, speed) + np.einsum("ikd,kd,jkd->ij", local, moments, local)
+    turning = np.einsum("ikd,kd,jkd->ij", local, moments, local)
+    return np.einsum("ikhd,k,jkhd->ij", speed, 0.5 * body.mass, speed) + turning
 
 
 def acceleration(chain, x, v, forces):

@@ -25,6 +25,7 @@ from pliant.equations import (
     motion,
     observation,
     spatial,
+    spatial_extension,
     spatial_linearised,
     spatial_points,
     spatial_springs,
@@ -54,55 +55,56 @@ SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where jo
 MOST_TURNS = 24  # coordinates of a step in space as a straight line: that takes 4 s to compile, 30 take 6 s
 SOURCES = (  # of a twin whose steps are made here
     __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, spatial.__file__,
-    spatial_linearised.__file__, spatial_points.__file__, spatial_springs.__file__, arc_tendon.__file__,
-    *STRAIGHT_SOURCES,
+    spatial_extension.__file__, spatial_linearised.__file__, spatial_points.__file__, spatial_springs.__file__,
+    arc_tendon.__file__, *STRAIGHT_SOURCES,
 )
 
 
-def twin(kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1) -> Any:
+def twin(kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
     """The compiled twin of a plain kernel; see `pliant.compiler.twin.compiled_twin`.
 
     Made for a number of `links`, it takes its steps by what is fastest for so many; see `substitutes`. Where so many
     `segments` lengthen, its steps are those of `equations.extension`; where each joint has 2 or 3 `turns`, those of
-    `equations.spatial`, and `segments` is the number of tendons.
+    `equations.spatial`, with so many `tendons`.
     """
-    return made(kernel, links, segments, turns)
+    return made(kernel, links, segments, turns, tendons)
 
 
 @cache
-def made(kernel: FunctionType, links: int | None, segments: int, turns: int) -> Any:
+def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
     """The one `twin` of a kernel, however it was asked for."""
-    fast = substitutes(kernel, links, segments, turns) if links else {}
+    fast = substitutes(kernel, links, *sizes) if links else {}
     if kernel in fast:
         return fast[kernel]
     if fast:
-        tag = size_tag(links, segments, turns)
-        return compiled_twin(kernel, tag, lambda callee: twin(callee, links, segments, turns), SOURCES, replaced=fast)
+        tag = size_tag(links, *sizes)
+        return compiled_twin(kernel, tag, lambda callee: twin(callee, links, *sizes), SOURCES, replaced=fast)
     if links:
         return twin(kernel)
     return compiled_twin(kernel, "n", twin, STRAIGHT_SOURCES, forceinline=kernel not in CALLED)  # duals come by too
 
 
 @cache
-def straight(kernel: FunctionType, n: int, segments: int = 0, turns: int = 1) -> Any:
+def straight(kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
     """The compiled straight-line twin of a kernel for n links; same signature, see `trace.example_arguments`.
 
     Recorded only where the disk cache has none.
     """
     from pliant.compiler.llvm import compiled
 
-    size = size_tag(n, segments, turns) + ("_fused" if kernel in FUSED else "")
+    size = size_tag(n, segments, turns, tendons) + ("_fused" if kernel in FUSED else "")
     name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
-    return compiled(name, lambda: trace.recording(kernel, n, segments, turns), fused=kernel in FUSED)
+    return compiled(name, lambda: trace.recording(kernel, n, segments, turns, tendons), fused=kernel in FUSED)
 
 
-def size_tag(links: int | None, segments: int, turns: int = 1) -> str:
-    """Return what tells the twins of one kernel apart: links, segments that lengthen, turns of each joint."""
-    return "_".join(map(str, [links or "n", *([segments] if segments or turns > 1 else []), *([turns] * (turns > 1))]))
+def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0) -> str:
+    """Return what tells the twins of one kernel apart: links, segments that lengthen, turns of each joint, tendons."""
+    behind = [segments, turns, tendons] if turns > 1 else [segments] * (segments > 0)
+    return "_".join(map(str, [links or "n", *behind]))
 
 
 def substitutes(
-    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, *, loops: bool = False,
+    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, loops: bool = False,
 ) -> dict[Any, Any]:
     """Compiled twins for so many links that stand in for kernels that `kernel` reaches, itself included.
 
@@ -110,7 +112,7 @@ def substitutes(
     """
     found, made = reached(kernel), {}
     if turns > 1:
-        sizes = links, segments, turns
+        sizes = links, segments, turns, tendons
         return {planar: spatial_twin(own, sizes, loops) for planar, own in SPATIAL.items() if planar in found}
     if motion.step in found:
         made[motion.step] = extensible_step(links, segments) if segments else fast_step(links)
@@ -126,9 +128,10 @@ def substitutes(
     return made
 
 
-def spatial_twin(kernel: Any, sizes: tuple[int, int, int], loops: bool) -> Any:
-    """The compiled twin of a kernel of a chain in space of so many links, tendons and turns of each joint."""
-    if kernel is spatial.step and sizes[0] * sizes[2] <= MOST_TURNS and not loops:
+def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> Any:
+    """The compiled twin of a kernel of a chain in space; `sizes` are links, segments, turns and tendons of `twin`."""
+    links, segments, turns, _ = sizes
+    if kernel is spatial.step and links * turns + segments <= MOST_TURNS and not loops:
         return straight(kernel, *sizes)
     return twin(kernel)
 

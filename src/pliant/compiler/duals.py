@@ -88,12 +88,12 @@ def _run(*arguments):
 
 
 @cache
-def dual_twin(kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1) -> Any:
+def dual_twin(kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
     """The compiled twin of a kernel on duals: as `choose.twin`, floats and arrays of floats as `duals` lays them.
 
     What is not of floats (counts, arrays of integers) stays as it is; a dual that is returned comes as its value.
     """
-    inner = _inner(kernel, *((1, 0, 2) if turns > 1 else (links, segments, turns)))  # loops in space fit any size
+    inner = _inner(kernel, *((1, 0, 2, 0) if turns > 1 else (links, segments, turns, tendons)))  # loops fit any size
     copy = FunctionType(_run.__code__, {"inner": inner, "_as_duals": _as_duals, "_value": _value}, _run.__name__)
     copy.__module__ = kernel.__module__
     copy.__qualname__ = f"{inner.__qualname__}_whole"
@@ -101,15 +101,13 @@ def dual_twin(kernel: FunctionType, links: int | None, segments: int = 0, turns:
 
 
 @cache
-def _inner(kernel: FunctionType, links: int | None, segments: int, turns: int) -> Any:
+def _inner(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
     """The twin that takes duals themselves."""
-    fast = choose.substitutes(kernel, links, segments, turns, loops=True) if links else {}
+    fast = choose.substitutes(kernel, links, *sizes, loops=True) if links else {}
     if kernel in fast:
         return fast[kernel]
-    tag = f"{choose.size_tag(links, segments, turns)}_duals"
-    return compiled_twin(
-        kernel, tag, lambda callee: _inner(callee, links, segments, turns), choose.SOURCES, replaced=fast
-    )
+    tag = f"{choose.size_tag(links, *sizes)}_duals"
+    return compiled_twin(kernel, tag, lambda callee: _inner(callee, links, *sizes), choose.SOURCES, replaced=fast)
 
 
 def duals(values: Any, slopes: Array | None = None) -> Array:

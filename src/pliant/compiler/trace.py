@@ -173,42 +173,46 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
     }
 
 
-def spatial_workspace(n: int, turns: int, tendons: int = 0, kind: type = float) -> SpatialWorkspace:
+def spatial_workspace(
+    n: int, turns: int, segments: int = 0, tendons: int = 0, kind: type = float,
+) -> SpatialWorkspace:
     """Return scratch arrays of a `kind` of numbers for n links in space, of 2 or 3 turns a joint, with tendons."""
-    size = turns * n
+    turned, size = turns * n, turns * n + segments
     shapes: dict[str, tuple[int, ...]] = {
         "A": (size, size), "tau": (size + tendons,), "R": (n + 1, 3, 3), "r": (n + 1, 3), "P": (n, 3, 3),
         "series": (n, 4), "J": (n, 3, 3),
-        **dict.fromkeys("SEFN", (size, 3)), **dict.fromkeys("CLM", (n, 3)),
+        **dict.fromkeys("SEFN", (turned, 3)), **dict.fromkeys("CLM", (n, 3)),
         **dict.fromkeys(("omega", "alpha", "lift", "turn"), (3,)),
+        **dict.fromkeys(("stretch", "growth", "length", "h", "second", "along"), (n + 1,)),
+        **dict.fromkeys(("centre", "lateral"), (n,)),
     }
     return SpatialWorkspace(*(np.zeros(shapes.get(f, (size,)), dtype=kind) for f in SpatialWorkspace._fields))
 
 
-def spatial_arguments(n: int, turns: int, tendons: int) -> dict[str, Any]:
+def spatial_arguments(n: int, segments: int, turns: int, tendons: int) -> dict[str, Any]:
     """As `example_arguments`, of a chain in space whose joints have so many turns: `equations.spatial`."""
-    size = n * turns
+    size = n * turns + segments
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
 
     masses = (zeros(n), zeros(n), zeros(n), zeros(n))
+    behind = (zeros(tendons, size), *(zeros(tendons) for _ in range(4)), zeros(n + 1, segments))
     return {
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size + tendons), "a": zeros(size),
         "total": zeros(3),
         "body": SpatialBody(
-            zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0, zeros(tendons, size),
-            *(zeros(tendons) for _ in range(4)),
+            zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0, *behind,
         ),
-        "joints": Joints(0.0, zeros(size), zeros(size), zeros(size), zeros(ROWS, size), zeros(n)),
-        "work": spatial_workspace(n, turns, tendons),
+        "joints": Joints(0.0, zeros(size), zeros(size), zeros(size), zeros(ROWS, n * turns), zeros(n)),
+        "work": spatial_workspace(n, turns, segments, tendons),
     }
 
 
-def recording(kernel: FunctionType, n: int, segments: int = 0, turns: int = 1) -> KernelProgram:
-    """The recording of a kernel for n links, and so many segments that lengthen; in space, tendons, and turns."""
+def recording(kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0) -> KernelProgram:
+    """The recording of a kernel for n links, and so many segments that lengthen; in space, turns and tendons."""
     if turns > 1:
-        examples = spatial_arguments(n, turns, segments)
+        examples = spatial_arguments(n, segments, turns, tendons)
     else:
         examples = extensible_arguments(n, segments) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]

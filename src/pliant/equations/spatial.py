@@ -8,6 +8,8 @@ direction below a swing of 2 pi.
 
 All vectors have fixed axes, so that none is transformed from link to link. A link is a body of revolution whose centre
 of mass lies on its axis: its inertia is a mass and the moments along and across the axis.
+
+Where segments lengthen, their strains (S,) stand behind the coordinates that turn: `spatial_extension`.
 """
 
 from __future__ import annotations
@@ -15,6 +17,13 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.equations.arc_tendon import add_pull, add_pull_slopes
+from pliant.equations.spatial_extension import (
+    add_strain_inertia,
+    lengthen_link,
+    strain_forces,
+    stretch_links,
+    stretch_rates,
+)
 from pliant.equations.spatial_springs import add_spring_slopes, joint_torques
 from pliant.numerics.ldl import ldl_factor, ldl_solve
 
@@ -41,25 +50,26 @@ def stumpff(y):
 
 
 def pose_links(x, body, work):
-    """Write rotations R (n + 1, 3, 3), starts r (n + 1, 3) [m] and axes S (N, 3) of all links at x (N,) into `work`.
+    """Write rotations R (n + 1, 3, 3), starts r (n + 1, 3) [m] and axes S (T, 3) of all links at x (N,) into `work`.
 
     R[0] and r[0] are those of the part before the first joint; r[k] is the joint, counted from 1, of link k. Row i of
     S is the angular velocity of all links beyond the joint for a unit rate of x_i. `work.P` (n, 3, 3) has the frames of
     the joints, `work.series` (n, 4) what `stumpff` returns.
     """
     n = len(body.mass)
+    stretch_links(x, body, work)
     for i in range(3):
         work.r[0, i] = 0.0
         for j in range(3):
             work.R[0, i, j] = body.base[i, j]
     for k in range(n):
         for i in range(3):
-            work.r[k + 1, i] = work.r[k, i] + body.length[k] * work.R[k, i, 2]
+            work.r[k + 1, i] = work.r[k, i] + work.length[k] * work.R[k, i, 2]
             for j in range(3):
                 turned = work.R[k, i, 0] * body.rest[k, 0, j] + work.R[k, i, 1] * body.rest[k, 1, j]
                 work.P[k, i, j] = turned + work.R[k, i, 2] * body.rest[k, 2, j]
         swing(k, x[2 * k], x[2 * k + 1], work)
-        if len(x) > 2 * n:
+        if len(work.S) > 2 * n:
             twist(2 * n + k, k + 1, x[2 * n + k], work)
 
 
@@ -107,9 +117,9 @@ def composites(body, work):
     n = len(body.mass)
     mass = 0.0 * body.mass[0]  # beyond the link
     for k in range(n - 1, -1, -1):
-        length = body.length[k + 1]
-        across = body.lateral[k] + body.mass[k] * body.centre[k] * body.centre[k] + mass * length * length
-        moment = body.mass[k] * body.centre[k] + mass * length
+        length = work.length[k + 1]
+        across = work.lateral[k] + body.mass[k] * work.centre[k] * work.centre[k] + mass * length * length
+        moment = body.mass[k] * work.centre[k] + mass * length
         round_axis = body.axial[k] - across
         for i in range(3):
             z = work.R[k + 1, i, 2]
@@ -149,12 +159,13 @@ def inertia(quarter, body, work, A):
     Source: Featherstone, Rigid Body Dynamics Algorithms, Sec. 6.2, in fixed axes
     """
     n = len(body.mass)
+    turns = len(work.S)
     composites(body, work)
-    for j in range(A.shape[0]):
+    for j in range(turns):
         moment_of_turn(j, j // 2 if j < 2 * n else j - 2 * n, quarter, body, work)
-    for j in range(A.shape[0]):
+    for j in range(turns):
         k = j // 2 if j < 2 * n else j - 2 * n
-        for i in range(A.shape[0]):
+        for i in range(turns):
             before = i // 2 if i < 2 * n else i - 2 * n
             if before < k or (before == k and i <= j):
                 value = work.S[i, 0] * work.N[j, 0] + work.E[i, 0] * work.F[j, 0]
@@ -167,6 +178,7 @@ def inertia(quarter, body, work, A):
         sg = work.S[i, 0] * body.gx + work.S[i, 1] * body.gy + work.S[i, 2] * body.gz
         tg = work.S[i + 1, 0] * body.gx + work.S[i + 1, 1] * body.gy + work.S[i + 1, 2] * body.gz
         A[i + 1, i] = A[i + 1, i] + 0.5 * quarter * (sc * tg - sg * tc)
+    add_strain_inertia(quarter, body, work, A)
 
 
 def moment_of_turn(j, k, quarter, body, work):
@@ -204,6 +216,7 @@ def inertial_forces(x, v, body, work, f):
     Source: Featherstone, Rigid Body Dynamics Algorithms, Sec. 5.3 (Newton and Euler, recursively), in fixed axes
     """
     n = len(body.mass)
+    stretch_rates(v, body, work)
     for i in range(3):
         work.omega[i] = 0.0
         work.alpha[i] = 0.0
@@ -212,17 +225,18 @@ def inertial_forces(x, v, body, work, f):
     work.lift[2] = -body.gz
     for k in range(n):
         swing_rates(k, x, v, work)
-        if len(x) > 2 * n:
+        if len(work.S) > 2 * n:
             turn_on(work.S[2 * n + k], v[2 * n + k], work)
         link_force(k, body, work)
     for k in range(n - 1, -1, -1):
         if k < n - 1:
-            pass_down(k, body.length[k + 1], work)
+            pass_down(k, work.length[k + 1], work)
         for i in range(2 * k, 2 * k + 2):
             f[i] = work.S[i, 0] * work.M[k, 0] + work.S[i, 1] * work.M[k, 1] + work.S[i, 2] * work.M[k, 2]
-        if len(x) > 2 * n:
+        if len(work.S) > 2 * n:
             i = 2 * n + k
             f[i] = work.S[i, 0] * work.M[k, 0] + work.S[i, 1] * work.M[k, 1] + work.S[i, 2] * work.M[k, 2]
+    strain_forces(body, work, f)
 
 
 def swing_rates(k, x, v, work):
@@ -278,8 +292,8 @@ def link_force(k, body, work):
     ux = (work.alpha[1] * z - work.alpha[2] * y) + (wy * dz - wz * dy)  # z''
     uy = (work.alpha[2] * x - work.alpha[0] * z) + (wz * dx - wx * dz)
     uz = (work.alpha[0] * y - work.alpha[1] * x) + (wx * dy - wy * dx)
-    reach = body.mass[k] * body.centre[k]
-    across = body.lateral[k] + reach * body.centre[k]
+    reach = body.mass[k] * work.centre[k]
+    across = work.lateral[k] + reach * work.centre[k]
     hx = reach * work.lift[0] + across * ux
     hy = reach * work.lift[1] + across * uy
     hz = reach * work.lift[2] + across * uz
@@ -291,9 +305,10 @@ def link_force(k, body, work):
     work.L[k, 0] = body.mass[k] * work.lift[0] + reach * ux
     work.L[k, 1] = body.mass[k] * work.lift[1] + reach * uy
     work.L[k, 2] = body.mass[k] * work.lift[2] + reach * uz
-    work.lift[0] = work.lift[0] + body.length[k + 1] * ux
-    work.lift[1] = work.lift[1] + body.length[k + 1] * uy
-    work.lift[2] = work.lift[2] + body.length[k + 1] * uz
+    lengthen_link(k, (dx, dy, dz), body, work)
+    work.lift[0] = work.lift[0] + work.length[k + 1] * ux
+    work.lift[1] = work.lift[1] + work.length[k + 1] * uy
+    work.lift[2] = work.lift[2] + work.length[k + 1] * uz
 
 
 def pass_down(k, length, work):

@@ -53,7 +53,7 @@ def observe_point(axis, row, body, work, slope):
     """
     link = int(row[1])
     point_position(link, row[4], row[3], row[2], work, work.turn)
-    axis_slope(axis, link, work.turn, work, slope)
+    axis_slope(axis, link, row[2], work.turn, body, work, slope)
     return work.turn[axis]
 
 
@@ -63,6 +63,6 @@ def motion_of(v, joints):
     `observation.motion_of` of a chain in space.
     """
     power = v[0] * v[0]
-    for i in range(1, len(v)):
+    for i in range(1, joints.hardening.shape[1]):
         power = power + v[i] * v[i]
     return power / len(joints.unloaded)

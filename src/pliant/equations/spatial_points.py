@@ -4,41 +4,53 @@ from __future__ import annotations
 
 from pliant.equations.arc_tendon import add_pull
 from pliant.equations.spatial import inertial_forces, pose_links, turn_on
+from pliant.equations.spatial_extension import stretch_rates
 from pliant.equations.spatial_springs import joint_torques
 
 
 def point_position(link, aside, across, along, work, p):
     """Write the position p (3,) [m] of a point of a link: r + R (aside, -across, along); link -1 is the base part.
 
-    `across` counts to the left of who looks along the link against x, as in the plane.
+    `across` counts to the left of who looks along the link against x, as in the plane; `along` is that of the link
+    unstretched.
     """
     k = link + 1
+    reach = work.stretch[k] * along
     for i in range(3):
-        p[i] = work.r[k, i] + work.R[k, i, 0] * aside - work.R[k, i, 1] * across + work.R[k, i, 2] * along
+        p[i] = work.r[k, i] + work.R[k, i, 0] * aside - work.R[k, i, 1] * across + work.R[k, i, 2] * reach
 
 
-def point_slope(link, p, work, J):
-    """Write the Jacobian J (3, N) of a point p (3,) of a link: s x (p - r) of each coordinate before it."""
+def point_slope(link, along, p, body, work, J):
+    """Write the Jacobian J (3, N) of a point p (3,), which lies `along` [m] a link unstretched.
+
+    By a turn it is s x (p - r) of each before it, by a strain the sum of a_ks l_k z_k of all links before it.
+    """
     for axis in range(3):
-        axis_slope(axis, link, p, work, J[axis])
+        axis_slope(axis, link, along, p, body, work, J[axis])
 
 
-def axis_slope(axis, link, p, work, row):
+def axis_slope(axis, link, along, p, body, work, row):
     """Write one row (N,) of `point_slope`: that of the position along an axis."""
     n = work.P.shape[0]
+    turns = len(work.S)
     j = (axis + 1) % 3
     m = (axis + 2) % 3
-    for i in range(len(row)):
+    for i in range(turns):
         k = i // 2 if i < 2 * n else i - 2 * n
         moves = 1.0 if k <= link else 0.0
         row[i] = moves * (work.S[i, j] * (p[m] - work.r[k + 1, m]) - work.S[i, m] * (p[j] - work.r[k + 1, j]))
+    for s in range(body.share.shape[1]):
+        value = body.share[link + 1, s] * along * work.R[link + 1, axis, 2]
+        for k in range(link + 1):
+            value = value + body.share[k, s] * body.length[k] * work.R[k, axis, 2]
+        row[turns + s] = value
 
 
 def add_pose_loads(load, body, work, t):
     """Add to the torques t (N,) those of forces and moments on the links at the pose in `work`; N m.
 
-    `load` (n, 3, 5) holds for each link, in fixed axes, the sum over its points (aside, -across, along) of force times
-    these three, then the force [N], then free moments [N m].
+    `load` (n + 1, 3, 5) holds for each link, the part before the first joint first, in fixed axes, the sum over its
+    points (aside, -across, along) of force times these three, then the force [N], then free moments [N m].
 
     Source: virtual work; a force at R o has the moment sum_m R_m x (f o_m) about the joint
     """
@@ -47,21 +59,29 @@ def add_pose_loads(load, body, work, t):
         for i in range(3):
             j = (i + 1) % 3
             m = (i + 2) % 3
-            moment = load[k, i, 4]
+            moment = load[k + 1, i, 4]
             for c in range(3):
-                moment = moment + (work.R[k + 1, j, c] * load[k, m, c] - work.R[k + 1, m, c] * load[k, j, c])
+                turned = work.R[k + 1, j, c] * load[k + 1, m, c] - work.R[k + 1, m, c] * load[k + 1, j, c]
+                moment = moment + (work.stretch[k + 1] * turned if c == 2 else turned)
             if k < n - 1:
-                reach = body.length[k + 1]
+                reach = work.length[k + 1]
                 arm = work.R[k + 1, j, 2] * work.L[k + 1, m] - work.R[k + 1, m, 2] * work.L[k + 1, j]
                 moment = moment + work.M[k + 1, i] + reach * arm
             work.M[k, i] = moment
         for i in range(3):
-            work.L[k, i] = load[k, i, 3]
+            work.L[k, i] = load[k + 1, i, 3]
             if k < n - 1:
                 work.L[k, i] = work.L[k, i] + work.L[k + 1, i]
-    for i in range(len(t)):
+    for i in range(len(work.S)):
         k = i // 2 if i < 2 * n else i - 2 * n
         t[i] = t[i] + (work.S[i, 0] * work.M[k, 0] + work.S[i, 1] * work.M[k, 1] + work.S[i, 2] * work.M[k, 2])
+    for s in range(body.share.shape[1]):
+        for k in range(n + 1):
+            for i in range(3):
+                pull = load[k, i, 2]
+                if k < n:
+                    pull = pull + body.length[k] * work.L[k, i]
+                t[len(work.S) + s] = t[len(work.S) + s] + body.share[k, s] * work.R[k, i, 2] * pull
 
 
 def add_link_loads(x, v, ahead, load, body, joints, work):
@@ -79,26 +99,31 @@ def kinetic_energy(x, v, body, work):
     """Return 1/2 v^T M v, J, link by link: of the centre of mass, of the turn of the axis and of that about it."""
     n = len(body.mass)
     pose_links(x, body, work)
+    for k in range(n + 1):
+        work.growth[k] = 0.0 * v[0]
+    stretch_rates(v, body, work)
     value = 0.0 * x[0]
     for i in range(3):
         work.omega[i] = 0.0
         work.alpha[i] = 0.0
-        work.lift[i] = 0.0 * v[0]  # the joint's velocity
+        work.lift[i] = body.length[0] * work.growth[0] * work.R[0, i, 2]  # the joint's velocity
     for k in range(n):
         turn_on(work.S[2 * k], v[2 * k], work)
         turn_on(work.S[2 * k + 1], v[2 * k + 1], work)
-        if len(x) > 2 * n:
+        if len(work.S) > 2 * n:
             turn_on(work.S[2 * n + k], v[2 * n + k], work)
         spin = 0.0 * v[0]
         for i in range(3):
             j = (i + 1) % 3
             m = (i + 2) % 3
             rate = work.omega[j] * work.R[k + 1, m, 2] - work.omega[m] * work.R[k + 1, j, 2]
-            speed = work.lift[i] + body.centre[k] * rate
-            value = value + 0.5 * (body.mass[k] * speed * speed + body.lateral[k] * rate * rate)
+            growth = work.growth[k + 1] * work.R[k + 1, i, 2]
+            speed = work.lift[i] + work.centre[k] * rate + body.centre[k] * growth
+            value = value + 0.5 * (body.mass[k] * speed * speed + work.lateral[k] * rate * rate)
             spin = spin + work.omega[i] * work.R[k + 1, i, 2]
-            work.lift[i] = work.lift[i] + body.length[k + 1] * rate
-        value = value + 0.5 * body.axial[k] * spin * spin
+            work.lift[i] = work.lift[i] + work.length[k + 1] * rate + body.length[k + 1] * growth
+        rod = body.lateral[k] - 0.5 * body.axial[k]
+        value = value + 0.5 * (body.axial[k] * spin * spin + rod * work.growth[k + 1] * work.growth[k + 1])
     return value
 
 
@@ -108,7 +133,7 @@ def gravity_energy(x, body, work):
     value = 0.0 * x[0]
     for k in range(len(body.mass)):
         for i in range(3):
-            p = work.r[k + 1, i] + body.centre[k] * work.R[k + 1, i, 2]
+            p = work.r[k + 1, i] + work.centre[k] * work.R[k + 1, i, 2]
             if i == 0:
                 value = value - body.mass[k] * body.gx * p
             elif i == 1:

@@ -2,7 +2,8 @@
 
 The swing (a, b) of a joint has the energy K_a a^2 / 2 + K_b b^2 / 2 + W(m), m^2 = a^2 + (K_b / K_a) b^2, where W is
 what the law of the first coordinate adds to its linear spring. With K_a = K_b no direction is preferred, and with b = 0
-and a > 0 it is the spring of the plane. Of `hardening` (terms + 1, N) the columns of b are not read.
+and a > 0 it is the spring of the plane. Of `hardening` (terms + 1, T), for the T coordinates that turn, the columns of
+b are not read. The strains behind these have linear springs.
 
 In a `Joints` record in space `theta0` (N,) is where the linear springs hold nothing: 0, but where hysteresis moves it.
 `unloaded` (n,) is 0: its length is the number of links.
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.elastic import spring_energy, spring_slope, spring_torque
+from pliant.equations.elastic import LEAST_STRETCH, spring_energy, spring_slope, spring_torque
 
 TINY = 1e-24  # rad^2: under the root, so that the size of a swing has a derivative where the joint is straight
 NO_STIFFNESS = 1e-60  # N m/rad: of K_a = 0, by which no K_b is divided
@@ -41,9 +42,11 @@ def joint_torques(x, v, joints, torque, ahead, t):
         t[i] = torque[i] - (joints.K[i] * (a - joints.theta0[i]) + more * a) - joints.D[i] * v[i]
         held = joints.K[i + 1] * (b - joints.theta0[i + 1]) + more * (ratio * b)
         t[i + 1] = torque[i + 1] - held - joints.D[i + 1] * v[i + 1]
-    for i in range(2 * n, len(x)):
+    for i in range(2 * n, joints.hardening.shape[1]):
         c = x[i] + ahead * v[i]
         t[i] = torque[i] - spring_torque(i, joints, c - joints.theta0[i], c) - joints.D[i] * v[i]
+    for i in range(joints.hardening.shape[1], len(x)):
+        t[i] = torque[i] - joints.K[i] * (x[i] + ahead * v[i]) - joints.D[i] * v[i]
 
 
 def add_spring_slopes(q, half, joints, A):
@@ -60,8 +63,10 @@ def add_spring_slopes(q, half, joints, A):
         A[i + 1, i] = A[i + 1, i] + quarter * (steeper * u * w)
         slope = joints.K[i + 1] + more * ratio + steeper * w * w
         A[i + 1, i + 1] = A[i + 1, i + 1] + half * joints.D[i + 1] + quarter * slope
-    for i in range(2 * n, A.shape[0]):
+    for i in range(2 * n, joints.hardening.shape[1]):
         A[i, i] = A[i, i] + half * joints.D[i] + quarter * spring_slope(i, joints, q[i])
+    for i in range(joints.hardening.shape[1], len(q)):
+        A[i, i] = A[i, i] + half * joints.D[i] + quarter * joints.K[i]
 
 
 def elastic_energy(x, joints):
@@ -73,15 +78,18 @@ def elastic_energy(x, joints):
         a = x[i] - joints.theta0[i]
         b = x[i + 1] - joints.theta0[i + 1]
         value = value + 0.5 * (joints.K[i] * a * a + joints.K[i + 1] * b * b) + spring_energy(i, joints, 0.0 * m, m)
-    for i in range(2 * n, len(x)):
+    for i in range(2 * n, joints.hardening.shape[1]):
         value = value + spring_energy(i, joints, x[i] - joints.theta0[i], x[i])
+    for i in range(joints.hardening.shape[1], len(x)):
+        value = value + 0.5 * joints.K[i] * x[i] * x[i]
     return value
 
 
 def follows(x, v, h, joints):
     """Return whether a step of h [s] could follow the chain to where it is, on real parts; as `elastic.follows`.
 
-    No coordinate moves by more than a radian, no joint swings by more than 4, no spring has softened to nothing.
+    No coordinate moves by more than 1, no joint swings by more than 4 rad, no spring has softened to nothing, and no
+    segment is pressed to nothing.
     """
     n = len(joints.unloaded)
     for i in range(len(x)):
@@ -92,7 +100,10 @@ def follows(x, v, h, joints):
         size = (x[i] * x[i] + x[i + 1] * x[i + 1]).real
         if not (size <= MOST_SWING and spring_slope(i, joints, m).real > 0.0):
             return False
-    for i in range(2 * n, len(x)):
+    for i in range(2 * n, joints.hardening.shape[1]):
         if not spring_slope(i, joints, x[i]).real > 0.0:
+            return False
+    for i in range(joints.hardening.shape[1], len(x)):
+        if not x[i].real > LEAST_STRETCH - 1.0:
             return False
     return True

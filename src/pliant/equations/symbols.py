@@ -55,6 +55,7 @@ class SpatialBody(NamedTuple):
     pretension: np.ndarray  # (R,) N
     edge: np.ndarray  # (R,) N, over which a tendon becomes taut
     slack: np.ndarray  # (R,) 1 of a tendon that can hang slack, 0 of a pair that never does
+    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment that lengthens; no columns without
 
 
 class Links(NamedTuple):
@@ -256,7 +257,10 @@ class ExtensibleWorkspace(NamedTuple):
 
 
 class SpatialWorkspace(NamedTuple):
-    """Scratch arrays of one step of a chain in space, with N = 2 n coordinates, or 3 n where it twists: `spatial`."""
+    """Scratch arrays of one step of a chain in space: `spatial`.
+
+    Of its N coordinates T = 2 n turn joints, or 3 n where it twists; the strains of S segments stand behind.
+    """
 
     A: np.ndarray  # (N, N)
     a: np.ndarray  # (N,)
@@ -270,10 +274,10 @@ class SpatialWorkspace(NamedTuple):
     r: np.ndarray  # (n + 1, 3) m, where they start
     P: np.ndarray  # (n, 3, 3) frames of the joints
     series: np.ndarray  # (n, 4) c2, c3 and their derivatives, of `spatial.stumpff`
-    S: np.ndarray  # (N, 3) axes of the coordinates
-    E: np.ndarray  # (N, 3)
-    F: np.ndarray  # (N, 3)
-    N: np.ndarray  # (N, 3)
+    S: np.ndarray  # (T, 3) axes of the coordinates that turn
+    E: np.ndarray  # (T, 3)
+    F: np.ndarray  # (T, 3)
+    N: np.ndarray  # (T, 3)
     C: np.ndarray  # (n, 3) kg m, first moment of each link with all beyond it
     J: np.ndarray  # (n, 3, 3) kg m^2, its inertia
     L: np.ndarray  # (n, 3) N
@@ -282,6 +286,14 @@ class SpatialWorkspace(NamedTuple):
     alpha: np.ndarray  # (3,) rad/s^2
     lift: np.ndarray  # (3,) m/s^2, acceleration of a joint, less gravity
     turn: np.ndarray  # (3,) rad/s
+    stretch: np.ndarray  # (n + 1,) of each link, the part before the first joint first
+    growth: np.ndarray  # (n + 1,) 1/s, rates of the stretches
+    length: np.ndarray  # (n + 1,) m, stretched
+    centre: np.ndarray  # (n,) m, stretched
+    lateral: np.ndarray  # (n,) kg m^2, stretched
+    h: np.ndarray  # (n + 1,) kg m, first moment of what each link carries along itself, unstretched
+    second: np.ndarray  # (n + 1,) kg m^2, second moment of the same
+    along: np.ndarray  # (n + 1,) N m or kg m^2, what each link asks along its axis
 
 
 class SpatialSlopes(NamedTuple):

@@ -79,7 +79,7 @@ def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, 
     """What `values` change of a chamber: its law, its joints' gains with their mean at its gain, valve and rubber."""
     changes: dict[str, Any] = {k: values[k] for k in RUBBER if k in values}
     names = tuple(values)
-    if "axial_gain" in values:
+    if "axial_gain" in values and not isinstance(chamber, Tendon):
         pushed = chamber.axial_gain != 0
         changes["axial_gain"] = np.where(pushed if pushed.any() else True, values["axial_gain"], 0.0)
     changes |= changed_gains(chamber, values) | tendon_changes(chamber, values)

@@ -56,7 +56,7 @@ def space_start(model: Model) -> dict[str, float]:
 
 def check_space_names(names: Iterable[str], model: Model) -> None:
     """Refuse parameters of a chain in space for one in a plane and the other way round, twist of a chain without."""
-    planar = re.compile(r"rest_angle(_\d+)?|gravity_angle|base_angle|base_turn|joint_share|axial_.*")
+    planar = re.compile(r"rest_angle(_\d+)?|gravity_angle|base_angle|base_turn|joint_share")
     spatial = re.compile(f"{'|'.join(ROWS)}|base_z|gain_[xy]|cross_gain_.*|.+\\.aside")
     for name in names:
         own = {name, name.partition(".")[2]}

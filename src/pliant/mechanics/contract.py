@@ -99,7 +99,7 @@ class Mechanics(ABC):
     @property
     @abstractmethod
     def sizes(self) -> tuple[int, ...]:
-        """What kernels are compiled for: links, segments that lengthen, and turns of each joint in space."""
+        """What kernels are compiled for: links, segments that lengthen; in space turns of each joint, and tendons."""
 
     # coordinates
 
@@ -159,7 +159,22 @@ class Mechanics(ABC):
         """Return coordinates and rates of a motion (T, N), (T, N) as variables of a dataset: dimensions and values."""
         q, dq = self.joint_coordinates(x), self.joint_rates(v)
         named = ((kind, value, k) for kind in self.kinds for k, value in enumerate((q, dq)))
-        return {kind.names[k]: (("time", kind.over), value[:, kind.rows]) for kind, value, k in named}
+        found: dict[str, tuple[tuple[str, ...], Array]] = {
+            kind.names[k]: (("time", kind.over), value[:, kind.rows]) for kind, value, k in named
+        }
+        if self.lengthens:
+            gained = x[:, self.size - len(self.model.extensions) :] * self.model.segment_length
+            found["extension"] = (("time", "segment"), gained)
+        return found
+
+    def strain_kind(self, first: int) -> tuple[CoordinateKind, ...]:
+        """Return the kind of the strains, which stand from row `first` on; none where nothing lengthens."""
+        kind = CoordinateKind(
+            "segment", "strain", [e.name for e in self.model.extensions], slice(first, self.size),
+            ("axial_strain", "axial_strain_rate", "axial_disturbance", "external_axial_force"), ("1", "1/s", "N"),
+            self.model.segment_length,
+        )
+        return (kind,) if self.lengthens else ()
 
     @abstractmethod
     def coordinates(self, q: Array) -> Array:

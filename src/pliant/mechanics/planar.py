@@ -125,17 +125,7 @@ class PlanarChain(Mechanics):
             "joint", "joint angle", list(range(1, self.n + 1)), slice(0, self.n),
             ("joint_angle", "joint_rate", "disturbance", "external_torque"), ("rad", "rad/s", "N m"), np.ones(self.n),
         )
-        segments = CoordinateKind(
-            "segment", "strain", [e.name for e in self.model.extensions], slice(self.n, self.size),
-            ("axial_strain", "axial_strain_rate", "axial_disturbance", "external_axial_force"), ("1", "1/s", "N"),
-            self.model.segment_length,
-        )
-        return (joints, segments) if self.segments else (joints,)
-
-    def variables(self, x: Array, v: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
-        gained = x[:, self.n :] * self.model.segment_length
-        grown = {"extension": (("time", "segment"), gained)} if self.segments else {}
-        return {**super().variables(x, v), **grown}
+        return (joints, *self.strain_kind(self.n))
 
     def coordinates(self, q: Array) -> Array:
         x = np.array(q, dtype=float)

@@ -1,4 +1,7 @@
-"""Chains in space: the swing (a, b) of each joint, interleaved, and behind them its twist: coordinates x (N,), rad."""
+"""Chains in space: coordinates x (N,) are the swings (a, b) of the joints, interleaved, then their twists [rad].
+
+Behind them stand the strains (S,) of segments that lengthen.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,9 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.compiler.trace import spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs
+from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.symbols import Joints, Slopes, SpatialBody, SpatialSlopes, SpatialWorkspace
+from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import TINY, complex_slopes
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
@@ -21,9 +26,17 @@ Array = np.ndarray
 
 
 class SpatialChain(Mechanics):
-    """A chain of rigid links in space. Its coordinates are its joint coordinates; the base tangent is +z."""
+    """A chain of rigid links in space, with S >= 0 segments that lengthen; the base tangent is +z.
+
+    Its coordinates are its joint coordinates: `turns` of joints, and behind them the strains.
+    """
 
     dimension = 3
+
+    @cached_property
+    def turns(self) -> int:
+        """Number of coordinates that turn joints, 2 n or 3 n."""
+        return self.size - len(self.model.extensions)
 
     @cached_property
     def space(self) -> Space:
@@ -43,7 +56,8 @@ class SpatialChain(Mechanics):
         gx, gy, gz = (float(g) for g in model.gravity)
         rest = np.array([rotation(v) for v in space.rest_of(self.n)])
         base = rotation([*space.base_tilt, 0.0])
-        return SpatialBody(self.length, *link_inertias(model, space.radius), rest, base, gx, gy, gz, *self._tendons())
+        behind = [*self._tendons(), np.array(model.stretch_share)]
+        return SpatialBody(self.length, *link_inertias(model, space.radius), rest, base, gx, gy, gz, *behind)
 
     def _tendons(self) -> list[Array]:
         """Return levers (R, N) and constants (R,) of the tendons whose tensions follow from their lengths."""
@@ -54,17 +68,20 @@ class SpatialChain(Mechanics):
     @cached_property
     def joints(self) -> Joints:
         law, ratio, twist = springs.springs_of(self.model), self.space.stiffness_ratio, self.space.twist_ratio
-        K, D = (self.each_coordinate(v, ratio * v, twist * v) for v in (self.model.stiffness, self.model.damping))
+        axial = np.reshape([(e.stiffness, e.damping) for e in self.model.extensions], (-1, 2)).T
+        pairs = zip((self.model.stiffness, self.model.damping), axial * self.model.segment_length, strict=True)
+        K, D = (np.append(self.each_coordinate(v, ratio * v, twist * v), strains) for v, strains in pairs)
         terms = [self.each_coordinate(row, 0.0 * row, 0.0 * row) for row in law.hardening]
         return Joints(0.0, np.zeros(self.size), K, D, np.array(terms), np.zeros(self.n))
 
     def each_coordinate(self, x: Array, y: Array, twist: Array) -> Array:
-        """Return values (N,) of the coordinates from those of both swings and of the twist of each joint, (n,)."""
+        """Return values (T,) of all turns from those of both swings and of the twist of each joint, (n,)."""
         values = np.stack([x, y], axis=-1).ravel()
         return np.append(values, twist) if self.space.turns == 3 else values
 
     def workspace(self, kind: type = float) -> SpatialWorkspace:
-        return spatial_workspace(self.n, self.space.turns, len(self.model.actuation.tendons), kind)
+        _, segments, turns, tendons = self.sizes
+        return spatial_workspace(self.n, turns, segments, tendons, kind)
 
     def slopes(self) -> SpatialSlopes:
         x, v = (np.zeros(self.size, dtype=complex) for _ in range(2))
@@ -81,31 +98,32 @@ class SpatialChain(Mechanics):
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        return self.n, len(self.model.actuation.tendons), self.space.turns
+        return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.tendons)
 
     # coordinates
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        return self._named("bend", "twist")
+        return self._named("bend", "twist", "strain")
 
     @cached_property
     def rate_names(self) -> tuple[str, ...]:
-        return self._named("bend_rate", "twist_rate")
+        return self._named("bend_rate", "twist_rate", "strain_rate")
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
         return self.names
 
-    def _named(self, bend: str, twist: str) -> tuple[str, ...]:
+    def _named(self, bend: str, twist: str, strain: str) -> tuple[str, ...]:
         bends = [f"{bend}_{axis}_{k + 1}" for k in range(self.n) for axis in "xy"]
-        return (*bends, *(f"{twist}_{k + 1}" for k in range(self.n) if self.space.turns == 3))
+        twists = [f"{twist}_{k + 1}" for k in range(self.n) if self.space.turns == 3]
+        return (*bends, *twists, *(f"{strain}_{e.name}" for e in self.model.extensions))
 
     @cached_property
     def kinds(self) -> tuple[CoordinateKind, ...]:
         n, labels = self.n, list(range(1, self.n + 1))
         rows = {"x": slice(0, 2 * n, 2), "y": slice(1, 2 * n, 2), "twist": slice(2 * n, 3 * n)}
-        return tuple(
+        turns = tuple(
             CoordinateKind(
                 "joint", "joint twist" if axis == "twist" else f"joint angle about {axis}", labels, rows[axis],
                 (f"joint_angle_{axis}", f"joint_rate_{axis}", f"disturbance_{axis}", f"external_torque_{axis}"),
@@ -113,6 +131,7 @@ class SpatialChain(Mechanics):
             )
             for axis in ("x", "y", "twist")[: self.space.turns]
         )
+        return (*turns, *self.strain_kind(self.turns))
 
     def coordinates(self, q: Array) -> Array:
         return np.array(q, dtype=float)
@@ -156,7 +175,7 @@ class SpatialChain(Mechanics):
         return SpatialWorkspace(*(np.zeros((*a.shape, *moments), dtype=x.dtype) for a in self.workspace()))
 
     def stretches(self, x: Array) -> Array:
-        return np.ones((*x.shape[:-1], self.n + 1))
+        return np.asarray(1.0 + x[..., self.turns :] @ self.body.share.T)
 
     def directions(self, x: Array) -> Array:
         return from_back(self.posed(x).R[:, :, 2], 2)
@@ -166,7 +185,7 @@ class SpatialChain(Mechanics):
 
     def nodes(self, x: Array) -> Array:
         work = self.posed(x)
-        last = work.r[-1] + self.length[-1] * work.R[-1, :, 2]
+        last = work.r[-1] + work.length[-1] * work.R[-1, :, 2]
         return from_back(np.concatenate([work.r, last[None]]), 2)
 
     def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:  # noqa: ARG002  of the interface
@@ -181,13 +200,13 @@ class SpatialChain(Mechanics):
     def position_jacobian(self, x: Array, point: Station) -> Array:
         work, place, J = self.posed(x), np.zeros(3, dtype=x.dtype), np.zeros((3, self.size), dtype=x.dtype)
         spatial_points.point_position(point.link, point.aside, point.across, point.along, work, place)
-        spatial_points.point_slope(point.link, place, work, J)
+        spatial_points.point_slope(point.link, point.along, place, self.body, work, J)
         return J
 
     def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:  # noqa: ARG002  of the interface
         work = self.posed(x)
         inner = np.einsum("kji,pkj->pki", work.R, points[:, None] - work.r)
-        return np.stack([inner[..., 2], -inner[..., 1], inner[..., 0]], axis=-1)
+        return np.stack([inner[..., 2] / work.stretch, -inner[..., 1], inner[..., 0]], axis=-1)
 
     def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:
         tip = Station("", self.n - 1, float(self.length[-1]))
@@ -210,13 +229,12 @@ class SpatialChain(Mechanics):
         )
 
     def no_loads(self) -> Array:
-        return np.zeros((self.n, 3, 5))
+        return np.zeros((self.n + 1, 3, 5))
 
     def link_loads(self, points: list[Station], forces: Array) -> Array:
         total = np.zeros((len(forces), *self.no_loads().shape))
         for f, p in enumerate(points):
-            if p.link >= 0:  # the base does not move
-                total[:, p.link] += forces[:, f, :, None] * np.array([p.aside, -p.across, p.along, 1.0, 0.0])
+            total[:, p.link + 1] += forces[:, f, :, None] * np.array([p.aside, -p.across, p.along, 1.0, 0.0])
         return total
 
     def load_forces(self, x: Array, load: Array) -> Array:
@@ -260,7 +278,10 @@ class SpatialChain(Mechanics):
             push = light.static_forces(q, share * torque) + light.load_forces(q, share * load)
             return push, -light.static_slope(q, share * load if load.any() else None, share * torque)
 
-        return loaded_rest(residual, np.zeros(self.size), float(np.abs(self.joints.K).max()))
+        q = loaded_rest(residual, np.zeros(self.size), float(np.abs(self.joints.K).max()))
+        if (self.stretches(q) <= LEAST_STRETCH).any():
+            raise SimulationError("a segment is pressed to nothing: raise its axial stiffness, or lower the load")
+        return q
 
     def linear_parts(self, q: Array) -> tuple[Array, Array]:
         return self.inertia(q), -self.static_slope(q)

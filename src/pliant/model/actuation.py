@@ -87,7 +87,7 @@ class Actuation:
             across = np.stack([np.broadcast_to(c.cross_gain, (self.joints,)) for c in self.inputs])
             lever = np.array([[c.lever if c.elastic else 1.0] if isinstance(c, Tendon) else [1.0] for c in self.inputs])
             bent = lever * np.stack([joints, across], axis=-1).reshape(self.count, -1)
-            return np.pad(bent, ((0, 0), (0, (self.turns - 2) * self.joints)))
+            joints = np.pad(bent, ((0, 0), (0, (self.turns - 2) * self.joints)))
         if not self.segment_length:
             return joints
         axial = np.stack([self.axial_gains(c) for c in self.inputs])
@@ -108,11 +108,31 @@ class Actuation:
         return np.hstack([gain, np.eye(self.count)[:, list(self.tendons)]])
 
     def axial_gains(self, chamber: Chamber) -> Array:
-        """Axial force (S,) of a chamber on each segment in parts of its torque, 1/m."""
-        gain, turned = chamber.axial_gain, np.broadcast_to(chamber.joint_gain, (self.joints,)) != 0
+        """Axial force (S,) of a chamber on each segment in parts of its torque, 1/m; of a tendon see `drawn_in`."""
+        if isinstance(chamber, Tendon):
+            return self.drawn_in(chamber)
+        turned = np.broadcast_to((chamber.joint_gain != 0) | (chamber.cross_gain != 0), (self.joints,))
+        gain = chamber.axial_gain
         if gain.size == 1 and turned.any():
             return np.array([gain[0] * turned[list(inside)].any() for inside in self.segment_joints])
         return np.broadcast_to(gain, (len(self.segment_length),))
+
+    def drawn_in(self, tendon: Tendon) -> Array:
+        """Axial force (S,) of a tendon on each segment in parts of what it pulls with: -1 where it runs all along it.
+
+        It runs from the base to the end of the last joint that it turns: along a segment for the part of its joints up
+        to there, along one without joints if any lies beyond. Of a tendon driven by its tension in parts of the torque,
+        1/m. Two opposite tendons that stay taut press nothing: one pulls by as much less as the other pulls more.
+        """
+        part, before = np.zeros(len(self.segment_length)), -1
+        if tendon.pair:
+            return part
+        turned = np.broadcast_to((tendon.joint_gain != 0) | (tendon.cross_gain != 0), (self.joints,))
+        last = int(np.flatnonzero(turned).max(initial=-1))
+        for s, inside in enumerate(self.segment_joints):
+            part[s] = np.mean([k <= last for k in inside]) if inside else float(last > before)
+            before = max([before, *inside])
+        return -part / (1.0 if tendon.elastic else tendon.lever)
 
     @property
     def remembers(self) -> bool:
