@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
 MARK = re.compile(r"<!-- made from the code: ([\w-]+) -->")
-ROOMS = (
+PACKAGES = (
     "recording", "reduction", "sensing", "model", "simulation", "linear", "identification", "estimation", "contact",
     "control", "loop", "exporters", "testbed", "study",
 )
@@ -60,8 +60,8 @@ def plain(text: str) -> str:
 
 def row(context: Any, p: Any) -> tuple[str, str, str]:
     """An argument or option as the help has it: name, meaning, default."""
-    name, told = p.get_help_record(context)
-    words, _, ends = told.partition("  [")
+    name, text = p.get_help_record(context)
+    words, _, ends = text.partition("  [")
     default = ends.removeprefix("default: ").removesuffix("]").strip("()")
     return f"`{name}`", words.replace("*", r"\*").replace("<", r"\<"), default.replace("*", r"\*")
 
@@ -175,7 +175,7 @@ def metrics_file() -> str:
     from pliant.validation.metrics_file import MetricsFile
 
     kinds = {"Record": definitions(turns=False), "AngleRecord": definitions(turns=True)}
-    return schema(MetricsFile, {f"{kind}.{k}": v for kind, told in kinds.items() for k, v in told.items()})
+    return schema(MetricsFile, {f"{kind}.{k}": v for kind, meanings in kinds.items() for k, v in meanings.items()})
 
 
 def task_file() -> str:
@@ -207,16 +207,16 @@ def parameters() -> str:
 
 
 def names() -> str:
-    """Public names of every room that are not on the public page: their first sentence."""
+    """Public names of every package that are not on the public page: their first sentence."""
     import pliant
 
     made = []
-    for room in ROOMS:
-        module = importlib.import_module(f"pliant.{room}")
+    for package in PACKAGES:
+        module = importlib.import_module(f"pliant.{package}")
         rows = [(f"`{name}`", first_line(getattr(module, name)).replace("*", r"\*"))
                 for name in module.__all__ if name not in pliant.__all__ and described(getattr(module, name))]
         if rows:
-            made += [f"### `pliant.{room}`", first_line(module), table(("name", "what it is"), rows)]
+            made += [f"### `pliant.{package}`", first_line(module), table(("name", "what it is"), rows)]
     return "\n\n".join(made)
 
 
