@@ -1,4 +1,4 @@
-"""Keyword options that a `TypedDict` names (PEP 692): their defaults, and the refusal of any other."""
+"""Keyword options that a `TypedDict` names (PEP 692): their defaults, the signature that shows them, refusals."""
 
 from __future__ import annotations
 
@@ -22,3 +22,14 @@ def with_defaults(function: Callable[..., Any], given: Options, defaults: Option
         known = ", ".join((*named, *defaults))
         raise TypeError(f"{function.__name__} has no parameter {unknown[0]!r}: it takes {known}")
     return cast(Options, {**defaults, **given})
+
+
+def full_signature(function: Callable[..., Any], options: Any, defaults: Mapping[str, object]) -> inspect.Signature:
+    """Return the signature of a function with the keywords of the `TypedDict` in place of its ``**options``.
+
+    A keyword without a default is required; those stand first.
+    """
+    empty, kind = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
+    own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
+    named = [inspect.Parameter(name, kind, default=defaults.get(name, empty)) for name in options.__annotations__]
+    return inspect.Signature([*own, *sorted(named, key=lambda p: p.default is not empty)])

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 import pliant
+from pliant.model.chamber import FIELDS
+from pliant.model.model import KEYWORD_DEFAULTS
 
 ROOT = Path(__file__).resolve().parents[2]
 UNIT = re.compile(r"\b(m|mm|s|Hz|Pa|kPa|rad|kg|N m|N m/rad|1/m|SI)\b")
@@ -48,10 +50,16 @@ def document(name):
     return inspect.getdoc(DOCUMENTED[name]) or ""
 
 
+LEFT_TO = {  # parameters that the pages of other names explain
+    "Model": set(FIELDS), "chain_model": set(KEYWORD_DEFAULTS) | {"stiffness", "damping", "torque"},
+}
+
+
 def parameters(name):
     """Names that a caller may pass."""
     thing = DOCUMENTED[name]
-    taken = inspect.signature(thing).parameters.values()
+    elsewhere = LEFT_TO.get(name, set())
+    taken = [p for p in inspect.signature(thing).parameters.values() if p.name not in elsewhere]
     return [
         name for p in taken if not p.name.startswith("_")
         for name in (named_options(thing, p.name) if p.kind is p.VAR_KEYWORD else [p.name])
@@ -71,6 +79,13 @@ def named_options(thing, keywords):
 
 def public(*, errors=True):
     return [n for n in DOCUMENTED if errors or not n.endswith("Error")]
+
+
+def test_a_model_shows_its_keywords():
+    shown = inspect.signature(pliant.Model).parameters
+    assert shown["tip_mass"].default == 0.0
+    assert shown["stiffness"].default is inspect.Parameter.empty
+    assert {*shown} - {*inspect.signature(pliant.chain_model).parameters} == {"link_length", "link_mass"}
 
 
 def test_dir_shows_the_journey_in_order():

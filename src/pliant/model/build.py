@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.model import Model
+from pliant.model.model import KEYWORD_DEFAULTS, ChainValues, Model
+from pliant.options import full_signature
 
 
 def chain_model(
-    *, length: float, mass: float, links: int = 5, joint_placement: str = "base", **parameters: Any,
+    *, length: float, mass: float, links: int = 5, joint_placement: str = "base", **parameters: Unpack[ChainValues],
 ) -> Model:
     """A uniform body of `length` [m] and `mass` [kg] as a chain of `links` links.
 
@@ -53,3 +54,6 @@ def chain_model(
         raise InputError(f"joint_placement must be 'base' or 'midsegment', got {joint_placement!r}")
     link_mass = mass / length * link_length
     return Model(link_length=link_length, link_mass=link_mass, **parameters)
+
+
+chain_model.__signature__ = full_signature(chain_model, ChainValues, KEYWORD_DEFAULTS)  # type: ignore[attr-defined]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from inspect import signature
 from typing import Any, Unpack
 
 import numpy as np
@@ -24,6 +25,7 @@ from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.model.station import stations_of
 from pliant.model.summary import model_card
 from pliant.model.valve import Valve
+from pliant.options import full_signature
 
 Array = np.ndarray
 PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", *SPRING_TERMS, SPRING_BOUND)
@@ -31,11 +33,9 @@ ARRAYS = (*PER_LINK, "gravity")
 SCALARS = ("tip_mass", "base_length", "base_angle")
 
 
-class Values(ChamberValues, total=False):
-    """The keywords of `Model`: its parameters, and those of a `Chamber` where there is one."""
+class ChainValues(ChamberValues, total=False):
+    """The keywords of `Model` but lengths and masses of links; those of a `Chamber` are of the only one."""
 
-    link_length: Any
-    link_mass: Any
     stiffness: Any
     damping: Any
     chambers: tuple[Chamber, ...]
@@ -54,6 +54,13 @@ class Values(ChamberValues, total=False):
     stations: Any
     name: str
     source: dict[str, str]
+
+
+class Values(ChainValues, total=False):
+    """The keywords of `Model`."""
+
+    link_length: Any
+    link_mass: Any
 
 
 DEFAULTS: dict[str, Any] = {
@@ -207,6 +214,11 @@ class Model(ModelParameters):
         made.__dict__.update(values)
         made._take(changes | arrays, self.n)
         return made
+
+
+ONE_CHAMBER = signature(Chamber).parameters
+KEYWORD_DEFAULTS = {**{name: ONE_CHAMBER[name].default for name in FIELDS}, "torque": None, **DEFAULTS, "chambers": ()}
+Model.__signature__ = full_signature(Model, Values, KEYWORD_DEFAULTS)  # type: ignore[attr-defined]
 
 
 def each_link(name: str, a: Array, n: int) -> Array:

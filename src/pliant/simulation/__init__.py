@@ -1,11 +1,12 @@
 """From a model and a pressure to motion: offline, against a reference, and one step at a time."""
 
+from pliant.simulation.forces import PointForce
 from pliant.simulation.inputs import Chirp, Input, Multisine, Pulse, Trace, ramp, step, triangle
 from pliant.simulation.solve import simulate
 from pliant.simulation.state import equilibrium, modes
 from pliant.simulation.stepper import Stepper
 
 __all__ = [
-    "Chirp", "Input", "Multisine", "Pulse", "Stepper", "Trace", "equilibrium", "modes", "ramp", "simulate", "step",
-    "triangle",
+    "Chirp", "Input", "Multisine", "PointForce", "Pulse", "Stepper", "Trace", "equilibrium", "modes", "ramp",
+    "simulate", "step", "triangle",
 ]
