@@ -10,7 +10,6 @@ import numpy as np
 from pliant.identification import Band
 from pliant.validation.outcome import Forecast, RecordOutcome, Shape, StudyOutcome
 
-MIRROR = np.array([-1.0, 1.0])
 
 
 def in_recorded_axes(outcome: StudyOutcome, like: Mapping[str, str], signs: Mapping[str, int]) -> StudyOutcome:
@@ -39,33 +38,38 @@ def in_recorded_axes(outcome: StudyOutcome, like: Mapping[str, str], signs: Mapp
     return replace(outcome, fits=fits, forecasts=forecasts, shape=shape)
 
 
+def mirrored(position: np.ndarray) -> np.ndarray:
+    """Return positions (..., 2) with x of the other sign."""
+    return position * np.array([-1.0, 1.0])
+
+
 def turned_record(record: RecordOutcome) -> RecordOutcome:
     """Return a record turned by pi about the base tangent."""
     return replace(
-        record, experiment=record.experiment.turned(), modelled=record.modelled * MIRROR,
+        record, experiment=record.experiment.turned(), modelled=mirrored(record.modelled),
         band=None if record.band is None else turned_band(record.band),
-        body=None if record.body is None else record.body * MIRROR,
+        body=None if record.body is None else mirrored(record.body),
     )
 
 
 def turned_band(band: Band) -> Band:
     """Return a band turned by pi about the base tangent: its lower limit of x becomes the upper one."""
-    edges = np.stack([band.lower * MIRROR, band.upper * MIRROR])
-    return replace(band, position=band.position * MIRROR, lower=edges.min(axis=0), upper=edges.max(axis=0))
+    edges = np.stack([mirrored(band.lower), mirrored(band.upper)])
+    return replace(band, position=mirrored(band.position), lower=edges.min(axis=0), upper=edges.max(axis=0))
 
 
 def turned_forecast(forecast: Forecast) -> Forecast:
     """Return a forecast turned by pi about the base tangent."""
-    return replace(forecast, tip=forecast.tip * MIRROR)
+    return replace(forecast, tip=mirrored(forecast.tip))
 
 
 def turned_shape(shape: Shape) -> Shape:
     """Return a dense shape turned by pi about the base tangent; the chain laid through it too."""
     links = replace(
-        shape.links, base=shape.links.base * MIRROR, tips=shape.links.tips * MIRROR,
+        shape.links, base=mirrored(shape.links.base), tips=mirrored(shape.links.tips),
         rest_angle=-shape.links.rest_angle, joint_angle=-shape.links.joint_angle,
     )
     return replace(
-        shape, position=shape.position * MIRROR, curvature=-shape.curvature, rest_curvature=-shape.rest_curvature,
+        shape, position=mirrored(shape.position), curvature=-shape.curvature, rest_curvature=-shape.rest_curvature,
         links=links,
     )

@@ -199,7 +199,6 @@ def forecast_figure(forecast: Forecast) -> Figure:
                 half = factor * forecast.half_width[:, axis]
                 ax.fill_between(forecast.time, tip - half, tip + half, color="0.8", linewidth=0, label="95 % band")
             ax.set_ylabel(f"tip {names[axis]} ({unit})")
-        figure.align_ylabels()
         legend(figure, axes[:, 0])
     return figure
 
