@@ -291,7 +291,8 @@ def motion(inputs):
     time = np.linspace(0.0, 1.0, 11)
     tips = np.outer(time, np.arange(1, 17)).reshape(11, 8, 2) * 1e-3
     return xr.Dataset({
-        "tip_position": (("time", "link", "axis"), tips), "pressure": (("time", "input"), np.outer(time, 1e3 * np.arange(1, inputs + 1))),
+        "tip_position": (("time", "link", "axis"), tips),
+        "pressure": (("time", "input"), np.outer(time, 1e3 * np.arange(1, inputs + 1))),
     }, {"time": time, "input": [f"c{k}" for k in range(inputs)]})  # fmt: skip
 
 
@@ -430,8 +431,9 @@ def test_the_running_model(rng):
     assert aligned(figure) == [2, 2]
     assert figure.axes[1].lines[1].get_linewidth() == 0.7
     assert labels(figure)[1] == ("time (s)", "gauge pressure (kPa)")
-    samples = xr.Dataset({"failed": ("sample", np.zeros(9, bool)), "tip": (("sample", "time", "axis"), rng.normal(size=(9, 5, 2))),
-                          **{n: ("sample", rng.normal(size=9), {"units": "1"}) for n in "abcd"}}, {"time": time, "axis": ["x", "y"]})  # fmt: skip
+    numbers = {n: ("sample", rng.normal(size=9), {"units": "1"}) for n in "abcd"}
+    tip = {"tip": (("sample", "time", "axis"), rng.normal(size=(9, 5, 2)))}
+    samples = xr.Dataset({"failed": ("sample", np.zeros(9, bool)), **tip, **numbers}, {"time": time, "axis": ["x", "y"]})
     figure = use_figures.sweep_figure(samples)
     assert figure.get_figheight() == pytest.approx(1.9 * 3)
     wide = figure.axes[-1]

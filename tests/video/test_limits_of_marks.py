@@ -113,7 +113,7 @@ def test_a_dot_keeps_its_size_unless_it_is_blurred():
 
 @pytest.mark.parametrize(("step", "gap", "reach"), [(0.0, 0, 5.0), (0.0, 1, 10.0), (2.0, 0, 7.0), (2.0, 2, 21.0)])
 def test_the_slowest_dot_is_sought_within_a_reach_that_grows(step, gap, reach):
-    follow = row_of_dots()
+    follow = ChainOfDots(np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [37.0, 0.0]]), np.full(4, 30.0))
     follow.step[1], follow.gap[1] = (0.0, step), gap
     for share, found in ((0.98, 1), (1.02, -1)):
         centres = np.array([[60.0, 0.0], [10.0 - share * reach, step], [10.0, 99.0]])
@@ -143,6 +143,9 @@ def test_the_next_dot_is_the_one_that_fits_best_and_a_hidden_one_is_passed():
     centres = np.array([[0.0, 0.0], 10.0 * np.array([np.cos(0.2), np.sin(0.2)]), [11.5, 0.0], [8.1, 0.0]])
     follow._along(chosen, 0, 1, centres, np.full(4, 30.0))
     assert chosen[1] == 2  # farther by 0.15, against a turn of 0.2 and nearer by 0.19
+    chosen = np.array([0, -1, -1, -1])
+    follow._along(chosen, 0, 1, centres, np.array([30.0, 30.0, 90.0, 30.0]))
+    assert chosen[1] == 3  # what fits best is of another size
     turned = np.array([np.cos(0.9), np.sin(0.9)]), np.array([np.cos(1.8), np.sin(1.8)])
     path = np.array([[0.0, 0.0], 10 * turned[0], 10 * turned[0] + 10 * turned[1]])
     chosen = np.array([0, -1, -1, -1])
@@ -315,6 +318,8 @@ def test_a_turn_and_a_hidden_neighbour_are_no_repeats():
         assert pace(rows, quiet(6)) == [[], []]
     rows = np.cumsum([3.0] * 6 + [0.0, 6.0] + [3.0] * 6)  # it catches up
     assert pace(rows, quiet(6)) == [[6], []]
+    fast = np.array([10.0] * 6 + [1.5, 18.5] + [10.0] * 6)  # it hardly moved, and catches up in a leap
+    assert pace(np.cumsum(fast), quiet(6)) == [[6], []]
     assert lost_in_times(np.array([0.0, 1.0, 2.0, 3.4, 4.4, 6.9, 7.9, 8.9, 9.9])) == (2 - 1 + 1 - 1, 1)
     assert lost_in_times(np.array([0.0, 1.0, 2.0, 3.6, 4.6, 7.2, 8.2, 9.2, 10.2])) == (1 + 2, 2)
 
@@ -444,7 +449,8 @@ def test_a_sheet_has_twelve_tiles_three_across_and_three_gaps(tmp_path):
     for gaps, rows in (((), 4), ((2,), 5), ((2, 7, 12), 5), ((2, 7, 12, 17), 5)):
         with overlay(reel, [tmp_path / "s.png"]) as draw:
             for k in range(56):
-                draw(k / 30, np.full((480, 640, 3), 4 * k, np.uint8), None if k in gaps else line)
+                hidden = None if k % 2 else np.where(np.arange(5)[:, None] < 2, np.nan, line)
+                draw(k / 30, np.full((480, 640, 3), 4 * k, np.uint8), hidden if k in gaps else line)
         sheet = cv2.imread(str(tmp_path / "s.png"))
         assert sheet.shape == (rows * (420 + 6) - 6, 3 * (560 + 6) - 6, 3)
         tiles = [sheet[426 * (k // 3) + 300, 566 * (k % 3) + 300] for k in range(12 + len(gaps[:3]))]

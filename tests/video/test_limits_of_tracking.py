@@ -15,7 +15,7 @@ from pliant.video import silhouette
 from pliant.video.exposure import even_exposure
 from pliant.video.follow import Follower, Known
 from pliant.video.reel import Reel, open_reel
-from pliant.video.ribbon import BASIS, Ribbon, crossing, edges, share
+from pliant.video.ribbon import BASIS, Basis, Ribbon, crossing, edges, share
 from pliant.video.rough import _distances, mask_of, rough_line
 from pliant.video.stillness import Stillness
 
@@ -84,6 +84,19 @@ def test_a_body_changes_its_lightness_by_less_than_half_its_contrast(lightness, 
         ribbon(straight()), straight(), known(straight(), light=place.light + 2.0 - lightness))
     assert found.seen[5:-5].all() == seen
     assert found.seen[5:-5].any() == seen
+
+
+@pytest.mark.parametrize(("shift", "seen"), [(5.0, True), (7.0, False)])
+def test_a_place_that_leaps_from_its_neighbours_is_not_the_body(shift, seen):
+    line = straight()
+    line[29:31, 1] += shift
+    picture = np.full((240, 320, 3), 200, np.uint8)
+    for k in range(60, 241):
+        middle = int(line[int(np.clip(round((k - 60) / 3), 0, 60)), 1])
+        picture[middle - 8 : middle + 9, k] = 40
+    found = Follower(around(), np.array([60.0, 120.0]))._measured(picture, straight(), known(straight(), 8.5))
+    assert found.seen[29:31].tolist() == [seen] * 2
+    assert found.seen[5:28].all()
 
 
 def test_lightness_is_that_of_the_inner_part_alone():
@@ -222,15 +235,16 @@ def test_the_slope_of_an_edge_is_taken_over_five_columns():
 
 def test_the_spline_along_the_body_has_sixteen_spans_and_the_stated_roughness():
     """That of s^3, whose third derivative is 6 everywhere; the last two spans weigh five times as much."""
-    assert BASIS.matrix.shape == (61, 19)
+    basis = Basis(61)
+    assert basis.matrix.shape == (61, 19)
     s = np.linspace(0, 1, 61)
-    cubic = np.linalg.lstsq(BASIS.matrix, s**3, rcond=None)[0]
-    np.testing.assert_allclose(BASIS.matrix @ cubic, s**3, atol=1e-12)
-    assert cubic @ BASIS.rough @ cubic == pytest.approx(5e-11 * 61 * 36.0 * (14 + 2 * 5) / 16, rel=1e-6)
-    late = np.linalg.lstsq(BASIS.matrix, np.maximum(s - 0.875, 0.0) ** 3, rcond=None)[0]
-    assert late @ BASIS.rough @ late == pytest.approx(5e-11 * 61 * 36.0 * 2 * 5 / 16, rel=1e-6)
-    earlier = np.linalg.lstsq(BASIS.matrix, np.maximum(s - 0.8125, 0.0) ** 3, rcond=None)[0]
-    assert earlier @ BASIS.rough @ earlier == pytest.approx(5e-11 * 61 * 36.0 * (1 + 2 * 5) / 16, rel=1e-6)
+    cubic = np.linalg.lstsq(basis.matrix, s**3, rcond=None)[0]
+    np.testing.assert_allclose(basis.matrix @ cubic, s**3, atol=1e-12)
+    assert cubic @ basis.rough @ cubic == pytest.approx(5e-11 * 61 * 36.0 * (14 + 2 * 5) / 16, rel=1e-6)
+    late = np.linalg.lstsq(basis.matrix, np.maximum(s - 0.875, 0.0) ** 3, rcond=None)[0]
+    assert late @ basis.rough @ late == pytest.approx(5e-11 * 61 * 36.0 * 2 * 5 / 16, rel=1e-6)
+    earlier = np.linalg.lstsq(basis.matrix, np.maximum(s - 0.8125, 0.0) ** 3, rcond=None)[0]
+    assert earlier @ basis.rough @ earlier == pytest.approx(5e-11 * 61 * 36.0 * (1 + 2 * 5) / 16, rel=1e-6)
 
 
 def test_distances_within_a_mask_are_those_of_a_king_on_a_chess_board():

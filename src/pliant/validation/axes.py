@@ -11,7 +11,6 @@ from pliant.identification import Band
 from pliant.validation.outcome import Forecast, RecordOutcome, Shape, StudyOutcome
 
 
-
 def in_recorded_axes(outcome: StudyOutcome, like: Mapping[str, str], signs: Mapping[str, int]) -> StudyOutcome:
     """Return the outcome with all positions in the axes of the recordings, as tables, figures and files show them.
 
