@@ -493,7 +493,10 @@ def test_a_body_at_rest_may_drift_by_a_tenth_of_its_travel(drift, still):
     travel = detectors.travel(place)[0]
     place[20:30, 0, 1] = drift * travel
     assert still_within(place, time, (0.0, 0.5)) == still
+    place[20:30, 0, 1] = drift  # of the metre that it goes from its place in the run
     assert _precedes_motion(place, (40, 90)) == still
+    place[20:30], place[95:99, 0, 1] = 0.0, drift  # behind the run
+    assert _precedes_motion(place, (40, 90))
 
 
 @pytest.mark.parametrize(("off", "still"), [(5, True), (6, False)])

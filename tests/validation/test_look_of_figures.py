@@ -433,7 +433,7 @@ def test_the_running_model(rng):
     assert labels(figure)[1] == ("time (s)", "gauge pressure (kPa)")
     numbers = {n: ("sample", rng.normal(size=9), {"units": "1"}) for n in "abcd"}
     tip = {"tip": (("sample", "time", "axis"), rng.normal(size=(9, 5, 2)))}
-    samples = xr.Dataset({"failed": ("sample", np.zeros(9, bool)), **tip, **numbers}, {"time": time, "axis": ["x", "y"]})
+    samples = xr.Dataset({"failed": ("sample", np.zeros(9, bool)), **tip, **numbers}, {"time": time, "axis": [*"xy"]})
     figure = use_figures.sweep_figure(samples)
     assert figure.get_figheight() == pytest.approx(1.9 * 3)
     wide = figure.axes[-1]
