@@ -450,7 +450,7 @@ def test_a_fit_of_curvature_recovers_a_polynomial():
     phi = 0.3 + np.concatenate([[0.0], np.cumsum((kappa[1:] + kappa[:-1]) / 2 * np.diff(fine))])
     way = np.stack([-np.sin(phi), np.cos(phi)], axis=1)
     path = np.concatenate([[[0.0, 0.0]], np.cumsum((way[1:] + way[:-1]) / 2 * np.diff(fine)[:, None], axis=0)])
-    place = np.stack([[np.interp(s, fine, path[:, k]) for k in (0, 1)]], axis=0).transpose(0, 2, 1) + np.array([0.7, -0.2])
+    place = np.stack([np.interp(s, fine, path[:, k]) for k in (0, 1)], axis=1)[None] + np.array([0.7, -0.2])
     exact = 3 + 20 * s - 60 * s**2
     for count in (1, 70):  # more than one chunk of frames
         fit = fit_curvature(np.tile(place, (count, 1, 1)), s, terms=3, smoothing=0.0)
