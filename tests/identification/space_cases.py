@@ -21,6 +21,10 @@ SOUND = {
     "green.valve_rise": 0.03, "base_z": 1e-3, "base_x": -2e-3, "tip.aside": 3e-3, "mid.across": 1e-3, "mid.along": 0.05,
     "latency": 4e-3, "sensor_lag": 0.02, "start": 2e-3,
 }  # fmt: skip
+OF_MEMORY = {
+    "creep_share_1": 0.2, "creep_time_1": 0.15, "slip_share_1": 0.3, "slip_angle_1": 0.02, "boucwen_share": 0.2,
+    "boucwen_beta": 20.0, "boucwen_gamma": 9.0, "boucwen_exponent": 1.5,
+}  # fmt: skip
 CORD = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "pretension": 0.5}
 WOUND = {"driven_by": "angle", "pulley": 0.01, "lever": 8e-3, "line_stiffness": 2e3, "pair": True}
 OF_SEGMENTS = {

@@ -5,6 +5,7 @@ import pytest
 from space_cases import (
     AZIMUTHS,
     LINKS,
+    OF_MEMORY,
     OF_SEGMENTS,
     OF_TENDONS,
     SOUND,
@@ -37,6 +38,7 @@ EXCITED = {
     "trace": {"excitation": "trace", "drives": TRACES},
     "own_places": {"excitation": "trace", "drives": TRACES, "own_places": True},
     "release": {"excitation": "release"},
+    "memory": {"excitation": "release", "held": np.array([[0.01, -0.01, 0.18], [0.05, -0.03, 0.28]])},
     "held": {"excitation": "release", "held": np.array([[0.01, -0.01, 0.18], [0.05, -0.03, 0.28]])},
     "tendons": {"excitation": "trace", "drives": {n: Trace(TIME, 1e-7 * t.pressure) for n, t in TRACES.items()}},
     "lengthens": {"excitation": "trace", "drives": {**TRACES, "cord": Trace(TIME, 1e-7 * TRACES["red"].pressure)},
@@ -50,10 +52,12 @@ EXCITED = {
 @pytest.mark.parametrize("kind", EXCITED)
 def test_derivatives_of_a_motion_in_space_are_those_of_differences(kind):
     exp, values, model = record(**EXCITED[kind]), dict(SOUND), arm()
-    if kind in ("release", "held"):
-        values |= {"release": 0.13, "release_time": 0.05} | ({} if kind == "held" else {"hold_force": 0.3})
+    if kind == "memory":
+        values |= OF_MEMORY
+    if kind in ("release", "held", "memory"):
+        values |= {"release": 0.13, "release_time": 0.05} | ({"hold_force": 0.3} if kind == "release" else {})
         del values["start"]
-    if kind == "held":  # few joints, whose pose two points decide
+    if kind in ("held", "memory"):  # few joints, whose pose two points decide
         places = [Station("mid", 0, 0.11, 0.0, 0.01), Station("tip", 1, 0.07)]
         model = arm(links=2, space=Space(stiffness_ratio=1.2), stations=places)
         del values["twist_ratio"]

@@ -52,12 +52,13 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
     Of a body that lengthens (n + S,), strains behind the angles.
     """
     chain = mechanics_of(model)
-    states = state.relaxed(model, chain.joint_angles(angle))
+    states = state.relaxed(model, chain.joint_coordinates(angle)) if model.memory else np.zeros((model.n, 0))
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0] = angle, rate
-    failed = lane_twin(march_loops.march_with_memory, model.n, len(model.extensions))(
-        angle, rate, steps, chain.body, chain.joints, Past(model.memory.law(), states, state.held(model)),
-        chain.workspace(), out,
+    past = (Past(model.memory.law(), states, chain.held()),) if model.memory else ()
+    kernel = march_loops.march_with_memory if model.memory else march_loops.march
+    failed = lane_twin(kernel, *chain.sizes)(
+        angle, rate, steps, chain.body, chain.joints, *past, chain.workspace(), out
     )
     if failed != -1:
         return {}, failed if failed >= 0 else -2 - failed  # a link that turns too far, or no agreement

@@ -6,7 +6,7 @@ line takes the longer the more links it has, so beyond some number the loops run
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -22,11 +22,13 @@ from pliant.equations import (
     extension,
     extension_linearised,
     linearised,
+    memory,
     motion,
     observation,
     spatial,
     spatial_extension,
     spatial_linearised,
+    spatial_memory,
     spatial_points,
     spatial_springs,
 )
@@ -44,6 +46,8 @@ FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised
 # So long that each caller that took them in would take as long to compile again.
 CALLED: set[Any] = {
     linearised.step_jacobian, extension_linearised.step_jacobian, spatial_linearised.step_jacobian,
+    spatial_memory.step_with_memory,
+    spatial_memory.add_friction, spatial_memory.gap, spatial_memory.move_friction,
 }
 SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where joints turn in space
     motion.step: spatial.step, motion.acceleration: spatial.acceleration, elastic.follows: spatial_springs.follows,
@@ -51,11 +55,14 @@ SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where jo
     observation.observe: spatial_points.observe, observation.place_links: spatial_linearised.place_links,
     observation.observe_point: spatial_linearised.observe_point, observation.motion_of: spatial_linearised.motion_of,
     linearised.step_jacobian: spatial_linearised.step_jacobian,
+    memory.step_with_memory: spatial_memory.step_with_memory, memory.relax: spatial_memory.relax,
+    memory.follow_change: spatial_memory.follow_change,
 }  # fmt: skip
 MOST_TURNS = 24  # coordinates of a step in space as a straight line: that takes 4 s to compile, 30 take 6 s
 SOURCES = (  # of a twin whose steps are made here
     __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, spatial.__file__,
-    spatial_extension.__file__, spatial_linearised.__file__, spatial_points.__file__, spatial_springs.__file__,
+    spatial_extension.__file__, spatial_linearised.__file__, spatial_memory.__file__, spatial_points.__file__,
+    spatial_springs.__file__,
     arc_tendon.__file__, *STRAIGHT_SOURCES,
 )
 
@@ -85,16 +92,19 @@ def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
 
 
 @cache
-def straight(kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
+def straight(
+    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
+) -> Any:
     """The compiled straight-line twin of a kernel for n links; same signature, see `trace.example_arguments`.
 
     Recorded only where the disk cache has none.
     """
     from pliant.compiler.llvm import compiled
 
-    size = size_tag(n, segments, turns, tendons) + ("_fused" if kernel in FUSED else "")
+    size = size_tag(n, segments, turns, tendons) + "_fused" * (kernel in FUSED) + "_memory" * remembers
     name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
-    return compiled(name, lambda: trace.recording(kernel, n, segments, turns, tendons), fused=kernel in FUSED)
+    recorded = partial(trace.recording, kernel, n, segments, turns, tendons, remembers=remembers)
+    return compiled(name, recorded, fused=kernel in FUSED)
 
 
 def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0) -> str:
@@ -131,8 +141,17 @@ def substitutes(
 def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> Any:
     """The compiled twin of a kernel of a chain in space; `sizes` are links, segments, turns and tendons of `twin`."""
     links, segments, turns, _ = sizes
-    if kernel is spatial.step and links * turns + segments <= MOST_TURNS and not loops:
+    if loops or links * turns + segments > MOST_TURNS:
+        return twin(kernel)
+    if kernel is spatial.step:
         return straight(kernel, *sizes)
+    remembering: Any = spatial_memory.step_with_memory
+    if kernel is remembering:
+        fast: dict[Any, Any] = {spatial.step: straight(spatial.step, *sizes, remembers=True)}
+        return compiled_twin(
+            kernel, size_tag(*sizes), lambda callee: fast.get(callee) or twin(callee), SOURCES, replaced=fast,
+            forceinline=False,
+        )
     return twin(kernel)
 
 

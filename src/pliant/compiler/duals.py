@@ -107,7 +107,10 @@ def _inner(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
     if kernel in fast:
         return fast[kernel]
     tag = f"{choose.size_tag(links, *sizes)}_duals"
-    return compiled_twin(kernel, tag, lambda callee: _inner(callee, links, *sizes), choose.SOURCES, replaced=fast)
+    return compiled_twin(
+        kernel, tag, lambda callee: _inner(callee, links, *sizes), choose.SOURCES, replaced=fast,
+        forceinline=kernel not in choose.CALLED,
+    )
 
 
 def duals(values: Any, slopes: Array | None = None) -> Array:

@@ -20,6 +20,7 @@ from pliant.equations.symbols import (
     Joints,
     Slopes,
     SpatialBody,
+    SpatialJoints,
     SpatialWorkspace,
     Workspace,
 )
@@ -189,7 +190,9 @@ def spatial_workspace(
     return SpatialWorkspace(*(np.zeros(shapes.get(f, (size,)), dtype=kind) for f in SpatialWorkspace._fields))
 
 
-def spatial_arguments(n: int, segments: int, turns: int, tendons: int) -> dict[str, Any]:
+def spatial_arguments(
+    n: int, segments: int, turns: int, tendons: int, *, remembers: bool = False,
+) -> dict[str, Any]:
     """As `example_arguments`, of a chain in space whose joints have so many turns: `equations.spatial`."""
     size = n * turns + segments
 
@@ -204,15 +207,23 @@ def spatial_arguments(n: int, segments: int, turns: int, tendons: int) -> dict[s
         "body": SpatialBody(
             zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0, *behind,
         ),
-        "joints": Joints(0.0, zeros(size), zeros(size), zeros(size), zeros(ROWS, n * turns), zeros(n)),
+        "joints": SpatialJoints(
+            0.0, zeros(size), zeros(size), zeros(size), zeros(ROWS, n * turns), zeros(n),
+            zeros(n * turns * remembers, 3),
+        ),
         "work": spatial_workspace(n, turns, segments, tendons),
     }
 
 
-def recording(kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0) -> KernelProgram:
-    """The recording of a kernel for n links, and so many segments that lengthen; in space, turns and tendons."""
+def recording(
+    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
+) -> KernelProgram:
+    """The recording of a kernel for n links, and so many segments that lengthen; in space, turns and tendons.
+
+    In space a step that `remembers` takes the lines of hysteresis states.
+    """
     if turns > 1:
-        examples = spatial_arguments(n, segments, turns, tendons)
+        examples = spatial_arguments(n, segments, turns, tendons, remembers=remembers)
     else:
         examples = extensible_arguments(n, segments) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]

@@ -83,16 +83,22 @@ def boucwen_decay(z, dq, memory):
     Source: Bouc (1967), Wen (1976); passive where beta >= |gamma| (Erlicher and Point 2004; Ikhouane and Rodellar 2007)
     """
     goal = z + 0.5 * dq
+    if goal.real < 0.0:
+        return decay_along(-goal, -dq, memory)
+    return decay_along(goal, dq, memory)
+
+
+def decay_along(goal, turn, memory):
+    """`boucwen_decay` of a size z_m (1 + x) = `goal`, not negative, and a `turn` along it."""
     rate = memory.boucwen_beta
-    if (goal * dq).real > 0.0:
+    if turn.real > 0.0 and goal.real > 0.0:
         rate = rate + memory.boucwen_gamma
-    elif (goal * dq).real < 0.0:
+    elif turn.real < 0.0 and goal.real > 0.0:
         rate = rate - memory.boucwen_gamma
-    rate = 0.5 * size(dq) * rate
+    rate = 0.5 * size(turn) * rate
     n = memory.boucwen_exponent
     if n.real == 1.0:
         return rate
-    goal = size(goal)
     if goal.real == 0.0:  # a complex zero has no power
         return 0.0 * rate
     y = goal
@@ -157,6 +163,22 @@ def remember(q, dq, h, K, state, memory):
     return lost
 
 
+def follow_change(phi, change, joints, past):
+    """Move slip elements and Bouc-Wen as if the links turned from phi by `change` (n,) at once; creep stays.
+
+    It leaves the joints' angles and turns in `past.held`; what that dissipates is not counted.
+    """
+    held = past.held
+    angle = joints.base_angle
+    before = 0.0 * change[0]
+    for i in range(len(joints.theta0)):
+        held.q[i] = phi[i] - angle - joints.theta0[i]
+        held.dq[i] = change[i] - before
+        angle = phi[i]
+        before = change[i]
+    remember(held.q, held.dq, 0.0, joints.K, past.state, past.memory)
+
+
 def memory_angle(i, q, state, memory):
     """r_i [rad]: the torque of the memory of joint i at this moment, over K_i."""
     value = 0.0 * q
@@ -183,6 +205,15 @@ def memory_stored(i, q, state, memory):
     if memory.boucwen_share.real > 0.0:
         value = value + 0.5 * memory.boucwen_share * state[i, P + S] ** 2
     return value
+
+
+def relax(phi, joints, past):
+    """Set the creep of all joints to rest at phi (n,)."""
+    last = joints.base_angle
+    for i in range(len(joints.theta0)):
+        for j in range(len(past.memory.creep_share)):
+            past.state[i, j] = phi[i] - last - joints.theta0[i]
+        last = phi[i]
 
 
 def step_with_memory(phi, w, h, torque, body, joints, past, work):

@@ -5,8 +5,9 @@ what the law of the first coordinate adds to its linear spring. With K_a = K_b n
 and a > 0 it is the spring of the plane. Of `hardening` (terms + 1, T), for the T coordinates that turn, the columns of
 b are not read. The strains behind these have linear springs.
 
-In a `Joints` record in space `theta0` (N,) is where the linear springs hold nothing: 0, but where hysteresis moves it.
-`unloaded` (n,) is 0: its length is the number of links.
+In a `SpatialJoints` record `theta0` (N,) is where the linear springs hold nothing: 0, but where a filter moves it.
+`unloaded` (n,) is 0: its length is the number of links. `line` holds what hysteresis adds, a straight line in the
+coordinates of each joint: `spatial_memory`.
 """
 
 from __future__ import annotations
@@ -47,6 +48,15 @@ def joint_torques(x, v, joints, torque, ahead, t):
         t[i] = torque[i] - spring_torque(i, joints, c - joints.theta0[i], c) - joints.D[i] * v[i]
     for i in range(joints.hardening.shape[1], len(x)):
         t[i] = torque[i] - joints.K[i] * (x[i] + ahead * v[i]) - joints.D[i] * v[i]
+    for i in range(len(joints.line)):
+        k = partner(i, n)
+        level = joints.line[i, 0] + joints.line[i, 1] * (x[i] + ahead * v[i])
+        t[i] = t[i] - joints.K[i] * (level + joints.line[i, 2] * (x[k] + ahead * v[k]))
+
+
+def partner(i, n):
+    """Return the other coordinate of the swing that coordinate i is of; i of a twist."""
+    return i + 1 - 2 * (i % 2) if i < 2 * n else i
 
 
 def add_spring_slopes(q, half, joints, A):
@@ -67,6 +77,10 @@ def add_spring_slopes(q, half, joints, A):
         A[i, i] = A[i, i] + half * joints.D[i] + quarter * spring_slope(i, joints, q[i])
     for i in range(joints.hardening.shape[1], len(q)):
         A[i, i] = A[i, i] + half * joints.D[i] + quarter * joints.K[i]
+    for i in range(len(joints.line)):
+        A[i, i] = A[i, i] + quarter * joints.K[i] * joints.line[i, 1]
+        if i < 2 * n and i % 2 == 1:
+            A[i, i - 1] = A[i, i - 1] + quarter * joints.K[i] * joints.line[i, 2]
 
 
 def elastic_energy(x, joints):

@@ -87,6 +87,18 @@ class Joints(NamedTuple):
     unloaded: np.ndarray  # (n,) rad, theta0, from which these count also where memory moves a step's theta0
 
 
+class SpatialJoints(NamedTuple):
+    """Springs and dampers of a chain in space, as in `Joints`; each of n joints has two or three coordinates of N."""
+
+    base_angle: float  # 0
+    theta0: np.ndarray  # (N,) rad, 0
+    K: np.ndarray  # (N,) N m/rad
+    D: np.ndarray  # (N,) N m s/rad
+    hardening: np.ndarray  # (terms + 1, N)
+    unloaded: np.ndarray  # (n,) 0
+    line: np.ndarray  # (m, 3) what K r adds to a step: `spatial_memory`; no rows without memory
+
+
 class ObservedChain(NamedTuple):
     """Lengths that the positions of points on a chain follow from: `equations.observation`."""
 
@@ -216,12 +228,22 @@ class Held(NamedTuple):
     springs: Joints
 
 
+class SpatialHeld(NamedTuple):
+    """Scratch arrays of one step with memory in space, m of whose N coordinates remember."""
+
+    x: np.ndarray  # (N,) rad, at the start
+    v: np.ndarray  # (N,) rad/s, at the start
+    dq: np.ndarray  # (m,) rad, motion over the step
+    line: np.ndarray  # (m, 3) level [rad] of r in the middle of the step, slope by the coordinate and by its partner
+    springs: SpatialJoints  # with `line`: what the step sees
+
+
 class Past(NamedTuple):
     """What a chain that remembers carries through its steps."""
 
     memory: MemoryLaw
-    state: np.ndarray  # (n, branches) rad
-    held: Held
+    state: np.ndarray  # (n, branches) rad; in space (m, branches)
+    held: Held | SpatialHeld
 
 
 class Workspace(NamedTuple):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.equations.linearised import step_jacobian
-from pliant.equations.memory import remember, step_with_memory
+from pliant.equations.memory import follow_change, step_with_memory
 from pliant.equations.observation import motion_of
 from pliant.equations.symbols import Past
 from pliant.estimation.measurement_loops import observe
@@ -175,15 +175,7 @@ def correct(state, model, change, workspace):
     joints, law, remembers = model.joints, model.memory, model.remembers
     n = len(phi)
     if remembers:
-        angle = 0.0
-        before = 0.0
-        bends = len(joints.theta0)
-        for a in range(bends):
-            workspace.phi[a] = phi[a] - angle - joints.theta0[a]  # of the joint; the base angle does not matter here
-            angle = phi[a]
-            workspace.w[a] = change[a] - before
-            before = change[a]
-        remember(workspace.phi[:bends], workspace.w[:bends], 0.0, joints.K, memory_state, law)
+        follow_change(phi, change, joints, Past(law, memory_state, workspace.held))
     for a in range(n):
         phi[a] += change[a]
         w[a] += change[n + a]

@@ -9,7 +9,6 @@ import numpy as np
 from pliant.estimation.symbols import FilterOutput, FilterWorkspace, ObserverWorkspace
 from pliant.mechanics import mechanics_of, planar
 from pliant.model import Model
-from pliant.simulation import state
 
 Array = np.ndarray
 
@@ -22,14 +21,14 @@ def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
     J = slopes if isinstance(slopes, np.ndarray) else slopes.J
     shapes = [(states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n)]
     scratch: list[Any] = [*map(np.zeros, shapes), chain.observed()[1]]
-    return FilterWorkspace(chain.workspace(), state.held(model), springs, J, slopes, *scratch)
+    return FilterWorkspace(chain.workspace(), chain.held(), springs, J, slopes, *scratch)
 
 
 def make_observer_workspace(model: Model) -> ObserverWorkspace:
     """Workspace of the adaptive observer."""
     n, springs = model.n, mechanics_of(model).joints._replace(theta0=np.zeros(model.n))
     return ObserverWorkspace(
-        state.held(model), planar.workspace(n), springs, np.zeros_like(model.actuation.gain), np.zeros(3 * n),
+        mechanics_of(model).held(), planar.workspace(n), springs, np.zeros_like(model.actuation.gain), np.zeros(3 * n),
         np.zeros(3 * n),
     )
 

@@ -13,7 +13,7 @@ import numpy as np
 from pliant.equations.chamber import share_out
 from pliant.equations.contact import add_link_loads
 from pliant.equations.elastic import follows
-from pliant.equations.memory import step_with_memory
+from pliant.equations.memory import relax, step_with_memory
 from pliant.equations.motion import step
 from pliant.equations.observation import observe
 from pliant.equations.symbols import ObservedChain, SpatialBody, SpatialWorkspace
@@ -96,11 +96,7 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
     """
     body, joints = chain
     look_before(before, seen)
-    last = joints.base_angle
-    for i in range(len(joints.theta0)):
-        for j in range(len(past.memory.creep_share)):
-            past.state[i, j] = phi[i] - last - joints.theta0[i]
-        last = phi[i]
+    relax(phi, joints, past)
     for k in range(len(course.h)):
         h = course.h[k]
         take_torques(k, phi, w, course, body, joints, work)

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations.symbols import Held, Joints, MemoryLaw, ObservedChain, Past
+from pliant.equations import spatial_memory
+from pliant.equations.symbols import MemoryLaw, ObservedChain, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.follow_loops import Before, Course, Places, Seen, SpatialPlaces
@@ -129,10 +130,12 @@ def lost(made: SetUp, after: float, length: float, phi: Array) -> SimulationErro
 
 
 def slipped(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Array:
-    """States (n, branches) of the memory at the start: unstretched, or as the way into a measured pose left them."""
-    states: Array = kind.of(state.relaxed(made.model, np.zeros(made.model.n)))
+    """States of the memory at the start, without creep: unstretched, or as the way into a measured pose left them."""
+    states: Array = kind.of(state.relaxed(made.model, np.zeros(made.model.size)))
     if not made.pulled:
         return states
+    if mechanics_of(made.model).dimension == 3:
+        return slipped_in_space(made, numbers, kind, states)
     last = numbers.joints.base_angle
     for i in range(made.model.n):
         q, last = numbers.phi[i] - last - numbers.joints.theta0[i], numbers.phi[i]
@@ -142,8 +145,21 @@ def slipped(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Array:
     return states
 
 
-def held_of(made: SetUp, joints: Joints, kind: ObservationKind) -> Held:
+def slipped_in_space(made: SetUp, numbers: Numbers, kind: ObservationKind, states: Array) -> Array:
+    """As `slipped`, of a chain in space: slip elements follow straight from the unloaded shape to the measured pose."""
+    held = held_of(made, numbers.joints, kind)
+    held.dq[:] = numbers.phi[: len(held.dq)]
+    law = MemoryLaw(*numbers.memory)._replace(boucwen_share=kind.of(0.0))
+    kind.twin(spatial_memory.remember, None)(kind.of(0.0), numbers.joints, Past(law, states, held))
+    return states
+
+
+def held_of(made: SetUp, joints: Any, kind: ObservationKind) -> Any:
     """Scratch arrays for the steps of a model with memory."""
-    rows = {name: kind.of(row) for name, row in state.held(made.model)._asdict().items() if name != "springs"}
+    fresh = mechanics_of(made.model).held()
+    rows = {name: kind.of(row) for name, row in fresh._asdict().items() if name != "springs"}
+    if mechanics_of(made.model).dimension == 3:
+        moved = kind.of(np.zeros(made.model.size))
+        return type(fresh)(springs=joints._replace(theta0=moved, line=rows["line"]), **rows)
     rows["K"][:] = joints.K  # with axial ones: the step writes those of the joints alone
-    return Held(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
+    return type(fresh)(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)

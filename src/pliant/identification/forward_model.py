@@ -110,11 +110,12 @@ def fading(made: SetUp, exp: Experiment, own: Mapping[str, float]) -> SetUp:
 
 def holding_torques(made: SetUp, loads: Array) -> Array:
     """Torques (n,) that hold the body still where it is let go, beside loads of its links, N m."""
-    numbers, n = made.numbers, made.model.n
+    numbers = made.numbers
     stretched = slipped(made, numbers, REAL)[:, len(numbers.memory.creep_time) :]
-    own = numbers.joints.K[:n] * (stretched[:, : numbers.memory.slip_share.size] @ numbers.memory.slip_share)
+    rows, share = len(stretched), numbers.memory.slip_share
+    own = numbers.joints.K[:rows] * (stretched[:, : share.size] @ share)
     chain = mechanics_of(made.model).with_constants(numbers.body, numbers.joints)
-    drive = np.append(-own, np.zeros(made.model.size - n))
+    drive = np.append(-own, np.zeros(made.model.size + len(made.model.actuation.tendons) - rows))
     push = chain.static_forces(numbers.phi, drive) + chain.load_forces(numbers.phi, loads)
     return np.asarray(-chain.from_joints.T @ push)
 

@@ -211,6 +211,15 @@ class Mechanics(ABC):
     def stuck_stiffness(self) -> Array:
         """Stiffness (N,) that hysteresis adds to the springs by joint coordinates before its branches move, N m/rad."""
 
+    @property
+    @abstractmethod
+    def remembering(self) -> int:
+        """Number m of coordinates, the first ones, that have hysteresis states: those of the joints."""
+
+    @abstractmethod
+    def held(self) -> Any:
+        """Return scratch arrays for the steps of a chain with hysteresis states."""
+
     # places
 
     @cached_property

@@ -14,7 +14,16 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.equations import chain, energy, extension, inertia, motion
 from pliant.equations.elastic import LEAST_STRETCH, spring_slope, spring_torque
-from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleWorkspace, Joints, ObservedChain, Slopes, Workspace
+from pliant.equations.symbols import (
+    Body,
+    ExtensibleBody,
+    ExtensibleWorkspace,
+    Held,
+    Joints,
+    ObservedChain,
+    Slopes,
+    Workspace,
+)
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import complex_slopes
@@ -163,6 +172,17 @@ class PlanarChain(Mechanics):
     def stuck_stiffness(self) -> Array:
         K, n = self.joints.K, self.n
         return np.append(K[:n] * self.model.memory.instantaneous, 0.0 * K[n:])
+
+    @property
+    def remembering(self) -> int:
+        return self.n
+
+    def held(self) -> Held:
+        joints = self.joints
+        size = {name: self.size if name in ("phi", "w") else self.n for name in Held._fields if name != "springs"}
+        rows = {name: np.zeros(length) for name, length in size.items()}
+        rows |= {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
+        return Held(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
 
     # places
 

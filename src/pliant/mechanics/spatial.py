@@ -14,7 +14,7 @@ from pliant.compiler.choose import twin
 from pliant.compiler.trace import spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs
 from pliant.equations.elastic import LEAST_STRETCH
-from pliant.equations.symbols import Joints, Slopes, SpatialBody, SpatialSlopes, SpatialWorkspace
+from pliant.equations.symbols import Slopes, SpatialBody, SpatialHeld, SpatialJoints, SpatialSlopes, SpatialWorkspace
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import TINY, complex_slopes
@@ -66,13 +66,13 @@ class SpatialChain(Mechanics):
         return [np.array(self.model.actuation.gain[drawn]), *np.reshape(constants, (-1, 4)).T.copy()]
 
     @cached_property
-    def joints(self) -> Joints:
+    def joints(self) -> SpatialJoints:
         law, ratio, twist = springs.springs_of(self.model), self.space.stiffness_ratio, self.space.twist_ratio
         axial = np.reshape([(e.stiffness, e.damping) for e in self.model.extensions], (-1, 2)).T
         pairs = zip((self.model.stiffness, self.model.damping), axial * self.model.segment_length, strict=True)
         K, D = (np.append(self.each_coordinate(v, ratio * v, twist * v), strains) for v, strains in pairs)
         terms = [self.each_coordinate(row, 0.0 * row, 0.0 * row) for row in law.hardening]
-        return Joints(0.0, np.zeros(self.size), K, D, np.array(terms), np.zeros(self.n))
+        return SpatialJoints(0.0, np.zeros(self.size), K, D, np.array(terms), np.zeros(self.n), np.zeros((0, 3)))
 
     def each_coordinate(self, x: Array, y: Array, twist: Array) -> Array:
         """Return values (T,) of all turns from those of both swings and of the twist of each joint, (n,)."""
@@ -159,7 +159,18 @@ class SpatialChain(Mechanics):
 
     @cached_property
     def stuck_stiffness(self) -> Array:
-        return np.zeros(self.size)
+        turns, share = self.turns, self.model.memory.instantaneous
+        return np.append(self.joints.K[:turns] * share, np.zeros(self.size - turns))
+
+    @property
+    def remembering(self) -> int:
+        return self.turns
+
+    def held(self) -> SpatialHeld:
+        size, m = self.size, self.remembering
+        line = np.zeros((m, 3))
+        springs = self.joints._replace(theta0=np.zeros(size), line=line)
+        return SpatialHeld(np.zeros(size), np.zeros(size), np.zeros(m), line, springs)
 
     # places
 
@@ -284,7 +295,7 @@ class SpatialChain(Mechanics):
         return q
 
     def linear_parts(self, q: Array) -> tuple[Array, Array]:
-        return self.inertia(q), -self.static_slope(q)
+        return self.inertia(q), np.diag(self.stuck_stiffness) - self.static_slope(q)
 
 
 def rotation(vector: Any) -> Array:

@@ -146,7 +146,7 @@ def check_space(model: Any) -> None:
         return
     if len(model.space.rest_turn) not in (1, model.n):
         raise InputError(f"space rest_turn must have one row or {model.n}, got {len(model.space.rest_turn)}")
-    planar = {"rest_angle": model.rest_angle.any(), "base_angle": model.base_angle, "memory": model.memory,
+    planar = {"rest_angle": model.rest_angle.any(), "base_angle": model.base_angle,
               "mass_at": model.mass_at == "tip"}  # fmt: skip
     remedy = {"rest_angle": "give space its rest_turn", "base_angle": "give space its base_tilt"}
     for name, given in planar.items():

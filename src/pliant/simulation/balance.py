@@ -97,10 +97,11 @@ def missing_energy(gain: float, loss: float) -> tuple[float, str]:
 
 
 def stored_energy(model: Model, x: Array, v: Array, states: Array) -> Array:
-    """Energies (4,) of a chain now, J: kinetic, elastic, gravitational, of the memory with the states (n, branches)."""
-    kinetic, elastic, weight = mechanics_of(model).energy(x, v)
-    q, law = mechanics_of(model).joint_angles(x), model.memory.law()
-    held = [k * memory_stored(i, q[i], states, law) for i, k in enumerate(model.stiffness)] if model.memory else [0.0]
+    """Energies (4,) of a chain now, J: kinetic, elastic, gravitational, of the memory with its states."""
+    chain = mechanics_of(model)
+    kinetic, elastic, weight = chain.energy(x, v)
+    q, K, law = chain.joint_coordinates(x), chain.joints.K, model.memory.law()
+    held = [K[i] * memory_stored(i, q[i], states, law) for i in range(len(states))] if model.memory else [0.0]
     return np.array([kinetic, elastic, weight, sum(held)], dtype=float)
 
 

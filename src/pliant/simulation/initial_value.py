@@ -40,7 +40,7 @@ class InitialValueProblem(NamedTuple):
     forces: tuple[PointForce, ...]
     initial: Array  # (C,) Pa, before anything happens at the first time
     start: tuple[Array, Array] = (np.zeros(0), np.zeros(0))  # absolute angles and rates (N,)
-    states: Array = np.zeros((0, 0))  # (n, branches) rad, of the memory
+    states: Array = np.zeros((0, 0))  # (n, branches) rad, of the memory; in space (m, branches)
 
     def started(self, angle: Array | None, rate: Array | None, states: Array | None) -> InitialValueProblem:
         """The problem with its start: the arguments of `simulate`."""
@@ -111,7 +111,7 @@ def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> t
     A model with memory starts relaxed at these angles.
     """
     if model.memory:
-        states = state.relaxed(model, mechanics_of(model).joint_angles(start[0]))
+        states = state.relaxed(model, mechanics_of(model).joint_coordinates(start[0]))
         return memory.march_with_memory(model, plan, start, states, rows)[:3]
     out = march_loops.rows_for(rows, model.size, (model.n, 0), 2)
     out.phi[0], out.w[0] = start

@@ -25,6 +25,8 @@ from pliant.equations.symbols import (
     Lag,
     MemoryLaw,
     Past,
+    SpatialHeld,
+    SpatialJoints,
     Workspace,
 )
 from pliant.simulation.pressure_loops import held_interval
@@ -46,7 +48,7 @@ class Rows(NamedTuple):
     phi: np.ndarray  # (rows, n) rad
     w: np.ndarray  # (rows, n) rad/s
     energy: np.ndarray  # (rows, 3) J so far: input work, loss of the dampers, loss of the memory
-    state: np.ndarray  # (rows, n, branches) rad, of the memory
+    state: np.ndarray  # (rows, n, branches) rad, of the memory; in space (rows, m, branches)
     total: np.ndarray  # (3,) the energies after the last step
 
 
@@ -192,7 +194,7 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
     body, joints = chain
     mass, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
     memory, branches, before = past
-    own = Past(MemoryLaw(*memory), branches, Held(*before[:10], Joints(*before[10])))
+    own = Past(MemoryLaw(*memory), branches, Held(*before[:-1], Joints(*before[-1])))
     for k in range(steps):
         take_torques(h, command, chambers, scratch.tau)
         if len(load) > 0:
@@ -206,11 +208,13 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
 
 
 @cache
-def of_records(kernel, body, workspace):
-    """Return a kernel's text with the records of a body and its workspace in the place of `Body` and `Workspace`."""
-    if (body, workspace) == (Body, Workspace):
+def of_records(kernel, body, joints, workspace):
+    """Return a kernel's text with other records in the place of `Body`, `Joints` and `Workspace`."""
+    if (body, joints, workspace) == (Body, Joints, Workspace):
         return kernel
-    scope = {**kernel.__globals__, "Body": body, "Workspace": workspace}
+    scope = {**kernel.__globals__, "Body": body, "Joints": joints, "Workspace": workspace}
+    if joints is SpatialJoints:
+        scope["Held"] = SpatialHeld
     copy = FunctionType(kernel.__code__, scope, f"{kernel.__name__}_{body.__name__}")
     copy.__doc__, copy.__module__ = f"As `{kernel.__name__}`, of a {body.__name__}.", kernel.__module__
     return copy

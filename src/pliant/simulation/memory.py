@@ -20,16 +20,16 @@ Entry = tuple[tuple[str, ...], Array]
 def march_with_memory(
     model: Model, plan: Drive, start: tuple[Array, Array], states: Array, rows: int,
 ) -> tuple[Array, Array, Array, Array]:
-    """Absolute angles and rates (rows, n), work and losses (rows, 3), states of the memory (rows, n, branches).
+    """Coordinates and rates (rows, N), work and losses (rows, 3), states of the memory (rows, m, branches).
 
     The losses are those of the dampers, then those of the memory. A model without memory gives, bit for bit, what the
     march without memory gives.
     """
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0], out.state[0] = *start, states
-    now, past = start[0].copy(), Past(model.memory.law(), states.copy(), state.held(model))
+    now, past = start[0].copy(), Past(model.memory.law(), states.copy(), mechanics_of(model).held())
     body, joints, work = mechanics_of(model).parts()
-    failed = twin(march_loops.march_with_memory, model.n, len(model.extensions))(
+    failed = twin(march_loops.march_with_memory, *mechanics_of(model).sizes)(
         now, start[1].copy(), plan.steps, body, joints, past, work, out
     )
     if failed >= 0:
@@ -43,11 +43,11 @@ def march_with_memory(
 
 
 def first_states(model: Model, q0: Array, given: Array | None) -> Array:
-    """States of the memory at the start: as given, else relaxed at the joint angles q0."""
+    """States of the memory at the start: as given, else relaxed at the joint coordinates q0."""
     rest = state.relaxed(model, q0)
     if given is None:
         return rest
-    shape = (model.n, len(model.memory.labels))
+    shape = (len(rest), len(model.memory.labels))
     states = np.asarray(given, dtype=float)
     if states.shape != shape or not np.isfinite(states).all():
         raise InputError(f"initial_memory must be finite angles (joint, memory) = {shape}, got shape {states.shape}")
@@ -55,17 +55,22 @@ def first_states(model: Model, q0: Array, given: Array | None) -> Array:
     return rest
 
 
-def outputs(model: Model, phi: Array, states: Array, loss: Array) -> dict[str, Entry]:
+def outputs(model: Model, x: Array, states: Array, loss: Array) -> dict[str, Entry]:
     """States, torque, stored and dissipated energy of the memory along a trajectory, with their dimensions."""
     if not model.memory:
         return {}
-    q, law, K = mechanics_of(model).joint_angles(phi), model.memory.law(), model.stiffness
-    moved = np.moveaxis(states, 0, -1)  # (n, branches, T), as the kernels index
-    angle = np.stack([kernels.memory_angle(i, q[:, i], moved, law) for i in range(model.n)], axis=1)
-    stored = np.stack([kernels.memory_stored(i, q[:, i], moved, law) for i in range(model.n)], axis=1)
-    return {
-        "memory_state": (("time", "joint", "memory"), states[..., : len(model.memory.labels)]),
-        "memory_torque": (("time", "joint"), K * angle),
-        "memory_energy": (("time",), stored @ K),
-        "memory_dissipation": (("time",), loss),
-    }
+    chain, law = mechanics_of(model), model.memory.law()
+    rows = chain.remembering
+    q, K = chain.joint_coordinates(x)[:, :rows], chain.joints.K[:rows]
+    moved = np.moveaxis(states, 0, -1)  # (rows, branches, T), as the kernels index
+    angle = np.stack([kernels.memory_angle(i, q[:, i], moved, law) for i in range(rows)], axis=1)
+    stored = np.stack([kernels.memory_stored(i, q[:, i], moved, law) for i in range(rows)], axis=1)
+    values: dict[str, Entry] = {}
+    for kind in chain.kinds:
+        if kind.over == "joint":
+            axis = kind.names[0].removeprefix("joint_angle")  # "" in a plane
+            values["memory_state" + axis] = (
+                ("time", "joint", "memory"), states[:, kind.rows, : len(model.memory.labels)],
+            )
+            values["memory_torque" + axis] = (("time", "joint"), (K * angle)[:, kind.rows])
+    return values | {"memory_energy": (("time",), stored @ K), "memory_dissipation": (("time",), loss)}

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations import energy, symbols
+from pliant.equations import symbols
 from pliant.equations.chamber import share_out, slow_rates, torque_now
 from pliant.errors import InputError, SimulationError
-from pliant.mechanics import mechanics_of
+from pliant.mechanics import Mechanics, mechanics_of
 from pliant.mechanics.springs import springs_of
-from pliant.model import Model, Valve
+from pliant.model import Memory, Model, Valve
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation.drive import inputs_of, merge
 from pliant.simulation.inputs import Input
@@ -76,7 +76,7 @@ def solve_reference(
         y = solution.y[:, -1]
     kept = np.zeros((times.size, *start.memory.shape))
     creep = len(model.memory.creep_share)
-    kept[:, :, :creep] = out[:, at.creep].reshape(times.size, model.n, creep)
+    kept[:, :, :creep] = out[:, at.creep].reshape(times.size, mechanics_of(model).remembering, creep)
     work = np.zeros((times.size, 3))
     work[:, : 2 + at.remembers] = out[:, at.work : at.size]
     stretch = np.stack([out[:, c.stretch].sum(axis=1) ** 0.25 for c in at.chambers], axis=1)
@@ -129,7 +129,7 @@ class StateLayout(NamedTuple):
     phi: slice
     w: slice
     chambers: tuple[Place, ...]
-    creep: slice  # relaxed angles, joint by joint
+    creep: slice  # relaxed angles, coordinate by coordinate of the joints
     work: int  # work of the pressure, loss of the dampers, loss of creep where there is any
     remembers: bool
     size: int
@@ -144,7 +144,7 @@ def layout(model: Model) -> StateLayout:
         stretch = slow + c.swells
         places.append(Place(end, end + 1, slice(slow, stretch), slice(stretch, stretch + c.grows)))
         end = stretch + c.grows
-    work = end + model.n * branches
+    work = end + mechanics_of(model).remembering * branches
     return StateLayout(
         slice(0, n), slice(n, 2 * n), tuple(places), slice(end, work), work, branches > 0, work + 2 + (branches > 0)
     )
@@ -158,18 +158,15 @@ def right_hand_side(
 ) -> tuple[Callable[[float, Array], Array], Callable[[float, Array], Array] | None]:
     """The derivative of the states and its Jacobian between two corners of the input.
 
-    The Jacobian of a model that creeps, swells or inflates is left to the solver.
+    The Jacobian of a model that creeps, swells or inflates, or has tendons, is left to the solver.
     """
     at = layout(model)
-    body, joints, scratch = mechanics_of(model).parts()
-    accelerate = mechanics_of(model).acceleration()
-    gain = model.actuation.gain
-    share, tau = (np.array(row) for row in (model.memory.creep_share, model.memory.creep_time))
-    stiff = 1.0 + share.sum()  # creep seen as a stiffer spring with another rest angle
-    stiffer = joints._replace(K=stiffened(joints.K, model.n, stiff))
-    a, torque = np.empty(model.size), np.empty(model.size)
+    chain = mechanics_of(model)
+    body, joints, scratch = chain.parts()
+    accelerate = chain.acceleration()
+    gain = model.actuation.columns
+    a, torque = np.empty(model.size), np.empty(gain.shape[1])
     chambers = [(c.kernel(), place) for c, place in zip(model.chambers, at.chambers, strict=True)]
-    plain = joints._replace(D=joints.D.tolist(), theta0=joints.theta0.tolist())  # for text that is not compiled
     slack = 1e-9 * (right - left)
 
     def valve(c: int, t: float, y: Array) -> tuple[float, Array, Array]:
@@ -185,25 +182,28 @@ def right_hand_side(
             made, slow_rates = torque_and_rates(own, p, y[place.slow], y[place.stretch])
             share_out(c, made, gain, torque)
             moved += [rates, *slow_rates]
-        seen, crept, lost = joints, [], []
-        if at.remembers:
-            xi = y[at.creep].reshape(model.n, -1)
-            seen = stiffer._replace(theta0=joints.theta0 + xi @ share / stiff)
-            gap = mechanics_of(model).joint_angles(phi)[:, None] - xi
-            crept, lost = (gap / tau).ravel(), [joints.K[: model.n] @ (gap**2 @ (share / tau))]
+        seen, crept, lost = crept_springs(chain, model.memory, phi, y[at.creep]) if at.remembers else (joints, [], [])
         accelerate(phi, w, torque, body, seen, scratch, a)
-        turning = w.tolist()
-        power = energy.input_power(turning, torque.tolist(), plain), energy.damping_power(turning, plain)
+        turning = chain.joint_rates(w)
+        pull = scratch.pull if model.actuation.tendons else 0.0
+        power = (torque[: model.size] + pull) @ turning, joints.D @ turning**2
         return np.concatenate([w, a, *moved, crept, [*power, *lost]])
 
-    if at.remembers or model.actuation.remembers:
+    if at.remembers or model.actuation.remembers or model.actuation.tendons:
         return rhs, None
     return rhs, jacobian_of(model, valve)
 
 
-def stiffened(K: Array, joints: int, factor: float) -> Array:
-    """Stiffnesses with those of the joints times a factor; axial ones stand behind them."""
-    return np.append(K[:joints] * factor, K[joints:])
+def crept_springs(chain: Mechanics, memory: Memory, phi: Array, states: Array) -> tuple[Any, Array, list[float]]:
+    """Creep seen as stiffer springs with other rest angles; the rates of its states and what it loses, W."""
+    joints, rows = chain.joints, chain.remembering
+    share, tau = np.array(memory.creep_share), np.array(memory.creep_time)
+    xi, stiff = states.reshape(rows, -1), 1.0 + share.sum()
+    K, rest = joints.K.copy(), joints.theta0.copy()
+    K[:rows] *= stiff
+    rest[:rows] += xi @ share / stiff
+    left = chain.joint_coordinates(phi)[:rows, None] - xi
+    return joints._replace(K=K, theta0=rest), (left / tau).ravel(), [joints.K[:rows] @ (left**2 @ (share / tau))]
 
 
 def torque_and_rates(

@@ -13,6 +13,7 @@ from pliant.model import Model
 from pliant.version import __version__
 
 Array = np.ndarray
+AXES = {"x": "the swing about the x axis", "y": "the swing about the y axis", "twist": "the twist"}
 LABELS = {
     "joint_angle": ("rad", "joint angle from the rest shape"),
     "joint_rate": ("rad/s", "joint rate"),
@@ -35,6 +36,8 @@ LABELS = {
     "dissipated_energy": ("J", "energy taken by the dampers since the start"),
     "memory_state": ("rad", "relaxed angle of creep branches, stretch of slip elements and of Bouc-Wen"),
     "memory_torque": ("N m", "torque of creep, slip and Bouc-Wen against the bend"),
+    **{f"memory_state_{axis}": ("rad", f"the same, of {name}") for axis, name in AXES.items()},
+    **{f"memory_torque_{axis}": ("N m", f"the same, along {name}") for axis, name in AXES.items()},
     "memory_energy": ("J", "energy held by creep, slip and Bouc-Wen"),
     "memory_dissipation": ("J", "energy dissipated by creep, slip and Bouc-Wen since the start"),
 }

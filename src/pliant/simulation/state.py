@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations.symbols import Held
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of, springs
 from pliant.model import Model
@@ -14,22 +13,15 @@ from pliant.model import Model
 Array = np.ndarray
 
 
-def held(model: Model) -> Held:
-    """Scratch arrays for the steps of a model with memory."""
-    joints = mechanics_of(model).joints
-    size = {name: model.size if name in ("phi", "w") else model.n for name in Held._fields if name != "springs"}
-    rows = {name: np.zeros(length) for name, length in size.items()}
-    rows |= {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
-    springs = joints._replace(theta0=rows["theta0"], K=rows["K"])
-    return Held(springs=springs, **rows)
-
-
 def relaxed(model: Model, q: Array) -> Array:
-    """States (n, branches) of a memory long at rest at the joint angles q: creep relaxed, the others unstretched."""
-    memory = model.memory
+    """States of a memory long at rest at the joint coordinates q (N,): creep relaxed, the others unstretched.
+
+    They are (n, branches), in space (m, branches) with m coordinates of joints.
+    """
+    memory, rows = model.memory, mechanics_of(model).remembering
     creep = len(memory.creep_share)
-    states = np.zeros((model.n, creep + len(memory.slip_share) + 1))
-    states[:, :creep] = q[: model.n, None]
+    states = np.zeros((rows, creep + len(memory.slip_share) + 1))
+    states[:, :creep] = q[:rows, None]
     return states
 
 

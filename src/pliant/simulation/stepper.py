@@ -51,7 +51,8 @@ class Stepper:
     strain, strain_rate : array (S,)
         Of the segments that lengthen, and per second, updated in place by `step`.
     memory : array (n, branches)
-        States of the model's memory, rad, updated in place; the last column is Bouc-Wen's.
+        States of the model's memory, rad, updated in place; the last column is Bouc-Wen's. In space (m, branches), one
+        row for each coordinate of a joint.
     pressure, stretch : float, or array (C,)
         Pressure behind the valve, Pa; hoop stretch of a chamber that inflates, 1 for a rigid wall.
     time : float
@@ -101,9 +102,9 @@ class Stepper:
         )
         self._command = np.zeros(model.actuation.count)
         self._body, self._joints, self._work = mechanics_of(model).parts()
-        self._law, self._held = model.memory.law(), state.held(model)
+        self._law, self._held = model.memory.law(), mechanics_of(model).held()
         loop = march_loops.hold_with_memory if model.memory else march_loops.hold
-        records: Any = type(self._body), type(self._work)
+        records: Any = type(self._body), type(self._joints), type(self._work)
         self._advance = twin(march_loops.of_records(loop, *records), *mechanics_of(model).sizes)
         self.reset(pressure)
         self.step(pressure)  # compiled here

@@ -1,0 +1,292 @@
+"""Memory of the joints in space: creep, slip elements and Bouc-Wen of `memory`, on swings and on twists.
+
+Every coordinate of a joint has states of its own. Creep is linear, so each coordinate has the law of the plane. What
+slips is one law for both coordinates of a swing: an element's stretch e = (e_a, e_b) has the size of `swing_size`,
+sqrt(e_a^2 + (K_b / K_a) e_b^2), and slips where that passes its limit, towards where it is pulled. So with K_a = K_b
+the loss of a bend does not depend on its direction, and with b = 0 the law is the plane's. Limits for a and b, each by
+itself, would make a bend along a diagonal hold sqrt(2) times as much. A twist has the plane's law by itself.
+
+A slip element of stretch e whose joint moves by dq ends at e + dq, pulled back to its limit along the same line: then
+torque times motion is what it gains and a loss that is never negative. Bouc-Wen's z obeys
+
+    dz = dq - |z|^{n-2} z (beta |z . dq| + gamma z . dq)
+
+which is the law of the plane where z and dq have one direction. |z| stays below (beta + gamma)^{-1/n}.
+
+Source: Park, Wen and Ang (1986), Earthquake Eng. Struct. Dyn. 14, 543 (Bouc-Wen in two directions, n = 2); the slip
+element as radial return, Simo and Hughes, Computational Inelasticity (1998), Sec. 3.3
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.equations.memory import AGREE, CALM, TRIALS, decay_along
+from pliant.equations.spatial import step
+from pliant.equations.spatial_springs import NO_STIFFNESS
+
+DIRECTION = 1e-3  # rad: how much a difference in the direction of slip, which is second order in r, counts beside r
+
+
+def yielded(a, b, ratio, limit):
+    """Return how much of a stretch (a, b) an element keeps, and its direction where it slips, (0, 0) where it sticks.
+
+    `ratio` is K_b / K_a.
+    """
+    square = a * a + ratio * b * b
+    if square.real > (limit * limit).real:
+        size = np.sqrt(square)
+        return limit / size, a / size, b / size
+    return 1.0 + 0.0 * square, 0.0 * square, 0.0 * square
+
+
+def flow(a, b, da, db, ratio, memory):
+    """Return the decay of Bouc-Wen's (a, b) over a motion (da, db), see `memory.boucwen_decay`."""
+    a = a + 0.5 * da
+    b = b + 0.5 * db
+    square = a * a + ratio * b * b
+    if square.real > 0.0:
+        size = np.sqrt(square)
+        return decay_along(size, (a * da + ratio * b * db) / size, memory)
+    return 0.0 * square
+
+
+def relax(x, joints, past):
+    """Set the creep of all coordinates to rest at x (N,)."""
+    for i in range(past.state.shape[0]):
+        for j in range(len(past.memory.creep_share)):
+            past.state[i, j] = x[i]
+
+
+def follow_change(x, change, joints, past):
+    """Move slip elements and Bouc-Wen as if the chain turned from x by `change` at once: `memory.follow_change`."""
+    held = past.held
+    for i in range(len(x)):
+        held.x[i] = x[i]
+    for i in range(past.state.shape[0]):
+        held.dq[i] = change[i]
+    remember(0.0 * x[0], joints, past)
+
+
+def ratio_of(i, joints):
+    """Return K_b / K_a of the swing whose first coordinate is i."""
+    return joints.K[i + 1] / (joints.K[i] + NO_STIFFNESS)
+
+
+def write_lines(h, joints, past):
+    """Write r of all coordinates as straight lines in the middle of a step of h [s] that turns them by held.dq (m,).
+
+    Row i of held.line (m, 3) has level [rad], slope by the coordinate itself and by the other one of its swing.
+    """
+    held = past.held
+    memory = past.memory
+    m = past.state.shape[0]
+    n = len(joints.unloaded)
+    for i in range(m):
+        held.line[i, 0] = 0.0 * held.x[i]
+        held.line[i, 1] = 0.0 * held.x[i]
+        held.line[i, 2] = 0.0 * held.x[i]
+        for j in range(len(memory.creep_share)):
+            part = memory.creep_share[j] / (1.0 + 0.5 * h / memory.creep_time[j])
+            held.line[i, 0] = held.line[i, 0] - part * past.state[i, j]
+            held.line[i, 1] = held.line[i, 1] + part
+    for i in range(0, 2 * n, 2):
+        add_friction(i, i + 1, ratio_of(i, joints), past)
+    for i in range(2 * n, m):
+        add_friction(i, i, 0.0 * joints.K[i], past)
+
+
+def add_friction(i, k, ratio, past):
+    """Add slip elements and Bouc-Wen to the lines of coordinates i and k, those of one swing; k = i of a twist.
+
+    Tangents at the motion held.dq: r(dq) = share (e + end(dq)) / 2, whose slope is that of the projection on the limit.
+    """
+    held = past.held
+    memory = past.memory
+    state = past.state
+    P = len(memory.creep_share)
+    S = len(memory.slip_share)
+    other = 1.0 if k > i else 0.0
+    da = held.dq[i]
+    db = other * held.dq[k]
+    for j in range(P, P + S):
+        share = memory.slip_share[j - P]
+        ea = state[i, j]
+        eb = other * state[k, j]
+        keeps, na, nb = yielded(ea + da, eb + db, ratio, memory.slip_angle[j - P])
+        own = keeps * (1.0 - na * na)
+        across = -keeps * na * nb
+        beside = keeps * (1.0 - ratio * nb * nb)
+        moved = held.x[i] + 0.5 * da
+        aside = other * held.x[k] + 0.5 * db
+        level = 0.5 * (ea + keeps * (ea + da)) - own * moved - ratio * across * aside
+        add_line(i, share * level, share * own, share * ratio * across, held)
+        if k > i:
+            level = 0.5 * (eb + keeps * (eb + db)) - across * moved - beside * aside
+            add_line(k, share * level, share * beside, share * across, held)
+    if memory.boucwen_share.real > 0.0:
+        za = state[i, P + S]
+        zb = other * state[k, P + S]
+        part = memory.boucwen_share / (1.0 + flow(za, zb, da, db, ratio, memory))
+        add_line(i, part * (za - held.x[i]), part, 0.0 * part, held)
+        if k > i:
+            add_line(k, part * (zb - held.x[k]), part, 0.0 * part, held)
+
+
+def add_line(i, level, own, across, held):
+    """Add a straight line to that of coordinate i."""
+    held.line[i, 0] = held.line[i, 0] + level
+    held.line[i, 1] = held.line[i, 1] + own
+    held.line[i, 2] = held.line[i, 2] + across
+
+
+def step_with_memory(x, v, h, torque, body, joints, past, work):
+    """Advance x, v (N,) and the states of all joints by h [s], as `memory.step_with_memory` in the plane.
+
+    Which elements slip and where to depends on the motion that the step is to find: it is guessed, the step is made
+    with tangents (Newton's method), and made again until what it took agrees with what the branches deliver.
+
+    Returns the energy [J] that the branches dissipate, never negative; -1 where no agreement is found.
+
+    Paper: Eq. (5) [eq:eom], in space, with the hysteresis that the paper leaves to later work
+    """
+    held = past.held
+    for i in range(len(x)):
+        held.x[i] = x[i]
+        held.v[i] = v[i]
+        held.springs.theta0[i] = joints.theta0[i]
+    for i in range(past.state.shape[0]):
+        held.dq[i] = h * v[i]
+    for trial in range(TRIALS):
+        write_lines(h, joints, past)
+        step(x, v, h, torque, body, held.springs, work)
+        if disagreement(v, h, joints, past, work, trial >= CALM) <= AGREE:
+            return remember(h, joints, past)
+        for i in range(len(x)):
+            x[i] = held.x[i]
+            v[i] = held.v[i]
+    return -1.0 + 0.0 * v[0]
+
+
+def disagreement(v, h, joints, past, work, calm):
+    """Return by how much r as the step took it and as the branches deliver it differ at most, rad.
+
+    Where an element slips, the turn of its direction from the guess counts too. Leaves the motion that the step made in
+    held.dq, half-way to that of before when `calm` and not agreed. Not a number where the step failed.
+    """
+    held = past.held
+    n = len(joints.unloaded)
+    m = past.state.shape[0]
+    worst = 0.0
+    for i in range(0, 2 * n, 2):
+        da = h * (v[i] - 0.5 * work.a[i])
+        db = h * (v[i + 1] - 0.5 * work.a[i + 1])
+        apart = gap(i, i + 1, da, db, ratio_of(i, joints), h, past)
+        if not apart <= worst:
+            worst = apart
+    for i in range(2 * n, m):
+        da = h * (v[i] - 0.5 * work.a[i])
+        apart = gap(i, i, da, 0.0 * da, 0.0 * joints.K[i], h, past)
+        if not apart <= worst:
+            worst = apart
+    half = calm and not worst <= AGREE
+    for i in range(m):
+        turn = h * (v[i] - 0.5 * work.a[i])
+        held.dq[i] = 0.5 * (turn + held.dq[i]) if half else turn
+    return worst
+
+
+def gap(i, k, da, db, ratio, h, past):
+    """Return the difference of `disagreement` for coordinates i and k that move by da and db; k = i of a twist."""
+    held = past.held
+    memory = past.memory
+    state = past.state
+    P = len(memory.creep_share)
+    S = len(memory.slip_share)
+    other = 1.0 if k > i else 0.0
+    a = held.x[i] + 0.5 * da
+    b = held.x[k] + 0.5 * db
+    off = held.line[i, 0] + held.line[i, 1] * a + held.line[i, 2] * b
+    beside = held.line[k, 0] + held.line[k, 1] * b + held.line[k, 2] * a
+    turned = 0.0
+    for j in range(P):
+        part = memory.creep_share[j] / (1.0 + 0.5 * h / memory.creep_time[j])
+        off = off - part * (a - state[i, j])
+        beside = beside - part * (b - state[k, j])
+    for j in range(P, P + S):
+        half = 0.5 * memory.slip_share[j - P]
+        ea = state[i, j]
+        eb = other * state[k, j]
+        keeps, na, nb = yielded(ea + da, eb + db, ratio, memory.slip_angle[j - P])
+        off = off - half * (ea + keeps * (ea + da))
+        beside = beside - half * (eb + keeps * (eb + db))
+        guess, ga, gb = yielded(ea + held.dq[i], eb + other * held.dq[k], ratio, memory.slip_angle[j - P])
+        if keeps.real < 1.0 and guess.real < 1.0:
+            turned = max(turned, abs(na.real - ga.real), abs(nb.real - gb.real))
+    if memory.boucwen_share.real > 0.0:
+        za = state[i, P + S]
+        zb = other * state[k, P + S]
+        part = memory.boucwen_share / (1.0 + flow(za, zb, da, db, ratio, memory))
+        off = off - part * (za + 0.5 * da)
+        beside = beside - part * (zb + 0.5 * db)
+    return abs(off.real) + other * abs(beside.real) + DIRECTION * turned
+
+
+def remember(h, joints, past):
+    """Move the states (m, branches) over a step of h [s] that turned by held.dq; returns the energy dissipated, J.
+
+    Each term of the loss is a square or a product of equal signs, so never negative.
+    """
+    held = past.held
+    memory = past.memory
+    m = past.state.shape[0]
+    n = len(joints.unloaded)
+    lost = 0.0 * held.x[0]
+    for j in range(len(memory.creep_share)):
+        ratio = 0.5 * h / memory.creep_time[j]
+        part = 1.0 / (1.0 + ratio)
+        for i in range(m):
+            left = (held.x[i] + 0.5 * held.dq[i] - past.state[i, j]) * part
+            moved = 2.0 * ratio * left
+            lost = lost + joints.K[i] * memory.creep_share[j] * left * moved
+            past.state[i, j] = past.state[i, j] + moved
+    for i in range(0, 2 * n, 2):
+        lost = lost + joints.K[i] * move_friction(i, i + 1, ratio_of(i, joints), past)
+    for i in range(2 * n, m):
+        lost = lost + joints.K[i] * move_friction(i, i, 0.0 * joints.K[i], past)
+    return lost
+
+
+def move_friction(i, k, ratio, past):
+    """Move slip elements and Bouc-Wen of coordinates i and k; returns what they dissipate over the stiffness of i."""
+    held = past.held
+    memory = past.memory
+    state = past.state
+    P = len(memory.creep_share)
+    S = len(memory.slip_share)
+    other = 1.0 if k > i else 0.0
+    da = held.dq[i]
+    db = other * held.dq[k]
+    lost = 0.0 * da
+    for j in range(P, P + S):
+        ea = state[i, j]
+        eb = other * state[k, j]
+        ua = ea + da
+        ub = eb + db
+        keeps, _, _ = yielded(ua, ub, ratio, memory.slip_angle[j - P])
+        along = (ea + keeps * ua) * ua + ratio * (eb + keeps * ub) * ub
+        lost = lost + memory.slip_share[j - P] * 0.5 * along * (1.0 - keeps)
+        if k > i:
+            state[k, j] = keeps * ub
+        state[i, j] = keeps * ua
+    if memory.boucwen_share.real > 0.0:
+        za = state[i, P + S]
+        zb = other * state[k, P + S]
+        decay = flow(za, zb, da, db, ratio, memory)
+        middle = (za + 0.5 * da) / (1.0 + decay)
+        beside = (zb + 0.5 * db) / (1.0 + decay)
+        lost = lost + memory.boucwen_share * 2.0 * decay * (middle * middle + ratio * beside * beside)
+        if k > i:
+            state[k, P + S] = 2.0 * beside - zb
+        state[i, P + S] = 2.0 * middle - za
+    return lost
