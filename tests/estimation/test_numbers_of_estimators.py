@@ -100,10 +100,20 @@ def test_link_angles_from_points_that_do_not_lie_at_the_joints():
             LinkAngles(BODY, s, noise)
 
 
-@pytest.mark.parametrize(("arc", "good"), [
-    ([0.0, 0.2], True), ([0.0009, 0.2], True), ([0.0011, 0.2], False), ([0.0, 0.1981], True), ([0.0, 0.1979], False),
-    ([0.0, 0.1, 0.1, 0.2], False), ([0.2], False), ([[0.0, 0.2]], False), ([-0.01, 0.25], True),
-])
+@pytest.mark.parametrize(
+    ("arc", "good"),
+    [
+        ([0.0, 0.2], True),
+        ([0.0009, 0.2], True),
+        ([0.0011, 0.2], False),
+        ([0.0, 0.1981], True),
+        ([0.0, 0.1979], False),
+        ([0.0, 0.1, 0.1, 0.2], False),
+        ([0.2], False),
+        ([[0.0, 0.2]], False),
+        ([-0.01, 0.25], True),
+    ],
+)
 def test_points_cover_the_links(arc, good):
     if good:
         made = LinkAngles(BODY, np.array(arc))
@@ -116,9 +126,16 @@ def test_points_cover_the_links(arc, good):
         LinkAngles(BODY, np.array(arc))
 
 
-@pytest.mark.parametrize(("arc", "good"), [
-    ([0.0, 0.2], True), ([0.1, 0.2], True), ([0.101, 0.2], False), ([0.0, 0.1981], True), ([0.0, 0.1979], False),
-])
+@pytest.mark.parametrize(
+    ("arc", "good"),
+    [
+        ([0.0, 0.2], True),
+        ([0.1, 0.2], True),
+        ([0.101, 0.2], False),
+        ([0.0, 0.1981], True),
+        ([0.0, 0.1979], False),
+    ],
+)
 def test_points_cover_the_tips(arc, good):
     if good:
         made = LinkTips(BODY, np.array(arc))
@@ -252,7 +269,8 @@ def test_noise_has_the_levels_that_it_names():
     assert scales(longer)[2] == pytest.approx(50.0 * 0.2 / 1.25)
     given = default_noise(BODY)
     assert (given.torque, given.random_walk, given.motion_growth, given.initial_disturbance) == pytest.approx(
-        (2e-5 * 1.25, 3e-3 * 1.25, 30.0, 0.0125))
+        (2e-5 * 1.25, 3e-3 * 1.25, 30.0, 0.0125)
+    )
     assert default_noise(BODY, disturbance=False).torque == pytest.approx(8e-4 * 1.25)
     assert Noise().states(BODY) == 4
     for name in ("position", "angle", "torque", "initial_angle", "initial_rate"):
