@@ -13,6 +13,7 @@ def demo(
     angles: Annotated[
         bool, typer.Option("--angles", help="From logs of one angle and one pressure, as a flex sensor gives them.")
     ] = False,
+    space: Annotated[bool, typer.Option("--space", help="A body that moves in space, with three chambers.")] = False,
     camera: Annotated[bool, typer.Option("--camera", help="Begin with a film, and follow the body in it.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
@@ -22,11 +23,13 @@ def demo(
     """
     from pliant.cli.run import run
     from pliant.errors import InputError
-    from pliant.study import angles_study, demo_study
+    from pliant.study import angles_study, demo_study, space_study
 
-    if angles and camera:
-        raise InputError("--angles and --camera are two demonstrations: choose one")
-    run(filmed(output) if camera else angles_study() if angles else demo_study(), output, json=json)
+    if angles + camera + space > 1:
+        raise InputError("--angles, --space and --camera are different demonstrations: choose one")
+    studies = {"angles": angles_study, "space": space_study, "": demo_study}
+    study = studies["angles" if angles else "space" if space else ""]
+    run(filmed(output) if camera else study(), output, json=json)
 
 
 def filmed(output: Path) -> Path:

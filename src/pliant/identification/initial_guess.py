@@ -51,12 +51,18 @@ def last_edge(exp: Experiment) -> float:
 
 
 def last_jump(exp: Experiment) -> float:
-    """When the measured pressure last left its final value by 5 % of its range, s; the sensor's noise stays below."""
-    if exp.pressure is None:
-        return float(exp.time[0])
-    p = exp.pressure.pressure
-    away = np.abs(p - np.median(p[-max(1, p.size // 20) :])) > 0.05 * np.ptp(p)
-    return float(exp.pressure.time[np.flatnonzero(away)[-1]]) if away.any() else float(exp.time[0])
+    """When a measured input last left its final value by 5 % of the widest range of all inputs, s.
+
+    The sensor's noise stays below.
+    """
+    traces = [*exp.drives.values()] or [trace for trace in [exp.pressure] if trace is not None]
+    widest = max((float(np.ptp(trace.pressure)) for trace in traces), default=0.0)
+    edges_s = [float(exp.time[0])]
+    for trace in traces:
+        p = trace.pressure
+        away = np.flatnonzero(np.abs(p - np.median(p[-max(1, p.size // 20) :])) > 0.05 * widest)
+        edges_s += [float(trace.time[away[-1]])] if away.size else []
+    return max(edges_s)
 
 
 def registered(model: Model, experiments: Sequence[Experiment], values: dict[str, float]) -> Model:

@@ -5,7 +5,7 @@ from pathlib import Path
 from pliant.study.run import run_study
 from pliant.study.schema import Study, load_study
 
-__all__ = ["Study", "angles_study", "camera_study", "demo_study", "load_study", "run_study"]
+__all__ = ["Study", "angles_study", "camera_study", "demo_study", "load_study", "run_study", "space_study"]
 
 
 def demo_study() -> Path:
@@ -16,6 +16,11 @@ def demo_study() -> Path:
 def angles_study() -> Path:
     """The study file of the logs of angle and pressure that come with pliant."""
     return Path(__file__).parent / "bundled" / "angles.toml"
+
+
+def space_study() -> Path:
+    """The study file of the body in space that comes with pliant."""
+    return Path(__file__).parent / "bundled" / "space.toml"
 
 
 def camera_study() -> Path:

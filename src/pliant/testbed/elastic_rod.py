@@ -1,0 +1,87 @@
+"""PyElastica's rod with chambers as loads: the one module that imports it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import elastica
+import numpy as np
+
+if TYPE_CHECKING:
+    from pliant.testbed.space import BodyInSpace
+
+Array = np.ndarray
+GRAVITY = 9.80665  # m/s^2, along -z
+
+
+class World(
+    elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing, elastica.Damping, elastica.CallBacks
+):
+    """A clamped rod under gravity and pressure."""
+
+
+class Pressures(elastica.NoForces):
+    """The chambers' pressures: a moment in the last cross-section and a push along every element.
+
+    On the cap of a chamber at the azimuth a acts p A along the tangent, which makes a moment of p A times its offset
+    times (sin a, -cos a) about the cross-section's axes. Its side wall carries the push around every bend.
+    """
+
+    def __init__(self, body: BodyInSpace, pressure: Array) -> None:
+        super().__init__()
+        turn = np.stack([np.sin(body.azimuth), -np.cos(body.azimuth)], axis=-1)
+        self.moment = body.torque * pressure @ turn  # (T, 2) N m
+        self.push = body.area * pressure.sum(axis=1)  # (T,) N
+        self.step = body.step
+
+    def apply_forces(self, system: Any, time: float = 0.0) -> None:
+        """Push along every element, from node to node."""
+        push = self.push[min(round(time / self.step), len(self.push) - 1)] * system.tangents
+        system.external_forces[:, 1:] += push
+        system.external_forces[:, :-1] -= push
+
+    def apply_torques(self, system: Any, time: float = 0.0) -> None:
+        """Turn the last cross-section; the clamp carries the other end of the moment."""
+        system.external_torques[:2, -1] += self.moment[min(round(time / self.step), len(self.moment) - 1)]
+
+
+class Keeper(elastica.CallBackBaseClass):
+    """Keep places, directors and curvature of every so many steps."""
+
+    def __init__(self, every: int, kept: list[tuple[Array, ...]]) -> None:
+        super().__init__()
+        self.every, self.kept = every, kept
+
+    def make_callback(self, system: Any, time: float, current_step: int) -> None:  # noqa: ARG002  PyElastica's
+        """Keep a state."""
+        if current_step % self.every == 0:
+            kappa = system.kappa  # a turn about d1 bends towards -d2
+            state = (system.position_collection.T, system.director_collection.transpose(2, 0, 1),
+                     np.stack([kappa[1], -kappa[0]], axis=-1))  # fmt: skip
+            self.kept.append(tuple(a.copy() for a in state))
+
+
+def integrate(body: BodyInSpace, pressure: Array, *, every: int) -> tuple[Array, Array, Array, Array, Array]:
+    """Return time (T,), pressure (T, C), nodes, directors and curvature of every so many steps, from rest.
+
+    `pressure` (P, C) [Pa] stands at every step of the body.
+    """
+    rod = elastica.CosseratRod.straight_rod(
+        body.elements, np.zeros(3), np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]), body.length, body.radius,
+        body.density, youngs_modulus=body.youngs_modulus, shear_modulus=body.youngs_modulus / 3.0,
+    )  # fmt: skip
+    rod.shear_matrix[2, 2] *= body.sleeve
+    world, kept = World(), list[tuple[Array, ...]]()
+    world.append(rod)
+    world.constrain(rod).using(elastica.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
+    world.add_forcing_to(rod).using(elastica.GravityForces, acc_gravity=np.array([0.0, 0.0, -GRAVITY]))
+    world.add_forcing_to(rod).using(Pressures, body=body, pressure=pressure)
+    world.dampen(rod).using(elastica.AnalyticalLinearDamper, uniform_damping_constant=body.damping,
+                            time_step=body.step)  # fmt: skip
+    world.collect_diagnostics(rod).using(Keeper, every=every, kept=kept)
+    world.finalize()
+    steps = len(pressure) - 1
+    elastica.integrate(elastica.PositionVerlet(), world, steps * body.step, steps, progress_bar=False)
+    position, directors, curvature = (np.array(a) for a in zip(*kept, strict=True))
+    time = every * body.step * np.arange(len(position))
+    return time, pressure[::every][: len(position)], position, directors, curvature
