@@ -89,7 +89,7 @@ def test_a_held_pose_of_a_body_that_lengthens_is_refused() -> None:
 
 
 def test_every_entry_of_an_experiment_is_among_the_options() -> None:
-    shown = {"x_sign"}  # no computation asks for it
+    shown = {"x_sign", "input_kinds"}  # no computation asks for them
     assert {f.name for f in fields(Experiment) if f.init} - shown == set(OPTIONS)
     given = set(inspect.signature(experiment).parameters) - {"recording"}
     assert given - set(OPTIONS) == {"angles", "drive"}  # which become angle and angles_alone, and drives
