@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import elastica
 import numpy as np
 
-if TYPE_CHECKING:
-    from pliant.testbed.space import BodyInSpace
+from pliant.testbed.space_body import BodyInSpace
 
 Array = np.ndarray
 GRAVITY = 9.80665  # m/s^2, along -z
