@@ -38,7 +38,7 @@ class Instruments:
     elements: tuple[int, ...] = (7, 15, 23)  # that carry a marker
 
 
-class Motion(NamedTuple):
+class MotionInSpace(NamedTuple):
     """True motion of a body in the world, whose z points up; the rod hangs along -z."""
 
     time: Array  # (T,) s
@@ -72,7 +72,7 @@ def mixed(time: Array) -> Array:
 COMMANDS: dict[str, Callable[[Array], Array]] = {"one_by_one": one_by_one, "around": around, "mixed": mixed}
 
 
-def simulate_in_space(name: str, body: BodyInSpace | None = None) -> Motion:
+def simulate_in_space(name: str, body: BodyInSpace | None = None) -> MotionInSpace:
     """Return the true motion of the body under a command of `COMMANDS`.
 
     Raises
@@ -89,7 +89,7 @@ def simulate_in_space(name: str, body: BodyInSpace | None = None) -> Motion:
         raise InputError("the virtual body in space needs PyElastica: pip install 'pliant[bench]'") from None
     time = body.step * np.arange(round(DURATION / body.step) + 1)
     pressure = lagged(COMMANDS[name](time), body.step / body.lag)
-    return Motion(*elastic_rod.integrate(body, pressure, every=round(1.0 / (RATE * body.step))))
+    return MotionInSpace(*elastic_rod.integrate(body, pressure, every=round(1.0 / (RATE * body.step))))
 
 
 def lagged(command: Array, part: float) -> Array:
@@ -100,7 +100,7 @@ def lagged(command: Array, part: float) -> Array:
     return np.asarray(lfilter([1.0 - keep], [1.0, -keep], command, axis=0))
 
 
-def marker_recording(motion: Motion, seed: int, seen: Instruments | None = None, name: str = "") -> xr.Dataset:
+def marker_recording(motion: MotionInSpace, seed: int, seen: Instruments | None = None, name: str = "") -> xr.Dataset:
     """Return what a tracker and three pressure sensors record: base and markers (T, 4, 3), in the tracker's frame."""
     seen = seen or Instruments()
     rng = np.random.default_rng(seed)
@@ -116,7 +116,9 @@ def marker_recording(motion: Motion, seed: int, seen: Instruments | None = None,
     )  # fmt: skip
 
 
-def fibre_table(motion: Motion, seed: int, body: BodyInSpace | None = None, seen: Instruments | None = None) -> str:
+def fibre_table(
+    motion: MotionInSpace, seed: int, body: BodyInSpace | None = None, seen: Instruments | None = None
+) -> str:
     """Return what the interrogator of a multicore fibre exports: curvature towards x and y [1/m] by arc length [mm]."""
     body, seen = body or BodyInSpace(), seen or Instruments()
     rng = np.random.default_rng(seed)
