@@ -65,6 +65,7 @@ ANGLES = {
     "sensor_step_deg": "the step in which the sensor of the last station counts: its noise is that over the root of 12",
     "steady_state_deg": "turn of the last station from its rest at the pulse's end or after the release, degrees",
     "steady_state_error_deg": "difference of steady_state_deg, modelled less measured, degrees",
+    "travel_deg": "largest measured turn of the last station from its rest, the median of 5 frames, degrees",
     **{k.replace("_mm", "_deg"): v for k, v in details.DEFINITIONS.items() if k.startswith("swing")},
 }
 
