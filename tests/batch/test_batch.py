@@ -9,7 +9,7 @@ from pliant.batch import simulate_batch
 from pliant.batch.samples import gather
 from pliant.errors import InputError, SimulationError
 from pliant.identification.parameters import apply
-from pliant.model import Chamber, Extension, Memory, Valve
+from pliant.model import Chamber, Extension, Memory, Space, Valve, chain_model
 from pliant.simulation import Chirp, Multisine, Pulse, Trace, equilibrium, modes, simulate
 from pliant.simulation.time_step import time_step
 
@@ -252,7 +252,7 @@ def test_bodies_that_lengthen_have_the_bits_of_single_runs(paper, memory):
     same(simulate_batch([pair] * 2, own[:2], times=TIMES, variables=every), [pair] * 2, [own[:2]] * 2)
     with pytest.raises(InputError, match="must share the names of their segments"):
         simulate_batch([body, body.with_(extensions=halves[:1])], own[0], times=TIMES)
-    with pytest.raises(InputError, match="bodies of one chamber and of fixed length"):
+    with pytest.raises(InputError, match="of one chamber, in a plane, of fixed length"):
         simulate_batch(body, own[0], times=TIMES, device="gpu")
     with pytest.raises(InputError, match="unknown variable 'axial_strain'"):
         simulate_batch(paper, own[0], times=TIMES, variables=("axial_strain",))
@@ -278,3 +278,24 @@ def test_a_failure_is_told_with_its_time(paper, memory):
     batch = simulate_batch(soft, runs, times=np.arange(31) / 100, step=2e-3, failures="mark")
     assert np.isnan(batch["failed_at"][0])
     assert 0.05 < float(batch["failed_at"][1]) < 0.12
+
+
+@pytest.mark.slow  # compiles the march in space
+def test_bodies_in_space_have_the_bits_of_single_runs():
+    red, blue = (Chamber([2e-6], joint_gain=np.sin(a), cross_gain=-np.cos(a), name=n)
+                 for a, n in ((1.5, "red"), (3.6, "blue")))  # fmt: skip
+    body = chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5, damping=5e-3, gravity=(1.0, 0.5, -9.81),
+                       chambers=(red, blue), space=Space(stiffness_ratio=1.2))  # fmt: skip
+    inputs = (Pulse(3e4, 0.1, 0.3), Trace([0.0, 0.2, 0.4], [0.0, 2e4, 1e4]))
+    values = {"stiffness_ratio": np.array([1.1, 0.8]), "blue.torque_1": np.array([1e-6, 3e-6])}
+    batch = simulate_batch(body, inputs, parameters=values, times=TIMES, variables=EVERYTHING, step=1e-3)
+    assert list(batch.axis.values) == ["x", "y", "z"]
+    for i in range(2):
+        alone = simulate(apply(body, {name: v[i] for name, v in values.items()}), inputs, times=TIMES, step=1e-3)
+        for name in ("joint_angle_x", "joint_angle_y", "joint_rate_x", "joint_rate_y", "tip_position"):
+            np.testing.assert_array_equal(batch[name].values[i], alone[name].values, err_msg=name)
+    assert np.abs(batch.joint_angle_y).max() > 0.01
+    with pytest.raises(InputError, match="must share what their joints turn by"):
+        simulate_batch([body, body.with_(space=Space(twist_ratio=0.7, radius=0.01))], inputs, times=TIMES)
+    with pytest.raises(InputError, match="in a plane, of fixed length"):
+        simulate_batch(body, inputs, times=TIMES, device="gpu")

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.batch import simulate_batch
 from pliant.control import Limits, design_lqr, design_outputs
 from pliant.errors import InputError
 from pliant.estimation import AdaptiveObserver
@@ -82,7 +81,6 @@ def test_parameters_that_no_body_has_are_refused(values, sentence):
 
 @pytest.mark.parametrize("use", [
     lambda model, _: AdaptiveObserver(model, 4e-3),
-    lambda model, _: simulate_batch([model, model], pliant.Pulse(1e3), duration=0.1),
     lambda model, folder: pliant.export(model, "mjcf", folder / "m.xml"),
     lambda model, folder: pliant.export(model, "c99", folder / "m.c"),
     lambda model, _: design_lqr(model, 1e5, 1e-3),

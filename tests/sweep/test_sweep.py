@@ -17,11 +17,12 @@ import xarray as xr
 
 from pliant.errors import InputError, PliantError
 from pliant.identification import Parameter, experiment
-from pliant.model import Chamber, chain_model
+from pliant.model import Chamber, Space, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Pulse, simulate
 from pliant.sweep import run_sweep, scheduler, store, tasks
 from pliant.sweep.spec import fixed, sweep_from, table
+from pliant.validation.use_figures import sweep_figure
 
 
 @pytest.fixture(scope="module")
@@ -321,3 +322,19 @@ def test_a_sweep_of_two_chambers_is_its_simulations(tmp_path):
     sweep["parameters"] |= {"middle.torque_1": 1e-6}
     with pytest.raises(InputError, match=r"changes nothing of this model, whose chambers are low, high"):
         run_sweep(sweep, arms(), tmp_path / "nobody")
+
+
+@pytest.mark.slow  # compiles the march in space
+def test_a_sweep_in_space_keeps_three_coordinates_of_the_tip(tmp_path):
+    pulled = Chamber([2e-6], joint_gain=0.6, cross_gain=-0.8, name="own")
+    body = chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5, damping=5e-3, gravity=(0.0, 0.0, -9.81),
+                       chambers=(pulled,), space=True)  # fmt: skip
+    sweep = {"kind": "design", "duration": 0.2, "rate": 50.0, "step": 2e-3,
+             "parameters": {"stiffness_ratio": {"values": [0.8, 1.4]}, "level": 3e4}}
+    samples = run_sweep(sweep, body, tmp_path).samples
+    assert list(samples.axis.values) == ["x", "y", "z"]
+    for i, ratio in enumerate((0.8, 1.4)):
+        own = body.with_(space=Space(stiffness_ratio=ratio))
+        alone = simulate(own, Pulse(3e4, 0.0), times=np.arange(11) / 50.0, step=2e-3)
+        np.testing.assert_array_equal(samples.tip.values[i], alone.tip_position.values[:, -1])
+    assert sweep_figure(samples).axes[-1].get_legend_handles_labels()[1][-1] == "tip z, median and 95 %"

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.batch.gpu import check_gpu, run_gpu
-from pliant.batch.one_by_one import VARIABLES, dimensions, run_alone, samples_alone, sets_of
+from pliant.batch.one_by_one import VARIABLES, dimensions, expanded, run_alone, samples_alone, sets_of
 from pliant.batch.samples import Samples, gather
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd import run_lanes
@@ -17,7 +17,6 @@ from pliant.cores import cores
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.space import require_planar
 from pliant.options import with_defaults
 from pliant.simulation.drive import inputs_of
 from pliant.simulation.inputs import Input
@@ -63,8 +62,8 @@ def simulate_batch(
         One for all samples, or one for each.
     pressures : input or sequence of inputs
         Pa, gauge: one for all samples, or one for each. Of bodies of several chambers: an input for each chamber, or
-        such a set for each sample. These, and bodies that lengthen, are marched one by one, and their parameters are
-        those of a fit.
+        such a set for each sample. These, bodies that lengthen and bodies in space are marched one by one, spread over
+        the cores, and their parameters are those of a fit.
     parameters : mapping of arrays (N,) or (N, n)
         Of one model: names as in a fit (``stiffness``, ``damping_2``, ``torque_1``, ``mass``, ``valve_rise``, ...) or
         fields of `Model`; an array (N, n) gives every link its own.
@@ -77,7 +76,8 @@ def simulate_batch(
     initial_angle, initial_rate : array (n,) or (N, n)
         rad and rad/s, as in `simulate`; default: at rest there.
     variables : sequence of {"joint_angle", "joint_rate", "tip_position", "axial_strain", "axial_strain_rate"}
-        What to keep: a thousand samples at every millisecond fill gigabytes.
+        What to keep: a thousand samples at every millisecond fill gigabytes. In space ``joint_angle`` stands for
+        ``joint_angle_x``, ``joint_angle_y`` and, with twist, ``joint_angle_twist``; likewise ``joint_rate``.
     threads : int
         Default: one for each core that this process may use. The result does not depend on it.
     device : {"cpu", "gpu"}, default "cpu"
@@ -110,14 +110,13 @@ def simulate_batch(
     8
     """
     how = with_defaults(simulate_batch, options, BATCH_OPTIONS)
-    for model in (models,) if isinstance(models, Model) else models:
-        require_planar(model, "simulate_batch")
     device, failures = how["device"], how["failures"]
     times = output_times(duration, times, step)
     step = shared_step((models,) if isinstance(models, Model) else models) if step is None else step
     sets = sets_of(models, pressures)
     if one_by_one(models):
         many_models, sets = samples_alone(models, sets, parameters)
+        variables = expanded(variables, dimensions(many_models[0]))
         check_choices(variables, device, failures, dimensions(many_models[0]))
         found = run_alone(many_models, sets, times, step, {**how, "threads": how["threads"] or cores()})
         found = {k: found[k] for k in (*variables, "failed_at")}
@@ -136,9 +135,10 @@ def simulate_batch(
 
 
 def one_by_one(models: Model | Sequence[Model]) -> bool:
-    """Whether vectors cannot hold the bodies: of several inputs, of laws with kernels, those that lengthen."""
+    """Whether vectors cannot hold the bodies: of several inputs, of laws with kernels, that lengthen, or in space."""
     many = (models,) if isinstance(models, Model) else models
-    return any(m.actuation.count > 1 or not m.actuation.polynomial or mechanics_of(m).lengthens for m in many)
+    plain = (m.actuation.count == 1 and m.actuation.polynomial and m.space is None for m in many)
+    return not all(plain) or any(mechanics_of(m).lengthens for m in many)
 
 
 def check_choices(variables: Sequence[str], device: str, failures: str, known: Mapping[str, Any] = VARIABLES) -> None:
@@ -148,7 +148,7 @@ def check_choices(variables: Sequence[str], device: str, failures: str, known: M
     if failures not in ("raise", "mark"):
         raise InputError(f"failures is 'raise' or 'mark', got {failures!r}")
     if device == "gpu":
-        raise InputError("a batch on a GPU takes bodies of one chamber and of fixed length: use device = 'cpu'")
+        raise InputError("a batch on a GPU takes bodies of one chamber, in a plane, of fixed length: use device='cpu'")
     if device != "cpu":
         raise InputError(f"device is 'cpu' or 'gpu', got {device!r}")
 
@@ -214,13 +214,13 @@ def labelled(
         )
     for a in made.values():
         a[bad] = np.nan
-    dims = dimensions(model)
+    dims, chain = dimensions(model), mechanics_of(model)
     entries = {k: (dims[k], a, {"units": LABELS[k][0], "long_name": LABELS[k][1]}) for k, a in made.items()}
     failed = {"units": "s", "long_name": "time at which the sample's step failed, NaN where none did"}
     return xr.Dataset(
         {**entries, "failed_at": (("sample",), failed_at, failed)},
         coords={"sample": np.arange(failed_at.size), "time": ("time", times, {"units": "s", "long_name": "time"}),
-                **mechanics_of(model).labels, "link": np.arange(1, model.n + 1), "axis": ["x", "y"]},
+                **chain.labels, "link": np.arange(1, model.n + 1), "axis": list("xyz"[: chain.dimension])},
         attrs={"schema": "pliant-batch", "model": model.name, "failed_samples": int(bad.size),
                "source": f"pliant {__version__}", **attributes},
     )

@@ -1,7 +1,7 @@
 """Chains that SIMD vectors cannot hold side by side: each marched alone, several of them on as many threads.
 
 Those that remember slip at different times; those of several chambers take more torques than a lane can hold; those
-that lengthen have coordinates that a lane does not know.
+that lengthen, or move in space, have coordinates that a lane does not know.
 """
 
 from __future__ import annotations
@@ -39,6 +39,15 @@ def dimensions(model: Model) -> dict[str, tuple[str, ...]]:
     }
 
 
+def expanded(variables: Sequence[str], known: Mapping[str, Any]) -> list[str]:
+    """Return the variables, in space those about each axis in the place of ``joint_angle`` and ``joint_rate``."""
+    made = []
+    for v in variables:
+        axes = [k for k in known if v in ("joint_angle", "joint_rate") and k.startswith(f"{v}_")]
+        made += axes or [v]
+    return made
+
+
 def motion_of(model: Model, x: Array, v: Array) -> Made:
     """The variables of `dimensions` along a motion (T, N)."""
     chain = mechanics_of(model)
@@ -49,7 +58,7 @@ def motion_of(model: Model, x: Array, v: Array) -> Made:
 def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Array, rows: int) -> tuple[Made, int]:
     """March one chain from absolute angles and rates (n,), in place: what it did, and the step that failed, or -1.
 
-    Of a body that lengthens (n + S,), strains behind the angles.
+    Of a body that lengthens (n + S,), strains behind the angles; in space joint coordinates (N,).
     """
     chain = mechanics_of(model)
     states = state.relaxed(model, chain.joint_coordinates(angle)) if model.memory else np.zeros((model.n, 0))
@@ -90,7 +99,11 @@ def samples_alone(
         made = list(models)
     if len(sets) not in (1, len(made)):
         raise InputError(f"{len(made)} samples take one set of pressures or one each, got {len(sets)} sets")
-    for name, of in (("n", lambda m: m.n), ("the names of their segments", lambda m: [e.name for e in m.extensions])):
+    shared = {
+        "n": lambda m: m.n, "the names of their segments": lambda m: [e.name for e in m.extensions],
+        "what their joints turn by": lambda m: (m.space is None, m.size),
+    }
+    for name, of in shared.items():
         if any(of(m) != of(made[0]) for m in made):
             raise InputError(f"the models of a batch must share {name}: simulate others in a batch of their own")
     sets = sets * len(made) if len(sets) == 1 else sets

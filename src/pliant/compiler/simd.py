@@ -195,12 +195,11 @@ def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty
 
 
 @cache
-def lane_twin(kernel: FunctionType, links: int, segments: int = 0) -> Any:
+def lane_twin(kernel: FunctionType, links: int, segments: int = 0, turns: int = 1) -> Any:
     """The compiled twin of a kernel on vectors: as `choose.twin`, and it lets other threads run."""
-    fast = choose.substitutes(kernel, links, segments)
+    sizes = links, segments, turns
+    fast = choose.substitutes(kernel, *sizes)
     if kernel in fast:
         return fast[kernel]
-    tag, sources = (choose.size_tag(links, segments), choose.SOURCES) if fast else ("n", ())
-    return compiled_twin(
-        kernel, tag, lambda callee: lane_twin(callee, links, segments), (__file__, *sources), nogil=True
-    )
+    tag, sources = (choose.size_tag(*sizes), choose.SOURCES) if fast else ("n", ())
+    return compiled_twin(kernel, tag, lambda callee: lane_twin(callee, *sizes), (__file__, *sources), nogil=True)

@@ -128,7 +128,7 @@ def require_planar(model: Any, what: str) -> None:
     if model.space is not None:
         raise InputError(
             f"{what} takes a chain in a plane, and {model.name!r} moves in space: simulate, Stepper, equilibrium, "
-            "modes, linearise, fit, predict, KalmanFilter and estimate take it"
+            "modes, linearise, fit, predict, simulate_batch, KalmanFilter and estimate take it"
         )
 
 

@@ -14,7 +14,6 @@ from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Model
 from pliant.model.file import model_to_dict
-from pliant.model.space import require_planar
 from pliant.options import with_defaults
 from pliant.sweep.scheduler import Account, Count, Tell, executor_of, run_campaign
 from pliant.sweep.spec import PULSE, Sweep, sweep_from
@@ -120,7 +119,6 @@ def run_sweep(
         For an unknown keyword.
     """
     hired = with_defaults(run_sweep, who, WORKERS)
-    require_planar(model, "a sweep")
     sweep = sweep if isinstance(sweep, Sweep) else sweep_from(dict(sweep))
     check_parameters(sweep, model, experiments)
     maker = hired["make_executor"] or executor_of(hired["scheduler"], hired["workers"])
@@ -143,7 +141,8 @@ def run_sweep(
         if name in samples:
             samples[name] = (("sample", *shown), samples[name].values)
     if "tip" in samples:
-        samples = samples.assign_coords(time=np.arange(samples.sizes["time"]) / sweep.rate, axis=["x", "y"])
+        clock, axes = np.arange(samples.sizes["time"]) / sweep.rate, list("xyz"[: samples.sizes["axis"]])
+        samples = samples.assign_coords(time=clock, axis=axes)
     for variable, a in samples.data_vars.items():
         a.attrs["units"] = unit_of(str(variable))
     result = SweepResult(samples, account, Path(folder))

@@ -85,7 +85,7 @@ def sweep_figure(samples: Any) -> Figure:
             for ax in grid[0]:
                 ax.remove()
             wide = figure.add_subplot(grid[0, 0].get_gridspec()[0, :])
-            for axis, shade in (("x", "0.0"), ("y", "0.45")):
+            for axis, shade in zip(good["axis"].values, ("0.0", "0.45", "0.7"), strict=False):
                 low, middle, high = 1e3 * np.quantile(good["tip"].sel(axis=axis).values, (0.025, 0.5, 0.975), axis=0)
                 wide.fill_between(good["time"].values, low, high, color=shade, alpha=0.25, linewidth=0)
                 wide.plot(good["time"].values, middle, color=shade, label=f"tip {axis}, median and 95 %")
