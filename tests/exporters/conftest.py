@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from target_models import MODELS, two_chambers
+from target_models import MODELS, SPATIAL, two_chambers
 
 from pliant.model import Model
 
@@ -18,3 +18,9 @@ def branched() -> Model:
 def model(request: pytest.FixtureRequest) -> Model:
     """Each of the three."""
     return MODELS[request.param]()
+
+
+@pytest.fixture(params=list(SPATIAL))
+def spatial(request: pytest.FixtureRequest) -> Model:
+    """Each of the three in space."""
+    return SPATIAL[request.param]()

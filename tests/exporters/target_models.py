@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from pliant.actuators import chen2018
-from pliant.model import Chamber, Memory, Model, Valve, load_model
+from pliant.model import Chamber, Memory, Model, Space, Tendon, Valve, chain_model, load_model
 
 KINDS = Path(__file__).parents[2] / "examples" / "state"
 
@@ -42,3 +44,40 @@ def two_chambers() -> Model:
 
 
 MODELS = {"paper": paper, "demo": demo, "creeping": creeping}
+AZIMUTHS = np.radians([90.0, 210.0, 330.0])
+
+
+def in_space() -> Model:
+    """Three chambers, a tilted base, a rest shape that bends and twists, two bending stiffnesses, a cap, gravity."""
+    chambers = tuple(
+        Chamber([2e-6], joint_gain=np.sin(a), cross_gain=-np.cos(a), name=name,
+                valve=Valve(rise_time=0.02, fall_time=0.02))
+        for a, name in zip(AZIMUTHS, ("red", "green", "blue"), strict=True)
+    )  # fmt: skip
+    return chain_model(
+        length=0.3, mass=0.1, links=4, joint_placement="midsegment", stiffness=0.5, damping=5e-3, chambers=chambers,
+        gravity=(0.5, 0.2, -9.8), tip_mass=0.01, name="in_space",
+        space=Space(stiffness_ratio=1.3, rest_turn=[0.1, -0.05, 0.2], base_tilt=[0.2, -0.1], radius=0.012),
+        stations=[("middle", 1, 0.02, 0.003, 0.004), ("base", -1, 0.01, 0.002, 0.001), ("tip", 3, 0.0375)],
+    )
+
+
+def twisting() -> Model:
+    """As `in_space`, with joints that twist."""
+    model = in_space()
+    return model.with_(space=replace(model.space, twist_ratio=0.7), name="twisting")
+
+
+def pulled() -> Model:
+    """Tendons: one drawn in that can hang slack, a pair on a motor, one under a known tension."""
+    passed = {"lever": 8e-3, "line_stiffness": 2e3}
+    cords = (
+        Tendon.at_azimuth(AZIMUTHS[0], np.ones(4), driven_by="displacement", pretension=1.0, name="long", **passed),
+        Tendon.at_azimuth(AZIMUTHS[1], np.ones(4), driven_by="angle", pulley=0.01, pair=True, name="pair",
+                          valve=Valve(rise_time=0.02, fall_time=0.02), **passed),
+        Tendon.at_azimuth(AZIMUTHS[2], [1, 1, 0, 0], lever=8e-3, name="short"),
+    )  # fmt: skip
+    return in_space().with_(chambers=cords, name="pulled")
+
+
+SPATIAL = {"in_space": in_space, "twisting": twisting, "pulled": pulled}

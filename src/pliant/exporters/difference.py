@@ -20,6 +20,7 @@ class Difference(NamedTuple):
     travel: float  # m, largest distance of the first model's tip from its start
     largest: float  # m
     rms: float  # m
+    unit: str = "Pa"  # of the pulse
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers with their units in the names."""
@@ -33,7 +34,8 @@ class Difference(NamedTuple):
         """The reference input in words."""
         if not self.level:
             return f"let go from 0.1 rad at every joint, {DURATION:g} s"
-        return f"a pulse of {1e-3 * self.level:.4g} kPa from {START:g} s for {WIDTH:g} s, {DURATION:g} s"
+        level = f"{1e-3 * self.level:.4g} kPa" if self.unit == "Pa" else f"{self.level:.4g} {self.unit}"
+        return f"a pulse of {level} from {START:g} s for {WIDTH:g} s, {DURATION:g} s"
 
     def __str__(self) -> str:
         return (
@@ -45,18 +47,18 @@ class Difference(NamedTuple):
 def difference(one: Model, other: Model) -> Difference:
     """Simulate both on the reference input and compare their tips."""
     level = typical_pressure(one)
-    start = None if level else np.full(one.n, 0.1)
+    start = None if level else np.full(one.size, 0.1)
 
     def tip(model: Model) -> np.ndarray:
         inputs = [Pulse(level, START, WIDTH), *[Pulse(0.0)] * (model.actuation.count - 1)]
         run = simulate(model, inputs, duration=DURATION, step=STEP, initial_angle=start, check=False)
         return np.asarray(run.tip_position.values[:, -1])
 
-    return of_tips(level, tip(one), tip(other))
+    return of_tips(level, tip(one), tip(other))._replace(unit=one.actuation.units[0])
 
 
 def of_tips(level: float, one: np.ndarray, other: np.ndarray) -> Difference:
-    """The numbers of two paths (T, 2) [m] of a tip."""
+    """The numbers of two paths (T, 2 or 3) [m] of a tip."""
     apart = np.linalg.norm(one - other, axis=1)
     travel = np.linalg.norm(one - one[0], axis=1).max()
     return Difference(level, float(travel), float(apart.max()), float(np.sqrt(np.mean(apart**2))))

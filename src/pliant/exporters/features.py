@@ -11,7 +11,7 @@ import numpy as np
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.mechanics.springs import springs_of
-from pliant.model import Chamber, Model
+from pliant.model import Chamber, Memory, Model, Space, Tendon
 from pliant.model.model import DEFAULTS
 from pliant.model.spring import SPRING_TERMS
 from pliant.simulation.levels import first_alone, typical_pressure
@@ -99,6 +99,26 @@ def first_order(chamber: Chamber) -> Chamber:
     return replace(chamber, valve=replace(v, natural_frequency=0.0, rise_time=late, fall_time=late))
 
 
+def soft(model: Model) -> bool:
+    """Whether springs are more than linear."""
+    return bool(model.stiffening.any() or model.cubic_stiffening.any())
+
+
+def untwisted(model: Model) -> Model:
+    """A body in space whose joints do not twist."""
+    return model.with_(space=replace(model.space or Space(), twist_ratio=0.0))
+
+
+def no_plane(model: Model) -> Model:
+    """Refuse: a body in space has no nearest one in a plane."""
+    raise InputError(f"{model.name!r} moves in space, and the target holds bodies that bend in a plane alone")
+
+
+def no_tendons(model: Model) -> Model:
+    """Refuse: without what drives it, a body does not move."""
+    raise InputError(f"{model.name!r} is driven by tendons, which the target cannot express")
+
+
 def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple[str, ...]]:
     """`name` for a model of which a chamber has it; of several chambers with their names."""
 
@@ -124,7 +144,7 @@ FEATURES: dict[str, Feature] = {
     ),
     "drive": Feature(
         "torque by pressure", some("torque by pressure", lambda c: c.torque.any()), lambda m: m,
-        ("Chamber.torque", "Chamber.joint_gain"),
+        ("Chamber.torque", "Chamber.joint_gain", "Chamber.cross_gain"),
     ),
     "chambers": Feature(
         "several chambers",
@@ -133,7 +153,7 @@ FEATURES: dict[str, Feature] = {
     ),
     "points": Feature(
         "observed points", when("observed points", lambda m: m.stations), lambda m: m.with_(stations=()),
-        ("Model.stations", "Station.link", "Station.along", "Station.across"),
+        ("Model.stations", "Station.link", "Station.along", "Station.across", "Station.aside"),
     ),
     "lengthening": Feature(
         "a body that lengthens", lambda m: tuple(f"segment {e.name} that lengthens" for e in m.extensions),
@@ -142,12 +162,12 @@ FEATURES: dict[str, Feature] = {
          "Extension.stop"),
     ),
     "gravity": Feature(
-        "gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=[0.0, 0.0]),
+        "gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=np.zeros_like(m.gravity)),
         ("Model.gravity",),
     ),
     "softening": Feature(
         "springs that soften or stiffen",
-        when("softening springs", lambda m: m.stiffening.any() or m.cubic_stiffening.any()),
+        when("softening springs", soft),
         lambda m: m.with_(stiffening=[0.0], cubic_stiffening=[0.0], stiffening_bound=[0.0]),
         ("Model.stiffening", "Model.cubic_stiffening"),
     ),
@@ -216,6 +236,28 @@ FEATURES: dict[str, Feature] = {
         "slip elements", numbered("slip element", lambda m: len(m.memory.slip_share)),
         of_memory(slip_share=(), slip_angle=()), ("Memory.slip_share", "Memory.slip_angle"),
     ),
+    "space": Feature(
+        "a body in space", when("a body in space", lambda m: m.space is not None), no_plane,
+        ("Model.space", "Space.stiffness_ratio", "Space.rest_turn", "Space.base_tilt", "Space.radius"),
+    ),
+    "twist": Feature(
+        "joints that twist", when("joints that twist", lambda m: m.space is not None and m.space.twist_ratio),
+        untwisted, ("Space.twist_ratio",),
+    ),
+    "soft_swing": Feature(
+        "springs that soften or stiffen, of a body in space",
+        when("springs that soften with the size of a swing", lambda m: m.space is not None and soft(m)),
+        lambda m: m.with_(stiffening=[0.0], cubic_stiffening=[0.0], stiffening_bound=[0.0]),
+        ("Model.stiffening", "Model.cubic_stiffening"),
+    ),
+    "space_memory": Feature(
+        "hysteresis of a body in space", when("hysteresis in space", lambda m: m.space is not None and m.memory),
+        lambda m: m.with_(memory=Memory()), ("Model.memory",),
+    ),
+    "tendons": Feature(
+        "tendons", lambda m: tuple(f"tendon {c.name}" for c in m.chambers if isinstance(c, Tendon)), no_tendons,
+        tuple(f"Tendon.{f}" for f in ("driven_by", "lever", "line_stiffness", "pretension", "pulley", "pair")),
+    ),
     "boucwen": Feature(
         "Bouc-Wen", when("Bouc-Wen", lambda m: m.memory.boucwen_share), of_memory(boucwen_share=0.0),
         tuple(f"Memory.boucwen_{f}" for f in ("share", "beta", "gamma", "exponent")),
@@ -226,8 +268,7 @@ EVERYWHERE = (  # fields that every target writes, or that name and gather other
     "Model.base_angle", "Model.memory", "Model.name", "Model.source", "Chamber.name",
     "Chamber.valve", "Extension.name", "Station.name",
 )
-OF_SPACE = ("Model.space", "Chamber.cross_gain", "Station.aside")  # `require_planar` refuses models that have them
-KNOWN = frozenset((*EVERYWHERE, *OF_SPACE)).union(*(feature.fields for feature in FEATURES.values()))
+KNOWN = frozenset(EVERYWHERE).union(*(feature.fields for feature in FEATURES.values()))
 ALL = frozenset(FEATURES)
 LATER_TERMS = frozenset(tuple(SPRING_TERMS)[2:])  # of the springs, see `SPRING_TERMS`
 RUBBER = frozenset({"swelling", "inflation"})
@@ -253,7 +294,7 @@ def unknown(part: Any) -> Iterator[str]:
     """Fields of a model and its parts that no feature knows and that differ from their default, as Part.field."""
     values = part._asdict() if hasattr(part, "_asdict") else {f.name: getattr(part, f.name) for f in fields(part)}
     for name, value in values.items():
-        title = f"{type(part).__name__}.{name}"
+        title = title_of(part, name)
         if title not in KNOWN:
             if not same(value, default_of(part, name)):
                 yield title
@@ -261,6 +302,12 @@ def unknown(part: Any) -> Iterator[str]:
         for inner in value if isinstance(value, tuple) else (value,):
             if is_dataclass(inner) or hasattr(inner, "_asdict"):
                 yield from unknown(inner)
+
+
+def title_of(part: Any, name: str) -> str:
+    """Return Part.field, of a tendon Chamber.field where it has the field of a chamber."""
+    inherited = isinstance(part, Chamber) and name in {f.name for f in fields(Chamber)}
+    return f"{Chamber.__name__ if inherited else type(part).__name__}.{name}"
 
 
 def default_of(part: Any, name: str) -> Any:

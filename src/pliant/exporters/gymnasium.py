@@ -19,6 +19,7 @@ from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.randomisation import Fit, draw_models
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model
+from pliant.model.space import require_planar
 from pliant.simulation import state
 from pliant.simulation.levels import first_alone, typical_pressure
 
@@ -77,6 +78,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         moving: bool = False, task: EpisodeTask | None = None, render_mode: None = None,
     ) -> None:
         self.model = model if isinstance(model, Model) else load_model(model)
+        require_planar(self.model, "an environment of Gymnasium")
         self.num_envs, self.fit, self.moving, self.render_mode = num_envs, fit, moving, render_mode
         self.task = checked_task(task or EpisodeTask())
         self.highest = highest or 2.0 * typical_pressure(self.model)

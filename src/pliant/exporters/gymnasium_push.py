@@ -19,6 +19,7 @@ from pliant.exporters.provenance import Provenance
 from pliant.exporters.randomisation import Fit, draw_models
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model
+from pliant.model.space import require_planar
 from pliant.simulation import state
 from pliant.simulation.levels import typical_pressure
 
@@ -57,6 +58,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
     ) -> None:
         self.mujoco = imported()
         self.model = model if isinstance(model, Model) else load_model(model)
+        require_planar(self.model, "an environment of Gymnasium")
         self.fit, self.task, self.render_mode = fit, checked_task(task or EpisodeTask()), render_mode
         if lost := missing(self.model, CAN):
             raise InputError(f"{', '.join(named(self.model, lost))}: not expressible in MuJoCo, on which the puck is "

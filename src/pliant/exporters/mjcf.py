@@ -3,7 +3,8 @@
 In MuJoCo's words a joint's stiffness "K K2 K3" is K q + K2 q^2 + K3 q^3, a fixed tendon with the joint gains as
 coefficients turns one force into the torques of all joints, and a branch of creep is a hinge of its own, damped by
 K share time and tied to the joint by a tendon of stiffness K share; of a slip element dry friction holds it instead.
-The rest shape is in the frames of the bodies, so that q = 0 is at rest.
+The rest shape is in the frames of the bodies, so that q = 0 is at rest. A joint in space is two or three hinges of
+`rigid_chain`. A tendon of the model pulls by an actuator whose force k (u - length) + T_0 is never negative.
 """
 
 from __future__ import annotations
@@ -21,19 +22,28 @@ from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
+from pliant.exporters.rigid_chain import (
+    RigidChain,
+    RigidLink,
+    hinge_difference,
+    moments,
+    point_of,
+    rigid_chain,
+)
 from pliant.files import write_text
-from pliant.mechanics.springs import springs_of
-from pliant.model import Chamber, Model
+from pliant.model import Chamber, Model, Tendon
 from pliant.simulation.levels import typical_pressure
 from pliant.simulation.state import equilibrium
 from pliant.text import identifiers
 
+Array = np.ndarray
 CAN = ALL - RUBBER - LATER_TERMS - {
     "lengthening", "bounded", "own_law", "lagging_law", "two_lags", "second_order", "rates", "settling", "dead_band",
-    "boucwen",
+    "boucwen", "soft_swing", "space_memory",
 }
 ARMATURE = 1e-7  # kg m^2, of a hidden hinge: MuJoCo moves nothing without inertia
-TINY = 1e-12  # kg m^2, of a mass that is a point in pliant
+TINY = 1e-12  # kg m^2, of a hidden body
+STRONGEST = 1e6  # N, of a tendon: none pulls harder
 DRY = {"solreffriction": "0.001 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # as hard as MuJoCo's friction gets
 INTEGRATORS = ("implicitfast", "implicit", "Euler", "RK4")
 LEVEL = 1e5  # Pa: MuJoCo takes no control beyond 1e10, so the k-th one takes p (p / LEVEL)^(k - 1)
@@ -53,6 +63,13 @@ def number(*values: float) -> str:
     return " ".join(f"{float(v):.17g}" for v in values)
 
 
+def quaternion(turn: Array) -> str:
+    """Return a rotation vector (3,) [rad] as MJCF reads rotations: w, x, y, z."""
+    from scipy.spatial.transform import Rotation
+
+    return number(*Rotation.from_rotvec(turn).as_quat(scalar_first=True))
+
+
 def mjcf(
     model: Model, provenance: Provenance, *, prefix: str = "", timestep: float = 0.0, radius: float = 0.0,
     integrator: str = INTEGRATORS[0], highest: float = 0.0,
@@ -65,23 +82,23 @@ def mjcf(
     """
     size = radius or 0.08 * model.length
     model = with_identifiers(model)
-    chain = linear_chain(model, [Hidden(b.share, b.time, ARMATURE) for b in branches(model)])
-    timestep = checked_step(chain, integrator, timestep)
+    bodies = rigid_chain(model)
+    linear = linear_chain(model, [Hidden(b.share, b.time, ARMATURE) for b in branches(model)])
+    timestep = checked_step(linear, integrator, timestep)
     root = ET.Element("mujoco", model=f"{prefix}{model.name}")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(
-        root, "option", timestep=number(timestep), gravity=number(*model.gravity, 0.0), integrator=integrator
+        root, "option", timestep=number(timestep), gravity=number(*bodies.gravity), integrator=integrator
     )
     ET.SubElement(ET.SubElement(root, "custom"), "text", name=f"{prefix}pliant", data=provenance.json())
     base = ET.SubElement(
-        ET.SubElement(root, "worldbody"), "body", name=f"{prefix}base",
-        euler=number(0.0, 0.0, model.base_angle),
+        ET.SubElement(root, "worldbody"), "body", name=f"{prefix}base", quat=quaternion(bodies.base_turn),
     )
-    capsule(base, f"{prefix}skin_base", model.base_length, size)
+    capsule(base, f"{prefix}skin_base", bodies.base_length * bodies.tangent, size)
     sites(base, model, -1, prefix)
     parent = base
     for i in range(model.n):
-        parent = link(parent, model, i, prefix, size)
+        parent = link(parent, model, bodies, i, (prefix, size))
     tendons(root, model, prefix)
     contacts(root, model, prefix)
     actuators(root, model, prefix, timestep, highest or 2.0 * typical_pressure(model))
@@ -92,35 +109,40 @@ def mjcf(
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def link(parent: ET.Element, model: Model, i: int, prefix: str, size: float) -> ET.Element:
-    """Link `i`: its body in the rest shape, hinge, inertia, looks and the hinges of its creep."""
-    start = model.base_length if i == 0 else model.link_length[i - 1]
-    place = {
-        "pos": number(0.0, start, 0.0), "euler": number(0.0, 0.0, model.rest_angle[i]),
-    }
-    axis = number(0.0, 0.0, 1.0)
-    K = model.stiffness[i]
-    for branch in branches(model):
-        name = f"{prefix}{branch.name}_{i + 1}"
-        hidden = ET.SubElement(parent, "body", attrib={"name": f"{name}_body", **place})
-        ET.SubElement(hidden, "inertial", pos="0 0 0", mass="1e-9", diaginertia=number(TINY, TINY, TINY))
-        hinge = {"damping": number(K * branch.share * branch.time), "armature": number(ARMATURE)}
-        if branch.angle:
-            hinge |= {"frictionloss": number(K * branch.share * branch.angle), **DRY}
-        ET.SubElement(hidden, "joint", attrib={"name": name, "type": "hinge", "axis": axis, **hinge})
+def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> ET.Element:
+    """Link `i`: its body in the rest shape, hinges, inertia, looks and the hinges of its creep."""
+    prefix, size = names
+    own = bodies.links[i]
+    place = {"pos": number(*own.place), "quat": quaternion(own.turn)}
+    hidden_hinges(parent, model, own, place, prefix)
     body = ET.SubElement(parent, "body", attrib={"name": f"{prefix}link_{i + 1}", **place})
+    for hinge in own.hinges:
+        ET.SubElement(
+            body, "joint", name=f"{prefix}{hinge.name}", type="hinge", axis=number(*hinge.axis),
+            damping=number(hinge.damping), stiffness=number(*hinge.springs),
+        )
     ET.SubElement(
-        body, "joint", name=f"{prefix}q_{i + 1}", type="hinge", axis=axis, damping=number(model.damping[i]),
-        stiffness=number(*np.trim_zeros(springs_of(model).powers[:, i], "b")),
+        body, "inertial", pos=number(*(own.centre * bodies.tangent)), mass=number(own.mass),
+        diaginertia=number(*moments(bodies, own, size)),
     )
-    mass, centre, inertia = link_inertia(model, i)
-    across = max(min(0.5 * mass * size**2, 2.0 * inertia), TINY)
-    ET.SubElement(
-        body, "inertial", pos=number(0.0, centre, 0.0), mass=number(mass), diaginertia=number(inertia, across, inertia)
-    )
-    capsule(body, f"{prefix}skin_{i + 1}", float(model.link_length[i]), size)
+    capsule(body, f"{prefix}skin_{i + 1}", own.length * bodies.tangent, size)
     sites(body, model, i, prefix)
     return body
+
+
+def hidden_hinges(
+    parent: ET.Element, model: Model, own: RigidLink, place: Mapping[str, str], prefix: str
+) -> None:
+    """Add the hinges that remember, beside those of a link."""
+    for branch in branches(model):
+        for hinge in own.hinges:
+            name, K = f"{prefix}{branch.name}_{hinge.link + 1}", hinge.stiffness
+            hidden = ET.SubElement(parent, "body", attrib={"name": f"{name}_body", **place})
+            ET.SubElement(hidden, "inertial", pos="0 0 0", mass="1e-9", diaginertia=number(TINY, TINY, TINY))
+            words = {"damping": number(K * branch.share * branch.time), "armature": number(ARMATURE)}
+            if branch.angle:
+                words |= {"frictionloss": number(K * branch.share * branch.angle), **DRY}
+            ET.SubElement(hidden, "joint", attrib={"name": name, "type": "hinge", "axis": number(*hinge.axis), **words})
 
 
 def branches(model: Model) -> list[Branch]:
@@ -132,25 +154,13 @@ def branches(model: Model) -> list[Branch]:
     return made + [Branch(f"slip_{j + 1}", share, 0.0, angle) for j, (share, angle) in enumerate(slip)]
 
 
-def link_inertia(model: Model, i: int) -> tuple[float, float, float]:
-    """Mass [kg], distance of its centre from the joint [m] and inertia about it [kg m^2] of a link, cap included."""
-    rod = model.mass_at == "rod"
-    m, l = float(model.link_mass[i]), float(model.link_length[i])
-    cap = model.tip_mass if i == model.n - 1 else 0.0
-    own = 0.5 * l if rod else l
-    mass = m + cap
-    centre = (m * own + cap * l) / mass
-    inertia = m * l**2 / 12.0 * rod + m * (own - centre) ** 2 + cap * (l - centre) ** 2
-    return mass, centre, max(inertia, TINY)
-
-
-def capsule(body: ET.Element, name: str, length: float, size: float) -> None:
-    """A capsule along a link: looks and contact, no mass."""
+def capsule(body: ET.Element, name: str, reach: Array, size: float) -> None:
+    """Add a capsule from the start of a link to its end (3,) [m]: looks and contact, no mass."""
+    length = float(np.linalg.norm(reach))
     if length > 0:
-        r = min(size, 0.9 * length)
         ET.SubElement(
-            body, "geom", name=name, type="capsule", fromto=number(0.0, 0.0, 0.0, 0.0, length, 0.0), size=number(r),
-            rgba="0.35 0.5 0.65 1",
+            body, "geom", name=name, type="capsule", fromto=number(0.0, 0.0, 0.0, *reach),
+            size=number(min(size, 0.9 * length)), rgba="0.35 0.5 0.65 1",
         )
 
 
@@ -159,8 +169,7 @@ def sites(body: ET.Element, model: Model, carrier: int, prefix: str) -> None:
     for p in model.points:
         if p.link == carrier:
             ET.SubElement(
-                body, "site", name=f"{prefix}{p.name}", pos=number(-p.across, p.along, 0.0),
-                size="0.002",
+                body, "site", name=f"{prefix}{p.name}", pos=number(*point_of(model, p)), size="0.002",
             )
 
 
@@ -172,25 +181,26 @@ def chamber_names(model: Model, prefix: str) -> list[tuple[Chamber, str, str]]:
 
 
 def tendons(root: ET.Element, model: Model, prefix: str) -> None:
-    """The tendon of each chamber and the springs between joints and their creep."""
+    """The tendon of each input and the springs between joints and their creep."""
     group = ET.SubElement(root, "tendon")
-    for chamber, tendon, _ in chamber_names(model, prefix):
+    hinges = rigid_chain(model).hinges
+    for gain, (_, tendon, _) in zip(model.actuation.gain, chamber_names(model, prefix), strict=True):
         fixed = ET.SubElement(group, "fixed", name=tendon)
-        for i in range(model.n):
-            ET.SubElement(fixed, "joint", joint=f"{prefix}q_{i + 1}", coef=number(chamber.joint_gain[i]))
+        for hinge in hinges:
+            ET.SubElement(fixed, "joint", joint=f"{prefix}{hinge.name}", coef=number(gain[hinge.row]))
     for branch in branches(model):
-        for i in range(model.n):
-            name = f"{prefix}{branch.name}_{i + 1}"
+        for hinge in hinges:
+            name = f"{prefix}{branch.name}_{hinge.link + 1}"
             spring = ET.SubElement(
-                group, "fixed", name=f"{name}_spring", stiffness=number(model.stiffness[i] * branch.share),
+                group, "fixed", name=f"{name}_spring", stiffness=number(hinge.stiffness * branch.share),
                 springlength="0",
             )
-            ET.SubElement(spring, "joint", joint=f"{prefix}q_{i + 1}", coef="1")
+            ET.SubElement(spring, "joint", joint=f"{prefix}{hinge.name}", coef="1")
             ET.SubElement(spring, "joint", joint=name, coef="-1")
 
 
 def contacts(root: ET.Element, model: Model, prefix: str) -> None:
-    """Links do not touch each other: in the plane of the model they never did."""
+    """Links do not touch each other: in the model they never did."""
     group = ET.SubElement(root, "contact")
     names = [f"{prefix}base", *(f"{prefix}link_{i + 1}" for i in range(model.n))]
     for a in range(len(names)):
@@ -214,15 +224,21 @@ def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
 
 
 def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, highest: float) -> None:
-    """One control for each chamber and power of its pressure that the law holds, from none to the `highest` [Pa]."""
+    """One control for each input and power of its value that the law holds, from none to the `highest` [Pa].
+
+    A tendon that is drawn in, or let out, takes controls of both signs.
+    """
     group = ET.SubElement(root, "actuator")
     several = chamber_names(model, prefix)
     for name, c, power in controls(model, prefix):
         chamber, tendon, _ = several[c]
         valve, gain = chamber.valve, chamber.torque[power - 1] * LEVEL ** (power - 1)
         words = {"gainprm": number(gain), "biastype": "none", "gaintype": "fixed", "dyntype": "none"}
+        if isinstance(chamber, Tendon) and chamber.elastic:
+            words |= elastic_tendon(chamber)
         if highest > 0:
-            words["ctrlrange"] = number(0.0, control(highest, power))
+            lowest = -highest if "biasprm" in words else 0.0
+            words["ctrlrange"] = number(lowest, control(highest, power))
         if valve.rise_time:
             words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
         if valve.dead_time:
@@ -231,13 +247,19 @@ def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, high
         ET.SubElement(group, "general", attrib={"name": name, "tendon": tendon, **words})
 
 
+def elastic_tendon(tendon: Tendon) -> dict[str, str]:
+    """Return the words of an actuator that pulls with T_0 + k (u - length), where it can hang slack never below 0."""
+    words = {"biastype": "affine", "biasprm": number(tendon.pretension, -tendon.line_stiffness, 0.0)}
+    return words if tendon.pair else words | {"forcerange": number(0.0, STRONGEST)}
+
+
 def sensors(root: ET.Element, model: Model, prefix: str) -> None:
     """Positions of the observed points and joint angles."""
     group = ET.SubElement(root, "sensor")
     for p in model.points:
         ET.SubElement(group, "framepos", name=f"{prefix}{p.name}_pos", objtype="site", objname=f"{prefix}{p.name}")
-    for i in range(model.n):
-        ET.SubElement(group, "jointpos", name=f"{prefix}q_{i + 1}_pos", joint=f"{prefix}q_{i + 1}")
+    for hinge in rigid_chain(model).hinges:
+        ET.SubElement(group, "jointpos", name=f"{prefix}{hinge.name}_pos", joint=f"{prefix}{hinge.name}")
 
 
 def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
@@ -247,7 +269,8 @@ def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
     except SimulationError as error:
         provenance.messages.append(f"no keyframe, since the body has no rest without pressure: {error}")
         return
-    places = [q for q in rest for _ in range(1 + len(branches(model)))]
+    order = [hinge.row for hinge in rigid_chain(model).hinges]
+    places = [rest[row] for row in order for _ in range(1 + len(branches(model)))]
     ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="rest", qpos=number(*places))
 
 
@@ -259,8 +282,14 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
         raise InputError(f"mjcf integrator is one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}")
     highest = options["highest"] or 2.0 * typical_pressure(model)
     if not options["highest"] and highest:
-        reach = f"controls reach from 0 to {1e-3 * highest:.4g} kPa: set highest (Pa) for another range"
-        provenance.messages.append(reach)
+        unit = model.actuation.units[0]
+        level = f"{1e-3 * highest:.4g} kPa" if unit == "Pa" else f"{highest:.4g} {unit}"
+        provenance.messages.append(f"controls reach from 0 to {level}: set highest ({unit}) for another range")
+    if model.space:
+        provenance.messages.append(
+            "each swing is two hinges, one after the other: bent by half a radian halfway between their axes, the tip "
+            f"lies {1e3 * hinge_difference(model):.2g} mm from the model's"
+        )
     return (write_text(path, mjcf(model, provenance, **{**options, "highest": highest})),)
 
 

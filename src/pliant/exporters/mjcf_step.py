@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
-from pliant.model import Model
+from pliant.model import Model, Tendon
 
 Array = np.ndarray
 USUAL = 1e-3  # s
@@ -35,16 +35,20 @@ class HingeChain(NamedTuple):
 
 def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
     """Return inertia, damping and stiffness of joints and hidden hinges; one that dry friction holds is a spring."""
-    n, moving = model.n, [h for h in hidden if h.time]
+    n, moving = model.size, [h for h in hidden if h.time]
     N = n * (1 + len(moving))
     mechanics = mechanics_of(model)
     turn, joints = mechanics.from_joints, np.arange(n)
+    stiffness = np.array(mechanics.joints.K)
     M, D, K = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
     M[:n, :n] = turn.T @ mechanics.inertia(mechanics.coordinates(np.zeros(n))) @ turn
-    D[joints, joints] = model.damping
-    K[joints, joints] = model.stiffness * (1.0 + sum(h.share for h in hidden))
+    D[joints, joints] = mechanics.joints.D
+    K[joints, joints] = stiffness * (1.0 + sum(h.share for h in hidden))
+    for tendon, lever in zip(model.chambers, model.actuation.gain, strict=True):
+        if isinstance(tendon, Tendon):
+            K[:n, :n] += tendon.line_stiffness * np.outer(lever, lever)
     for b, (share, time, inertia) in enumerate(moving):
-        own, spring = joints + (b + 1) * n, share * model.stiffness
+        own, spring = joints + (b + 1) * n, share * stiffness
         M[own, own], D[own, own], K[own, own] = inertia, spring * time, spring
         K[own, joints] = K[joints, own] = -spring
     return HingeChain(M, D, K)

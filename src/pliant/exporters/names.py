@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.text import escaped, identifiers
 
@@ -14,10 +15,10 @@ KINDS = {"station": "stations", "chamber": "chambers", "segment": "extensions"}
 def with_identifiers(model: Model) -> Model:
     """Return the model with identifiers for its own name and those of stations, chambers and segments.
 
-    Names of one kind stay different from each other; joints keep their names ``q_1`` ... ``q_n``, so no station takes
-    one. A model whose names are identifiers comes back unchanged.
+    Names of one kind stay different from each other; joints keep their names, ``q_1`` ... ``q_n`` in a plane, so no
+    station takes one. A model whose names are identifiers comes back unchanged.
     """
-    joints = [f"q_{i + 1}" for i in range(model.n)]
+    joints = mechanics_of(model).joint_names[: model.size - len(model.extensions)]
     changes: dict[str, Any] = {"name": escaped(model.name, "identifier")}
     for kind, field in KINDS.items():
         parts = getattr(model, field)

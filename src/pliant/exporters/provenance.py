@@ -20,6 +20,7 @@ FRAME = (
     "base at the origin, its tangent along +y, the body in the x-y plane; positive angles bend towards -x; "
     "pressure is gauge, in Pa"
 )
+SPACE_FRAME = "base at the origin, its tangent along +z; pressure is gauge, in Pa"
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Provenance:
             content.pop(name)
         return {
             "name": self.model.name, "made_by": f"pliant {__version__}", "target": self.target,
-            "command": self.command, "frame": FRAME,
+            "command": self.command, "frame": SPACE_FRAME if self.model.space else FRAME,
             "units": UNITS, "parameters": content, "source": self.model.source,
             "standard_errors": dict(self.std) or "not known: the model file holds none and no fit was given",
             "left_out": list(self.left_out), "notes": list(self.notes),

@@ -17,7 +17,6 @@ from pliant.exporters.features import missing, named, without
 from pliant.exporters.names import changed_names, with_identifiers
 from pliant.exporters.provenance import Provenance, command_of
 from pliant.model import Model, load_model
-from pliant.model.space import require_planar
 from pliant.plugins import offered
 
 GROUP = "pliant.exporters"
@@ -152,7 +151,6 @@ def export(
     exporter = exporter_of(target)
     path, source = Path(path), str(model) if isinstance(model, (str, Path)) else "MODEL.json"
     loaded = load_model(model) if isinstance(model, (str, Path)) else model
-    require_planar(loaded, "export")
     if path.suffix not in exporter.suffixes:
         raise InputError(f"a file for {target} ends in {' or '.join(exporter.suffixes)}, not {path.name!r}")
     if not path.parent.is_dir():

@@ -27,11 +27,7 @@ from pliant.model import Model
 
 Array = np.ndarray
 NO_POINTS = "the outputs are the last tip, the joint angles and the strains: other observed points are not among them"
-CAN = ALL - RUBBER - {"points", "two_lags", "rates", "settling", "dead_band", "slip", "boucwen"}
-STATE_UNITS = {
-    "phi": "rad", "w_": "rad/s", "strain_rate_": "1/s", "strain_": "1", "pressure_rate": "Pa/s", "pressure": "Pa",
-    "creep": "rad", "command": "Pa",
-}
+CAN = ALL - RUBBER - {"points", "two_lags", "rates", "settling", "dead_band", "slip", "boucwen", "space_memory"}
 
 
 def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
@@ -99,14 +95,14 @@ def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, 
         waiting = commands_on_their_way(model, plant.waiting)
         A, B, states, dead = plant.A, plant.B, [*states, *waiting], np.zeros(dead.size)
         C = np.concatenate([C, np.zeros((C.shape[0], len(waiting)))], axis=1)
-    units = [unit_of(name) for name in states]
+    point, units = operating_point(model, linear, states)
     inputs = model.actuation.labels("pressure")
     return {
         "A": A, "B": B, "C": C, "D": linear.D, "period": period, "state": states, "input": inputs,
         "dead_time": dead, "output": list(linear.outputs), "state_unit": units,
         "input_unit": list(model.actuation.units),
         "output_unit": [output_unit(name) for name in linear.outputs],
-        "operating_state": operating_point(model, linear, states), "operating_input": linear.pressures,
+        "operating_state": point, "operating_input": linear.pressures,
     }
 
 
@@ -116,43 +112,37 @@ def commands_on_their_way(model: Model, waiting: tuple[int, ...]) -> list[str]:
     return [f"{label}_{k + 1}_periods_ago" for label, most in pairs for k in range(most)]
 
 
-def unit_of(name: str) -> str:
-    """Unit of a state."""
-    return next(unit for start, unit in STATE_UNITS.items() if name.startswith(start))
-
-
 def output_unit(name: str) -> str:
     """Unit of an output."""
     return "m" if name.startswith("tip") else "1" if name.startswith("strain") else "rad"
 
 
-def operating_point(model: Model, linear: LinearModel, states: list[str]) -> Array:
-    """Values of the states at the rest: the deviations that the matrices take are from these."""
-    joint = mechanics_of(model).joint_angles(linear.angle)
-    strain = {f"strain_{e.name}": value for e, value in zip(model.extensions, linear.strain, strict=True)}
-    point = np.zeros(len(states))
-    for k, name in enumerate(states):
-        last = int(name.rsplit("_", 1)[1]) - 1 if name.startswith(("phi", "creep")) else 0
-        if name.startswith("phi"):
-            point[k] = linear.angle[last]
-        elif name.startswith("creep"):
-            point[k] = joint[last]
-        elif name in strain:
-            point[k] = strain[name]
-        elif name.startswith(("pressure_rate", "w_", "strain_rate_")):
-            point[k] = 0.0
-        else:  # a valve's pressure, or a command on its way to it
-            point[k] = linear.pressures[chamber_of(model, name)]
-    return point
+def operating_point(model: Model, linear: LinearModel, states: list[str]) -> tuple[Array, list[str]]:
+    """Values of the states at the rest, from which the matrices take deviations, and their units."""
+    chain, zeros = mechanics_of(model), np.zeros(model.size)
+    unit = ["1" if name.startswith("strain") else "rad" for name in chain.names]
+    known = dict(zip(chain.names, zip(linear.position, unit, strict=True), strict=True))
+    rates = [f"{u}/s" for u in unit]
+    known |= dict(zip(chain.rate_names, zip(zeros, rates, strict=True), strict=True))
+    joint = chain.joint_angles(linear.position)
+    for name in states:
+        if name.startswith("creep"):
+            known[name] = (joint[int(name.rsplit("_", 1)[1]) - 1], "rad")
+        elif name not in known:
+            known[name] = of_input(model, name, linear.pressures)
+    values, units = zip(*(known[name] for name in states), strict=True)
+    return np.array(values), list(units)
 
 
-def chamber_of(model: Model, name: str) -> int:
-    """Which chamber's pressure or earlier command a state is."""
-    whole = zip(model.actuation.labels("pressure"), model.actuation.labels("command"), strict=True)
-    return next(
-        k for k, (held, sent) in enumerate(whole)
-        if name == held or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name)
-    )
+def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
+    """Return value and unit of a valve's pressure, of its rate, or of an earlier command at the rest."""
+    words = (model.actuation.labels(what) for what in ("pressure", "pressure_rate", "command"))
+    for p, unit, held, rate, sent in zip(level, model.actuation.units, *words, strict=True):
+        if name == held or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name):
+            return float(p), unit
+        if name == rate:
+            return 0.0, f"{unit}/s"
+    raise InputError(f"state {name!r} belongs to no input of {model.name!r}")
 
 
 def pressures_of(text: str) -> Array:

@@ -5,23 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.exporters.features import ALL
-from pliant.exporters.mjcf import TINY, link_inertia, number
+from pliant.exporters.mjcf import number
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
+from pliant.exporters.rigid_chain import RigidChain, moments, point_of, rigid_chain
 from pliant.files import write_text
 from pliant.model import Model, Station
 from pliant.text import identifiers
 
 LOST = "URDF has no springs and no pressure: it carries links, joints, inertia and dampers, and its chain hangs loose"
 WORLD = "URDF has no gravity: the world that loads it has"
-BY_NATURE = dict.fromkeys(ALL - {"points", "lengthening", "gravity"}, LOST) | {"gravity": WORLD}
+CAN = frozenset({"points", "space", "twist"})
+BY_NATURE = dict.fromkeys(ALL - CAN - {"lengthening", "gravity"}, LOST) | {"gravity": WORLD}
+Array = np.ndarray
 TURN = 3.0  # rad, limit of a joint: RViz draws its sliders by it
 
 
@@ -29,21 +34,19 @@ def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: floa
     """The XML of a body; joint angles are zero in the rest shape."""
     size = radius or 0.08 * model.length
     model = with_identifiers(model)
+    bodies = rigid_chain(model)
     root = ET.Element("robot", name=f"{prefix}{model.name}")
     root.append(ET.Comment(" " + "\n  ".join(provenance.lines("xml_comment")) + " "))
-    shape(ET.SubElement(root, "link", name=f"{prefix}base"), model.base_length, size, model.base_angle)
-    for i in range(model.n):
+    shape(ET.SubElement(root, "link", name=f"{prefix}base"), turned(bodies.base_turn, bodies), bodies.base_length, size)
+    for i, own in enumerate(bodies.links):
+        joints(root, bodies, i, prefix)
         link = ET.SubElement(root, "link", name=f"{prefix}link_{i + 1}")
-        mass, centre, inertia = link_inertia(model, i)
-        across = number(max(min(0.5 * mass * size**2, 2.0 * inertia), TINY))
-        own = ET.SubElement(link, "inertial")
-        ET.SubElement(own, "origin", xyz=number(0.0, centre, 0.0))
-        ET.SubElement(own, "mass", value=number(mass))
-        ET.SubElement(
-            own, "inertia", ixx=number(inertia), iyy=across, izz=number(inertia), ixy="0", ixz="0", iyz="0"
-        )
-        shape(link, float(model.link_length[i]), size, 0.0)
-        hinge(root, model, i, prefix)
+        inertial = ET.SubElement(link, "inertial")
+        ET.SubElement(inertial, "origin", xyz=number(*(own.centre * bodies.tangent)))
+        ET.SubElement(inertial, "mass", value=number(own.mass))
+        about = dict(zip(("ixx", "iyy", "izz"), map(number, moments(bodies, own, size)), strict=True))
+        ET.SubElement(inertial, "inertia", attrib={**about, "ixy": "0", "ixz": "0", "iyz": "0"})
+        shape(link, turned(np.zeros(3), bodies), own.length, size)
     links = ["base", *(f"link_{i + 1}" for i in range(model.n))]
     wanted = [f"{p.name}_point" if p.name in links else p.name for p in model.points]
     for p, name in zip(model.points, identifiers(wanted, links), strict=True):
@@ -52,42 +55,62 @@ def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: floa
     return ET.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
 
 
-def hinge(root: ET.Element, model: Model, i: int, prefix: str) -> None:
-    """The joint before link `i`."""
-    turn = model.rest_angle[i] + (model.base_angle if i == 0 else 0.0)
-    place = [*model.first_joint, 0.0] if i == 0 else [0.0, model.link_length[i - 1], 0.0]
-    joint = ET.SubElement(root, "joint", name=f"{prefix}q_{i + 1}", type="revolute")
-    ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(0.0, 0.0, turn))
-    ET.SubElement(joint, "parent", link=f"{prefix}link_{i}" if i else f"{prefix}base")
-    ET.SubElement(joint, "child", link=f"{prefix}link_{i + 1}")
-    ET.SubElement(joint, "axis", xyz=number(0.0, 0.0, 1.0))
-    ET.SubElement(joint, "dynamics", damping=number(model.damping[i]), friction="0")
-    ET.SubElement(joint, "limit", lower=number(-TURN), upper=number(TURN), effort="0", velocity="1000")
+def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
+    """Add the hinges before link `i`; between two of them lies a link without mass or length."""
+    own, parent = bodies.links[i], f"{prefix}link_{i}" if i else f"{prefix}base"
+    turn, place = Rotation.from_rotvec(own.turn), own.place
+    if i == 0:  # the frame of the base does not turn with its tangent
+        base = Rotation.from_rotvec(bodies.base_turn)
+        turn, place = base * turn, base.apply(place)
+    for k, hinge in enumerate(own.hinges):
+        last = k + 1 == len(own.hinges)
+        child = f"{prefix}link_{i + 1}" if last else f"{prefix}{hinge.name}_turned"
+        joint = ET.SubElement(root, "joint", name=f"{prefix}{hinge.name}", type="revolute")
+        ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(*angles(turn)))
+        ET.SubElement(joint, "parent", link=parent)
+        ET.SubElement(joint, "child", link=child)
+        ET.SubElement(joint, "axis", xyz=number(*hinge.axis))
+        ET.SubElement(joint, "dynamics", damping=number(hinge.damping), friction="0")
+        ET.SubElement(joint, "limit", lower=number(-TURN), upper=number(TURN), effort="0", velocity="1000")
+        if not last:
+            ET.SubElement(root, "link", name=child)
+        parent, turn, place = child, Rotation.identity(), np.zeros(3)
 
 
-def shape(link: ET.Element, length: float, size: float, turn: float) -> None:
-    """A cylinder along a link, to see and to touch."""
+def angles(turn: Rotation) -> Array:
+    """Return a rotation as URDF has it, (3,) [rad] about fixed x, then y, then z; any split of a turn that has many."""
+    with catch_warnings():
+        simplefilter("ignore", UserWarning)  # of a gimbal lock
+        return np.asarray(turn.as_euler("xyz"))
+
+
+def turned(turn: Array, bodies: RigidChain) -> Rotation:
+    """Return the rotation that takes the axis of a cylinder, z, to a link that is turned by a rotation vector (3,)."""
+    upright = np.zeros(3) if bodies.tangent[2] else np.array([-0.5 * np.pi, 0.0, 0.0])
+    return Rotation.from_rotvec(turn) * Rotation.from_rotvec(upright)
+
+
+def shape(link: ET.Element, along: Rotation, length: float, size: float) -> None:
+    """Add a cylinder that `along` takes from z to a link, to see and to touch."""
     if not length > 0:
         return
-    middle = 0.5 * length * np.array([-np.sin(turn), np.cos(turn), 0.0])
+    middle = along.apply([0.0, 0.0, 0.5 * length])
     for what in ("visual", "collision"):
         part = ET.SubElement(link, what)
-        ET.SubElement(part, "origin", xyz=number(*middle), rpy=number(-0.5 * np.pi, 0.0, turn))
+        ET.SubElement(part, "origin", xyz=number(*middle), rpy=number(*angles(along)))
         geometry = ET.SubElement(part, "geometry")
         ET.SubElement(geometry, "cylinder", length=number(length), radius=number(min(size, 0.9 * length)))
 
 
 def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: str) -> None:
     """An observed point as a link of its own without mass, fixed to its carrier."""
-    place = np.array([-point.across, point.along, 0.0])
-    turn = 0.0
+    turn, place = Rotation.identity(), point_of(model, point)
     if point.link < 0:  # the base's own frame does not turn with its tangent
-        turn = model.base_angle
-        c, s = np.cos(turn), np.sin(turn)
-        place = np.array([c * place[0] - s * place[1], s * place[0] + c * place[1], 0.0])
+        turn = Rotation.from_rotvec(rigid_chain(model).base_turn)
+        place = turn.apply(place)
     ET.SubElement(root, "link", name=f"{prefix}{name}")
     joint = ET.SubElement(root, "joint", name=f"{prefix}{name}_fixed", type="fixed")
-    ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(0.0, 0.0, turn))
+    ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(*angles(turn)))
     ET.SubElement(joint, "parent", link=f"{prefix}link_{point.link + 1}" if point.link >= 0 else f"{prefix}base")
     ET.SubElement(joint, "child", link=f"{prefix}{name}")
 
@@ -100,6 +123,6 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
 
 
 EXPORTER = Exporter(
-    "urdf", "URDF: geometry and inertia, no springs and no drive", (".urdf", ".xml"), frozenset({"points"}), write,
+    "urdf", "URDF: geometry and inertia, no springs and no drive", (".urdf", ".xml"), CAN, write,
     {"prefix": "", "radius": 0.0}, BY_NATURE, moves=False,
 )

@@ -1,4 +1,4 @@
-"""How much pressure a model is made for, as far as the model itself says."""
+"""How much pressure, or tension, a model is made for, as far as the model itself says."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from pliant.model import Model
 from pliant.simulation import state
 
 BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
-HIGHEST = 1e7  # Pa, where the search ends
+RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e2)}  # where the search starts and ends
 
 
 def typical_pressure(model: Model) -> float:
     """Pressure [Pa] that bends the chain at rest by half a radian, or 0.8 of what it holds where that is less.
 
     The model keeps no range of its recordings: this is the level of a pulse when none is given. 0 for a model that
-    no pressure bends. Of several chambers: the first alone.
+    no pressure bends. Of several chambers: the first alone. Of a tendon: its tension [N], displacement [m] or angle
+    [rad].
     """
     try:
-        rest = float(state.equilibrium(model, first_alone(model, 0.0)).sum())
+        rest = state.equilibrium(model, first_alone(model, 0.0))
     except SimulationError:
         return 0.0
-    low, high = 0.0, 1e3
+    low, (high, highest) = 0.0, RANGES[model.actuation.units[0]]
     while (bend := bent(model, high, rest)) is not None and bend < BENT:
         low, high = high, 2.0 * high
-        if high > HIGHEST:
+        if high > highest:
             return 0.0
     held = bend is not None
     for _ in range(30):
@@ -43,9 +44,10 @@ def first_alone(model: Model, pressure: float) -> np.ndarray:
     return np.asarray(pressure * np.eye(1, model.actuation.count)[0])
 
 
-def bent(model: Model, pressure: float, rest: float) -> float | None:
-    """Size of the bend from rest [rad]; None where the chain finds no rest."""
+def bent(model: Model, pressure: float, rest: np.ndarray) -> float | None:
+    """Size of the bend from rest [rad], in space that of both directions; None where the chain finds no rest."""
     try:
-        return abs(float(state.equilibrium(model, first_alone(model, pressure)).sum()) - rest)
+        q = state.equilibrium(model, first_alone(model, pressure)) - rest
     except SimulationError:
         return None
+    return float(np.linalg.norm(q[: 2 * model.n].reshape(-1, 2).sum(axis=0)) if model.space else abs(q.sum()))

@@ -1,0 +1,156 @@
+"""A model as rigid bodies joined by hinges: what MJCF and URDF write, in a plane and in space.
+
+In a plane a joint is one hinge about z. In space a swing, which is a rotation vector, becomes a hinge about x and one
+about y, and a twist one about z. Two hinges one after the other turn as the rotation vector does but for a twist of
+half the product of their angles. Of every four joints the two in the middle have their hinges the other way round, so
+that these twists cancel along the body.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pliant.mechanics import Mechanics, mechanics_of
+from pliant.mechanics.spatial import link_inertias
+from pliant.mechanics.springs import springs_of
+from pliant.model import Model, Station
+
+Array = np.ndarray
+TINY = 1e-12  # kg m^2, of a mass that is a point in pliant
+BEND = 0.5  # rad, of the whole body, at which hinges are compared with swings
+
+
+class Hinge(NamedTuple):
+    """One axis of a joint; its angle is 0 in the rest shape."""
+
+    name: str
+    axis: Array  # (3,)
+    row: int  # of the model's coordinates
+    link: int
+    springs: Array  # (k,) of the torque K q + K2 q^2 + ..., N m/rad, N m/rad^2, ...
+    stiffness: float  # N m/rad, the first of them
+    damping: float  # N m s/rad
+
+
+class RigidLink(NamedTuple):
+    """A link in the frame of the one before, and its mass in its own frame."""
+
+    place: Array  # (3,) m
+    turn: Array  # (3,) rotation vector of the rest shape, rad
+    hinges: tuple[Hinge, ...]  # base first
+    mass: float  # kg
+    centre: float  # m, of the mass, from the joint along the link
+    across: float  # kg m^2, moment of inertia about its centre across the link
+    along: float | None  # kg m^2, about the link; not known in a plane
+    length: float  # m
+
+
+class RigidChain(NamedTuple):
+    """A whole body."""
+
+    tangent: Array  # (3,) direction of a link in its own frame
+    base_turn: Array  # (3,) rotation vector of the part before the first joint, rad
+    base_length: float  # m
+    links: tuple[RigidLink, ...]
+    gravity: Array  # (3,) m/s^2
+
+    @property
+    def hinges(self) -> tuple[Hinge, ...]:
+        """All hinges, base first."""
+        return tuple(hinge for link in self.links for hinge in link.hinges)
+
+
+def rigid_chain(model: Model) -> RigidChain:
+    """Return the rigid bodies and hinges of a model whose segments do not lengthen."""
+    turns = rest_turns(model)
+    masses, centre, across, along = inertias(model)
+    hinges = hinges_of(model)
+    tangent = np.array([0.0, 0.0, 1.0] if model.space else [0.0, 1.0, 0.0])
+    starts = [model.base_length, *model.link_length[:-1]]
+    links = tuple(
+        RigidLink(
+            starts[i] * tangent, turns[i + 1], tuple(h for h in hinges if h.link == i), float(masses[i]),
+            float(centre[i]), max(float(across[i]), TINY), along if along is None else max(float(along[i]), TINY),
+            float(model.link_length[i]),
+        )
+        for i in range(model.n)
+    )
+    return RigidChain(tangent, turns[0], model.base_length, links, np.resize([*model.gravity, 0.0], 3))
+
+
+def rest_turns(model: Model) -> Array:
+    """Return rotation vectors (n + 1, 3) of the base part and of each joint in the rest shape, rad."""
+    if model.space:
+        return np.concatenate([[[*model.space.base_tilt, 0.0]], model.space.rest_of(model.n)])
+    return np.outer([model.base_angle, *model.rest_angle], [0.0, 0.0, 1.0])
+
+
+def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:
+    """Return masses, centres and moments of inertia about these across and along (n,) of the links, cap included."""
+    if model.space:
+        return link_inertias(model, model.space.radius)
+    rod = model.mass_at == "rod"
+    m, l = np.array(model.link_mass), model.link_length
+    middle = 0.5 * l if rod else np.array(l)
+    cap = np.append(np.zeros(model.n - 1), model.tip_mass)
+    centre = (m * middle + cap * l) / (m + cap)
+    across = m * l**2 / 12.0 * rod + m * (middle - centre) ** 2 + cap * (l - centre) ** 2
+    return m + cap, centre, across, None
+
+
+def hinges_of(model: Model) -> list[Hinge]:
+    """Return the hinges of all joints; in space x before y, y before x in the second and third of every four joints."""
+    chain, n = mechanics_of(model), model.n
+    if not model.space:
+        powers = springs_of(model).powers
+        return [hinge(chain, i, 2, i)._replace(springs=np.trim_zeros(powers[:, i], "b")) for i in range(n)]
+    rows = []
+    for i in range(n):
+        rows += [hinge(chain, 2 * i + axis, axis, i) for axis in ((1, 0) if i % 4 in (1, 2) else (0, 1))]
+        rows += [hinge(chain, 2 * n + i, 2, i)] if model.space.turns == 3 else []
+    return rows
+
+
+def hinge(chain: Mechanics, row: int, axis: int, link: int) -> Hinge:
+    """Return the hinge of one coordinate, with a linear spring."""
+    K, D = float(chain.joints.K[row]), float(chain.joints.D[row])
+    return Hinge(chain.joint_names[row], np.eye(3)[axis], row, link, np.array([K]), K, D)
+
+
+def moments(chain: RigidChain, link: RigidLink, size: float) -> Array:
+    """Return the moments of inertia (3,) of a link about its axes; along it those of a rod of radius `size` [m]."""
+    along = max(min(0.5 * link.mass * size**2, 2.0 * link.across), TINY) if link.along is None else link.along
+    return np.where(chain.tangent > 0, along, link.across)
+
+
+def point_of(model: Model, point: Station) -> Array:
+    """Return the place (3,) of an observed point in the frame of what carries it, m."""
+    if model.space:
+        return np.array([point.aside, -point.across, point.along])
+    return np.array([-point.across, point.along, 0.0])
+
+
+def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
+    """Return the position (3,) of the tip where each hinge is turned by its coordinate of x (N,), m."""
+    from scipy.spatial.transform import Rotation
+
+    turn, place = Rotation.from_rotvec(chain.base_turn), np.zeros(3)
+    for link in chain.links:
+        place = place + turn.apply(link.place)
+        turn = turn * Rotation.from_rotvec(link.turn)
+        for hinge in link.hinges:
+            turn = turn * Rotation.from_rotvec(x[hinge.row] * hinge.axis)
+    return np.asarray(place + turn.apply(link.length * chain.tangent))
+
+
+def hinge_difference(model: Model) -> float:
+    """Return how far the tip of hinges lies from that of the model where both bend diagonally by half a radian, m.
+
+    Torques bend the springs of model and hinges by the same angles, whatever the way these turn the links.
+    """
+    x = np.zeros(model.size)
+    x[: 2 * model.n] = BEND / np.sqrt(2.0) / model.n
+    tip = mechanics_of(model).tips(x)[-1]
+    return float(np.linalg.norm(tip_by_hinges(rigid_chain(model), x) - tip))

@@ -1,0 +1,197 @@
+"""Bodies in space: each target against pliant's own motion, and what it says that it leaves out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from target_models import in_space, pulled, twisting
+
+import pliant
+from pliant.errors import InputError
+from pliant.exporters.mjcf import controls, mjcf
+from pliant.exporters.provenance import Provenance
+from pliant.exporters.rigid_chain import hinge_difference, rigid_chain, tip_by_hinges
+from pliant.exporters.state_space import matrices
+from pliant.mechanics import mechanics_of
+from pliant.model import Model, Space, chain_model
+from pliant.simulation import Stepper, equilibrium
+from pliant.simulation.levels import typical_pressure
+
+INPUTS = {"in_space": [30e3, 10e3, 0.0], "twisting": [30e3, 10e3, 0.0], "pulled": [2e-3, 0.3, 1.0]}
+
+
+def bent_alike(links: int, swing: float) -> Model:
+    """A body in space whose joints bend by `swing` [rad] about both axes under one chamber."""
+    model = chain_model(
+        length=0.3, mass=0.1, links=links, joint_placement="midsegment", stiffness=0.5, damping=5e-3,
+        torque=[1e-6], cross_gain=1.0, space=Space(radius=0.01), name="arm",
+    )
+    return model.with_(torque=[model.stiffness[0] * swing / 1e5])
+
+
+def test_state_space_follows_small_steps(spatial):
+    """From its rest under all inputs, a small change of the first one."""
+    from scipy.linalg import expm
+
+    level, h = np.array(INPUTS[spatial.name]), 1e-3
+    content = matrices(spatial, level, 0.0)
+    N, change = len(content["state"]), 0.01 * level[0]
+    block = np.zeros((N + 1, N + 1))
+    block[:N, :N], block[:N, N] = content["A"], content["B"][:, 0] * change
+    move, x, stepper = expm(block * h), np.zeros(N), Stepper(spatial, h, level)
+    rest, tip = stepper.angle.copy(), stepper.tips()[-1]
+    assert content["operating_state"][: rest.size] == pytest.approx(rest, abs=1e-12)
+    rows = []
+    for _ in range(200):
+        x = move[:N, :N] @ x + move[:N, N]
+        stepper.step(level + np.array([change, 0.0, 0.0]))
+        rows.append((stepper.tips()[-1] - tip, (content["C"] @ x)[:3]))
+    moved, linear = np.moveaxis(rows, 1, 0)
+    assert np.abs(moved - linear).max() < 0.02 * np.abs(moved).max()
+    units = dict(zip(content["state"], content["state_unit"], strict=True))
+    assert (units["bend_x_1"], units["bend_rate_y_2"]) == ("rad", "rad/s")
+    if spatial.name == "pulled":
+        assert (content["input_unit"], units["pressure_pair"]) == (["m", "rad", "N"], "rad")
+
+
+def test_typical_input_bends_by_half_a_radian(spatial):
+    level = typical_pressure(spatial)
+    far = equilibrium(spatial, [level, 0.0, 0.0]) - equilibrium(spatial, [0.0, 0.0, 0.0])
+    assert np.linalg.norm(far[: 2 * spatial.n].reshape(-1, 2).sum(axis=0)) == pytest.approx(0.5, rel=0.05)
+
+
+def compiled(model, **options):
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'pliant[bench]'")
+    xml = mjcf(model, Provenance(model, "mjcf", "test"), **options)
+    loaded = mujoco.MjModel.from_xml_string(xml)
+    return mujoco, loaded, mujoco.MjData(loaded)
+
+
+def put(model, m, d, q):
+    for name, value in zip(mechanics_of(model).joint_names, q, strict=True):
+        d.qpos[m.joint(name).qposadr[0]] = value
+
+
+def driven(model, m, d, levels):
+    for name, c, _ in controls(model):
+        d.ctrl[m.actuator(name).id] = levels[c]
+
+
+def test_mujoco_has_the_places_of_the_hinges_and_the_inertia(spatial):
+    """Of hinges turned one by one, which for one angle at each joint are pliant's swings."""
+    mujoco, m, d = compiled(spatial)
+    chain = mechanics_of(spatial)
+    one = np.zeros(spatial.size)
+    one[: 2 * spatial.n].reshape(-1, 2)[:, 0] = np.linspace(0.3, -0.2, spatial.n)
+    both = np.linspace(-0.2, 0.3, spatial.size)
+    for x in (one, both):
+        put(spatial, m, d, x)
+        mujoco.mj_forward(m, d)
+        tip = d.site_xpos[m.site("tip").id]
+        assert tip == pytest.approx(tip_by_hinges(rigid_chain(spatial), x), abs=1e-12)
+        if x is one:
+            places, _ = chain.stations(x)
+            for point, place in zip(spatial.points, places, strict=True):
+                assert d.site_xpos[m.site(point.name).id] == pytest.approx(place, abs=1e-12)
+            M = np.zeros((m.nv, m.nv))
+            mujoco.mj_fullM(m, d, M)
+            rows = [m.joint(name).dofadr[0] for name in chain.joint_names]
+            axes = [h.row for h in rigid_chain(spatial).hinges]
+            own = chain.inertia(x)
+            bends = [k for k in range(spatial.size) if k < 2 * spatial.n and k % 2 == 0]
+            assert M[np.ix_(rows, rows)][np.ix_(bends, bends)] == pytest.approx(own[np.ix_(bends, bends)], abs=1e-9)
+            assert sorted(axes) == list(range(spatial.size))
+
+
+@pytest.mark.parametrize("make", [in_space, twisting, pulled])
+def test_mujoco_moves_as_pliant(make):
+    """From rest, all inputs stepped; hinges are not swings, so within what they differ by."""
+    model = make()
+    levels, h = np.array(INPUTS[model.name]), 2e-4
+    mujoco, m, d = compiled(model, timestep=h, highest=1e6)
+    put(model, m, d, equilibrium(model, np.zeros(3)))
+    stepper, rows = Stepper(model, h, np.zeros(3)), []
+    driven(model, m, d, levels)
+    for _ in range(2000):
+        mujoco.mj_step(m, d)
+        stepper.step(levels)
+        mujoco.mj_kinematics(m, d)
+        rows.append((d.site_xpos[m.site("tip").id].copy(), stepper.stations()[0][-1]))
+    seen, wanted = np.moveaxis(rows, 1, 0)
+    moved = np.linalg.norm(wanted - wanted[0], axis=1).max()
+    apart = np.linalg.norm(seen - wanted, axis=1).max()
+    assert moved > 0.03
+    assert apart < 0.01 * moved
+
+
+def test_hinges_the_other_way_round_at_half_of_the_joints_lie_nearer():
+    """The twist of a pair of hinges cancels: with all x before y the tip lies several times as far away."""
+    model = bent_alike(8, 0.1)
+    x = np.full(model.size, 0.1)
+    chain = rigid_chain(model)
+    alike = chain._replace(links=tuple(
+        link._replace(hinges=tuple(sorted(link.hinges, key=lambda h: h.row))) for link in chain.links
+    ))
+    tip = mechanics_of(model).tips(x)[-1]
+    near, far = (np.linalg.norm(tip_by_hinges(c, x) - tip) for c in (chain, alike))
+    assert near < 0.2 * far
+
+
+def test_the_difference_of_hinges_is_that_of_mujoco_at_rest():
+    """Bent by a torque without gravity, MuJoCo comes to rest as far from pliant's rest as the file says."""
+    model = bent_alike(4, 0.5 / np.sqrt(2.0) / 4)
+    mujoco, m, d = compiled(model, timestep=1e-3, highest=1e6)
+    put(model, m, d, equilibrium(model, 1e5))
+    driven(model, m, d, [1e5])
+    mujoco.mj_step(m, d, 2000)
+    assert np.abs(d.qvel).max() < 1e-9
+    mujoco.mj_kinematics(m, d)
+    tip = mechanics_of(model).tips(equilibrium(model, 1e5))[-1]
+    assert np.linalg.norm(d.site_xpos[m.site("link_4").id] - tip) == pytest.approx(hinge_difference(model), rel=0.02)
+
+
+def test_a_slack_tendon_does_not_push():
+    model = pulled()
+    mujoco, m, d = compiled(model, highest=1.0)
+    put(model, m, d, np.zeros(model.size))
+    driven(model, m, d, [-0.01, -0.2, 0.0])
+    d.act[:] = -0.2
+    mujoco.mj_forward(m, d)
+    forces = {m.actuator(a).name: d.actuator_force[a] for a in range(m.nu)}
+    assert forces["pressure_long"] == 0.0
+    assert forces["pressure_pair"] == pytest.approx(-0.2 * 0.01 * 2e3)
+
+
+def test_what_is_not_expressed_is_refused(tmp_path):
+    soft = in_space().with_(stiffening=-0.1)
+    with pytest.raises(InputError, match="soften with the size of a swing: not expressible in mjcf"):
+        pliant.export(soft, "mjcf", tmp_path / "a.xml")
+    done = pliant.export(soft, "mjcf", tmp_path / "a.xml", approximate=True)
+    assert 0 < done.difference.rms < done.difference.largest
+    assert "mm from the model's" in done.notes[-1]
+    assert "its tangent along +z" in (tmp_path / "a.xml").read_text()
+
+
+def test_urdf_has_the_places_of_the_hinges(spatial, tmp_path):
+    yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed: pip install 'pliant[export]'")
+    done = pliant.export(spatial, "urdf", tmp_path / "arm.urdf")
+    robot = yourdfpy.URDF.load(str(done.files[0]), build_scene_graph=True, load_meshes=False)
+    assert robot.validate()
+    x = np.zeros(spatial.size)
+    x[1 : 2 * spatial.n : 2] = np.linspace(0.2, -0.1, spatial.n)
+    robot.update_cfg(dict(zip(mechanics_of(spatial).joint_names, x, strict=True)))
+    places, _ = mechanics_of(spatial).stations(x)
+    for point, place in zip(spatial.points, places, strict=True):
+        name = "base_point" if point.name == "base" else point.name
+        assert robot.get_transform(name)[:3, 3] == pytest.approx(place, abs=1e-9)
+    assert sum(link.inertial.mass for link in robot.robot.links if link.inertial) == pytest.approx(
+        sum(link.mass for link in rigid_chain(spatial).links))
+
+
+def test_a_rest_shape_that_turns_by_a_right_angle(tmp_path):
+    """Where rotations about x, y and z are not unique."""
+    model = in_space()
+    turned = model.with_(space=replace(model.space, rest_turn=[0.0, np.pi / 2, 0.0]))
+    pliant.export(turned, "urdf", tmp_path / "arm.urdf")
