@@ -19,6 +19,7 @@ pytestmark = pytest.mark.slow
 SHOWN_ONLY = {  # fits that no test asks for: half a minute of them
     "quadratic_beyond", "linear_beyond", "rigid_beyond", "creeping_beyond", "no_settling_beyond",
     "no_fall_limit_beyond", "together_between", "together_within", "together_beyond", "together_below",
+    "bounded_beyond",
 }
 STEP_S = {"pneumatic_arm_pulses": 5e-3}  # 25 steps a period: errors within a tenth of a per cent of the travel
 
@@ -111,20 +112,33 @@ def test_pulses_last_about_three_seconds(arm: dict[str, Any]) -> None:
         assert 2.5 < found[f"{record}.stop"]["value"] - found[f"{record}.start"]["value"] < 3.5
 
 
-@pytest.mark.parametrize("fit", ["hand", "both"])
 @pytest.mark.parametrize("record", ["alone", "load52"])
-def test_one_stiffness_and_damping_follow_both_loads(beam: dict[str, Any], record: str, fit: str) -> None:
+def test_one_stiffness_and_damping_follow_both_loads(beam: dict[str, Any], record: str) -> None:
+    """And a slow hand, creep and softening do better than what lets go at once, in error and in frequency."""
+    m, at_once = (beam["fits"][fit]["records"][record] for fit in ("hand", "both"))
+    off = [abs(r["frequency_hz"]["modelled"] / r["frequency_hz"]["measured"] - 1.0) for r in (m, at_once)]
+    assert off[0] < 0.03
+    assert off[0] < off[1]
+    assert m["steady_state_mm"]["modelled"] == pytest.approx(m["steady_state_mm"]["measured"], rel=0.03)
+    assert m["rmse_percent_of_travel"] < 3.5
+    assert m["rmse_percent_of_travel"] < at_once["rmse_percent_of_travel"] < 6
+
+
+@pytest.mark.parametrize(("fit", "record", "most"), [("hand_heavier", "load52", 8), ("hand_lighter", "alone", 8),
+                                                     ("heavier", "load52", 15)])  # fmt: skip
+def test_one_load_predicts_the_other(beam: dict[str, Any], fit: str, record: str, most: float) -> None:
     m = beam["fits"][fit]["records"][record]
-    assert m["frequency_hz"]["modelled"] == pytest.approx(m["frequency_hz"]["measured"], rel=0.03)
-    assert m["steady_state_mm"]["modelled"] == pytest.approx(m["steady_state_mm"]["measured"], rel=0.05)
-    assert m["rmse_percent_of_travel"] < {"hand": 2, "both": 6}[fit]
-
-
-def test_the_lighter_beam_alone_predicts_the_heavier_one_roughly(beam: dict[str, Any]) -> None:
-    m = beam["fits"]["heavier"]["records"]["load52"]
     assert m["role"] == "held_out"
     assert m["frequency_hz"]["modelled"] == pytest.approx(m["frequency_hz"]["measured"], rel=0.03)
-    assert m["rmse_percent_of_travel"] < 15
+    assert m["rmse_percent_of_travel"] < most
+
+
+def test_creep_and_a_slow_hand_earn_on_a_load_that_they_have_not_seen(beam: dict[str, Any]) -> None:
+    with_them, without = (beam["fits"][fit]["records"]["load52"] for fit in ("hand_heavier", "heavier"))
+    assert with_them["rmse_percent_of_travel"] < 0.75 * without["rmse_percent_of_travel"]
+    drops = (m["steady_state_mm"] for m in (with_them, without))
+    off = [abs(drop["modelled"] / drop["measured"] - 1.0) for drop in drops]
+    assert off[0] < 0.5 * off[1]
 
 
 def test_a_load_that_was_never_hung_on_is_forecast(beam: dict[str, Any]) -> None:

@@ -7,9 +7,10 @@ import pytest
 
 from pliant.actuators import chen2018
 from pliant.errors import InputError
+from pliant.failures import Failures
 from pliant.identification import Experiment, FitResult
-from pliant.simulation import Trace
-from pliant.study.forecast import check_forecasts, other_pressures, tip_lacks
+from pliant.simulation import Pulse, Trace, simulate
+from pliant.study.forecast import check_forecasts, other_pressures, run_forecasts, tip_lacks
 from pliant.study.schema import ForecastEntry, Study
 
 TIME = np.arange(0.0, 1.0, 0.01)
@@ -48,6 +49,22 @@ def test_pressures_go_with_a_measured_pressure():
     study = Study.model_construct(forecasts={"f": ForecastEntry(like="r", pressures={"chamber": 1e4})})
     with pytest.raises(InputError, match="forecast f: pressures go with a measured pressure, but 'r' is a pulse"):
         check_forecasts(study, {"r": pulse})
+
+
+def test_a_forecast_is_by_the_fit_that_it_names():
+    """Of two models, one with half the torque: it rests half as far; a fit that failed is named."""
+    model = chen2018.model(damping=0.1)
+    seen = simulate(model, Pulse(4e4, 0.1, 2.0), times=TIME)["station_position"].values
+    like = Experiment("r", TIME, seen, tuple(s.name for s in model.points), "step", level=4e4)
+    results = {name: FitResult(m, (), "", {"r": 1e-3}, 1, 0.0, converged=True)
+               for name, m in (("", model), ("half", model.with_(torque=0.5 * model.torque)))}  # fmt: skip
+    entries = {"own": ForecastEntry(like="r"), "other": ForecastEntry(like="r", fit="half"),
+               "none": ForecastEntry(like="r", fit="gone")}  # fmt: skip
+    failures = Failures("first", lambda _line: None)
+    made = run_forecasts(Study.model_construct(forecasts=entries, step=5e-3), {"r": like}, results, failures)
+    full, half = (f.tip[-1, 0] - f.tip[0, 0] for f in made)
+    assert half == pytest.approx(0.5 * full, rel=0.02)
+    assert [(f.fit, f.reason) for f in failures] == [("gone", "its fit gone could not be computed")]
 
 
 def test_the_band_of_a_forecast_grows_beyond_the_taught_levels():

@@ -80,6 +80,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         changed("forecasts", heavy={"like": "low", "known": {"load": 0.1}}), "forecast heavy: unknown parameter 'load'",
     ),
     "forecast like nothing": (changed("forecasts", heavy={"like": "lo"}), "is like recording 'lo'; listed are low"),
+    "forecast of no fit": (changed("forecasts", heavy={"like": "low", "fit": "lin"}), "of fit 'lin'; there are "),
     "train on what is not listed": (changed("fits", "linear", train=["lo"]), "fit linear uses recording 'lo'; listed"),
     "hold out what is not listed": (changed("fits", "linear", held_out=["x"]), "fit linear uses recording 'x'; listed"),
     "trained and held out": (changed("fits", "linear", held_out=["low"]), "trains on and holds out 'low'"),

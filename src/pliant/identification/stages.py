@@ -54,6 +54,7 @@ LAGS = (0.02, 0.1, 0.4, 1.5)
 ELASTIC = ("stiffness", "damping")
 CREEP = ("creep_share_1", "creep_time_1")
 BOUC_WEN = ("boucwen_share", "boucwen_beta", Parameter("boucwen_gamma", 0.0, free=False))
+GENT = Parameter("inflation_jm", 20.0, prior=20.0, prior_std=4.0, source="tensile test of Dragon Skin 10")
 SOFTEN = ("stiffening", Parameter("stiffening_bound", 0.75, free=False))  # as of a neo-Hookean wall
 STAGES: tuple[Stage, ...] = (
     Stage("given", "as given"),
@@ -75,6 +76,7 @@ MORE_STAGES: tuple[Stage, ...] = (  # taken where a study names them
     Stage("wall", "+ hyperelastic wall in place of the curved torque law",
          (("inflation_limit", "inflation_time"), ("inflation_limit", Parameter("inflation_time", 0.05, free=False))),
          drops=("*.torque_2",), scan=(("inflation_time", (0.02, 0.1)),)),
+    Stage("gent", "+ Gent's bound of the wall's stretch, by a prior of Dragon Skin 10", ((GENT,),)),
     Stage("settle", "+ late settling of the regulator", (("valve_settle_share", "valve_settle_time"),),
          scan=(("valve_settle_time", (0.3, 1.0, 3.0)),)),
     Stage("vent", "+ limited fall", (("valve_fall_rate",),), scan=(("valve_fall_rate", (1e4, 1e5, 1e6)),)),

@@ -15,7 +15,7 @@ from pliant.identification.discrepancy import discrepancy
 from pliant.identification.edges import edges
 from pliant.identification.error_propagation import half_widths
 from pliant.simulation import Trace
-from pliant.study.schema import Study
+from pliant.study.schema import ForecastEntry, Study
 from pliant.units import pascal_per
 from pliant.validation.extension import NAMES, growth
 from pliant.validation.metrics import response
@@ -41,30 +41,32 @@ def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None
 
 
 def run_forecasts(
-    study: Study, experiments: Mapping[str, Experiment], result: FitResult, failures: Failures,
+    study: Study, experiments: Mapping[str, Experiment], results: Mapping[str, FitResult], failures: Failures,
 ) -> tuple[Forecast, ...]:
-    """All forecasts of a study; those that cannot be computed are added to `failures`."""
-    made = [
-        failures.attempt(f"forecast {name}", "", partial(run_forecast, study, name, experiments, result, failures))
-        for name in study.forecasts
-    ]
+    """All forecasts of a study by the fits that they name, "" the study's; failed ones are added to `failures`."""
+    made = []
+    for name, entry in study.forecasts.items():
+        own = Failures(entry.fit or failures.fit, failures.warn)
+        compute = partial(run_forecast, study, name, experiments, results, own)
+        made.append(own.attempt(f"forecast {name}", "", compute))
+        failures += own
     return tuple(f for f in made if f is not None)
 
 
 def run_forecast(
-    study: Study, name: str, experiments: Mapping[str, Experiment], result: FitResult, failures: Failures,
+    study: Study, name: str, experiments: Mapping[str, Experiment], results: Mapping[str, FitResult],
+    failures: Failures,
 ) -> Forecast:
     """Predict a case that was not recorded: like a recorded one, with the stated changes.
 
     An interval or band that cannot be computed is added to `failures`, and the forecast goes without it.
     """
     entry = study.forecasts[name]
-    template = experiments[entry.like]
-    level = template.level if entry.level is None else entry.level * pascal_per(entry.pressure_unit)
-    case = replace(template, name=name, level=level, known={**template.known, **entry.known})
+    if entry.fit not in results:
+        raise SimulationError(f"its fit {entry.fit} could not be computed")
+    result, template = results[entry.fit], experiments[entry.like]
     driven = {c: p * pascal_per(entry.pressure_unit) for c, p in entry.pressures.items()}
-    if driven:
-        case = other_pressures(case, driven)
+    case = case_of(name, entry, template, driven)
     own = edge_values(case.own_parameters, template)
     seen: list[str] = []
 
@@ -92,12 +94,19 @@ def run_forecast(
         return finite(np.hypot(half[count:].reshape(tip.shape), WIDE * lacks), "the width of the band")
 
     width = failures.attempt(f"{'interval and ' * bool(problems)}band of forecast {name}", "", half_width)
-    stated = entry.known | ({"level": level} if entry.level is not None else {}) | {
+    stated = entry.known | ({"level": case.level} if entry.level is not None else {}) | {
         f"{chamber}.pressure": p for chamber, p in driven.items()}
     return Forecast(
         name, entry.title or name, stated, case.time, tip, dict(zip(seen, found[:count].tolist(), strict=True)),
         interval, width,
     )
+
+
+def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mapping[str, float]) -> Experiment:
+    """The experiment that a forecast describes: like `template`, with other loads, another level or `driven` [Pa]."""
+    level = template.level if entry.level is None else entry.level * pascal_per(entry.pressure_unit)
+    case = replace(template, name=name, level=level, known={**template.known, **entry.known})
+    return other_pressures(case, driven) if driven else case
 
 
 def tip_lacks(

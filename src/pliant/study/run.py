@@ -85,7 +85,8 @@ def run_study(
         fitted = clock.perf_counter()
         first = fits[0].result
         failures = Failures(fits[0].name, tell)
-        forecasts = run_forecasts(study, ready.experiments, first, failures)
+        results = {"": first, **{fit.name: fit.result for fit in fits}}
+        forecasts = run_forecasts(study, ready.experiments, results, failures)
         outcome = StudyOutcome(
             study.name, study.title or study.name, study.description, replace(first.model, name=study.name), fits,
             forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},

@@ -231,6 +231,7 @@ class ForecastEntry(StudyEntry):
 
     title: str = ""
     like: str  # the recording whose excitation it shares
+    fit: str = ""  # whose model predicts; default: the study's
     known: dict[str, float] = {}
     level: float | None = None
     pressures: dict[str, float] = {}  # chamber -> highest, on the recording's course; others stay as they began
@@ -321,13 +322,22 @@ def check_names(study: Study, path: Path) -> None:
             problem = f"trains on and holds out {min(both)!r}" if both else "trains on no recording"
             raise InputError(f"study {path}: fit {name} {problem}")
     check_reduction(study, path)
-    for name, entry in study.forecasts.items():
-        if entry.like not in study.recordings:
-            raise InputError(f"study {path}: forecast {name} is like recording {entry.like!r}; listed are {listed}")
+    check_forecast_names(study, path)
     if bad := [n for n in (*study.recordings, *study.forecasts) if "." in n or not n]:
         raise InputError(f"study {path}: the name of a recording or forecast has no dot, got {bad[0]!r}")
     check_chambers(study, path)
     check_parameters(study, path)
+
+
+def check_forecast_names(study: Study, path: Path) -> None:
+    """Every forecast is like a recording that is listed, and by a fit that is."""
+    for name, entry in study.forecasts.items():
+        if entry.like not in study.recordings:
+            listed = ", ".join(study.recordings)
+            raise InputError(f"study {path}: forecast {name} is like recording {entry.like!r}; listed are {listed}")
+        if entry.fit and entry.fit not in study.fits:
+            fits = ", ".join(study.fits)
+            raise InputError(f"study {path}: forecast {name} is of fit {entry.fit!r}; there are {fits}")
 
 
 def check_reduction(study: Study, path: Path) -> None:
