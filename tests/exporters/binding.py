@@ -56,13 +56,13 @@ class Arm:
 
     @property
     def angle(self) -> np.ndarray:
-        """Absolute link angles (n,), rad."""
-        return np.array(self.state[: self.model.n])
+        """Absolute link angles (n,), in space the coordinates (N,), rad."""
+        return np.array(self.state[: self.model.size])
 
     @property
     def rate(self) -> np.ndarray:
         """Their rates (n,), rad/s."""
-        return np.array(self.state[self.model.n : 2 * self.model.n])
+        return np.array(self.state[self.model.size : 2 * self.model.size])
 
     def ask(self, what: str, *shapes: tuple[int, ...]) -> list[np.ndarray]:
         """Arrays that a function of the state fills."""

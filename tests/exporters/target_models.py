@@ -47,7 +47,7 @@ MODELS = {"paper": paper, "demo": demo, "creeping": creeping}
 AZIMUTHS = np.radians([90.0, 210.0, 330.0])
 
 
-def in_space() -> Model:
+def in_space(links: int = 4) -> Model:
     """Three chambers, a tilted base, a rest shape that bends and twists, two bending stiffnesses, a cap, gravity."""
     chambers = tuple(
         Chamber([2e-6], joint_gain=np.sin(a), cross_gain=-np.cos(a), name=name,
@@ -55,29 +55,31 @@ def in_space() -> Model:
         for a, name in zip(AZIMUTHS, ("red", "green", "blue"), strict=True)
     )  # fmt: skip
     return chain_model(
-        length=0.3, mass=0.1, links=4, joint_placement="midsegment", stiffness=0.5, damping=5e-3, chambers=chambers,
+        length=0.3, mass=0.1, links=links, joint_placement="midsegment", stiffness=0.5, damping=5e-3, chambers=chambers,
         gravity=(0.5, 0.2, -9.8), tip_mass=0.01, name="in_space",
         space=Space(stiffness_ratio=1.3, rest_turn=[0.1, -0.05, 0.2], base_tilt=[0.2, -0.1], radius=0.012),
-        stations=[("middle", 1, 0.02, 0.003, 0.004), ("base", -1, 0.01, 0.002, 0.001), ("tip", 3, 0.0375)],
+        stations=[
+            ("middle", 1, 0.02, 0.003, 0.004), ("base", -1, 0.01, 0.002, 0.001), ("tip", links - 1, 0.15 / links),
+        ],
     )
 
 
-def twisting() -> Model:
+def twisting(links: int = 4) -> Model:
     """As `in_space`, with joints that twist."""
-    model = in_space()
+    model = in_space(links)
     return model.with_(space=replace(model.space, twist_ratio=0.7), name="twisting")
 
 
-def pulled() -> Model:
+def pulled(links: int = 4) -> Model:
     """Tendons: one drawn in that can hang slack, a pair on a motor, one under a known tension."""
     passed = {"lever": 8e-3, "line_stiffness": 2e3}
     cords = (
-        Tendon.at_azimuth(AZIMUTHS[0], np.ones(4), driven_by="displacement", pretension=1.0, name="long", **passed),
-        Tendon.at_azimuth(AZIMUTHS[1], np.ones(4), driven_by="angle", pulley=0.01, pair=True, name="pair",
+        Tendon.at_azimuth(AZIMUTHS[0], np.ones(links), driven_by="displacement", pretension=1.0, name="long", **passed),
+        Tendon.at_azimuth(AZIMUTHS[1], np.ones(links), driven_by="angle", pulley=0.01, pair=True, name="pair",
                           valve=Valve(rise_time=0.02, fall_time=0.02), **passed),
-        Tendon.at_azimuth(AZIMUTHS[2], [1, 1, 0, 0], lever=8e-3, name="short"),
+        Tendon.at_azimuth(AZIMUTHS[2], [1.0] + [0.0] * (links - 1), lever=8e-3, name="short"),
     )  # fmt: skip
-    return in_space().with_(chambers=cords, name="pulled")
+    return in_space(links).with_(chambers=cords, name="pulled")
 
 
 SPATIAL = {"in_space": in_space, "twisting": twisting, "pulled": pulled}

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from target_models import pulled
 
 import pliant
 from pliant.actuators import chen2018
@@ -126,6 +127,34 @@ class Session:
     def close(self):
         self.fmu.terminate()
         self.fmu.freeInstance()
+
+
+@pytest.mark.slow
+def test_a_body_in_space_under_tendons(made, tmp_path):
+    """Units of its inputs and parameters; a parameter tuned changes what `update` derives from it."""
+    model = pulled(2)
+    file = made(model, "2.0")
+    known = {v.name: v for v in variables(model, 0.0)}
+    assert [known[f"pressure_{name}"].unit for name in ("long", "pair", "short")] == ["m", "rad", "N"]
+    assert [known[f"torque[{c},1]"].unit for c in (1, 2, 3)] == ["N/m", "N/rad", "m"]
+    run, stiff = Session(file, "2.0", tmp_path), model.with_(space=replace(model.space, stiffness_ratio=2.0))
+    for body in (model, stiff):
+        stepper = Stepper(model, 1e-3, np.zeros(3))
+        if body is stiff:
+            run.fmu.reset()
+            run.time = 0.0
+            run.set("stiffness_ratio", 2.0)
+            stepper = Stepper(body, 1e-3, np.zeros(3))
+            stepper.reset(0.0, joint_angle=pliant.equilibrium(model, np.zeros(3)))
+        for name, level in zip(("long", "pair", "short"), (2e-3, 0.3, 1.0), strict=True):
+            run.set(f"pressure_{name}", level)
+        for _ in range(50):
+            run.go(1)
+            stepper.step([2e-3, 0.3, 1.0])
+        found = [run.get(f"tip.{axis}") for axis in "xyz"] + [run.get("bend_x_1"), run.get("bend_y_2")]
+        assert found == pytest.approx([*stepper.stations()[0][-1], stepper.angle[0], stepper.angle[3]], abs=1e-12)
+        assert run.get("pressure_pair_behind_valve") == pytest.approx(stepper.pressure[1], rel=1e-12)
+    run.close()
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from binding import Arm
 from target_models import in_space, pulled, twisting
 
 import pliant
@@ -60,6 +61,36 @@ def test_typical_input_bends_by_half_a_radian(spatial):
     level = typical_pressure(spatial)
     far = equilibrium(spatial, [level, 0.0, 0.0]) - equilibrium(spatial, [0.0, 0.0, 0.0])
     assert np.linalg.norm(far[: 2 * spatial.n].reshape(-1, 2).sum(axis=0)) == pytest.approx(0.5, rel=0.05)
+
+
+def of_all_kinds() -> Model:
+    """Two joints that twist, springs that soften within a bound, a chamber, a tendon that may hang slack, a pair."""
+    soft = {"stiffening": -0.2, "cubic_stiffening": 0.1, "stiffening_bound": 0.7}
+    inputs = (twisting(2).chambers[0], *pulled(2).chambers[:2])
+    return twisting(2).with_(chambers=inputs, name="all_kinds", **soft)
+
+
+def test_c_takes_the_steps_of_the_stepper(tmp_path):
+    """Inputs that change; what the C says of its state."""
+    model, levels = of_all_kinds(), np.array([60e3, 4e-3, 0.8])
+    arm, stepper = Arm(model, tmp_path), Stepper(model, 1e-3, np.zeros(3))
+    chain, worst, farthest = mechanics_of(model), 0.0, 0.0
+    assert arm.angle == pytest.approx(stepper.angle, abs=1e-14)
+    for k in range(600):
+        now = levels * (0.0, 1.0, -1.0)[k // 200]
+        assert arm.step(*now) == 0
+        stepper.step(now)
+        worst = max(worst, np.abs(arm.angle - stepper.angle).max(), 1e-3 * np.abs(arm.rate - stepper.rate).max())
+        farthest = max(farthest, np.abs(stepper.angle).max())
+    assert farthest > 0.2
+    assert worst < 1e-13
+    places, angles = stepper.stations()
+    poses = arm.ask("stations", (len(model.points), 4))[0]
+    assert poses == pytest.approx(np.column_stack([places, angles]), abs=1e-13)
+    assert arm.ask("tips", (model.n, 3))[0] == pytest.approx(stepper.tips(), abs=1e-13)
+    assert arm.ask("joint_angles", (model.size,))[0] == pytest.approx(arm.angle, abs=0.0)
+    energies = chain.energy(stepper.position, stepper.velocity)
+    assert arm.ask("energy", (3,))[0] == pytest.approx(list(energies), abs=1e-13)
 
 
 def compiled(model, **options):

@@ -22,7 +22,7 @@ from pliant.compiler.c_values import CScope, Expressions, Real, Truth, Turn
 from pliant.errors import InputError
 from pliant.numerics import trig
 
-LONG = 16  # a loop that may be left early and turns more often stays a loop
+LONG = 16  # a loop that may be left early, turns more often and whose counter is no index stays a loop
 
 
 class Stop(Exception):  # control flow of the text that is run, known beforehand
@@ -49,6 +49,7 @@ class CWriter(Expressions):
     def call(self, kernel: Any, *arguments: Any) -> Any:
         """Write a call of a kernel out; returns what it returns."""
         self.count += 1
+        kernel = self.instead.get(kernel, kernel)
         frame = CScope(self.count, {**kernel.__globals__, **self.constants})
         tree = tree_of(kernel)
         defaults = kernel.__defaults__ or ()
@@ -165,7 +166,7 @@ class CWriter(Expressions):
         name = node.target.id  # type: ignore[attr-defined]
         mark: list[Any] = [f"break_{self.fresh()}", False, frame.depth]
         frame.breaks.append(mark)
-        if leaves and len(turns) > LONG:
+        if leaves and len(turns) > LONG and only_counts(node, name):
             self.loop(frame, node, name, turns)
         else:
             try:
@@ -192,6 +193,13 @@ class CWriter(Expressions):
             raise Broken
         mark[1] = True
         self.say(f"goto {mark[0]};")
+
+
+def only_counts(loop: ast.For, name: str) -> bool:
+    """Return whether the counter of a loop is at most compared with a number: elements of arrays are names in C."""
+    nodes = [node for statement in loop.body for node in ast.walk(statement)]
+    compared = {id(node.left) for node in nodes if isinstance(node, ast.Compare)}
+    return all(id(node) in compared for node in nodes if isinstance(node, ast.Name) and node.id == name)
 
 
 def cosine_and_sine(kind: str, prefix: str, *, single: bool) -> str:

@@ -7,6 +7,7 @@ import builtins
 import operator
 import re
 from collections import Counter
+from collections.abc import Iterable, Mapping
 from types import FunctionType
 from typing import Any
 
@@ -17,6 +18,7 @@ from pliant.errors import InputError
 OPERATORS: dict[type, tuple[str, Any]] = {
     ast.Add: ("+", operator.add), ast.Sub: ("-", operator.sub), ast.Mult: ("*", operator.mul),
     ast.Div: ("/", operator.truediv), ast.FloorDiv: ("//", operator.floordiv), ast.Pow: ("**", operator.pow),
+    ast.Mod: ("%", operator.mod),
 }
 COMPARISONS: dict[type, tuple[str, Any]] = {
     ast.Lt: ("<", operator.lt), ast.LtE: ("<=", operator.le), ast.Gt: (">", operator.gt), ast.GtE: (">=", operator.ge),
@@ -71,11 +73,15 @@ class CScope:
 class Expressions:
     """Writes expressions into the body of one function of C."""
 
-    def __init__(self, single: bool = False, constants: dict[str, float] | None = None, prefix: str = "") -> None:
+    def __init__(
+        self, single: bool = False, constants: dict[str, float] | None = None, prefix: str = "",
+        instead: Mapping[Any, Any] | None = None,
+    ) -> None:
         self.lines: list[str] = []
         self.locals: dict[str, None] = {}
         self.suffix = "f" if single else ""
         self.constants, self.prefix = constants or {}, prefix
+        self.instead = instead or {}  # kernels that stand for others
         self.shared: set[str] = set()  # elements of arrays, which a kernel may change
         self.count = 0
         self.indent = 1
@@ -176,8 +182,13 @@ class Expressions:
         return Real(f"pow{self.suffix}({self.number(base)}, {self.number(exponent)})")
 
     def of_Compare(self, frame: CScope, node: ast.Compare) -> Any:
-        left, right = self.value(frame, node.left), self.value(frame, node.comparators[0])
-        sign, known = COMPARISONS[type(node.ops[0])]
+        sides = [self.value(frame, side) for side in (node.left, *node.comparators)]
+        several = [self.compared(*pair) for pair in zip(sides, node.ops, sides[1:], strict=False)]
+        return several[0] if len(several) == 1 else self.both(several)
+
+    def compared(self, left: Any, operation: ast.cmpop, right: Any) -> Any:
+        """Whether a value compares to another as `operation` says."""
+        sign, known = COMPARISONS[type(operation)]
         if isinstance(left, Turn):
             return Truth(f"{left.name} {sign} {int(right)}")
         if not isinstance(left, Real) and not isinstance(right, Real):
@@ -185,10 +196,12 @@ class Expressions:
         return Truth(f"{self.number(left)} {sign} {self.number(right)}")
 
     def of_BoolOp(self, frame: CScope, node: ast.BoolOp) -> Any:
-        stops = isinstance(node.op, ast.Or)
+        return self.both((self.value(frame, part) for part in node.values), stops=isinstance(node.op, ast.Or))
+
+    def both(self, values: Iterable[Any], *, stops: bool = False) -> Any:
+        """Whether all of several conditions hold; with `stops`, whether any does."""
         open_ones = []
-        for part in node.values:
-            value = self.value(frame, part)
+        for value in values:
             if isinstance(value, Truth):
                 open_ones.append(f"({value})")
             elif bool(value) is stops:
@@ -196,6 +209,13 @@ class Expressions:
         if not open_ones:
             return not stops
         return Truth((" || " if stops else " && ").join(open_ones))
+
+    def of_IfExp(self, frame: CScope, node: ast.IfExp) -> Any:
+        test = self.value(frame, node.test)
+        if not isinstance(test, Truth):
+            return self.value(frame, node.body if test else node.orelse)
+        yes, no = (self.number(self.value(frame, part)) for part in (node.body, node.orelse))
+        return Real(f"(({test}) ? {yes} : {no})")
 
     def of_Call(self, frame: CScope, node: ast.Call) -> Any:
         made = self.value(frame, node.func)
@@ -211,8 +231,11 @@ class Expressions:
     def library(self, name: str, arguments: list[Any]) -> Real:
         """A function of the C library, or one of our own."""
         if name in ("min", "max"):
-            one, other = (self.number(self.keep(a, f"of_{self.fresh()}")) for a in arguments)
-            return Real(f"({other} {'<' if name == 'min' else '>'} {one} ? {other} : {one})")
+            one, *others = (self.number(self.keep(a, f"of_{self.fresh()}")) for a in arguments)
+            for other in others:
+                chosen = f"({other} {'<' if name == 'min' else '>'} {one} ? {other} : {one})"
+                one = chosen if other is others[-1] else self.number(self.keep(Real(chosen), f"of_{self.fresh()}"))
+            return Real(one)
         if name in ("cos", "sin"):
             return self.cosine_and_sine(self.number(arguments[0]))[name == "sin"]
         return Real(f"{LIBRARY[name if name != 'absolute' else 'abs']}{self.suffix}({self.number(arguments[0])})")

@@ -19,6 +19,7 @@ import numpy as np
 from pliant.compiler.c import cosine_and_sine
 from pliant.errors import InputError, shown
 from pliant.exporters.c_functions import DERIVED, Text, parameters
+from pliant.exporters.c_space import text_of
 from pliant.exporters.features import ALL
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
@@ -33,8 +34,16 @@ from pliant.simulation.time_step import shared_step, warn_too_coarse
 from pliant.text import escaped
 
 Array = np.ndarray
-CAN = ALL - {"lengthening", "second_order", "settling", "dead_band", "space", "tendons"}
+CAN = ALL - {"lengthening", "second_order", "settling", "dead_band", "space_memory"}
 MOST_LINKS = 24  # the text of a step grows with the cube of the links
+
+
+LINEARISE = """
+/* d(angle, rate)/dt = A d(angle, rate) + B d(pressure) about the present state; memory sticks, creep has no time to
+ * flow, rubber that takes time holds. */
+void @P@_linearise(const @P@_state *s, const @P@_parameters *p, @KIND@ A[@TWICE@][@TWICE@],
+                        @KIND@ B[@TWICE@][@C@]);
+"""
 
 
 class Code(NamedTuple):
@@ -63,7 +72,7 @@ def start(text: Text, pressure: float, queue: int) -> str:
     levels = np.full(model.actuation.count, pressure)
     q = state.equilibrium(model, levels)
     values: dict[str, Array] = {
-        "angle": mechanics_of(model).coordinates(q), "rate": np.zeros(model.n), "pressure": levels,
+        "angle": mechanics_of(model).coordinates(q), "rate": np.zeros(model.size), "pressure": levels,
         "chamber": model.actuation.rest_state(levels),
     }
     if text.branches:
@@ -118,10 +127,13 @@ def public_step(text: Text, h: float) -> tuple[str, int]:
 
 def fields(text: Text, queue: int) -> tuple[str, str]:
     """The members of the two structs."""
-    n, C, kind = text.model.n, text.model.actuation.count, text.kind
+    n, N, C, kind = text.model.n, text.model.size, text.model.actuation.count, text.kind
+    swings = ", ".join(mechanics_of(text.model).joint_names)
+    angles = swings if text.model.space else "absolute angle of each link from the base tangent +y"
+    inputs = ", ".join(dict.fromkeys(text.model.actuation.units)).replace("Pa", "Pa gauge")
     rows = [
-        f"{kind} angle[{n}]; /* rad, absolute angle of each link from the base tangent +y */",
-        f"{kind} rate[{n}]; /* rad/s */", f"{kind} pressure[{C}]; /* Pa gauge, behind the valve */",
+        f"{kind} angle[{N}]; /* rad, {angles} */",
+        f"{kind} rate[{N}]; /* rad/s */", f"{kind} pressure[{C}]; /* {inputs}, behind the valve */",
         f"{kind} chamber[{C}][2]; /* Pa, slow pressure; 1, fourth power of the hoop stretch */",
     ]
     if text.branches:
@@ -129,9 +141,10 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
         rows.append(f"{kind} memory[{n}][{text.branches}]; /* rad, {labels} of each joint */")
     if queue:
         rows += [f"{kind} queue[{queue}][{C}]; /* Pa, commands on their way */", "int next; /* place of the next */"]
-    units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", "B": "derived", "I": "derived", "h": "derived",
-             "hardening": "derived", "torque": "N m/Pa^k", "joint_gain": "1",
-             "boucwen": "1, 1/rad^n, 1/rad^n, 1"}  # fmt: skip
+    units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", **dict.fromkeys(DERIVED, "derived"),
+             "torque": "N m/Pa^k", "joint_gain": "1",
+             "boucwen": "1, 1/rad^n, 1/rad^n, 1", "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "lever": "m",
+             "tendon_stiffness": "N/m, `torque` holds it too", "pretension": "N", "edge": "N"}  # fmt: skip
     known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}
     held = [
         f"{kind} {f}{''.join(f'[{size}]' for size in v.shape)}; /* {known.get(f, '')} */"
@@ -152,23 +165,29 @@ def code(model: Model, provenance: Provenance, *, step: float, precision: str, p
     model = with_identifiers(model)
     prefix = escaped(prefix or model.name, "identifier").lower()
     single = precision == "single"
-    text = Text(model, prefix, single=single)
+    text = text_of(model, prefix, single=single)
     public, queue = public_step(text, step)
     comment = "/*\n" + "\n".join(f" * {line}" for line in provenance.lines("c_comment")) + "\n */\n"
     rows, held = fields(text, queue)
     words = {
-        "COMMENT": comment, "UP": prefix.upper(), "P": prefix, "N": model.n, "2N": 2 * model.n, "KIND": text.kind,
+        "COMMENT": comment, "UP": prefix.upper(), "P": prefix, "N": model.n, "KIND": text.kind,
+        "SIZE": model.size, "TWICE": 2 * model.n,
+        "POSE": text.pose, "AXES": "x, y and z" if model.space else "x and y", "PLACES": len(model.gravity),
+        "COMMANDS": "inputs" if model.actuation.units != ("Pa",) * model.actuation.count else "pressures [Pa gauge]",
         "C": model.actuation.count, "STATIONS": len(model.points), "STEP": repr(float(step)),
         "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": held, "PRESSURE": f"{pressure:g}",
         "POINTS": ", ".join(p.name for p in model.points),
     }
+    words["LINEARISE"] = "" if model.space else filled(LINEARISE, words)
     header = filled((files("pliant.exporters") / "templates" / "c99.h").read_text(encoding="utf-8"), words)
     parts = [
-        cosine_and_sine(text.kind, f"{prefix}_", single=single), text.update(), defaults(text),
+        text.update(), defaults(text),
         start(text, pressure, queue), text.step(), public, text.tips(), text.joint_angles(), text.stations(),
         text.energy(), text.linearise(),
     ]
-    source = f'{comment}#include <math.h>\n\n#include "{prefix}.h"\n\n' + "\n".join(parts)
+    if any(f"{prefix}_cos_sin(" in part for part in parts):
+        parts.insert(0, cosine_and_sine(text.kind, f"{prefix}_", single=single))
+    source = f'{comment}#include <math.h>\n\n#include "{prefix}.h"\n\n' + "\n".join(filter(None, parts))
     return Code(header, source, prefix, queue)
 
 

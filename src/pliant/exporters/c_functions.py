@@ -10,7 +10,7 @@ from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real, cells
 from pliant.equations import energy, inertia, laws, motion, symbols
 from pliant.equations.elastic import ROWS, TERMS
-from pliant.mechanics import mechanics_of, planar
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.numerics.ldl import ldl_solve
@@ -19,7 +19,8 @@ from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
-DERIVED = ("B", "I", "h", "hardening")  # of the parameters, what `update` works out of the others
+IN_SPACE = ("length", "mass", "centre", "lateral", "axial", "rest", "base")  # of the body, derived
+DERIVED = ("B", "I", "h", "K", "D", "hardening", *IN_SPACE)  # what `update` works out of the other parameters
 FORM = 5  # place of the number of its law behind the rubber of a chamber: known beforehand
 LIMITS = {"AGREE": 2e-6}  # rad, what single precision can agree to; see `equations.memory`
 
@@ -27,39 +28,81 @@ LIMITS = {"AGREE": 2e-6}  # rad, what single precision can agree to; see `equati
 class Names(NamedTuple):
     """The arrays of a model under the names that they have in C, and what is known beforehand."""
 
-    body: symbols.Body
+    body: Any  # `symbols.Body`, or `SpatialBody`
     joints: symbols.Joints
     memory: symbols.MemoryLaw
     drives: march_loops.Drives
 
 
 def parameters(model: Model) -> dict[str, Array]:
-    """What the struct of parameters holds, by field: arrays in SI."""
-    actuation, n = model.actuation.kernel(), model.n
+    """What the struct of parameters holds, by field: arrays in SI, none of them empty."""
+    return {name: value for name, value in constants(model).items() if value.size}
+
+
+def constants(model: Model) -> dict[str, Array]:
+    """Return what the kernels take of a model, by field: arrays in SI, also empty ones."""
+    actuation = model.actuation.kernel()
     memory = model.memory.law()
     lags = np.array([lag_of(c.valve) for c in model.chambers])
     held: dict[str, Any] = {
         "link_length": model.link_length, "link_mass": model.link_mass, "tip_mass": model.tip_mass,
         "stiffness": model.stiffness, "damping": model.damping,
         **{t: getattr(model, t) for t in (*SPRING_TERMS, SPRING_BOUND)},
-        "rest_angle": model.rest_angle, "base_length": model.base_length, "base_angle": model.base_angle,
-        "gravity": model.gravity, "torque": actuation.law, "joint_gain": actuation.gain, "valve": lags,
+        **rest_shape(model), "base_length": model.base_length, "gravity": model.gravity,
+        "torque": actuation.law, "joint_gain": actuation.gain, "valve": lags,
         "rubber": actuation.rubber[:, :FORM], "creep_share": memory.creep_share, "creep_time": memory.creep_time,
         "slip_share": memory.slip_share, "slip_angle": memory.slip_angle,
         "boucwen": np.array([getattr(memory, f) for f in memory._fields[4:]]),
         "dead_time": np.array([c.valve.dead_time for c in model.chambers]),
     }
-    body = mechanics_of(model).body
-    derived = {"B": body.B, "I": body.I, "h": body.h, "hardening": np.zeros((ROWS, n))}
-    return {k: np.asarray(v, dtype=float) for k, v in (held | derived).items() if np.size(v)}
+    derived = {"hardening": np.zeros((ROWS, model.size))} | derived_constants(model)
+    return {k: np.asarray(v, dtype=float) for k, v in (held | derived).items()}
+
+
+def rest_shape(model: Model) -> dict[str, Any]:
+    """Return the parameters of the rest shape, and in space those that a chain in a plane has not."""
+    if not model.space:
+        return {"rest_angle": model.rest_angle, "base_angle": model.base_angle}
+    space, body = model.space, mechanics_of(model).body
+    more = {"twist_ratio": space.twist_ratio} if space.turns == 3 else {}
+    return {
+        "rest_turn": space.rest_of(model.n), "base_tilt": space.base_tilt, "radius": space.radius,
+        "stiffness_ratio": space.stiffness_ratio, **more, **{f: getattr(body, f) for f in beside_inertia(body)},
+    }
+
+
+def beside_inertia(body: Any) -> tuple[str, ...]:
+    """Return the fields of the constants of a chain in space that are neither inertia, frames nor gravity."""
+    return tuple(field for field in body._fields if field not in (*IN_SPACE, "gx", "gy", "gz"))
+
+
+def derived_constants(model: Model) -> dict[str, Any]:
+    """Return what follows from the parameters, of which the shapes count."""
+    chain = mechanics_of(model)
+    if not model.space:
+        return {name: getattr(chain.body, name) for name in ("B", "I", "h")}
+    springs = {"K": chain.joints.K, "D": chain.joints.D}
+    return springs | {name: getattr(chain.body, name) for name in IN_SPACE}
 
 
 def place(model: Model, who: str, field: str) -> Any:
     """Names of the elements of a field of the parameters; a number where the field is one number."""
-    value = parameters(model).get(field)
-    if value is None:
-        return np.empty(0, dtype=object)
+    value = constants(model)[field]
     return cells(f"{who}->{field}", value.shape) if value.ndim else Real(f"{who}->{field}")
+
+
+def chain_names(model: Model) -> tuple[Any, Any]:
+    """Return body and springs as the kernels take them."""
+    def of(field: str) -> Any:
+        return place(model, "p", field)
+
+    gravity = of("gravity")
+    if not model.space:
+        springs = [of(f) for f in ("base_angle", "rest_angle", "stiffness", "damping", "hardening", "rest_angle")]
+        return symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1]), symbols.Joints(*springs)
+    weight = dict(zip(("gx", "gy", "gz"), gravity, strict=True))
+    body = symbols.SpatialBody(*(weight[f] if f in weight else of(f) for f in symbols.SpatialBody._fields))
+    return body, symbols.Joints(0.0, np.zeros(model.size), of("K"), of("D"), of("hardening"), np.zeros(model.n))
 
 
 def names(model: Model) -> Names:
@@ -69,10 +112,7 @@ def names(model: Model) -> Names:
     def of(field: str) -> Any:
         return place(model, "p", field)
 
-    gravity = of("gravity")
-    joints = symbols.Joints(
-        of("base_angle"), of("rest_angle"), of("stiffness"), of("damping"), of("hardening"), of("rest_angle"),
-    )
+    body, joints = chain_names(model)
     law = model.memory.law()
     boucwen = [of("boucwen")[i] if law.boucwen_share else v for i, v in enumerate(law[4:])]
     memory = symbols.MemoryLaw(of("creep_share"), of("creep_time"), of("slip_share"), of("slip_angle"), *boucwen)
@@ -87,28 +127,35 @@ def names(model: Model) -> Names:
     forms = model.actuation.kernel().rubber[:, FORM:].astype(object)
     actuation = symbols.ActuationConstants(of("torque"), of("joint_gain"), np.hstack([rubber, forms]))
     drives = march_loops.Drives(actuation, valve, cells("s->pressure", (C,)), cells("s->chamber", (C, 2)))
-    body = symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1])
     return Names(body, joints, memory, drives)
 
 
 class Text:
-    """The functions of one model."""
+    """The functions of one model that bends in a plane.
+
+    Attributes
+    ----------
+    pose : int
+        Numbers that describe an observed point: its position and an angle.
+    """
+
+    pose = 3
 
     def __init__(self, model: Model, prefix: str, *, single: bool) -> None:
         self.model, self.prefix, self.single = model, prefix, single
         self.kind = f"{prefix}_real"
         self.given = names(model)
-        self.phi, self.w = cells("s->angle", (model.n,)), cells("s->rate", (model.n,))
+        self.phi, self.w = cells("s->angle", (model.size,)), cells("s->rate", (model.size,))
         self.branches = state.relaxed(model, np.zeros(model.n)).shape[1] if model.memory else 0
 
     def writer(self) -> CWriter:
         """An empty function."""
         return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_")
 
-    def workspace(self, writer: CWriter) -> symbols.Workspace:
+    def workspace(self, writer: CWriter) -> Any:
         """Scratch arrays as local numbers."""
-        example = planar.workspace(self.model.n)
-        return symbols.Workspace(*(writer.scratch(f"work_{f}", v.shape) for f, v in example._asdict().items()))
+        example = mechanics_of(self.model).workspace()
+        return type(example)(*(writer.scratch(f"work_{f}", v.shape) for f, v in example._asdict().items()))
 
     def past(self, writer: CWriter) -> symbols.Past:
         """The memory, with scratch arrays as local numbers."""
@@ -165,15 +212,15 @@ class Text:
             w.say(f"{centre[k]} = {w.number(0.5 if rod else 1.0)} * {l[k]};")
             inertia_of = f"{m[k]} * {l[k]} * {l[k]} / {w.number(12.0)}" if rod else w.number(0.0)
             w.say(f"p->I[{k}] = {inertia_of};")
-            for j, term in enumerate(SPRING_TERMS):
-                w.say(f"{self.given.joints.hardening[j, k]} = p->stiffness[{k}] * p->{term}[{k}];")
-            self.bound(w, k)
+            self.curved_spring(w, k, k)
         w.call(inertia.body_constants, l, m, centre, Real("p->tip_mass"), self.given.body.B, self.given.body.h)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 
-    def bound(self, w: CWriter, k: int) -> None:
-        """Lay what bounds the first term of the spring of joint k, as `Springs.hardening` does."""
-        row, first = self.given.joints.hardening[TERMS, k], next(iter(SPRING_TERMS))
+    def curved_spring(self, w: CWriter, k: int, i: int) -> None:
+        """Lay the terms of the spring of joint k, of coordinate i, and its bound, as `Springs.hardening`."""
+        for j, term in enumerate(SPRING_TERMS):
+            w.say(f"{self.given.joints.hardening[j, i]} = p->stiffness[{k}] * p->{term}[{k}];")
+        row, first = self.given.joints.hardening[TERMS, i], next(iter(SPRING_TERMS))
         w.say(f"{row} = {w.number(0.0)};")
         w.say(f"if (p->{SPRING_BOUND}[{k}] > {w.number(0.0)}) {{")
         inverse = f"({w.number(1.0)} / p->{SPRING_BOUND}[{k}])"

@@ -22,7 +22,7 @@ from xml.etree import ElementTree as ET
 
 from pliant.errors import InputError
 from pliant.exporters import c99
-from pliant.exporters.fmu_variables import unit_definitions, variables
+from pliant.exporters.fmu_variables import pose_of, unit_definitions, variables
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
 from pliant.files import whole
@@ -125,7 +125,8 @@ def sources(model: Model, provenance: Provenance, this: Identity) -> str:
     shared, wrapper = ((folder / f).read_text(encoding="utf-8") for f in ("fmu.c", f"fmi{number}.c"))
     words = {
         "P": made.prefix, "INPUTS": count["input"], "OUTPUTS": count["output"], "PARAMETERS": count["parameter"],
-        "STATIONS": len(model.points), "LINKS": model.n, "STEP": repr(this.step), "GUID": this.token, "START": start,
+        "STATIONS": len(model.points), "POSE": len(pose_of(model)), "COORDINATES": model.size,
+        "STEP": repr(this.step), "GUID": this.token, "START": start,
         "FMI": f"FMI{number}", "NAME": this.name,
         "FUNCTIONS": "\n".join(f"#define {name} FULL_NAME({name})" for name in functions_of(wrapper, number)),
     }

@@ -13,7 +13,8 @@ import numpy as np
 from pliant.equations.laws import LAWS
 from pliant.exporters.c_functions import DERIVED, parameters
 from pliant.exporters.names import with_identifiers
-from pliant.model import Model
+from pliant.mechanics import mechanics_of
+from pliant.model import Model, Tendon
 from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.text import identifiers
 
@@ -22,6 +23,8 @@ UNIT_OF = {  # of each parameter; of an array whose columns differ, one unit for
     "link_length": "m", "link_mass": "kg", "tip_mass": "kg", "stiffness": "N.m/rad", "damping": "N.m.s/rad",
     "rest_angle": "rad", "base_length": "m", "base_angle": "rad",
     "gravity": "m/s2", "joint_gain": "", "valve": ("s", "s", "Pa/s", "Pa/s"), "rubber": ("", "s", "Pa", "s", ""),
+    "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "stiffness_ratio": "", "twist_ratio": "",
+    "lever": "m", "tendon_stiffness": "N/m", "pretension": "N", "edge": "N", "slack": "",
     "creep_share": "", "creep_time": "s", "slip_share": "", "slip_angle": "rad",
     "boucwen": ("", "1/rad^n", "1/rad^n", ""),
     **{name: term.unit.replace("^", "") for name, term in SPRING_TERMS.items()}, SPRING_BOUND: "",
@@ -29,7 +32,8 @@ UNIT_OF = {  # of each parameter; of an array whose columns differ, one unit for
 BASE = {  # exponents of kg, m, s and rad
     "m": (0, 1, 0, 0), "kg": (1, 0, 0, 0), "s": (0, 0, 1, 0), "rad": (0, 0, 0, 1), "Pa": (1, -1, -2, 0),
     "J": (1, 2, -2, 0), "m/s2": (0, 1, -2, 0), "Pa/s": (1, -1, -3, 0), "1/rad": (0, 0, 0, -1),
-    "1/rad2": (0, 0, 0, -2), "N.m/rad": (1, 2, -2, -1), "N.m.s/rad": (1, 2, -1, -1),
+    "N": (1, 1, -2, 0), "N/m": (1, 0, -2, 0), "N/rad": (1, 1, -2, -1), "1/rad2": (0, 0, 0, -2),
+    "N.m/rad": (1, 2, -2, -1), "N.m.s/rad": (1, 2, -1, -1),
 }
 
 
@@ -47,7 +51,7 @@ def variables(model: Model, pressure: float) -> list[Variable]:
     model = with_identifiers(model)
     chambers = model.actuation.labels("pressure")
     scalars = [
-        *(f"q_{i + 1}" for i in range(model.n)),
+        *mechanics_of(model).joint_names,
         *(f"{kind}_energy" for kind in ("kinetic", "elastic", "gravitational")),
     ]
     held = [name for name in parameters(model) if name not in INSIDE]
@@ -56,12 +60,13 @@ def variables(model: Model, pressure: float) -> list[Variable]:
     taken = ["time", *chambers, *behind, *scalars, *held]
     stations = identifiers([point.name for point in model.points], taken)
     rows = [Variable("time", "independent", "s")]
-    rows += [Variable(name, "input", "Pa", pressure) for name in chambers]
+    inputs = list(zip(chambers, behind, model.actuation.units, strict=True))
+    rows += [Variable(name, "input", unit, pressure) for name, _, unit in inputs]
     for station in stations:
-        rows += [Variable(f"{station}.{k}", "output", u) for k, u in (("x", "m"), ("y", "m"), ("angle", "rad"))]
-    rows += [Variable(name, "output", "rad") for name in scalars[: model.n]]
-    rows += [Variable(name, "output", "Pa") for name in behind]
-    rows += [Variable(name, "output", "J") for name in scalars[model.n :]]
+        rows += [Variable(f"{station}.{k}", "output", unit) for k, unit in pose_of(model)]
+    rows += [Variable(name, "output", "rad") for name in scalars[: model.size]]
+    rows += [Variable(name, "output", unit) for _, name, unit in inputs]
+    rows += [Variable(name, "output", "J") for name in scalars[model.size :]]
     for field in held:
         value = parameters(model)[field]
         for index in np.ndindex(*value.shape):
@@ -70,11 +75,19 @@ def variables(model: Model, pressure: float) -> list[Variable]:
     return rows
 
 
+def pose_of(model: Model) -> list[tuple[str, str]]:
+    """Return what describes an observed point, each with its unit: a position and an angle."""
+    return [*((axis, "m") for axis in "xyz"[: mechanics_of(model).dimension]), ("angle", "rad")]
+
+
 def unit_of(model: Model, field: str, index: tuple[int, ...]) -> str:
     """Return the unit of one element of a parameter; empty for a pure number."""
     if field == "torque":
+        chamber = model.chambers[index[0]]
+        if isinstance(chamber, Tendon):
+            return {"N": "m", "m": "N/m", "rad": "N/rad"}[chamber.unit]
         own = {law.name: [row.unit.replace(" ", ".") for row in law.parameters.values()] for law in LAWS}
-        if units := own.get(model.chambers[index[0]].law):
+        if units := own.get(chamber.law):
             return units[index[-1]] if index[-1] < len(units) else ""
         return "N.m/Pa" + (str(index[-1] + 1) if index[-1] else "")
     unit = UNIT_OF[field]

@@ -27,26 +27,21 @@ void @P@_update(@P@_parameters *p);
 /* At rest under @PRESSURE@ Pa, with the numbers of @P@_defaults. */
 void @P@_init(@P@_state *s);
 
-/* One step of @UP@_STEP under commanded pressures [Pa gauge] held constant: 0; -2 where a command is not finite: no step
+/* One step of @UP@_STEP under commanded @COMMANDS@ held constant: 0; -2 where a command is not finite: no step
  * is taken and nothing of it enters the dead time, so call again with a pressure of your choice; -1 where a link turns
  * by more than a radian in the step or a spring gave way: the state is of no use then, call @P@_init. */
 int @P@_step(@P@_state *s, const @P@_parameters *p, const @KIND@ command[@C@]);
 
-/* Tips of the links, x and y [m]; angles of the joints from the rest shape [rad]. */
-void @P@_tips(const @P@_state *s, const @P@_parameters *p, @KIND@ tip[@N@][2]);
-void @P@_joint_angles(const @P@_state *s, const @P@_parameters *p, @KIND@ q[@N@]);
+/* Tips of the links, @AXES@ [m]; angles of the joints from the rest shape [rad]. */
+void @P@_tips(const @P@_state *s, const @P@_parameters *p, @KIND@ tip[@N@][@PLACES@]);
+void @P@_joint_angles(const @P@_state *s, const @P@_parameters *p, @KIND@ q[@SIZE@]);
 
-/* The observed points @POINTS@: x, y [m] and angle [rad]. */
-void @P@_stations(const @P@_state *s, const @P@_parameters *p, @KIND@ pose[@STATIONS@][3]);
+/* The observed points @POINTS@: @AXES@ [m], then an angle [rad]. */
+void @P@_stations(const @P@_state *s, const @P@_parameters *p, @KIND@ pose[@STATIONS@][@POSE@]);
 
 /* Kinetic, elastic and gravitational energy [J]. */
 void @P@_energy(const @P@_state *s, const @P@_parameters *p, @KIND@ joule[3]);
-
-/* d(angle, rate)/dt = A d(angle, rate) + B d(pressure) about the present state; memory sticks, creep has no time to
- * flow, rubber that takes time holds. */
-void @P@_linearise(const @P@_state *s, const @P@_parameters *p, @KIND@ A[@2N@][@2N@],
-                        @KIND@ B[@2N@][@C@]);
-
+@LINEARISE@
 #ifdef __cplusplus
 }
 #endif

@@ -61,13 +61,13 @@ static void refresh(Instance *i)
 
 static void outputs(Instance *i, double *y)
 {
-    double pose[@STATIONS@][3], joule[3];
+    double pose[@STATIONS@][@POSE@], joule[3];
     refresh(i);
     @P@_stations(&i->now.state, &i->now.parameters, pose);
     for (int k = 0; k < @STATIONS@; k++)
-        for (int c = 0; c < 3; c++) *y++ = pose[k][c];
+        for (int c = 0; c < @POSE@; c++) *y++ = pose[k][c];
     @P@_joint_angles(&i->now.state, &i->now.parameters, y);
-    y += @LINKS@;
+    y += @COORDINATES@;
     for (int c = 0; c < INPUTS; c++) *y++ = i->now.state.pressure[c];
     @P@_energy(&i->now.state, &i->now.parameters, joule);
     for (int k = 0; k < 3; k++) *y++ = joule[k];

@@ -1,0 +1,142 @@
+"""The functions of C of a model in space; see `c_functions`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pliant.compiler.c import CWriter
+from pliant.compiler.c_values import Real
+from pliant.compiler.choose import SPATIAL
+from pliant.equations import spatial, spatial_points, spatial_springs
+from pliant.exporters.c_functions import LIMITS, Text
+
+Array = np.ndarray
+
+
+def turn_matrix(x, y, z, R):  # type: ignore[no-untyped-def]  # a kernel
+    """Write the matrix R (3, 3) of the rotation vector (x, y, z) [rad], up to 4 rad long."""
+    square = x * x + y * y + z * z
+    c2, c3, _, _ = spatial.stumpff(square)
+    c1 = 1.0 - square * c3
+    R[0, 0] = 1.0 - c2 * (y * y + z * z)
+    R[1, 1] = 1.0 - c2 * (x * x + z * z)
+    R[2, 2] = 1.0 - c2 * (x * x + y * y)
+    R[0, 1] = c2 * x * y - c1 * z
+    R[1, 0] = c2 * x * y + c1 * z
+    R[0, 2] = c2 * x * z + c1 * y
+    R[2, 0] = c2 * x * z - c1 * y
+    R[1, 2] = c2 * y * z - c1 * x
+    R[2, 1] = c2 * y * z + c1 * x
+
+
+class SpatialText(Text):
+    """The functions of one model that bends in space."""
+
+    pose = 4
+
+    def writer(self) -> CWriter:
+        return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_", SPATIAL)
+
+    def update(self) -> str:
+        """Springs, inertia and frames of the rest shape from the parameters."""
+        w, body = self.writer(), self.given.body
+        w.say(f"{body.length[0]} = p->base_length;")
+        for k in range(self.model.n):
+            w.say(f"{body.length[k + 1]} = p->link_length[{k}];")
+            self.joint(w, k)
+            self.rod(w, k)
+            turn = (Real(f"p->rest_turn[{k}][{i}]") for i in range(3))
+            w.call(turn_matrix, *turn, body.rest[k])
+        self.cap(w)
+        w.call(turn_matrix, Real("p->base_tilt[0]"), Real("p->base_tilt[1]"), 0.0, body.base)
+        return self.function("void", "update", f"{self.prefix}_parameters *p", w)
+
+    def joint(self, w: CWriter, k: int) -> None:
+        """Springs and dampers about both axes of joint k, and about the link where it twists."""
+        n, joints = self.model.n, self.given.joints
+        rows = {2 * k: "", 2 * k + 1: "p->stiffness_ratio * ", 2 * n + k: "p->twist_ratio * "}
+        for i, ratio in rows.items():
+            if i >= joints.K.size:
+                continue
+            w.say(f"{joints.K[i]} = {ratio}p->stiffness[{k}];")
+            w.say(f"{joints.D[i]} = {ratio}p->damping[{k}];")
+            if i == 2 * k:
+                self.curved_spring(w, k, i)
+                continue
+            for row in joints.hardening[:, i]:
+                w.say(f"{row} = {w.number(0.0)};")
+
+    def rod(self, w: CWriter, k: int) -> None:
+        """Mass and moments of inertia of link k, a round rod."""
+        body, m, l = self.given.body, f"p->link_mass[{k}]", f"p->link_length[{k}]"
+        w.say(f"{body.mass[k]} = {m};")
+        w.say(f"{body.centre[k]} = {w.number(0.5)} * {l};")
+        square = "p->radius * p->radius"
+        w.say(f"{body.lateral[k]} = {m} * ({l} * {l} / {w.number(12.0)} + {square} / {w.number(4.0)});")
+        w.say(f"{body.axial[k]} = {w.number(0.5)} * {m} * {square};")
+
+    def cap(self, w: CWriter) -> None:
+        """Add the mass at the tip to the last link."""
+        body, k = self.given.body, self.model.n - 1
+        m, l, away = f"p->link_mass[{k}]", f"p->link_length[{k}]", w.local("away")
+        w.say(f"{body.mass[k]} = {m} + p->tip_mass;")
+        w.say(f"{away} = {l} - {body.centre[k]};")
+        w.say(f"{body.lateral[k]} += {m} * p->tip_mass / {body.mass[k]} * {away} * {away};")
+        w.say(f"{body.centre[k]} = ({m} * {body.centre[k]} + p->tip_mass * {l}) / {body.mass[k]};")
+
+    def posed(self) -> tuple[CWriter, Any]:
+        """A function that begins with the pose of all links in its scratch arrays."""
+        w = self.writer()
+        work = self.workspace(w)
+        w.call(spatial.pose_links, self.phi, self.given.body, work)
+        return w, work
+
+    def tips(self) -> str:
+        """Positions of the link tips."""
+        w, work = self.posed()
+        for k in range(self.model.n):
+            for i in range(3):
+                along = f"{self.given.body.length[k + 1]} * {work.R[k + 1, i, 2]}"
+                w.say(f"tip[{k}][{i}] = {work.r[k + 1, i]} + {along};")
+        return self.reading("tips", f"tip[{self.model.n}][3]", w)
+
+    def stations(self) -> str:
+        """Positions of the observed points, and the angles of their links from +z."""
+        w, work = self.posed()
+        for k, point in enumerate(self.model.points):
+            place = w.scratch(f"place_{k}", (3,))
+            lengths = (float(point.aside), float(point.across), float(point.along))
+            w.call(spatial_points.point_position, point.link, *lengths, work, place)
+            for i in range(3):
+                w.say(f"pose[{k}][{i}] = {place[i]};")
+            x, y, z = work.R[point.link + 1, :, 2]
+            w.say(f"pose[{k}][3] = atan2{w.suffix}(sqrt{w.suffix}({x} * {x} + {y} * {y}), {z});")
+        return self.reading("stations", f"pose[{len(self.model.points)}][4]", w)
+
+    def joint_angles(self) -> str:
+        """The coordinates, which are those of the joints."""
+        w = self.writer()
+        for i in range(self.model.size):
+            w.say(f"q[{i}] = {self.phi[i]};")
+        w.say("(void)p;")
+        return self.reading("joint_angles", f"q[{self.model.size}]", w)
+
+    def energy(self) -> str:
+        """Kinetic, elastic and gravitational energy."""
+        w, g = self.writer(), self.given
+        work = self.workspace(w)
+        w.say(f"joule[0] = {w.call(spatial_points.kinetic_energy, self.phi, self.w, g.body, work)};")
+        w.say(f"joule[1] = {w.call(spatial_springs.elastic_energy, self.phi, g.joints)};")
+        w.say(f"joule[2] = {w.call(spatial_points.gravity_energy, self.phi, g.body, work)};")
+        return self.reading("energy", "joule[3]", w)
+
+    def linearise(self) -> str:
+        """Nothing: `state_space` has the matrices of a model in space."""
+        return ""
+
+
+def text_of(model: Any, prefix: str, *, single: bool) -> Text:
+    """Return the functions of a model."""
+    return (SpatialText if model.space else Text)(model, prefix, single=single)
