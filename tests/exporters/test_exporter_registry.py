@@ -54,7 +54,7 @@ def test_a_model_without_a_feature_has_none_of_it(key):
     if key in IN_SPACE:
         model = twisting().with_(stiffening=-0.1)
     if key == "space_memory":
-        model.__dict__["memory"] = Memory((0.1,), (0.5,))  # past the checks: chains in space take none yet
+        model = model.with_(memory=Memory((0.1,), (0.5,)))
     if key == "tendons":
         model = pulled()
     assert FEATURES[key].names(model)

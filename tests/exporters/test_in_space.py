@@ -16,7 +16,7 @@ from pliant.exporters.provenance import Provenance
 from pliant.exporters.rigid_chain import hinge_difference, rigid_chain, tip_by_hinges
 from pliant.exporters.state_space import matrices
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Space, chain_model
+from pliant.model import Memory, Model, Space, chain_model
 from pliant.simulation import Stepper, equilibrium
 from pliant.simulation.levels import typical_pressure
 
@@ -64,10 +64,11 @@ def test_typical_input_bends_by_half_a_radian(spatial):
 
 
 def of_all_kinds() -> Model:
-    """Two joints that twist, springs that soften within a bound, a chamber, a tendon that may hang slack, a pair."""
+    """Two joints that twist, soften and remember, a chamber, a tendon that may hang slack, a pair."""
     soft = {"stiffening": -0.2, "cubic_stiffening": 0.1, "stiffening_bound": 0.7}
+    memory = Memory((0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.1)
     inputs = (twisting(2).chambers[0], *pulled(2).chambers[:2])
-    return twisting(2).with_(chambers=inputs, name="all_kinds", **soft)
+    return twisting(2).with_(chambers=inputs, memory=memory, name="all_kinds", **soft)
 
 
 def test_c_takes_the_steps_of_the_stepper(tmp_path):

@@ -34,7 +34,7 @@ from pliant.simulation.time_step import shared_step, warn_too_coarse
 from pliant.text import escaped
 
 Array = np.ndarray
-CAN = ALL - {"lengthening", "second_order", "settling", "dead_band", "space_memory"}
+CAN = ALL - {"lengthening", "second_order", "settling", "dead_band"}
 MOST_LINKS = 24  # the text of a step grows with the cube of the links
 
 
@@ -75,7 +75,7 @@ def start(text: Text, pressure: float, queue: int) -> str:
         "angle": mechanics_of(model).coordinates(q), "rate": np.zeros(model.size), "pressure": levels,
         "chamber": model.actuation.rest_state(levels),
     }
-    if text.branches:
+    if text.model.memory:
         values["memory"] = state.relaxed(model, q)
     if queue:
         values["queue"] = np.tile(levels, (queue, 1))
@@ -127,7 +127,7 @@ def public_step(text: Text, h: float) -> tuple[str, int]:
 
 def fields(text: Text, queue: int) -> tuple[str, str]:
     """The members of the two structs."""
-    n, N, C, kind = text.model.n, text.model.size, text.model.actuation.count, text.kind
+    N, C, kind = text.model.size, text.model.actuation.count, text.kind
     swings = ", ".join(mechanics_of(text.model).joint_names)
     angles = swings if text.model.space else "absolute angle of each link from the base tangent +y"
     inputs = ", ".join(dict.fromkeys(text.model.actuation.units)).replace("Pa", "Pa gauge")
@@ -136,9 +136,11 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
         f"{kind} rate[{N}]; /* rad/s */", f"{kind} pressure[{C}]; /* {inputs}, behind the valve */",
         f"{kind} chamber[{C}][2]; /* Pa, slow pressure; 1, fourth power of the hoop stretch */",
     ]
-    if text.branches:
+    if text.model.memory:
         labels = ", ".join(text.model.memory.labels)
-        rows.append(f"{kind} memory[{n}][{text.branches}]; /* rad, {labels} of each joint */")
+        m, branches = text.remembered
+        owner = "turn" if text.model.space else "joint"
+        rows.append(f"{kind} memory[{m}][{branches}]; /* rad, {labels} of each {owner} */")
     if queue:
         rows += [f"{kind} queue[{queue}][{C}]; /* Pa, commands on their way */", "int next; /* place of the next */"]
     units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", **dict.fromkeys(DERIVED, "derived"),

@@ -29,7 +29,7 @@ class Names(NamedTuple):
     """The arrays of a model under the names that they have in C, and what is known beforehand."""
 
     body: Any  # `symbols.Body`, or `SpatialBody`
-    joints: symbols.Joints
+    joints: Any  # `symbols.Joints`, or `SpatialJoints`
     memory: symbols.MemoryLaw
     drives: march_loops.Drives
 
@@ -102,7 +102,7 @@ def chain_names(model: Model) -> tuple[Any, Any]:
         return symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1]), symbols.Joints(*springs)
     weight = dict(zip(("gx", "gy", "gz"), gravity, strict=True))
     body = symbols.SpatialBody(*(weight[f] if f in weight else of(f) for f in symbols.SpatialBody._fields))
-    return body, symbols.Joints(0.0, np.zeros(model.size), of("K"), of("D"), of("hardening"), np.zeros(model.n))
+    return body, mechanics_of(model).joints._replace(K=of("K"), D=of("D"), hardening=of("hardening"))
 
 
 def names(model: Model) -> Names:
@@ -146,7 +146,7 @@ class Text:
         self.kind = f"{prefix}_real"
         self.given = names(model)
         self.phi, self.w = cells("s->angle", (model.size,)), cells("s->rate", (model.size,))
-        self.branches = state.relaxed(model, np.zeros(model.n)).shape[1] if model.memory else 0
+        self.remembered = state.relaxed(model, np.zeros(model.size)).shape if model.memory else (0, 0)
 
     def writer(self) -> CWriter:
         """An empty function."""
@@ -163,7 +163,7 @@ class Text:
             f: writer.scratch(f"held_{f}", (self.model.n,)) for f in symbols.Held._fields if f != "springs"
         }
         springs = self.given.joints._replace(theta0=rows["theta0"], K=rows["K"])
-        memory = cells("s->memory", (self.model.n, self.branches))
+        memory = cells("s->memory", self.remembered)
         return symbols.Past(self.given.memory, memory, symbols.Held(springs=springs, **rows))
 
     def step(self) -> str:

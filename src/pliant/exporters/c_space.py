@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from pliant.compiler.c import CWriter
-from pliant.compiler.c_values import Real
+from pliant.compiler.c_values import Real, cells
 from pliant.compiler.choose import SPATIAL
-from pliant.equations import spatial, spatial_points, spatial_springs
+from pliant.equations import spatial, spatial_points, spatial_springs, symbols
 from pliant.exporters.c_functions import LIMITS, Text
+from pliant.mechanics import mechanics_of
 
 Array = np.ndarray
 
@@ -38,6 +39,15 @@ class SpatialText(Text):
 
     def writer(self) -> CWriter:
         return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_", SPATIAL)
+
+    def past(self, writer: CWriter) -> symbols.Past:
+        example = mechanics_of(self.model).held()
+        arrays = {f: v for f, v in example._asdict().items() if isinstance(v, np.ndarray)}
+        rows = {f: writer.scratch(f"held_{f}", v.shape) for f, v in arrays.items()}
+        shift = writer.scratch("held_theta0", (self.model.size,))
+        springs = self.given.joints._replace(theta0=shift, line=rows["line"])
+        memory = cells("s->memory", self.remembered)
+        return symbols.Past(self.given.memory, memory, example._replace(**rows, springs=springs))
 
     def update(self) -> str:
         """Springs, inertia and frames of the rest shape from the parameters."""
