@@ -80,12 +80,10 @@ def test_parameters_that_no_body_has_are_refused(values, sentence):
 
 
 @pytest.mark.parametrize("use", [
-    lambda model, _: AdaptiveObserver(model, 4e-3),
-    lambda model, folder: pliant.export(model, "c99", folder / "m.c"),
-    lambda model, _: design_lqr(model, 1e5, 1e-3),
-    lambda model, _: design_outputs(model, ("tip_x",), np.zeros((1, 1)), Limits(1e5), 1e-3),
+    lambda model: AdaptiveObserver(model, 4e-3),
+    lambda model: design_lqr(model, 1e5, 1e-3),
+    lambda model: design_outputs(model, ("tip_x",), np.zeros((1, 1)), Limits(1e5), 1e-3),
 ])  # fmt: skip
-def test_what_takes_planar_chains_alone_refuses_one_in_space(use, tmp_path):
-    with pytest.raises(InputError, match=r"in a plane|a body in space: not expressible"):
-        use(in_space(), tmp_path)
-    assert not list(tmp_path.iterdir())
+def test_what_takes_planar_chains_alone_refuses_one_in_space(use):
+    with pytest.raises(InputError, match="in a plane"):
+        use(in_space())
