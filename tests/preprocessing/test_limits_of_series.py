@@ -521,6 +521,15 @@ def test_what_moves_by_three_hundredths_of_the_travel_is_still(amount, end):
     assert (_still(place, time)[45:55].all()) == (end > 1)
 
 
+def test_a_frame_is_still_where_some_station_is_seen_to_be():
+    time, place = moving(1.5)
+    place[20:30, 0] = np.nan
+    place[60:63] = np.nan
+    still = _still(place, time)
+    assert still[20:30].all()
+    assert not still[60:63].any()
+
+
 def test_the_first_motion_of_an_input_ends_the_rest():
     time = np.arange(100) / 100
     for level, found in ((0.045, 0.49), (0.055, 0.29)):  # of its range

@@ -29,8 +29,16 @@ def around(scale=1, always=NONE, width=320, height=240):
     small = np.full((height // scale, width // scale, 3), 200, np.float32)
     weight = np.full(3, -1.0 / (3 * 160), np.float32)
     base = float(200 * weight.sum())
-    return SimpleNamespace(weight=weight, body=base + 1.0, background=behind, small=small, scale=float(scale),
-                           always=always, reach=~NONE if scale == 1 else np.ones(small.shape[:2], bool), light=base)
+    return SimpleNamespace(
+        weight=weight,
+        body=base + 1.0,
+        background=behind,
+        small=small,
+        scale=float(scale),
+        always=always,
+        reach=~NONE if scale == 1 else np.ones(small.shape[:2], bool),
+        light=base,
+    )
 
 
 def ribbon(line, half=8.0, picture=None, level=40):
@@ -70,7 +78,8 @@ def test_a_width_far_from_the_usual_one_is_not_the_body(wide, seen):
     """From three quarters to thirteen tenths of it."""
     half = np.where(np.abs(np.arange(61) - 30) < 8, wide, 8.0)
     found = Follower(around(), np.array([60.0, 120.0]))._measured(
-        ribbon(straight(), half), straight(), known(straight()))
+        ribbon(straight(), half), straight(), known(straight())
+    )
     assert found.seen[26:35].all() == seen
     assert found.seen[26:35].any() == seen
     assert found.seen[5:18].all()
@@ -81,7 +90,8 @@ def test_a_width_far_from_the_usual_one_is_not_the_body(wide, seen):
 def test_a_body_changes_its_lightness_by_less_than_half_its_contrast(lightness, seen):
     place = around()
     found = Follower(place, np.array([60.0, 120.0]))._measured(
-        ribbon(straight()), straight(), known(straight(), light=place.light + 2.0 - lightness))
+        ribbon(straight()), straight(), known(straight(), light=place.light + 2.0 - lightness)
+    )
     assert found.seen[5:-5].all() == seen
     assert found.seen[5:-5].any() == seen
 
@@ -105,8 +115,9 @@ def test_lightness_is_that_of_the_inner_part_alone():
     np.testing.assert_allclose(found.light[5:-5], around().light + 0.625, atol=0.01)
 
 
-@pytest.mark.parametrize(("drawn", "reached"), [(228.0, True), (252.0, True), (269.0, True), (275.0, False),
-                                                (223.0, False)])
+@pytest.mark.parametrize(
+    ("drawn", "reached"), [(228.0, True), (252.0, True), (269.0, True), (275.0, False), (223.0, False)]
+)
 def test_an_end_is_found_within_two_widths_beyond_the_line_or_one_before(drawn, reached):
     follow, line = Follower(around(), np.array([60.0, 120.0])), straight()
     state = known(line)
@@ -132,6 +143,30 @@ def test_a_slanted_end_is_where_its_middle_is():
     assert made[-1, 0] == pytest.approx(240.0, abs=0.8)
 
 
+@pytest.mark.parametrize(("rise", "weight"), [(0.05, (0.05 / 0.08) ** 2), (0.07, (0.07 / 0.08) ** 2), (0.2, 1.0)])
+def test_blurred_edges_weigh_less(rise, weight):
+    """With the square of their steepness, from 0.08 of the contrast in a pixel on fully."""
+    rows = np.arange(240.0)[:, None, None]
+    picture = np.broadcast_to(200 - 160 * np.clip(0.5 + rise * (24 - np.abs(rows - 120)), 0, 1), (240, 320, 3))
+    follow, taken = Follower(around(), np.array([60.0, 120.0])), []
+    follow._smooth = lambda line, trust: taken.append(trust) or line
+    follow._measured(np.round(picture).astype(np.uint8), straight(), known(straight(), 24.0))
+    np.testing.assert_allclose(taken[0][5:-5], weight, rtol=0.06)
+
+
+def test_the_base_is_the_end_that_never_moves():
+    mask = np.zeros((240, 320), bool)
+    mask[100:110, 60:200] = True
+    for columns, end in ((slice(60, 70), 62.0), (slice(190, 200), 197.0)):
+        always = NONE.copy()
+        always[100:110, columns] = True
+        found = Follower(around(always=always))._begin(mask)
+        assert found[0] == pytest.approx(end, abs=3.5)
+        assert 100 <= found[1] < 110
+    assert Follower(around())._begin(mask) is None
+    assert Follower(around(always=mask))._begin(NONE) is None
+
+
 def found_body(hidden=(), length=100.0, tip=True):
     seen = np.ones(61, bool)
     seen[list(hidden)] = False
@@ -139,12 +174,21 @@ def found_body(hidden=(), length=100.0, tip=True):
     return Ribbon(line, np.full(61, 8.0), np.ones(61), seen, tip)
 
 
-@pytest.mark.parametrize(("hidden", "whole"), [
-    ((), True), (range(20, 27), True), (range(20, 28), False),  # seven in one piece, eight
-    ((0, 1, *range(2, 8)), True), (range(2, 10), False),  # the two at the base never count
-    (range(5, 39, 2), True), (range(5, 41, 2), False),  # 17 of 59, 18
-    ((55, 57, 59), True), ((55, 57, 59, 60), False), ((54, 55, 57, 59), True),  # of the last six three must show
-])
+@pytest.mark.parametrize(
+    ("hidden", "whole"),
+    [
+        ((), True),
+        (range(20, 27), True),
+        (range(20, 28), False),  # seven in one piece, eight
+        ((0, 1, *range(2, 8)), True),
+        (range(2, 10), False),  # the two at the base never count
+        (range(5, 39, 2), True),
+        (range(5, 41, 2), False),  # 17 of 59, 18
+        ((55, 57, 59), True),
+        ((55, 57, 59, 60), False),
+        ((54, 55, 57, 59), True),  # of the last six three must show
+    ],
+)
 def test_so_much_of_a_body_may_be_hidden(hidden, whole):
     follow = Follower(around())
     assert follow._whole(found_body(hidden), known(straight(), length=100.0)) == whole
@@ -349,17 +393,23 @@ class Shown(Reel):
         yield from enumerate(self.pictures_shown)
 
 
-@pytest.mark.parametrize(("gains", "told"), [
-    ((1.0, 1.0, 0.985, 1.015, 1.0), None), ((1.0, 1.028, 1.0, 1.0, 1.0), "3 %"), ((1.0, 0.74, 1.0, 1.1, 1.0), "26 %"),
-])
+@pytest.mark.parametrize(
+    ("gains", "told"),
+    [
+        ((1.0, 1.0, 0.985, 1.015, 1.0), None),
+        ((1.0, 1.028, 1.0, 1.0, 1.0), "3 %"),
+        ((1.0, 0.74, 1.0, 1.1, 1.0), "26 %"),
+    ],
+)
 def test_a_change_of_brightness_beyond_a_fiftieth_is_told(gains, told):
     rng = np.random.default_rng(6)
     usual = rng.uniform(60, 180, (48, 320, 3))
     usual[1::2], usual[:, 1::2] = 5.0, 250.0  # between the points that are compared
     reel, said = even_exposure(Shown(Path("f.mp4"), 320, 48, 25.0, 5, None, tuple(usual * g for g in gains)))
     assert (reel.reference is None) == (told is None)
-    assert said == ([] if told is None else [
-        f"brightness changes by up to {told} and was compensated: lock the camera's exposure"])
+    assert said == (
+        [] if told is None else [f"brightness changes by up to {told} and was compensated: lock the camera's exposure"]
+    )
     if told:
         np.testing.assert_allclose(reel.reference, usual[::2, ::2], rtol=1e-5)
 
@@ -373,10 +423,19 @@ def test_brightness_is_compared_where_two_hundred_points_show_it(count, gain):
     np.testing.assert_allclose(Reel(Path("f.mp4"), 20, 20, 25.0, 20).gain(usual), np.ones(3))
 
 
-@pytest.mark.parametrize(("reference", "part", "compared"), [
-    (31.0, 45.0, True), (29.0, 40.0, False), (214.0, 230.0, True), (216.0, 230.0, False),
-    (100.0, 16.0, True), (100.0, 14.0, False), (200.0, 249.0, True), (200.0, 251.0, False),
-])
+@pytest.mark.parametrize(
+    ("reference", "part", "compared"),
+    [
+        (31.0, 45.0, True),
+        (29.0, 40.0, False),
+        (214.0, 230.0, True),
+        (216.0, 230.0, False),
+        (100.0, 16.0, True),
+        (100.0, 14.0, False),
+        (200.0, 249.0, True),
+        (200.0, 251.0, False),
+    ],
+)
 def test_what_is_dark_or_saturated_says_nothing_of_brightness(reference, part, compared):
     reel = Reel(Path("f.mp4"), 20, 20, 25.0, 20, np.full((20, 20, 3), reference))
     np.testing.assert_allclose(reel.gain(np.full((20, 20, 3), part)), part / reference if compared else 1.0)
