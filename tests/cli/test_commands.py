@@ -267,12 +267,18 @@ def test_a_job_that_fails_leaves_with_one(tmp_path: Path) -> None:
 def test_the_demo_hands_its_options_on_by_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked: dict[str, object] = {}
 
-    def run(_study: Path, output: Path, **options: object) -> None:
-        asked.update(options, output=output)
+    def run(study: Path, output: Path, **options: object) -> None:
+        asked.update(options, output=output, study=study.name)
 
     monkeypatch.setattr(sys.modules["pliant.cli.run"], "run", run)
     assert invoke("demo", "-o", tmp_path, "--json", "--quiet").exit_code == 0
-    assert asked == {"json": True, "output": tmp_path}
+    assert asked == {"json": True, "output": tmp_path, "study": "demo.toml"}
+    for option in ("angles", "space"):
+        assert invoke("demo", "-o", tmp_path, f"--{option}").exit_code == 0
+        assert asked["study"] == f"{option}.toml"
+    refused = invoke("demo", "--space", "--camera")
+    assert refused.exit_code == 2
+    assert "choose one" in refused.output
     assert not QUIET.get(), "what one command was asked is not asked of the next"
 
 
