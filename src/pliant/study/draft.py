@@ -15,7 +15,7 @@ from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.quality import standing_stations
 from pliant.study.doubts import of_body
-from pliant.study.draft_inputs import LINKS, chamber_parameters, chambers, channels, tendons
+from pliant.study.draft_inputs import LINKS, chamber_parameters, chambers, channels, placed, tendons
 from pliant.study.first_reading import with_logs
 from pliant.study.new import (
     FirstLook,
@@ -127,8 +127,8 @@ def draft_study(
         alignment(out, first)
     if first.dense:
         reduction(out, looks)
-    chambers(out, first)
-    tendons(out, first)
+    chambers(out, placed(looks))
+    tendons(out, placed(looks), length)
     for look in looks:
         recording(out, look, Path(study).parent, level)
     fit(out, looks)

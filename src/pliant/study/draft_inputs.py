@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pliant.recording.inputs import recorded_inputs
+from pliant.recording.inputs import RecordedInput
 from pliant.study.new import FirstLook, azimuths, body_length, tendon_ends
 from pliant.study.toml_text import Lines
 
@@ -14,48 +14,59 @@ LINKS = 5
 EITHER_WAY = 0.1  # of the largest value: an input that goes so far below 0 too
 
 
+def placed(looks: Sequence[FirstLook]) -> FirstLook:
+    """The first look whose recording could be brought into the base frame; the first of all where none could."""
+    return next((look for look in looks if look.aligned is not None), looks[0])
+
+
 def chambers(out: Lines, look: FirstLook) -> None:
     """The chambers of a body in space, each at the azimuth that the recording shows."""
-    if not look.chambers or look.aligned is None:
+    if not look.chambers:
         return
-    for name, azimuth in zip(look.chambers, azimuths(look.aligned), strict=True):
+    shown = [] if look.aligned is None else azimuths(look.aligned)
+    for k, name in enumerate(look.chambers):  # pressures come before other inputs
         out.text += ["", "[[actuator.chambers]]"]
         out.put("name", name)
         out.put("torque", [1e-6], "N m/Pa, scaled by the gains that are fitted")
-        out.put("azimuth_deg", round(azimuth), "from x towards y of the base frame, as the last station moves")
+        azimuth_of(out, round(shown[k]) if shown else None, "as the last station moves")
 
 
-def tendons(out: Lines, look: FirstLook) -> None:
-    """The tendons of a body in space, each where the recording shows that it pulls."""
-    if not look.cords or look.aligned is None:
+def tendons(out: Lines, look: FirstLook, length: float | None) -> None:
+    """The tendons of a body in space of a stated length [m], each where the recording shows that it pulls."""
+    if not look.cords:
         return
-    names, first = [one.name for one in recorded_inputs(look.recording)], look.cords[0]
-    for name, (azimuth, end) in zip(names, tendon_ends(look.aligned), strict=True):
-        if name not in [one.name for one in look.cords]:
-            continue
-        one = look.cords[[cord.name for cord in look.cords].index(name)]
+    shown = [] if look.aligned is None else tendon_ends(look.aligned)[-len(look.cords) :]
+    for k, one in enumerate(look.cords):
         out.text += ["", "[[actuator.tendons]]"]
-        out.put("name", name)
+        out.put("name", one.name)
         out.put("driven_by", one.kind, "as the mapping says")
-        out.put("azimuth_deg", round(azimuth), "from x towards y of the base frame, as the stations move")
-        passed = joints_up_to(look, end)
-        if len(passed) < LINKS:
-            out.put("joints", passed, f"that it passes: it bends the body up to {1e3 * end:.0f} mm")
+        azimuth_of(out, round(shown[k][0]) if shown else None, "as the stations move")
+        if shown and len(passed := joints_up_to(shown[k][1], length or body_length(look))) < LINKS:
+            out.put("joints", passed, f"that it passes: it bends the body up to {1e3 * shown[k][1]:.0f} mm")
         out.ask("lever", "m, distance of the tendons from the axis")
         if one.kind == "angle":
             out.ask("pulley", "m, radius of the motors' pulleys")
-            both = one.values[np.isfinite(one.values)]
-            if both.min(initial=0.0) < -EITHER_WAY * both.max(initial=0.0):
-                out.put("pair", True,
-                        "its motor turns either way: two opposite tendons; false for one that can hang slack")
-        if one is first and one.kind != "tension":
+            either_way(out, one)
+        if not k and one.kind != "tension":
             out.say("line_stiffness = 1000  (N/m, with all that holds it: only its ratio to the body's shows)")
 
 
-def joints_up_to(look: FirstLook, end: float) -> list[int]:
-    """Joints, from 1, in the middle of `LINKS` equal segments, as far as `end` [m] from the base."""
-    length = body_length(look) or end
-    return [k + 1 for k in range(LINKS) if (k + 0.5) * length / LINKS < 1.05 * end]
+def azimuth_of(out: Lines, azimuth: int | None, source: str) -> None:
+    """The azimuth of an input, asked for where the recordings could not be brought into the base frame."""
+    out.ask("azimuth_deg", "degrees around the axis; with a recording that begins at rest `pliant new` finds it",
+            azimuth, f"from x towards y of the base frame, {source}")
+
+
+def either_way(out: Lines, one: RecordedInput) -> None:
+    """Whether a motor pulls two opposite tendons."""
+    seen = one.values[np.isfinite(one.values)]
+    if seen.min(initial=0.0) < -EITHER_WAY * seen.max(initial=0.0):
+        out.put("pair", True, "its motor turns either way: two opposite tendons; false for one that can hang slack")
+
+
+def joints_up_to(end: float, length: float | None) -> list[int]:
+    """Joints, from 1, in the middle of `LINKS` equal segments of a length, as far as `end` [m] from the base."""
+    return [k + 1 for k in range(LINKS) if (k + 0.5) * (length or end) / LINKS < 1.05 * end]
 
 
 def chamber_parameters(names: Sequence[str]) -> list[tuple[str, str]]:
