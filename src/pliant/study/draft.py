@@ -128,7 +128,7 @@ def draft_study(
     if first.dense:
         reduction(out, looks)
     chambers(out, placed(looks))
-    tendons(out, placed(looks), length)
+    tendons(out, placed(looks))
     for look in looks:
         recording(out, look, Path(study).parent, level)
     fit(out, looks)
@@ -163,8 +163,8 @@ def in_which_space(out: Lines, looks: Sequence[FirstLook]) -> None:
 
 
 def spatial_study(looks: Sequence[FirstLook]) -> bool:
-    """Whether the recordings were looked at in space."""
-    return any(look.aligned is not None and look.aligned.attrs["frame"] == "spatial" for look in looks)
+    """Whether the recordings were looked at in space, as those of tendons always are."""
+    return any(look.cords or (look.aligned is not None and look.aligned.attrs["frame"] == "spatial") for look in looks)
 
 
 def look_doubts(looks: Sequence[FirstLook], case: Case) -> tuple[str, ...]:
@@ -363,7 +363,7 @@ def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[
     free = [("stiffness", "N m/rad, of every joint"), ("damping", "N m s/rad, of every joint")]
     if first.chambers or first.cords:
         named = [*first.chambers, *(one.name for one in first.cords)]
-        return free + chamber_parameters(named) + place_parameters(first, kinds)
+        return free + chamber_parameters(named) + place_parameters(looks, kinds)
     if kinds != {"release"}:
         free += [("torque_1", "N m/Pa")]
         free += [("torque_2", "N m/Pa^2, seen because more than one level is trained on")] if len(levels) > 1 else []
@@ -374,18 +374,19 @@ def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[
         free += [("valve_rise", "s, time constant of the pressure")]
     if "pulse" in kinds:
         free += [("valve_fall", "s")]
-    if spatial_study([first]) and kinds != {"release"}:
+    if spatial_study(looks) and kinds != {"release"}:
         free += [("gain_y", "of the torque about y over that about x")]
-    return free + place_parameters(first, kinds)
+    return free + place_parameters(looks, kinds)
 
 
-def place_parameters(first: FirstLook, kinds: Collection[str]) -> list[tuple[str, str]]:
+def place_parameters(looks: Sequence[FirstLook], kinds: Collection[str]) -> list[tuple[str, str]]:
     """The error of the base tangent and the place of the last station, where they are markers."""
+    first = looks[0]
     if first.dense or first.recording.attrs["frame"] == "planar" or set(kinds) == {"release"}:
         return []
     tip = (list(first.stations) or [str(s) for s in first.recording["station"].values])[-1]
     place = [(f"{tip}.along", "m, where the last station sits"), (f"{tip}.across", "m")]
-    if spatial_study([first]):
+    if spatial_study(looks):
         tilts = [(f"base_tilt_{axis}", f"rad, error of the tangent about {axis}") for axis in "xy"]
         return [*tilts, *place, (f"{tip}.aside", "m")]
     return [("base_angle", "rad, error of the tangent"), *place]

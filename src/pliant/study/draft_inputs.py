@@ -31,8 +31,8 @@ def chambers(out: Lines, look: FirstLook) -> None:
         azimuth_of(out, round(shown[k]) if shown else None, "as the last station moves")
 
 
-def tendons(out: Lines, look: FirstLook, length: float | None) -> None:
-    """The tendons of a body in space of a stated length [m], each where the recording shows that it pulls."""
+def tendons(out: Lines, look: FirstLook) -> None:
+    """The tendons of a body in space, each where the recording shows that it pulls."""
     if not look.cords:
         return
     shown = [] if look.aligned is None else tendon_ends(look.aligned)[-len(look.cords) :]
@@ -41,7 +41,7 @@ def tendons(out: Lines, look: FirstLook, length: float | None) -> None:
         out.put("name", one.name)
         out.put("driven_by", one.kind, "as the mapping says")
         azimuth_of(out, round(shown[k][0]) if shown else None, "as the stations move")
-        if shown and len(passed := joints_up_to(shown[k][1], length or body_length(look))) < LINKS:
+        if shown and len(passed := joints_up_to(shown[k][1], body_length(look))) < LINKS:
             out.put("joints", passed, f"that it passes: it bends the body up to {1e3 * shown[k][1]:.0f} mm")
         out.ask("lever", "m, distance of the tendons from the axis")
         if one.kind == "angle":
