@@ -49,17 +49,22 @@ def test_errors_of_joints_are_those_of_their_swings(record):
     np.testing.assert_allclose(found["joint_rmse_mrad"], 10.0, rtol=1e-9)  # all turned by 0.01 rad about x
 
 
-def test_figures_in_space_have_three_axes_and_a_side_view(record):
+def test_figures_in_space_have_three_axes_and_three_views(record):
     labels = [ax.get_ylabel() for ax in record_figure(record).axes]
     assert {"a x (mm)", "a y (mm)", "a z (mm)"} <= set(labels)
     assert [line.get_label() for line in residual_figure(record).axes[0].lines] == ["x", "y", "z"]
-    ax = path_figure(record).axes[0]
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("sideways (mm)", "z (mm)")
-    shown = ax.lines[0].get_xydata()
+    figure = path_figure(record)
     position = 1e3 * record.experiment.position[:, -1]
-    np.testing.assert_allclose(shown[:, 1], position[:, 2], atol=1e-9)
-    across = position[:, :2] - position[0, :2]
-    assert np.ptp(shown[:, 0]) > 0.9 * max(np.ptp(across @ [np.cos(a), np.sin(a)]) for a in np.linspace(0, 3, 30))
+    views = [(0, 2), (1, 2), (0, 1)]
+    for ax, view in zip(figure.axes, views, strict=True):
+        assert (ax.get_xlabel(), ax.get_ylabel()) == tuple(f"{'xyz'[axis]} (mm)" for axis in view)
+        np.testing.assert_allclose(ax.lines[0].get_xydata(), position[:, view], atol=1e-9)
+        (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+        assert low < position[:, view[0]].min() < position[:, view[0]].max() < high
+        assert bottom < position[:, view[1]].min() < position[:, view[1]].max() < top
+    figure.canvas.draw()
+    scales = [ax.get_window_extent().width / np.ptp(ax.get_xlim()) for ax in figure.axes]
+    np.testing.assert_allclose(scales, scales[0], rtol=0.05)  # one scale for all
 
 
 def test_a_shape_in_space_is_drawn_from_the_side():

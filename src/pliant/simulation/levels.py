@@ -12,26 +12,26 @@ BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
 RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e2)}  # where the search starts and ends
 
 
-def typical_pressure(model: Model) -> float:
+def typical_pressure(model: Model, which: int = 0) -> float:
     """Pressure [Pa] that bends the chain at rest by half a radian, or 0.8 of what it holds where that is less.
 
     The model keeps no range of its recordings: this is the level of a pulse when none is given. 0 for a model that
-    no pressure bends. Of several chambers: the first alone. Of a tendon: its tension [N], displacement [m] or angle
-    [rad].
+    no pressure bends. Of several chambers: one, the first by default, alone. Of a tendon: its tension [N], displacement
+    [m] or angle [rad].
     """
     try:
         rest = state.equilibrium(model, first_alone(model, 0.0))
     except SimulationError:
         return 0.0
-    low, (high, highest) = 0.0, RANGES[model.actuation.units[0]]
-    while (bend := bent(model, high, rest)) is not None and bend < BENT:
+    low, (high, highest) = 0.0, RANGES[model.actuation.units[which]]
+    while (bend := bent(model, high, rest, which)) is not None and bend < BENT:
         low, high = high, 2.0 * high
         if high > highest:
             return 0.0
     held = bend is not None
     for _ in range(30):
         middle = 0.5 * (low + high)
-        bend = bent(model, middle, rest)
+        bend = bent(model, middle, rest, which)
         if bend is None or bend >= BENT:
             high, held = middle, bend is not None
         else:
@@ -39,15 +39,15 @@ def typical_pressure(model: Model) -> float:
     return float(f"{low if held else 0.8 * low:.2g}")
 
 
-def first_alone(model: Model, pressure: float) -> np.ndarray:
-    """Return pressures (C,) [Pa]: `pressure` in the first chamber and none in the others."""
-    return np.asarray(pressure * np.eye(1, model.actuation.count)[0])
+def first_alone(model: Model, pressure: float, which: int = 0) -> np.ndarray:
+    """Return pressures (C,) [Pa]: `pressure` in one chamber, the first by default, and none in the others."""
+    return np.asarray(pressure * np.eye(model.actuation.count)[which])
 
 
-def bent(model: Model, pressure: float, rest: np.ndarray) -> float | None:
+def bent(model: Model, pressure: float, rest: np.ndarray, which: int = 0) -> float | None:
     """Size of the bend from rest [rad], in space that of both directions; None where the chain finds no rest."""
     try:
-        q = state.equilibrium(model, first_alone(model, pressure)) - rest
+        q = state.equilibrium(model, first_alone(model, pressure, which)) - rest
     except SimulationError:
         return None
     return float(np.linalg.norm(q[: 2 * model.n].reshape(-1, 2).sum(axis=0)) if model.space else abs(q.sum()))

@@ -6,9 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from pliant.identification.experiment import seen_from_side
 from pliant.model import Chamber
-from pliant.validation.outcome import FitOutcome, RecordOutcome
+from pliant.validation.outcome import FitOutcome
 
 Array = np.ndarray
 
@@ -84,17 +83,6 @@ def instants(path: Array, most: int = 4) -> list[int]:
 def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]:
     """Names of what is drawn in mm, x, y (and z), or in degrees, an angle; the unit, and how many make one SI unit."""
     return (tuple("xyz"[:dimension]), unit, 1e3) if unit == "mm" else (("angle",), unit, float(np.degrees(1.0)))
-
-
-def from_side(record: RecordOutcome) -> tuple[Array, Array, tuple[str, str]]:
-    """Measured and modelled stations (T, S, 2) [m], and what their axes are called.
-
-    A body in space is seen from the side from which it moves most.
-    """
-    exp = record.experiment
-    both = np.concatenate([exp.position, record.modelled], axis=1)
-    seen, count = seen_from_side(both), len(exp.stations)
-    return seen[:, :count], seen[:, count:], ("x", "y") if exp.dimension == 2 else ("sideways", "z")
 
 
 def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:

@@ -23,7 +23,6 @@ from pliant.validation.curves import (
     autocorrelation,
     axes_of,
     evenly_spaced,
-    from_side,
     instants,
     laws_of,
     slenderness,
@@ -159,32 +158,63 @@ def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
 def path_figure(record: RecordOutcome) -> Figure:
     """Measured and modelled path of the last station; with more stations, the body at a few instants.
 
-    A body in space is seen from the side.
+    A body in space is seen from the front (x, z), from the side (y, z) and from above (x, y), as in a workshop drawing.
     """
-    exp, body = record.experiment, len(record.experiment.stations) > 1
-    position, modelled, axes = from_side(record)
+    exp, modelled, body = record.experiment, record.modelled, len(record.experiment.stations) > 1
     with drawing():
-        size = (width := min(5.4, WIDTH.get()), 1.2 + 0.8 * width * slenderness(position, modelled, body))
-        ax = (figure := Figure(figsize=size, layout="constrained")).subplots()
-        seen = np.isfinite(exp.last_station).all(axis=1)
-        ax.plot(*(1e3 * position[:, -1]).T, **MEASURED if seen.sum() > SPARSE else MEASURED_POINTS)
-        ax.plot(*(1e3 * modelled[:, -1]).T, **MODELLED)
-        shown = instants(exp.last_station) if body else []
-        for k in shown:
-            first = k == shown[0]
-            chain = 1e3 * np.vstack([np.zeros((1, 2)), modelled[k]])
-            ax.plot(*chain.T, color="0.15", linestyle="-", linewidth=0.8, marker="o", markersize=4,
-                    markerfacecolor="white", label="modelled stations" if first else None)
-            ax.plot(*(1e3 * position[k]).T, linestyle="", marker="+", color="black", markersize=7,
-                    label="measured stations" if first else None)
-            if k in (shown[0], shown[-1]):
-                ax.annotate(f"{exp.time[k]:.2f} s", chain[-1], textcoords="offset points", xytext=(0, 9), fontsize=7,
-                            ha="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5})
-        ax.plot(*(1e3 * position[seen, -1][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
-                linestyle="", label="first frame")
-        ax.set(xlabel=f"{axes[0]} (mm)", ylabel=f"{axes[1]} (mm)", aspect="equal", adjustable="datalim")
-        legend(figure, [ax])
+        if exp.dimension == 2:
+            size = (width := min(5.4, WIDTH.get()), 1.2 + 0.8 * width * slenderness(exp.position, modelled, body))
+            ax = (figure := Figure(figsize=size, layout="constrained")).subplots()
+            draw_path(ax, record, (0, 1))
+            ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", adjustable="datalim")
+            legend(figure, [ax])
+            return figure
+        figure, views = three_views(np.concatenate([exp.position, modelled, np.zeros((len(modelled), 1, 3))], axis=1))
+        for ax, view in views:
+            draw_path(ax, record, view)
+        legend(figure, figure.axes[:1])
     return figure
+
+
+def three_views(points: Array) -> tuple[Figure, list[tuple[Axes, tuple[int, int]]]]:
+    """Return a figure with the front, side and top view of points (T, S, 3) [m] at one scale, and the axes of each."""
+    low, high = (f(points.reshape(-1, 3), axis=0) for f in (np.nanmin, np.nanmax))
+    room = 0.06 * float((high - low).max()) or 1e-3
+    low, high = 1e3 * (low - room), 1e3 * (high + room)
+    x, y, z = high - low
+    width = min(5.4, WIDTH.get())
+    figure = Figure(figsize=(width, min(1.3 + (width - 1.2) * (y + z) / (x + y), TALLEST)), layout="constrained")
+    grid = figure.add_gridspec(2, 2, width_ratios=(x, y), height_ratios=(z, y))
+    views = []
+    for (row, column), (across, up) in {(0, 0): (0, 2), (0, 1): (1, 2), (1, 0): (0, 1)}.items():
+        ax = figure.add_subplot(grid[row, column])
+        ax.set(xlabel=f"{'xyz'[across]} (mm)", ylabel=f"{'xyz'[up]} (mm)", aspect="equal",
+               xlim=(low[across], high[across]), ylim=(low[up], high[up]))
+        ax.locator_params(nbins=4)
+        views.append((ax, (across, up)))
+    return figure, views
+
+
+def draw_path(ax: Axes, record: RecordOutcome, view: tuple[int, int]) -> None:
+    """Draw path and body of a record against two of its axes."""
+    exp, axes = record.experiment, list(view)
+    position, modelled = exp.position[..., axes], record.modelled[..., axes]
+    seen = np.isfinite(exp.last_station).all(axis=1)
+    ax.plot(*(1e3 * position[:, -1]).T, **MEASURED if seen.sum() > SPARSE else MEASURED_POINTS)
+    ax.plot(*(1e3 * modelled[:, -1]).T, **MODELLED)
+    shown = instants(exp.last_station) if len(exp.stations) > 1 else []
+    for k in shown:
+        first = k == shown[0]
+        chain = 1e3 * np.vstack([np.zeros((1, 2)), modelled[k]])
+        ax.plot(*chain.T, color="0.15", linestyle="-", linewidth=0.8, marker="o", markersize=4,
+                markerfacecolor="white", label="modelled stations" if first else None)
+        ax.plot(*(1e3 * position[k]).T, linestyle="", marker="+", color="black", markersize=7,
+                label="measured stations" if first else None)
+        if k in (shown[0], shown[-1]) and view[0] == 0:
+            ax.annotate(f"{exp.time[k]:.2f} s", chain[-1], textcoords="offset points", xytext=(0, 9), fontsize=7,
+                        ha="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+    ax.plot(*(1e3 * position[seen, -1][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
+            linestyle="", label="first frame")
 
 
 def forecast_figure(forecast: Forecast) -> Figure:

@@ -215,6 +215,11 @@ class StudyOutcome(Shown):
         """Whether its recordings hold angles and no places."""
         return any(r.experiment.without_positions for f in self.fits for r in f.records)
 
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """What its records compare: x and y, in space z too, or an angle."""
+        return ("angle",) if self.turns else ("x", "y", "z") if self.model.space else ("x", "y")
+
     def card(self) -> Card:
         """The headline, and every record under the first fit that holds it."""
         rows, unit = [], "deg" if self.turns else "mm"

@@ -33,7 +33,7 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
         for record in (r for f in outcome.fits for r in f.records):
             measured[record.name]["grown"] = grown_of(record.experiment.position, record.experiment, every, pack)
     return {
-        "every": every, "records": measured, "turns": outcome.turns,
+        "every": every, "records": measured, "turns": outcome.turns, "axes": outcome.axes,
         "fits": [{
             "title": f.title, "records": {r.name: modelled_of(r, every, pack) for r in f.records},
             "grown": {r.name: grown_of(r.modelled, r.experiment, every, pack) for r in f.records}

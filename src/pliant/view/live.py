@@ -29,6 +29,11 @@ PULL = 1.5  # stiffness of the thread between hand and body, in those of a joint
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
+def shown_in(unit: str) -> tuple[float, str]:
+    """Return how many of the page's units make one SI unit of an input, and that unit."""
+    return {"Pa": (1e-3, "kPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
+
+
 class Slider(NamedTuple):
     """One number of the model that the page may change."""
 
@@ -47,14 +52,15 @@ class Pull(BaseModel):
     share: float = Field(ge=0.0, le=1.0)  # of the link's length
     x_mm: Finite  # where the hand is
     y_mm: Finite
+    z_mm: Finite = 0.0  # of a body in space
 
 
 class Wish(BaseModel):
     """What the page asks for; what it does not name stays."""
 
     model_config = ConfigDict(extra="forbid")
-    pressure_kpa: list[Annotated[float, Field(ge=0.0, le=2000.0)]] | None = None
-    gravity: tuple[Annotated[float, Field(ge=-30, le=30)], Annotated[float, Field(ge=-30, le=30)]] | None = None
+    pressure_kpa: list[Annotated[float, Field(ge=-2000.0, le=2000.0)]] | None = None  # tendons: N, mm, rad
+    gravity: Annotated[list[Annotated[float, Field(ge=-30, le=30)]], Field(min_length=2, max_length=3)] | None = None
     parameters: dict[str, Finite] | None = None
     speed: float | None = Field(None, ge=0.0, le=1.0)
     pull: Pull | None = None
@@ -129,7 +135,8 @@ class Live:
         self.command = np.zeros(self.chambers)
         self.speed, self.debt, self.message = 1.0, 0.0, ""
         self.pull: Pull | None = None
-        self.force = np.zeros(2)
+        self.force = np.zeros(mechanics_of(self.model).dimension)
+        self.factor = np.array([shown_in(unit)[0] for unit in self.model.actuation.units])
         self.record: Experiment | None = None
         self.changed: dict[str, Any] = {}
         self.sliders = {s.name: s for s in played.sliders}
@@ -140,7 +147,9 @@ class Live:
     def ask(self, wish: Wish) -> None:
         """Note what the page asks for, and do what is done in no time."""
         if wish.pressure_kpa is not None and len(wish.pressure_kpa) == self.chambers:
-            self.by_hand[:] = 1e3 * np.array(wish.pressure_kpa)
+            sent = np.array(wish.pressure_kpa) / self.factor
+            pressed = np.array(self.model.actuation.units) == "Pa"
+            self.by_hand[:] = np.where(pressed, np.maximum(sent, 0.0), sent)
             self.command[:] = self.by_hand
         if wish.speed is not None:
             self.speed = wish.speed
@@ -244,13 +253,14 @@ class Live:
         start, end = chain.nodes(x)[i + 1 : i + 3]
         at = start + self.pull.share * (end - start)
         stiffness = PULL * float(m.stiffness.mean()) / (m.n * m.length**2)
-        gap = np.clip(1e-3 * np.array([self.pull.x_mm, self.pull.y_mm]) - at, -m.length, m.length)
+        hand_at = 1e-3 * np.array([self.pull.x_mm, self.pull.y_mm, self.pull.z_mm])[: chain.dimension]
+        gap = np.clip(hand_at - at, -m.length, m.length)
         self.force[:] = stiffness * gap
         push = chain.position_jacobian(x, hand).T @ self.force
         self.stepper.velocity[:] += self.stepper.length * np.linalg.solve(chain.inertia(x), push)
 
     def frame(self) -> dict[str, Any]:
-        """What the page draws now: mm, kPa, N."""
+        """What the page draws now: mm, kPa (tendons: N, mm, rad), N."""
         m, t = self.model, self.stepper.time
         joints = mechanics_of(m).nodes(self.stepper.position)
         message, self.message = self.message, ""
@@ -260,5 +270,5 @@ class Live:
             measured = [[None if not np.isfinite(v) else round(1e3 * float(v), 3) for v in p]
                         for p in self.record.position[k]]
         return {"t": round(t, 6), "body": np.round(1e3 * joints, 3).tolist(), "message": message, "measured": measured,
-                "kpa": np.round(1e-3 * self.stepper.pressure, 4).tolist(),
-                "command": np.round(1e-3 * self.command, 4).tolist(), "force": np.round(self.force, 5).tolist()}
+                "kpa": np.round(self.factor * self.stepper.pressure, 4).tolist(),
+                "command": np.round(self.factor * self.command, 4).tolist(), "force": np.round(self.force, 5).tolist()}

@@ -113,7 +113,8 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
     turns = outcome.turns
     meaning = definitions(turns=turns)
     return {
-        "no_places": NO_PLACES if turns else "", "unit": "°" if turns else "mm",
+        "axes": outcome.axes, "in_space": len(outcome.axes) == 3, "unit": "°" if turns else "mm",
+        "no_places": NO_PLACES if turns else "",
         "first_look": first_look(outcome), "outcome": outcome, "headline": headline, "sign": sign, "word": word,
         "records": {
             "held_out": [row for f in outcome.fits for row in (

@@ -12,7 +12,8 @@ from pydantic import ValidationError
 
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
-from pliant.view.live import Live, Played, Wish
+from pliant.simulation.levels import typical_pressure
+from pliant.view.live import Live, Played, Wish, shown_in
 from pliant.view.report import asset, script_json, template
 from pliant.view.watched import WatchedLoop
 
@@ -31,17 +32,19 @@ def running(played: Played) -> Live | WatchedLoop:
 
 def live_page(played: Played, live: Live | WatchedLoop) -> str:
     """The page as text."""
-    m = played.model
+    m, ends = played.model, ranges(played, live.chambers)
     data = {
         "length": 1e3 * m.length, "links": m.n, "chambers": chamber_names(m, live.chambers),
         "gravity": [float(g) for g in m.gravity],
         "sliders": [s._asdict() for s in played.sliders], "name": m.name,
-        "watched": played.log is not None, "highest": highest(played),
+        "watched": played.log is not None, **ends,
         "records": [n for n, e in played.records.items() if e.pressure is not None],
     }
     scripts = [asset("uPlot.iife.min.js"), asset("figures.js"), asset("live.js")]
+    pressed = all(unit == "kPa" for unit in ends["units"])
     return str(template("live.html.j2").render(
-        name=m.name, records=data["records"], data=script_json(data), scripts=scripts,
+        name=m.name, in_space=m.space is not None, pressed=pressed, records=data["records"],
+        data=script_json(data), scripts=scripts,
         styles=[asset("uPlot.min.css"), asset("page.css")]))
 
 
@@ -57,6 +60,18 @@ def highest(played: Played) -> float:
     """Where the sliders of pressures end, kPa: a quarter above what was recorded."""
     seen = [e.peak for e in played.records.values()]
     return 1.25e-3 * max(seen) if seen and max(seen) > 0 else BARE_KPA
+
+
+def ranges(played: Played, count: int) -> dict[str, list[Any]]:
+    """Return unit and ends of the slider of each input: pressures from none to the highest, tendons either way."""
+    model = played.model
+    known = [shown_in(unit) for unit in model.actuation.units]
+    if len(known) != count or all(unit == "kPa" for _, unit in known):
+        return {"units": ["kPa"] * count, "lowest": [0.0] * count, "highest": [highest(played)] * count}
+    ends = [highest(played) if unit == "kPa" else 2.0 * factor * typical_pressure(model, c)
+            for c, (factor, unit) in enumerate(known)]  # fmt: skip
+    lowest = [-end if unit in ("mm", "rad") else 0.0 for end, (_, unit) in zip(ends, known, strict=True)]
+    return {"units": [unit for _, unit in known], "lowest": lowest, "highest": ends}
 
 
 def application(played: Played, token: str, host: str) -> Any:

@@ -135,27 +135,71 @@ const Pliant = (() => {
     ctx.restore();
   }
 
-  // The canvas of the body: equal axes in mm, the base at the bottom, what was measured thick and grey beneath.
+  // Where a camera looks from: its right and its up, in the frame of the body. Height pi / 2 looks from above.
+  function camera(azimuth, height) {
+    const [s, c] = [Math.sin(azimuth), Math.cos(azimuth)], [h, k] = [Math.sin(height), Math.cos(height)];
+    return { right: [c, s, 0], up: [-h * s, h * c, k] };
+  }
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const VIEWS = [["x", "z", 0, 0], ["y", "z", Math.PI / 2, 0], ["x", "y", 0, Math.PI / 2]]; // in print: front, side, top
+
+  // The canvas of the body: equal axes in mm, the base at the bottom, what was measured thick and grey beneath. A body
+  // in space, whose points have three numbers, is turned by dragging, and printed in three views.
   class Body {
     constructor(canvas) {
       this.canvas = canvas;
       this.scene = null;
+      this.turned = { azimuth: -0.6, height: 0.35 }; // of a body in space, rad
       new ResizeObserver(() => this.draw()).observe(canvas);
     }
 
-    // scene: {low: [x, y], high: [x, y], paths: [{points, colour, width}], ...}; parts() gives what moves.
+    // scene: {low: [x, y], high: [x, y], paint}, or low and high of three numbers; paint(body) draws what moves.
     show(scene) { this.scene = scene; this.draw(); }
 
-    place() {
-      const { canvas, scene } = this, ratio = devicePixelRatio, w = canvas.clientWidth, h = canvas.clientHeight;
-      if (canvas.width !== Math.round(w * ratio)) canvas.width = Math.round(w * ratio);
-      if (canvas.height !== Math.round(h * ratio)) canvas.height = Math.round(h * ratio);
-      const span = [scene.high[0] - scene.low[0], scene.high[1] - scene.low[1]].map((v) => v || 1);
-      const inner = { left: 44, right: 12, top: 12, bottom: 36 };
-      const k = Math.min((w - inner.left - inner.right) / span[0], (h - inner.top - inner.bottom) / span[1]);
-      const x0 = inner.left + (w - inner.left - inner.right - k * span[0]) / 2 - k * scene.low[0];
-      const y0 = h - inner.bottom - (h - inner.top - inner.bottom - k * span[1]) / 2 + k * scene.low[1];
-      Object.assign(this, { k, x0, y0, w, h, inner, ratio });
+    get inSpace() { return this.scene?.low.length === 3; }
+
+    // The frame of a view: the whole canvas, or in print one of three side by side.
+    place(part = 0, parts = 1) {
+      const { canvas, scene } = this, ratio = devicePixelRatio, wide = canvas.clientWidth, h = canvas.clientHeight;
+      if (!part && canvas.width !== Math.round(wide * ratio)) canvas.width = Math.round(wide * ratio);
+      if (!part && canvas.height !== Math.round(h * ratio)) canvas.height = Math.round(h * ratio);
+      const { low, high } = this.inSpace ? this.around() : scene, span = [high[0] - low[0], high[1] - low[1]].map((v) => v || 1);
+      const w = wide / parts, left = part * w, inner = { left: left + 44, right: 12, top: 12, bottom: 36 };
+      const room = w - 56, tall = h - inner.top - inner.bottom;
+      const k = Math.min(room / span[0], tall / span[1]);
+      const x0 = inner.left + (room - k * span[0]) / 2 - k * low[0];
+      const y0 = h - inner.bottom - (tall - k * span[1]) / 2 + k * low[1];
+      Object.assign(this, { k, x0, y0, w: left + w, h, inner, ratio });
+    }
+
+    // What a view shows of a body in space: all of it, however it is turned.
+    around() {
+      const { low, high } = this.scene, middle = low.map((v, c) => (v + high[c]) / 2), { right, up } = this.camera;
+      const reach = 0.5 * Math.hypot(...low.map((v, c) => high[c] - v)), [x, y] = [dot(right, middle), dot(up, middle)];
+      return { low: [x - reach, y - reach], high: [x + reach, y + reach] };
+    }
+
+    get camera() { return camera(this.turned.azimuth, this.turned.height); }
+
+    // Where a point lies in the view, mm.
+    flat(p) {
+      if (p.length < 3) return p;
+      if (!p.every(Number.isFinite)) return [NaN, NaN];
+      return [dot(this.camera.right, p), dot(this.camera.up, p)];
+    }
+
+    // A point as far from the viewer as another, at a place of the view, mm.
+    beside(p, [x, y]) {
+      if (p.length < 3) return [x, y];
+      const { right, up } = this.camera, [a, b] = this.flat(p);
+      return p.map((v, c) => v + (x - a) * right[c] + (y - b) * up[c]);
+    }
+
+    // Turn by a drag of so many pixels.
+    turn(dx, dy) {
+      const { azimuth, height } = this.turned, most = Math.PI / 2;
+      this.turned = { azimuth: azimuth - 0.01 * dx, height: Math.max(-most, Math.min(most, height + 0.01 * dy)) };
+      this.draw();
     }
 
     at(x, y) { return [this.x0 + this.k * x, this.y0 - this.k * y]; }
@@ -165,7 +209,8 @@ const Pliant = (() => {
       const ctx = this.canvas.getContext("2d");
       ctx.beginPath();
       let down = false;
-      for (const [x, y] of points) {
+      for (const p of points) {
+        const [x, y] = this.flat(p);
         if (!Number.isFinite(x) || !Number.isFinite(y)) { down = false; continue; }
         if (down) ctx.lineTo(...this.at(x, y)); else ctx.moveTo(...this.at(x, y));
         down = true;
@@ -180,7 +225,8 @@ const Pliant = (() => {
 
     dots(points, colour, radius, fill = colour) {
       const ctx = this.canvas.getContext("2d");
-      for (const [x, y] of points) {
+      for (const p of points) {
+        const [x, y] = this.flat(p);
         if (!Number.isFinite(x) || !Number.isFinite(y)) continue;
         ctx.beginPath();
         ctx.arc(...this.at(x, y), radius, 0, 2 * Math.PI);
@@ -192,7 +238,7 @@ const Pliant = (() => {
       }
     }
 
-    grid() {
+    grid([across, up] = ["x", "y"]) {
       const ctx = this.canvas.getContext("2d"), { w, h, inner } = this;
       const rough = 70 / this.k, power = 10 ** Math.floor(Math.log10(rough));
       const step = [1, 2, 5, 10].map((m) => m * power).find((v) => v >= rough);
@@ -214,12 +260,31 @@ const Pliant = (() => {
         ctx.fillText(digits(y, "", 3).replace(/\.0*$/, ""), inner.left - 6, p + 4);
       }
       ctx.textAlign = "left";
-      ctx.fillText("y (mm)", 2, inner.top + 2);
+      ctx.fillText(`${up} (mm)`, inner.left - 42, inner.top + 2);
       ctx.textAlign = "right";
-      ctx.fillText("x (mm)", w - inner.right, h - 5);
+      ctx.fillText(`${across} (mm)`, w - inner.right, h - 5);
       const [bx, by] = this.at(0, 0);
       ctx.fillStyle = paint("soft");
       ctx.fillRect(bx - 14, by, 28, 5);
+    }
+
+    // The axes of the base frame of a body in space, and a length to compare with.
+    axes() {
+      const ctx = this.canvas.getContext("2d"), { low, high } = this.scene, rough = 0.25 * Math.max(...high.map((v, c) => v - low[c]));
+      const power = 10 ** Math.floor(Math.log10(rough)), long = [5, 2, 1].map((m) => m * power).find((v) => v <= rough);
+      ctx.font = px(12);
+      ctx.fillStyle = paint("ink");
+      ctx.textAlign = "center";
+      ["x", "y", "z"].forEach((name, c) => {
+        const end = [0, 0, 0];
+        end[c] = long;
+        this.line([[0, 0, 0], end], paint("soft"), 1.5);
+        end[c] = 1.15 * long;
+        const [x, y] = this.at(...this.flat(end));
+        ctx.fillText(name, x, y + 4);
+      });
+      ctx.textAlign = "left";
+      ctx.fillText(`axes of ${digits(long, "", 3).replace(/\.0*$/, "")} mm`, 8, this.h - 8);
     }
 
     draw() {
@@ -228,8 +293,24 @@ const Pliant = (() => {
       const ctx = this.canvas.getContext("2d");
       ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
       ctx.clearRect(0, 0, this.w, this.h);
-      this.grid();
+      if (this.inSpace && document.documentElement.classList.contains("print")) {
+        this.views();
+        return;
+      }
+      if (this.inSpace) this.axes(); else this.grid();
       this.scene.paint(this);
+    }
+
+    // Front, side and top.
+    views() {
+      const { turned } = this;
+      VIEWS.forEach(([across, up, azimuth, height], part) => {
+        this.turned = { azimuth, height };
+        this.place(part, VIEWS.length);
+        this.grid([across, up]);
+        this.scene.paint(this);
+      });
+      this.turned = turned;
     }
   }
 

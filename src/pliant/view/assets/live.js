@@ -9,7 +9,7 @@
   const roll = { t: [], series: [] }; // of the last ten seconds, whatever the speed
   const touched = []; // mm, where a loop's body was touched
   let untouched = true; // until a person moves, pulls or chooses something
-  let now = null, pull = null, drawn = 0, counted = performance.now(), frames = 0;
+  let now = null, pull = null, turning = null, drawn = 0, counted = performance.now(), frames = 0;
   const ask = (wish) => socket.readyState === 1 && socket.send(JSON.stringify(wish));
 
   function slider(host, label, o, act) {
@@ -34,10 +34,11 @@
   }
 
   const kpa = Array(data.chambers.length).fill(0), several = data.chambers.length > 1;
-  const levels = kpa.map((_, c) => slider($("pressures"), several ? `pressure, ${data.chambers[c]}` : data.chambers[c],
-    { low: 0, high: data.highest, value: 0, unit: "kPa", step: 1 }, (v) => { kpa[c] = v; ask({ pressure_kpa: kpa }); }));
+  const levels = kpa.map((_, c) => slider($("pressures"), several && data.units[c] === "kPa" ? `pressure, ${data.chambers[c]}` : data.chambers[c],
+    { low: data.lowest[c], high: data.highest[c], value: 0, unit: data.units[c], step: data.units[c] === "kPa" ? 1 : undefined }, (v) => { kpa[c] = v; ask({ pressure_kpa: kpa }); }));
   const gravity = [...data.gravity];
-  ["x", "y"].forEach((name, c) => slider($("numbers"), `gravity ${name}`, { low: -10, high: 10, value: gravity[c],
+  const axes = [..."xyz"].slice(0, gravity.length), DASHES = [undefined, [6, 4], [1.5, 3]];
+  axes.forEach((name, c) => slider($("numbers"), `gravity ${name}`, { low: -10, high: 10, value: gravity[c],
     unit: "m/s²" }, (v) => { gravity[c] = v; ask({ gravity }); }));
   for (const s of data.sliders) slider($("numbers"), s.name, s, (v) => ask({ parameters: { [s.name]: v } }));
   for (const name of data.records) $("record").append(new Option(name, name));
@@ -50,11 +51,14 @@
   $("speed").addEventListener("change", () => ask({ speed: Number($("speed").value) }));
   $("reset").addEventListener("click", () => ask({ reset: true }));
 
-  body.show({ low: [-1.15 * L, -0.45 * L], high: [1.15 * L, 1.15 * L], paint: (b) => {
+  const plane = gravity.length === 2, base = axes.map(() => 0);
+  const low = plane ? [-1.15 * L, -0.45 * L] : [-0.7 * L, -0.7 * L, -0.4 * L], high = plane ? [1.15 * L, 1.15 * L] : [0.7 * L, 0.7 * L, L];
+  if (!plane) $("drag").textContent = "drag it anywhere; drag beside it to turn";
+  body.show({ low, high, paint: (b) => {
     if (!now) return;
     if (now.measured) {
       const seen = now.measured.filter((p) => p[0] !== null);
-      if (seen.length > 1) b.line([[0, 0], ...seen], paint("measured"), 9);
+      if (seen.length > 1) b.line([base, ...seen], paint("measured"), 9);
       b.dots(seen, paint("paper"), 4.5, paint("measured"));
     }
     b.line(now.body, paint("tip"), 3);
@@ -67,51 +71,67 @@
     }
     if (pull) {
       const held = point(pull);
-      b.line([held, [pull.x_mm, pull.y_mm]], paint("accent"), 1.6, [4, 3]);
+      b.line([held, hand3(pull)], paint("accent"), 1.6, [4, 3]);
       b.dots([held], paint("accent"), 5);
     }
   } });
 
-  const point = (p) => [0, 1].map((c) => now.body[p.link + 1][c] + p.share * (now.body[p.link + 2][c] - now.body[p.link + 1][c]));
+  const hand3 = (p) => (plane ? [p.x_mm, p.y_mm] : [p.x_mm, p.y_mm, p.z_mm]);
+  const point = (p) => base.map((_, c) => now.body[p.link + 1][c] + p.share * (now.body[p.link + 2][c] - now.body[p.link + 1][c]));
   const hand = (e) => {
     const box = body.canvas.getBoundingClientRect();
     return body.from(e.clientX - box.left, e.clientY - box.top);
   };
 
+  // The hand at a place of the view, in space as far from the viewer as what it holds.
+  function drawn_to(held, place) {
+    const at = body.beside(point(held), place);
+    return { ...held, x_mm: at[0], y_mm: at[1], ...(plane ? {} : { z_mm: at[2] }) };
+  }
+
   function grasp([x, y]) {
     let best = { gap: Infinity };
     for (let link = 0; link < data.links; link++) {
-      const [a, b] = [now.body[link + 1], now.body[link + 2]], d = [b[0] - a[0], b[1] - a[1]];
-      const share = Math.max(0, Math.min(1, ((x - a[0]) * d[0] + (y - a[1]) * d[1]) / (d[0] ** 2 + d[1] ** 2)));
+      const [a, b] = [body.flat(now.body[link + 1]), body.flat(now.body[link + 2])], d = [b[0] - a[0], b[1] - a[1]];
+      const share = Math.max(0, Math.min(1, ((x - a[0]) * d[0] + (y - a[1]) * d[1]) / (d[0] ** 2 + d[1] ** 2 || 1)));
       const gap = Math.hypot(a[0] + share * d[0] - x, a[1] + share * d[1] - y);
       if (gap < best.gap) best = { gap, link, share };
     }
-    return best.gap < 0.2 * L ? { link: best.link, share: best.share, x_mm: x, y_mm: y } : null;
+    return best.gap < (plane ? 0.2 : 0.08) * L ? drawn_to({ link: best.link, share: best.share }, [x, y]) : null;
   }
 
   body.canvas.addEventListener("pointerdown", (e) => {
-    if (data.watched || !now || !(pull = grasp(hand(e)))) return;
-    untouched = false;
+    if (!now) return;
+    pull = data.watched ? null : grasp(hand(e));
+    if (!pull && plane) return;
     body.canvas.setPointerCapture(e.pointerId);
+    if (!pull) { turning = [e.clientX, e.clientY]; return; }
+    untouched = false;
     ask({ pull });
   });
   body.canvas.addEventListener("pointermove", (e) => {
+    if (turning) {
+      body.turn(e.clientX - turning[0], e.clientY - turning[1]);
+      turning = [e.clientX, e.clientY];
+    }
     if (!pull) return;
-    [pull.x_mm, pull.y_mm] = hand(e);
+    pull = drawn_to({ link: pull.link, share: pull.share }, hand(e));
     ask({ pull });
   });
   for (const name of ["pointerup", "pointercancel"]) {
-    body.canvas.addEventListener(name, () => { pull = null; ask({ pull: null }); });
+    body.canvas.addEventListener(name, () => {
+      if (!turning) ask({ pull: null });
+      pull = turning = null;
+    });
   }
 
   const empty = (n) => Array.from({ length: n }, () => []);
-  const CURVES = 4; // x and y measured, x and y modelled
+  const CURVES = 2 * axes.length; // x, y (and z) measured, then modelled
   roll.series = empty(CURVES + data.chambers.length);
   const tip = plot($("plot-tip"), { x: [], height: 220, ylabel: "tip (mm)", series: [
-    ...[0, 1].map(() => ({ label: "measured", values: [], width: 4, colour: () => paint("measured") })),
-    ...[0, 1].map((c) => ({ label: "xy"[c], values: [], colour: () => paint("tip"), dash: c ? [6, 4] : undefined,
-      tag: "xy"[c] }))] });
-  const chambers = plot($("plot-pressure"), { x: [], height: 150, ylabel: "pressure (kPa)", xlabel: "time (s)",
+    ...axes.map(() => ({ label: "measured", values: [], width: 4, colour: () => paint("measured") })),
+    ...axes.map((axis, c) => ({ label: axis, values: [], colour: () => paint("tip"), dash: DASHES[c], tag: axis }))] });
+  const chambers = plot($("plot-pressure"), { x: [], height: 150, ylabel: data.units.every((u) => u === "kPa") ? "pressure (kPa)" : `input (${[...new Set(data.units)].join(", ")})`, xlabel: "time (s)",
     room: true, series: kpa.map((_, c) => ({ label: data.chambers[c], values: [], width: 1.6,
       colour: () => ramp(several ? c / (kpa.length - 1) : 1), tag: several ? data.chambers[c] : "" })) });
 
@@ -122,7 +142,7 @@
     }
     if (f.t === roll.t[roll.t.length - 1]) return;
     roll.t.push(f.t);
-    const seen = f.measured ? f.measured[f.measured.length - 1] : [null, null];
+    const seen = f.measured ? f.measured[f.measured.length - 1] : axes.map(() => null);
     [...seen, ...f.body[f.body.length - 1], ...f.kpa].forEach((v, i) => roll.series[i].push(v));
     while (roll.t[0] < f.t - KEPT || roll.t.length > MOST) {
       roll.t.shift();
@@ -133,7 +153,7 @@
   // The page begins with a pulse, so that the body moves before anything is touched.
   const PULSE = [0.4, 1500, 2500]; // of the highest pressure; ms of the pulse, and until the next
   function pulse(left) {
-    const send = (share) => { if (untouched) ask({ pressure_kpa: kpa.map((_, c) => (c ? 0 : Math.round(share * data.highest))) }); };
+    const send = (share) => { if (untouched) ask({ pressure_kpa: kpa.map((_, c) => (c ? 0 : (data.units[0] === "kPa" ? Math.round : Number)(share * data.highest[0]))) }); };
     send(PULSE[0]);
     setTimeout(() => { send(0); if (left > 1 && untouched) setTimeout(() => pulse(left - 1), PULSE[2]); }, PULSE[1]);
   }

@@ -5,7 +5,7 @@
   const $ = (id) => document.getElementById(id);
   const data = JSON.parse($("data").textContent);
   if (!("DecompressionStream" in window)) { $("old").hidden = false; return; }
-  const axes = data.turns ? ["angle"] : ["x", "y"], width = axes.length, unit = data.turns ? "°" : "mm";
+  const axes = data.axes, width = axes.length, DASHES = [undefined, [6, 4], [1.5, 3]], unit = data.turns ? "°" : "mm";
   const block = await inflate($("block").textContent);
   const open = (note) => (note ? array(block, note) : null);
   const body = new Body($("body"));
@@ -38,23 +38,23 @@
 
   // ---- the body --------------------------------------------------------------------------------------------------
   function scene(r) {
-    const low = [0, 0], high = [0, 0], last = r.stations.length - 1;
+    const base = axes.map(() => 0), low = [...base], high = [...base], last = r.stations.length - 1;
     for (const a of [r.measured, r.chain]) {
       a.flat.forEach((v, i) => {
         if (!Number.isFinite(v)) return;
-        low[i % 2] = Math.min(low[i % 2], v);
-        high[i % 2] = Math.max(high[i % 2], v);
+        low[i % width] = Math.min(low[i % width], v);
+        high[i % width] = Math.max(high[i % width], v);
       });
     }
-    const rim = 0.04 * Math.max(high[0] - low[0], high[1] - low[1]);
-    for (const c of [0, 1]) { low[c] -= rim; high[c] += rim; }
-    const path = (a, s) => r.t.map((_, t) => [0, 1].map((c) => a.flat[t * (a.flat.length / r.t.length) + 2 * s + c]));
+    const rim = 0.04 * Math.max(...high.map((v, c) => v - low[c]));
+    for (const c of axes.keys()) { low[c] -= rim; high[c] += rim; }
+    const path = (a, s) => r.t.map((_, t) => points(a, t)[s]);
     const [was, says] = [path(r.measured, last), path(r.modelled, last)];
     return { low, high, paint: (b) => {
       b.line(was, paint("faint"), 4);
       b.line(says, paint("tip"), 0.8, [3, 3]);
       const seen = points(r.measured, frame), chain = points(r.chain, frame);
-      if (seen.length > 1) b.line([[0, 0], ...seen], paint("measured"), 9);
+      if (seen.length > 1) b.line([base, ...seen], paint("measured"), 9);
       b.line(chain, paint("tip"), 2.2);
       b.dots(chain.slice(1, -1), paint("tip"), 3, paint("paper"));
       b.dots(seen, paint("paper"), 4.5, paint("measured"));
@@ -90,7 +90,7 @@
     for (const s of [...r.stationsOn].sort((a, b) => a - b)) {
       for (const c of axes.keys()) {
         const [a, b] = [column(r.modelled, width * s + c), column(r.measured, width * s + c)];
-        out.push({ label: `${r.stations[s]} ${axes[c]}`, width: 1.3, colour: tone(r, s), dash: c ? [6, 4] : undefined,
+        out.push({ label: `${r.stations[s]} ${axes[c]}`, width: 1.3, colour: tone(r, s), dash: DASHES[c],
           values: a.map((v, i) => (v === null || b[i] === null ? null : v - b[i])) });
       }
     }
@@ -159,7 +159,7 @@
   function correlation(r) {
     const u = plot($("plot-correlation"), { x: r.lag, height: 170, xlabel: "lag (s)", ylabel: "correlation",
       range: [-1.05, 1.05], marks: [{ low: -r.white, at: r.white, text: "white noise: 95 % within" }],
-      series: axes.map((axis, c) => ({ label: axis, values: column(r.correlation, c), width: 1.5, dash: c ? [6, 4] : undefined,
+      series: axes.map((axis, c) => ({ label: axis, values: column(r.correlation, c), width: 1.5, dash: DASHES[c],
         colour: () => paint("tip") })) });
     all.push(u);
     return u;
@@ -187,7 +187,7 @@
       head.textContent = r.stations[s];
       const [seen, says] = [points(r.measured, frame)[s], points(r.modelled, frame)[s]];
       row.append(head, ...axes.flatMap((_, c) => [cell(mm(seen[c])), cell(mm(says[c]))]),
-        cell(mm(data.turns ? says[0] - seen[0] : Math.hypot(says[0] - seen[0], says[1] - seen[1]))));
+        cell(mm(data.turns ? says[0] - seen[0] : Math.hypot(...says.map((v, c) => v - seen[c])))));
       return row;
     }));
   }
@@ -314,6 +314,19 @@
       xlabel: "time on the shape's clock (s)", series: [draw(c.motion, "motion", "measured", 4.5),
         draw(c.moved, "moved", "tip", 1.6), draw(c.logged, "as logged", "soft", 1.2, [2, 4])] }));
   }
+
+  let dragged = null; // where a drag that turns a body in space was last
+  body.canvas.addEventListener("pointerdown", (e) => {
+    if (!body.inSpace) return;
+    dragged = [e.clientX, e.clientY];
+    body.canvas.setPointerCapture(e.pointerId);
+  });
+  body.canvas.addEventListener("pointermove", (e) => {
+    if (!dragged) return;
+    body.turn(e.clientX - dragged[0], e.clientY - dragged[1]);
+    dragged = [e.clientX, e.clientY];
+  });
+  for (const name of ["pointerup", "pointercancel"]) body.canvas.addEventListener(name, () => { dragged = null; });
 
   const repaint = () => { all.forEach((u) => u.redraw(false)); body.draw(); };
   const fit = () => { // to the widths that the page has now: a printed page is laid out after the last chance to draw
