@@ -3,7 +3,8 @@
 The body is an arm of 0.17 m and 69 g in five links, let go from a bend in space under gravity across it. One joint has
 the same stiffness in its three directions, so that MuJoCo's ball joints carry the same springs; how far the two models'
 tips differ is printed. Every method is compared with itself at a tiny step. Of Pinocchio, semi-implicit Euler in
-Python, the forward dynamics alone count. The shortest of many runs of processor time counts; `--seconds S`: how long.
+Python, the forward dynamics alone count. The step with six tendons, of which some are taut and some slack, stands
+beside the one without. The shortest of many runs of processor time counts; `--seconds S`: how long.
 """
 
 from __future__ import annotations
@@ -28,12 +29,13 @@ from pliant.compiler.choose import straight
 from pliant.compiler.twin import options, rebuild
 from pliant.equations import spatial
 from pliant.mechanics import mechanics_of
-from pliant.model import chain_model
+from pliant.model import Tendon, chain_model
 
 Array = np.ndarray
 LINKS, RADIUS, LENGTH, MASS = 5, 0.012, 0.17, 0.069
 STIFFNESS, DAMPING = 1.6067, 8e-3  # N m/rad, N m s/rad, of each joint
 END, LOOKS = 1.0, 100  # s, and how often the tip is compared
+TENDONS = 6
 TARGETS = (1.0, 0.1, 0.02)  # mm
 STEPS = [1e-2 / k for k in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40, 64, 100, 160, 250, 400, 800)]  # s
 FINEST = 1e-2 / 4000
@@ -42,11 +44,21 @@ POINTER = ctypes.POINTER(ctypes.c_double)
 
 
 @cache
-def arm(turns: int) -> Any:
-    """The mechanics of the arm with 2 turns at each joint, or 3; without twist its links have the same inertia."""
+def arm(turns: int, tendons: int = 0) -> Any:
+    """The mechanics of the arm with 2 turns at each joint, or 3; without twist its links have the same inertia.
+
+    Tendons run around it to its tip, every other one to its third joint, and are held where the arm is straight.
+    """
     space = {"radius": RADIUS, "twist_ratio": float(turns - 2)}
+    passed = np.arange(LINKS) < 3
+    cords = tuple(
+        Tendon.at_azimuth(2 * np.pi * k / tendons, passed if k % 2 else np.ones(LINKS), driven_by="displacement",
+                          lever=RADIUS, line_stiffness=2e3, name=f"tendon {k}")
+        for k in range(tendons)
+    )  # fmt: skip
     model = chain_model(length=LENGTH, mass=MASS, links=LINKS, joint_placement="midsegment", stiffness=STIFFNESS,
-                        damping=DAMPING, gravity=[9.81, 0.0, 0.0], torque=[1e-6], space=space)  # fmt: skip
+                        damping=DAMPING, gravity=[9.81, 0.0, 0.0], space=space,
+                        **({"chambers": cords} if cords else {"torque": [1e-6]}))  # fmt: skip
     return mechanics_of(model)
 
 
@@ -67,15 +79,17 @@ def many_steps(count, looks, x, v, h, torque, body, joints, work, seen):
 
 
 @cache
-def loop(turns: int) -> Any:
+def loop(turns: int, tendons: int = 0) -> Any:
     """`many_steps` about the compiled step of the arm."""
-    return rebuild(many_steps, njit(**options(many_steps)), {"step": straight(spatial.step, LINKS, 0, turns)})
+    made = straight(spatial.step, LINKS, 0, turns, tendons)
+    return rebuild(many_steps, njit(**options(many_steps)), {"step": made})
 
 
-def step_ns(turns: int, seconds: float) -> float:
+def step_ns(turns: int, seconds: float, tendons: int = 0) -> float:
     """Time of one step, ns."""
-    chain, x, v = arm(turns), np.zeros(turns * LINKS), np.zeros(turns * LINKS)
-    seen, still, work, run = np.zeros((1, x.size)), np.zeros(x.size), chain.workspace(), loop(turns)
+    chain, x, v = arm(turns, tendons), np.zeros(turns * LINKS), np.zeros(turns * LINKS)
+    seen, still, work = np.zeros((1, x.size)), np.zeros(x.size + tendons), chain.workspace()
+    run = loop(turns, tendons)
 
     def job() -> None:
         x[:], v[:] = start(turns), 1.0
@@ -257,6 +271,9 @@ def main() -> None:
         ours, floor = step_ns(turns, seconds), c_step_ns(turns, seconds)
         results[name] = {"pliant_ns": ours, "c_ns": floor}
         print(f"one step, {name:<24} pliant {ours:7.0f} ns, C {floor:7.0f} ns, ratio {ours / floor:.2f}", flush=True)
+        tense = step_ns(turns, seconds, TENDONS)
+        results[name]["tendons_ns"] = tense
+        print(f"    with {TENDONS} tendons {tense:7.0f} ns, {tense / ours:.2f} times as long", flush=True)
     results["race"] = race(seconds)
     for name, row in results["race"].items():
         print(f"{name:<48}", ", ".join(f"{key} {value:.3g}" for key, value in row.items()), flush=True)
