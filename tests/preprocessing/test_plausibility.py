@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.model import chain_model
+from pliant.model import Tendon, chain_model
 from pliant.model.section import bending_stiffness, joint_placement
 from pliant.preprocessing.align import align
 from pliant.preprocessing.labels import exclude_swaps, label_order, undo_swaps
@@ -228,3 +228,11 @@ def test_degrees_that_a_header_calls_rad_are_not_undone_as_whole_turns(tmp_path)
 def test_the_documentation_has_every_check():
     page = (Path(__file__).parents[2] / "docs" / "what_is_checked.md").read_text(encoding="utf-8")
     assert table() in page
+
+
+def test_the_torque_of_a_tendon_is_not_held_against_a_pressure():
+    cord = Tendon.at_azimuth(0.0, np.ones(3), driven_by="displacement", lever=8e-3, line_stiffness=1e5)
+    body = {"length": 0.2, "mass": 0.1, "links": 3, "stiffness": 0.3, "damping": 1e-3, "space": True}
+    assert not doubts(Case(model=chain_model(**body, chambers=[cord])), "model")
+    chamber = replace(chain_model(**body, torque=[1.0]).chambers[0], name="air")
+    assert "torque" in doubts(Case(model=chain_model(**body, chambers=[cord, chamber])), "model")

@@ -36,7 +36,8 @@ def torque(case: Case) -> str:
     """A torque for each pascal that no chamber within the body can make: it is an area times a lever."""
     if case.model is None:
         return ""
-    made = max(float(np.max(np.abs(c.lever_at(0.0) * c.joint_gain))) for c in case.model.chambers)
+    inputs = [c for c in case.model.chambers if c.kind == "pressure"]  # a tendon's torque is for a newton or a metre
+    made = max((float(np.max(np.abs(c.lever_at(0.0) * c.joint_gain))) for c in inputs), default=0.0)
     wide = USUAL_WIDTH * case.model.length if case.diameter is None else case.diameter
     most = LARGEST_ARM * wide**3
     if made <= most:
