@@ -1,7 +1,7 @@
 """Which model recordings support: the model selections of "Judging a fit", as tables.
 
-Usage: python benchmarks/model_selection.py [demo|short|arm|four ...]; recordings of the `arm` and of the one with
-`four` chambers come by `pliant data fetch`.
+Usage: python benchmarks/model_selection.py [demo|short|arm|regulator|four ...]; recordings of the `arm`, of what its
+`regulator` does and of the arm with `four` chambers come by `pliant data fetch`.
 """
 
 from __future__ import annotations
@@ -20,10 +20,15 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 ARM, FOUR = EXAMPLES / "pneumatic_arm_pulses.toml", EXAMPLES / "planar_two_segment_arm_chambers.toml"
 PULSES = {"train": ["pulse_60", "pulse_180"], "held_out": ["pulse_119", "step_240"], "common": {"start": "free"}}
 PLACES = dict.fromkeys(("base_angle", "tip.along", "tip.across"), "free")
+FILLING = ("stiffness", "damping", "torque_1", "valve_rise", "valve_fall", "valve_fall_rate", "inflation_limit",
+           "inflation_time")
+LATE = ["given", "settle", "creep", "soften"]  # what comes late, beyond a wall and a limited fall
 SELECTIONS = {  # study, entries of its [model_selection]
     "demo": (demo_study(), PULSES),
     "short": (demo_study(), {**PULSES, "stages": ["given", "elastic", "torque", "soften", "joints"]}),
     "arm": (ARM, {"train": ["p100", "p300"], "held_out": ["p200"], "common": PLACES}),
+    "regulator": (ARM, {"train": ["p100", "p200", "p300"], "held_out": ["p400"], "stages": LATE,
+                        "common": {**PLACES, **dict.fromkeys(FILLING, "free")}}),
     "four": (FOUR, {"train": ["first", "opposite"], "held_out": ["second", "third"],
                     "common": {**PLACES, "mid.along": "free", "mid.across": "free"},
                     "stages": ["given", "elastic", "torque", "lag"]}),
