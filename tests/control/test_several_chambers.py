@@ -488,7 +488,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
 
     with pytest.raises(InputError, match="'pid' takes one chamber and a fixed length: use lqr or mpc"):
         ready(feedback="pid")
-    with pytest.raises(InputError, match=r"several chambers \(low, high\) or a body that lengthens names its outputs"):
+    with pytest.raises(InputError, match=r"several chambers \(low, high\), a body that lengthens or one in space"):
         ready(displacement=np.zeros(1), outputs=())
     with pytest.raises(InputError, match=r"valves name 'mid', the model's chambers are low, high"):
         ready(supply={"mid": SupplyValve(9.0, 6.0, 0.7)})

@@ -75,10 +75,10 @@ def test_a_covariance_and_a_transition_move_by_the_whole_jacobian(rng, disturbed
 
 
 def test_motion_of_late_is_the_mean_square_of_joint_rates_and_fades():
-    recent, joints = np.zeros(1), SimpleNamespace(theta0=np.zeros(3), unloaded=np.zeros(2))
+    recent, joints = np.zeros(1), SimpleNamespace(theta0=np.zeros(3), unloaded=np.zeros(2), hardening=np.zeros((3, 4)))
     recall(motion_of(np.array([1.0, 3.0, 0.0, 9.0]), joints), 0.01, recent)  # the last one is the rate of a strain
     assert recent[0] == pytest.approx((1.0 + 4.0 + 9.0) / 3)
-    assert motion_in_space(np.array([1.0, 3.0, -2.0, 0.0]), joints) == pytest.approx(14.0 / 2)
+    assert motion_in_space(np.array([1.0, 3.0, -2.0, 0.0, 9.0]), joints) == pytest.approx(14.0 / 2)
     recall(0.0, 0.05, recent)
     assert recent[0] == pytest.approx((14.0 / 3) / 1.5)
 

@@ -13,14 +13,18 @@ from typer.testing import CliRunner
 
 from pliant.cli.estimate import estimate as command
 from pliant.compiler.choose import twin
-from pliant.equations import spatial
+from pliant.compiler.twin import rebuild
+from pliant.equations import spatial, spatial_linearised
 from pliant.errors import InputError
-from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
+from pliant.estimation import KalmanFilter, Noise, estimate, kalman_loops, rows_of
 from pliant.estimation.consistency import mean_bounds, nees
 from pliant.estimation.measurement import measurement_of
 from pliant.estimation.noise import scales
+from pliant.estimation.offline import chain_of
+from pliant.estimation.symbols import FilterNoise, FilterState
+from pliant.estimation.workspace import make_workspace
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Space, Station, chain_model, save_model
+from pliant.model import Chamber, Extension, Memory, Space, Station, chain_model, save_model
 from pliant.recording import make_recording, write
 from pliant.simulation import Trace, simulate
 
@@ -89,6 +93,33 @@ def test_recordings_of_another_space_or_other_stations_are_refused():
 def test_what_is_unknown_of_a_torque_goes_with_its_stiffness():
     made = arm().with_(space=Space(stiffness_ratio=1.4, twist_ratio=0.7, radius=0.01))
     assert np.allclose(scales(made), [1.0, 1.4, 1.0, 1.4, 0.7, 0.7])
+
+
+def test_a_disturbance_pushes_turns_and_strains_alike(rng):
+    """The text of a prediction, not compiled, against a step under so much more torque."""
+    model = arm().with_(extensions=(Extension(60.0, 0.05, 0.0, None, "all"),))
+    chain, N = mechanics_of(model), 5
+    x, v, d = (size * rng.normal(size=N) * [1, 1, 1, 1, 0.1] for size in (0.2, 1.0, 0.02))
+    torque, P = rng.normal(0, 0.02, N), np.eye(3 * N)
+    state = FilterState(x.copy(), v.copy(), d, P, np.zeros((2, 0)))
+    densities = FilterNoise(*Noise(random_walk=0.1).densities(model), np.zeros(1))
+    own = {name: getattr(spatial_linearised, name) for name in ("step_jacobian", "motion_of")}
+    predict = rebuild(kalman_loops.predict, lambda kernel: kernel, own)
+    assert predict(state, chain_of(model), 2e-3, torque, densities, make_workspace(model, 3 * N, 3)) == 0
+    spatial.step(x, v, 2e-3, torque + d, chain.body, chain.joints, chain.workspace())
+    assert np.allclose(state.angle, x, rtol=0, atol=1e-13)
+    assert np.allclose(state.rate, v, rtol=0, atol=1e-10)
+
+
+def test_a_shift_of_the_rest_holds_memory_and_disturbance(rng):
+    """The springs of the body without memory, their rest shifted, hold what springs, creep and slip hold."""
+    memory = Memory(creep_share=(0.3,), creep_time=(0.5,), slip_share=(0.2,), slip_angle=(0.02,))
+    run = KalmanFilter(arm().with_(memory=memory), NOISE, time=0.0)
+    creep, slip, q, d = rng.normal(0, 0.02, (4, 4))
+    run.memory[:, 0], run.memory[:, 1], run.angle[:], run.disturbance[:] = creep, slip, q, d
+    K = mechanics_of(arm()).joints.K
+    found = run.state(0.0)
+    assert np.allclose(1.5 * K * (q - found.rest_shift), K * (q + 0.3 * (q - creep) + 0.2 * slip) - d, atol=1e-14)
 
 
 @pytest.mark.slow  # compiles the filter, as all below

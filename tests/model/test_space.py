@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.control import Limits, design_lqr, design_outputs
+from pliant.control import design_lqr
 from pliant.errors import InputError
 from pliant.estimation import AdaptiveObserver
 from pliant.model import Chamber, Space, Station
@@ -82,7 +82,6 @@ def test_parameters_that_no_body_has_are_refused(values, sentence):
 @pytest.mark.parametrize("use", [
     lambda model: AdaptiveObserver(model, 4e-3),
     lambda model: design_lqr(model, 1e5, 1e-3),
-    lambda model: design_outputs(model, ("tip_x",), np.zeros((1, 1)), Limits(1e5), 1e-3),
 ])  # fmt: skip
 def test_what_takes_planar_chains_alone_refuses_one_in_space(use):
     with pytest.raises(InputError, match="in a plane"):

@@ -54,6 +54,7 @@ SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where jo
     energy.add_step_work: spatial_points.add_step_work, contact.add_link_loads: spatial_points.add_link_loads,
     observation.observe: spatial_points.observe, observation.place_links: spatial_linearised.place_links,
     observation.observe_point: spatial_linearised.observe_point, observation.motion_of: spatial_linearised.motion_of,
+    observation.tip_outputs: spatial_linearised.tip_outputs, observation.turned: spatial_linearised.turned,
     linearised.step_jacobian: spatial_linearised.step_jacobian,
     memory.step_with_memory: spatial_memory.step_with_memory, memory.relax: spatial_memory.relax,
     memory.follow_change: spatial_memory.follow_change,

@@ -62,6 +62,7 @@ class Pipeline(NamedTuple):
     measure: Measure
     estimator: Estimator
     controller: Controller
+    axes: int = 2  # coordinates of a point of the shape: 3 in space
 
 
 @dataclass(frozen=True)

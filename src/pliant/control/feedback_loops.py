@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pliant.equations.observation import tip_outputs, turned
+
 KILO = 1e3  # pressures of the state and commands of the gains are in kPa
 
 
@@ -23,13 +25,11 @@ def look(gains, row, geometry, known, rules, resting, memory):
     queue, integral, _command, error, turn, more, away, wish = memory
     n = len(angle)
     size = n + len(strain)
-    outputs(angle, strain, geometry, error)
+    tip_outputs(angle, strain, geometry, error)
     for j in range(len(error)):
         error[j] = error[j] - still[j] - wanted[j]
-    total = 0.0
+    turned(rest_shift, turn)
     for i in range(n):
-        total = total + rest_shift[i]
-        turn[i] = total
         away[i] = angle[i]
         away[size + i] = rate[i]
     for i in range(n, size):
@@ -75,30 +75,6 @@ def ask(row, scale, more, away, wish):
         for i in range(len(away)):
             total = total - K[c, i] * away[i]
         wish[c] = (pressure[c] + more[c] + KILO * total) / scale
-
-
-def outputs(angle, strain, geometry, out):
-    """Outputs at absolute angles (n,) and strains (S,): tip x, tip y [m] or the last link's angle, as `which` says."""
-    length, share, x0, y0, which = geometry
-    x = 0.0
-    y = 0.0
-    for i in range(len(length)):
-        stretch = 1.0
-        for s in range(len(strain)):
-            stretch = stretch + share[i, s] * strain[s]
-        if i == 0:
-            x = x0 * stretch
-            y = y0 * stretch
-        else:
-            x = x - length[i] * stretch * np.sin(angle[i - 1])
-            y = y + length[i] * stretch * np.cos(angle[i - 1])
-    for j in range(len(out)):
-        if which[j] == 0:
-            out[j] = x
-        elif which[j] == 1:
-            out[j] = y
-        else:
-            out[j] = angle[len(angle) - 1]
 
 
 def finish(gains, rules, memory):

@@ -65,12 +65,14 @@ class Horizon:
             for c, s in zip(model.chambers, design.supply or (None,) * self.chambers, strict=True)
         ]
         self._parts = max(1, math.ceil(self.period / COARSE - 1e-9))
-        self._theta0 = np.array(model.rest_angle)
         body, joints, work = mechanics_of(model).parts()
-        self._chain = body, joints._replace(theta0=self._theta0), work
+        slopes = mechanics_of(model).slopes()
+        J = slopes if isinstance(slopes, np.ndarray) else slopes.J
+        self._rest, self._theta0 = joints.theta0, np.array(joints.theta0)
+        self._chain = body, joints._replace(theta0=self._theta0), work, slopes, J
         self._march = twin(horizon_loops.body_ahead, *mechanics_of(model).sizes)
         steps, N = self.periods * self._parts, model.size
-        self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, 3 * N, 2 * N))
+        self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, *J.shape))
 
     def later(self, nodes: Array, age: int) -> Array:
         """Commands at the nodes (J, C) when the plan, known by its nodes (J, C), is so many periods old."""
@@ -102,16 +104,18 @@ class Horizon:
     def _body(self, state: State, pressure: Array, slope: Array) -> tuple[Array, Array, Array]:
         """Positions and rates (K, N) at the ends of the periods and their derivatives (K, 2 N, J C)."""
         N, parts, scale, actuation = self.model.size, self._parts, state.torque_scale, self.model.actuation
-        np.add(self.model.rest_angle, state.rest_shift, out=self._theta0)
+        turns = state.angle.size
+        np.add(self._rest[:turns], state.rest_shift, out=self._theta0[:turns])
         each = [torque_and_slope(c, p) for c, p in zip(self.model.chambers, pressure.T, strict=True)]
-        torque = scale * np.stack([made for made, _ in each], axis=1) @ actuation.gain
-        torque[:, self.model.n :] += self._chain[1].K[self.model.n :] * state.strain_shift
+        torque = scale * np.stack([made for made, _ in each], axis=1) @ actuation.columns
+        torque[:, turns:N] += self._chain[1].K[turns:] * state.strain_shift
         x, v = (np.concatenate(pair) for pair in ((state.angle, state.strain), (state.rate, state.strain_rate)))
         places, rates = self._places
         self._march(
             x, v, self.period / parts, np.repeat(torque, parts, axis=0), self._chain, places, rates, self._jacobians
         )
-        drive = scale * np.stack([made for _, made in each], axis=1)[:, :, None] * actuation.gain  # (K, C, N) N m/Pa
+        by_input = scale * np.stack([made for _, made in each], axis=1)
+        drive = by_input[:, :, None] * actuation.columns  # (K, C, N + R) N m/Pa
         by, out = np.zeros((2 * N, slope.shape[2])), np.empty((len(pressure), 2 * N, slope.shape[2]))
         for k in range(len(pressure)):
             felt = drive[k].T @ slope[k]

@@ -42,12 +42,16 @@ def valve_ahead(sent, by_node, pieces, state, scratch, values, slopes):
 def body_ahead(x, v, h, torque, chain, places, rates, jacobians):
     """Angles and rates (K, N) at the ends of K steps of h [s] from x and v (N,), which move in place.
 
-    `torque` (K, N) [N m] is held over each step; `jacobians` (K, 3 N, 2 N) takes those of `step_jacobian`. `chain` are
-    (body, joints, work).
+    `torque` (K, N + R) [N m] is held over each step, with commands of tendons behind; `jacobians` (K, 3 N + R, 2 N)
+    takes those of `step_jacobian`. `chain` are (body, joints, work, slopes, J): what `Mechanics.slopes` returns, and J
+    of it.
     """
-    body, joints, work = chain
+    body, joints, work, slopes, J = chain
     for k in range(len(torque)):
-        step_jacobian(x, v, h, torque[k], body, joints, work, jacobians[k])
+        step_jacobian(x, v, h, torque[k], body, joints, work, slopes)
+        for a in range(J.shape[0]):
+            for b in range(J.shape[1]):
+                jacobians[k, a, b] = J[a, b]
         for i in range(len(x)):
             places[k, i] = x[i]
             rates[k, i] = v[i]

@@ -21,6 +21,7 @@ from pliant.control.steady_inputs import output_weights, tip_geometry
 from pliant.control.valve_states import ValveObserver
 from pliant.estimation.contract import State
 from pliant.linear.sampled import KILO
+from pliant.mechanics import mechanics_of
 
 Array = np.ndarray
 
@@ -74,7 +75,8 @@ class Lqr:
             (g.K, g.slope, g.inverse, g.driven, np.ascontiguousarray(g.rest.row[:, : design.model.size]))
             for g in design.gains
         ]
-        self._look, self._finish = twin(feedback_loops.look), twin(feedback_loops.finish)
+        self._look = twin(feedback_loops.look, *mechanics_of(design.model).sizes)
+        self._finish = twin(feedback_loops.finish)
         self.reset()
 
     def reset(self) -> None:

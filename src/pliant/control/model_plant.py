@@ -79,11 +79,13 @@ class ModelPlant:
 
     @property
     def tip(self) -> Array:
-        """True position (2,) of the tip, m."""
+        """True position (2,), in space (3,), of the tip, m."""
         return self._stepper.tips()[-1].copy()
 
     def advance(self, command: float | Array) -> tuple[float, Array, Array]:
         """Hold commands (C,) [Pa] for a period: time of the shape [s], its points (S, 2) [m], pressures (C,) [Pa].
+
+        In space its points are (S, 3).
 
         Raises
         ------
@@ -98,12 +100,12 @@ class ModelPlant:
         self.time += self.period
         shape, read = self._noise
         pressure = self._pressure() + read * self._rng.standard_normal(asked.size)
-        points = self.points() + shape * self._rng.standard_normal((self.arc_length.size, 2))
-        return self.time, points, pressure
+        points = self.points()
+        return self.time, points + shape * self._rng.standard_normal(points.shape), pressure
 
     @property
     def position(self) -> Array:
-        """Absolute link angles (n,) [rad], then strains."""
+        """Absolute link angles (n,) [rad], then strains; in space the joint coordinates (N,)."""
         return self._stepper.position.copy()
 
     def displace(self, change: Array) -> None:
@@ -133,6 +135,6 @@ class ModelPlant:
         return np.array([own[c] if v is None else self._held[c][0] for c, v in enumerate(self._valves)])
 
     def points(self) -> Array:
-        """Points (S, 2) of the body along its links, m."""
+        """Points (S, 2), in space (S, 3), of the body along its links, m."""
         known = mechanics_of(self._stepper.model).nodes(self._stepper.position)[self._first]
         return np.stack([np.interp(self.arc_length, self._ends, column) for column in known.T], axis=1)

@@ -21,6 +21,7 @@ from pliant.control.lqr import Lqr, Present
 from pliant.control.quadratic_program import QuadraticProgram
 from pliant.control.steady_inputs import output_rates, output_values
 from pliant.control.tuning import MpcTuning
+from pliant.errors import InputError
 from pliant.estimation.contract import State
 from pliant.linear.sampled import KILO
 
@@ -55,10 +56,12 @@ class Mpc(Lqr):
     Raises
     ------
     InputError
-        When OSQP is missing.
+        When OSQP is missing, or an input is no pressure.
     """
 
     def __init__(self, design: LqrDesign, limits: Limits, tuning: MpcTuning | None = None) -> None:
+        if others := [c.name for c in design.model.chambers if c.kind != "pressure"]:
+            raise InputError(f"predictive control takes pressures, and {others[0]!r} is none: use the regulator, Lqr")
         self.tuning = tuning or MpcTuning()
         super().__init__(design, limits)
         J, C, stage = self.tuning.stages, self.chambers, max(1, round(self.tuning.stage / design.period))

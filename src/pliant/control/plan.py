@@ -72,7 +72,8 @@ class Task:
         Name of the controller: "lqr", "mpc", "pid", or one that an installed package offers.
     tuning, mpc, pid : Tuning, MpcTuning, PidTuning
     outputs : tuple of str
-        What several chambers bring to its place: of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link.
+        What several chambers bring to its place: of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link;
+        in space of tip_x, tip_y, tip_z.
     """
 
     time: Array
@@ -119,8 +120,11 @@ class Plan:
 
     @property
     def several(self) -> bool:
-        """Whether several chambers, or a body that lengthens, bring outputs to their places; else one moves the tip."""
-        return self.body.actuation.count > 1 or mechanics_of(self.body).lengthens
+        """Whether outputs are brought to their places: by several chambers, of a body that lengthens or is in space.
+
+        Else one chamber moves the tip.
+        """
+        return self.body.actuation.count > 1 or mechanics_of(self.body).lengthens or self.body.space is not None
 
     @cached_property
     def family(self) -> Equilibria:
@@ -138,8 +142,8 @@ class Plan:
         if not task.outputs or levels.ndim != 2 or levels.shape[1] != len(task.outputs):
             names = self.body.actuation.listing
             raise InputError(
-                f"a task for several chambers ({names}) or a body that lengthens names its outputs and gives a value "
-                "of each (tip_x_mm, tip_y_mm, angle_deg in a task file)"
+                f"a task for several chambers ({names}), a body that lengthens or one in space names its outputs and "
+                "gives a value of each (tip_x_mm, tip_y_mm, tip_z_mm, angle_deg in a task file)"
             )
         return levels
 

@@ -65,7 +65,7 @@ class Prepared:
     @property
     def pipeline(self) -> Pipeline:
         """From the shape to the command, for a `ControlLoop`."""
-        return Pipeline(self.link_angles.frame, self.estimator, self.control)
+        return Pipeline(self.link_angles.frame, self.estimator, self.control, mechanics_of(self.body).dimension)
 
 
 class Rig(TypedDict, total=False):
@@ -95,7 +95,7 @@ def prepare_control(
         With its memory.
     arc_length : array (S,)
         Of the points along the body, m.
-    frames : array (T, S, 2)
+    frames : array (T, S, 2), (T, S, 3) in space
         The body at rest without pressure, m.
     task : Task
     limits : Limits
@@ -107,7 +107,7 @@ def prepare_control(
         The rig's valve, that of every chamber, or by the names of chambers; default: the model's.
     estimator : str
         "observer" (the default), "filter", "differences", or one that an installed package offers. A body that
-        lengthens takes "filter".
+        lengthens, or moves in space, takes "filter".
     rides : bool
         Whether the points ride on the body as it stretches, as markers do; default: False, a dense curve.
 
@@ -181,7 +181,13 @@ def calibration(
     model: Model, arc_length: Array, frames: Array, seeing: EstimatorKind, *, rides: bool,
 ) -> tuple[Model, LinkAngles | LinkTips]:
     """The model with the rest shape of the body at hand, and what its shapes are measured by."""
+    if seeing.fixed_length and model.space is not None:
+        raise InputError(
+            f"{model.name!r} moves in space, which the estimator {seeing.name!r} does not follow: use filter"
+        )
     if not mechanics_of(model).lengthens:
+        if model.space is not None:
+            return rested(model, arc_length, frames)
         body = calibrated(model, arc_length, frames)
         return body, LinkAngles(body, arc_length)
     if not rides:
@@ -214,7 +220,7 @@ def behind_rig(model: Model, each: tuple[SupplyValve | None, ...]) -> Model:
 
 def warm_up(pipeline: Pipeline, shape: Array, period: float) -> None:
     """Two frames of a shape (S, 2) at rest: what is compiled is compiled here, not in the loop's first period."""
-    measure, estimator, controller = pipeline
+    measure, estimator, controller, _ = pipeline
     none = np.zeros(controller.chambers)
     for k in range(2):
         estimator.push_pressure(k * period, none)

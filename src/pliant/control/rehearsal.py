@@ -162,7 +162,7 @@ class Rehearsed:
 
     def go(self, periods: int) -> None:
         """So many periods more."""
-        measure, estimator, controller = self.pipeline
+        measure, estimator, controller, _ = self.pipeline
         for _ in range(periods):
             now = self.time
             _, shape, pressure = self.plant.advance(self._command)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,20 +30,27 @@ class Rest(NamedTuple):
 
 
 def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array:
-    """Outputs (..., m) at absolute link angles (..., n), strains behind them: tip_x, tip_y [m], angle_sum [rad]."""
+    """Outputs (..., m) at coordinates (..., N): tip_x, tip_y [m], in space tip_z, in a plane angle_sum [rad]."""
     tip = mechanics_of(model).tips(angle)[..., -1, :]
-    known = {"tip_x": tip[..., 0], "tip_y": tip[..., 1], "angle_sum": angle[..., model.n - 1]}
+    last = tip if model.space is not None else np.concatenate([tip, angle[..., model.n - 1 : model.n]], axis=-1)
+    return last[..., which_outputs(model, outputs)]
+
+
+def which_outputs(model: Model, outputs: tuple[str, ...]) -> list[int]:
+    """Return the indices of outputs among those that a controller of the model follows; InputError for others."""
+    known = ("tip_x", "tip_y", "angle_sum" if model.space is None else "tip_z")
     if strange := [name for name in outputs if name not in known]:
         raise InputError(f"unknown output {strange[0]!r}: a controller follows {', '.join(known)}")
-    return np.stack([known[name] for name in outputs], axis=-1)
+    return [known.index(name) for name in outputs]
 
 
-def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Array, Array, float, float, Array]:
-    """Lengths (n + 1,), their fractions in each segment, first joint, which outputs: for `look`."""
+def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Any, ...]:
+    """Return what `observation.tip_outputs` takes: what the tip follows from, and which outputs."""
+    which = np.array(which_outputs(model, outputs))
+    if model.space is not None:
+        return *mechanics_of(model).observed(), which
     x0, y0 = (float(v) for v in model.first_joint)
     length = np.append(model.base_length, model.link_length)
-    known = ("tip_x", "tip_y", "angle_sum")
-    which = np.array([known.index(name) for name in outputs])
     return length, np.array(model.stretch_share, dtype=float), x0, y0, which
 
 
@@ -60,9 +67,11 @@ def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> 
         Derivatives of the speeds by x.
     """
     rows, moved = np.zeros((2, len(x), 3, model.size))
-    rows[:, :2], moved[:, :2] = mechanics_of(model).tip_jacobian(x, v)
-    rows[:, 2, model.n - 1] = 1.0
-    which = [("tip_x", "tip_y", "angle_sum").index(name) for name in outputs]
+    chain, which = mechanics_of(model), which_outputs(model, outputs)
+    axes = chain.dimension
+    rows[:, :axes], moved[:, :axes] = chain.tip_jacobian(x, v)
+    if axes == 2:
+        rows[:, 2, model.n - 1] = 1.0
     return rows[:, which], (rows[:, which] @ v[:, :, None])[..., 0], moved[:, which]
 
 
@@ -89,7 +98,7 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
     model : Model
         Without memory, or frozen.
     outputs : tuple of str
-        Of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link.
+        Of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link; in space of tip_x, tip_y, tip_z.
     wanted : array (m,)
         Their values, in the model's frame.
     highest, start : array (C,)
@@ -113,11 +122,17 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
     still = output_values(model, mechanics_of(model).coordinates(state.equilibrium(model, 0.0)), outputs)
     said = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, wanted - still, strict=True))
     best = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, rest.value - still, strict=True))
-    kilo = ", ".join(f"{p * 1e-3:.4g}" for p in rest.pressure)
     raise InputError(
         f"a change of {said} (m, rad) from the rest is out of reach of the chambers: the model comes as near as "
-        f"{best}, under {kilo} kPa"
+        f"{best}, under {written(model, rest.pressure)}"
     )
+
+
+def written(model: Model, values: Array) -> str:
+    """Return the values (C,) of a model's inputs as words: pressures in kPa."""
+    if set(model.actuation.units) == {"Pa"}:
+        return ", ".join(f"{p * 1e-3:.4g}" for p in values) + " kPa"
+    return ", ".join(f"{v:.4g} {unit}" for v, unit in zip(values, model.actuation.units, strict=True))
 
 
 def nearest(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Array, start: Array) -> Rest:

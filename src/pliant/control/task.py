@@ -29,7 +29,7 @@ planned = true         # changes as fast as the limits allow; false: ramps
 ramp_s = 0.03          # time of a change that is not planned
 [[setpoint]]
 time_s = 0.0
-displacement_mm = 25.0   # of a body of several chambers instead: tip_x_mm, tip_y_mm, angle_deg
+displacement_mm = 25.0   # of a body of several chambers instead: tip_x_mm, tip_y_mm, tip_z_mm, angle_deg
 # [path]               # instead of set-points: straight between these
 # time_s = [0.0, 1.0, 2.0]
 # displacement_mm = [0.0, 25.0, 5.0]
@@ -85,12 +85,13 @@ class Entry(BaseModel):
 
 
 class SetPointEntry(Entry):
-    """From a time on that displacement of the tip; with several chambers what is given of the other three."""
+    """From a time on that displacement of the tip; with several chambers what is given of the others."""
 
     time_s: Number
     displacement_mm: Number | None = Field(None, description="of the tip from its rest, by one chamber")
     tip_x_mm: Number | None = Field(None, description="change of the tip's x from its rest, by several chambers")
     tip_y_mm: Number | None = Field(None, description="of its y")
+    tip_z_mm: Number | None = Field(None, description="of its z, in space")
     angle_deg: Number | None = Field(None, description="of the last link's angle")
 
     @model_validator(mode="after")
@@ -100,12 +101,13 @@ class SetPointEntry(Entry):
 
 
 class PathEntry(Entry):
-    """Displacements of the tip, straight between these; with several chambers what is given of the other three."""
+    """Displacements of the tip, straight between these; with several chambers what is given of the others."""
 
     time_s: list[Number]
     displacement_mm: list[Number] | None = None
     tip_x_mm: list[Number] | None = None
     tip_y_mm: list[Number] | None = None
+    tip_z_mm: list[Number] | None = None
     angle_deg: list[Number] | None = None
 
     @model_validator(mode="after")
@@ -115,7 +117,10 @@ class PathEntry(Entry):
         return self
 
 
-OUTPUTS = {"tip_x_mm": ("tip_x", 1e-3), "tip_y_mm": ("tip_y", 1e-3), "angle_deg": ("angle_sum", math.pi / 180.0)}
+OUTPUTS = {
+    "tip_x_mm": ("tip_x", 1e-3), "tip_y_mm": ("tip_y", 1e-3), "tip_z_mm": ("tip_z", 1e-3),
+    "angle_deg": ("angle_sum", math.pi / 180.0),
+}
 
 
 def wanted(entry: SetPointEntry | PathEntry) -> tuple[str, ...]:

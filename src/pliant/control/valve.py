@@ -12,7 +12,6 @@ from pliant.compiler.choose import twin
 from pliant.control import feedback_loops
 from pliant.errors import FitError, InputError
 from pliant.model import Model, Valve
-from pliant.model.space import require_planar
 
 Array = np.ndarray
 FINE = 5e-4  # s, step of the valve's equation
@@ -63,7 +62,6 @@ class SupplyValve:
 
 def check_followed(model: Model) -> None:
     """InputError where a chamber's valve settles late or has a dead band, which no controller's model holds."""
-    require_planar(model, "a controller")
     for chamber in model.chambers:
         if chamber.valve.settle_share or chamber.valve.dead_band:
             name = "settle_share" if chamber.valve.settle_share else "dead_band"

@@ -89,6 +89,38 @@ def observe_point(axis, row, chain, links, slope):
     return position(axis, link, row[2], row[3], links)
 
 
+def tip_outputs(angle, strain, geometry, out):
+    """Outputs at absolute angles (n,) and strains (S,): tip x, tip y [m] or the last link's angle, as `which` says."""
+    length, share, x0, y0, which = geometry
+    x = 0.0
+    y = 0.0
+    for i in range(len(length)):
+        stretch = 1.0
+        for s in range(len(strain)):
+            stretch = stretch + share[i, s] * strain[s]
+        if i == 0:
+            x = x0 * stretch
+            y = y0 * stretch
+        else:
+            x = x - length[i] * stretch * np.sin(angle[i - 1])
+            y = y + length[i] * stretch * np.cos(angle[i - 1])
+    for j in range(len(out)):
+        if which[j] == 0:
+            out[j] = x
+        elif which[j] == 1:
+            out[j] = y
+        else:
+            out[j] = angle[len(angle) - 1]
+
+
+def turned(rest_shift, turn):
+    """Write what shifts of the joints' rest angles (n,) turn the links by, turn (n + S,), strains behind untouched."""
+    total = 0.0
+    for i in range(len(rest_shift)):
+        total = total + rest_shift[i]
+        turn[i] = total
+
+
 def motion_of(w, joints):
     """Return the mean square of the joint rates [rad^2/s^2], of the rates w of links, and of strains behind them."""
     n = len(joints.theta0)

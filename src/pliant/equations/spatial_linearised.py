@@ -13,16 +13,17 @@ TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
 def step_jacobian(x, v, h, torque, body, joints, work, slopes):
-    """Advance x and v (N,) in place by h [s] as `spatial.step`, and write the Jacobian slopes.J (3N, 2N) of that step.
+    """Advance x and v (N,) in place by h [s] as `spatial.step`, and write the Jacobian slopes.J of that step.
 
-    As `linearised.step_jacobian`: J[i, k] = d(x', v')_k / d(x, v, t)_i, row by variable, t_i [N m] being a further
-    torque along coordinate i that is held over the step. `slopes` is `symbols.SpatialSlopes`.
+    As `linearised.step_jacobian`: J (3N + R, 2N), J[i, k] = d(x', v')_k / d(x, v, t)_i, row by variable, t being
+    further torques (N,) [N m] along the coordinates and commands (R,) [N] of tendons behind them, held over the step.
+    `slopes` is `symbols.SpatialSlopes`.
 
     Source: Squire and Trapp, Using complex variables to estimate derivatives of real functions (1998)
     """
     n = len(x)
     moved = slopes.work
-    for row in range(3 * n):
+    for row in range(slopes.J.shape[0]):
         for i in range(n):
             slopes.x[i] = x[i]
             slopes.v[i] = v[i]
@@ -55,6 +56,29 @@ def observe_point(axis, row, body, work, slope):
     point_position(link, row[4], row[3], row[2], work, work.turn)
     axis_slope(axis, link, row[2], work.turn, body, work, slope)
     return work.turn[axis]
+
+
+def tip_outputs(x, strain, geometry, out):
+    """Outputs at turns x (T,) and strains (S,): the tip's x, y or z [m], as `which` says.
+
+    `observation.tip_outputs` of a chain in space.
+    """
+    body, work, which = geometry
+    n = len(body.mass)
+    for i in range(len(x)):
+        work.q[i] = x[i]
+    for i in range(len(strain)):
+        work.q[len(x) + i] = strain[i]
+    pose_links(work.q, body, work)
+    for j in range(len(out)):
+        axis = which[j]
+        out[j] = work.r[n, axis] + work.length[n] * work.R[n, axis, 2]
+
+
+def turned(rest_shift, turn):
+    """Write what shifts of the rest (T,) turn the joints by: themselves; `observation.turned` in space."""
+    for i in range(len(rest_shift)):
+        turn[i] = rest_shift[i]
 
 
 def motion_of(v, joints):

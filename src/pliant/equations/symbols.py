@@ -321,7 +321,7 @@ class SpatialWorkspace(NamedTuple):
 class SpatialSlopes(NamedTuple):
     """What `spatial_linearised.step_jacobian` writes, and the complex numbers that it works on."""
 
-    J: np.ndarray  # (3N, 2N)
+    J: np.ndarray  # (3N + R, 2N) by coordinates, rates, torques and commands of tendons
     x: np.ndarray  # (N,)
     v: np.ndarray  # (N,)
     work: SpatialWorkspace

@@ -105,7 +105,7 @@ class EstimatorKind:
         Whether its state is that of the time asked for. Otherwise it is as old as the last frame, and a control design
         counts that as dead time.
     fixed_length : bool
-        Whether it follows bodies of fixed length alone.
+        Whether it follows bodies of fixed length in a plane alone.
     """
 
     name: str

@@ -11,6 +11,7 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import chamber
+from pliant.equations.memory import memory_angle
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import rest_shift
@@ -186,6 +187,10 @@ class KalmanFilter:
                 angle, shift.copy(), self.memory, float(model.base_angle), model.rest_angle, memory.law(),
                 memory.instantaneous, shift,
             )
+        elif memory:
+            left, law = memory.instantaneous, memory.law()
+            r = np.array([memory_angle(i, angle[i], self.memory, law) for i in range(n)])
+            shift = (shift + left * angle - r) / (1.0 + left)
         return State(
             self.time, angle, rate, shift, disturbance, self.covariance.copy(), fault=self.fault,
             strain=self.strain.copy(), strain_rate=self.strain_rate.copy(),

@@ -33,9 +33,10 @@ def predict(state, model, h, torque, noise, workspace):
     tau = workspace.work.tau
     for i in range(len(tau)):
         tau[i] = torque[i]
-    for i in range(len(joints.theta0)):
+    turns = joints.hardening.shape[1]
+    for i in range(turns):
         springs.theta0[i] = joints.theta0[i] + d[i] / joints.K[i]
-    for i in range(len(joints.theta0), n):
+    for i in range(turns, n):
         tau[i] += d[i]
     if remembers:
         for i in range(n):
@@ -104,7 +105,7 @@ def add_noise(P, n, h, gain, noise, J, G):
             continue
         for a in range(m):
             G[a] = 0.0
-            for i in range(n):
+            for i in range(gain.shape[1]):
                 G[a] += gain[c, i] * J[m + i, a]
         for a in range(m):
             for b in range(m):

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.estimation.contract import Frame
 from pliant.estimation.measurement import rows_of
-from pliant.model import Model
+from pliant.mechanics import mechanics_of
+from pliant.mechanics.spatial import SpatialChain, rotation
+from pliant.model import Model, Space
 from pliant.simulation import state
 
 Array = np.ndarray
 WHOLE = 5  # frames that tell a rest
-TURNS = 4  # the weight turns joints by what the rest angles are, and these follow from it
+TURNS = 12  # the weight turns joints by what the rest angles are, and these follow from it
 
 
 class LinkTips:
@@ -23,7 +27,7 @@ class LinkTips:
     Parameters
     ----------
     model : Model
-        It may lengthen.
+        It may lengthen, or move in space.
     arc_length : array (S,)
         Of the points along the unstretched body, m, from the origin; increasing.
     noise : float
@@ -31,8 +35,8 @@ class LinkTips:
 
     Attributes
     ----------
-    rows : array (2 n, 4)
-        What the values of `frame` see: x and y of each tip.
+    rows : array (2 n, 4), (3 n, 5) in space
+        What the values of `frame` see: x and y, and z in space, of each tip.
     """
 
     def __init__(self, model: Model, arc_length: Array, noise: float = 3e-4) -> None:
@@ -45,26 +49,34 @@ class LinkTips:
             )
         self._left = np.clip(np.searchsorted(s, tips, side="right") - 1, 0, s.size - 2)
         self._share = ((tips - s[self._left]) / (s[self._left + 1] - s[self._left]))[:, None]
-        self._size = s.size
+        self._shape = s.size, mechanics_of(model).dimension
         self.rows = rows_of(model, model.with_(stations=()).points)
-        self._variance = np.full(2 * model.n, noise**2)
+        self._variance = np.full(len(self.rows), noise**2)
 
     def tips(self, points: Array) -> Array:
-        """Tips of the links (..., n, 2) among points (..., S, 2), m."""
+        """Tips of the links (..., n, 2) among points (..., S, 2), m; in space (..., n, 3) among (..., S, 3)."""
         near, far = points[..., self._left, :], points[..., self._left + 1, :]
         return np.asarray((1.0 - self._share) * near + self._share * far)
 
     def frame(self, points: Array) -> Frame:
-        """What estimators take of points (S, 2) [m]; NaN where one is lost. InputError for other than S points."""
-        if points.shape != (self._size, 2):
-            raise InputError(f"a shape has {self._size} points in the plane, (x, y) each, got {points.shape}")
+        """What estimators take of points (S, 2), in space (S, 3) [m]; NaN where one is lost.
+
+        Raises
+        ------
+        InputError
+            For other than S points.
+        """
+        if points.shape != self._shape:
+            size, axes = self._shape
+            raise InputError(f"a shape has {size} points, ({', '.join('xyz'[:axes])}) each, got {points.shape}")
         return Frame(self.rows, self.tips(points).ravel(), self._variance)
 
 
 def rested(model: Model, arc_length: Array, frames: Array) -> tuple[Model, LinkTips]:
-    """The model with the rest angles of the body at hand, and what its frames are measured by, with the noise at rest.
+    """The model with the rest shape of the body at hand, and what its frames are measured by, with the noise at rest.
 
-    Lengths, stiffness, damping and law stay. Lost frames (NaN) are left out.
+    Rest angles, in space rest turns, follow from the frames; lengths, stiffness, damping and law stay. Lost frames
+    (NaN) are left out.
 
     Raises
     ------
@@ -77,9 +89,35 @@ def rested(model: Model, arc_length: Array, frames: Array) -> tuple[Model, LinkT
         raise InputError(f"a rest shape needs at least {WHOLE} whole frames, got {len(seen)} of {len(frames)}")
     made = model
     for _ in range(TURNS):
-        loose = state.equilibrium(made)
-        joint = (1.0 + made.stretch_share[0] @ loose[made.n :]) * made.first_joint
-        across = np.diff(seen.mean(axis=0), axis=0, prepend=joint[None])
-        angle = np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
-        made = model.with_(rest_angle=np.diff(angle, prepend=model.base_angle) - loose[: model.n])
+        loose, shape = state.equilibrium(made), seen.mean(axis=0)
+        made = turned_by(made, loose, shape) if model.space is None else turned_in_space(made, loose, shape)
     return made, LinkTips(made, arc_length, max(float(seen.std(axis=0).mean()), 1e-5))
+
+
+def turned_by(model: Model, loose: Array, tips: Array) -> Model:
+    """Return the model with the rest angles that bring its links, bent by `loose` (n + S,), to tips (n, 2) [m]."""
+    joint = (1.0 + model.stretch_share[0] @ loose[model.n :]) * model.first_joint
+    across = np.diff(tips, axis=0, prepend=joint[None])
+    angle = np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
+    return model.with_(rest_angle=np.diff(angle, prepend=model.base_angle) - loose[: model.n])
+
+
+def turned_in_space(model: Model, loose: Array, tips: Array) -> Model:
+    """Return the model with the rest turns, least from its own, that bring its links, turned by `loose` (N,), to tips.
+
+    The tips (n, 3) [m] do not show twist.
+    """
+    from scipy.spatial.transform import Rotation
+
+    chain, space = SpatialChain(model), model.space or Space()
+    R, turns = chain.posed(loose).R, space.rest_of(model.n)
+    whole = R[0]
+    for k, way in enumerate(np.diff(tips, axis=0, prepend=chain.nodes(loose)[None, 1])):
+        own = R[k].T @ R[k + 1]  # the rest turn, and the joint's turn behind it
+        before, after = own[:, 2], whole.T @ (way / np.linalg.norm(way))
+        axis = np.cross(before, after)
+        size = float(np.linalg.norm(axis))
+        more = rotation(axis * (np.arctan2(size, before @ after) / size if size else 0.0))
+        turns[k] = Rotation.from_matrix(more @ rotation(turns[k])).as_rotvec()
+        whole = whole @ more @ own
+    return model.with_(space=replace(space, rest_turn=turns))

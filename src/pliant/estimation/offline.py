@@ -190,7 +190,7 @@ def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> Filter
 
 def chain_of(model: Model) -> FilterModel:
     """What the loops take of a model."""
-    gain, memory = np.array(model.actuation.gain), model.memory
+    gain, memory = np.array(model.actuation.columns), model.memory
     return FilterModel(gain, *mechanics_of(model).parts()[:2], memory.law(), bool(memory))
 
 

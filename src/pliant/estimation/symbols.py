@@ -90,7 +90,7 @@ class FilterState(NamedTuple):
 class FilterModel(NamedTuple):
     """What the filter's loops take of a model."""
 
-    gain: np.ndarray  # (C, n) share of the torque of each chamber that each joint feels
+    gain: np.ndarray  # (C, n) share of the torque of each chamber that each joint feels; (C, N + R) with tendons
     body: Body | ExtensibleBody | SpatialBody
     joints: Joints
     memory: MemoryLaw
@@ -133,7 +133,7 @@ class FilterWorkspace(NamedTuple):
     work: Workspace | ExtensibleWorkspace | SpatialWorkspace
     held: Held
     springs: Joints  # those that a step sees, their rest moved by the disturbance
-    J: np.ndarray  # (3n, 2n)
+    J: np.ndarray  # (3n, 2n); rows of tendons behind
     slopes: np.ndarray | SpatialSlopes  # J, in space with what it is made by
     W: np.ndarray  # (N, N)
     phi: np.ndarray  # (n,)

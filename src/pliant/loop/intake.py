@@ -20,7 +20,7 @@ class Stream:
     units : mapping
         SI values of one unit, by name in lower case: what else comes is rejected.
     shape : bool
-        Whether a reading is a row of points (S, 2), the same number each time; otherwise any numbers.
+        Whether a reading is a row of points (S, axes), the same number each time; otherwise any numbers.
     skew : int
         ns by which a stamp may lie ahead of the loop's clock.
     now : int
@@ -36,8 +36,8 @@ class Stream:
         Readings of another unit or size; of a time that has not come; not newer than one before. None is used.
     """
 
-    def __init__(self, units: Mapping[str, float], *, shape: bool, skew: int, now: int) -> None:
-        self._units, self._shape, self._skew = units, shape, skew
+    def __init__(self, units: Mapping[str, float], *, shape: bool, skew: int, now: int, axes: int = 2) -> None:
+        self._units, self._shape, self._skew, self._axes = units, shape, skew, axes
         self._newest, self._last, self._points = now - 1, np.empty(0), 0
         self.stamp = self.arrival = now
         self.repeats = self.rejected = self.ahead = self.late = 0
@@ -74,9 +74,11 @@ class Stream:
     def _fits(self, array: Array) -> bool:
         if not self._shape:
             return bool(array.size) and array.ndim <= 1
-        return array.ndim == 2 and array.shape[1] == 2 and len(array) > 0 and self._points in (0, len(array))
+        known = array.ndim == 2 and array.shape[1] == self._axes
+        return known and len(array) > 0 and self._points in (0, len(array))
 
 
-def streams(skew: int, now: int) -> tuple[Stream, Stream]:
-    """The streams of shapes and of pressures of a loop that begins `now` [ns]."""
-    return Stream(METRE, shape=True, skew=skew, now=now), Stream(PASCAL, shape=False, skew=skew, now=now)
+def streams(skew: int, now: int, axes: int = 2) -> tuple[Stream, Stream]:
+    """The streams of shapes, of so many coordinates a point, and of pressures of a loop that begins `now` [ns]."""
+    shapes = Stream(METRE, shape=True, skew=skew, now=now, axes=axes)
+    return shapes, Stream(PASCAL, shape=False, skew=skew, now=now)

@@ -30,10 +30,10 @@ COLUMNS = (
 def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = ()) -> list[str]:
     """Columns of a loop's log: `COLUMNS`, pressure and command once for each chamber, angles, torques of touch.
 
-    Target and error stand once for each output that several chambers bring to its place, tip_x, tip_y or angle_sum.
+    Target and error stand once for each output that several chambers bring to its place, such as tip_x or angle_sum.
 
     The torques are those of each joint that the model does not explain, with their standard deviation: of an estimator
-    that finds them, NaN otherwise.
+    that finds them, NaN otherwise. In space `links` is the number of joint coordinates, which stand for the angles.
     """
     names = list(COLUMNS)
     if chambers > 1:
@@ -70,7 +70,7 @@ class ControlLoop:
     Parameters
     ----------
     sources : sequence of Source
-        Of samples named "shape" (S, 2) [m] and "pressure" [Pa].
+        Of samples named "shape" (S, 2), in space (S, 3) [m], and "pressure" [Pa].
     sink : Sink
         Takes samples named "command" [Pa].
     pipeline : Pipeline
@@ -119,7 +119,9 @@ class ControlLoop:
         self._vent.setflags(write=False)
         self.command = self.pressure = self._vent
         self._began = clock.now()
-        self.shapes, self.pressures = streams(nanoseconds(watchdog.bounds.clock_skew), self._began)
+        self.shapes, self.pressures = streams(
+            nanoseconds(watchdog.bounds.clock_skew), self._began, pipeline.axes
+        )
         self._state: State | None = None
         self._fault_told = False
 

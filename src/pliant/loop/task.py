@@ -101,11 +101,17 @@ def run_task(
     InputError
         When task, model and plant do not fit.
     """
+    if others := [c.name for c in model.chambers if c.kind != "pressure"]:
+        raise InputError(
+            f"a task commands pressures, and {others[0]!r} of {model.name!r} is none: make a controller by "
+            "design_outputs and Lqr, its limits in the unit of each input"
+        )
     progress(f"measuring the rest of the body over {AT_REST} frames, designing estimator and controller")
     ready = prepare_plant(model, plant, wanted, estimator)
     path = folder / "log.csv"
     path.unlink(missing_ok=True)
-    log = LoopLog(path, log_columns(model.n, ready.control.chambers, wanted.task.outputs))
+    turns = model.size - len(model.extensions)
+    log = LoopLog(path, log_columns(turns, ready.control.chambers, wanted.task.outputs))
     log.remark(f"design: {ready.summary}")
     clock = SystemClock() if real_time else VirtualClock()
     arm = VirtualActuator(plant, clock)

@@ -78,7 +78,10 @@ class Mechanics(ABC):
 
     @abstractmethod
     def slopes(self) -> Any:
-        """Return what the kernels of a step's Jacobian write: J (3N, 2N), or a record that holds it as J."""
+        """Return what the kernels of a step's Jacobian write: J (3N, 2N), or a record that holds it as J.
+
+        Behind the rows of coordinates, rates and torques may be those of tendons.
+        """
 
     @abstractmethod
     def observed(self) -> tuple[Any, Any]:

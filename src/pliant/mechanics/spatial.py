@@ -85,7 +85,8 @@ class SpatialChain(Mechanics):
 
     def slopes(self) -> SpatialSlopes:
         x, v = (np.zeros(self.size, dtype=complex) for _ in range(2))
-        return SpatialSlopes(np.zeros((3 * self.size, 2 * self.size)), x, v, self.workspace(complex))
+        rows = 3 * self.size + len(self.model.actuation.tendons)
+        return SpatialSlopes(np.zeros((rows, 2 * self.size)), x, v, self.workspace(complex))
 
     def observed(self) -> tuple[SpatialBody, SpatialWorkspace]:
         return self.body, self.workspace()
