@@ -16,9 +16,9 @@ from pliant.estimation.consistency import mean_bounds, whiteness
 from pliant.estimation.differences import Differences
 from pliant.estimation.link_angles import calibrated, joint_rows, needs_joint_rows
 from pliant.estimation.link_tips import LinkTips
-from pliant.estimation.measurement import bends_away, measurement_of, row_width, rows_of
+from pliant.estimation.measurement import Measurement, bends_away, measurement_of, row_width, rows_of
 from pliant.estimation.noise import default_noise, scales
-from pliant.estimation.offline import averaged, input_of, primitive, standard_deviations
+from pliant.estimation.offline import averaged, input_of, judged, primitive, standard_deviations
 from pliant.estimation.release import release_of
 from pliant.estimation.smoother import smooth
 from pliant.estimation.symbols import FilterOutput
@@ -504,8 +504,21 @@ def test_an_estimate_counts_its_frames_and_judges_all_but_the_first():
     assert "disturbance" not in estimate(ds, ARM, disturbance=False)
     assert estimate(ds.isel(time=slice(0, 6)), ARM, noise=Noise()).sizes["time"] == 6
     assert np.isfinite(found.attrs["log_likelihood"])
-    with pytest.raises(InputError, match="at least two frames, got 1"):
-        estimate(ds.isel(time=slice(0, 1)), ARM, noise=Noise())
+    assert estimate(ds.isel(time=slice(0, 3)), ARM, noise=Noise()).sizes["time"] == 3
+    with pytest.raises(InputError, match="at least three frames, got 2"):
+        estimate(ds.isel(time=slice(0, 2)), ARM, noise=Noise())
+
+
+def test_a_likelihood_is_that_of_all_frames_but_the_first():
+    rng = np.random.default_rng(6)
+    score = np.column_stack([[2, 0, 2, 1, 2], rng.uniform(size=(5, 3))])
+    out = make_output(5, 6, 2)._replace(score=score, innovation=rng.normal(size=(5, 2)))
+    seen = Measurement(np.arange(5.0), tip_rows(), np.zeros((5, 2)), np.ones(2), ("x", "y"), ("a note",))
+    found = judged(seen, out, Noise(), ARM, 4)
+    assert found["log_likelihood"] == pytest.approx(-0.5 * score[2:, 1:3].sum())
+    assert found["nis_ratio"] == pytest.approx(score[2:, 1].sum() / 5)
+    assert (found["frames"], found["frames_skipped"], found["frames_in_part"]) == (5, 1, 1)
+    assert found["notes"] == "a note"
 
 
 def test_a_smoother_waits_for_no_frames_at_lag_zero():
@@ -544,6 +557,9 @@ def test_a_release_is_told_by_tenths_of_the_pull():
     late = share.copy()
     late[77 + 51 :] = 0.2
     assert release_of(pulled(late)).after == pytest.approx(0.2)
+    last = share[: 77 + 52].copy()
+    last[-1] = 0.02  # a lone frame is later than half a second after its half
+    assert release_of(pulled(last)).after == pytest.approx(0.02)
     two = pulled(share).rename(disturbance="disturbance_x")
     two["disturbance_y"] = 2 * two["disturbance_x"]
     np.testing.assert_allclose(release_of(two).held, [0.8, -0.4, 1.6, -0.8])

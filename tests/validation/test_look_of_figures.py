@@ -177,6 +177,7 @@ def test_residuals_and_their_correlation(outcome):
     assert tuple(figure.get_size_inches()) == pytest.approx((7.16, 2.5))
     assert looks(left) == looks(right) == {"x": X, "y": Y}
     assert [line._unscaled_dash_pattern[1] for line in left.lines] == [None, (4, 1.5)]
+    assert figures.RESIDUALS[1] == ("#c1440e", (0, (4, 1.5)))
     assert figures.RESIDUALS[2] == ("#0b6b5b", (0, (1, 1)))
     assert (left.get_legend()._ncols, right.get_legend()._ncols) == (2, 3)
     assert right.get_ylim() == (-1.05, 1.05)

@@ -107,8 +107,8 @@ def estimate(
     measurement = measurement_of(recording, model, settings, stations)
     source, held = input_of(recording, model, pressure, pressure_window, drive)
     times = measurement.time - latency
-    if times.size < 2:
-        raise InputError(f"estimation needs at least two frames, got {times.size}")
+    if times.size < 3:  # the first meets the assumed start, and two more are compared with each other
+        raise InputError(f"estimation needs at least three frames, got {times.size}")
     plan = drive_plan(held, source, times, step)
     out = run(held, measurement, plan, settings)
     return described(held, measurement, out, settings, plan, lag)
