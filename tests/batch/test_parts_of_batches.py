@@ -312,7 +312,7 @@ def test_choices_and_labels(paper):
             "unknown variable 'heat': .* keeps joint_angle, joint_rate, tip_position",
         ),
         (((), "cpu", "hide"), "'raise' or 'mark', got 'hide'"),
-        (((), "gpu", "raise"), "use device = 'cpu'"),
+        (((), "gpu", "raise"), "takes bodies of one chamber"),
         (((), "tpu", "raise"), "'cpu' or 'gpu', got 'tpu'"),
     ):
         with pytest.raises(InputError, match=said):
