@@ -550,7 +550,6 @@ def test_what_is_a_space():
         ({"rest_angle": [0.0, 0.1]}, "does not take rest_angle: give space its rest_turn"),
         ({"base_angle": 0.1}, "base_angle: give space its base_tilt"),
         ({"mass_at": "tip"}, "mass_at: leave it out"),
-        ({"memory": Memory((0.1,), (1.0,))}, "memory"),
         ({"gravity": [0.0, -9.81]}, "must be 3 numbers"),
         ({"space": Space(rest_turn=np.zeros((3, 3)))}, "one row or 2, got 3"),
     ):

@@ -122,10 +122,6 @@ def test_laws_have_the_levels_that_their_records_reach(outcome):
     assert title == outcome.fits[0].title
     assert chamber is outcome.fits[0].result.model.chambers[0]
     assert marks == {1e4: "train", 2e4: "held_out", 0.0: "held_out"}
-    measured, modelled, axes = curves.from_side(outcome.fits[0].records[0])
-    np.testing.assert_array_equal(modelled, outcome.fits[0].records[0].modelled)
-    np.testing.assert_array_equal(measured, outcome.fits[0].records[0].experiment.position)
-    assert axes == ("x", "y")
 
 
 # figures that are drawn
