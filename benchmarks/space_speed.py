@@ -25,9 +25,9 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from pliant.bench.timing import best, machine
-from pliant.compiler.choose import straight
+from pliant.compiler.choose import twin
 from pliant.compiler.twin import options, rebuild
-from pliant.equations import spatial
+from pliant.equations import motion, spatial
 from pliant.mechanics import mechanics_of
 from pliant.model import Tendon, chain_model
 
@@ -81,7 +81,7 @@ def many_steps(count, looks, x, v, h, torque, body, joints, work, seen):
 @cache
 def loop(turns: int, tendons: int = 0) -> Any:
     """`many_steps` about the compiled step of the arm."""
-    made = straight(spatial.step, LINKS, 0, turns, tendons)
+    made = twin(motion.step, LINKS, 0, turns, tendons)  # what stands for it in space
     return rebuild(many_steps, njit(**options(many_steps)), {"step": made})
 
 
