@@ -124,7 +124,7 @@ def test_the_observer_is_its_formula(body):
             joints = mechanics_of(body).joints._replace(theta0=body.rest_angle + own)
             for _ in range(2):
                 made = advance(2e-3, Interval(*[pressure] * 4), chamber._replace(law=now), slow)
-                past = Past(law, memory, state.held(body.with_(rest_angle=joints.theta0)))
+                past = Past(law, memory, mechanics_of(body.with_(rest_angle=joints.theta0)).held())
                 step_with_memory(
                     phi, w, 2e-3, made * body.joint_gain, mechanics_of(body).body, joints, past, planar.workspace(n)
                 )

@@ -11,7 +11,7 @@ from pliant.equations.symbols import Past
 from pliant.errors import SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Memory
-from pliant.simulation import Pulse, Stepper, march_loops, memory, simulate, state, stepper
+from pliant.simulation import Pulse, Stepper, march_loops, memory, simulate, stepper
 
 MODEL = chen2018.model(links=2).with_(memory=Memory(slip_share=(0.2,), slip_angle=(0.01,)))
 
@@ -50,7 +50,7 @@ def test_a_stepper_stops_there(failing):
 
 def test_a_held_step_says_so(failing):
     number, count = failing
-    arm, past = Stepper(MODEL, 1e-3), Past(MODEL.memory.law(), np.zeros((2, 1)), state.held(MODEL))
+    arm, past = Stepper(MODEL, 1e-3), Past(MODEL.memory.law(), np.zeros((2, 1)), mechanics_of(MODEL).held())
     count.clear()
     phi, w, command = np.zeros(2), np.zeros(2), np.array([3e4])
     chain, work = (mechanics_of(MODEL).body, mechanics_of(MODEL).joints), mechanics_of(MODEL).workspace()
