@@ -25,13 +25,15 @@ OF_MEMORY = {
     "creep_share_1": 0.2, "creep_time_1": 0.15, "slip_share_1": 0.3, "slip_angle_1": 0.02, "boucwen_share": 0.2,
     "boucwen_beta": 20.0, "boucwen_gamma": 9.0, "boucwen_exponent": 1.5,
 }  # fmt: skip
-CORD = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "pretension": 0.5}
+CORD = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "pretension": 0.5, "friction": 0.1,
+        "slip_rate": 0.01}  # fmt: skip
 WOUND = {"driven_by": "angle", "pulley": 0.01, "lever": 8e-3, "line_stiffness": 2e3, "pair": True}
 OF_SEGMENTS = {
     "axial_stiffness": 55.0, "upper.axial_stiffness": 45.0, "lower.axial_damping": 0.3, "axial_gain": 25.0,
     "blue.axial_gain": 40.0, "cord.pretension": 0.6, "cord.gain_x": 0.8,
 }  # fmt: skip
-OF_TENDONS = {"line_stiffness": 1.8e3, "blue.pretension": 0.3, "green.lever": 7e-3, "red.pulley": 0.012}
+OF_TENDONS = {"line_stiffness": 1.8e3, "blue.pretension": 0.3, "green.lever": 7e-3, "red.pulley": 0.012,
+              "friction": 0.2}  # fmt: skip
 
 
 def arm(**more):

@@ -132,7 +132,7 @@ def test_a_tendon_follows_its_path_along_what_lengthens():
     pulled = Tendon.at_azimuth(2.0, [1, 1, 0, 0], name="pulled", lever=8e-3)
     twice = Tendon.at_azimuth(2.0, np.ones(4), name="twice", pair=True, **CORD)
     gain = arm(whole, half, pulled, twice).actuation.gain
-    assert gain[:, 8:] == pytest.approx(np.array([[-0.15, -0.15], [-0.15, 0], [-0.15 / 8e-3, 0], [0, 0]]), abs=1e-15)
+    assert gain[:, 8:] == pytest.approx(np.array([[-0.15, -0.15], [-0.15, 0], [-0.15, 0], [-0.15, -0.15]]), abs=1e-15)
     one = (Extension(60.0, name="whole"),)
     assert arm(half, extensions=one).actuation.gain[0, 8:] == pytest.approx([-0.15])
 

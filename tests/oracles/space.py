@@ -25,26 +25,34 @@ class SpaceChain(NamedTuple):
         return len(self.body.mass)
 
     def work(self, kind=float):
-        return workspace(self.n, len(self.x), kind, self.body.share.shape[1])
+        return workspace(self.n, len(self.x), kind, self.body.share.shape[1], len(self.body.friction))
 
 
 def no_tendons(size):
     """The last entries of a body without tendons whose length does not change."""
-    return np.zeros((0, size)), *np.zeros((4, 0)), np.zeros((0, 0))
+    return np.zeros((0, size)), *np.zeros((4, 0)), np.zeros((size, 0)), np.zeros((0, 0))
 
 
-def with_tendons(chain, rng, *, stiffness=800.0, pretension=1.5, edge=0.08):
-    """The chain with two tendons, the second of which hangs slack, and a pair that never does."""
+def beyond_joints(n, size):
+    """Part (N, n) of what a swing, or a twist, draws in that lies beyond the middle of each joint's arc."""
+    joint = np.append(np.repeat(np.arange(n), 2), np.arange(size - 2 * n))[:, None]
+    return np.where(joint > np.arange(n), 1.0, np.where(joint == np.arange(n), 0.5, 0.0))
+
+
+def with_tendons(chain, rng, *, stiffness=800.0, pretension=1.5, friction=0.0, slip_rate=0.05):
+    """The chain with three tendons, the second of which hangs slack at rest; none turns a twist."""
+    lever = rng.normal(0, 0.01, (3, len(chain.x)))
+    lever[:, 2 * chain.n :] = 0.0
     body = chain.body._replace(
-        lever=rng.normal(0, 0.01, (3, len(chain.x))), tendon_stiffness=np.full(3, stiffness),
-        pretension=pretension * np.array([1.0, -1.0, 1.0]), edge=np.full(3, edge), slack=np.array([1.0, 1.0, 0.0]),
+        lever=lever, tendon_stiffness=np.full(3, stiffness), pretension=pretension * np.array([1.0, -1.0, 1.0]),
+        friction=np.full(3, friction), slip_rate=np.full(3, slip_rate), beyond=beyond_joints(chain.n, len(chain.x)),
     )
     return chain._replace(body=body)
 
 
-def workspace(n, size, kind=float, segments=0):
-    """Scratch arrays for n links and `size` coordinates, of which `segments` are strains."""
-    return spatial_workspace(n, (size - segments) // n, segments, kind=kind)
+def workspace(n, size, kind=float, segments=0, tendons=0):
+    """Scratch arrays for n links, `size` coordinates, of which `segments` are strains, and so many tendons."""
+    return spatial_workspace(n, (size - segments) // n, segments, tendons, kind)
 
 
 def random_space_chain(rng, n, *, twist=False, springs=True):
@@ -76,7 +84,9 @@ def lengthening(chain, rng, segments, *, springs=True):
     lever = np.zeros((len(chain.body.lever), size))
     lever[:, : len(chain.x)] = chain.body.lever
     lever[:, len(chain.x) :] = -rng.uniform(0.05, 0.1, (len(lever), segments))
-    return SpaceChain(chain.body._replace(share=share, lever=lever), joints,
+    along = np.tile(np.linspace(0.9, 0.1, chain.body.beyond.shape[1]), (segments, 1))
+    beyond = np.concatenate([chain.body.beyond, along])
+    return SpaceChain(chain.body._replace(share=share, lever=lever, beyond=beyond), joints,
                       np.append(chain.x, rng.uniform(-0.3, 0.4, segments)),
                       np.append(chain.v, rng.normal(0, 5.0, segments)))  # fmt: skip
 

@@ -14,7 +14,6 @@ from typing import Any
 from pliant.compiler import trace
 from pliant.compiler.twin import compiled_twin, fingerprint, reached
 from pliant.equations import (
-    arc_tendon,
     articulated,
     contact,
     elastic,
@@ -31,6 +30,7 @@ from pliant.equations import (
     spatial_memory,
     spatial_points,
     spatial_springs,
+    tendon,
 )
 from pliant.numerics import trig
 
@@ -42,7 +42,8 @@ STRAIGHT_SOURCES = (
     *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "simd", "dual_numbers", "duals")),
 )
 # Not the steps in the plane: side by side and alone, they give the same bits.
-FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian, spatial.step}
+FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian, spatial.step,
+                   spatial.build_step, spatial.inertial_forces}
 # So long that each caller that took them in would take as long to compile again.
 CALLED: set[Any] = {
     linearised.step_jacobian, extension_linearised.step_jacobian, spatial_linearised.step_jacobian,
@@ -50,7 +51,7 @@ CALLED: set[Any] = {
     spatial_memory.add_friction, spatial_memory.gap, spatial_memory.move_friction,
 }
 SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where joints turn in space
-    motion.step: spatial.step, motion.acceleration: spatial.acceleration, elastic.follows: spatial_springs.follows,
+    motion.step: spatial.step, motion.acceleration: tendon.accelerate, elastic.follows: spatial_springs.follows,
     energy.add_step_work: spatial_points.add_step_work, contact.add_link_loads: spatial_points.add_link_loads,
     observation.observe: spatial_points.observe, observation.place_links: spatial_linearised.place_links,
     observation.observe_point: spatial_linearised.observe_point, observation.motion_of: spatial_linearised.motion_of,
@@ -63,8 +64,7 @@ MOST_TURNS = 24  # coordinates of a step in space as a straight line: that takes
 SOURCES = (  # of a twin whose steps are made here
     __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, spatial.__file__,
     spatial_extension.__file__, spatial_linearised.__file__, spatial_memory.__file__, spatial_points.__file__,
-    spatial_springs.__file__,
-    arc_tendon.__file__, *STRAIGHT_SOURCES,
+    spatial_springs.__file__, tendon.__file__, *STRAIGHT_SOURCES,
 )
 
 
@@ -141,19 +141,36 @@ def substitutes(
 
 def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> Any:
     """The compiled twin of a kernel of a chain in space; `sizes` are links, segments, turns and tendons of `twin`."""
-    links, segments, turns, _ = sizes
-    if loops or links * turns + segments > MOST_TURNS:
-        return twin(kernel)
+    lines = not loops and sizes[0] * sizes[2] + sizes[1] <= MOST_TURNS
     if kernel is spatial.step:
-        return straight(kernel, *sizes)
+        return spatial_step(*sizes, lines=lines)
     remembering: Any = spatial_memory.step_with_memory
-    if kernel is remembering:
-        fast: dict[Any, Any] = {spatial.step: straight(spatial.step, *sizes, remembers=True)}
-        return compiled_twin(
-            kernel, size_tag(*sizes), lambda callee: fast.get(callee) or twin(callee), SOURCES, replaced=fast,
-            forceinline=False,
-        )
-    return twin(kernel)
+    jacobian: Any = spatial_linearised.step_jacobian
+    steps: dict[Any, Any] = {}
+    if kernel is remembering and (lines or sizes[3]):
+        steps = {spatial.step: spatial_step(*sizes, lines=lines, remembers=True)}
+    elif kernel is jacobian and sizes[3]:
+        steps = {spatial.step: twin(tendon.step)}  # on complex numbers
+    if not steps:
+        return twin(kernel)
+    return compiled_twin(
+        kernel, size_tag(*sizes) + "_loops" * (not lines), lambda callee: steps.get(callee) or twin(callee), SOURCES,
+        replaced=steps, forceinline=False,
+    )
+
+
+@cache
+def spatial_step(links: int, segments: int, turns: int, tendons: int, *, lines: bool, remembers: bool = False) -> Any:
+    """The compiled step of a chain in space: as straight `lines`, of a chain with tendons its parts without them."""
+    if not lines:
+        return twin(tendon.step if tendons else spatial.step)
+    if not tendons:
+        return straight(spatial.step, links, segments, turns, remembers=remembers)
+    step: Any = tendon.step
+    parts: tuple[Any, ...] = (spatial.build_step, spatial.inertial_forces)
+    fast = {part: straight(part, links, segments, turns, remembers=remembers) for part in parts}
+    tag = size_tag(links, segments, turns, 1) + "_memory" * remembers  # any number of tendons
+    return compiled_twin(step, tag, lambda callee: fast.get(callee) or twin(callee), SOURCES, replaced=fast)
 
 
 def fast_step(links: int) -> Any:

@@ -93,7 +93,8 @@ def dual_twin(kernel: FunctionType, links: int | None, segments: int = 0, turns:
 
     What is not of floats (counts, arrays of integers) stays as it is; a dual that is returned comes as its value.
     """
-    inner = _inner(kernel, *((1, 0, 2, 0) if turns > 1 else (links, segments, turns, tendons)))  # loops fit any size
+    sizes = (1, 0, 2, min(tendons, 1)) if turns > 1 else (links, segments, turns, tendons)  # loops fit any size
+    inner = _inner(kernel, *sizes)
     copy = FunctionType(_run.__code__, {"inner": inner, "_as_duals": _as_duals, "_value": _value}, _run.__name__)
     copy.__module__ = kernel.__module__
     copy.__qualname__ = f"{inner.__qualname__}_whole"

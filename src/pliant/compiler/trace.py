@@ -25,6 +25,10 @@ from pliant.equations.symbols import (
     Workspace,
 )
 
+# Scratch arrays that a kernel hands on; of all others work.a alone. Constants are not stored.
+POSE = ("q", "t", "A", "P", "R", "S", "series", "stretch", "length", "centre", "lateral")
+KEPT = {"build_step": tuple(f"work.{name}" for name in POSE)}
+
 
 class Tape:
     """Operations in the order in which they were first needed; equal ones are written once."""
@@ -111,7 +115,7 @@ def changed(argument: Any, before: Any, name: str, kept: tuple[str, ...]) -> lis
     if not isinstance(argument, np.ndarray) or (name.startswith("work.") and name not in kept):
         return []
     marked: Any = argument
-    moved = [i for i in np.ndindex(*argument.shape) if marked[i] is not before[i]]
+    moved = [i for i in np.ndindex(*argument.shape) if marked[i] is not before[i] and isinstance(marked[i], Mark)]
     return [(f"{name}[{', '.join(map(str, i))}]", marked[i]) for i in moved]
 
 
@@ -180,8 +184,10 @@ def spatial_workspace(
     """Return scratch arrays of a `kind` of numbers for n links in space, of 2 or 3 turns a joint, with tendons."""
     turned, size = turns * n, turns * n + segments
     shapes: dict[str, tuple[int, ...]] = {
-        "A": (size, size), "tau": (size + tendons,), "R": (n + 1, 3, 3), "r": (n + 1, 3), "P": (n, 3, 3),
-        "series": (n, 4), "J": (n, 3, 3),
+        "A": (size, size), "B": (size, size), "tau": (size + tendons,), "R": (n + 1, 3, 3), "r": (n + 1, 3),
+        "P": (n, 3, 3), "series": (n, 4), "J": (n, 3, 3),
+        **dict.fromkeys(("tension", "slope"), (tendons,)), "felt": (tendons, size),
+        **dict.fromkeys(("run", "ease", "kept"), (tendons, n)),
         **dict.fromkeys("SEFN", (turned, 3)), **dict.fromkeys("CLM", (n, 3)),
         **dict.fromkeys(("omega", "alpha", "lift", "turn"), (3,)),
         **dict.fromkeys(("stretch", "growth", "length", "h", "second", "along"), (n + 1,)),
@@ -200,10 +206,11 @@ def spatial_arguments(
         return np.zeros(shape)
 
     masses = (zeros(n), zeros(n), zeros(n), zeros(n))
-    behind = (zeros(tendons, size), *(zeros(tendons) for _ in range(4)), zeros(n + 1, segments))
+    constants = (zeros(tendons) for _ in range(4))
+    behind = (zeros(tendons, size), *constants, zeros(size, n), zeros(n + 1, segments))
     return {
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size + tendons), "a": zeros(size),
-        "total": zeros(3),
+        "total": zeros(3), "f": zeros(size),
         "body": SpatialBody(
             zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0, *behind,
         ),
@@ -227,4 +234,5 @@ def recording(
     else:
         examples = extensible_arguments(n, segments) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
-    return record(kernel, {name: examples[name] for name in names}, kept=("work.a", "work.pull"))
+    kept = KEPT.get(kernel.__name__, ("work.a",))
+    return record(kernel, {name: examples[name] for name in names}, kept=kept)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.arc_tendon import add_pull, add_pull_slopes
 from pliant.equations.spatial_extension import (
     add_strain_inertia,
     lengthen_link,
@@ -330,13 +329,12 @@ def pass_down(k, length, work):
 def acceleration(x, v, torque, body, joints, work, a):
     """Write the accelerations a (N,) of all coordinates, rad/s^2; as `motion.acceleration`.
 
-    `torque` (N + R,) is what drives each coordinate [N m], and each tendon [N]. `work.A` keeps the factors of M.
+    `work.A` keeps the factors of M.
 
     Paper: Eq. (5) [eq:eom], in space
     """
     pose_links(x, body, work)
     joint_torques(x, v, joints, torque, 0.0, work.t)
-    add_pull(x, torque, body, work)
     inertial_forces(x, v, body, work, work.f)
     for i in range(len(x)):
         a[i] = work.t[i] - work.f[i]
@@ -346,10 +344,10 @@ def acceleration(x, v, torque, body, joints, work, a):
 
 
 def step(x, v, h, torque, body, joints, work):
-    """Advance x and v (N,) in place by h [s] under the mean torques (N + R,): the step of `motion.step`.
+    """Advance x and v (N,) in place by h [s] under the mean torques (N,): the step of `motion.step`.
 
-    Springs, dampers, tendons and the slope of gravity are implicit; what goes with the square of the rates is taken at
-    their middle by a second solve with the same factors. `work.a` keeps the change of v, `work.pull` what tendons pull.
+    Springs, dampers and the slope of gravity are implicit; what goes with the square of the rates is taken at their
+    middle by a second solve with the same factors. `work.a` keeps the change of v.
 
     Source: as `motion.step`, written for Eq. (5) [eq:eom] in space
     """
@@ -381,7 +379,5 @@ def build_step(x, v, h, torque, body, joints, work):
         work.q[i] = x[i] + half * v[i]
     pose_links(work.q, body, work)
     joint_torques(x, v, joints, torque, half, work.t)
-    add_pull(work.q, torque, body, work)
     inertia(half * half, body, work, work.A)
     add_spring_slopes(work.q, half, joints, work.A)
-    add_pull_slopes(work.q, half * half, torque, body, work.A)

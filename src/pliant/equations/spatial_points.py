@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pliant.equations.arc_tendon import add_pull
 from pliant.equations.spatial import inertial_forces, pose_links, turn_on
 from pliant.equations.spatial_extension import stretch_rates
 from pliant.equations.spatial_springs import joint_torques
@@ -144,14 +143,14 @@ def gravity_energy(x, body, work):
 
 
 def add_step_work(v, h, torque, joints, work, total):
-    """Add what a `spatial.step` took to total (2,) [J]: input work, and loss of the dampers, by the middle rate.
+    """Add what a `spatial.step` took to total (2,) [J]: input work, and loss of dampers and friction, by middle rates.
 
-    v: rates (N,) after the step, which leaves their change in work.a.
+    v: rates (N,) after the step, which leaves their change in work.a. Of tendons: `tendon.step`.
     """
     for i in range(len(v)):
         rate = v[i] - 0.5 * work.a[i]
         total[0] = total[0] + h * (torque[i] + work.pull[i]) * rate
-        total[1] = total[1] + h * joints.D[i] * rate * rate
+        total[1] = total[1] + h * (joints.D[i] * rate - work.rub[i]) * rate
 
 
 def observe(x, base_angle, places, seen):
@@ -164,12 +163,11 @@ def observe(x, base_angle, places, seen):
 
 
 def static_forces(x, torque, body, joints, work, forces):
-    """What inputs (N + R,), springs and weight do to x at rest, forces (N,): zero in equilibrium, N m."""
+    """What inputs (N,), springs and weight do to x at rest, forces (N,): zero in equilibrium, N m."""
     for i in range(len(x)):
         work.v[i] = 0.0 * x[i]
     pose_links(x, body, work)
     joint_torques(x, work.v, joints, torque, 0.0, work.t)
-    add_pull(x, torque, body, work)
     inertial_forces(x, work.v, body, work, work.f)
     for i in range(len(x)):
         forces[i] = work.t[i] - work.f[i]

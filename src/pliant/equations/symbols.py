@@ -50,11 +50,12 @@ class SpatialBody(NamedTuple):
     gx: float  # m/s^2, gravity in fixed axes
     gy: float  # m/s^2
     gz: float  # m/s^2
-    lever: np.ndarray  # (R, N) m, of each tendon at each coordinate: `arc_tendon`; no rows without tendons
+    lever: np.ndarray  # (R, N) m, of each tendon at each coordinate: `tendon`; no rows without tendons
     tendon_stiffness: np.ndarray  # (R,) N/m
     pretension: np.ndarray  # (R,) N
-    edge: np.ndarray  # (R,) N, over which a tendon becomes taut
-    slack: np.ndarray  # (R,) 1 of a tendon that can hang slack, 0 of a pair that never does
+    friction: np.ndarray  # (R,) coefficient of friction along the path
+    slip_rate: np.ndarray  # (R,) m/s, over which friction changes its direction
+    beyond: np.ndarray  # (N, n) part of what a coordinate draws in that lies beyond the middle of each joint's arc
     share: np.ndarray  # (n + 1, S) part of each link that lies in each segment that lengthens; no columns without
 
 
@@ -161,49 +162,6 @@ class Lag(NamedTuple):
     fall_rate: float  # Pa/s
 
 
-class TendonConstants(NamedTuple):
-    """C tendons, each from the base towards the tip through guides on the links, G guides in all: `tendon`.
-
-    A tendon without guides has the length `rest_length` + `gain` x: that of a cord along the arcs of a chain.
-    """
-
-    stiffness: np.ndarray  # (C,) N/m; 0: the drive is the tension itself
-    pretension: np.ndarray  # (C,) N, in the rest shape without drive
-    rest_length: np.ndarray  # (C,) m, in the rest shape
-    gain: np.ndarray  # (C, N) m/rad, what each coordinate adds to the length beside the guides
-    friction: np.ndarray  # (C,) coefficient of friction at guides
-    slip_rate: np.ndarray  # (C,) m/s, width of the smooth edge between slipping in and out, above 0
-    first: np.ndarray  # (C + 1,) int, number of each tendon's first guide, then G
-    link: np.ndarray  # (G,) int, link of each guide, -1 the base part; none before that of the guide in front of it
-    point: np.ndarray  # (G, 3) m, aside, across and along of each guide on its link
-
-
-class TendonWorkspace(NamedTuple):
-    """Scratch arrays of the tendons of a chain: `tendon`. Guides are counted over all tendons."""
-
-    l: np.ndarray  # (C,) m, lengths
-    gradient: np.ndarray  # (C, N) m/rad, their slopes
-    p: np.ndarray  # (G, 3) m, positions of the guides
-    u: np.ndarray  # (G, 3) direction from each guide to the next of its tendon
-    beyond: np.ndarray  # (G, N) m/rad, slope of the length from each guide to the end of its tendon
-    run: np.ndarray  # (G,) -1 to 1: 1 where a tendon slips over a guide towards the base, -1 towards the tip
-    ease: np.ndarray  # (G,) s/m, slope of `run` by the rate at which the tendon slips
-    drop: np.ndarray  # (G,) N, what the tension loses at each guide
-    drop_slope: np.ndarray  # (G,) N s/m, its slope by the rate at which the tendon slips
-    T: np.ndarray  # (C,) N, tensions at the base
-    slope: np.ndarray  # (C,) N/m, what of their slopes by the length is implicit
-    t: np.ndarray  # (N,) N m, torques of all tendons
-    A: np.ndarray  # (N, N) kg m^2, of the step without tendons
-
-
-class Tendons(NamedTuple):
-    """The tendons of a chain and what drives them."""
-
-    drive: np.ndarray  # (C,) N, mean over a step: a tension, or stiffness times what the pulled end moves by
-    law: TendonConstants
-    work: TendonWorkspace
-
-
 class Slopes(NamedTuple):
     """What `motion.acceleration_jacobian` writes: entry [l, k] of a matrix is da_k / d._l."""
 
@@ -291,7 +249,16 @@ class SpatialWorkspace(NamedTuple):
     q: np.ndarray  # (N,) the coordinates in the middle of the step
     v: np.ndarray  # (N,) the rates there
     tau: np.ndarray  # (N + R,) N m, what the inputs give each coordinate; behind them, N, what they draw each tendon by
-    pull: np.ndarray  # (N,) N m, torques of the tendons
+    pull: np.ndarray  # (N,) N m, torques of the tendons without friction
+    rub: np.ndarray  # (N,) N m, what friction along the tendons changes of them
+    tension: np.ndarray  # (R,) N, mean tensions at the base
+    slope: np.ndarray  # (R,) their slopes by the force at the end of the step
+    run: np.ndarray  # (R, n) 1 where a tendon slips towards the base at a joint, -1 towards the tip
+    ease: np.ndarray  # (R, n) s/m, slope of the exponent of friction by the slip
+    kept: np.ndarray  # (R, n) fraction of the tension that is left behind each joint
+    felt: np.ndarray  # (R, N) fraction of it that each coordinate feels
+    B: np.ndarray  # (N, N) matrix of a move of Newton's method
+    move: np.ndarray  # (N,) the move
     R: np.ndarray  # (n + 1, 3, 3) rotations of the links, the part before the first joint first
     r: np.ndarray  # (n + 1, 3) m, where they start
     P: np.ndarray  # (n, 3, 3) frames of the joints

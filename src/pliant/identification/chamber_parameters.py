@@ -23,7 +23,7 @@ VALVE = {
     "valve_dead_band": "dead_band", "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
 }  # fmt: skip
 GAINS = r"gain|gain_[xy]|(joint|cross)_gain_(\d+|\*)"
-TENDON = ("lever", "line_stiffness", "pretension", "pulley")
+TENDON = ("lever", "line_stiffness", "pretension", "pulley", "friction")
 OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER, *TENDON))}")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.compiler.trace import spatial_workspace
-from pliant.equations import spatial, spatial_points, spatial_springs
+from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.symbols import Slopes, SpatialBody, SpatialHeld, SpatialJoints, SpatialSlopes, SpatialWorkspace
 from pliant.errors import SimulationError
@@ -20,7 +20,7 @@ from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import TINY, complex_slopes
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.mechanics.rest import loaded_rest
-from pliant.model import Model, Space, Station, Tendon
+from pliant.model import Model, Space, Station
 
 Array = np.ndarray
 
@@ -56,14 +56,19 @@ class SpatialChain(Mechanics):
         gx, gy, gz = (float(g) for g in model.gravity)
         rest = np.array([rotation(v) for v in space.rest_of(self.n)])
         base = rotation([*space.base_tilt, 0.0])
-        behind = [*self._tendons(), np.array(model.stretch_share)]
+        tendons = model.actuation.levers, *model.actuation.tendon_constants, self._beyond()
+        behind = *tendons, np.array(model.stretch_share)
         return SpatialBody(self.length, *link_inertias(model, space.radius), rest, base, gx, gy, gz, *behind)
 
-    def _tendons(self) -> list[Array]:
-        """Return levers (R, N) and constants (R,) of the tendons whose tensions follow from their lengths."""
-        drawn = list(self.model.actuation.tendons)
-        constants = [c.constants() for c in (self.model.chambers[i] for i in drawn) if isinstance(c, Tendon)]
-        return [np.array(self.model.actuation.gain[drawn]), *np.reshape(constants, (-1, 4)).T.copy()]
+    def _beyond(self) -> Array:
+        """Part (N, n) of what each coordinate draws in that lies beyond the middle of each joint's arc.
+
+        That of a joint lies evenly along its arc, that of a strain along its segment.
+        """
+        swings = np.tril(np.ones((self.n, self.n)), -1) + 0.5 * np.eye(self.n)
+        along = self.length[:, None] * self.model.stretch_share
+        strains = np.cumsum(along[::-1], axis=0)[-2::-1] / along.sum(axis=0)
+        return np.concatenate([np.repeat(swings, 2, axis=0), *[swings] * (self.space.turns - 2), strains.T])
 
     @cached_property
     def joints(self) -> SpatialJoints:
@@ -92,14 +97,14 @@ class SpatialChain(Mechanics):
         return self.body, self.workspace()
 
     def acceleration(self) -> Any:
-        return twin(spatial.acceleration)
+        return twin(tendon.accelerate)
 
     def acceleration_jacobian(self) -> Any:
         return spatial_slopes
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.tendons)
+        return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.levers)
 
     # coordinates
 
@@ -265,12 +270,12 @@ class SpatialChain(Mechanics):
         kind = complex if any(np.iscomplexobj(value) for value in given) else float
         body, joints = (of_kind(record, kind) for record in (self.body, self.joints))
         forces = np.zeros(self.size, dtype=kind)
-        static = twin(spatial_points.static_forces)
+        static = twin(tendon.forces_at_rest)
         static(of_kind(x, kind), of_kind(torque, kind), body, joints, self.workspace(kind), forces)
         return forces
 
     def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:
-        still = np.zeros(self.size + len(self.model.actuation.tendons)) if torque is None else torque
+        still = np.zeros(self.size + len(self.model.actuation.levers)) if torque is None else torque
         slope = self._slope(lambda moved: self.static_forces(moved, still), x)
         return slope if load is None else slope + self.load_stiffness(x, load)
 
@@ -337,7 +342,7 @@ def spatial_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, wo
     As `motion.acceleration_jacobian`, of a chain in space; `work.A` keeps the factors of M.
     """
     given = tuple(of_kind(value, complex) for value in (torque, body, joints))
-    compiled = twin(spatial.acceleration)
+    compiled = twin(tendon.accelerate)
 
     def accelerate(x: Array, v: Array, work: Any, a: Array) -> None:
         compiled(x, v, *given, work, a)

@@ -16,6 +16,7 @@ from pliant.model.chamber import Chamber
 from pliant.model.tendon import Tendon
 
 Array = np.ndarray
+LEAST = 1e-300  # N, less pretension of the second of a pair: without any, one of the two is taut
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class Actuation:
         joints = np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.inputs])
         if self.turns > 1:
             across = np.stack([np.broadcast_to(c.cross_gain, (self.joints,)) for c in self.inputs])
-            lever = np.array([[c.lever if c.elastic else 1.0] if isinstance(c, Tendon) else [1.0] for c in self.inputs])
+            lever = np.array([[c.lever if isinstance(c, Tendon) else 1.0] for c in self.inputs])
             bent = lever * np.stack([joints, across], axis=-1).reshape(self.count, -1)
             joints = np.pad(bent, ((0, 0), (0, (self.turns - 2) * self.joints)))
         if not self.segment_length:
@@ -95,17 +96,39 @@ class Actuation:
 
     @cached_property
     def tendons(self) -> tuple[int, ...]:
-        """Indices of the inputs that draw in a tendon, whose tension follows from its length."""
-        return tuple(i for i, c in enumerate(self.inputs) if isinstance(c, Tendon) and c.elastic)
+        """Indices of the inputs that draw in a tendon, or a pair of them."""
+        return tuple(i for i, c in enumerate(self.inputs) if isinstance(c, Tendon))
+
+    @cached_property
+    def _cords(self) -> list[tuple[int, Tendon, float]]:
+        """Index and input of each tendon, and its sign: the second of a pair is let out where the first is drawn in."""
+        each = [(i, c) for i, c in enumerate(self.inputs) if isinstance(c, Tendon)]
+        return [(i, c, sign) for i, c in each for sign in ((1.0, -1.0) if c.pair else (1.0,))]
+
+    @cached_property
+    def levers(self) -> Array:
+        """Lever (R, N) of each tendon at each coordinate, m; the two of a pair turn joints to opposite sides."""
+        levers = np.reshape([self.gain[i] for i, *_ in self._cords], (-1, self.gain.shape[1]))
+        levers[:, : self.turns * self.joints] *= np.reshape([sign for *_, sign in self._cords], (-1, 1))
+        return levers
+
+    @cached_property
+    def tendon_constants(self) -> tuple[Array, Array, Array, Array]:
+        """Stiffness [N/m], pretension [N], friction and slip rate [m/s] of each tendon, (R,), for the kernels."""
+        k, T0, mu, w0 = np.reshape([c.constants() for _, c, _ in self._cords], (-1, 4)).T.copy()
+        T0 -= [LEAST if sign < 0.0 else 0.0 for *_, sign in self._cords]
+        return k, T0, mu, w0
 
     @cached_property
     def columns(self) -> Array:
         """What kernels take for `gain` (C, N + R): inputs that make torques, then where each tendon's command is."""
         if not self.tendons:
             return self.gain
-        gain = np.array(self.gain)
+        gain, drawn = np.array(self.gain), np.zeros((self.count, len(self._cords)))
         gain[list(self.tendons)] = 0.0
-        return np.hstack([gain, np.eye(self.count)[:, list(self.tendons)]])
+        for r, (i, _, sign) in enumerate(self._cords):
+            drawn[i, r] = sign
+        return np.hstack([gain, drawn])
 
     def axial_gains(self, chamber: Chamber) -> Array:
         """Axial force (S,) of a chamber on each segment in parts of its torque, 1/m; of a tendon see `drawn_in`."""
@@ -121,18 +144,15 @@ class Actuation:
         """Axial force (S,) of a tendon on each segment in parts of what it pulls with: -1 where it runs all along it.
 
         It runs from the base to the end of the last joint that it turns: along a segment for the part of its joints up
-        to there, along one without joints if any lies beyond. Of a tendon driven by its tension in parts of the torque,
-        1/m. Two opposite tendons that stay taut press nothing: one pulls by as much less as the other pulls more.
+        to there, along one without joints if any lies beyond.
         """
         part, before = np.zeros(len(self.segment_length)), -1
-        if tendon.pair:
-            return part
         turned = np.broadcast_to((tendon.joint_gain != 0) | (tendon.cross_gain != 0), (self.joints,))
         last = int(np.flatnonzero(turned).max(initial=-1))
         for s, inside in enumerate(self.segment_joints):
             part[s] = np.mean([k <= last for k in inside]) if inside else float(last > before)
             before = max([before, *inside])
-        return -part / (1.0 if tendon.elastic else tendon.lever)
+        return -part
 
     @property
     def remembers(self) -> bool:

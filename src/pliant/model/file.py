@@ -109,6 +109,8 @@ class TendonEntry(BaseModel):
     pretension: float = 0.0
     pulley: float = 0.0
     pair: bool = False
+    friction: float = 0.0
+    slip_rate: float = 1e-3
     valve: ValveEntry = ValveEntry()
 
 

@@ -42,6 +42,8 @@ LIMITS = {
     "line_stiffness": Limit(0.0, 1e9, "N/m"),
     "pretension": Limit(0.0, 1e6, "N"),
     "pulley": Limit(0.0, 1e2, "m"),
+    "friction": Limit(0.0, 1e2, ""),
+    "slip_rate": Limit(1e-9, 1e3, "m/s"),
     "axial_gain": Limit(0.0, 1e6, "1/m"),
     "axial_stiffness": Limit(1e-9, 1e12, "N"),
     "axial_damping": Limit(0.0, 1e12, "N s"),

@@ -14,8 +14,7 @@ from pliant.model.limits import check_limit
 
 Array = np.ndarray
 DRIVEN = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of recorded inputs, and their units
-NUMBERS = ("lever", "line_stiffness", "pretension", "pulley")
-EDGE = 1e-5  # m: a tendon becomes taut over twice this displacement
+NUMBERS = ("lever", "line_stiffness", "pretension", "pulley", "friction", "slip_rate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +23,8 @@ class Tendon(Chamber):
 
     It pulls with the tension T = max(0, k (u - g . x) + T_0): g is its lever at each coordinate x, exact where the body
     bends in arcs, u how far it is drawn in, k its stiffness with all that holds it. Driven by a tension, T is that.
+    Over a joint that swings by theta, friction leaves exp(-mu theta) of the tension to the rest of a tendon that is
+    drawn in, and exp(mu theta) where it is let out.
 
     Parameters
     ----------
@@ -40,7 +41,11 @@ class Tendon(Chamber):
     pulley : float
         Radius of the motor's pulley, m; of a tendon driven by an angle.
     pair : bool
-        Whether two opposite tendons on one motor stay taut: the tension is then their difference, of either sign.
+        Whether there are two opposite tendons on one motor: the second is let out by what the first is drawn in by.
+    friction : float
+        mu, coefficient of friction along the path.
+    slip_rate : float
+        Rate of slip [m/s] over which friction changes its direction: it holds up to creep of about this rate.
     name, valve, joint_gain, cross_gain
         As of a `Chamber`; the valve is the lag of the motor.
 
@@ -58,6 +63,8 @@ class Tendon(Chamber):
     pretension: float = 0.0
     pulley: float = 0.0
     pair: bool = False
+    friction: float = 0.0
+    slip_rate: float = 1e-3
 
     def __post_init__(self) -> None:
         who = f"tendon {self.name!r}:"
@@ -65,7 +72,7 @@ class Tendon(Chamber):
             raise InputError(f"{who} driven_by must be {', '.join(DRIVEN)}, got {self.driven_by!r:.40}")
         for name in NUMBERS:
             object.__setattr__(self, name, one_number(name, getattr(self, name)))
-        check_numbers(self, who, ("lever",), ("line_stiffness", "pulley"), ("pretension",))
+        check_numbers(self, who, ("lever", "slip_rate"), ("line_stiffness", "pulley", "friction"), ("pretension",))
         if self.elastic and not self.line_stiffness:
             raise InputError(f"{who} driven by its {self.driven_by}, it needs a line_stiffness [N/m]")
         if (self.driven_by == "angle") != (self.pulley > 0):
@@ -74,7 +81,7 @@ class Tendon(Chamber):
             raise InputError(f"{who} law, swell_share, inflation_limit and axial_gain are those of a chamber")
         object.__setattr__(self, "kind", self.driven_by)
         object.__setattr__(self, "unit", DRIVEN[self.driven_by])
-        law = {"tension": self.lever, "displacement": self.line_stiffness, "angle": self.line_stiffness * self.pulley}
+        law = {"tension": 1.0, "displacement": self.line_stiffness, "angle": self.line_stiffness * self.pulley}
         object.__setattr__(self, "torque", np.array([law[self.driven_by]]))
         check_limit(who, "joint_gain", float(np.abs(self.joint_gain).max(initial=0.0)))
         super().__post_init__()
@@ -96,12 +103,13 @@ class Tendon(Chamber):
 
     @property
     def elastic(self) -> bool:
-        """Whether its tension follows from its length: `torque` is then a force for each unit of the input, N."""
+        """Whether its tension follows from its length: for each unit of the input `torque` is a force, N."""
         return self.driven_by != "tension"
 
     def constants(self) -> tuple[float, float, float, float]:
-        """Return stiffness [N/m], pretension [N], edge [N] and whether it can hang slack, for the kernels."""
-        return self.line_stiffness, self.pretension, self.line_stiffness * EDGE, float(not self.pair)
+        """Return stiffness [N/m], pretension [N], friction and slip rate [m/s], for the kernels."""
+        k, T0 = (self.line_stiffness, self.pretension) if self.elastic else (0.0, 0.0)
+        return k, T0, self.friction, self.slip_rate
 
     def sentences(self, *, alone: bool) -> list[str]:  # noqa: ARG002  of the interface
         """Return the path and the law, for people."""
@@ -111,6 +119,7 @@ class Tendon(Chamber):
         text = f"{self.name}: tendon at {1e3 * self.lever:.3g} mm, azimuth {shown} deg, driven by its {self.driven_by}"
         more = [f"{1e-3 * self.line_stiffness:.4g} N/mm, pretension {self.pretension:.3g} N"] if self.elastic else []
         more += [f"pulley {1e3 * self.pulley:.3g} mm"] if self.pulley else []
-        more += ["pair that stays taut"] if self.pair else []
+        more += ["pair"] if self.pair else []
+        more += [f"friction {self.friction:.3g}"] if self.friction else []
         lag = [line.partition(": ")[2] for line in super().sentences(alone=True)[1:]]
         return [", ".join([text, *more]), *(f"{self.name}: lag {line}" for line in lag)]

@@ -53,7 +53,9 @@ class TendonTable(StudyEntry):
     line_stiffness: float = Field(1000.0, gt=0)  # N/m; not of one driven by its tension
     pretension: float = 0.0  # N; below 0 it hangs slack
     pulley: float = Field(0.0, ge=0)  # m, radius; of one driven by an angle
-    pair: bool = False  # two opposite tendons on one motor that stay taut
+    pair: bool = False  # two opposite tendons on one motor
+    friction: float = Field(0.0, ge=0)  # coefficient along the path
+    slip_rate: float = Field(1e-3, gt=0)  # m/s, over which friction changes its direction
 
 
 class ExtensionTable(StudyEntry):
