@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from pliant.compiler.trace import spatial_workspace
 from pliant.equations.elastic import ROWS
-from pliant.equations.symbols import Joints, SpatialBody
+from pliant.equations.symbols import SpatialBody, SpatialJoints
 
 
 class SpaceChain(NamedTuple):
     """A chain of n links and how it moves: coordinates x and rates v (N,)."""
 
     body: SpatialBody
-    joints: Joints
+    joints: SpatialJoints
     x: np.ndarray
     v: np.ndarray
 
@@ -97,12 +97,13 @@ def random_joints(rng, n, size, *, isotropic=True):
     if isotropic:
         K[1 : 2 * n : 2], D[1 : 2 * n : 2] = K[: 2 * n : 2], D[: 2 * n : 2]
     hardening = np.stack([-0.3 * K, 0.4 * K, np.full(size, 0.25)])
-    return Joints(0.0, np.zeros(size), K, D, hardening, np.zeros(n))
+    return SpatialJoints(0.0, np.zeros(size), K, D, hardening, np.zeros(n), np.zeros((0, 3)))
 
 
 def free_joints(n, size):
     """Joints without springs and dampers."""
-    return Joints(0.0, np.zeros(size), np.zeros(size), np.zeros(size), np.zeros((ROWS, size)), np.zeros(n))
+    still = np.zeros(size)
+    return SpatialJoints(0.0, still, still.copy(), still.copy(), np.zeros((ROWS, size)), np.zeros(n), np.zeros((0, 3)))
 
 
 def rotation_about_x(angle):
@@ -126,7 +127,8 @@ def of_the_plane(chain, q, dq, *, twist=False, base_length=0.0):
         return np.append(np.repeat(values, 2), np.full(size - 2 * n, beyond))
 
     hardening = np.stack([spread(row) for row in chain.joints().hardening])
-    joints = Joints(0.0, np.zeros(size), spread(chain.K, 0.5), spread(chain.D, 1e-3), hardening, np.zeros(n))
+    joints = SpatialJoints(0.0, np.zeros(size), spread(chain.K, 0.5), spread(chain.D, 1e-3), hardening, np.zeros(n),
+                           np.zeros((0, 3)))  # fmt: skip
     x, v = np.zeros(size), np.zeros(size)
     x[: 2 * n : 2], v[: 2 * n : 2] = q, dq
     return SpaceChain(body, joints, x, v)
