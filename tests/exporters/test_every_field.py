@@ -39,8 +39,10 @@ def rich(kind: str = "limits") -> Model:
     """A model that has all there is: one valve with first order and limits, or one of second order; or one in space."""
     if kind == "space":
         body = pulled(2)
-        return body.with_(space=dataclasses.replace(body.space, twist_ratio=0.7), stiffening=-0.1, cubic_stiffening=0.2,
-                          stiffening_bound=0.7)
+        first, pair, *more = body.chambers
+        cords = [dataclasses.replace(first, friction=0.1), dataclasses.replace(pair, pretension=9.0), *more]
+        return body.with_(chambers=cords, space=dataclasses.replace(body.space, twist_ratio=0.7), stiffening=-0.1,
+                          cubic_stiffening=0.2, stiffening_bound=0.7)
     lagging = Valve(rise_time=0.02, fall_time=0.03, dead_time=0.004, rise_rate=1e6, fall_rate=2e6, settle_share=0.1,
                     dead_band=500.0)  # fmt: skip
     ringing = Valve(natural_frequency=9.0, damping_ratio=0.6, dead_time=0.004)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,6 +58,9 @@ def test_a_model_without_a_feature_has_none_of_it(key):
         model = model.with_(memory=Memory((0.1,), (0.5,)))
     if key == "tendons":
         model = pulled()
+    if key in ("tendon_friction", "pair_pretension"):
+        cords = [replace(c, friction=0.2, pretension=3.0 if c.pair else 0.0) for c in pulled().chambers]
+        model = pulled().with_(chambers=cords)
     assert FEATURES[key].names(model)
     if key in ("space", "tendons"):
         with pytest.raises(pliant.InputError, match=r"moves in space|is driven by tendons"):

@@ -157,7 +157,7 @@ def pull_over_step(x, v, h, torque, body, work):
     and nothing rubs: work.a is then the end of Newton's method.
     """
     clear_pull(work)
-    same = True
+    same = 1.0
     for i in range(len(x)):
         work.v[i] = v[i] + 0.5 * work.a[i]
     for r in range(len(body.friction)):
@@ -167,7 +167,7 @@ def pull_over_step(x, v, h, torque, body, work):
         s0 = untensed(r, x, torque, body)
         T, slope = mean_tension(s0, s0 - h * body.tendon_stiffness[r] * change)
         if slope.real != work.slope[r].real or body.friction[r].real > 0.0:
-            same = False
+            same = 0.0
         work.slope[r] = slope
         work.tension[r] = T
         slip(r, work.q, work.v, body, work)
@@ -192,8 +192,9 @@ def add_slopes(r, h, body, work):
         if body.friction[r].real > 0.0:
             left = 0.0 * own
             for k in range(n - 1, -1, -1):
-                last = body.beyond[i, k + 1] if k + 1 < n else 0.0
-                left = left + (body.beyond[i, k] - last) * work.kept[r, k]
+                left = left + body.beyond[i, k] * work.kept[r, k]
+                if k + 1 < n:
+                    left = left - body.beyond[i, k + 1] * work.kept[r, k]
                 weight = 0.5 * own * work.tension[r] * work.ease[r, k] * left
                 for j in range(size):
                     work.B[i, j] = work.B[i, j] + weight * body.beyond[j, k] * body.lever[r, j]
@@ -215,6 +216,19 @@ def eliminate(B, b):
         b[k] = b[k] / B[k, k]
 
 
+def next_move(h, body, work):
+    """Make a move of Newton's method for what is left of the torques, work.v (N,); add it to work.a."""
+    for i in range(len(work.a)):
+        work.move[i] = work.v[i]
+        for j in range(len(work.a)):
+            work.B[i, j] = work.A[max(i, j), min(i, j)]
+    for r in range(len(body.friction)):
+        add_slopes(r, h, body, work)
+    eliminate(work.B, work.move)
+    for i in range(len(work.a)):
+        work.a[i] = work.a[i] + work.move[i]
+
+
 def solve_step(x, v, h, torque, body, work):
     """Improve work.a (N,), the change of v over a step of h [s], until forces in work.f and tendons agree with it.
 
@@ -222,7 +236,7 @@ def solve_step(x, v, h, torque, body, work):
     their values agree, unless tensions have gone on along the line that the last move took.
     """
     before = 1e300
-    agreed = False
+    agreed = 0.0
     for turn in range(ROUNDS):
         same = pull_over_step(x, v, h, torque, body, work)
         largest = 0.0
@@ -235,25 +249,19 @@ def solve_step(x, v, h, torque, body, work):
             work.v[i] = push - taken
             largest = max(largest, abs(work.v[i].real))
             size = max(size, abs(push.real), abs(taken.real))
-        near = largest <= AGREED * size
-        if turn > 0 and near and (same or agreed):
+        near = 0.0
+        if largest <= AGREED * size:
+            near = 1.0
+        if turn > 0 and near * (same + agreed) > 0.0:
             break
-        if largest > before and not near and not agreed:
+        if largest > before and near + agreed == 0.0:
             for i in range(len(x)):
                 work.move[i] = 0.5 * work.move[i]
                 work.a[i] = work.a[i] - work.move[i]
-            continue
-        agreed = near
-        before = largest
-        for i in range(len(x)):
-            work.move[i] = work.v[i]
-            for j in range(len(x)):
-                work.B[i, j] = work.A[max(i, j), min(i, j)]
-        for r in range(len(body.friction)):
-            add_slopes(r, h, body, work)
-        eliminate(work.B, work.move)
-        for i in range(len(x)):
-            work.a[i] = work.a[i] + work.move[i]
+        else:
+            agreed = near
+            before = largest
+            next_move(h, body, work)
 
 
 def step(x, v, h, torque, body, joints, work):

@@ -146,7 +146,8 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
     units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", **dict.fromkeys(DERIVED, "derived"),
              "torque": "N m/Pa^k", "joint_gain": "1",
              "boucwen": "1, 1/rad^n, 1/rad^n, 1", "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "lever": "m",
-             "tendon_stiffness": "N/m, `torque` holds it too", "pretension": "N", "edge": "N"}  # fmt: skip
+             "tendon_stiffness": "N/m, `torque` holds it too", "pretension": "N", "friction": "1",
+             "slip_rate": "m/s", "beyond": "1"}  # fmt: skip
     known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}
     held = [
         f"{kind} {f}{''.join(f'[{size}]' for size in v.shape)}; /* {known.get(f, '')} */"

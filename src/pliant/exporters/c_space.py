@@ -9,7 +9,7 @@ import numpy as np
 from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real, cells
 from pliant.compiler.choose import SPATIAL
-from pliant.equations import spatial, spatial_points, spatial_springs, symbols
+from pliant.equations import motion, spatial, spatial_points, spatial_springs, symbols, tendon
 from pliant.exporters.c_functions import LIMITS, Text
 from pliant.mechanics import mechanics_of
 
@@ -38,7 +38,10 @@ class SpatialText(Text):
     pose = 4
 
     def writer(self) -> CWriter:
-        return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_", SPATIAL)
+        instead: dict[Any, Any] = SPATIAL
+        if self.model.actuation.tendons:
+            instead = {**SPATIAL, **dict.fromkeys((motion.step, spatial.step), tendon.step)}
+        return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_", instead)
 
     def past(self, writer: CWriter) -> symbols.Past:
         example = mechanics_of(self.model).held()

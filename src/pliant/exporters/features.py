@@ -114,6 +114,19 @@ def no_plane(model: Model) -> Model:
     raise InputError(f"{model.name!r} moves in space, and the target holds bodies that bend in a plane alone")
 
 
+def of_tendons(change: Callable[[Tendon], Tendon]) -> Callable[[Model], Model]:
+    """A model whose tendons are changed, each by itself."""
+    return of_chambers(lambda chamber: change(chamber) if isinstance(chamber, Tendon) else chamber)
+
+
+def both_taut(tendon: Tendon) -> Tendon:
+    """A pair as it is while both of its tendons are taut, one spring of twice the stiffness; without backlash."""
+    if not tendon.pair:
+        return tendon
+    stiffness = tendon.line_stiffness * (2.0 if tendon.pretension > 0.0 else 1.0)
+    return replace(tendon, line_stiffness=stiffness, pretension=0.0)
+
+
 def no_tendons(model: Model) -> Model:
     """Refuse: without what drives it, a body does not move."""
     raise InputError(f"{model.name!r} is driven by tendons, which the target cannot express")
@@ -257,6 +270,14 @@ FEATURES: dict[str, Feature] = {
     "tendons": Feature(
         "tendons", lambda m: tuple(f"tendon {c.name}" for c in m.chambers if isinstance(c, Tendon)), no_tendons,
         tuple(f"Tendon.{f}" for f in ("driven_by", "lever", "line_stiffness", "pretension", "pulley", "pair")),
+    ),
+    "tendon_friction": Feature(
+        "friction of tendons", some("friction", lambda c: isinstance(c, Tendon) and c.friction),
+        of_tendons(lambda tendon: replace(tendon, friction=0.0)), ("Tendon.friction", "Tendon.slip_rate"),
+    ),
+    "pair_pretension": Feature(
+        "pretension of pairs of tendons",
+        some("pretension", lambda c: isinstance(c, Tendon) and c.pair and c.pretension), of_tendons(both_taut), (),
     ),
     "boucwen": Feature(
         "Bouc-Wen", when("Bouc-Wen", lambda m: m.memory.boucwen_share), of_memory(boucwen_share=0.0),

@@ -24,7 +24,7 @@ UNIT_OF = {  # of each parameter; of an array whose columns differ, one unit for
     "rest_angle": "rad", "base_length": "m", "base_angle": "rad",
     "gravity": "m/s2", "joint_gain": "", "valve": ("s", "s", "Pa/s", "Pa/s"), "rubber": ("", "s", "Pa", "s", ""),
     "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "stiffness_ratio": "", "twist_ratio": "",
-    "lever": "m", "tendon_stiffness": "N/m", "pretension": "N", "edge": "N", "slack": "",
+    "lever": "m", "tendon_stiffness": "N/m", "pretension": "N", "friction": "", "slip_rate": "m/s", "beyond": "",
     "creep_share": "", "creep_time": "s", "slip_share": "", "slip_angle": "rad",
     "boucwen": ("", "1/rad^n", "1/rad^n", ""),
     **{name: term.unit.replace("^", "") for name, term in SPRING_TERMS.items()}, SPRING_BOUND: "",

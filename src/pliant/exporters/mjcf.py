@@ -39,7 +39,7 @@ from pliant.text import identifiers
 Array = np.ndarray
 CAN = ALL - RUBBER - LATER_TERMS - {
     "lengthening", "bounded", "own_law", "lagging_law", "two_lags", "second_order", "rates", "settling", "dead_band",
-    "boucwen", "soft_swing", "space_memory",
+    "boucwen", "soft_swing", "space_memory", "tendon_friction", "pair_pretension",
 }
 ARMATURE = 1e-7  # kg m^2, of a hidden hinge: MuJoCo moves nothing without inertia
 TINY = 1e-12  # kg m^2, of a hidden body
@@ -234,8 +234,8 @@ def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, high
         chamber, tendon, _ = several[c]
         valve, gain = chamber.valve, chamber.torque[power - 1] * LEVEL ** (power - 1)
         words = {"gainprm": number(gain), "biastype": "none", "gaintype": "fixed", "dyntype": "none"}
-        if isinstance(chamber, Tendon) and chamber.elastic:
-            words |= elastic_tendon(chamber)
+        if isinstance(chamber, Tendon):
+            words |= of_tendon(chamber)
         if highest > 0:
             lowest = -highest if "biasprm" in words else 0.0
             words["ctrlrange"] = number(lowest, control(highest, power))
@@ -247,9 +247,14 @@ def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, high
         ET.SubElement(group, "general", attrib={"name": name, "tendon": tendon, **words})
 
 
-def elastic_tendon(tendon: Tendon) -> dict[str, str]:
-    """Return the words of an actuator that pulls with T_0 + k (u - length), where it can hang slack never below 0."""
-    words = {"biastype": "affine", "biasprm": number(tendon.pretension, -tendon.line_stiffness, 0.0)}
+def of_tendon(tendon: Tendon) -> dict[str, str]:
+    """Return the words of an actuator that pulls with T_0 + k (u - length) or a tension, but for a pair never below 0.
+
+    A pair without pretension pulls with k (u - length): one of the two is taut.
+    """
+    words = {}
+    if tendon.elastic:
+        words = {"biastype": "affine", "biasprm": number(tendon.pretension, -tendon.line_stiffness, 0.0)}
     return words if tendon.pair else words | {"forcerange": number(0.0, STRONGEST)}
 
 
