@@ -115,7 +115,7 @@ def holding_torques(made: SetUp, loads: Array) -> Array:
     rows, share = len(stretched), numbers.memory.slip_share
     own = numbers.joints.K[:rows] * (stretched[:, : share.size] @ share)
     chain = mechanics_of(made.model).with_constants(numbers.body, numbers.joints)
-    drive = np.append(-own, np.zeros(made.model.size + len(made.model.actuation.tendons) - rows))
+    drive = np.append(-own, np.zeros(made.model.size + len(made.model.actuation.levers) - rows))
     push = chain.static_forces(numbers.phi, drive) + chain.load_forces(numbers.phi, loads)
     return np.asarray(-chain.from_joints.T @ push)
 

@@ -185,8 +185,8 @@ def right_hand_side(
         seen, crept, lost = crept_springs(chain, model.memory, phi, y[at.creep]) if at.remembers else (joints, [], [])
         accelerate(phi, w, torque, body, seen, scratch, a)
         turning = chain.joint_rates(w)
-        pull = scratch.pull if model.actuation.tendons else 0.0
-        power = (torque[: model.size] + pull) @ turning, joints.D @ turning**2
+        pull, rub = (scratch.pull, scratch.rub) if model.actuation.tendons else (0.0, 0.0 * turning)
+        power = (torque[: model.size] + pull) @ turning, joints.D @ turning**2 - rub @ turning
         return np.concatenate([w, a, *moved, crept, [*power, *lost]])
 
     if at.remembers or model.actuation.remembers or model.actuation.tendons:
