@@ -90,7 +90,7 @@ class SpatialChain(Mechanics):
 
     def slopes(self) -> SpatialSlopes:
         x, v = (np.zeros(self.size, dtype=complex) for _ in range(2))
-        rows = 3 * self.size + len(self.model.actuation.tendons)
+        rows = 3 * self.size + len(self.model.actuation.levers)
         return SpatialSlopes(np.zeros((rows, 2 * self.size)), x, v, self.workspace(complex))
 
     def observed(self) -> tuple[SpatialBody, SpatialWorkspace]:
