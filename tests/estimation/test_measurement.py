@@ -118,7 +118,7 @@ def test_link_tips_lie_between_their_neighbours_and_the_rest_is_found_with_its_n
     for wrong in (s[::-1], s[:1], s[:-1], s + 0.15, np.stack([s, s])):
         with pytest.raises(InputError, match="at increasing arc lengths that cover 100 to 200 mm"):
             LinkTips(straight, wrong)
-    with pytest.raises(InputError, match=r"5 points in the plane.*\(4, 2\)"):
+    with pytest.raises(InputError, match=r"5 points, .*\(4, 2\)"):
         seen.frame(points[:4])
     bent = np.cumsum([0.2, -0.1])
     joints = np.concatenate([[[0.0, 0.0]], np.cumsum(0.1 * np.stack([-np.sin(bent), np.cos(bent)], axis=1), axis=0)])
