@@ -60,7 +60,7 @@ def test_an_unknown_command_and_a_missing_library_are_said(monkeypatch):
 
 @pytest.mark.slow
 def test_the_rod_bends_and_lengthens_as_closed_forms_say(monkeypatch):
-    pytest.importorskip("elastica")
+    pytest.importorskip("elastica", reason="PyElastica is not installed")
     body = BodyInSpace(length=0.05, elements=8, damping=60.0, lag=0.01)
     monkeypatch.setattr(space, "DURATION", 0.4)
     monkeypatch.setitem(space.COMMANDS, "held", lambda time: np.where(time[:, None] > 0.01, [60e3, 0, 0], 0.0))
