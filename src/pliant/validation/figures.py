@@ -179,8 +179,8 @@ def path_figure(record: RecordOutcome) -> Figure:
 def three_views(points: Array) -> tuple[Figure, list[tuple[Axes, tuple[int, int]]]]:
     """Return a figure with the front, side and top view of points (T, S, 3) [m] at one scale, and the axes of each."""
     low, high = (f(points.reshape(-1, 3), axis=0) for f in (np.nanmin, np.nanmax))
-    room = 0.06 * float((high - low).max()) or 1e-3
-    low, high = 1e3 * (low - room), 1e3 * (high + room)
+    margin = 0.06 * float((high - low).max()) or 1e-3
+    low, high = 1e3 * (low - margin), 1e3 * (high + margin)
     x, y, z = high - low
     width = min(5.4, WIDTH.get())
     figure = Figure(figsize=(width, min(1.3 + (width - 1.2) * (y + z) / (x + y), TALLEST)), layout="constrained")
