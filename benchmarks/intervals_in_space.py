@@ -1,0 +1,145 @@
+"""How often the 95 % intervals of a fit in space hold the truth: arms moved by MuJoCo, every number drawn anew.
+
+The body is MuJoCo's: three rods on ball joints, each with a spring on its rotation vector and a damper on its angular
+velocity, turned by three chambers. No line of it is pliant's, and its equations are those of a pliant chain with equal
+stiffness in all directions and in twist, but for terms of the order of (swing x twist)^2 / 12 and, in the damping,
+swing^2 / 12. Each seed draws stiffness, damping and the gain and azimuth of each chamber, within 25 % and 0.15 rad of
+the middle. Two records show three stations, one of them beside the axis, with white noise of 0.3 mm. The fit begins in
+the middle. Shares are given as in `intervals.py`.
+Usage: python benchmarks/intervals_in_space.py [seeds] [first seed]
+"""
+
+from __future__ import annotations
+
+import sys
+
+import mujoco
+import numpy as np
+from intervals import told
+
+from pliant.identification import Experiment, fit
+from pliant.model import Chamber, Model, Space, Station, chain_model
+from pliant.simulation import Trace
+
+LINKS, LENGTH, MASS, RADIUS, LAW = 3, 0.3, 0.09, 0.02, 2e-6  # m, kg, m, N m/Pa
+PARTS = np.array([LENGTH / 6, LENGTH / 3, LENGTH / 3, LENGTH / 6])  # m, the rigid one at the base first
+TIMES = np.arange(0.0, 1.0, 0.01)  # s
+KNOTS = np.array([0.05, 0.15, 0.4, 0.5, 0.7, 0.8])  # s
+RECORDS = {
+    "first": {"red": (0.0, 6e4, 6e4, 0.0, 0.0, 2e4), "green": (0.0, 0.0, 3e4, 6e4, 0.0, 0.0)},
+    "second": {"blue": (0.0, 6e4, 6e4, 0.0, 0.0, 4e4), "red": (0.0, 0.0, 5e4, 5e4, 1e4, 0.0)},
+}  # Pa
+AZIMUTHS = {"red": np.pi / 2, "green": np.pi * 7 / 6, "blue": np.pi * 11 / 6}
+MIDDLE = {"stiffness": 0.6, "damping": 4e-3}
+POINTS = (("mid", 0, 0.08, 0.0), ("side", 1, 0.05, 0.03), ("tip", 2, 0.05, 0.0))  # name, link, along and aside it, m
+NOISE, STEP, TICK = 3e-4, 2e-3, 5e-4  # m, s of a step of the fit and of MuJoCo
+
+
+def chain() -> Model:
+    """The chain in the middle of all ranges."""
+    chambers = [Chamber(torque=[LAW], joint_gain=np.sin(a), cross_gain=-np.cos(a), name=n) for n, a in AZIMUTHS.items()]
+    return chain_model(
+        length=LENGTH, mass=MASS, links=LINKS, joint_placement="midsegment", gravity=(0.0, 0.0, 9.81), **MIDDLE,
+        chambers=chambers, space=Space(twist_ratio=1.0, radius=RADIUS),
+        stations=[Station(name, link, along, 0.0, aside) for name, link, along, aside in POINTS],
+    )
+
+
+def drawn(rng: np.random.Generator) -> dict[str, float]:
+    """Values of all parameters of one body."""
+    truth = {name: value * rng.uniform(0.75, 1.25) for name, value in MIDDLE.items()}
+    truth["stiffness_ratio"] = 1.0
+    for name, azimuth in AZIMUTHS.items():
+        a, size = azimuth + rng.uniform(-0.15, 0.15), rng.uniform(0.75, 1.25)
+        truth |= {f"{name}.gain_x": size * np.sin(a), f"{name}.gain_y": -size * np.cos(a)}
+    return truth
+
+
+def arm_of(truth: dict[str, float]) -> mujoco.MjModel:
+    """The arm in MuJoCo's words, hanging from the origin along +z."""
+    density = MASS / LENGTH
+    text = end = ""
+    for length, before in zip(PARTS[1:], PARTS[:-1], strict=True):
+        m = density * length
+        across, along = m * (length**2 / 12 + RADIUS**2 / 4), 0.5 * m * RADIUS**2
+        text += (
+            f'<body pos="0 0 {before}"><joint type="ball" stiffness="{truth["stiffness"]}" '
+            f'damping="{truth["damping"]}"/><inertial pos="0 0 {length / 2}" mass="{m}" '
+            f'diaginertia="{across} {across} {along}"/>'
+        )
+        end += "</body>"
+    option = f'<option timestep="{TICK}" gravity="0 0 9.81" integrator="RK4"/>'
+    return mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{text}{end}</worldbody></mujoco>")
+
+
+def moment_of(q: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Moment in the turned frame of a joint at the quaternion q whose work is force . (da, db).
+
+    (a, b) is the swing before a twist c about the link: its angular velocity there is Rz(c)^T J_r(a, b) (da, db) + z dc.
+    """
+    c = 2.0 * np.arctan2(q[3], q[0])
+    bent = np.hypot(q[1], q[2])
+    size = 2.0 * np.arcsin(min(bent, 1.0))
+    cos, sin = np.cos(0.5 * c), np.sin(0.5 * c)
+    axis = np.array([q[1] * cos - q[2] * sin, q[2] * cos + q[1] * sin]) / (bent or 1.0)
+    a, b = size * axis
+    K = np.array([[0.0, 0.0, b], [0.0, 0.0, -a], [-b, a, 0.0]])
+    y = size * size
+    second, third = (0.5, 1 / 6) if y < 1e-8 else ((1 - np.cos(size)) / y, (size - np.sin(size)) / (y * size))
+    right = np.eye(3) - second * K + third * K @ K
+    turn = np.array([[np.cos(c), np.sin(c), 0.0], [-np.sin(c), np.cos(c), 0.0], [0.0, 0.0, 1.0]])
+    return np.linalg.solve(np.column_stack([(turn @ right)[:, :2], [0.0, 0.0, 1.0]]).T, [force[0], force[1], 0.0])
+
+
+def seen(truth: dict[str, float], levels: dict[str, tuple[float, ...]]) -> np.ndarray:
+    """Positions (T, S, 3) of the stations, m: MuJoCo's motion from rest."""
+    model = arm_of(truth)
+    data = mujoco.MjData(model)
+    gains = np.array([[truth[f"{n}.gain_x"], truth[f"{n}.gain_y"], 0.0] for n in levels])
+    every = round((TIMES[1] - TIMES[0]) / TICK)
+    moments = np.arange(TIMES.size * every) * TICK + 0.5 * TICK
+    torque = LAW * np.stack([np.interp(moments, KNOTS, p) for p in levels.values()], axis=1) @ gains[:, :2]
+    out = np.empty((TIMES.size, len(POINTS), 3))
+    for k, force in enumerate(torque):
+        if k % every == 0:
+            mujoco.mj_kinematics(model, data)
+            R, r = data.xmat.reshape(-1, 3, 3)[1:], data.xpos[1:]
+            out[k // every] = [r[link] + R[link] @ (aside, 0.0, along) for _, link, along, aside in POINTS]
+        for joint in range(LINKS):
+            data.qfrc_applied[3 * joint : 3 * joint + 3] = moment_of(data.qpos[4 * joint : 4 * joint + 4], force)
+        mujoco.mj_step(model, data)
+    return out
+
+
+def records(truth: dict[str, float], rng: np.random.Generator) -> list[Experiment]:
+    """The records of a body, with noise."""
+    made = []
+    for name, levels in RECORDS.items():
+        shape = seen(truth, levels)
+        drives = {c: Trace(KNOTS, np.array(p)) for c, p in levels.items()}
+        shape += NOISE * rng.standard_normal(shape.shape)
+        made.append(Experiment(name, TIMES, shape, tuple(p[0] for p in POINTS), "trace", drives=drives))
+    return made
+
+
+def main(seeds: int, first: int) -> None:
+    """Print the coverage of each parameter, % of the seeds, and of all; then what a fit says of twist."""
+    rows, names = [], list(drawn(np.random.default_rng(0)))
+    for seed in range(first, first + seeds):
+        rng = np.random.default_rng([seed, 3])
+        truth = drawn(rng)
+        found = fit(records(truth, rng), chain(), names, step=STEP, starts=1)
+        std = {p.name: p.std for p in found.parameters}
+        rows.append([(found.values[name] - truth[name]) / std[name] for name in names])
+        print(seed, np.round(rows[-1], 2).tolist(), file=sys.stderr, flush=True)
+    z = np.array(rows)
+    held = np.abs(z) < 1.96
+    each = held.mean(axis=1)
+    half = 1.96 * each.std(ddof=1) / np.sqrt(seeds)
+    print(f"{seeds} seeds: all parameters {100 * each.mean():.1f} +- {100 * half:.1f} %, z rms {np.sqrt(np.mean(z**2)):.2f}")
+    for name, column, errors in zip(names, held.T, z.T, strict=True):
+        print(f"  {name:<16} {told(column)} %, mean z {errors.mean():+.2f}")
+
+
+if __name__ == "__main__":
+    main(*(int(word) for word in (sys.argv[1:] + ["100", "0"][len(sys.argv) - 1 :])))
