@@ -4,8 +4,10 @@ The body is MuJoCo's: three rods on ball joints, each with a spring on its rotat
 velocity, turned by three chambers. No line of it is pliant's, and its equations are those of a pliant chain with equal
 stiffness in all directions and in twist, but for terms of the order of (swing x twist)^2 / 12 and, in the damping,
 swing^2 / 12. Each seed draws stiffness, damping and the gain and azimuth of each chamber, within 25 % and 0.15 rad of
-the middle. Two records show three stations, one of them beside the axis, with white noise of 0.3 mm. The fit begins in
-the middle. Shares are given as in `intervals.py`.
+the middle. Two records show three stations, one of them beside the axis, with white noise of 1 mm: steps of 2 ms and
+what MuJoCo has otherwise move them by less than 0.1 mm rms. A fit begins in the middle; the ratio of both bending
+stiffnesses joins in a second fit: from the middle, one fit in four with all nine parameters free ended far off, at ten
+times the noise. Shares are given as in `intervals.py`, of the fits that reach the noise.
 Usage: python benchmarks/intervals_in_space.py [seeds] [first seed]
 """
 
@@ -32,7 +34,8 @@ RECORDS = {
 AZIMUTHS = {"red": np.pi / 2, "green": np.pi * 7 / 6, "blue": np.pi * 11 / 6}
 MIDDLE = {"stiffness": 0.6, "damping": 4e-3}
 POINTS = (("mid", 0, 0.08, 0.0), ("side", 1, 0.05, 0.03), ("tip", 2, 0.05, 0.0))  # name, link, along and aside it, m
-NOISE, STEP, TICK = 3e-4, 2e-3, 5e-4  # m, s of a step of the fit and of MuJoCo
+FAR = 2.5  # root-mean-square distances of a fit that ended elsewhere, in noise: sqrt(3) where it did not
+NOISE, STEP, TICK = 1e-3, 2e-3, 5e-4  # m, s of a step of the fit and of MuJoCo
 
 
 def chain() -> Model:
@@ -75,7 +78,7 @@ def arm_of(truth: dict[str, float]) -> mujoco.MjModel:
 def moment_of(q: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Moment in the turned frame of a joint at the quaternion q whose work is force . (da, db).
 
-    (a, b) is the swing before a twist c about the link: its angular velocity there is Rz(c)^T J_r(a, b) (da, db) + z dc.
+    (a, b) is the swing before a twist c about the link: its angular velocity there is Rz(c)^T J_r (da, db, 0) + z dc.
     """
     c = 2.0 * np.arctan2(q[3], q[0])
     bent = np.hypot(q[1], q[2])
@@ -123,20 +126,26 @@ def records(truth: dict[str, float], rng: np.random.Generator) -> list[Experimen
 
 
 def main(seeds: int, first: int) -> None:
-    """Print the coverage of each parameter, % of the seeds, and of all; then what a fit says of twist."""
+    """Print the coverage of each parameter, % of the seeds, and of all."""
     rows, names = [], list(drawn(np.random.default_rng(0)))
     for seed in range(first, first + seeds):
         rng = np.random.default_rng([seed, 3])
         truth = drawn(rng)
-        found = fit(records(truth, rng), chain(), names, step=STEP, starts=1)
+        seen = records(truth, rng)
+        first_fit = fit(seen, chain(), [n for n in names if n != "stiffness_ratio"], step=STEP, starts=1)
+        found = fit(seen, first_fit.model, names, step=STEP, starts=1)
+        if max(found.rmse.values()) > FAR * NOISE:
+            print(seed, "ended far off", found.rmse, file=sys.stderr, flush=True)
+            continue
         std = {p.name: p.std for p in found.parameters}
         rows.append([(found.values[name] - truth[name]) / std[name] for name in names])
         print(seed, np.round(rows[-1], 2).tolist(), file=sys.stderr, flush=True)
     z = np.array(rows)
     held = np.abs(z) < 1.96
     each = held.mean(axis=1)
-    half = 1.96 * each.std(ddof=1) / np.sqrt(seeds)
-    print(f"{seeds} seeds: all parameters {100 * each.mean():.1f} +- {100 * half:.1f} %, z rms {np.sqrt(np.mean(z**2)):.2f}")
+    half = 1.96 * each.std(ddof=1) / np.sqrt(len(rows))
+    print(f"{len(rows)} of {seeds} fits reach the noise: all parameters {100 * each.mean():.1f} +- {100 * half:.1f} %, "
+          f"z rms {np.sqrt(np.mean(z**2)):.2f}")  # fmt: skip
     for name, column, errors in zip(names, held.T, z.T, strict=True):
         print(f"  {name:<16} {told(column)} %, mean z {errors.mean():+.2f}")
 

@@ -19,6 +19,7 @@ from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce, checked
 
 Array = np.ndarray
+UNIT = 1e-3  # largest difference of a quaternion's length from 1
 FIRST_FRAMES = 5  # of a body at rest: their median tells where its points are
 AngleReference = Literal["rest", "base", "joint", ""]
 
@@ -55,6 +56,12 @@ class Experiment(Shown):
         Standard deviation of a station's coordinates where it is known, m; by name.
     angle_noise : float or None
         Standard deviation of the angles where it is known, rad.
+    orientation : array (T, S, 4) or None
+        Of a recording in space, unit quaternions x, y, z, w of the turns of rigid bodies at the stations since the
+        first frame, in the axes of the base frame; NaN where none was seen. Each is compared with its link's by the
+        rotation vector between them.
+    orientation_noise : float or None
+        Standard deviation of these rotation vectors where it is known, rad.
     arc_length : array (S,) or None
         Of the stations, m: each then counts by the length that it stands for, so that a crowd counts no more.
     held : array (S, 2), (S, 3) in space, or None
@@ -94,6 +101,8 @@ class Experiment(Shown):
     angle_reference: AngleReference = ""
     noise: Mapping[str, float] = field(default_factory=dict)
     angle_noise: float | None = None
+    orientation: Array | None = None
+    orientation_noise: float | None = None
     arc_length: Array | None = None
     held: Array | None = None
     forces: tuple[PointForce, ...] = ()
@@ -118,6 +127,7 @@ class Experiment(Shown):
             )
         object.__setattr__(self, "without_positions", self.angle is not None and not np.isfinite(self.position).any())
         check_extras(self)
+        check_orientation(self)
         if self.drives:
             check_drives(self)
             object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
@@ -180,6 +190,13 @@ class Experiment(Shown):
     def steady(self) -> Array:
         """The last station as observed (T, 2) [m], or (T, 1) [rad], with spikes of single frames made NaN."""
         return without_spikes(self.last_station[:, None])[:, 0]
+
+    @cached_property
+    def oriented(self) -> Array:
+        """Indices (m,) of the stations whose orientation was observed."""
+        if self.orientation is None:
+            return np.zeros(0, dtype=int)
+        return np.flatnonzero(np.isfinite(self.orientation).all(axis=2).any(axis=0))
 
     @property
     def shown_in(self) -> tuple[str, float]:
@@ -254,7 +271,7 @@ def check_extras(exp: Experiment) -> None:
         raise InputError(f"experiment {exp.name} compares angles alone, but has none")
     if strange := [s for s in exp.noise if s not in exp.stations]:
         raise InputError(f"experiment {exp.name} has a noise level for {strange[0]!r}, which is no station of it")
-    levels = [*exp.noise.values(), *([] if exp.angle_noise is None else [exp.angle_noise])]
+    levels = [*exp.noise.values(), *(v for v in (exp.angle_noise, exp.orientation_noise) if v is not None)]
     if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
         raise InputError(f"experiment {exp.name}: noise levels must be positive, in m and rad, got {bad[0]}")
     if exp.own_places and (exp.excitation == "release" or exp.angles_alone):
@@ -265,6 +282,22 @@ def check_extras(exp: Experiment) -> None:
         exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
     ):
         raise InputError(f"experiment {exp.name}: arc_length must rise from station to station, one number for each")
+
+
+def check_orientation(exp: Experiment) -> None:
+    """Refuse orientations that are none, or go with a recording in a plane."""
+    orientation = exp.orientation
+    if orientation is None:
+        return
+    if exp.dimension == 2:
+        raise InputError(f"experiment {exp.name}: orientations belong to a recording in space; in a plane give angles")
+    if orientation.shape != (*exp.position.shape[:2], 4):
+        raise InputError(
+            f"experiment {exp.name}: orientations must be (time, station, 4) = {(*exp.position.shape[:2], 4)}, got "
+            f"{orientation.shape}"
+        )
+    if (np.abs(np.linalg.norm(orientation, axis=2) - 1.0) > UNIT).any():
+        raise InputError(f"experiment {exp.name}: orientations must be unit quaternions x, y, z, w")
 
 
 def check_drives(exp: Experiment) -> None:

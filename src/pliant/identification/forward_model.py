@@ -10,6 +10,7 @@ import numpy as np
 from pliant.identification.drives import inputs_to
 from pliant.identification.following import REAL, slipped
 from pliant.identification.loop_inputs import Numbers, SetUp
+from pliant.identification.orientation import repeated, with_axes
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.pose import posed
@@ -59,7 +60,7 @@ def set_up(
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
     acting = plan.pressure if between is None else plan.pressure[between[1]]
     made = SetUp(numbers, plan.keep, 1, carriers(here, exp), m, acting, True, drive=plan, between=between,
-                 first_seen=exp.first_places if exp.own_places else None)  # fmt: skip
+                 first_seen=exp.first_places if exp.own_places else None, oriented=exp.oriented)  # fmt: skip
     return made._replace(numbers=reattached(made, numbers))
 
 
@@ -162,7 +163,8 @@ def gathered(
     base: tuple[float, float],
 ) -> Numbers:
     """The numbers of a set-up: angles and base angle while held, and at the start of the motion."""
-    model, (along, across, aside) = here.model, here.places(exp.stations)
+    model, (along, across, aside) = here.model, with_axes(here.places(exp.stations), exp.oriented)
+    lags = lags_of(own, exp.stations)
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
         gain=np.array(model.actuation.columns), chambers=np.zeros((0, 0)),
@@ -170,7 +172,7 @@ def gathered(
         load=np.zeros((0, *mechanics_of(model).no_loads().shape)), load_before=loads_at(model, (), 0.0), body=here.body,
         joints=here.joints._replace(base_angle=base[1]), memory=here.memory,
         along=along, across=across, aside=aside, shift=shift_of(own, exp),
-        sensor_lag=lags_of(own, exp.stations),
+        sensor_lag=repeated(lags, exp.oriented) if lags.size else lags,
         reference=model.base_angle if exp.angle_reference in ("base", "joint") else 0.0,
         length=model.link_length, base_length=model.base_length, share=model.stretch_share,
     )
@@ -191,7 +193,8 @@ def reattached(made: SetUp, numbers: Numbers) -> Numbers:
         return numbers
     chain = mechanics_of(made.model).with_constants(numbers.body, numbers.joints)
     beside = chain.beside_links(numbers.phi, made.first_seen - numbers.shift, numbers)
-    along, across, aside = beside[np.arange(made.carrier.size), made.carrier + 1].T
+    stations = np.arange(len(made.first_seen))
+    along, across, aside = with_axes(beside[stations, made.carrier[stations] + 1].T, made.oriented)
     return numbers._replace(along=along, across=across, aside=aside)
 
 
@@ -210,5 +213,5 @@ def observed(here: ModelAt, exp: Experiment) -> list[Station]:
 
 
 def carriers(here: ModelAt, exp: Experiment) -> Array:
-    """Index (S,) of the link that carries each observed point."""
-    return np.array([p.link for p in observed(here, exp)])
+    """Index (S + 2 m,) of the link that carries each observed point, and those on the axes of oriented ones."""
+    return repeated(np.array([p.link for p in observed(here, exp)]), exp.oriented)

@@ -52,7 +52,8 @@ def experiment(
     noise : dict, optional
         Standard deviation of coordinates by station, m, where it is known.
     angles : bool or "only"
-        Whether to fit the recorded angles too, or them alone.
+        Whether to fit the recorded angles too, or them alone; in space the orientations of rigid bodies beside their
+        positions.
     held : {"unloaded", "measured"}
         Where a body that is let go was held: in its unloaded shape, or pulled aside, as the recording shows it in the
         moments before the release.

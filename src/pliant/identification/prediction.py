@@ -23,7 +23,7 @@ def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: fl
     integration, s.
     """
     made = set_up(model, exp, values, step)
-    rows = moved(made, made.numbers, exp.time.size)
+    rows = moved(made, made.numbers, exp.time.size)[:, : len(exp.stations)]
     return {"position": rows[..., : exp.dimension], "angle": turned(exp, rows), "compared": compared_of(exp, rows),
             "pressure": made.pressure, "model": made.model}  # fmt: skip
 

@@ -114,7 +114,11 @@ class Problem:
             mine = [k for k, p in enumerate(self.free) if self.acts_on(p, o.exp)]
             asked = {self.free[k].name: sizes[self.free[k].name] for k in mine}
             slopes = slopes_of(self.model, o.exp, values, asked, self.step, self.plans)
-            J[end - o.count : end, mine] = o.slopes(slopes).T
+            rows = None
+            if o.exp.oriented.size:
+                made = set_up(self.model, o.exp, values, self.step, self.plans)
+                rows = moved(made, made.numbers, o.exp.time.size)
+            J[end - o.count : end, mine] = o.slopes(slopes, rows).T
         J *= self.scale
         length = np.linalg.norm(J, axis=0)
         J[:, length < BLIND * length.max(initial=0.0)] = 0.0  # rounding alone: it would send the optimiser far off
@@ -155,13 +159,11 @@ class Problem:
             self.size *= max(float(np.sqrt(np.mean(residual**2))), 1e-12 * self.unit)
             return
         for o, part in zip(self.observed, parts, strict=True):
-            for s, name in enumerate(o.exp.stations):
-                places, angles = ((0, 1), ((2,), o.exp.angle_noise is not None)) if o.planar else ((0, 1, 2), None)
-                for channel, known in filter(None, [(places, name in o.exp.noise), angles]):
-                    mine = (o.station == s) & np.isin(o.channel, channel)
-                    if not known and mine.any():
-                        self.latest = (b"", np.zeros(0))
-                        o.weight[s, list(channel)] /= max(float(np.sqrt(np.mean(part[mine] ** 2))), 1e-6)
+            for s, channel in o.unknown_noise():
+                mine = (o.station == s) & np.isin(o.channel, channel)
+                if mine.any():
+                    self.latest = (b"", np.zeros(0))
+                    o.weight[s, list(channel)] /= max(float(np.sqrt(np.mean(part[mine] ** 2))), 1e-6)
 
 
 def scattered(free: Sequence[Parameter], x: Array, bounds: Sequence[Array], rng: np.random.Generator) -> Array:

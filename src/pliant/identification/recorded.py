@@ -22,9 +22,13 @@ def recorded_places(recording: xr.Dataset, stations: tuple[str, ...]) -> Array:
 
 
 def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...], *, wanted: bool) -> dict[str, Any]:
-    """Angles of a recording and their reference, where they are wanted."""
+    """Angles of a recording and their reference, in space orientations, where they are wanted."""
     if not wanted:
         return {}
+    if recording.attrs.get("frame") == "spatial":
+        if "quaternion" not in recording:
+            raise InputError(f"recording {name} has no orientations to fit: leave angles out")
+        return {"orientation": recording["quaternion"].sel(station=list(stations)).values.astype(float)}
     if "angle" not in recording:
         raise InputError(f"recording {name} has no angles to fit: leave angles out")
     angle = recording["angle"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.identification.experiment import Experiment
+from pliant.identification.orientation import rotation_vectors, turn_slopes, turns_off
 from pliant.identification.prediction import turned
 from pliant.preprocessing.detectors import quantum
 
@@ -19,7 +20,9 @@ class Observations:
     Attributes
     ----------
     data : array (T, S, 3)
-        x [m], y [m], angle [rad]; in space x, y, z [m]. NaN where nothing was seen.
+        x [m], y [m], angle [rad]; in space x, y, z [m], and behind the S stations a row of 0 [rad] for each one whose
+        orientation was seen: that of its rotation vector from the measured to the modelled one. NaN where nothing was
+        seen.
     seen : array (T, S, 3) of bool
     weight : array (S, 3)
         Of the residuals.
@@ -38,6 +41,23 @@ class Observations:
         self.weight = np.sqrt(stations)[:, None] / np.array([scale[0], scale[0], scale[self.planar]])
         if weighting == "noise":
             self.weight /= noise_levels(exp, self.data)
+        if exp.orientation is not None:
+            self.add_orientations(exp.orientation[:, exp.oriented], stations[exp.oriented], weighting)
+
+    def add_orientations(self, quaternion: Array, share: Array, weighting: str) -> None:
+        """Put orientations (T, m, 4) of stations that count by a `share` (m,) behind the stations."""
+        turn, seen = measured_turns(quaternion)
+        self.turn, vectors = turn, np.where(seen[..., None], rotation_vectors(turn), np.nan)
+        swing = max(float(np.nanmax(np.linalg.norm(vectors, axis=2))), 1e-9)
+        scale = {"travel": swing, "metre": swing / self.exp.travel, "noise": 1.0}[weighting]
+        weight = np.repeat(np.sqrt(share)[:, None], 3, axis=1) / scale
+        if weighting == "noise":
+            known = self.exp.orientation_noise
+            weight /= white_noise(vectors) if known is None else known
+        self.data = np.concatenate([self.data, 0.0 * vectors], axis=1)
+        self.weight = np.concatenate([self.weight, weight])
+        self.seen = np.isfinite(self.data)
+        self.rows, self.station, self.channel = np.nonzero(self.seen)
 
     @property
     def count(self) -> int:
@@ -56,15 +76,53 @@ class Observations:
         off[turn] = (off[turn] + np.pi) % (2 * np.pi) - np.pi
         return off * self.flat_weight
 
-    def slopes(self, derivatives: Array) -> Array:
-        """Derivatives (P, N) of the residual from those of the rows, (P, T, S, 3)."""
-        return self.modelled(derivatives)[:, self.seen] * self.flat_weight
+    def slopes(self, derivatives: Array, rows: Array | None = None) -> Array:
+        """Derivatives (P, N) of the residual from those of the rows, (P, T, S, 3).
 
-    def modelled(self, rows: Array) -> Array:
-        """Rows with the angles measured as they were observed."""
+        Where orientations were seen, the rows themselves are needed too.
+        """
+        return self.modelled(derivatives, rows)[:, self.seen] * self.flat_weight
+
+    def unknown_noise(self) -> list[tuple[int, tuple[int, ...]]]:
+        """Rows of data, and their channels, whose noise nobody gave: a fit finds it."""
+        exp = self.exp
+        places: tuple[int, ...] = (0, 1) if self.planar else (0, 1, 2)
+        found = [(s, places) for s, name in enumerate(exp.stations) if name not in exp.noise]
+        if self.planar and exp.angle_noise is None:
+            found += [(s, (2,)) for s in range(len(exp.stations))]
+        if exp.orientation_noise is None:
+            found += [(len(exp.stations) + i, (0, 1, 2)) for i in range(exp.oriented.size)]
+        return found
+
+    def modelled(self, rows: Array, about: Array | None = None) -> Array:
+        """Rows with the angles measured as they were observed; of derivatives, `about` are the rows themselves."""
+        if self.exp.oriented.size:
+            stations, given = len(self.exp.stations), (self.exp.oriented, self.turn)
+            off = turns_off(rows, *given) if about is None else turn_slopes(about, rows, *given)
+            return np.concatenate([rows[..., :stations, :], off], axis=-2)
         if self.exp.angle is None:
             return rows
         return np.concatenate([rows[..., :2], turned(self.exp, rows)[..., None]], axis=-1)
+
+
+def measured_turns(quaternion: Array) -> tuple[Array, Array]:
+    """Rotations (T, m, 3, 3) of quaternions (T, m, 4), 1 where there is none, and whether there is one (T, m)."""
+    from scipy.spatial.transform import Rotation
+
+    seen = np.isfinite(quaternion).all(axis=2)
+    whole = np.where(seen[..., None], quaternion, [0.0, 0.0, 0.0, 1.0])
+    return Rotation.from_quat(whole.reshape(-1, 4)).as_matrix().reshape(*seen.shape, 3, 3), seen
+
+
+def white_noise(data: Array) -> Array:
+    """Standard deviation (S, C) of white noise in data (T, S, C), from second differences in time."""
+    bend = np.abs(np.diff(data, 2, axis=0))
+    noise = np.full(data.shape[1:], 1.0)
+    for place in np.ndindex(*noise.shape):
+        column = bend[(slice(None), *place)]
+        if np.isfinite(column).any():
+            noise[place] = max(float(np.nanmedian(column)) / 0.6745 / np.sqrt(6.0), LEAST_NOISE)
+    return noise
 
 
 def angle_travel(exp: Experiment) -> float:
@@ -88,14 +146,9 @@ def noise_levels(exp: Experiment, data: Array) -> Array:
 
     The steps of a sensor that counts in coarse ones are noise too, spread evenly over a step.
     """
-    bend = np.diff(data, 2, axis=0)
-    noise: Array = np.full(data.shape[1:], 1.0)
-    for s in range(len(exp.stations)):
-        for c in range(3):
-            found = bend[np.isfinite(bend[:, s, c]), s, c]
-            if found.size:
-                noise[s, c] = max(float(np.median(np.abs(found))) / 0.6745 / np.sqrt(6.0), LEAST_NOISE)
-            noise[s, c] = max(noise[s, c], quantum(data[:, s, c]) / np.sqrt(12.0)) if found.size else 1.0
+    noise, known = white_noise(data), np.isfinite(np.diff(data, 2, axis=0)).any(axis=0)
+    for s, c in zip(*np.nonzero(known), strict=True):
+        noise[s, c] = max(noise[s, c], quantum(data[:, s, c]) / np.sqrt(12.0))
     for k, name in enumerate(exp.stations):
         if name in exp.noise:
             noise[k, :2] = exp.noise[name]

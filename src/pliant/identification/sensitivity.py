@@ -71,18 +71,20 @@ def sensitivities(
         When a derivative exists on neither side of a value.
     """
     here = set_up(model, exp, values, step)
-    return moved(here, here.numbers, exp.time.size), slopes_of(model, exp, values, sizes, step)
+    stations = len(exp.stations)  # points on the axes of links stand behind them
+    rows, slopes = moved(here, here.numbers, exp.time.size), slopes_of(model, exp, values, sizes, step)
+    return rows[:, :stations], slopes[:, :, :stations]
 
 
 def slopes_of(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
     plans: Plans | None = None,
 ) -> Array:
-    """The derivatives of `sensitivities` alone."""
+    """The derivatives of `sensitivities` alone, with those of points on the axes of oriented links behind them."""
     plans = Plans() if plans is None else plans
     rows = exp.time.size
     here = set_up(model, exp, values, step, plans)
-    slopes = np.zeros((len(sizes), rows, len(exp.stations), 3))
+    slopes = np.zeros((len(sizes), rows, here.carrier.size, 3))
     q = mechanics_of(here.model).joint_coordinates(here.numbers.phi)
     resting = (q, rest_stiffness(here)) if here.from_rest else None
     alike = shares(exp, values, here)
@@ -121,7 +123,7 @@ def shares(exp: Experiment, values: Mapping[str, float], here: SetUp) -> tuple[A
     if not here.from_rest or exp.forces or exp.own_places or exp.known or own - {"start", "stop"}:
         return ()
     same = (here.numbers.torque_before, here.numbers.phi, here.numbers.chambers)
-    return (exp.stations, exp.angle_reference, *(a.tobytes() for a in same))
+    return (exp.stations, exp.angle_reference, exp.oriented.tobytes(), *(a.tobytes() for a in same))
 
 
 def with_torques(made: SetUp, slopes: Sequence[tuple[int, Slope]]) -> list[tuple[int, Slope]]:
