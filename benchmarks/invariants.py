@@ -15,7 +15,7 @@ from rods import Chain
 from pliant.compiler.choose import twin
 from pliant.equations import spatial, spatial_points, spatial_springs
 from pliant.equations.elastic import ROWS
-from pliant.equations.symbols import Joints, SpatialBody
+from pliant.equations.symbols import SpatialBody, SpatialJoints
 
 Array = np.ndarray
 LOOKS = 500  # times at which energy and momentum are taken
@@ -26,8 +26,8 @@ def hanging(stiffness: Array, hardening: Array) -> Chain:
     length, mass, none = np.array([0.05, 0.2, 0.2]), np.full(2, 0.1), np.zeros(stiffness.size)
     body = SpatialBody(length, mass, length[1:] / 2, mass * length[1:] ** 2 / 12, mass * 1e-4,
                        np.tile(np.eye(3), (2, 1, 1)), np.eye(3), 0.0, 0.0, 9.81, np.zeros((0, none.size)),
-                       *np.zeros((4, 0)), np.zeros((3, 0)))  # fmt: skip
-    return Chain(body, Joints(0.0, none, stiffness, none, hardening, np.zeros(2)))
+                       *np.zeros((4, 0)), np.zeros((none.size, 0)), np.zeros((3, 0)))  # fmt: skip
+    return Chain(body, SpatialJoints(0.0, none, stiffness, none, hardening, np.zeros(2), np.zeros((0, 3))))
 
 
 def bodies() -> dict[str, Chain]:

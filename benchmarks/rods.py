@@ -20,7 +20,7 @@ from pliant.compiler.choose import twin
 from pliant.compiler.trace import spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs
 from pliant.equations.elastic import ROWS
-from pliant.equations.symbols import Joints, SpatialBody, SpatialWorkspace
+from pliant.equations.symbols import SpatialBody, SpatialJoints, SpatialWorkspace
 
 Array = np.ndarray
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "spatial_rod_reference"
@@ -60,7 +60,7 @@ class Chain(NamedTuple):
     """What the kernels take."""
 
     body: SpatialBody
-    joints: Joints
+    joints: SpatialJoints
 
     @property
     def n(self) -> int:
@@ -79,8 +79,10 @@ def chain(n: int, length: float, bending: float, torsion: float, *, turn: float 
     rest = np.tile(Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix(), (n, 1, 1))
     none = np.zeros(n)
     K = np.append(np.full(2 * n, bending), np.full(n, torsion)) * n / length
-    joints = Joints(0.0, np.zeros(3 * n), K, np.zeros(3 * n), np.zeros((ROWS, 3 * n)), np.zeros(n))
-    tendons = np.zeros((0, 3 * n)), *np.zeros((4, 0)), np.zeros((n + 1, 0))
+    joints = SpatialJoints(
+        0.0, np.zeros(3 * n), K, np.zeros(3 * n), np.zeros((ROWS, 3 * n)), np.zeros(n), np.zeros((0, 3))
+    )
+    tendons = np.zeros((0, 3 * n)), *np.zeros((4, 0)), np.zeros((3 * n, 0)), np.zeros((n + 1, 0))
     return Chain(SpatialBody(links, none, none, none, none, rest, ALONG_X, 0.0, 0.0, 0.0, *tendons), joints)
 
 

@@ -233,6 +233,7 @@ def refuse(*_, **__):
 
 tempfile.TemporaryFile = refuse  # by which every folder for a cache is tried
 import pliant
+from pliant.simulation import inputs
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     model = pliant.chain_model(length=0.1, mass=0.02, links=1, stiffness=0.5, damping=1e-3, torque=[1e-6])

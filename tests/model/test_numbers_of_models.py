@@ -37,7 +37,7 @@ def test_zero_is_a_size_of_all_but_what_divides():
     for name in set(LIMITS) - refused:
         check_limit("model", name, 0.0)
     assert refused == {"link_length", "stiffness", "axial_stiffness", "swell_time", "inflation_time", "settle_time",
-                       "creep_time", "slip_angle", "boucwen_exponent"}  # fmt: skip
+                       "creep_time", "slip_angle", "slip_rate", "boucwen_exponent"}  # fmt: skip
     with pytest.raises(InputError, match=r"1 to 1e\+12 Pa, or be 0, got 0\.5: check"):
         check_limit("model", "inflation_limit", 0.5)
     with pytest.raises(InputError, match=r"size of 0 to 1e\+06, got 2e\+06"):
@@ -359,11 +359,9 @@ def test_gains_of_joints_and_of_segments():
 def test_tendons_take_a_row_for_their_command():
     pulled = Tendon(joint_gain=[1.0, 0.5], lever=0.01, line_stiffness=1e4, name="line") if Tendon else None
     both = Actuation((Chamber([1e-6], name="c"), pulled), 2, turns=2)
-    assert both.tendons == ((1,) if pulled.elastic else ())
-    if both.tendons:
-        assert both.columns.shape == (2, 5)
-        assert both.columns[1].tolist() == [0, 0, 0, 0, 1.0]
-        np.testing.assert_allclose(both.gain[1], [0.01, 0, 0.005, 0])
+    assert both.tendons == (1,)
+    assert both.columns.tolist() == [[1.0, 0, 1.0, 0, 0], [0, 0, 0, 0, 1.0]]
+    np.testing.assert_allclose(both.gain[1], [0.01, 0, 0.005, 0])
     assert Actuation((Chamber([1e-6]),), 2).columns.shape == (1, 2)
 
 

@@ -21,6 +21,7 @@ from pliant.testbed.bundle import FOLDER, QUANTUM, bundle_recording
 from pliant.testbed.fibre import FibreSensor
 from pliant.testbed.rod import actuator
 from pliant.testbed.scenarios import scenario
+from pliant.testbed.space import COMMANDS
 from pliant.testbed.truth import read_truth, write_truth
 from pliant.testbed.valve import Iso6358
 
@@ -172,7 +173,7 @@ def test_progress_runs_to_one():
 
 def test_bundled_recordings_are_small_and_complete():
     assert sum(p.stat().st_size for p in FOLDER.iterdir()) <= 3_000_000
-    assert {p.stem for p in FOLDER.glob("*.nc")} == set(BUNDLED)
+    assert {p.stem for p in FOLDER.glob("*.nc")} == {*BUNDLED, *(f"space_{name}" for name in COMMANDS)}
     for name in BUNDLED:
         ds = bundled_recording(name)
         assert ds.attrs["actuator"] == "a"
