@@ -130,7 +130,7 @@ def test_second_order_through_slack_and_taut(rng, friction):
     chain, end, steps = swinging(rng, friction=friction), 0.05, np.array([150, 300, 600, 1200])
     exact, _, _ = reference(chain, end)
     errors = [np.abs(run(chain, end / k, k)[0] - exact[0]).max() for k in steps]
-    s = [[tendon.untensed(r, run(chain, end / 200, k)[0], command(chain), chain.body) for r in range(3)]
+    s = [[tendon.signed_tension(r, run(chain, end / 200, k)[0], command(chain), chain.body) for r in range(3)]
          for k in range(0, 200, 10)]  # fmt: skip
     assert (np.diff(np.sign(s), axis=0) != 0).sum() >= 3  # some go slack and come back within the time
     assert -np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.2), errors

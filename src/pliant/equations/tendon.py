@@ -22,7 +22,7 @@ ROUNDS = 50  # of Newton's method in a step, at most
 AGREED = 1e-10  # of the largest torque of a step: what may be left of them
 
 
-def untensed(r, x, torque, body):
+def signed_tension(r, x, torque, body):
     """Return the force s [N] of tendon r at coordinates x (N,), of either sign: its tension where it is taut.
 
     What draws it in, k u or a tension [N], is behind torque (N,).
@@ -34,7 +34,7 @@ def untensed(r, x, torque, body):
 
 
 def tension(s):
-    """Return the tension T [N] from the force s [N] of `untensed`, and dT/ds: a tendon cannot push."""
+    """Return the tension T [N] from the force s [N] of `signed_tension`, and dT/ds: a tendon cannot push."""
     if s.real >= 0.0:
         return s, 1.0 + 0.0 * s
     return 0.0 * s, 0.0 * s
@@ -56,7 +56,7 @@ def mean_tension(s0, s1):
     return 0.0 * s1, 0.0 * s1
 
 
-def swing_size(k, x):
+def swing_angle(k, x):
     """Return the size of the swing of joint k at coordinates x (N,), rad."""
     return np.sqrt(x[2 * k] * x[2 * k] + x[2 * k + 1] * x[2 * k + 1] + TINY)
 
@@ -76,7 +76,7 @@ def slip(r, x, v, body, work):
             w = w + body.beyond[i, k] * (body.lever[r, i] * v[i])
         root = np.sqrt(w * w + edge)
         work.run[r, k] = w / root
-        work.ease[r, k] = body.friction[r] * swing_size(k, x) * edge / (root * root * root)
+        work.ease[r, k] = body.friction[r] * swing_angle(k, x) * edge / (root * root * root)
 
 
 def pass_on(r, x, body, work):
@@ -92,7 +92,7 @@ def pass_on(r, x, body, work):
     for i in range(len(x)):
         work.felt[r, i] = before
     for k in range(len(body.mass)):
-        behind = before * np.exp(-body.friction[r] * swing_size(k, x) * work.run[r, k])
+        behind = before * np.exp(-body.friction[r] * swing_angle(k, x) * work.run[r, k])
         for i in range(len(x)):
             work.felt[r, i] = work.felt[r, i] - body.beyond[i, k] * (before - behind)
         work.kept[r, k] = behind
@@ -121,7 +121,7 @@ def tendon_torques(x, torque, body, work):
     """
     clear_pull(work)
     for r in range(len(body.friction)):
-        T, _ = tension(untensed(r, x, torque, body))
+        T, _ = tension(signed_tension(r, x, torque, body))
         pass_on(r, x, body, work)
         add_pull(r, T, body, work)
 
@@ -164,7 +164,7 @@ def pull_over_step(x, v, h, torque, body, work):
         change = 0.0 * v[0]
         for i in range(len(x)):
             change = change + body.lever[r, i] * work.v[i]
-        s0 = untensed(r, x, torque, body)
+        s0 = signed_tension(r, x, torque, body)
         T, slope = mean_tension(s0, s0 - h * body.tendon_stiffness[r] * change)
         if slope.real != work.slope[r].real or body.friction[r].real > 0.0:
             same = 0.0
