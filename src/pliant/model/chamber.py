@@ -257,7 +257,7 @@ def rest_growth(pressure: Array, limit: Any, jm: Any = 0.0) -> Array:
 def rest_of_gent(push: float, jm: float) -> float:
     """Fourth power of the hoop stretch at which a Gent wall rests at a pressure of `push` times its limit."""
     wall = symbols.ChamberConstants(np.zeros(1), 0.0, 1.0, 1.0, 1.0, jm, 0.0)
-    y = max(1.0 / (1.0 - push), 1e-300) if push < 0.5 else (jm * (1.0 + 0.02 * push) + 4.0) ** 2  # beyond the rest
+    y = 1.0 / (1.0 - push) if push < 0.5 else (jm * (1.0 + 0.02 * push) + 4.0) ** 2  # beyond the rest
     for _ in range(100):  # Newton from beyond the rest converges steadily: the rate is concave in y
         rate, slope = chamber.wall_rate(push, y, wall)
         y -= rate / slope
@@ -283,7 +283,7 @@ FIELDS = tuple(f.name for f in fields(Chamber) if f.name != "name")  # what a mo
 
 def check_chamber(made: Chamber) -> None:
     """Raise InputError when a parameter of a chamber is not finite or not physical."""
-    of = "model" if made.name == "chamber" else f"chamber {made.name!r}:"
+    of = "model" if made.name == "chamber" else f"{type(made).__name__.lower()} {made.name!r}:"
     if made.swell_share > 1:
         raise InputError(f"{of} swell_share must be at most 1, the whole of it, got {made.swell_share}")
     check_law(made, of)

@@ -21,10 +21,9 @@ def joints_inside(model: ModelParameters) -> tuple[tuple[int, ...], ...]:
     """Joints that lie in each segment, from 0."""
     place = model.base_length + np.cumsum(model.link_length) - model.link_length
     slack = 1e-9 * model.length
-    stops = [model.length if e.stop is None else e.stop for e in model.extensions]
     return tuple(
-        tuple(np.flatnonzero((place > e.start - slack) & (place < stop - slack)).tolist())
-        for e, stop in zip(model.extensions, stops, strict=True)
+        tuple(np.flatnonzero((place > e.start - slack) & (place < e.end(model.length) - slack)).tolist())
+        for e in model.extensions
     )
 
 

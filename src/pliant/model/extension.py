@@ -62,15 +62,18 @@ class Extension:
         if self.stop is not None and not self.stop > self.start:
             raise InputError(f"extension {self.name!r} must stop after its start at {self.start} m, got {self.stop}")
 
+    def end(self, length: float) -> float:
+        """Return where the segment ends on a body of a `length` [m], m."""
+        return length if self.stop is None else self.stop
+
 
 def shares(links: Array, base_length: float, extensions: Sequence[Extension]) -> Array:
     """Part (n + 1, S) of each link that lies in each segment; row 0 is the part before the first joint."""
     edges = np.concatenate([[0.0, base_length], base_length + np.cumsum(links)])
-    found = np.zeros((links.size + 1, len(extensions)))
+    length, found = np.diff(edges), np.zeros((links.size + 1, len(extensions)))
     for s, extension in enumerate(extensions):
-        stop = edges[-1] if extension.stop is None else extension.stop
-        overlap = np.minimum(edges[1:], stop) - np.maximum(edges[:-1], extension.start)
-        found[:, s] = np.maximum(overlap, 0.0) / np.where(np.diff(edges) > 0, np.diff(edges), 1.0)
+        overlap = np.minimum(edges[1:], extension.end(edges[-1])) - np.maximum(edges[:-1], extension.start)
+        np.divide(np.maximum(overlap, 0.0), length, out=found[:, s], where=length > 0)
     found[np.abs(found - 1.0) < 1e-9] = 1.0  # edges that meet but for rounding
     found[found < 1e-9] = 0.0
     return found

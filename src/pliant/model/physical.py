@@ -24,7 +24,8 @@ def check_physical(model: ModelParameters, given: Collection[str]) -> None:
     kinds = ([name for name in kind if name in given] for kind in (POSITIVE, NOT_NEGATIVE, OF_ANY_SIGN))
     check_numbers(model, "model", *kinds)
     if "link_mass" in given:
-        check_limit("model", "link_mass", model.link_mass.min(initial=1.0, where=model.link_mass > 0))
+        for mass in set(model.link_mass.tolist()):
+            check_limit("model", "link_mass", mass)
     if "stations" in given:
         check_stations(model)
     choices = (  # sentences are filled in for what is wrong alone

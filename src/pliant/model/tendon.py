@@ -10,7 +10,6 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
 from pliant.model.checks import check_numbers, one_number
-from pliant.model.limits import check_limit
 
 Array = np.ndarray
 DRIVEN = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of recorded inputs, and their units
@@ -55,7 +54,7 @@ class Tendon(Chamber):
         When a parameter is missing, not finite or not physical.
     """
 
-    torque: Array = (0.0,)  # type: ignore[assignment]  # follows from the other parameters
+    torque: Array = ()  # type: ignore[assignment]  # follows from the other parameters
     name: str = "tendon"
     driven_by: str = "tension"
     lever: float = 0.0
@@ -83,7 +82,6 @@ class Tendon(Chamber):
         object.__setattr__(self, "unit", DRIVEN[self.driven_by])
         law = {"tension": 1.0, "displacement": self.line_stiffness, "angle": self.line_stiffness * self.pulley}
         object.__setattr__(self, "torque", np.array([law[self.driven_by]]))
-        check_limit(who, "joint_gain", float(np.abs(self.joint_gain).max(initial=0.0)))
         super().__post_init__()
 
     @classmethod
