@@ -191,8 +191,7 @@ def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rat
         return np.broadcast_to(a, (size, n)).T
 
     if angle is None:
-        count = size if len(schedule.pressures) > 1 or len(set(samples.valves)) > 1 else 1
-        before = np.array([schedule.initial(i) for i in range(count)])
+        before = np.array([schedule.initial(i) for i in range(1 if schedule.alike else size)])
         q = samples.rest(np.broadcast_to(before, (size,)))
     else:
         q = given(angle)

@@ -44,7 +44,7 @@ class Schedule:
         self._behind: dict[tuple[int, Valve], Array] = {}
         self._stacks: dict[tuple[tuple[int, Valve], ...], Array] = {}
         self.remembering = samples.remembering
-        self._alike = len(self.pressures) == 1 and len(set(samples.valves)) == 1
+        self.alike = len(self.pressures) == 1 and len(set(samples.valves)) == 1  # what acts on all samples
 
     def pressure(self, i: int) -> Input:
         """The input of sample `i`."""
@@ -82,7 +82,7 @@ class Schedule:
 
         The torques go to `buffer` where it fits.
         """
-        grids = [self.grid(i) for i in (members[:1] if self._alike else members)]
+        grids = [self.grid(i) for i in (members[:1] if self.alike else members)]
         if any(g is not grids[0] for g in grids) or self.remembering[members].any():
             return self.padded(members)
         grid = grids[0]

@@ -109,7 +109,7 @@ class OnLanes:
         command = self._chambers.command
         command.reshape(-1, command.shape[-1])[: self.size] = pressure
         self._hold(self._h, steps, self._chambers, self._samples, self._state, self._scratch, self._failed)
-        return np.asarray(self._failed.reshape(-1)[: self.size] > 0)
+        return np.asarray(self._failed.ravel()[: self.size] > 0)
 
 
 LANES_LAST = frozenset({"state", "B", "I", "h", "gravity", "joints", "place"})
