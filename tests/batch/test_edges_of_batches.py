@@ -129,7 +129,7 @@ def test_slow_states_go_on_under_a_pressure_that_is_held(slow):
     quiet = chen2018.model(torque=[3e-7, 5e-12])
     model = chen2018.model(torque=[3e-7, 5e-12], **slow)
     batch, alone = batch_stepper([quiet, model], WIDTH + 1, 1e-3), Stepper(model, 1e-3)
-    assert batch._state.shape[0] == 2  # groups  # noqa: SLF001
+    assert batch._state.shape[0] == 2  # groups
     batch.reset(np.array([2, WIDTH]), np.array([1, 1]))
     for _ in range(2):
         batch.hold(np.full((WIDTH + 1, 1), 6e4), 40)

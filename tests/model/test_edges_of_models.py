@@ -50,7 +50,7 @@ def test_a_file_of_the_needed_entries_alone_is_a_model_of_them():
     needed = {**{k: np.broadcast_to(v, 2).tolist() for k, v in SIZES.items()}, "rest_angle": [0.0, 0.0]}
     made = model_file.read_model(json.dumps({**needed, "torque": [1e-6]}), "here")
     assert made == PLAIN
-    with pytest.raises(InputError, match="^here: .*tip_mass"):
+    with pytest.raises(InputError, match=r"^here: .*tip_mass"):
         model_file.read_model(json.dumps({**needed, "torque": [1e-6], "tip_mass": -1.0}), "here")
 
 
@@ -162,11 +162,12 @@ def test_a_tendon_says_where_it_runs_and_what_drives_it():
     full = Tendon.at_azimuth(np.radians(30.0), [1.0, 1.0, 0.0], lever=0.012, driven_by="angle", line_stiffness=2e3,
                              pretension=3.0, pulley=0.015, pair=True, friction=0.25, valve=Valve(rise_time=0.02),
                              name="left")  # fmt: skip
-    assert full.sentences(alone=False) == [
+    path, lag = full.sentences(alone=False)
+    assert path == (
         "left: tendon at 12 mm, azimuth 30 deg, driven by its angle, 2 N/mm, pretension 3 N, pulley 15 mm, pair, "
-        "friction 0.25",
-        "left: lag rise_time 0.02",
-    ]
+        "friction 0.25"
+    )
+    assert lag == "left: lag rise_time 0.02"
     assert Tendon(joint_gain=[-1.0, 0.0], cross_gain=[0.0, 1.0], lever=0.01).sentences(alone=True) == [
         "tendon: tendon at 10 mm, azimuth 90, 0 deg, driven by its tension"
     ]
