@@ -90,14 +90,15 @@ def rates():
 
 def speed():
     from pliant.compiler.choose import twin
-    from pliant.estimation import kalman_loops, measurement_loops
+    from pliant.equations import observation
+    from pliant.estimation import kalman_loops
     from pliant.estimation.offline import chain_of, observed_chain
     from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
     from pliant.estimation.workspace import make_workspace
     from pliant.simulation import state
 
     for name, chain in (("with memory", model("a")), ("without", model("a").with_(memory=type(model("a").memory)()))):
-        n, rows = chain.n, np.array([(measurement_loops.JOINT, i, 0.0, 0.0) for i in range(chain.n)])
+        n, rows = chain.n, np.array([(observation.JOINT, i, 0.0, 0.0) for i in range(chain.n)])
         workspace, P, rest = make_workspace(chain, NOISE.states(chain), n), NOISE.initial(chain), np.zeros(n)
         start = mechanics_of(chain).coordinates(rest)
         own = FilterState(start, np.zeros(n), np.zeros(n), P, state.relaxed(chain, rest))
@@ -126,14 +127,14 @@ def speed():
 
 
 def seen_at_rest(rows):
-    from pliant.estimation.measurement_loops import observe
+    from pliant.equations.observation import observe_rows
     from pliant.estimation.offline import frame_of
 
     chain = model("a") if not hasattr(seen_at_rest, "chain") else seen_at_rest.chain
     seen_at_rest.chain = chain
     seen, slopes = np.empty(len(rows)), np.empty((len(rows), chain.n))
     at_rest = mechanics_of(chain).coordinates(np.zeros(chain.n))
-    observe(at_rest, frame_of(chain, rows, seen, seen), np.empty((5, chain.n + 1)), seen, slopes)
+    observe_rows(at_rest, frame_of(chain, rows, seen, seen), np.empty((5, chain.n + 1)), seen, slopes)
     return seen
 
 

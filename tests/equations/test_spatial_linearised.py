@@ -45,14 +45,3 @@ def test_the_jacobian_of_a_step_in_space_is_that_of_differences(bent, monkeypatc
         assert np.abs(slopes.J[row] - difference).max() < 1e-6 * (1.0 + np.abs(difference).max())
 
 
-def test_a_row_sees_a_station_and_its_slopes(bent):
-    model, x, *_ = bent
-    chain, point = mechanics_of(model), model.points[0]
-    body, work = chain.observed()
-    spatial_linearised.place_links(x, 0.0, body, work)
-    row, slope = np.array([0.0, point.link, point.along, point.across, point.aside]), np.zeros(6)
-    for axis in range(3):
-        place = spatial_linearised.observe_point(axis, row, body, work, slope)
-        assert place == pytest.approx(chain.stations(x)[0][0, axis], abs=1e-15)
-        ends = [chain.stations(x + s)[0][0, axis] - chain.stations(x - s)[0][0, axis] for s in 1e-6 * np.eye(6)]
-        assert np.allclose(slope, np.array(ends) / 2e-6, atol=1e-9)

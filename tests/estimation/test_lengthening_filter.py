@@ -8,10 +8,10 @@ from oracles.derivatives import complex_step
 
 import pliant
 from pliant.cli.estimate import report
+from pliant.equations.observation import observe_rows
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
 from pliant.estimation.consistency import mean_bounds
-from pliant.estimation.measurement_loops import observe
 from pliant.estimation.offline import frame_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Station, chain_model
@@ -124,7 +124,7 @@ def test_what_a_frame_sees_is_where_the_stations_are(arm):
     rows = rows_of(body, body.points, angle=True)
     frame, x = frame_of(body, rows, np.zeros(6), np.ones(6)), np.array([0.3, 0.7, 1.2, 0.15, -0.05])
     value, H = np.empty(6), np.empty((6, 5))
-    observe(x, frame, np.empty((5, 4)), value, H)
+    observe_rows(x, frame, np.empty((5, 4)), value, H)
 
     def places(at):
         where, angle = mechanics_of(body).stations(at)

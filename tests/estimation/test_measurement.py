@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pliant.equations.observation import ALONG_X, ALONG_Y, ANGLE, JOINT
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise
 from pliant.estimation.consistency import mean_bounds, nees, whiteness
 from pliant.estimation.link_tips import LinkTips, rested
 from pliant.estimation.measurement import measurement_of, rows_of
-from pliant.estimation.measurement_loops import ALONG_X, ALONG_Y, ANGLE, JOINT
 from pliant.estimation.noise import default_noise
 from pliant.estimation.offline import averaged
 from pliant.model import Chamber, Station, chain_model

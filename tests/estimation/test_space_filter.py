@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 import typer
 import xarray as xr
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from pliant.cli.estimate import estimate as command
+from pliant.cli.estimate import report
 from pliant.compiler.choose import twin
 from pliant.compiler.twin import rebuild
 from pliant.equations import spatial, spatial_linearised
@@ -26,7 +29,7 @@ from pliant.estimation.workspace import make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Space, Station, chain_model, save_model
 from pliant.recording import make_recording, write
-from pliant.simulation import Trace, simulate
+from pliant.simulation import Trace, simulate, state
 
 NOISE = Noise(position=3e-4, torque=3e-4, initial_angle=0.02, initial_rate=0.2)
 H, SUB = 1 / 75, 4
@@ -50,9 +53,9 @@ def pressures():
     return np.stack([4e4 * (1.0 + np.sin(2 * np.pi * f * CLOCK)) for f in (0.8, 1.3, 2.1)], axis=1)
 
 
-def recorded(places, time):
+def recorded(places, time, **more):
     return make_recording(time, places, station=["middle", "tip"], frame="spatial",
-                          pressure=pressures(), pressure_time=CLOCK, chamber=list("abc"))  # fmt: skip
+                          pressure=pressures(), pressure_time=CLOCK, chamber=list("abc"), **more)  # fmt: skip
 
 
 def noisy_run(seed, frames=40):
@@ -74,11 +77,10 @@ def noisy_run(seed, frames=40):
     return truth, places + NOISE.position * rng.standard_normal(places.shape)
 
 
-def test_rows_in_space_see_three_coordinates_and_no_angle():
-    rows = rows_of(arm(), arm().points[:1])
-    assert rows.tolist() == [[kind, 0, 0.075, 0.01, 0.004] for kind in (1, 2, 4)]
-    with pytest.raises(InputError, match="no one angle"):
-        rows_of(arm(), arm().points, angle=True)
+def test_rows_in_space_see_three_coordinates_and_three_of_an_orientation():
+    rows = rows_of(arm(), arm().points[:1], angle=True)
+    place = [[kind, 0, 0.075, 0.01, 0.004] for kind in (1, 2, 4)]
+    assert rows.tolist() == [*place, *([kind, 0, 0.0, 0.0, 0.0] for kind in (5, 6, 7))]
 
 
 def test_recordings_of_another_space_or_other_stations_are_refused():
@@ -259,3 +261,79 @@ def test_the_command_reports_writes_and_draws_an_arm_in_space(tmp_path):
     assert summary["largest_rate_rad_s"] == pytest.approx(max(rates))
     assert summary["largest_disturbance_mn_m"] == pytest.approx(1e3 * max(torque))
     assert (tmp_path / "s.png").stat().st_size > 5000
+
+
+def turned(truth, noise, rng):
+    """Quaternions (T, 2, 4) of a body on the last link since rest, each turned by noise [rad]; none on the first."""
+    chain = mechanics_of(arm())
+    rest = Rotation.from_matrix(chain.posed(state.equilibrium(arm())).R[2])
+    links = Rotation.from_matrix(np.moveaxis(chain.posed(truth[:, :4]).R[2], -1, 0))
+    quaternion = np.full((len(truth), 2, 4), np.nan)
+    shaken = links * Rotation.from_rotvec(noise * rng.standard_normal((len(truth), 3)))
+    quaternion[:, 1] = (shaken * rest.inv()).as_quat()
+    return quaternion
+
+
+@pytest.mark.slow
+def test_orientations_are_used_as_they_deserve_and_show_what_the_tip_does_not():
+    """NEES and NIS of 60 runs that see the tip, with its orientation and without; the true errors with and without."""
+    noise, ratios, innovations, errors = replace(NOISE, angle=1e-3), [], [], []
+    for seed in range(60):
+        truth, places = noisy_run(seed)
+        quaternion = turned(truth, noise.angle, np.random.default_rng([seed, 1]))
+        runs = []
+        for more in ({"quaternion": quaternion}, {}):
+            seen = recorded(places, H * np.arange(40), **more)
+            runs.append(estimate(seen, arm(), noise=noise, step=H / SUB * 1.001, pressure_window=0.0,
+                                 stations=("tip",)))  # fmt: skip
+        error = [np.stack([r.joint_angle_x, r.joint_angle_y], axis=2).reshape(40, 4) - truth[:, :4] for r in runs]
+        errors.append([np.mean(e[5:] ** 2) for e in error])
+        P = runs[0].state_covariance.values
+        ratios.append(nees(error[0][[20, 39]], P[[20, 39], :4, :4]))
+        innovations.append(runs[0].attrs["nis_ratio"])
+    assert list(runs[0].row.values[3:]) == ["tip turn x", "tip turn y", "tip turn z"]
+    low, high = mean_bounds(np.full(60, 4))
+    assert all(low < np.mean([r[k] for r in ratios]) / 4 < high for k in range(2))
+    low, high = mean_bounds(np.full(60 * 39, 6))
+    assert low < np.mean(innovations) < high
+    better, worse = np.sqrt(np.mean(errors, axis=0))
+    assert better < 0.85 * worse
+
+
+@pytest.mark.slow
+def test_flips_of_a_quaternion_change_nothing_and_those_of_markers_are_left_out():
+    truth, places = noisy_run(2)
+    plain = turned(truth, 1e-3, np.random.default_rng(7))
+    signs, markers, without = plain.copy(), plain.copy(), plain.copy()
+    signs[10:20] *= -1.0
+    body = Rotation.from_rotvec([0.0, 0.0, np.pi])
+    for f in (12, 13, 30):
+        markers[f, 1] = (Rotation.from_quat(plain[f, 1]) * body).as_quat()
+        without[f] = np.nan
+    runs = [estimate(recorded(places, H * np.arange(40), quaternion=q), arm(), noise=NOISE, pressure_window=0.0)
+            for q in (plain, signs, markers, without)]  # fmt: skip
+    assert [run.attrs["orientations_flipped"] for run in runs] == [0, 0, 3, 0]
+    assert np.allclose(runs[0].joint_angle_x, runs[1].joint_angle_x, rtol=0, atol=1e-12)
+    assert np.array_equal(runs[2].joint_angle_x, runs[3].joint_angle_x)
+    assert float(np.abs(runs[2].joint_angle_x - runs[0].joint_angle_x).max()) > 1e-5
+    assert report(runs[2])["orientations_flipped"] == 3
+
+
+@pytest.mark.slow
+def test_the_running_filter_takes_orientations_and_counts_flips():
+    m = arm()
+    run, rows = KalmanFilter(m, NOISE, time=0.0), rows_of(m, m.points[1:], position=False, angle=True)
+    x, variance = np.array([0.02, -0.03, 0.01, 0.02]) + run.angle, np.full(3, 1e-8)
+    turn = Rotation.from_matrix(mechanics_of(m).posed(x).R[2])
+    for flip, used in ((0.0, 3), (np.pi, 0)):
+        before = run.angle.copy()
+        run.push_frame(0.0, rows, (turn * Rotation.from_rotvec([0.0, 0.0, flip])).as_rotvec(), variance)
+        seen = Rotation.from_matrix(mechanics_of(m).posed(run.angle).R[2])
+        assert np.isfinite(run.innovation).sum() == used
+    assert np.array_equal(run.angle, before)
+    assert (seen.inv() * turn).magnitude() < 5e-4
+    assert (run.counts.flipped, run.fault) == (1, "")
+    with pytest.raises(InputError, match="three rows of one link"):
+        run.push_frame(0.1, rows[:2], np.zeros(2), variance[:2])
+    with pytest.raises(InputError, match="at most half a turn"):
+        run.push_frame(0.1, rows, np.array([3.0, 3.0, 0.0]), variance)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 MEANING = {
     "frames_skipped": "no station of the model was seen in them", "frames_in_part": "some stations were missing",
+    "orientations_flipped": "more than 90 degrees from the estimate, as where markers flip: left out",
     "normalised_innovation": "squared innovations over what the filter claimed; 1 where its noise is right",
     "normalised_innovation_95_low": "95 % of such ratios lie above this where the noise is right",
     "normalised_innovation_95_high": "and below this",
@@ -102,6 +103,8 @@ def report(found: xr.Dataset) -> dict[str, float | int | str]:
         "largest_rate_rad_s": float(np.abs(of_joints(found, "smooth_joint_rate")).max()),
         "typical_rate_sd_rad_s": float(np.median(of_joints(found, "joint_rate", "_sd"))),
     }
+    if a["orientations_flipped"]:
+        made["orientations_flipped"] = a["orientations_flipped"]
     if (torque := of_joints(found, "disturbance")).size:
         made["largest_disturbance_mn_m"] = 1e3 * float(np.abs(torque).max())
         made["typical_disturbance_sd_mn_m"] = 1e3 * float(np.median(of_joints(found, "disturbance", "_sd")))

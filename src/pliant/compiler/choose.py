@@ -28,6 +28,7 @@ from pliant.equations import (
     spatial_extension,
     spatial_linearised,
     spatial_memory,
+    spatial_observation,
     spatial_points,
     spatial_springs,
     tendon,
@@ -53,8 +54,8 @@ CALLED: set[Any] = {
 SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where joints turn in space
     motion.step: spatial.step, motion.acceleration: tendon.accelerate, elastic.follows: spatial_springs.follows,
     energy.add_step_work: spatial_points.add_step_work, contact.add_link_loads: spatial_points.add_link_loads,
-    observation.observe: spatial_points.observe, observation.place_links: spatial_linearised.place_links,
-    observation.observe_point: spatial_linearised.observe_point, observation.motion_of: spatial_linearised.motion_of,
+    observation.observe: spatial_points.observe, observation.observe_rows: spatial_observation.observe_rows,
+    observation.motion_of: spatial_linearised.motion_of,
     observation.tip_outputs: spatial_linearised.tip_outputs, observation.turned: spatial_linearised.turned,
     linearised.step_jacobian: spatial_linearised.step_jacobian,
     memory.step_with_memory: spatial_memory.step_with_memory, memory.relax: spatial_memory.relax,
@@ -63,8 +64,8 @@ SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where jo
 MOST_TURNS = 24  # coordinates of a step in space as a straight line: that takes 4 s to compile, 30 take 6 s
 SOURCES = (  # of a twin whose steps are made here
     __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, spatial.__file__,
-    spatial_extension.__file__, spatial_linearised.__file__, spatial_memory.__file__, spatial_points.__file__,
-    spatial_springs.__file__, tendon.__file__, *STRAIGHT_SOURCES,
+    spatial_extension.__file__, spatial_linearised.__file__, spatial_memory.__file__,
+    spatial_observation.__file__, spatial_points.__file__, spatial_springs.__file__, tendon.__file__, *STRAIGHT_SOURCES,
 )
 
 

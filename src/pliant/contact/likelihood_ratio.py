@@ -13,9 +13,9 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.contact.moment_arms import moment_arms
+from pliant.equations.observation import observe_rows
 from pliant.estimation import kalman_loops
 from pliant.estimation.measurement import Measurement
-from pliant.estimation.measurement_loops import observe
 from pliant.estimation.noise import Noise
 from pliant.estimation.offline import chain_of, frame_of
 from pliant.estimation.symbols import FilterNoise, FilterState, Prediction
@@ -96,7 +96,7 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
 
     def frame(own: FilterState, true: Array) -> Array:
         predict(own, chain, still, workspace)
-        observe(true, shown, workspace.links, seen, slopes)
+        observe_rows(true, shown, workspace.links, seen, slopes)
         update(own, chain, shown, workspace)
         return shown.innovation
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+ANGLE, ALONG_X, ALONG_Y, JOINT, ALONG_Z, TURN_X, TURN_Y, TURN_Z = range(8)  # what a row of a measurement sees
+
 
 def place_links(x, base_angle, chain, links):
     """Cosine, sine, stretch and joint (x, y) [m] of the base and all links into `links` (5, n + 1).
@@ -87,6 +89,29 @@ def observe_point(axis, row, chain, links, slope):
     link = int(row[1])
     point_slope(axis, (link, row[2], row[3]), chain, links, slope)
     return position(axis, link, row[2], row[3], links)
+
+
+def observe_rows(x, frame, links, seen, H):
+    """What each row of a measurement sees (m,), and its slopes H (m, N) with respect to the coordinates x (N,).
+
+    A row is (kind, link, along, across): the angle of a link, from +y or from the link before it, or x or y of a point
+    fixed to it. `links` is scratch. In space: `spatial_observation.observe_rows`.
+    """
+    rows = frame.rows
+    place_links(x, frame.base_angle, frame.chain, links)
+    for r in range(rows.shape[0]):
+        kind = int(rows[r, 0])
+        link = int(rows[r, 1])
+        if kind in (ANGLE, JOINT):
+            for k in range(len(x)):
+                H[r, k] = 0.0
+            seen[r] = x[link]
+            H[r, link] = 1.0
+            if kind == JOINT and link > 0:
+                seen[r] -= x[link - 1]
+                H[r, link - 1] = -1.0
+            continue
+        seen[r] = observe_point(kind - ALONG_X, rows[r], frame.chain, links, H[r])
 
 
 def tip_outputs(angle, strain, geometry, out):

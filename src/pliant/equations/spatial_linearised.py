@@ -1,4 +1,4 @@
-"""The exact Jacobian of one step of a chain in space, and what a filter sees of it: `linearised` in three dimensions.
+"""The exact Jacobian of one step of a chain in space, and outputs for control: `linearised` in three dimensions.
 
 The derivatives are complex steps through the text of `spatial.step`: whatever that text says, springs, tendons and
 weight, is in the Jacobian.
@@ -7,7 +7,6 @@ weight, is in the Jacobian.
 from __future__ import annotations
 
 from pliant.equations.spatial import pose_links, step
-from pliant.equations.spatial_points import axis_slope, point_position
 
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
@@ -40,22 +39,6 @@ def step_jacobian(x, v, h, torque, body, joints, work, slopes):
             slopes.J[row, k] = slopes.x[k].imag / TINY
             slopes.J[row, n + k] = slopes.v[k].imag / TINY
     step(x, v, h, torque, body, joints, work)
-
-
-def place_links(x, base_angle, body, work):
-    """Pose all links at x (N,) into `work`: `observation.place_links` of a chain in space."""
-    pose_links(x, body, work)
-
-
-def observe_point(axis, row, body, work, slope):
-    """Return the position along an axis [m] that a row (kind, link, along, across, aside) sees; slope (N,) by x.
-
-    `work` holds the pose; `observation.observe_point` of a chain in space.
-    """
-    link = int(row[1])
-    point_position(link, row[4], row[3], row[2], work, work.turn)
-    axis_slope(axis, link, row[2], work.turn, body, work, slope)
-    return work.turn[axis]
 
 
 def tip_outputs(x, strain, geometry, out):

@@ -12,12 +12,12 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.equations import chamber
 from pliant.equations.memory import memory_angle
+from pliant.equations.observation import ANGLE, JOINT, TURN_X
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import rest_shift
 from pliant.estimation.contract import EstimatorKind, Setting, State
-from pliant.estimation.measurement import row_width
-from pliant.estimation.measurement_loops import ANGLE, JOINT
+from pliant.estimation.measurement import check_frame, flips
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of, frame_of
 from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction
@@ -57,6 +57,7 @@ class Counts:
     skipped: int = 0  # no row was a number
     late: int = 0  # put where it belonged, what followed replayed
     too_late: int = 0  # older than the buffer: left out
+    flipped: int = 0  # orientations more than 90 degrees from the model's, as of flipped markers: left out
     last_ratio: float = field(default=math.nan)  # normalised innovation squared of the last frame, over its rows
 
 
@@ -156,21 +157,20 @@ class KalmanFilter:
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
         """Take a frame of the shape: `rows` (m, 4) as `rows_of` makes them, their values (m,) and variances (m,).
 
-        In space rows are (m, 5).
+        In space rows are (m, 5), and an orientation is a rotation vector: three rows. One that is more than 90 degrees
+        off is left out, and counted.
 
         Values that are not numbers are skipped; positions and angles are those of the model's base frame.
 
         Raises
         ------
         InputError
-            When the shapes do not agree or the time is not finite.
+            When the shapes do not agree, the time is not finite, or an orientation is not three rows of one link.
         """
         rows, values, variance = (np.ascontiguousarray(a, dtype=float) for a in (rows, values, variance))
-        wide = row_width(self.model)
-        if rows.shape != (values.size, wide) or variance.shape != values.shape or not math.isfinite(time):
-            raise InputError(
-                f"a frame has rows (m, {wide}), m values and m variances, got {rows.shape}, {values.shape}"
-            )
+        check_frame(self.model, rows, values, variance)
+        if not math.isfinite(time):
+            raise InputError(f"a frame must have a finite time, got {time} s")
         if not np.isfinite(values).any():
             self.counts.skipped += 1
             return
@@ -262,10 +262,11 @@ class KalmanFilter:
         self.innovation = frame.innovation
         used, square, _ = self._update(self._own, self._chain, frame, workspace)
         self.counts.used += 1
-        self.counts.last_ratio = square / used
+        self.counts.flipped += flips(event.rows, event.value, workspace.seen)
+        self.counts.last_ratio = square / used if used else math.nan
         off = np.abs(event.value - workspace.seen)
-        angular = (event.rows[:, 0] == ANGLE) | (event.rows[:, 0] == JOINT)
-        if np.nanmax(off / np.where(angular, 1.0, self.model.length)) > LARGEST:
+        angular = (event.rows[:, 0] == ANGLE) | (event.rows[:, 0] == JOINT) | (event.rows[:, 0] >= TURN_X)
+        if used and np.nanmax(off / np.where(angular, 1.0, self.model.length)) > LARGEST:
             self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad, or as much of its length"
 
     def _restore(self, kept: FilterSnapshot) -> None:

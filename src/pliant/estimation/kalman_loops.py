@@ -12,9 +12,8 @@ import numpy as np
 
 from pliant.equations.linearised import step_jacobian
 from pliant.equations.memory import follow_change, step_with_memory
-from pliant.equations.observation import motion_of
+from pliant.equations.observation import motion_of, observe_rows
 from pliant.equations.symbols import Past
-from pliant.estimation.measurement_loops import observe
 from pliant.estimation.symbols import FilterFrame
 
 FADE = 0.1  # s for which motion is remembered
@@ -120,7 +119,7 @@ def recall(power, h, recent):
 
 
 def update(state, model, frame, workspace):
-    """Correct the estimate by a frame; rows whose values are not numbers are skipped.
+    """Correct the estimate by a frame; rows whose values, or what is seen of them, are not numbers are skipped.
 
     One row after the other, all linearised about the prediction: the same estimate as from all rows at once, without a
     matrix to factor, and each innovation is white of those before it. Writes them to `frame.innovation`, of unit
@@ -134,7 +133,7 @@ def update(state, model, frame, workspace):
     n = len(phi)
     N = P.shape[0]
     H, gain, change = workspace.H, workspace.gain, workspace.change
-    observe(phi, frame, workspace.links, workspace.seen, H)
+    observe_rows(phi, frame, workspace.links, workspace.seen, H)
     used = 0
     square = 0.0
     logdet = 0.0
@@ -142,9 +141,9 @@ def update(state, model, frame, workspace):
         change[a] = 0.0
     for r in range(len(z)):
         innovation[r] = np.nan
-        if not np.isfinite(z[r]):
-            continue
         nu = z[r] - workspace.seen[r]
+        if not np.isfinite(nu):
+            continue
         S = R[r]
         for a in range(N):
             gain[a] = 0.0

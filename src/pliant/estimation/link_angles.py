@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.compiler.choose import twin
+from pliant.equations.observation import JOINT
 from pliant.errors import InputError
 from pliant.estimation import link_angle_loops
 from pliant.estimation.contract import Frame
-from pliant.estimation.measurement_loops import JOINT
 from pliant.model import Model, fixed_length
 from pliant.simulation import state
 

@@ -7,10 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, ANGLE, JOINT, TURN_X, TURN_Y, TURN_Z
 from pliant.errors import InputError
-from pliant.estimation.measurement_loops import ALONG_X, ALONG_Y, ALONG_Z, ANGLE, JOINT
 from pliant.estimation.noise import Noise
+from pliant.identification.residuals import measured_turns
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.spatial import SpatialChain
 from pliant.model import Model, Station, fixed_length
 from pliant.recording.schema import check_recording
 from pliant.reduction import links_of
@@ -19,6 +21,8 @@ from pliant.simulation import state
 
 Array = np.ndarray
 AXES = (ALONG_X, ALONG_Y, ALONG_Z)
+TURNS = (TURN_X, TURN_Y, TURN_Z)
+HALF_TURN = np.pi + 1e-6  # rad: no rotation vector is longer
 PLAIN = 0.5  # correlation of the pressure with the tip's x, of the wrong sign, from which a recording is refused
 
 
@@ -36,23 +40,22 @@ class Measurement(NamedTuple):
 def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
     """Rows (m, 4) that see x and y, and the angle, of stations on links, in the model's base frame.
 
-    In space rows (m, 5) that see x, y and z; there is no angle.
+    In space rows (m, 5) that see x, y and z, and where an angle is wanted the orientation of the station's link: three
+    rows, whose values are the rotation vector [rad] of the link's frame (x aside, z along the link) in the base frame.
 
     Raises
     ------
     InputError
-        When a station sits on the base, or an angle is wanted in space.
+        When a station sits on the base.
     """
     rows: list[tuple[float, ...]] = []
-    if angle and model.space is not None:
-        raise InputError(f"{model.name!r} moves in space, where a link has no one angle: give positions of stations")
     for s in stations:
         if not 0 <= s.link < model.n:
             raise InputError(f"station {s.name!r} sits on the base and tells nothing of the links: leave it out")
         if position:
             rows += [(kind, s.link, s.along, s.across, s.aside) for kind in AXES[: mechanics_of(model).dimension]]
         if angle:
-            rows.append((ANGLE, s.link, 0.0, 0.0, 0.0))
+            rows += [(kind, s.link, 0.0, 0.0, 0.0) for kind in ((ANGLE,) if model.space is None else TURNS)]
     wide = np.array(rows, dtype=float).reshape(-1, 5)
     return wide[:, : row_width(model)]
 
@@ -62,6 +65,36 @@ def row_width(model: Model) -> int:
     return 4 if model.space is None else 5
 
 
+def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> None:
+    """Refuse rows, values and variances of a frame that do not go together, and rows of half an orientation.
+
+    Raises
+    ------
+    InputError
+        In one sentence.
+    """
+    wide = row_width(model)
+    if rows.shape != (values.size, wide) or variance.shape != values.shape:
+        raise InputError(f"a frame has rows (m, {wide}), m values and m variances, got {rows.shape}, {values.shape}")
+    turns = np.flatnonzero(rows[:, 0] >= TURN_X)
+    if not turns.size:
+        return
+    threes = rows[turns, :2].reshape(-1, 3, 2) if turns.size % 3 == 0 else np.empty((0, 3, 2))
+    if not (len(threes) and (threes[..., 0] == TURNS).all() and (threes[..., 1] == threes[:, :1, 1]).all()
+            and (np.diff(turns.reshape(-1, 3)) == 1).all()):  # fmt: skip
+        raise InputError("an orientation has three rows of one link, one after the other: make them with rows_of")
+    if (np.linalg.norm(np.nan_to_num(values[turns].reshape(-1, 3)), axis=1) > HALF_TURN).any():
+        raise InputError("an orientation is a rotation vector of at most half a turn, in rad")
+
+
+def flips(rows: Array, values: Array, seen: Array) -> int:
+    """Count the orientations of frames, values (..., m) in all, of which the filter saw no number: flips of markers."""
+    turned = rows[:, 0] == TURN_X
+    whole = np.isfinite(values[..., turned]) & np.isfinite(values[..., np.roll(turned, 1)])
+    whole &= np.isfinite(values[..., np.roll(turned, 2)])
+    return int((whole & np.isnan(seen[..., turned])).sum())
+
+
 def measurement_of(
     recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[str, ...] | None = None
 ) -> Measurement:
@@ -69,7 +102,8 @@ def measurement_of(
 
     Stations that the model knows are taken as they are, with their angles where recorded. A recording of none of them
     but of a dense curve, base first, is compressed to the angles between links that divide the
-    curve's length as the model's do. In space only the positions of the model's stations are taken.
+    curve's length as the model's do. In space the positions of the model's stations are taken, and orientations of
+    rigid bodies there, as turns since the rest of the recording: from the model's rest without input.
 
     Raises
     ------
@@ -116,13 +150,15 @@ def bends_away(recording: xr.Dataset, model: Model) -> bool:
 
 
 def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
-    """Coordinates, and angles where recorded, of named stations."""
+    """Coordinates, and angles or in space orientations where recorded, of named stations."""
     names = [s.name for s in stations]
     angled = "angle" in recording and model.space is None
     axes = recording["axis"].values
     position = recording["position"].sel(station=names).values.astype(float)
     columns, variance, label = [], [], []
     turned = angles_of(recording, model, stations) if angled else None
+    vectors = {} if model.space is None else orientations_of(recording, model, stations)
+    rows = []
     for k, s in enumerate(stations):
         columns += list(position[:, k].T)
         variance += [noise.stations.get(s.name, noise.position) ** 2] * axes.size
@@ -131,9 +167,13 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
             columns.append(turned[:, k])
             variance.append(noise.angle**2)
             label.append(f"{s.name} angle")
-    rows = rows_of(model, stations, angle=angled)
-    time = recording["time"].values.astype(float)
-    return Measurement(time, rows, np.stack(columns, axis=1), np.array(variance), tuple(label), ())
+        if k in vectors:
+            columns += list(vectors[k].T)
+            variance += [noise.angle**2] * 3
+            label += [f"{s.name} turn {axis}" for axis in axes]
+        rows.append(rows_of(model, (s,), angle=angled or k in vectors))
+    time, value = recording["time"].values.astype(float), np.stack(columns, axis=1)
+    return Measurement(time, np.concatenate(rows), value, np.array(variance), tuple(label), ())
 
 
 def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> Array:
@@ -143,6 +183,24 @@ def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]
     if str(angle.attrs.get("reference", "base")) == "rest":
         turned = turned + mechanics_of(model).coordinates(state.equilibrium(model))[[s.link for s in stations]]
     return np.asarray(turned)
+
+
+def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> dict[int, Array]:
+    """Rotation vectors (T, 3) [rad] of the frames of links that carry stations, where recorded, by index of these.
+
+    A recording has turns since its rest, in the axes of the base frame; the sign of a quaternion plays no part.
+    """
+    from scipy.spatial.transform import Rotation
+
+    if "quaternion" not in recording:
+        return {}
+    chain = SpatialChain(model)
+    links = chain.posed(chain.coordinates(state.equilibrium(model))).R[[s.link + 1 for s in stations]]
+    quaternion = recording["quaternion"].sel(station=[s.name for s in stations]).values.astype(float)
+    turns, seen = measured_turns(quaternion)
+    vectors = Rotation.from_matrix((turns @ links).reshape(-1, 3, 3)).as_rotvec().reshape(*seen.shape, 3)
+    vectors[~seen] = np.nan
+    return {int(k): vectors[:, k] for k in np.flatnonzero(seen.any(axis=0))}
 
 
 def from_curve(recording: xr.Dataset, model: Model, noise: Noise) -> Measurement:

@@ -28,7 +28,7 @@ class Noise:
     position : float
         Of a measured coordinate, m, with what a chain of straight links cannot show.
     angle : float
-        Of a measured angle, rad.
+        Of a measured angle, in space of each component of an orientation's rotation vector, rad.
     torque : float
         Square root of the spectral density of the torque that the model does not know, N m sqrt(s).
     pressure : float

@@ -13,7 +13,7 @@ from pliant.compiler.choose import twin
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.consistency import mean_bounds, whiteness
-from pliant.estimation.measurement import Measurement, measurement_of
+from pliant.estimation.measurement import Measurement, flips, measurement_of
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.smoother import smooth
 from pliant.estimation.symbols import FilterFrame, FilterModel, FilterNoise, FilterOutput, FilterState
@@ -50,7 +50,8 @@ def estimate(
     ----------
     recording : xarray.Dataset
         Aligned recording: the model's stations, with angles where recorded, or a dense curve, base first; of a model in
-        space its stations. Missing numbers are skipped and counted.
+        space its stations, with orientations of rigid bodies where recorded; those more than 90 degrees from the
+        estimate, as of flipped markers, are left out and counted. Missing numbers are skipped and counted.
     noise : Noise, optional
         Default: in proportion to the model's stiffness, see `pliant.estimation.noise.default_noise`.
     pressure : Input, or one for each chamber, optional
@@ -80,7 +81,8 @@ def estimate(
         their standard deviations; in space of each axis: joint_angle_x, joint_angle_y, joint_angle_twist ...; of
         segments that lengthen axial_strain, axial_strain_rate, axial_disturbance [N] (time, segment); innovation
         (time, row), whitened; normalised_innovation_squared and rows_used (time).
-        attrs: nis_ratio with its 95 % bounds, innovation_correlation with its bound, frames skipped, notes.
+        attrs: nis_ratio with its 95 % bounds, innovation_correlation with its bound, frames skipped, orientations
+        flipped, notes.
 
     Raises
     ------
@@ -251,6 +253,7 @@ def judged(measurement: Measurement, out: FilterOutput, noise: Noise, model: Mod
     settled = np.flatnonzero(used > 0)[1:]  # the first one meets the assumed start
     correlation, bound = whiteness(out.innovation[settled])
     low, high = mean_bounds(used[settled])
+    flipped = flips(measurement.rows, measurement.value, out.innovation)
     partly = int(((used > 0) & (used < measurement.value.shape[1])).sum())
     return {
         "schema": "pliant-estimate", "model": model.name, "source": f"pliant {__version__}", "lag_frames": lag,
@@ -258,6 +261,7 @@ def judged(measurement: Measurement, out: FilterOutput, noise: Noise, model: Mod
         "innovation_correlation": correlation, "innovation_correlation_bound": bound,
         "log_likelihood": -0.5 * float(np.sum(out.score[settled, 1] + out.score[settled, 2])),
         "frames": int(used.size), "frames_skipped": int((used == 0).sum()), "frames_in_part": partly,
+        "orientations_flipped": flipped,
         "noise_position_m": noise.position, "noise_torque": noise.torque, "noise_random_walk": noise.random_walk,
         "notes": "\n".join(measurement.notes),
     }

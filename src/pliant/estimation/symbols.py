@@ -121,7 +121,7 @@ class FilterFrame(NamedTuple):
 
     base_angle: float  # rad
     chain: ObservedChain | SpatialBody
-    rows: np.ndarray  # (m, 4), in space (m, 5), see `measurement_loops.observe`
+    rows: np.ndarray  # (m, 4), in space (m, 5), see `equations.observation.observe_rows`
     values: np.ndarray  # (m,) m or rad, NaN where one is missing
     variance: np.ndarray  # (m,)
     innovation: np.ndarray  # (m,) takes the whitened innovations
@@ -143,7 +143,7 @@ class FilterWorkspace(NamedTuple):
     change: np.ndarray  # (N,)
     seen: np.ndarray  # (m,)
     H: np.ndarray  # (m, n)
-    links: np.ndarray | SpatialWorkspace  # scratch of `equations.observation.place_links`, (5, links + 1)
+    links: np.ndarray | SpatialWorkspace  # scratch of `equations.observation.observe_rows`, (5, links + 1)
 
 
 class FilterOutput(NamedTuple):

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from pliant.equations.spatial_observation import angle_over_sine
+
 Array = np.ndarray
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
-SERIES = 12  # terms of theta / sin(theta)
-NEAR = 0.05  # of 1 - cos(theta): below, the series holds to rounding
-OPPOSITE = 1e-9  # of 1 + cos(theta): at half a turn the direction of a rotation vector is open
 
 
 def with_axes(places: Array, oriented: Array) -> Array:
@@ -60,16 +59,9 @@ def turn_slopes(rows: Array, derivatives: Array, oriented: Array, measured: Arra
 def rotation_vectors(R: Array) -> Array:
     """Return rotation vectors (..., 3) [rad] of rotations (..., 3, 3), also complex ones: (theta / sin theta) v.
 
-    v is the skew part; theta / sin(theta) = sum_n a_n (1 - cos theta)^n, a_n / a_{n-1} = n / (2 n + 1), near 0.
+    v is the vector of the skew part.
     """
     skew = 0.5 * (R - np.swapaxes(R, -1, -2))
     v = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
     cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
-    gap = 1.0 - cosine
-    ratio = np.ones_like(gap)
-    for n in range(SERIES, 0, -1):
-        ratio = 1.0 + gap * (n / (2.0 * n + 1.0)) * ratio
-    cosine = np.where(cosine.real > OPPOSITE - 1.0, cosine, OPPOSITE - 1.0)
-    far = np.where(gap.real > NEAR, cosine, 0.0)
-    ratio = np.where(gap.real > NEAR, np.arccos(far) / np.sqrt(1.0 - far * far), ratio)
-    return ratio[..., None] * v
+    return np.asarray(angle_over_sine(cosine)[..., None] * v)

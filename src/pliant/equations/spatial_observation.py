@@ -1,0 +1,104 @@
+"""What filters see of a chain in space: positions of points and orientations of links, with their slopes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.equations.observation import ALONG_X, ALONG_Z, TURN_X
+from pliant.equations.spatial import pose_links, stumpff
+from pliant.equations.spatial_points import axis_slope, point_position
+
+HALVINGS = 3  # of an angle below half a turn, until the series below holds to rounding
+SERIES = 12  # terms of theta / sin(theta)
+LEAST = 1e-15  # beside cos^2(theta / 2): keeps the root real at half a turn
+FLIPPED = 0.0  # cosine below which, beyond 90 degrees, an orientation is taken for a flip of its markers
+
+
+def angle_over_sine(cosine):
+    """Return theta / sin(theta) from cos(theta), also of complex numbers and arrays; theta from 0 to below pi.
+
+    Three halvings of the angle, then theta / sin(theta) = sum_n a_n (1 - cos theta)^n, a_n / a_{n-1} = n / (2 n + 1).
+    A rotation vector is this times the vector of the skew part of its rotation.
+    """
+    halved = 1.0 + 0.0 * cosine
+    for _ in range(HALVINGS):
+        cosine = np.sqrt(0.5 * (1.0 + cosine) + LEAST)
+        halved = halved * cosine
+    ratio = 1.0 + 0.0 * cosine
+    for n in range(SERIES, 0, -1):
+        ratio = 1.0 + (1.0 - cosine) * (n / (2.0 * n + 1.0)) * ratio
+    return ratio / halved
+
+
+def observe_rows(x, frame, links, seen, H):
+    """What each row of a measurement sees (m,), and its slopes H (m, N) with respect to the coordinates x (N,).
+
+    A row is (kind, link, along, across, aside) and sees x, y or z of a point fixed to a link, or, in three rows one
+    after the other, the orientation of a link. `links` is scratch; `observation.observe_rows` of the plane.
+    """
+    rows = frame.rows
+    pose_links(x, frame.chain, links)
+    for r in range(rows.shape[0]):
+        kind = int(rows[r, 0])
+        link = int(rows[r, 1])
+        if kind < TURN_X:
+            axis = 2 if kind == ALONG_Z else kind - ALONG_X
+            point_position(link, rows[r, 4], rows[r, 3], rows[r, 2], links, links.turn)
+            axis_slope(axis, link, rows[r, 2], links.turn, frame.chain, links, H[r])
+            seen[r] = links.turn[axis]
+        elif kind == TURN_X:
+            observe_turn(link, frame.values[r : r + 3], links, seen[r : r + 3], H[r : r + 3])
+
+
+def observe_turn(link, value, work, seen, H):
+    """See the orientation of a link beside a measured one, `value` (3,): its rotation vector in the base frame, rad.
+
+    value - seen = e is the rotation vector, in fixed axes, from the link R to the measured frame E, exp(e) = E R^T; a
+    turn dw of the link changes it by -J_r^{-1}(e) dw with J_r^{-1} = 1 + [e] / 2 - c2'/c2 [e]^2. No number is seen
+    where e is more than 90 degrees.
+    """
+    y = value[0] * value[0] + value[1] * value[1] + value[2] * value[2]
+    c2, c3, _, _ = stumpff(y)
+    c1 = 1.0 - y * c3
+    cosine = -0.5
+    for i in range(3):
+        seen[i] = 0.0
+    for i in range(3):
+        j = (i + 1) % 3
+        m = (i + 2) % 3
+        own = 1.0 - y * c2 + c2 * value[i] * value[i]  # column i of E
+        left = c1 * value[m] + c2 * value[j] * value[i]
+        right = c2 * value[m] * value[i] - c1 * value[j]
+        a = work.R[link + 1, i, i]
+        b = work.R[link + 1, j, i]
+        c = work.R[link + 1, m, i]
+        cosine += 0.5 * (a * own + b * left + c * right)
+        seen[i] += 0.5 * (b * right - c * left)  # sum of R_i x E_i: twice the skew part of E R^T
+        seen[j] += 0.5 * (c * own - a * right)
+        seen[m] += 0.5 * (a * left - b * own)
+    ratio = angle_over_sine(cosine) if cosine > FLIPPED else np.nan
+    for i in range(3):
+        seen[i] *= ratio
+    turn_slopes(link, seen, work, H)
+    for i in range(3):
+        seen[i] = value[i] - seen[i]
+
+
+def turn_slopes(link, e, work, H):
+    """Write the slopes H (3, N) of `observe_turn`: J_r^{-1}(e) times the axes of the joints before the link."""
+    y = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
+    c2, _, d2, _ = stumpff(y)
+    n = work.P.shape[0]
+    for i in range(3):
+        for k in range(H.shape[1]):
+            H[i, k] = 0.0
+    for s in range(len(work.S)):
+        k = s // 2 if s < 2 * n else s - 2 * n
+        if k > link:
+            continue
+        along = e[0] * work.S[s, 0] + e[1] * work.S[s, 1] + e[2] * work.S[s, 2]
+        for i in range(3):
+            j = (i + 1) % 3
+            m = (i + 2) % 3
+            H[i, s] = work.S[s, i] + 0.5 * (e[j] * work.S[s, m] - e[m] * work.S[s, j])
+            H[i, s] -= d2 / c2 * (e[i] * along - y * work.S[s, i])
