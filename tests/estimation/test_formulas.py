@@ -94,7 +94,7 @@ def test_a_frame_corrects_row_by_row_as_all_rows_at_once_do(rng, monkeypatch):
     def observed(phi, frame, links, value, slopes):
         value[:], slopes[:] = seen, H
 
-    monkeypatch.setattr(kalman_loops, "observe", observed)
+    monkeypatch.setattr(kalman_loops, "observe_rows", observed)
     state = SimpleNamespace(angle=np.zeros(n), covariance=P.copy())
     frame = SimpleNamespace(values=z, variance=R, innovation=np.empty(rows))
     work = SimpleNamespace(H=np.empty((rows, n)), gain=np.empty(N), change=np.empty(N), links=None, seen=np.empty(rows))
