@@ -40,7 +40,7 @@ def seen_points(position: NDArray, about: NDArray) -> Iterator[NDArray]:
     """Places (N, axes) relative to `about`, a few frames at a time; points with a missing coordinate are left out."""
     for i in range(0, len(position), BLOCK_FRAMES):
         points = (position[i : i + BLOCK_FRAMES] - about).reshape(-1, position.shape[-1])
-        yield points[np.isfinite(points).all(-1)]
+        yield points[np.isfinite(points).all(1)]
 
 
 def mean_place(position: NDArray) -> NDArray:
@@ -48,7 +48,7 @@ def mean_place(position: NDArray) -> NDArray:
     total, count = np.zeros(position.shape[1:]), np.zeros((position.shape[1], 1))
     for i in range(0, len(position), BLOCK_FRAMES):
         part = position[i : i + BLOCK_FRAMES]
-        seen = np.isfinite(part).all(-1, keepdims=True)
+        seen = np.isfinite(part).all(2, keepdims=True)
         total += np.where(seen, part, 0.0).sum(0)
         count += seen.sum(0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
@@ -65,7 +65,6 @@ def repeated_frames(position: NDArray, quaternion: NDArray | None = None) -> NDA
             now, before = flat[i : i + BLOCK_FRAMES], flat[i - 1 : i - 1 + BLOCK_FRAMES][: len(flat) - i]
             same[i : i + BLOCK_FRAMES] &= ((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=1)
             seen[i : i + BLOCK_FRAMES] |= np.isfinite(now).any(axis=1)
-    same[:1] = False
     return same & seen
 
 
@@ -78,7 +77,7 @@ def noise_level(position: NDArray) -> NDArray:
     if len(position) < 8:
         return np.full(position.shape[1], np.nan)
     third = np.diff(position, n=3, axis=0)
-    return np.sqrt(np.mean((_nanmedian(np.abs(third)) / MAD) ** 2 / 20.0, axis=-1))
+    return np.sqrt(np.mean((_nanmedian(np.abs(third)) / MAD) ** 2 / 20.0, axis=1))
 
 
 def quantum(values: NDArray) -> float:
@@ -108,7 +107,7 @@ def rms_deviation(position: NDArray) -> NDArray:
     """(S,) root-mean-square distance in metres between a station and its mean place."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        return np.sqrt(np.nansum(np.nanvar(position, axis=0), axis=-1))
+        return np.sqrt(np.nansum(np.nanvar(position, axis=0), axis=1))
 
 
 def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
@@ -125,7 +124,7 @@ def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
     residual[2:-2] = x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6
     size = _lengths(residual)
     step = np.diff(x, axis=0)
-    opposed = (step[:-1] * step[1:]).sum(-1) < 0
+    opposed = (step[:-1] * step[1:]).sum(2) < 0
     returned = _lengths(x[2:] - x[:-2]) < 0.5 * size[1:-1]
     largest = (size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:])
     found[1:-1] = opposed & returned & largest
@@ -173,7 +172,7 @@ def jumps(position: NDArray, time: NDArray, floor: NDArray | None = None) -> NDA
 
 def sign_flips(quaternion: NDArray) -> NDArray:
     """(S,) count of frames whose quaternion has the opposite sign of the one before, at about the same pose."""
-    product = (quaternion[1:] * quaternion[:-1]).sum(-1)
+    product = (quaternion[1:] * quaternion[:-1]).sum(2)
     return (product < -np.cos(0.5 * ORIENTATION_JUMP)).sum(0)
 
 
@@ -184,8 +183,8 @@ def orientation_jumps(quaternion: NDArray) -> NDArray:
     """
     counts = []
     for s in range(quaternion.shape[1]):
-        q = quaternion[np.isfinite(quaternion[:, s]).all(-1), s]
-        half = np.arccos(np.clip(np.abs((q[1:] * q[:-1]).sum(-1)), 0.0, 1.0))
+        q = quaternion[np.isfinite(quaternion[:, s]).all(1), s]
+        half = np.arccos(np.clip(np.abs((q[1:] * q[:-1]).sum(1)), 0.0, 1.0))
         counts.append(int((2.0 * half > ORIENTATION_JUMP).sum()))
     return np.array(counts)
 

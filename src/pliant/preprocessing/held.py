@@ -37,18 +37,20 @@ def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
     marked = np.zeros(position.shape[:2], dtype=bool)
     candidates = {s: runs(_repeats(flat[:, s])) for s in range(position.shape[1])}
     candidates = {s: spans for s, spans in candidates.items() if spans}
-    if not candidates or position.shape[1] < 2:
+    if not candidates:
         return marked
     noise = np.nan_to_num(noise_level(position))
     for s, spans in candidates.items():
-        steps = np.abs(np.diff(position[:, s], axis=0)).max(axis=-1)
+        steps = np.abs(np.diff(position[:, s], axis=0)).max(axis=1)
         moving = steps[steps > 0]
-        resolution = moving.min(initial=np.inf)
+        if not moving.size:  # it never moves
+            continue
+        resolution = moving.min()
         others = np.arange(position.shape[1]) != s
         for start, stop in spans:  # frames start to stop - 1 repeat frame start - 1
-            after = steps[stop - 1] if stop < len(position) else np.median(moving) if moving.size else 0.0
+            after = steps[stop - 1] if stop < len(position) else np.median(moving)
             part = position[start - 1 : stop, others]
-            apart = np.sqrt(((part - part[:1]) ** 2).sum(-1))
+            apart = np.sqrt(((part - part[:1]) ** 2).sum(2))
             apart = np.where(np.isfinite(apart), apart, 0.0).max(axis=0)
             if after > GRID_STEPS * resolution and (apart > BEYOND_NOISE * noise[others]).any():
                 marked[start:stop, s] = True
@@ -65,7 +67,7 @@ def _repeats(values: NDArray) -> NDArray:
     """(T,) bool: equals the frame before in every number that was seen, and some were."""
     now, before = values[1:], values[:-1]
     lost = np.isnan(now)
-    same = ((now == before) | (lost & np.isnan(before))).all(axis=-1) & ~lost.all(axis=-1)
+    same = ((now == before) | (lost & np.isnan(before))).all(axis=1) & ~lost.all(axis=1)
     return np.concatenate([[False], same])
 
 
@@ -172,5 +174,5 @@ def _lines(time: NDArray, values: NDArray, every: int) -> NDArray:
     rows = np.flatnonzero(seen)
     new = rows[np.concatenate([[True], np.diff(values[rows]) != 0])]
     late = new[1:][np.diff(new) > 1.5 * every] - every  # the last update that brought the same value
-    knots = np.union1d(np.append(new, rows[-1]), late[seen[late]])
+    knots = np.union1d(new, late[seen[late]])
     return np.where(seen, np.interp(time, time[knots], values[knots]), np.nan)
