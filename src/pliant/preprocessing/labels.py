@@ -33,17 +33,17 @@ def label_order(position: NDArray, time: NDArray) -> NDArray[np.intp]:
     """
     frames, stations = position.shape[:2]
     order = np.tile(np.arange(stations), (frames, 1))
-    if stations < 2 or frames < 3:
+    if frames < 4:  # no step is the usual one
         return order
-    last = _last_seen(position)
-    current = np.arange(stations)
-    begins = 0
+    place, last = position, _last_seen(position)
     for t in _suspects(position, last, time):
-        follows = _continuation(position, last, time, t)
-        if follows is not None:
-            order[begins:t] = current
-            current, begins = follows[current], t
-    order[begins:] = current
+        follows = _continuation(place, last, time, t)
+        if follows is not None:  # from here on each station is where its point went on
+            place = place.copy() if place is position else place
+            moved = np.flatnonzero(follows != np.arange(stations))
+            place[t:, moved] = place[t:, follows[moved]]
+            order[t:, moved] = order[t:, follows[moved]]
+            last[:, moved] = _last_seen(place[:, moved])
     rows, counts = np.unique(order, axis=0, return_counts=True)
     usual = rows[int(np.argmax(counts))]
     return np.asarray(order[:, np.argsort(usual)])
@@ -94,7 +94,7 @@ def _repaired(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
 
 def _last_seen(position: NDArray) -> NDArray[np.intp]:
     """(T, S) last frame before each frame in which a station was seen; -1 before the first."""
-    seen = np.isfinite(position).all(-1)
+    seen = np.isfinite(position).all(2)
     frame = np.where(seen, np.arange(len(position))[:, None], -1)
     before = np.maximum.accumulate(frame, axis=0)
     return np.concatenate([np.full((1, position.shape[1]), -1), before[:-1]])
@@ -106,18 +106,18 @@ def _suspects(position: NDArray, last: NDArray[np.intp], time: NDArray) -> NDArr
     floor = detectors.fault_floor(*sizes)
     columns = np.arange(position.shape[1])
     leaps = np.zeros(position.shape[:2], dtype=bool)
-    step = detectors.by_blocks(lambda part: np.sqrt((np.diff(part, axis=0) ** 2).sum(-1)), position)
+    step = detectors.by_blocks(lambda part: np.sqrt((np.diff(part, axis=0) ** 2).sum(2)), position)
     usual = np.nan_to_num(np.nanmedian(np.where(np.isfinite(step).any(0), step, 0.0), axis=0))
     near = (last >= 0) & (time[:, None] - time[last] <= LONGEST_GAP_S)
     for i in range(1, len(position), detectors.BLOCK_FRAMES):
         rows = slice(i, i + detectors.BLOCK_FRAMES)
         way = position[rows] - position[last[rows], columns]
-        leaps[rows] = near[rows] & (np.sqrt((way**2).sum(-1)) > FAST * usual + floor)
+        leaps[rows] = near[rows] & (np.sqrt((way**2).sum(2)) > FAST * usual + floor)
     return np.flatnonzero(leaps.any(axis=1))
 
 
 def _continuation(position: NDArray, last: NDArray[np.intp], time: NDArray, t: int) -> NDArray[np.intp] | None:
-    """(S,) label on which each label's point goes on at frame t; None where each keeps its own.
+    """(S,) label under which each station's point goes on at frame t; None where each keeps its own.
 
     A point that is hidden at frame t may have given its label to another one, and takes a label that is left.
     """
@@ -126,7 +126,7 @@ def _continuation(position: NDArray, last: NDArray[np.intp], time: NDArray, t: i
     recent = last[t] >= 0
     recent[recent] &= time[t] - time[last[t][recent]] <= LONGEST_GAP_S
     points = np.flatnonzero(recent)
-    labels = np.flatnonzero(recent & np.isfinite(position[t]).all(-1))
+    labels = np.flatnonzero(recent & np.isfinite(position[t]).all(1))
     expected = _expected(position, last, time, t, points)
     away = np.linalg.norm(expected[:, None] - position[t, labels][None], axis=-1)
     rows, columns = linear_sum_assignment(away)
