@@ -24,6 +24,7 @@ from pliant.equations import (
     memory,
     motion,
     observation,
+    poses,
     spatial,
     spatial_extension,
     spatial_linearised,
@@ -50,6 +51,7 @@ CALLED: set[Any] = {
     linearised.step_jacobian, extension_linearised.step_jacobian, spatial_linearised.step_jacobian,
     spatial_memory.step_with_memory,
     spatial_memory.add_friction, spatial_memory.gap, spatial_memory.move_friction,
+    poses.forces_after,
 }
 SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where joints turn in space
     motion.step: spatial.step, motion.acceleration: tendon.accelerate, elastic.follows: spatial_springs.follows,

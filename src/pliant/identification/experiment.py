@@ -74,6 +74,9 @@ class Experiment(Shown):
     own_places : bool
         Whether the places of the observed points are read off this recording's own first frames, with the chain at
         rest there, in place of the model's: of markers that were set anew, or a body that crept in between.
+    poses : bool
+        Whether each row is a settled pose under the inputs of its moment, reached from the one before: nothing between
+        rows is simulated. Of a body in space.
     drives : dict
         Measured pressures by the chamber of the model that each drives, where it has several; those not named rest at
         0 Pa. `pressure` is then the one that moves most.
@@ -108,6 +111,7 @@ class Experiment(Shown):
     forces: tuple[PointForce, ...] = ()
     angles_alone: bool = False
     own_places: bool = False
+    poses: bool = False
     drives: Mapping[str, Trace] = field(default_factory=dict)
     input_kinds: Mapping[str, str] = field(default_factory=dict)
     x_sign: int = 1
@@ -128,6 +132,7 @@ class Experiment(Shown):
         object.__setattr__(self, "without_positions", self.angle is not None and not np.isfinite(self.position).any())
         check_extras(self)
         check_orientation(self)
+        check_poses(self)
         if self.drives:
             check_drives(self)
             object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
@@ -138,13 +143,14 @@ class Experiment(Shown):
                 f"experiment {self.name}: a {self.excitation} needs its nominal level in Pa, got {self.level}"
             )
         for k, station in enumerate(self.stations):
-            if np.isfinite(self.compared[:, k]).all(axis=1).sum() < 10:
-                raise InputError(f"experiment {self.name}: station {station!r} was seen in fewer than 10 frames")
+            if np.isfinite(self.compared[:, k]).all(axis=1).sum() < (1 if self.poses else 10):
+                few = "no pose" if self.poses else "fewer than 10 frames"
+                raise InputError(f"experiment {self.name}: station {station!r} was seen in {few}")
         pulls = tuple(checked(f"experiment {self.name}", f, self.dimension) for f in self.forces)
         object.__setattr__(self, "forces", pulls)
         seen = self.steady
         seen = seen[np.isfinite(seen).all(axis=1)]
-        travel = float(np.linalg.norm(seen - np.median(seen[:5], axis=0), axis=1).max())
+        travel = farthest(seen, poses=self.poses)
         if travel == 0:
             raise InputError(f"experiment {self.name}: its last station, {self.stations[-1]!r}, never moves")
         object.__setattr__(self, "travel", travel)
@@ -160,9 +166,9 @@ class Experiment(Shown):
         unit, factor = self.shown_in
         travel = f"travel {factor * self.travel:.3g} {unit}"
         title = f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, {travel}"
-        return Card(title, drawing="" if self.without_positions else body_svg(self.poses(), title))
+        return Card(title, drawing="" if self.without_positions else body_svg(self.drawn_poses(), title))
 
-    def poses(self) -> list[tuple[str, Array]]:
+    def drawn_poses(self) -> list[tuple[str, Array]]:
         """The body at five instants from the first to the farthest, and the path of the last station, to draw."""
         whole = np.flatnonzero(np.isfinite(self.position).all(axis=(1, 2)))
         away = np.linalg.norm(self.position[whole, -1] - self.position[whole[:1], -1], axis=1)
@@ -188,7 +194,12 @@ class Experiment(Shown):
 
     @property
     def steady(self) -> Array:
-        """The last station as observed (T, 2) [m], or (T, 1) [rad], with spikes of single frames made NaN."""
+        """The last station as observed (T, 2) [m], or (T, 1) [rad], with spikes of single frames made NaN.
+
+        Poses that follow each other have none.
+        """
+        if self.poses:
+            return self.last_station
         return without_spikes(self.last_station[:, None])[:, 0]
 
     @cached_property
@@ -247,6 +258,13 @@ class Experiment(Shown):
         return tuple(f"{self.name}.{n}" for n in names)
 
 
+def farthest(seen: Array, *, poses: bool) -> float:
+    """Return how far places (T, d) [m] lie from the first ones; of a lone pose, how far from the base."""
+    if poses and len(seen) == 1:
+        return float(np.linalg.norm(seen[0]))
+    return float(np.linalg.norm(seen - np.median(seen[: 1 if poses else 5], axis=0), axis=1).max())
+
+
 def seen_from_side(position: Array) -> Array:
     """Return positions (..., 2) as they are; of positions in space (..., 3) the view in which they move most."""
     if position.shape[-1] == 2:
@@ -282,6 +300,15 @@ def check_extras(exp: Experiment) -> None:
         exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
     ):
         raise InputError(f"experiment {exp.name}: arc_length must rise from station to station, one number for each")
+
+
+def check_poses(exp: Experiment) -> None:
+    """Refuse poses of what settles otherwise than under measured inputs in space."""
+    if exp.poses and (exp.excitation != "trace" or exp.dimension == 2 or exp.forces or exp.own_places):
+        raise InputError(
+            f"experiment {exp.name}: poses are those of a body in space under measured inputs (excitation 'trace'), "
+            "without forces and own_places"
+        )
 
 
 def check_orientation(exp: Experiment) -> None:

@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import spatial_memory
-from pliant.equations.symbols import MemoryLaw, ObservedChain, Past
+from pliant.equations.symbols import MemoryLaw, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
-from pliant.identification.follow_loops import Before, Course, Places, Seen, SpatialPlaces
+from pliant.identification.follow_loops import Before, Course, Seen
 from pliant.identification.loop_inputs import Numbers, SetUp
+from pliant.identification.observation_kind import (
+    TINY,
+    ObservationKind,
+    copied,
+    in_kind,
+    places_in_plane,
+    places_in_space,
+)
+from pliant.identification.poses import pose_rows
 from pliant.identification.sensor import behind_sensors
 from pliant.mechanics import mechanics_of
 from pliant.simulation import state
 
 Array = np.ndarray
-TINY = 1e-20  # imaginary step: its square vanishes beside 1
-
-
-class ObservationKind(NamedTuple):
-    """A kind of numbers that the compiled loops run on."""
-
-    of: Callable[[Any], Any]  # a float, or an array of floats, as such numbers, in memory of their own
-    value: Callable[[Any], Any]  # the floats of such numbers
-    twin: Callable[..., Any]  # of a kernel, for so many links and segments that lengthen
-
-
-def copied(a: Any) -> Any:
-    """A float, or an array that may be written to: kernels are compiled anew for those that may not."""
-    return np.array(a, dtype=float) if isinstance(a, Array) else float(a)
 
 
 REAL = ObservationKind(copied, lambda a: a, twin)
@@ -51,8 +45,10 @@ def moved(made: SetUp, numbers: Numbers, rows: int) -> Array:
     Raises
     ------
     SimulationError
-        Where a link turns by more than a radian in one step.
+        Where a link turns by more than a radian in one step, or a pose finds no rest.
     """
+    if made.poses:
+        return pose_rows(made, numbers)
     out = followed(made, in_kind(numbers, REAL), REAL, rows)
     return out if made.between is None else behind_sensors(out, made.between, numbers.sensor_lag)
 
@@ -69,11 +65,6 @@ def moved_slopes(made: SetUp, numbers: Numbers, rows: int, count: int) -> Array:
         behind_sensors(value + 1j * TINY * rate, made.between, lag[:, 0] + 1j * TINY * late).imag / TINY
         for rate, late in tilted
     ])
-
-
-def in_kind(record: Any, kind: ObservationKind) -> Any:
-    """A record of floats, arrays of them and records, as numbers of a kind."""
-    return type(record)(*(in_kind(e, kind) if isinstance(e, tuple) else kind.of(e) for e in record))
 
 
 def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) -> Array:
@@ -100,23 +91,6 @@ def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) ->
         h, phi = kind.value(numbers.h), kind.value(numbers.phi)
         raise lost(made, float(np.sum(h[: failed + 1])), float(h[failed]), phi)
     return out
-
-
-def places_in_plane(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Places:
-    """Return where the observed points of a set-up are on the links of a chain in a plane."""
-    links = kind.of(np.zeros((5, made.model.n + 1)))
-    return Places(
-        ObservedChain(numbers.base_length, numbers.length, numbers.share), links, made.carrier, numbers.along,
-        numbers.across, numbers.shift[0], numbers.shift[1], numbers.reference,
-    )
-
-
-def places_in_space(made: SetUp, numbers: Numbers, kind: ObservationKind) -> SpatialPlaces:
-    """Return where the observed points of a set-up are on the links of a chain in space."""
-    work = in_kind(mechanics_of(made.model).workspace(), kind)
-    return SpatialPlaces(
-        numbers.body, work, made.carrier, numbers.along, numbers.across, numbers.aside, numbers.shift
-    )
 
 
 def lost(made: SetUp, after: float, length: float, phi: Array) -> SimulationError:

@@ -14,6 +14,7 @@ from pliant.identification.orientation import repeated, with_axes
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.pose import posed
+from pliant.identification.poses import inputs_of
 from pliant.identification.sensor import between_frames, lags_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
@@ -50,6 +51,8 @@ def set_up(
     times, between = moments(exp, own)
     if exp.excitation == "release":
         return let_go(here, exp, own, times, step, plans)._replace(between=between)
+    if exp.poses:
+        return of_poses(here, exp, own)
     plan = planned(m, exp, own, times, step, plans) if drive is None else drive
     before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
     if rest is None and before is not None:
@@ -62,6 +65,15 @@ def set_up(
     made = SetUp(numbers, plan.keep, 1, carriers(here, exp), m, acting, True, drive=plan, between=between,
                  first_seen=exp.first_places if exp.own_places else None, oriented=exp.oriented)  # fmt: skip
     return made._replace(numbers=reattached(made, numbers))
+
+
+def of_poses(here: ModelAt, exp: Experiment, own: Mapping[str, float]) -> SetUp:
+    """The set-up of settled poses: no steps, the torques of a row under which it is at rest."""
+    model, plan, size = here.model, inputs_of(here.model, exp), mechanics_of(here.model).size
+    still = np.zeros(size), np.zeros(size)
+    numbers = gathered(here, exp, own, plan, still, (model.base_angle, model.base_angle))
+    return SetUp(numbers, plan.keep, 0, carriers(here, exp), model, plan.pressure, from_rest=False,
+                 poses=True, oriented=exp.oriented)  # fmt: skip
 
 
 def moments(exp: Experiment, own: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:

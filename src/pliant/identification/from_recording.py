@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
+import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
@@ -27,6 +28,7 @@ from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
 
 Held = Literal["unloaded", "measured"]
+Poses = bool | Literal["median"]
 Angles = bool | Literal["only"]
 
 
@@ -36,6 +38,7 @@ def experiment(
     angles: Angles = False,
     held: Held = "unloaded", own_places: bool = False,
     forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
+    poses: Poses = False, inputs: Mapping[str, float] | None = None,
 ) -> Experiment:
     """An experiment from an aligned recording, in a plane or in space.
 
@@ -64,6 +67,10 @@ def experiment(
     drive : dict, optional
         Of a model of several chambers: chamber of the model to the chamber of the recording that drives it, by name or
         index (from 0). Chambers that it leaves out rest at 0 Pa.
+    poses : bool or "median"
+        Whether each row is a settled pose, without a motion between them; or all rows are one pose, their median.
+    inputs : dict, optional
+        Value of each input of the model in all rows, SI, where the recording holds none; others are 0.
 
     Raises
     ------
@@ -77,9 +84,14 @@ def experiment(
     used = tuple(stations or available)
     if missing := [s for s in used if s not in available]:
         raise InputError(f"recording {name} has no station {missing[0]!r}; it has {', '.join(available)}")
-    excitation = excitation or default_excitation(name, recording)
+    excitation = excitation or ("trace" if inputs else default_excitation(name, recording))
+    if poses == "median":
+        recording = one_pose(recording)
     trace, drives, kinds = None, {}, {}
-    if drive and excitation != "release":
+    if inputs:
+        ends = recording.time.values[[0, -1]] + [0.0, 1.0]
+        drives = {to: Trace(ends, np.full(2, float(value))) for to, value in inputs.items()}
+    elif drive and excitation != "release":
         drives = drives_of(name, recording, drive)
         kinds = {to: one.kind for to, one in driving(name, recording, drive).items()}
     elif excitation == "trace":
@@ -92,6 +104,12 @@ def experiment(
         noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
-        own_places=own_places, input_kinds=kinds, x_sign=x_sign(recording),
+        own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording),
     )
     return replace(made, held=held_pose(made)) if held == "measured" else made
+
+
+def one_pose(recording: xr.Dataset) -> xr.Dataset:
+    """Return a recording of one row: the median of its positions, as a body that stands still has them."""
+    first = recording.isel(time=slice(0, 1))
+    return first.assign(position=(first["position"].dims, recording["position"].median("time").values[None]))

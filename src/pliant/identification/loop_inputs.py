@@ -55,6 +55,7 @@ class SetUp(NamedTuple):
     drive: Drive | None = None  # what drives the steps of a body that is not let go
     between: tuple[Array, Array] | None = None  # times of the rows and where the frames stand, where a sensor lags
     first_seen: Array | None = None  # (S, 2) m, where markers are seen first, attached there at the start
+    poses: bool = False  # whether each row is a settled pose, without a motion between them
     oriented: Array = np.zeros(0, dtype=int)  # stations whose link frames are observed: `orientation`
 
 

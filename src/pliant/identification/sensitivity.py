@@ -14,11 +14,13 @@ import numpy as np
 
 from pliant.errors import FitError, PliantError
 from pliant.identification.drives import SHORTEST
-from pliant.identification.following import TINY, moved, moved_slopes
+from pliant.identification.following import moved, moved_slopes
 from pliant.identification.forward_model import reattached, set_up
 from pliant.identification.loop_inputs import APART, Numbers, SetUp, from_one_row, in_one_row
+from pliant.identification.observation_kind import TINY
 from pliant.identification.parameters import OF_A_RECORD
 from pliant.identification.plans import Plans
+from pliant.identification.poses import pose_slopes
 from pliant.mechanics import Mechanics, mechanics_of
 from pliant.model import Model
 from pliant.simulation.drive import Drive
@@ -157,6 +159,8 @@ def edge_slope(made: SetUp, exp: Experiment, values: Mapping[str, float], name: 
 
 def carried(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
     """Derivatives (P, T, S, 3) of the observed rows from those of the numbers of a set-up, some beside each motion."""
+    if made.poses:
+        return pose_slopes(made, [tilted_by(made, slope) for slope in slopes])
     from pliant.compiler.duals import WIDTH  # loads the compiler
 
     blocks = [slopes[first : first + WIDTH] for first in range(0, len(slopes), WIDTH)]
@@ -171,6 +175,13 @@ def carried_together(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
     row = duals(in_one_row(numbers), np.stack([s.row for s in slopes], axis=-1))
     bent: dict[str, Any] = {name: beside(getattr(numbers, name), [getattr(s, name) for s in slopes]) for name in APART}
     return moved_slopes(made, from_one_row(row, numbers)._replace(**bent), rows, len(slopes))
+
+
+def tilted_by(made: SetUp, slope: Slope) -> Numbers:
+    """The numbers of poses with `TINY` times their slope as imaginary parts."""
+    numbers = made.numbers
+    row = in_one_row(numbers) + 1j * TINY * slope.row
+    return from_one_row(row, numbers)._replace(torque=numbers.torque + 1j * TINY * slope.torque)
 
 
 def beside(value: Array, rates: Sequence[Any]) -> Array:

@@ -205,7 +205,7 @@ def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experime
     return experiment(
         name, recording, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
         angles=entry.angles, held=entry.held, forces=[f.in_base_frame(x_sign(recording)) for f in entry.forces],
-        drive=entry.drive, own_places=entry.own_places,
+        drive=entry.drive, own_places=entry.own_places, poses=entry.poses, inputs=entry.inputs,
     )
 
 

@@ -187,6 +187,8 @@ class Recording(StudyEntry):
     known: dict[str, float] = {}  # parameters of this recording alone, SI
     noise: dict[str, float] = {}  # m, standard deviation of a station's coordinates, where it is known
     drive: dict[str, str | int] = {}  # chamber of the model -> chamber of the recording, by name or index from 0
+    poses: bool | Literal["median"] = False  # each row is a settled pose; "median": all rows are one, their median
+    inputs: dict[str, float] = {}  # input of the model -> its value in all rows, SI, where the file holds none
     own_places: bool = False  # read the places of its stations off its own first frames, the chain at rest
     angles: Angles = False  # fit the recorded angles too (of a reduced shape: those of its joints), or "only" them
     forces: list[KnownForce] = []

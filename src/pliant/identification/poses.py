@@ -1,0 +1,104 @@
+"""Recordings whose rows are settled poses: what the compiled loop shows of them, and its derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.compiler.choose import twin
+from pliant.equations.poses import Settling, settle_all, show_all
+from pliant.errors import InputError, SimulationError
+from pliant.identification.drives import check_driven
+from pliant.identification.loop_inputs import Numbers, SetUp
+from pliant.identification.observation_kind import TINY, ObservationKind, in_kind, places_in_space
+from pliant.mechanics import mechanics_of
+from pliant.model import Model
+from pliant.simulation.drive import Drive
+
+if TYPE_CHECKING:
+    from pliant.identification.experiment import Experiment
+
+Array = np.ndarray
+
+
+def inputs_of(model: Model, exp: Experiment) -> Drive:
+    """Return the inputs of a model under which each row of an experiment is at rest, without steps between them."""
+    check_driven(model, [exp])
+    if model.space is None:
+        raise InputError(f"experiment {exp.name}: poses are those of a body in space, and {model.name!r} is in a plane")
+    traces = [exp.driving(name) for name in model.actuation.names]
+    values = np.stack([np.zeros(exp.time.size) if t is None else t(exp.time) for t in traces], axis=1)
+    torque = np.stack([c.torque_at(v) for c, v in zip(model.chambers, values.T, strict=True)], axis=1)
+    still = np.zeros(values.shape[1])
+    return Drive(np.zeros(0), torque, model.actuation.columns, np.arange(exp.time.size), values, still)
+
+
+def complex_of(value: Array | float) -> Array | complex:
+    """Return a float, or an array of floats, as complex numbers in memory of their own."""
+    return np.array(value, dtype=complex) if isinstance(value, Array) else complex(value)
+
+
+COMPLEX = ObservationKind(complex_of, np.real, twin)
+
+
+def settled(made: SetUp) -> Settling:
+    """Return the poses of a set-up, each reached from the one before, the first from the rest under no input.
+
+    Raises
+    ------
+    SimulationError
+        Where a pose finds no stable rest.
+    """
+    chain, numbers = mechanics_of(made.model), in_kind(made.numbers, COMPLEX)
+    torque = commands(numbers)
+    found = settling(len(torque) - 1, chain.size, torque.shape[1] - chain.size)
+    found.x[0] = chain.equilibrium(torque[0].real, np.zeros(chain.dimension), None)
+    lost = twin(settle_all)(torque, numbers.body, numbers.joints, chain.workspace(complex), found)
+    if lost >= 0:
+        raise SimulationError(
+            f"pose {lost} of {len(torque) - 1} finds no stable rest: it buckles; raise the stiffness or "
+            "lower the inputs"
+        )
+    return found
+
+
+def settling(poses: int, size: int, tendons: int) -> Settling:
+    """Return arrays for so many poses of a chain of `size` coordinates, at rest in its unloaded shape first."""
+    at, last, push, move = np.zeros((4, size), dtype=complex)
+    torque = np.zeros(size + tendons, dtype=complex)
+    return Settling(np.zeros((poses + 1, size)), np.zeros((poses + 1, size, size)), at, last, torque, push, move)
+
+
+def commands(numbers: Numbers) -> Array:
+    """Return torques of coordinates and commands of tendons (T + 1, N + R) of all poses, a row without input first."""
+    rows = numbers.torque @ numbers.gain
+    return np.concatenate([0.0 * rows[:1], rows])
+
+
+def shown(made: SetUp, numbers: Numbers, found: Settling) -> Array:
+    """Return rows (T, S, 3) of the poses that were found, with complex numbers."""
+    numbers = in_kind(numbers, COMPLEX)
+    out = np.zeros((len(found.x), made.carrier.size, 3), dtype=complex)
+    work = mechanics_of(made.model).workspace(complex)
+    places = places_in_space(made, numbers, COMPLEX)
+    twin(show_all)(commands(numbers), numbers.body, numbers.joints, work, found, places, out)
+    return out[1:]
+
+
+def pose_rows(made: SetUp, numbers: Numbers) -> Array:
+    """Return observed rows (T, S, 3) of a set-up of poses: x, y, z [m].
+
+    Raises
+    ------
+    SimulationError
+        Where a pose finds no stable rest.
+    """
+    return shown(made, numbers, settled(made)).real
+
+
+def pose_slopes(made: SetUp, tilted: Sequence[Numbers]) -> Array:
+    """Return derivatives (P, T, S, 3) of `pose_rows` from numbers with `TINY` times theirs as imaginary parts."""
+    found = settled(made)
+    return np.stack([shown(made, numbers, found).imag / TINY for numbers in tilted])
