@@ -124,8 +124,8 @@ def test_one_hostile_text_everywhere(target, tmp_path):
 def test_each_hostile_text_in_each_field(target, tmp_path):
     model = plain_model(lengthens=target == "state-space")
     calm = exported(model, target, tmp_path)
-    for path in texts(model):
-        for text in HOSTILE if accepted(model, path) else ():
+    for place, path in enumerate(texts(model)):  # a quarter of them alone in each place, all of them above
+        for text in HOSTILE[place % 4 :: 4] if accepted(model, path) else ():
             check(changed(model, path, text), target, tmp_path, calm)
 
 
