@@ -165,9 +165,12 @@ def test_it_is_the_textbook_filter_about_its_own_estimate():
 
 
 @pytest.mark.slow
-def test_a_motion_in_a_plane_is_filtered_as_the_planar_filter_does():
-    plane = chain_model(**BODY, gravity=(0.3, -9.81), torque=(1.2e-6,))
-    space = chain_model(**BODY, gravity=(0.0, 0.3, -9.81), torque=(1.2e-6,), space=True)
+@pytest.mark.parametrize("memory", [
+    Memory(), Memory(creep_share=(0.3,), creep_time=(0.1,), slip_share=(0.4,), slip_angle=(0.01,), boucwen_share=0.5),
+])  # fmt: skip
+def test_a_motion_in_a_plane_is_filtered_as_the_planar_filter_does(memory):
+    plane = chain_model(**BODY, gravity=(0.3, -9.81), torque=(1.2e-6,), memory=memory)
+    space = chain_model(**BODY, gravity=(0.0, 0.3, -9.81), torque=(1.2e-6,), space=True, memory=memory)
     noise = Noise(torque=2e-3, random_walk=0.05, motion_growth=3.0, initial_disturbance=0.02)
     flat, whole = (KalmanFilter(m, noise, time=0.0) for m in (plane, space))
     T, inner = mechanics_of(plane).to_joints, np.ix_(np.arange(0, 12, 2), np.arange(0, 12, 2))
@@ -184,8 +187,9 @@ def test_a_motion_in_a_plane_is_filtered_as_the_planar_filter_does():
         assert np.allclose(whole.rate[::2], mechanics_of(plane).joint_rates(flat.rate), rtol=0, atol=1e-9)
         assert np.allclose(whole.disturbance[::2], flat.disturbance, rtol=0, atol=1e-10)
         assert np.allclose(whole.covariance[inner], turn @ flat.covariance @ turn.T, rtol=1e-7, atol=1e-12)
+        assert np.allclose(whole.memory[::2], flat.memory, rtol=0, atol=1e-10)
     assert np.abs(whole.angle[1::2]).max() < 1e-14
-    assert np.abs(whole.angle).max() > 0.03
+    assert np.abs(whole.angle).max() > 0.02
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ what the law of the first coordinate adds to its linear spring. With K_a = K_b n
 and a > 0 it is the spring of the plane. Of `hardening` (terms + 1, T), for the T coordinates that turn, the columns of
 b are not read. The strains behind these have linear springs.
 
-In a `SpatialJoints` record `theta0` (N,) is where the linear springs hold nothing: 0, but where a filter moves it.
+In a `SpatialJoints` record `theta0` (N,) is where the linear springs hold nothing: 0.
 `unloaded` (n,) is 0: its length is the number of links. `line` holds what hysteresis adds, a straight line in the
 coordinates of each joint: `spatial_memory`.
 """

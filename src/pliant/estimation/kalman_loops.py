@@ -28,21 +28,18 @@ def predict(state, model, h, torque, noise, workspace):
     gain, body, joints, law, remembers = model
     n = len(phi)
     N = P.shape[0]
-    springs = workspace.springs
+    springs = joints
     tau = workspace.work.tau
     for i in range(len(tau)):
         tau[i] = torque[i]
-    turns = joints.hardening.shape[1]
-    for i in range(turns):
-        springs.theta0[i] = joints.theta0[i] + d[i] / joints.K[i]
-    for i in range(turns, n):
+    for i in range(n):
         tau[i] += d[i]
     if remembers:
         for i in range(n):
             workspace.phi[i] = phi[i]
             workspace.w[i] = w[i]
         taken = step_with_memory(
-            workspace.phi, workspace.w, h, tau, body, springs, Past(law, memory_state, workspace.held),
+            workspace.phi, workspace.w, h, tau, body, joints, Past(law, memory_state, workspace.held),
             workspace.work,
         )
         if not taken >= 0.0:

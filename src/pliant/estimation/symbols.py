@@ -132,7 +132,6 @@ class FilterWorkspace(NamedTuple):
 
     work: Workspace | ExtensibleWorkspace | SpatialWorkspace
     held: Held
-    springs: Joints  # those that a step sees, their rest moved by the disturbance
     J: np.ndarray  # (3n, 2n); rows of tendons behind
     slopes: np.ndarray | SpatialSlopes  # J, in space with what it is made by
     W: np.ndarray  # (N, N)

@@ -16,12 +16,11 @@ Array = np.ndarray
 def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
     """Workspace of the filter for a model, so many states and rows."""
     n, chain = model.size, mechanics_of(model)
-    joints, slopes = chain.joints, chain.slopes()
-    springs = joints._replace(theta0=joints.theta0.copy(), K=joints.K.copy())  # writable, like those of `held`
+    slopes = chain.slopes()
     J = slopes if isinstance(slopes, np.ndarray) else slopes.J
     shapes = [(states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n)]
     scratch: list[Any] = [*map(np.zeros, shapes), chain.observed()[1]]
-    return FilterWorkspace(chain.workspace(), chain.held(), springs, J, slopes, *scratch)
+    return FilterWorkspace(chain.workspace(), chain.held(), J, slopes, *scratch)
 
 
 def make_observer_workspace(model: Model) -> ObserverWorkspace:
