@@ -174,8 +174,8 @@ def test_rows_are_those_of_links():
     deep = BODY.with_(space=True, gravity=[0.0, 0.0, 0.0])
     assert rows_of(deep, (Station("a", 1, 0.05, 0.01, 0.02),)).tolist() == [[k, 1, 0.05, 0.01, 0.02] for k in (1, 2, 4)]
     assert (row_width(BODY), row_width(deep)) == (4, 5)
-    with pytest.raises(InputError, match="no one angle"):
-        rows_of(deep, (), angle=True)
+    turns = rows_of(deep, (Station("a", 1, 0.05, 0.01),), position=False, angle=True)
+    assert turns.tolist() == [[k, 1, 0, 0, 0] for k in (5, 6, 7)]
     for link in (-1, 2):
         with pytest.raises(InputError, match="sits on the base"):
             rows_of(BODY, (Station("a", link, 0.0),))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pliant.actuators import chen2018
-from pliant.model import Chamber, Memory, Model, Space, Tendon, Valve, chain_model, load_model
+from pliant.model import Chamber, Extension, Memory, Model, Space, Tendon, Valve, chain_model, load_model
 
 KINDS = Path(__file__).parents[2] / "examples" / "state"
 
@@ -80,6 +80,15 @@ def pulled(links: int = 4) -> Model:
         Tendon.at_azimuth(AZIMUTHS[2], [1.0] + [0.0] * (links - 1), lever=8e-3, name="short"),
     )  # fmt: skip
     return in_space(links).with_(chambers=cords, name="pulled")
+
+
+def longer(links: int = 3) -> Model:
+    """Joints that twist and segments that lengthen, of which two chambers push the body too; a tendon that draws it."""
+    model = twisting(links)
+    near, far, _ = (replace(c, axial_gain=40.0) for c in model.chambers)
+    cord = pulled(links).chambers[0]
+    segments = Extension(60.0, 0.4, 0.0, 0.16, "near"), Extension(90.0, 0.3, 0.16, None, "far")
+    return model.with_(chambers=(near, far, cord), extensions=segments, name="longer")
 
 
 SPATIAL = {"in_space": in_space, "twisting": twisting, "pulled": pulled}

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import invoke
-from target_models import pulled, twisting
+from target_models import longer, pulled, twisting
 
 import pliant
 from pliant.actuators import chen2018
@@ -47,6 +47,8 @@ def test_a_model_without_a_feature_has_none_of_it(key):
         model = model.with_(law="saturating", torque=[6e-7, 1e5])
     if key == "lengthening":
         model = model.with_(extensions=(Extension(500.0),))
+    if key == "space_lengthening":
+        model = longer()
     if key == "points":
         model = model.with_(stations=[("middle", 2, 0.01)])
     if key == "chambers":

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from target_models import pulled
+from target_models import longer, pulled
 
 import pliant
 from pliant.actuators import chen2018
@@ -154,6 +154,26 @@ def test_a_body_in_space_under_tendons(made, tmp_path):
         found = [run.get(f"tip.{axis}") for axis in "xyz"] + [run.get("bend_x_1"), run.get("bend_y_2")]
         assert found == pytest.approx([*stepper.stations()[0][-1], stepper.angle[0], stepper.angle[3]], abs=1e-12)
         assert run.get("pressure_pair_behind_valve") == pytest.approx(stepper.pressure[1], rel=1e-12)
+    run.close()
+
+
+@pytest.mark.slow
+def test_a_body_in_space_that_lengthens(made, tmp_path):
+    model, levels = longer(2), [40e3, 10e3, 4e-3]
+    known = {v.name: v.unit for v in variables(model, 0.0)}
+    assert [known[n] for n in ("strain_near", "bend_x_1", "axial_stiffness[2]", "share[1,1]")] == ["", "rad", "N", ""]
+    run, stiffer = Session(made(model, "2.0"), "2.0", tmp_path), [replace(e, stiffness=120.0) for e in model.extensions]
+    run.set("axial_stiffness[1]", 120.0)
+    run.set("axial_stiffness[2]", 120.0)
+    stepper = Stepper(model.with_(extensions=stiffer), 1e-3, np.zeros(3))
+    stepper.reset(0.0, joint_angle=pliant.equilibrium(model, np.zeros(3)))
+    for name, level in zip(model.actuation.names, levels, strict=True):
+        run.set(f"pressure_{name}", level)
+    for _ in range(100):
+        run.go(1)
+        stepper.step(levels)
+    found = [run.get(f"tip.{axis}") for axis in "xyz"] + [run.get("strain_near"), run.get("strain_far")]
+    assert found == pytest.approx([*stepper.stations()[0][-1], *stepper.position[-2:]], abs=1e-12)
     run.close()
 
 

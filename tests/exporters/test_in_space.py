@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from binding import Arm
-from target_models import in_space, pulled, twisting
+from target_models import in_space, longer, pulled, twisting
 
 import pliant
 from pliant.errors import InputError
@@ -20,7 +20,8 @@ from pliant.model import Memory, Model, Space, chain_model
 from pliant.simulation import Stepper, equilibrium
 from pliant.simulation.levels import typical_pressure
 
-INPUTS = {"in_space": [30e3, 10e3, 0.0], "twisting": [30e3, 10e3, 0.0], "pulled": [2e-3, 0.3, 1.0]}
+INPUTS = {"longer": [30e3, 10e3, 2e-3],
+          "in_space": [30e3, 10e3, 0.0], "twisting": [30e3, 10e3, 0.0], "pulled": [2e-3, 0.3, 1.0]}  # fmt: skip
 
 
 def bent_alike(links: int, swing: float) -> Model:
@@ -57,6 +58,11 @@ def test_state_space_follows_small_steps(spatial):
         assert (content["input_unit"], units["pressure_pair"]) == (["m", "rad", "N"], "rad")
 
 
+@pytest.mark.slow
+def test_state_space_of_a_body_that_lengthens_follows_small_steps():
+    test_state_space_follows_small_steps(longer())
+
+
 def test_typical_input_bends_by_half_a_radian(spatial):
     level = typical_pressure(spatial)
     far = equilibrium(spatial, [level, 0.0, 0.0]) - equilibrium(spatial, [0.0, 0.0, 0.0])
@@ -71,18 +77,19 @@ def of_all_kinds() -> Model:
     return twisting(2).with_(chambers=inputs, memory=memory, name="all_kinds", **soft)
 
 
-def test_c_takes_the_steps_of_the_stepper(tmp_path):
+@pytest.mark.parametrize(("make", "levels"), [(of_all_kinds, [60e3, 4e-3, 0.8]), (longer, [40e3, 10e3, 4e-3])])
+def test_c_takes_the_steps_of_the_stepper(tmp_path, make, levels):
     """Inputs that change; what the C says of its state."""
-    model, levels = of_all_kinds(), np.array([60e3, 4e-3, 0.8])
+    model, levels = make(), np.array(levels)
     arm, stepper = Arm(model, tmp_path), Stepper(model, 1e-3, np.zeros(3))
     chain, worst, farthest = mechanics_of(model), 0.0, 0.0
-    assert arm.angle == pytest.approx(stepper.angle, abs=1e-14)
+    assert arm.angle == pytest.approx(stepper.position, abs=1e-14)
     for k in range(600):
         now = levels * (0.0, 1.0, -1.0)[k // 200]
         assert arm.step(*now) == 0
         stepper.step(now)
-        worst = max(worst, np.abs(arm.angle - stepper.angle).max(), 1e-3 * np.abs(arm.rate - stepper.rate).max())
-        farthest = max(farthest, np.abs(stepper.angle).max())
+        worst = max(worst, np.abs(arm.angle - stepper.position).max(), 1e-3 * np.abs(arm.rate - stepper.velocity).max())
+        farthest = max(farthest, np.abs(stepper.position).max())
     assert farthest > 0.2
     assert worst < 1e-13
     places, angles = stepper.stations()

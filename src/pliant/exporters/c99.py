@@ -130,10 +130,12 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
     N, C, kind = text.model.size, text.model.actuation.count, text.kind
     swings = ", ".join(mechanics_of(text.model).joint_names)
     angles = swings if text.model.space else "absolute angle of each link from the base tangent +y"
+    strains = ", strains 1" if text.model.extensions else ""
     inputs = ", ".join(dict.fromkeys(text.model.actuation.units)).replace("Pa", "Pa gauge")
     rows = [
-        f"{kind} angle[{N}]; /* rad, {angles} */",
-        f"{kind} rate[{N}]; /* rad/s */", f"{kind} pressure[{C}]; /* {inputs}, behind the valve */",
+        f"{kind} angle[{N}]; /* rad{strains}, {angles} */",
+        f"{kind} rate[{N}]; /* rad/s{strains and ', strains 1/s'} */",
+        f"{kind} pressure[{C}]; /* {inputs}, behind the valve */",
         f"{kind} chamber[{C}][2]; /* Pa, slow pressure; 1, fourth power of the hoop stretch */",
     ]
     if text.model.memory:
@@ -147,7 +149,8 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
              "torque": "N m/Pa^k", "joint_gain": "1",
              "boucwen": "1, 1/rad^n, 1/rad^n, 1", "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "lever": "m",
              "tendon_stiffness": "N/m, `torque` holds it too", "pretension": "N", "friction": "1",
-             "slip_rate": "m/s", "beyond": "1"}  # fmt: skip
+             "slip_rate": "m/s", "beyond": "1", "axial_stiffness": "N", "axial_damping": "N s",
+             "share": "part of each link, the base part first, that lies in each segment"}  # fmt: skip
     known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}
     held = [
         f"{kind} {f}{''.join(f'[{size}]' for size in v.shape)}; /* {known.get(f, '')} */"

@@ -55,7 +55,7 @@ def constants(model: Model) -> dict[str, Array]:
         "boucwen": np.array([getattr(memory, f) for f in memory._fields[4:]]),
         "dead_time": np.array([c.valve.dead_time for c in model.chambers]),
     }
-    derived = {"hardening": np.zeros((ROWS, model.size))} | derived_constants(model)
+    derived = {"hardening": np.zeros((ROWS, mechanics_of(model).joints.hardening.shape[1]))} | derived_constants(model)
     return {k: np.asarray(v, dtype=float) for k, v in (held | derived).items()}
 
 
@@ -65,6 +65,8 @@ def rest_shape(model: Model) -> dict[str, Any]:
         return {"rest_angle": model.rest_angle, "base_angle": model.base_angle}
     space, body = model.space, mechanics_of(model).body
     more = {"twist_ratio": space.twist_ratio} if space.turns == 3 else {}
+    for field in ("stiffness", "damping"):
+        more[f"axial_{field}"] = np.array([getattr(e, field) for e in model.extensions])
     return {
         "rest_turn": space.rest_of(model.n), "base_tilt": space.base_tilt, "radius": space.radius,
         "stiffness_ratio": space.stiffness_ratio, **more, **{f: getattr(body, f) for f in beside_inertia(body)},

@@ -62,6 +62,8 @@ class SpatialText(Text):
             self.rod(w, k)
             turn = (Real(f"p->rest_turn[{k}][{i}]") for i in range(3))
             w.call(turn_matrix, *turn, body.rest[k])
+        for s in range(len(self.model.extensions)):
+            self.segment(w, s)
         self.cap(w)
         w.call(turn_matrix, Real("p->base_tilt[0]"), Real("p->base_tilt[1]"), 0.0, body.base)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
@@ -71,7 +73,7 @@ class SpatialText(Text):
         n, joints = self.model.n, self.given.joints
         rows = {2 * k: "", 2 * k + 1: "p->stiffness_ratio * ", 2 * n + k: "p->twist_ratio * "}
         for i, ratio in rows.items():
-            if i >= joints.K.size:
+            if i >= joints.hardening.shape[1]:
                 continue
             w.say(f"{joints.K[i]} = {ratio}p->stiffness[{k}];")
             w.say(f"{joints.D[i]} = {ratio}p->damping[{k}];")
@@ -80,6 +82,15 @@ class SpatialText(Text):
                 continue
             for row in joints.hardening[:, i]:
                 w.say(f"{row} = {w.number(0.0)};")
+
+    def segment(self, w: CWriter, s: int) -> None:
+        """Spring and damper of segment s, of its unstretched length, which follows from the shares that links have."""
+        joints, body, whole = self.given.joints, self.given.body, w.local("whole")
+        i = joints.hardening.shape[1] + s
+        parts = [f"{body.length[k]} * {body.share[k, s]}" for k in range(self.model.n + 1)]
+        w.say(f"{whole} = {' + '.join(parts)};")
+        w.say(f"{joints.K[i]} = p->axial_stiffness[{s}] * {whole};")
+        w.say(f"{joints.D[i]} = p->axial_damping[{s}] * {whole};")
 
     def rod(self, w: CWriter, k: int) -> None:
         """Mass and moments of inertia of link k, a round rod."""
@@ -111,7 +122,7 @@ class SpatialText(Text):
         w, work = self.posed()
         for k in range(self.model.n):
             for i in range(3):
-                along = f"{self.given.body.length[k + 1]} * {work.R[k + 1, i, 2]}"
+                along = f"{work.length[k + 1]} * {work.R[k + 1, i, 2]}"
                 w.say(f"tip[{k}][{i}] = {work.r[k + 1, i]} + {along};")
         return self.reading("tips", f"tip[{self.model.n}][3]", w)
 

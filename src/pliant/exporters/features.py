@@ -150,6 +150,13 @@ def spring_term(name: str) -> Feature:
     )
 
 
+def longer(model: Model) -> tuple[str, ...]:
+    """Segments that lengthen, each by its name."""
+    return tuple(f"segment {e.name} that lengthens" for e in model.extensions)
+
+
+LENGTHENING = ("Model.extensions", "Chamber.axial_gain",
+               *(f"Extension.{f}" for f in ("stiffness", "damping", "start", "stop")))  # fmt: skip
 FEATURES: dict[str, Feature] = {
     "springs": Feature(
         "springs and dampers", when("springs and dampers", lambda _: True), lambda m: m,
@@ -169,10 +176,12 @@ FEATURES: dict[str, Feature] = {
         ("Model.stations", "Station.link", "Station.along", "Station.across", "Station.aside"),
     ),
     "lengthening": Feature(
-        "a body that lengthens", lambda m: tuple(f"segment {e.name} that lengthens" for e in m.extensions),
-        lambda m: m.with_(extensions=()),
-        ("Model.extensions", "Chamber.axial_gain", "Extension.stiffness", "Extension.damping", "Extension.start",
-         "Extension.stop"),
+        "a body in a plane that lengthens", lambda m: () if m.space else longer(m), lambda m: m.with_(extensions=()),
+        LENGTHENING,
+    ),
+    "space_lengthening": Feature(
+        "a body in space that lengthens", lambda m: longer(m) if m.space else (), lambda m: m.with_(extensions=()),
+        LENGTHENING,
     ),
     "gravity": Feature(
         "gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=np.zeros_like(m.gravity)),

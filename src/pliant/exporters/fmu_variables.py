@@ -25,6 +25,7 @@ UNIT_OF = {  # of each parameter; of an array whose columns differ, one unit for
     "gravity": "m/s2", "joint_gain": "", "valve": ("s", "s", "Pa/s", "Pa/s"), "rubber": ("", "s", "Pa", "s", ""),
     "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "stiffness_ratio": "", "twist_ratio": "",
     "lever": "m", "tendon_stiffness": "N/m", "pretension": "N", "friction": "", "slip_rate": "m/s", "beyond": "",
+    "axial_stiffness": "N", "axial_damping": "N.s", "share": "",
     "creep_share": "", "creep_time": "s", "slip_share": "", "slip_angle": "rad",
     "boucwen": ("", "1/rad^n", "1/rad^n", ""),
     **{name: term.unit.replace("^", "") for name, term in SPRING_TERMS.items()}, SPRING_BOUND: "",
@@ -32,7 +33,7 @@ UNIT_OF = {  # of each parameter; of an array whose columns differ, one unit for
 BASE = {  # exponents of kg, m, s and rad
     "m": (0, 1, 0, 0), "kg": (1, 0, 0, 0), "s": (0, 0, 1, 0), "rad": (0, 0, 0, 1), "Pa": (1, -1, -2, 0),
     "J": (1, 2, -2, 0), "m/s2": (0, 1, -2, 0), "Pa/s": (1, -1, -3, 0), "1/rad": (0, 0, 0, -1),
-    "N": (1, 1, -2, 0), "N/m": (1, 0, -2, 0), "N/rad": (1, 1, -2, -1), "1/rad2": (0, 0, 0, -2),
+    "N": (1, 1, -2, 0), "N.s": (1, 1, -1, 0), "N/m": (1, 0, -2, 0), "N/rad": (1, 1, -2, -1), "1/rad2": (0, 0, 0, -2),
     "N.m/rad": (1, 2, -2, -1), "N.m.s/rad": (1, 2, -1, -1),
 }
 
@@ -64,7 +65,7 @@ def variables(model: Model, pressure: float) -> list[Variable]:
     rows += [Variable(name, "input", unit, pressure) for name, _, unit in inputs]
     for station in stations:
         rows += [Variable(f"{station}.{k}", "output", unit) for k, unit in pose_of(model)]
-    rows += [Variable(name, "output", "rad") for name in scalars[: model.size]]
+    rows += [Variable(name, "output", coordinate_unit(name)) for name in scalars[: model.size]]
     rows += [Variable(name, "output", unit) for _, name, unit in inputs]
     rows += [Variable(name, "output", "J") for name in scalars[model.size :]]
     for field in held:
@@ -78,6 +79,11 @@ def variables(model: Model, pressure: float) -> list[Variable]:
 def pose_of(model: Model) -> list[tuple[str, str]]:
     """Return what describes an observed point, each with its unit: a position and an angle."""
     return [*((axis, "m") for axis in "xyz"[: mechanics_of(model).dimension]), ("angle", "rad")]
+
+
+def coordinate_unit(name: str) -> str:
+    """Return the unit of a coordinate; empty for a strain, which is a pure number."""
+    return "" if name.startswith("strain") else "rad"
 
 
 def unit_of(model: Model, field: str, index: tuple[int, ...]) -> str:

@@ -25,7 +25,7 @@ from pliant.text import identifiers
 LOST = "URDF has no springs and no pressure: it carries links, joints, inertia and dampers, and its chain hangs loose"
 WORLD = "URDF has no gravity: the world that loads it has"
 CAN = frozenset({"points", "space", "twist"})
-BY_NATURE = dict.fromkeys(ALL - CAN - {"lengthening", "gravity"}, LOST) | {"gravity": WORLD}
+BY_NATURE = dict.fromkeys(ALL - CAN - {"lengthening", "space_lengthening", "gravity"}, LOST) | {"gravity": WORLD}
 Array = np.ndarray
 TURN = 3.0  # rad, limit of a joint: RViz draws its sliders by it
 
