@@ -64,7 +64,7 @@ def rest_shape(model: Model) -> dict[str, Any]:
     if not model.space:
         return {"rest_angle": model.rest_angle, "base_angle": model.base_angle}
     space, body = model.space, mechanics_of(model).body
-    more = {"twist_ratio": space.twist_ratio} if space.turns == 3 else {}
+    more: dict[str, Any] = {"twist_ratio": space.twist_ratio} if space.turns == 3 else {}
     for field in ("stiffness", "damping"):
         more[f"axial_{field}"] = np.array([getattr(e, field) for e in model.extensions])
     return {
