@@ -73,6 +73,21 @@ def test_the_middle_is_found_from_a_line_that_is_off_by_half_a_width():
         assert measured.seen[3:-3].all()
 
 
+@pytest.mark.parametrize(
+    ("half", "usual", "seen"),
+    [(3.7, 8.0, False), (4.3, 8.0, True), (12.4, 8.0, True), (13.3, 8.0, False), (30.0, 30.0, True), (13, 30.0, False)],
+)
+def test_a_body_is_centred_where_half_to_eight_fifths_of_its_width_show(half, usual, seen):
+    """The middle of a body that lies 10 pixels off is found along each normal."""
+    follow, taken = Follower(around(), np.array([60.0, 120.0])), []
+    follow._smooth = lambda line, weight: taken.append((line, weight)) or line
+    follow._centred(ribbon(straight(y=130.0), half), straight(), known(straight(), usual))
+    line, weight = taken[0]
+    assert weight[5:-5].all() == weight[5:-5].any() == seen
+    np.testing.assert_allclose(line[5:-5, 1], 130.0 if seen else 120.0, atol=1.0)
+    np.testing.assert_allclose(line[:, 0], straight()[:, 0])
+
+
 @pytest.mark.parametrize(("wide", "seen"), [(5.0, False), (7.0, True), (9.6, True), (11.5, False), (14.0, False)])
 def test_a_width_far_from_the_usual_one_is_not_the_body(wide, seen):
     """From three quarters to thirteen tenths of it."""
@@ -434,6 +449,10 @@ def test_brightness_is_compared_where_two_hundred_points_show_it(count, gain):
         (100.0, 14.0, False),
         (200.0, 249.0, True),
         (200.0, 251.0, False),
+        (30.0, 45.0, False),  # at the limits themselves
+        (215.0, 230.0, False),
+        (100.0, 15.0, False),
+        (200.0, 250.0, False),
     ],
 )
 def test_what_is_dark_or_saturated_says_nothing_of_brightness(reference, part, compared):

@@ -121,7 +121,7 @@ def align(
     pose = mean_place(position[window])
     _require_base(pose, index, recording)
     base_rotation = base_rotation_at_rest(_quaternion(recording), index, window)
-    base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=-1)))
+    base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=1)))
     if remove_base_motion:
         position, matrices = _without_base_motion(position, matrices, index, pose[index], base_rotation)
         pose = mean_place(position[window])
@@ -201,7 +201,7 @@ def _offset(value: float | Sequence[float], origin: Sequence[float] | None, base
     try:
         offset = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        offset = np.full(2, np.nan)
+        offset = np.array([])
     if offset.shape not in ((), (3,)) or not np.isfinite(offset).all():
         raise InputError(f"origin_offset is a length along the tangent or three numbers, in metres, not {value!r}")
     return offset
@@ -303,7 +303,7 @@ def _arc_length(
         return recording["arc_length"].values
     if len(pose) < DENSE_STATIONS:
         return None
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(pose, axis=0), axis=-1))])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(pose, axis=0), axis=1))])
     return arc - arc[index] - (float(offset) if offset.ndim == 0 else 0.0)
 
 

@@ -43,7 +43,7 @@ def sensor_noise(angle: NDArray) -> NDArray:
 def coarse_steps(angle: NDArray) -> list[float]:
     """Step in which each station's sensor counts, rad, where it is coarse beside the range of the angle; else 0."""
     steps = [detectors.quantum(a) for a in angle.T]
-    return [q if q > 0 and q > COARSE * (np.nanmax(a) - np.nanmin(a)) else 0.0
+    return [q if q > COARSE * (np.nanmax(a) - np.nanmin(a)) else 0.0
             for q, a in zip(steps, angle.T, strict=True)]  # fmt: skip
 
 

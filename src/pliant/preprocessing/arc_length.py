@@ -35,7 +35,7 @@ def whole_frames(recording: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np
     if "position" not in recording:
         raise InputError("a shape is needed, but the recording holds no position: compute it from strain first")
     position, time = recording["position"].values, recording["time"].values
-    missing: NDArray[np.bool_] = np.isnan(position.sum(axis=2))
+    missing: NDArray[np.bool_] = np.isnan(position).any(axis=2)
     whole = ~missing.any(axis=1)
     if not whole.any():
         worst = missing.sum(axis=0)
@@ -44,7 +44,7 @@ def whole_frames(recording: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np
             f"{len(time)} frames; select stations or resample along arc length first"
         )
     dropped = int((~whole).sum())
-    return (position[whole], time[whole], dropped) if dropped else (position, time, 0)
+    return (position[whole], time[whole], dropped) if dropped else (position, time, dropped)
 
 
 def station_arc_length(
@@ -66,8 +66,9 @@ def station_arc_length(
         When stations coincide, or the recorded arc length does not increase.
     """
     chords = chord_lengths(position) if chords is None else chords
-    if (chords.mean(axis=0) <= 0).any():
-        where = int(chords.mean(axis=0).argmin())
+    same = (chords == 0).all(axis=0)
+    if same.any():
+        where = int(same.argmax())
         raise InputError(f"stations {where} and {where + 1} coincide in all frames: keep one of them")
     measured = np.concatenate(([0.0], np.cumsum(chords.mean(axis=0))))
     total = chords.sum(axis=1)

@@ -92,7 +92,7 @@ def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
 
 
 def _clamp_tangent(body: NDArray, clamp_length: float | None) -> NDArray:
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(body, axis=0), axis=-1))])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(body, axis=0), axis=1))])
     count = min(3, len(body)) if clamp_length is None else int((arc <= clamp_length).sum())
     if count < 2:
         raise InputError(

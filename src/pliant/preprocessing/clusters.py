@@ -160,7 +160,7 @@ def _station(
             raise InputError(f"station {name!r} has no orientation to carry an offset: it needs three markers "
                              "that are not on one line")  # fmt: skip
         place = points.mean(1) if cluster.point is None else points[:, markers.index(cluster.point)]
-        lost = int(np.isnan(place).any(-1).sum())
+        lost = int(np.isnan(place).any(1).sum())
         line = f"station {name}: position of {len(markers)} marker(s), no orientation{_lost(lost)}"
         return place, unturned, float("nan"), line
     shape = _mean_shape(shape, points[complete])
@@ -193,7 +193,7 @@ def _fixes_orientation(shape: NDArray) -> bool:
 
 def _mean_shape(first: NDArray, points: NDArray) -> NDArray:
     """Mean of the (T, N, 3) points in a frame that moves with them; centred, turned as in the first frame."""
-    shape = first - first.mean(0)
+    shape = first
     centred = points - points.mean(1, keepdims=True)
     for _ in range(PASSES):
         rotation = best_rotation(shape, points)
@@ -206,7 +206,7 @@ def _poses(shape: NDArray, points: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     frames = len(points)
     rotation = np.full((frames, 3, 3), np.nan)
     centre, residual = np.full((frames, 3), np.nan), np.full(frames, np.nan)
-    seen = np.isfinite(points).all(-1)
+    seen = np.isfinite(points).all(2)
     for pattern in np.unique(seen, axis=0):
         if not _fixes_orientation(shape[pattern]):
             continue
@@ -216,5 +216,5 @@ def _poses(shape: NDArray, points: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         shift = part.mean(1) - turn @ shape[pattern].mean(0)
         misfit = part - (np.einsum("tij,nj->tni", turn, shape[pattern]) + shift[:, None])
         rotation[rows], centre[rows] = turn, shift
-        residual[rows] = np.sqrt((misfit**2).sum(-1).mean(-1))
+        residual[rows] = np.sqrt((misfit**2).sum(2).mean(1))
     return rotation, centre, residual

@@ -73,11 +73,11 @@ class Follower:
         around = self.around
         small = self.cv2.resize(picture, around.small.shape[1::-1], interpolation=self.cv2.INTER_AREA)
         mask = mask_of(small, around)
-        start = None if self.base is None else (self.base + 0.5) / around.scale - 0.5
+        start = None if self.base is None else self.base / around.scale
         line = rough_line(mask, self._begin(mask) if start is None else start)
         if line is None or len(line) < 4:
             return None
-        line = evenly((line + 0.5) * around.scale - 0.5)
+        line = evenly(line * around.scale)  # to a pixel, which is near enough to begin
         length = float(np.hypot(*np.diff(line, axis=0).T).sum())
         half = 0.5 * mask.sum() * around.scale**2 / length
         if self.known is None:

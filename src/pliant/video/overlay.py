@@ -17,7 +17,9 @@ Array = np.ndarray
 TILES, ACROSS, TILE = 12, 3, 560  # frames of a sheet, side by side, and pixels across of each
 GAPS = 3  # so many of them are shown where they begin, too
 FILM = 1280  # pixels across of the film, at most
-LINE, EDGE, BASE, TIP, ALARM = (40, 40, 255), (255, 255, 255), (255, 160, 0), (0, 200, 255), (60, 150, 255)
+LINE, EDGE, BASE, TIP, ALARM = (  # blue, green, red
+    tuple(bytes.fromhex(colour)[::-1]) for colour in ("ff2828", "ffffff", "00a0ff", "ffc800", "ff963c")
+)
 ENDINGS = (".png", ".mp4")  # a sheet of pictures, a film
 Draw = Callable[[float, Array, Array | None], None]
 
@@ -76,7 +78,7 @@ def drawn(time: float, picture: Array, points: Array | None, size: tuple[int, in
     return np.asarray(made)
 
 
-def _write(picture: Array, text: str, where: tuple[int, int], colour: tuple[int, int, int]) -> None:
+def _write(picture: Array, text: str, where: tuple[int, int], colour: tuple[int, ...]) -> None:
     cv2 = opencv("drawing on a video")
     for each, thick in (((0, 0, 0), 5), (colour, 2)):
         cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.6, each, thick, cv2.LINE_AA)

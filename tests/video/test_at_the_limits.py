@@ -1,0 +1,137 @@
+"""What counts at a limit itself: numbers that a computer holds exactly, so that equal is equal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pliant.video import pace
+from pliant.video.marks import ChainOfDots, _first_dots
+from pliant.video.pace import doubled_and_leaps, lost_in_times
+from pliant.video.reel import Reel
+
+
+@pytest.mark.parametrize(
+    ("sizes", "at", "change", "found"),
+    [
+        ((2.0, 0.25, 2.0), 0.125, 1.0, (True, False)),
+        ((0.75, 0.125, 2.0), 0.125, 1.0, (False, False)),  # the slower neighbour moves by just enough to tell rest
+        ((2.0, 0.5, 2.0), 0.125, 1.0, (False, False)),  # a quarter of the neighbours' steps
+        ((2.0, 0.25, 2.0), 0.5, 2.0, (False, False)),  # a quarter of the neighbours' changes
+        ((2.0, 4.0, 2.0), 1.0, 1.0, (False, True)),
+        ((2.0, 3.5, 2.0), 1.0, 1.0, (False, False)),  # seven quarters
+        ((0.75, 1.5, 0.75), 1.0, 1.0, (False, False)),
+        ((0.875, 1.75, 0.875), 1.0, 1.0, (False, True)),
+    ],
+)
+def test_repeats_and_leaps_at_the_limits(monkeypatch, sizes, at, change, found):
+    for name, value in {"MOVES": 0.75, "STANDS": 0.25, "LEAPS": 1.75, "ALIKE": 0.25}.items():
+        monkeypatch.setattr(pace, name, value)
+    steps = np.full(9, sizes[0])
+    steps[4], steps[5:] = sizes[1], sizes[2]
+    changes = np.full(9, change)
+    changes[4] = at
+    points = np.stack([np.cumsum(steps), np.zeros(9)], axis=1)[:, None]
+    doubled, leaps = doubled_and_leaps(points, changes, np.arange(9) / 32)
+    assert (doubled[4], leaps[4]) == found
+    two = np.concatenate([points, points + 8.0], axis=1)  # a second station tells the same
+    two[2, 1] = np.nan
+    doubled, leaps = doubled_and_leaps(two, changes, np.arange(9) / 32)
+    assert (doubled[4], leaps[4]) == found
+
+
+def test_a_step_to_the_side_keeps_no_direction_and_no_frame_is_lost_from_an_even_clock():
+    place = np.array([[0.0, 0], [4, 0], [8, 0], [8, 0.25], [8, 4.0], [8, 8.0], [8, 12.0]])[:, None]
+    doubled, _ = doubled_and_leaps(place, np.array([9.0, 9, 9, 0, 9, 9, 9]), np.arange(7) / 32)
+    assert not doubled.any()
+    assert lost_in_times(np.arange(7) / 32) == (0, 0)
+    assert lost_in_times(np.array([0.0, 1, 2, 5, 6, 8, 9, 10, 11])) == (3, 2)
+
+
+def dots(count=5):
+    return np.stack([10.0 * np.arange(count), np.zeros(count)], axis=1)
+
+
+@pytest.mark.parametrize(("mass", "alike"), [(18.0, False), (18.1, True), (47.9, True), (48.0, False)])
+def test_a_mass_of_six_to_sixteen_tenths_is_a_dots(mass, alike):
+    found = ChainOfDots(dots(), np.full(5, 30.0))(dots(), np.array([30.0, 30.0, mass, 30.0, 30.0]))
+    assert np.isfinite(found[2]).all() == alike
+    assert np.isfinite(np.delete(found, 2, axis=0)).all()
+
+
+@pytest.mark.parametrize(("away", "found"), [(4.9, True), (5.0, False), (-4.9, True), (-5.0, False)])
+def test_the_slowest_dot_is_sought_within_half_a_distance(away, found):
+    chain = ChainOfDots(dots(), np.full(5, 30.0))
+    centre = np.array([[0.0, away]])
+    assert chain._nearest(0, centre, np.array([30.0])) == (0 if found else -1)
+    assert chain._nearest(4, centre, np.array([30.0])) == -1
+    chain.gap[0], chain.step[0] = 1.0, [3.0, 4.0]  # seen two frames ago, with a step of 5: 2 * (5 + 5) of reach
+    assert chain._nearest(0, np.array([[3.0, 23.9]]), np.array([30.0])) == 0
+    assert chain._nearest(0, np.array([[3.0, 24.0]]), np.array([30.0])) == -1
+
+
+@pytest.mark.parametrize(
+    ("at", "found"), [((7.5, 0.0), False), ((7.6, 0.0), True), ((11.9, 0.0), True), ((12.0, 0.0), False),
+                      ((10 * np.cos(1.19), 10 * np.sin(1.19)), True), ((10 * np.cos(1.21), -10 * np.sin(1.21)), False)],
+)  # fmt: skip
+def test_the_next_dot_lies_at_its_distance_and_about_its_direction(at, found):
+    chain = ChainOfDots(dots(2), np.full(2, 30.0))
+    chosen = np.array([0, -1])
+    chain._along(chosen, 0, 1, np.array([[0.0, 0.0], at]), np.full(2, 30.0))
+    assert chosen.tolist() == [0, 1 if found else -1]
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, 2.0, 3.0, -3.0, -2.0, -1.0])
+def test_a_chain_is_followed_in_every_direction(turn):
+    """A body that points anywhere, and bends by half a radian from dot to dot; the straighter of two marks is taken."""
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    bent = np.concatenate([np.zeros((1, 2)), np.cumsum(
+        [[10 * np.cos(a), 10 * np.sin(a)] for a in 0.5 * np.arange(4)], axis=0)])  # fmt: skip
+    chain = ChainOfDots(dots() @ rotation.T, np.full(5, 30.0))
+    order = np.array([3, 0, 4, 1, 2])
+    chosen = np.full(5, -1)
+    chosen[0] = int(np.flatnonzero(order == 0)[0])
+    beside = bent[1] + np.array([[0.0, 2.0]])
+    centres = np.concatenate([bent[order], beside]) @ rotation.T
+    chain._along(chosen, 0, 1, centres, np.full(6, 30.0))
+    assert order[chosen].tolist() == [0, 1, 2, 3, 4]
+    back = np.full(5, -1)
+    back[4] = int(np.flatnonzero(order == 4)[0])
+    chain = ChainOfDots(bent @ rotation.T, np.full(5, 30.0))
+    chain._along(back, 4, -1, centres, np.full(6, 30.0))
+    assert order[back].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_the_longest_chain_of_all_starts_is_taken():
+    """The two slowest dots are seen apart from the rest, of which three hang together."""
+    chain = ChainOfDots(dots(6), np.full(6, 30.0))
+    chain.travel = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+    seen = np.array([[0.0, 0.0], [10.0, 0.0]])
+    found = chain._from_slowest(np.concatenate([seen, [[300.0, 300.0], [310.0, 300.0]]]), np.full(4, 30.0))
+    assert found.tolist() == [0, 1, -1, -1, -1, -1]
+    lost = np.concatenate([[[0.0, 3.0]], [[28.0, 4.0], [36.0, -2.0], [45.0, 0.5], [55.0, 0.5]]])
+    found = chain._from_slowest(lost, np.full(5, 30.0))
+    assert (found >= 0).sum() >= 4
+
+
+@pytest.mark.parametrize(("size", "alike"), [(4.0, False), (4.1, True), (24.9, True), (25.0, False)])
+def test_first_dots_are_alike_within_two_fifths_to_five_halves_of_their_median(size, alike):
+    centres = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [30.0, 0.0]])
+    finder = SimpleNamespace(all=lambda picture, round_ones: (centres, np.array([10.0, 10.0, 10.0, size])))
+    reel = SimpleNamespace(frames=lambda: iter([(0.0, None)]), path=Path("f.mp4"))
+    found, masses, told = _first_dots(reel, finder, (0.0, 0.0, 255.0), None)
+    assert len(found) == len(masses) == (4 if alike else 3)
+    assert told == []
+
+
+def test_a_film_of_one_row_is_made_small():
+    reel = Reel(Path("f.mp4"), 640, 2, 30.0, 9)
+    table = Reel(Path("f.mp4"), 320, 40, 30.0, 9, np.full((20, 160, 3), 100.0))
+    picture = np.full((40, 320, 3), 125, np.uint8)
+    picture[5, 7], picture[5, 9], picture[5, 11] = 255, 1, 0
+    made = table.even(picture)
+    assert (made[0, 0, 0], made[5, 7, 0], made[5, 9, 0], made[5, 11, 0]) == (100, 204, 1, 0)
+    assert reel.coarse == 4
