@@ -8,10 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pliant.video import pace
+from pliant.errors import InputError
+from pliant.video import pace, silhouette
 from pliant.video.marks import ChainOfDots, _first_dots
 from pliant.video.pace import doubled_and_leaps, lost_in_times
 from pliant.video.reel import Reel
+from pliant.video.rough import mask_of, rough_line
 
 
 @pytest.mark.parametrize(
@@ -135,3 +137,58 @@ def test_a_film_of_one_row_is_made_small():
     made = table.even(picture)
     assert (made[0, 0, 0], made[5, 7, 0], made[5, 9, 0], made[5, 11, 0]) == (100, 204, 1, 0)
     assert reel.coarse == 4
+
+
+def test_every_frame_of_a_film_is_checked_for_a_moving_camera(monkeypatch):
+    seen = []
+
+    class Watch:
+        def __init__(self, around, reel):
+            assert (around, reel) == ("ground", film)
+
+        def __call__(self, picture):
+            seen.append(picture)
+
+        def refuse(self):
+            raise InputError(f"the camera moves in {len(seen)} frames")
+
+    film = SimpleNamespace(frames=lambda: iter([(0.0, "a"), (0.5, "b")]))
+    monkeypatch.setattr(silhouette, "surroundings", lambda reel: "ground")
+    monkeypatch.setattr(silhouette, "Stillness", Watch)
+    monkeypatch.setattr(silhouette, "Follower", lambda around, base: lambda picture: (
+        None if picture == "b" else SimpleNamespace(line=base + 1.0)))  # fmt: skip
+    frames = silhouette.follow_silhouette(film, (3.0, 4.0))
+    time, picture, line = next(frames)
+    assert (time, picture, line.tolist()) == (0.0, "a", [4.0, 5.0])
+    assert next(frames) == (0.5, "b", None)
+    with pytest.raises(InputError, match="moves in 2 frames"):
+        next(frames)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_rough_line_goes_from_the_end_that_lies_farthest_and_leaves_no_gap(turned):
+    """A hook: a long bar and a short one; where a level of the distance has no pixel there is no point."""
+    mask = np.zeros((60, 80), bool)
+    mask[5:8, 5:70] = True
+    mask[8:30, 67:70] = True
+    mask[50:52, 10:30] = not turned  # apart from it
+    mask = mask[::-1, ::-1] if turned else mask
+    line = rough_line(mask, None)
+    ends = {tuple(np.round(line[k]).astype(int).tolist()) for k in (0, -1)}
+    expected = {(6, 6), (68, 28)} if not turned else {(73, 53), (11, 31)}
+    assert all(min(np.hypot(x - a, y - b) for a, b in expected) < 3.0 for x, y in ends)
+    assert len(ends) == 2
+    assert np.hypot(*np.diff(line, axis=0).T).max() < 5.0
+    assert np.isfinite(line).all()
+    assert line.min() > 4.0
+
+
+def test_shares_take_the_background_for_what_it_is():
+    """Neither lightness is zero: a body of 3 before a ground of 1."""
+    place = SimpleNamespace(weight=np.full(3, 1 / 3, np.float32), small=np.full((40, 40, 3), 1.0, np.float32), body=3.0,
+                            reach=np.ones((40, 40), bool), always=np.zeros((40, 40), bool))  # fmt: skip
+    picture = np.ones((40, 40, 3), np.float32)
+    picture[10:20, 10:30] = 2.25
+    picture[25:35, 10:30] = 2.0
+    assert np.argwhere(mask_of(picture, place)).min(axis=0).tolist() == [10, 10]
+    assert np.argwhere(mask_of(picture, place)).max(axis=0).tolist() == [19, 29]

@@ -252,7 +252,7 @@ def _positions(recording: xr.Dataset) -> dict[str, Any]:
     single = jumped & ~whole[:, None]
     found = {
         "stations": len(names), "repeated_frames": int(repeated.sum()),
-        "missing": _counts(names, by_blocks(lambda part: np.isnan(part).any(-1).sum(0), position)),
+        "missing": _counts(names, by_blocks(lambda part: np.isnan(part).any(2).sum(0), position)),
         "spikes": _counts(names, by_blocks(lambda part, least: detectors.spikes(part, least).sum(0), fresh, floor)),
         "station_jumps": _counts(names, single.sum(0)), "frame_jumps_s": tuple(clock[whole].tolist()),
         "noise_m": dict(zip(names, noise.tolist(), strict=True)),
@@ -268,7 +268,7 @@ def _positions(recording: xr.Dataset) -> dict[str, Any]:
     if len(names) >= DENSE_STATIONS:
         pairs = [f"{a}-{b}" for a, b in pairwise(names)]
         found["stretched"] = _counts(pairs, by_blocks(_stretched, fresh, overlap=1))
-    if position.shape[-1] == 3 and by_blocks(lambda part: np.isfinite(part).all(-1).sum(0), position).sum() > 3:
+    if position.shape[2] == 3 and by_blocks(lambda part: np.isfinite(part).all(2).sum(0), position).sum() > 3:
         found["out_of_plane_share"] = detectors.out_of_plane_share(fresh)
     return found
 

@@ -38,7 +38,7 @@ def fill_gaps(recording: xr.Dataset, *, longest_s: float) -> xr.Dataset:
     time, position = recording["time"].values, recording["position"].values.copy()
     filled = 0
     for s in range(position.shape[1]):
-        seen = np.isfinite(position[:, s]).all(-1)
+        seen = np.isfinite(position[:, s]).all(1)
         if seen.all() or seen.sum() < 2:
             continue
         rows = np.flatnonzero(seen)
@@ -86,7 +86,7 @@ def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:
     quaternion = recording["quaternion"].values.copy()
     changed = {}
     for s, name in enumerate(recording["station"].values):
-        seen = np.flatnonzero(np.isfinite(quaternion[:, s]).all(-1))
+        seen = np.flatnonzero(np.isfinite(quaternion[:, s]).all(1))
         matrix, count = _continued(to_matrix(quaternion[seen, s]), str(name))
         if count:
             changed[str(name)] = count

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 LEAST_STATIONS = 4  # a cubic needs four points
 GAP_RATIO = 2.5
+TOUCH = 1e-12  # m: a new station so near an old one lies on it
 
 
 def resample_time(
@@ -155,19 +156,19 @@ def _along(arc: NDArray, position: NDArray, new: NDArray, gap: float) -> NDArray
     from scipy.interpolate import CubicSpline
 
     result = np.full((len(position), len(new), position.shape[2]), np.nan)
-    seen = np.isfinite(position).all(-1)
+    seen = np.isfinite(position).all(2)
     patterns = seen[:1] if seen.all() else np.unique(seen, axis=0)
     for pattern in patterns:
         if pattern.sum() < LEAST_STATIONS:
             continue
         rows, known = np.flatnonzero((seen == pattern).all(1)), arc[pattern]
-        right = np.clip(np.searchsorted(known, new - 1e-12), 0, len(known) - 1)
-        left = np.clip(np.searchsorted(known, new + 1e-12) - 1, 0, len(known) - 1)
-        good = (new >= known[0] - 1e-12) & (new <= known[-1] + 1e-12) & (known[right] - known[left] <= gap)
+        right, left = np.searchsorted(known, new - TOUCH), np.searchsorted(known, new + TOUCH) - 1
+        inside = np.flatnonzero((left >= 0) & (right < known.size))
+        good = inside[known[right[inside]] - known[left[inside]] <= gap]
         weights = CubicSpline(known, np.eye(len(known)))(new[good])
         points = position[rows] if pattern.all() else position[np.ix_(rows, np.flatnonzero(pattern))]
         for axis in range(position.shape[2]):
-            result[rows[:, None], np.flatnonzero(good), axis] = points[..., axis] @ weights.T
+            result[rows[:, None], good, axis] = points[..., axis] @ weights.T
     return result
 
 

@@ -102,7 +102,7 @@ def still_within(position: NDArray, time: NDArray, window: tuple[float, float]) 
 
 def _away(position: NDArray) -> NDArray:
     """(T, S) distance of each station from its median place, m; 0 where it was not seen."""
-    seen = np.isfinite(position).all(axis=(-1,))
+    seen = np.isfinite(position).all(axis=2)
     place = np.array([np.median(p[s], axis=0) if s.any() else np.zeros(p.shape[1])
                       for p, s in zip(np.swapaxes(position, 0, 1), seen.T, strict=True)])
     return np.where(seen, np.linalg.norm(position - place, axis=-1), 0.0)
@@ -110,15 +110,14 @@ def _away(position: NDArray) -> NDArray:
 
 def _precedes_motion(position: NDArray, run: tuple[int, int]) -> bool:
     """Whether no station was far from its place in the run at any time before it."""
-    place = position[run[0] : run[1] + 1]
-    place = np.where(np.isfinite(place), place, 0.0).sum(0) / np.maximum(np.isfinite(place).sum(0), 1)
+    place = detectors.mean_place(position[run[0] : run[1] + 1])
     away, whole = (_farthest(part, place) for part in (position[: run[0]], position))
     return bool(away <= EARLY_SHARE * whole)
 
 
 def _farthest(position: NDArray, place: NDArray) -> float:
     """Largest distance of a station from its `place`, m."""
-    return max((float(np.linalg.norm(p, axis=-1).max(initial=0.0)) for p in detectors.seen_points(position, place)),
+    return max((float(np.linalg.norm(p, axis=1).max(initial=0.0)) for p in detectors.seen_points(position, place)),
                default=0.0)
 
 
@@ -127,13 +126,13 @@ def _still(position: NDArray, time: NDArray) -> NDArray:
     rate = (len(time) - 1) / max(time[-1] - time[0], 1e-12)
     reach = max(1, round(HALF_WINDOW_S * rate))
     width = detectors.by_blocks(lambda part: _width(part, reach), position)
-    seen = detectors.by_blocks(lambda part: np.isfinite(part).all(-1), position)
+    seen = detectors.by_blocks(lambda part: np.isfinite(part).all(2), position)
     repeated = detectors.repeated_frames(position)
     fresh = position[~repeated] if repeated.any() else position
     travel = np.nan_to_num(detectors.by_blocks(detectors.travel, fresh))
     noise = np.nan_to_num(detectors.by_blocks(detectors.noise_level, fresh))
     limit = np.fmax(STILL_SHARE * travel.max(initial=0.0), 20.0 * noise)
-    return (width <= limit).all(-1) & seen.any(-1)
+    return (width <= limit).all(1) & seen.any(1)
 
 
 def _width(position: NDArray, reach: int) -> NDArray:
