@@ -20,6 +20,7 @@ from pliant.video.surroundings import (
     discriminant,
     moving_pixels,
     refuse_moving_camera,
+    surroundings,
 )
 
 cv2 = pytest.importorskip("cv2")
@@ -307,3 +308,49 @@ def test_a_camera_moves_where_most_corners_do(shift, refused, scale):
     body[1:, :80, :100] = 90  # some corners are hidden, or go with the body
     refuse_moving_camera(body, reel)
     refuse_moving_camera(np.full((4, 60, 80, 3), 90, np.uint8), reel)  # nothing to hold on to
+
+
+@dataclass(frozen=True)
+class Sliding(Reel):
+    """A dark bar that slides over even ground above a scale, and waits in the middle for 13 of 32 frames."""
+
+    def film(self):
+        places = [*range(20, 56, 4), *[60] * 13, *range(64, 104, 4)]
+        made = np.full((len(places), 120, 160, 3), 200, np.uint8)
+        made[:, 96:116] = np.kron(np.resize([150, 230, 190, 120, 250], (2, 16)), np.ones((10, 10)))[..., None]
+        for picture, x in zip(made, places, strict=True):
+            picture[30:80, x : x + 12] = (60, 50, 40)
+        return made
+
+    def sampled(self, count, width):
+        assert (count, width) == (32, 160)
+        return self.film()
+
+    def pictures(self, count):
+        assert count == 32
+        return iter(self.film())
+
+
+def test_the_surroundings_of_a_sliding_bar():
+    found = surroundings(Sliding(Path("f.mp4"), 160, 120, 30.0, 32))
+    np.testing.assert_allclose(found.background[:90], 200, atol=1)  # behind the place where it waits, too
+    np.testing.assert_allclose(found.small[:90], 200, atol=1)
+    assert found.scale == 1.0
+    assert found.body == pytest.approx(float(np.array([60.0, 50.0, 40.0]) @ found.weight), abs=0.05)
+    assert found.body - 200 * float(found.weight.sum()) == pytest.approx(1.0, abs=0.02)
+    assert not found.always.any()
+    reach = np.zeros((120, 160), bool)
+    reach[30 - 4 : 80 + 4, 20 - 4 : 112 + 4] = True  # four pixels about where it was seen
+    np.testing.assert_array_equal(found.reach, reach)
+
+
+def test_a_camera_that_moves_is_refused_before_a_body_is_looked_for():
+    class Shaken(Sliding):
+        def film(self):
+            rng = np.random.default_rng(2)
+            board = np.kron(rng.integers(0, 255, (12, 16, 1)), np.ones((10, 10, 3))).astype(np.uint8)
+            board = cv2.GaussianBlur(board, (0, 0), 1.2)
+            return np.array([np.roll(board, 3 * (k > 0), axis=1) for k in range(7)])
+
+    with pytest.raises(InputError, match="the camera moves, by up to 3 pixels"):
+        surroundings(Shaken(Path("f.mp4"), 160, 120, 30.0, 7))
