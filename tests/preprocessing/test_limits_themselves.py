@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
+from pliant.preprocessing import sync as sync_module
+from pliant.preprocessing.align import align
 from pliant.preprocessing.lag_model import (
     Fitted,
     LagFrame,
@@ -185,3 +187,91 @@ def test_a_fit_adds_the_hysteresis_and_sees_a_pressure_that_is_up(monkeypatch, f
     begin = series(log.values[TIME < 5.0], TIME[TIME < 5.0])
     np.testing.assert_equal(fit_lag(still, begin, 0.03), nothing)
 
+
+
+def clocks():
+    wave = np.sin(TIME)
+    return make_recording(TIME, angle=wave[:, None], frame="planar", pressure=wave)
+
+
+def test_a_drift_is_looked_for_on_request_alone(monkeypatch):
+    monkeypatch.setattr(sync_module, "two_best", lambda body, pressure, delays: (fitted(delay=0.25), None))
+    monkeypatch.setattr(sync_module, "fit_lag", None)
+    found = sync_module.sync(clocks())
+    assert (found.delay_s, found.drift, found.drift_uncertainty, found.warnings) == (0.25, 0.0, 0.0, ())
+
+
+@pytest.mark.parametrize(
+    ("drift", "sigma", "explained", "used", "warned"),
+    [
+        (0.00390625, 0.001, 0.75, True, False),
+        (-0.00390625, 0.001, 0.75, True, False),
+        (0.00375, 0.00125, 0.75, False, False),  # three standard errors
+        (0.00390625, 0.001, 0.74, False, False),  # it explains less than without
+        (0.005, 0.001, 0.75, True, False),
+        (-0.0051, 0.001, 0.75, True, True),
+    ],
+)
+def test_a_drift_is_used_where_it_is_clear(monkeypatch, drift, sigma, explained, used, warned):
+    asked = []
+
+    def fit(body, pressure, guess, **options):
+        asked.append((guess, options["starts"], options["drift"]))
+        return fitted(delay=0.5, drift=drift, drift_uncertainty=sigma, explained=explained)
+
+    best = fitted(delay=0.25, explained=0.75, frequency=3.0, damping=0.2)
+    monkeypatch.setattr(sync_module, "two_best", lambda body, pressure, delays: (best, None))
+    monkeypatch.setattr(sync_module, "fit_lag", fit)
+    found = sync_module.sync(clocks(), drift=True)
+    assert asked == [(0.25, ((3.0, 0.2),), True)]
+    assert (found.delay_s, found.drift, found.drift_uncertainty) == ((0.5, drift, sigma) if used else (0.25, 0.0, 0.0))
+    assert any("is more than two clocks have" in line for line in found.warnings) == warned
+
+
+def test_the_four_best_offsets_apart_from_each_other_are_fitted(monkeypatch):
+    """Scores on a grid of a quarter of a second; within two times the least distance of rivals one is enough."""
+    monkeypatch.setattr(sync_module, "APART_S", 0.25)
+    delays = np.arange(-16, 17) / 4
+    scores = np.zeros(33)
+    heights = {-3.0: 0.5, -2.5: 0.4, -2.75: 0.45, 0.0: 0.9, 0.25: 0.8, 1.0: 0.7, 2.0: 0.6, 3.5: 0.3}
+    for delay, score in heights.items():
+        scores[delays == delay] = score
+    fits = {0.0: 0.5, 1.0: 0.875, 2.0: 0.25, -3.0: 0.75}
+    monkeypatch.setattr(sync_module, "coarse_scores", lambda *_: scores.copy())
+    monkeypatch.setattr(sync_module, "polished", lambda body, pressure, one: one)
+    asked = []
+
+    def fit(body, pressure, guess, **options):
+        asked.append(guess)
+        return fitted(delay=moved.get(guess, guess), share=fits[guess])
+
+    monkeypatch.setattr(sync_module, "fit_lag", fit)
+    moved = {}
+    best, rival = sync_module.two_best(None, None, delays)
+    assert asked == [0.0, 1.0, 2.0, -3.0]
+    assert (best.delay, rival.delay) == (1.0, -3.0)
+    moved = {-3.0: 0.75, 0.0: 1.25, 2.0: 1.5}  # a quarter of a second from the best is the same offset
+    best, rival = sync_module.two_best(None, None, delays)
+    assert (best.delay, rival.delay) == (1.0, 1.5)
+    moved = {-3.0: 0.75, 0.0: 1.25, 2.0: 1.25}
+    assert sync_module.two_best(None, None, delays)[1] is None
+    scores[:] = 0.0
+    with pytest.raises(InputError, match="they hardly overlap"):
+        sync_module.two_best(None, None, delays)
+
+
+@pytest.mark.parametrize(("off", "whole"), [(0.0, True), (0.9e-3, True), (1.2e-3, False)])
+def test_counts_are_whole_to_a_thousandth(off, whole):
+    assert pressure.whole_counts(1e3 * np.array([3.0, 4.0, 5.0, 7.0, 9.0 + off])) == whole
+
+
+def test_the_rest_of_a_body_has_both_its_ends():
+    """The way to the tip at rest is the mean of two frames, one of which points aside."""
+    place = np.zeros((100, 3, 3))
+    place[..., 1] = [0.0, 0.05, 0.1]
+    place[50, 2] = [0.1, 0.0, 0.0]
+    place[70:, 2, 0] = 0.02
+    for rest, degrees in (((0.5, 0.51), 45.0), ((0.49, 0.5), 45.0), ((0.49, 0.51), np.degrees(np.arctan2(0.1, 0.2)))):
+        ds = make_recording(np.arange(100) / 100, place)
+        aligned = align(ds, tangent="+y", plane="+z", rest=rest)
+        assert shape.tilt(Case(ds, aligned=aligned)) == pytest.approx(degrees, abs=1e-6)

@@ -182,7 +182,7 @@ def bending_normal(
         raise InputError(f"{what} across the base tangent beyond the noise: give the plane's normal")
     normal = np.cross(directions[:, 2], tangent)
     normal = normal * (np.sign(normal[np.argmax(np.abs(normal))]) or 1.0)
-    return normal / np.linalg.norm(normal), float(values[1] / values[2])
+    return normal, float(values[1] / values[2])
 
 
 def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray) -> NDArray | None:
