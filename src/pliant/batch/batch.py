@@ -208,8 +208,8 @@ def labelled(
     if bad.size and failures == "raise":
         raise SimulationError(
             f"{bad.size} of {failed_at.size} samples fail, sample {bad[0]} at {failed_at[bad[0]]:.6g} s: a link turns "
-            "by more than a radian within a step, or a softening spring loses its stiffness; use a shorter step, a "
-            "smaller pressure, or failures='mark'"
+            "by more than a radian within a step, a softening spring loses its stiffness, or the tensions of its "
+            "tendons find no agreement with the motion; use a shorter step, a smaller pressure, or failures='mark'"
         )
     for a in made.values():
         a[bad] = np.nan

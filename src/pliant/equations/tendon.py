@@ -20,6 +20,8 @@ from pliant.equations.spatial_points import static_forces
 TINY = 1e-24  # under a root, so that it has a derivative at 0
 ROUNDS = 50  # of Newton's method in a step, at most
 AGREED = 1e-10  # of the largest torque of a step: what may be left of them
+NEAR = 1e-6  # the same after all rounds: very stiff tendons round off earlier
+FAR = 1e100  # rate after a step that found no agreement
 
 
 def signed_tension(r, x, torque, body):
@@ -217,7 +219,10 @@ def eliminate(B, b):
 
 
 def next_move(h, body, work):
-    """Make a move of Newton's method for what is left of the torques, work.v (N,); add it to work.a."""
+    """Make a move of Newton's method for what is left of the torques, work.v (N,); add it to work.a.
+
+    Returns the size of the product of both, real.
+    """
     for i in range(len(work.a)):
         work.move[i] = work.v[i]
         for j in range(len(work.a)):
@@ -225,43 +230,56 @@ def next_move(h, body, work):
     for r in range(len(body.friction)):
         add_slopes(r, h, body, work)
     eliminate(work.B, work.move)
+    fall = 0.0
     for i in range(len(work.a)):
         work.a[i] = work.a[i] + work.move[i]
+        fall = fall + (work.v[i] * work.move[i]).real
+    return abs(fall)
 
 
 def solve_step(x, v, h, torque, body, work):
     """Improve work.a (N,), the change of v over a step of h [s], until forces in work.f and tendons agree with it.
 
-    Newton's method; a move that makes matters worse is halved. Derivatives that numbers carry need one more move after
-    their values agree, unless tensions have gone on along the line that the last move took.
+    Newton's method. Without friction what is left of the torques is the slope of a convex energy: a move is halved
+    while that rises at its end by more than half of what it fell by at its start. Derivatives that numbers carry need
+    one more move after their values agree, unless tensions have gone on along the line that the last move took.
+    Returns whether all agrees in the end.
     """
-    before = 1e300
+    fall = 0.0
     agreed = 0.0
+    largest = 0.0
+    size = 0.0
     for turn in range(ROUNDS):
         same = pull_over_step(x, v, h, torque, body, work)
         largest = 0.0
         size = 0.0
+        end = 0.0
         for i in range(len(x)):
             push = h * (work.t[i] - work.f[i] + work.pull[i] + work.rub[i])
             taken = 0.0 * push
             for j in range(len(x)):
                 taken = taken + work.A[max(i, j), min(i, j)] * work.a[j]
             work.v[i] = push - taken
+            end = end + (work.v[i] * work.move[i]).real
             largest = max(largest, abs(work.v[i].real))
-            size = max(size, abs(push.real), abs(taken.real))
+            size = max(size, abs(taken.real), abs((h * work.t[i]).real), abs((h * work.f[i]).real))
+            size = max(size, abs((h * work.pull[i]).real), abs((h * work.rub[i]).real))
         near = 0.0
         if largest <= AGREED * size:
             near = 1.0
         if turn > 0 and near * (same + agreed) > 0.0:
             break
-        if largest > before and near + agreed == 0.0:
+        if turn > 0 and near + agreed == 0.0 and end < -0.5 * fall:
+            fall = 0.5 * fall
             for i in range(len(x)):
                 work.move[i] = 0.5 * work.move[i]
                 work.a[i] = work.a[i] - work.move[i]
         else:
             agreed = near
-            before = largest
-            next_move(h, body, work)
+            fall = next_move(h, body, work)
+    if largest <= NEAR * size:
+        return 1.0
+    return 0.0
 
 
 def step(x, v, h, torque, body, joints, work):
@@ -269,6 +287,7 @@ def step(x, v, h, torque, body, joints, work):
 
     Tensions are means over the step, friction acts by the middle rates. `work.a` keeps the change of v, `work.pull`
     and `work.rub` what tendons pull and what friction takes of it.
+    Where tensions and motion find no agreement, rates become `FAR`, which `follows` refuses.
     """
     build_step(x, v, h, torque, body, joints, work)
     for i in range(len(x)):
@@ -277,7 +296,10 @@ def step(x, v, h, torque, body, joints, work):
         for i in range(len(x)):
             work.v[i] = v[i] + 0.5 * work.a[i]
         inertial_forces(work.q, work.v, body, work, work.f)
-        solve_step(x, v, h, torque, body, work)
+        if solve_step(x, v, h, torque, body, work) < 0.5:
+            for i in range(len(x)):
+                work.a[i] = FAR + 0.0 * v[i]
+            break
     for i in range(len(x)):
         x[i] = x[i] + h * (v[i] + 0.5 * work.a[i])
         v[i] = v[i] + work.a[i]

@@ -12,6 +12,8 @@ from pliant.model import Model
 
 Array = np.ndarray
 
+UNSOLVED = 1e80  # coordinates of this size: tendons found no agreement in a step, see `equations.tendon.step`
+
 
 def relaxed(model: Model, q: Array) -> Array:
     """States of a memory long at rest at the joint coordinates q (N,): creep relaxed, the others unstretched.
@@ -82,7 +84,15 @@ def equilibrium(
 
 
 def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
-    """A sentence on the first spring whose slope falls to a share `least` of K at angles phi (n,), or an empty one."""
+    """Return a sentence on what fails at coordinates phi (N,): tendons without agreement, a softened spring; or ''.
+
+    A spring has softened where its slope falls to a fraction `least` of K.
+    """
+    if model.actuation.tendons and not (np.abs(phi) < UNSOLVED).all():
+        return (
+            "the tensions of the tendons find no agreement with the motion within a step: use a shorter step, or a "
+            "larger slip_rate where tendons have friction"
+        )
     return springs.softened(model, mechanics_of(model).joint_angles(phi), least)
 
 

@@ -212,11 +212,11 @@ class Stepper:
         failed = self._advance(self._x, self._v, held, *self._parts)
         self.time += self.length * (steps if failed < 0 else failed + 1)
         if failed >= 0:
-            under = ", ".join(f"{p:.6g}" for p in self._command)
+            under = ", ".join(f"{p:.6g} {u}" for p, u in zip(self._command, self.model.actuation.units, strict=True))
             if lost := state.given_way(self.model, self._x):
-                raise SimulationError(f"at {self.time:.6g} s, under {under} Pa, {lost}")
+                raise SimulationError(f"at {self.time:.6g} s, under {under}, {lost}")
             raise SimulationError(
-                f"at {self.time:.6g} s, under {under} Pa, a link turns by more than a radian within the step of "
+                f"at {self.time:.6g} s, under {under}, a link turns by more than a radian within the step of "
                 f"{self.length * 1e3:.3g} ms, or the pressure is not finite; use a shorter step or a smaller pressure"
             )
         self._watch.look(self._x, self._v, self.memory, self.length, steps)
