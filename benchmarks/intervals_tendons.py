@@ -1,0 +1,154 @@
+"""How often intervals hold the truth of an arm that tendons with friction pull, moved by MuJoCo.
+
+The body is that of intervals_in_space.py: MuJoCo's three rods on ball joints. The friction is written here, from the
+equation of a rope on a bent path, dT/ds = -mu kappa T w / sqrt(w^2 + w_0^2): the tension is integrated along the arc of
+each joint in so many parts, w being the rate at which the rope runs past the middle of each, and a joint feels the mean
+of the tension over its arc. Pliant has one rate for each joint, and the mean of the tensions before and behind it. With
+1 part only that mean differs, by (mu swing)^2 / 12 of it; more parts show what three joints make of a rope that slips
+forth on one side of a joint and back on the other. Each seed draws friction, gain and azimuth of both tendons and the
+body's stiffness and damping; two records of known tensions that rise and fall, noise of 1 mm. Shares as in
+intervals_in_space.py.
+Usage: python benchmarks/intervals_tendons.py [seeds] [first seed] [parts of an arc]
+"""
+
+from __future__ import annotations
+
+import sys
+
+import mujoco
+import numpy as np
+from intervals import told
+from intervals_in_space import FAR, KNOTS, LINKS, NOISE, POINTS, STEP, TIMES, arm_of, chain, moment_of
+
+from pliant.identification import Experiment, Parameter, fit
+from pliant.model import Model, Tendon
+from pliant.simulation import Trace
+
+LEVER, EDGE, TICK = 0.012, 5e-3, 2.5e-4  # m, m/s, s of a step of MuJoCo
+AZIMUTHS = {"red": 0.4, "green": 2.3}
+FRICTION = 0.4
+RECORDS = {
+    "first": {"red": (0.0, 11.0, 11.0, 3.0, 0.0, 5.0), "green": (0.0, 0.0, 5.0, 11.0, 4.0, 0.0)},
+    "second": {"red": (0.0, 5.0, 11.0, 6.0, 8.0, 0.0), "green": (0.0, 9.0, 2.0, 0.0, 6.0, 3.0)},
+}  # N
+
+
+def tendon_arm() -> Model:
+    """The chain in the middle of all ranges."""
+    cord = {"driven_by": "tension", "lever": LEVER, "friction": FRICTION, "slip_rate": EDGE}
+    return chain().with_(
+        chambers=[Tendon.at_azimuth(a, np.ones(LINKS), name=name, **cord) for name, a in AZIMUTHS.items()]
+    )
+
+
+def drawn(rng: np.random.Generator | None = None) -> dict[str, float]:
+    """Values of all parameters of one body, those in the middle without `rng`."""
+
+    def near(value: float, part: float = 0.25) -> float:
+        return value * (1.0 if rng is None else rng.uniform(1.0 - part, 1.0 + part))
+
+    values = {"stiffness": near(0.6), "damping": near(4e-3)}
+    for name, middle in AZIMUTHS.items():
+        size, azimuth = near(1.0), middle + 0.15 * (near(1.0, 1.0) - 1.0)
+        values |= {f"{name}.gain_x": -size * np.sin(azimuth), f"{name}.gain_y": size * np.cos(azimuth),
+                   f"{name}.friction": near(FRICTION, 0.5)}  # fmt: skip
+    return values
+
+
+def swings(data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+    """Swings of the joints and their rates (n, 2), rad and rad/s, of rods that do not twist."""
+    q, w = data.qpos.reshape(-1, 4), data.qvel.reshape(-1, 3)
+    half = np.arctan2(np.linalg.norm(q[:, 1:], axis=1), q[:, 0])
+    axis = q[:, 1:] / np.maximum(np.linalg.norm(q[:, 1:], axis=1, keepdims=True), 1e-300)
+    v = 2.0 * half[:, None] * axis
+    rates = []
+    for vector, omega in zip(v, w, strict=True):  # the rate of a rotation vector from the angular velocity of the body
+        y = vector @ vector
+        c = 1.0 / 12.0 + y / 720.0 if y < 1e-4 else (1.0 - 0.5 * np.sqrt(y) / np.tan(0.5 * np.sqrt(y))) / y
+        rates.append(omega + 0.5 * np.cross(vector, omega) + c * np.cross(vector, np.cross(vector, omega)))
+    return v[:, :2], np.array(rates)[:, :2]
+
+
+def felt(
+    T: float, lever: np.ndarray, mu: float, bent: np.ndarray, moving: np.ndarray, parts: int = 1,
+) -> np.ndarray:
+    """Generalised forces (n, 2) [N m] of a rope pulled by T [N]; it has the lever (2,) [m] at every joint.
+
+    bent, moving : swings of the joints and their rates (n, 2)
+    """
+    running = moving @ lever  # m/s, rate at which each arc draws in
+    out = np.empty_like(bent)
+    inside = (np.arange(parts) + 0.5) / parts
+    for k, (turned, own) in enumerate(zip(np.hypot(*bent.T), running, strict=True)):
+        w = running[k + 1 :].sum() + (1.0 - inside) * own
+        steps = -mu * turned / parts * w / np.hypot(w, EDGE)  # of log T
+        log = np.cumsum(steps)
+        within = np.sinh(0.5 * steps) / np.where(steps == 0.0, 1.0, 0.5 * steps) + (steps == 0.0)
+        out[k] = T * (np.exp(log - 0.5 * steps) * within).mean() * lever  # the integral of an exponential in each part
+        T = T * np.exp(log[-1])
+    return out
+
+
+def seen(truth: dict[str, float], levels: dict[str, tuple[float, ...]], parts: int = 1) -> np.ndarray:
+    """Positions (T, S, 3) of the stations, m: MuJoCo's motion from rest."""
+    model = arm_of(truth)
+    model.opt.timestep = TICK
+    data = mujoco.MjData(model)
+    every = round((TIMES[1] - TIMES[0]) / TICK)
+    moments = (np.arange(TIMES.size * every) + 0.5) * TICK
+    pulls = np.stack([np.interp(moments, KNOTS, level) for level in levels.values()], axis=1)
+    cords = [(LEVER * np.array([truth[f"{n}.gain_x"], truth[f"{n}.gain_y"]]), truth[f"{n}.friction"]) for n in levels]
+    out = np.empty((TIMES.size, len(POINTS), 3))
+    for k, pull in enumerate(pulls):
+        if k % every == 0:
+            mujoco.mj_kinematics(model, data)
+            R, r = data.xmat.reshape(-1, 3, 3)[1:], data.xpos[1:]
+            out[k // every] = [r[link] + R[link] @ (aside, 0.0, along) for _, link, along, aside in POINTS]
+        bent, moving = swings(data)
+        force = sum(felt(T, lever, mu, bent, moving, parts) for T, (lever, mu) in zip(pull, cords, strict=True))
+        for joint in range(LINKS):
+            quaternion = data.qpos[4 * joint : 4 * joint + 4]
+            data.qfrc_applied[3 * joint : 3 * joint + 3] = moment_of(quaternion, force[joint])
+        mujoco.mj_step(model, data)
+    return out
+
+
+def records(truth: dict[str, float], rng: np.random.Generator | None, parts: int = 1) -> list[Experiment]:
+    """The records of a body, with noise; without any where there is no `rng`."""
+    made = []
+    for name, levels in RECORDS.items():
+        shape = seen(truth, levels, parts)
+        drives = {c: Trace(KNOTS, np.array(p)) for c, p in levels.items()}
+        if rng is not None:
+            shape += NOISE * rng.standard_normal(shape.shape)
+        made.append(Experiment(name, TIMES, shape, tuple(p[0] for p in POINTS), "trace", drives=drives))
+    return made
+
+
+def main(seeds: int, first: int, parts: int) -> None:
+    """Print the coverage of each parameter, % of the seeds, and of all."""
+    rows, names = [], list(drawn())
+    start = [Parameter(name, value) for name, value in drawn().items()]
+    for seed in range(first, first + seeds):
+        rng = np.random.default_rng([seed, 4])
+        truth = drawn(rng)
+        found = fit(records(truth, rng, parts), tendon_arm(), start, step=STEP, starts=1)
+        if max(found.rmse.values()) > FAR * NOISE:
+            print(seed, "ended far off", found.rmse, file=sys.stderr, flush=True)
+            continue
+        std = {p.name: p.std for p in found.parameters}
+        rows.append([(found.values[name] - truth[name]) / std[name] for name in names])
+        size = std["red.friction"] / found.values["red.friction"]
+        print(seed, f"friction to {100 * size:.1f} %", np.round(rows[-1], 2).tolist(), file=sys.stderr, flush=True)
+    z = np.array(rows)
+    held = np.abs(z) < 1.96
+    each = held.mean(axis=1)
+    half = 1.96 * each.std(ddof=1) / np.sqrt(len(rows))
+    print(f"{len(rows)} of {seeds} fits reach the noise: all parameters {100 * each.mean():.1f} +- {100 * half:.1f} %, "
+          f"z rms {np.sqrt(np.mean(z**2)):.2f}")  # fmt: skip
+    for name, column, errors in zip(names, held.T, z.T, strict=True):
+        print(f"  {name:<16} {told(column)} %, mean z {errors.mean():+.2f}")
+
+
+if __name__ == "__main__":
+    main(*(int(word) for word in (sys.argv[1:] + ["20", "0", "1"][len(sys.argv) - 1 :])))
