@@ -52,6 +52,11 @@ def input_per(unit: str) -> float:
     return _factor({**NEWTON, **METRE, **RADIAN}, unit, "tension, displacement or angle")
 
 
+def shown_in(unit: str) -> tuple[float, str]:
+    """Return how many of the units that plots show make one SI unit of an input, and that unit."""
+    return {"Pa": (1e-3, "kPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
+
+
 def metre_per(unit: str) -> float:
     """Metres in one `unit` of length; InputError when the unit is unknown."""
     return _factor(METRE, unit, "length")

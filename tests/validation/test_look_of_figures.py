@@ -134,16 +134,33 @@ def test_several_traces_are_drawn_in_greys_of_their_own(outcome):
     exp = record.experiment
     time = np.linspace(-0.5, 2.0, 251)
     traces = {name: SimpleNamespace(time=time, pressure=1e3 * k * (time + 1)) for k, name in enumerate("abcde", 1)}
-    drawn = SimpleNamespace(experiment=SimpleNamespace(traces=traces, time=exp.time, pressure=1, level=0.0),
-                            pressure=np.outer(exp.time, [1e3, 2e3]))  # fmt: skip
+    driven = SimpleNamespace(traces=traces, time=exp.time, pressure=1, level=0.0)
+    drawn = replace(record, experiment=driven, pressure=np.outer(exp.time, [1e3, 2e3]))
     ax = Figure().subplots()
-    figures.draw_pressure(ax, drawn)
+    figures.draw_inputs(ax, drawn)
     inside = (time >= exp.time[0]) & (time <= exp.time[-1])
     for k, (name, grey) in enumerate(zip("abcde", ("0.57", "0.45", "0.33", "0.21", "0.57"), strict=True), 1):
         (line,) = (line for line in ax.lines if line.get_label() == f"measured pressure, {name}")
         assert (line.get_color(), line.get_linewidth()) == (grey, 1.9)
         np.testing.assert_allclose(line.get_data(), [time[inside], k * (time[inside] + 1)])
     assert [float(line.get_ydata()[-1]) for line in ax.lines[5:]] == pytest.approx([exp.time[-1], 2 * exp.time[-1]])
+
+
+@pytest.mark.parametrize(("inputs", "label", "factors"), [
+    ({"a": "N", "b": "N"}, "tension\n(N)", (1.0, 1.0)), ({"a": "rad", "b": "rad"}, "motor angle\n(rad)", (1.0, 1.0)),
+    ({"a": "m", "b": "m"}, "displacement\n(mm)", (1e3, 1e3)), ({"a": "Pa", "b": "m"}, "input\n(kPa, mm)", (1e-3, 1e3)),
+])  # fmt: skip
+def test_inputs_of_tendons_are_drawn_in_their_own_units(outcome, inputs, label, factors):
+    record = outcome.fits[0].records[0]
+    time = record.experiment.time
+    traces = {"b": SimpleNamespace(time=time, pressure=0.2 * time)}
+    driven = SimpleNamespace(traces=traces, time=time, pressure=1, level=0.0)
+    ax = Figure().subplots()
+    figures.draw_inputs(ax, replace(record, experiment=driven, pressure=np.outer(time, [0.1, 0.2]), inputs=inputs))
+    assert ax.get_ylabel() == label
+    expected = (0.2 * factors[1], 0.1 * factors[0], 0.2 * factors[1])
+    for line, slope in zip(ax.lines, expected, strict=True):
+        np.testing.assert_allclose(line.get_ydata(), slope * np.asarray(line.get_xdata()), rtol=1e-12, atol=1e-15)
 
 
 def test_fits_side_by_side(outcome):

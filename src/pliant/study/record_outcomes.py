@@ -35,7 +35,9 @@ def outcome_of(
     finite(prediction["compared"], "the modelled motion")
     metrics = compare(exp.synchronised(values), prediction["compared"], result.model.length)
     body = None if exp.without_positions else predict_body(result.model, exp, values, step)
-    return RecordOutcome(exp.name, role, exp, prediction["compared"], prediction["pressure"], metrics, body=body)
+    actuation = result.model.actuation
+    return RecordOutcome(exp.name, role, exp, prediction["compared"], prediction["pressure"], metrics, body=body,
+                         inputs=dict(zip(actuation.names, actuation.units, strict=True)))  # fmt: skip
 
 
 def records_of(

@@ -86,12 +86,15 @@ def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]
 
 
 def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
-    """Each chamber of a fit with a title, and the highest pressures [Pa] that its records drive it with, by role."""
+    """Return each chamber of a fit with a title, and the highest pressure [Pa] of its records, by role.
+
+    Tendons have no torque law.
+    """
     chambers = fit.result.model.chambers
-    if fit.result.model.actuation.count == 1:
+    if fit.result.model.actuation.count == 1 and chambers[0].kind == "pressure":
         return [(fit.title, chambers[0], {r.experiment.peak: r.role for r in fit.records})]
     laws = []
-    for c in chambers:
+    for c in (c for c in chambers if c.kind == "pressure"):
         driven = [r for r in fit.records if c.name in r.experiment.drives]
         marks: dict[float, str] = {float(r.experiment.drives[c.name].pressure.max()): r.role for r in driven}
         laws.append((f"{fit.title}, {c.name}", c, marks))

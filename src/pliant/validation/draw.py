@@ -12,6 +12,7 @@ from typing import Any
 
 from pliant.errors import InputError, PliantError
 from pliant.failures import Failures
+from pliant.validation.curves import laws_of
 from pliant.validation.outcome import FitOutcome, StudyOutcome
 
 Draw = Callable[[], Any]  # makes a figure
@@ -126,8 +127,9 @@ def compared(fits: Sequence[FitOutcome], records: Sequence[str]) -> Iterator[tup
 
 
 def moves_torque(fits: Sequence[FitOutcome]) -> bool:
-    """Whether a fit moved the torque law."""
-    return any(re.match(r"(.+\.)?(torque_\d|gain)$", p.name) for f in fits for p in f.result.parameters)
+    """Return whether a fit moved the torque law of a chamber."""
+    changed = [f for f in fits if any(re.match(r"(.+\.)?(torque_\d|gain)$", p.name) for p in f.result.parameters)]
+    return any(laws_of(f) for f in changed)
 
 
 def file_name(name: str, taken: set[str]) -> str:

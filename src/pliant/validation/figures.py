@@ -19,6 +19,7 @@ from matplotlib.lines import Line2D
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.plotting import NARROW, TALLEST, WIDTH, side_by_side, style
+from pliant.units import shown_in
 from pliant.validation.curves import (
     autocorrelation,
     axes_of,
@@ -29,7 +30,7 @@ from pliant.validation.curves import (
     thin,
 )
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome
-from pliant.validation.wording import ROLE, clip, digits, readable, sized
+from pliant.validation.wording import ROLE, clip, digits, input_words, readable, sized
 
 Array = np.ndarray
 MOST_FITS = 4
@@ -53,7 +54,7 @@ def drawing() -> Iterator[None]:
 
 
 def record_figure(record: RecordOutcome) -> Figure:
-    """Draw measured and modelled x and y of three stations in time, the residuals, and the pressure once below.
+    """Draw measured and modelled x and y of three stations in time, the residuals, and the inputs once below.
 
     The stations are spread evenly, the last one among them; angles alone fill one column.
     """
@@ -72,7 +73,7 @@ def record_figure(record: RecordOutcome) -> Figure:
             draw_residuals(ax, exp.time, factor * (record.modelled - exp.compared)[..., axis])
             ax.set_ylabel(f"residual\n{names[axis]} ({unit})")
         if forced:
-            draw_pressure(figure.axes[-1], record)
+            draw_inputs(figure.axes[-1], record)
         figure.align_ylabels()
         legend(figure, [*axes[:, 0], *figure.axes[-1:]])
     return figure
@@ -283,19 +284,22 @@ def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:
     ax.axhline(0.0, color="0.4", linestyle="-", linewidth=0.5)
 
 
-def draw_pressure(ax: Axes, record: RecordOutcome) -> None:
-    """Pressures behind the valves as modelled, over the measured traces or the nominal level."""
+def draw_inputs(ax: Axes, record: RecordOutcome) -> None:
+    """Draw the inputs behind the valves or motors as modelled, over the measured traces or the nominal level."""
     exp = record.experiment
+    word, unit = input_words(record.units)
     for k, (name, trace) in enumerate(exp.traces.items()):
         near = (trace.time >= exp.time[0]) & (trace.time <= exp.time[-1])
-        line = MEASURED | {"label": f"measured pressure{name and f', {name}'}", "color": f"{0.57 - 0.12 * (k % 4):.2f}"}
-        ax.plot(*thin(trace.time[near], 1e-3 * trace.pressure[near]), **line)
+        line = MEASURED | {"label": f"measured {word}{name and f', {name}'}", "color": f"{0.57 - 0.12 * (k % 4):.2f}"}
+        ax.plot(*thin(trace.time[near], shown_in(record.unit_of(name))[0] * trace.pressure[near]), **line)
     if exp.pressure is None:
-        ax.axhline(1e-3 * exp.level, color="0.5", linestyle=":", linewidth=1.2, label="nominal pressure")
-    pressure = MODELLED | {"color": "black", "linestyle": (0, (5, 1.5)), "label": "pressure behind the valve"}
-    for modelled in record.pressure.T:
-        ax.plot(*thin(exp.time, 1e-3 * modelled), **pressure)
-    ax.set_ylabel("pressure\n(kPa)")
+        ax.axhline(shown_in(record.units[0])[0] * exp.level, color="0.5", linestyle=":", linewidth=1.2,
+                   label=f"nominal {word}")  # fmt: skip
+    behind = "the valve" if word == "pressure" else "its lag"
+    modelled = MODELLED | {"color": "black", "linestyle": (0, (5, 1.5)), "label": f"{word} behind {behind}"}
+    for column, own in zip(record.pressure.T, record.units, strict=True):
+        ax.plot(*thin(exp.time, shown_in(own)[0] * column), **modelled)
+    ax.set_ylabel(f"{word}\n({unit})")
 
 
 def legend(figure: Figure, axes: Iterable[Axes]) -> None:

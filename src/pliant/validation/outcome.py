@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -30,10 +31,20 @@ class RecordOutcome:
     role: Role
     experiment: Experiment
     modelled: Array  # (T, S, 2) m; (T, S, 1) rad of angles alone
-    pressure: Array  # (T, C) Pa, behind the valves, as modelled
+    pressure: Array  # (T, C) inputs behind the valves or motors, as modelled, in `units`
     metrics: dict[str, Any]
     band: Band | None = None  # of the prediction of a held-out record
     body: Array | None = None  # (T, n + 2, 2) m, modelled base, first joint and link tips
+    inputs: Mapping[str, str] = field(default_factory=dict)  # of the model: name and SI unit; none: pressures
+
+    def unit_of(self, name: str) -> str:
+        """Return the SI unit of an input by its name; "" is that of the first."""
+        return self.inputs.get(name) or next(iter(self.inputs.values()), "Pa")
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the columns of `pressure`."""
+        return tuple(self.inputs.values()) or ("Pa",) * self.pressure.shape[-1]
 
 
 @dataclass(frozen=True)

@@ -149,7 +149,7 @@ def fit_of(
 ) -> FitOutcome:
     """A fit with its records."""
     result = result_of(entry, read_model(json.dumps(entry["model"]), f"metrics.json, model of fit {name}"))
-    records = []
+    records, actuation = [], result.model.actuation
     for record, numbers in entry["records"].items():
         if set(numbers) <= {"role", "not_computed"}:
             continue  # its motion could not be computed
@@ -158,7 +158,8 @@ def fit_of(
         metrics = {key: value for key, value in numbers.items() if key not in ("role", "not_computed")}
         body = own["body"].values if "body" in own and own["body"].notnull().any() else None
         records.append(RecordOutcome(record, numbers["role"], exp, own["modelled"].values,
-                                     own["modelled_pressure"].values, metrics, band_of(own, exp), body))
+                                     own["modelled_pressure"].values, metrics, band_of(own, exp), body,
+                                     dict(zip(actuation.names, actuation.units, strict=True))))
     return FitOutcome(name, entry["title"], result, tuple(records), entry["timing"]["fit_s"], failures_of(entry))
 
 

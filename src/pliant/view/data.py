@@ -10,9 +10,11 @@ import numpy as np
 from pliant.identification.experiment import Experiment
 from pliant.mechanics import mechanics_of
 from pliant.numerics.arcs import arc_lengths
+from pliant.units import shown_in
 from pliant.validation.curves import autocorrelation, evenly_spaced, laws_of
 from pliant.validation.draw import moves_torque
 from pliant.validation.outcome import Clocks, FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
+from pliant.validation.wording import input_words
 from pliant.view.packing import Pack
 
 Array = np.ndarray
@@ -27,7 +29,7 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
     measured: dict[str, Any] = {}
     for fit in outcome.fits:
         for record in fit.records:
-            measured.setdefault(record.name, measured_of(record.experiment, every, pack))
+            measured.setdefault(record.name, measured_of(record, every, pack))
     lengthens = mechanics_of(outcome.model).lengthens
     if lengthens:
         for record in (r for f in outcome.fits for r in f.records):
@@ -57,16 +59,19 @@ def thinning(outcome: StudyOutcome) -> int:
     return max(1, int(np.ceil(numbers / MOST_NUMBERS)))
 
 
-def measured_of(exp: Experiment, every: int, pack: Pack) -> dict[str, Any]:
-    """What a recording showed: s, mm (degrees of angles alone) and kPa."""
-    pressures = []
+def measured_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]:
+    """Return what a recording showed: s, mm (degrees of angles alone), and inputs in kPa, N, mm or rad."""
+    exp, inputs = record.experiment, []
     for name, trace in exp.traces.items():
         seen = np.interp(exp.time[::every], trace.time, trace.pressure, left=np.nan, right=np.nan)
-        pressures.append({"name": f"measured, {name}" if name else "measured", "value": pack.add(1e-3 * seen)})
+        factor, _ = shown_in(record.unit_of(name))
+        inputs.append({"name": f"measured, {name}" if name else "measured", "value": pack.add(factor * seen)})
+    word, unit = input_words(record.units)
     return {
         "stations": list(exp.stations), "shown": evenly_spaced(len(exp.stations), 3), "kind": exp.excitation,
         "time": clock(exp.time[::every], pack), "position": pack.add(exp.shown_in[1] * exp.compared[::every]),
-        "pressures": pressures, "level": 1e-3 * exp.level if exp.excitation in ("pulse", "step") else None,
+        "inputs": inputs, "input": word, "unit": unit,
+        "level": shown_in(record.units[0])[0] * exp.level if exp.excitation in ("pulse", "step") else None,
     }
 
 
@@ -86,17 +91,21 @@ def clock(time: Array, pack: Pack) -> dict[str, Any]:
 
 
 def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]:
-    """What a fit says of a recording: mm (degrees), kPa, and the correlation of its last station's residual."""
+    """Return what a fit says of a recording: mm (degrees), inputs in the units of `measured_of`.
+
+    With the correlation of its last station's residual.
+    """
     exp = record.experiment
     factor = exp.shown_in[1]
     residual = factor * (record.modelled[:, -1] - exp.last_station)
     lag, correlation = zip(*(autocorrelation(exp.time, r) for r in residual.T), strict=True)
     seen = np.isfinite(residual[:, 0]).sum()
+    scales = [shown_in(unit)[0] for unit in record.units]
     body = record.body if record.body is not None else np.concatenate(
         [np.zeros((exp.time.size, 1, exp.compared.shape[2])), record.modelled], axis=1)
     return {
         "role": record.role, "position": pack.add(factor * record.modelled[::every]),
-        "body": pack.add(1e3 * body[::every]), "pressure": pack.add(1e-3 * record.pressure[::every]),
+        "body": pack.add(1e3 * body[::every]), "pressure": pack.add(scales * record.pressure[::every]),
         "band": [pack.add(factor * edge[::every]) for edge in (record.band.lower, record.band.upper)]
         if record.band is not None else None,
         "level": record.band.level if record.band is not None else None,

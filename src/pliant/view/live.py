@@ -18,6 +18,7 @@ from pliant.model import Model, Station
 from pliant.simulation import Stepper
 from pliant.simulation.balance import EnergyWarning
 from pliant.simulation.time_step import shared_step
+from pliant.units import shown_in
 
 Array = np.ndarray
 SHORTEST = 1e-4  # s, of a step: a page cannot follow many more
@@ -27,11 +28,6 @@ WIDE = 1.959964  # standard errors to each side of a 95 % interval
 FACTORS = (0.5, 2.0)  # of stiffness and damping, where a model comes without intervals
 PULL = 1.5  # stiffness of the thread between hand and body, in those of a joint over the body's length squared
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
-def shown_in(unit: str) -> tuple[float, str]:
-    """Return how many of the page's units make one SI unit of an input, and that unit."""
-    return {"Pa": (1e-3, "kPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
 
 
 class Slider(NamedTuple):

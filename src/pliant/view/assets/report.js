@@ -23,7 +23,7 @@
     return {
       k, name, ...seen, role: made.role, t: Array.from(open(seen.time).flat), measured: open(seen.position),
       modelled: open(made.position), chain: open(made.body), valve: open(made.pressure),
-      traces: seen.pressures.map((p) => ({ name: p.name, value: open(p.value) })),
+      traces: seen.inputs.map((p) => ({ name: p.name, value: open(p.value) })),
       band: made.band?.map(open), share: made.level, lag: Array.from(open(made.lag).flat), correlation: open(made.correlation),
       white: made.white, grown: seen.grown && [open(seen.grown), open(data.fits[k].grown[name])], stationsOn: now?.name === name ? now.stationsOn : new Set(seen.shown),
     };
@@ -97,14 +97,14 @@
     return out;
   }
 
-  function pressures(r) {
+  function inputs(r) {
     const out = r.traces.map((p) => ({ label: p.name, values: column(p.value, 0), width: 4.5,
       colour: () => paint("measured") }));
-    const chambers = r.valve.shape[1];
+    const chambers = r.valve.shape[1], [behind, each] = r.input === "pressure" ? ["behind the valve", "chamber"] : ["behind the lag", "input"];
     for (let c = 0; c < chambers; c++) {
-      out.push({ label: chambers > 1 ? `behind the valve, chamber ${c + 1}` : "behind the valve, modelled", width: 1.6,
+      out.push({ label: chambers > 1 ? `${behind}, ${each} ${c + 1}` : `${behind}, modelled`, width: 1.6,
         values: column(r.valve, c), colour: () => ramp(chambers > 1 ? c / (chambers - 1) : 1),
-        tag: chambers > 1 ? `chamber ${c + 1}` : "" });
+        tag: chambers > 1 ? `${each} ${c + 1}` : "" });
     }
     return out;
   }
@@ -135,8 +135,8 @@
     }
     $("pressure").hidden = r.kind === "release";
     if (r.kind !== "release") {
-      const marks = r.level && !r.traces.length ? [{ at: r.level, text: `nominal ${digits(r.level)} kPa` }] : [];
-      add("plot-pressure", { series: pressures(r), ylabel: "pressure (kPa)", height: 140, marks, xlabel: "time (s)" });
+      const marks = r.level && !r.traces.length ? [{ at: r.level, text: `nominal ${digits(r.level)} ${r.unit}` }] : [];
+      add("plot-pressure", { series: inputs(r), ylabel: `${r.input} (${r.unit})`, height: 140, marks, xlabel: "time (s)" });
     }
   }
 
@@ -180,7 +180,7 @@
     const r = now, cell = (text) => { const td = document.createElement("td"); td.textContent = text; return td; };
     $("clock").textContent = `${t.toFixed(3)} s`;
     const valve = column(r.valve, 0)[frame];
-    $("kpa").textContent = r.kind === "release" ? "" : digits(valve, "kPa");
+    $("kpa").textContent = r.kind === "release" ? "" : digits(valve, r.unit.split(", ")[0]);
     $("values").replaceChildren(...[...r.stationsOn].sort((a, b) => a - b).map((s) => {
       const row = document.createElement("tr"), head = document.createElement("th");
       head.scope = "row";
