@@ -170,6 +170,18 @@ def test_facts_of_places_seen_in_part():
     assert turned.travel_deg == {"s000": pytest.approx(np.degrees(0.3))}
 
 
+@pytest.mark.parametrize(("travel", "hardly"), [(0.9e-3, True), (1.1e-3, False)])
+def test_a_recording_hardly_moves_by_a_hundredth_of_its_extent(travel, hardly):
+    """The box about two stations is 0.1 m long; a third one was never seen."""
+    place = np.zeros((100, 3, 3))
+    place[:, 1, 1] = 0.1
+    place[:, 2] = np.nan
+    place[:, 1, 0] = travel * np.sin(2 * np.pi * np.arange(100) / 100)
+    found = quality(make_recording(np.arange(100) / 100, place))
+    line = "the recording hardly moves: its largest travel is below 1 % of its extent"
+    assert (line in found.findings) == hardly
+
+
 def test_a_summary_tells_shapes_logs_and_inputs_apart():
     assert Quality().summary().startswith("log of 0 pressure samples\n")
     log = Quality(input_range={"m": (0.0, 2.5, "N"), "n": (-1.0, 1.0, "mm")})

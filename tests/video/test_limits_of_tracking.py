@@ -513,3 +513,74 @@ def test_the_base_is_the_median_of_the_first_ten_frames_that_show_it(monkeypatch
     with pytest.raises(InputError, match="no body is seen whole in the first 120 frames"):
         silhouette.base_of(reel, None)
     assert len(taken) == 120
+
+
+@pytest.mark.parametrize("base", [None, (60.0, 120.0)])
+def test_both_ends_are_sought_twice_and_the_tip_once_more(base):
+    """A stated base is never sought."""
+    follow, sought = Follower(around(), None if base is None else np.array(base)), []
+
+    def ended(picture, line, state, *, at_tip):
+        sought.append((float(line[0, 0]), float(line[-1, 0]), at_tip))
+        return line, True
+
+    follow._ended, follow._centred = ended, lambda picture, line, state: line
+    follow._measured = lambda picture, line, state: replace(found_body(), line=line)
+    found = follow._refined(None, straight(), known(straight()))
+    assert found.line[[0, -1], 0].tolist() == [60.0, 240.0]
+    tip, start = (60.0, 240.0, True), (240.0, 60.0, False)
+    assert sought == ([tip, start, tip, start, tip] if base is None else [tip, tip, tip])
+
+
+@pytest.mark.parametrize(("points", "tried"), [(3, False), (4, True)])
+@pytest.mark.parametrize("base", [None, (60.0, 120.0)])
+def test_a_body_is_sought_afresh_from_its_base_along_four_points_at_least(monkeypatch, points, tried, base):
+    starts, refined = [], []
+
+    def rough(mask, start):
+        starts.append(start)
+        return np.stack([np.linspace(10.0, 40.0, points), np.full(points, 30.0)], axis=1)
+
+    monkeypatch.setattr("pliant.video.follow.rough_line", rough)
+    follow = Follower(around(2, np.zeros((120, 160), bool)), None if base is None else np.array(base))
+    follow._begin = lambda mask: np.array([7.0, 8.0])
+    follow._refined = lambda picture, line, state: refined.append((line, state))
+    follow._afresh(ribbon(straight()))
+    assert starts[0].tolist() == ([7.0, 8.0] if base is None else [30.0, 60.0])
+    assert bool(refined) == tried
+    if tried:
+        line, state = refined[0]
+        np.testing.assert_allclose(line[[0, -1]], [[20.0, 60.0], [80.0, 60.0]])
+        assert (state.length, state.step.any(), len(state.half)) == (0.0, False, 61)
+        assert state.half[0] == pytest.approx(0.5 * 180 * 16 / 60, rel=0.05)  # the area of the body over this length
+        np.testing.assert_allclose(state.light, follow.around.body)
+        follow.known = known(straight(), 9.0)
+        follow._afresh(ribbon(straight()))
+        assert refined[1][1].half[0] == 9.0
+        np.testing.assert_allclose(refined[1][1].line, line)
+
+
+@pytest.mark.parametrize("up", [True, False])
+def test_the_base_of_an_upright_body_is_the_end_nearest_to_what_never_moves(up):
+    mask, always = np.zeros((240, 320), bool), NONE.copy()
+    mask[60:200, 100:110] = True
+    always[slice(60, 70) if up else slice(190, 200), 100:110] = True
+    always[10 if not up else 230, 300] = True  # a speck far from both
+    found = Follower(around(always=always))._begin(mask)
+    assert found == pytest.approx((104.5, 62.5 if up else 196.5), abs=3.5)
+
+
+def test_a_body_is_sought_where_its_last_step_leads():
+    """In steps of 18 pixels, more than its width; nothing but the line and the step of before is known."""
+    follow = Follower(around(), np.array([60.0, 100.0]))
+    for y in (100.0, 118.0):
+        follow.base = np.array([60.0, y])
+        assert follow(ribbon(straight(y=y))) is not None
+    follow._afresh = lambda picture: None
+    follow.base = np.array([60.0, 136.0])
+    found = follow(ribbon(straight(y=136.0)))
+    assert np.abs(found.line[3:-3, 1] - 136.0).max() < 0.1
+    np.testing.assert_allclose(follow.known.step[3:-3, 1], 18.0, atol=0.2)
+    follow.base = np.array([60.0, 208.0])
+    assert follow(ribbon(straight(y=208.0))) is None  # too far from there
+    assert not follow.known.step.any()

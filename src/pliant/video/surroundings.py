@@ -183,7 +183,7 @@ def _background(stack: Array, middle: Array, body: Array, weight: Array, moving:
     behind[moving] = np.where(same.any(axis=0), mean, behind[moving])
     always = _always(~free, moving)
     hole = cv2.dilate(always.astype(np.uint8), np.ones((5, 5), np.uint8))
-    filled = cv2.inpaint(np.clip(behind, 0, 255).astype(np.uint8), hole, 3.0, cv2.INPAINT_TELEA)
+    filled = cv2.inpaint(behind.astype(np.uint8), hole, 3.0, cv2.INPAINT_TELEA)
     return np.where(hole[..., None] > 0, filled, behind).astype(np.float32), always
 
 
