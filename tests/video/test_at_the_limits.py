@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.video import pace, silhouette
+from pliant.recording import make_recording
+from pliant.video import pace, silhouette, track
 from pliant.video.marks import ChainOfDots, _first_dots
 from pliant.video.pace import doubled_and_leaps, lost_in_times
 from pliant.video.reel import Reel
@@ -192,3 +194,38 @@ def test_shares_take_the_background_for_what_it_is():
     picture[25:35, 10:30] = 2.0
     assert np.argwhere(mask_of(picture, place)).min(axis=0).tolist() == [10, 10]
     assert np.argwhere(mask_of(picture, place)).max(axis=0).tolist() == [19, 29]
+
+
+def test_a_film_is_followed_frame_by_frame_and_its_changes_are_noted(monkeypatch, tmp_path):
+    """Mean change of every eighth pixel, in levels; the fraction that is done; what the follower tells."""
+    taken, done, drawn = {}, [], []
+    levels = [10, 14, 11, 250]
+    pictures = [np.full((24, 40, 3), 99, np.uint8) for _ in levels]
+    for picture, level in zip(pictures, levels, strict=True):
+        picture[::8, ::8] = level
+    lines = [np.array([[1.0, 2.0], [3.0, 4.0]]), None, np.array([[5.0, 6.0], [7.0, 8.0]]), None]
+    frames = [(0.25 * k, picture, line) for k, (picture, line) in enumerate(zip(pictures, lines, strict=True))]
+
+    @contextmanager
+    def overlay(reel, paths):
+        yield lambda time, picture, found: drawn.append((time, found))
+
+    def recording(reel, camera, how, names, seen):
+        taken.update(names=names, seen=seen)
+        return make_recording([0.0, 1.0], np.zeros((2, 2, 3)))
+
+    monkeypatch.setattr(track, "open_reel", lambda path: Reel(path, 40, 24, 4.0, 5))
+    monkeypatch.setattr(track, "_followed", lambda reel, how: (["a", "b"], ["a line"], iter(frames)))
+    monkeypatch.setattr(track, "overlay", overlay)
+    monkeypatch.setattr(track, "_recording", recording)
+    made = track.track_video(tmp_path / "f.mp4", {"pixels_per_mm": 1.0}, progress=done.append)
+    seen = taken["seen"]
+    np.testing.assert_allclose(seen.change, [np.nan, 4.0, 3.0, 239.0])
+    np.testing.assert_allclose(seen.time, [0.0, 0.25, 0.5, 0.75])
+    np.testing.assert_allclose(seen.points[[0, 2]], [lines[0], lines[2]])
+    assert np.isnan(seen.points[[1, 3]]).all()
+    assert done == [0.2, 0.4, 0.6, 0.8]
+    assert [time for time, _ in drawn] == [0.0, 0.25, 0.5, 0.75]
+    assert [line is None for _, line in drawn] == [False, True, False, True]
+    assert made.attrs["history"].endswith("a line")
+    assert taken["names"] == ["a", "b"]

@@ -263,6 +263,8 @@ def test_the_large_background_is_the_mean_of_what_shows_no_body():
     for k, shot in enumerate(shots):
         shot[30:40, 20 + 8 * k : 28 + 8 * k] = 40
     shots[3][50, 60] = 255  # half of the contrast away
+    for k, shot in enumerate(shots):
+        shot[55, 70] = 174 if k == 2 else 40  # the background shows once
     small = np.full((40, 60, 3), 180.0, np.float32)
     reach = np.zeros((40, 60), bool)
     reach[10:30, 5:50] = True
