@@ -17,7 +17,6 @@ from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import estimate, input_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.space import require_planar
 from pliant.simulation import simulate
 from pliant.version import __version__
 
@@ -26,6 +25,7 @@ GONE = 2.0  # mean normalised square of the torques, over that of their drift, b
 STAYS = 0.01  # of the largest mean square of a contact: what the material remembers of it
 CALM = 0.107  # s for which it must stay there
 SHY = 0.2  # s after a contact in which its end raises no alarm
+ANGLES = ("joint_angle", "joint_angle_x", "joint_angle_y", "joint_angle_twist")
 PACE = 0.2  # share by which the rate of frames may differ from that of the free motion
 
 
@@ -70,8 +70,9 @@ def find_contact(
         statistic, in_contact, external_torque (time, joint) with the free part taken off (of a body that lengthens also
         external_axial_force (time, segment)), and while in contact
         contact_arc_length with arc_low and arc_high (95 %), contact_position, contact_normal, contact_force (time,
-        axis), force_covariance, normal_force, tangential_force with `_sd`, hidden_tangential (time). attrs: threshold,
-        alarm times, onset times, how the threshold was found.
+        axis), force_covariance, normal_force, tangential_force with `_sd`, hidden_tangential (time). In space there are
+        three axes, and external_torque_x and external_torque_y. attrs: threshold, alarm times, onset times, how the
+        threshold was found.
 
     Raises
     ------
@@ -93,7 +94,6 @@ def find_contact(
         at.contact_arc_length, at.contact_force                    # where along the body, m; how hard, N
         at.hidden_tangential.any()                                 # whether the shape could not show a component
     """
-    require_planar(model, "find_contact")
     settings = noise or default_noise(model, disturbance=True)
     learnt = free if isinstance(free, FreeMotion) else free_motion(
         free, model, false_alarms_per_hour=false_alarms_per_hour, noise=settings, **options
@@ -252,14 +252,14 @@ def described(
 ) -> xr.Dataset:
     """The dataset of `find_contact`."""
     found = seen.found
-    T = statistic.size
+    T, axes = statistic.size, found.sizes["axis"]
     numbers = {
         "contact_arc_length": "m", "arc_low": "m", "arc_high": "m", "normal_force": "N", "normal_force_sd": "N",
         "tangential_force": "N", "tangential_force_sd": "N",
     }
     made: dict[str, Array] = {name: np.full(T, np.nan) for name in numbers}
-    vectors = {name: np.full((T, 2), np.nan) for name in ("contact_position", "contact_force", "contact_normal")}
-    covariance, hidden = np.full((T, 2, 2), np.nan), np.zeros(T, dtype=bool)
+    vectors = {name: np.full((T, axes), np.nan) for name in ("contact_position", "contact_force", "contact_normal")}
+    covariance, hidden = np.full((T, axes, axes), np.nan), np.zeros(T, dtype=bool)
     for k, p in pushes.items():
         values = (p.arc_length, *p.arc_interval, p.normal, p.normal_sd, p.tangential, p.tangential_sd)
         for name, value in zip(numbers, values, strict=True):
@@ -275,8 +275,8 @@ def described(
     data |= {
         "force_covariance": (("time", "axis", "axis_2"), covariance, {"units": "N2"}),
         "hidden_tangential": ("time", hidden), "in_contact": ("time", touching), "statistic": ("time", statistic),
-        **left, "tip_position": found["tip_position"], "joint_angle": found["joint_angle"],
-        "pressure": found["pressure"],
+        **left, "pressure": found["pressure"],
+        **{name: found[name] for name in ("tip_position", *ANGLES) if name in found},
     }
     return xr.Dataset(data, found.coords, {
         "schema": "pliant-contact", "source": f"pliant {__version__}", "model": found.attrs["model"],

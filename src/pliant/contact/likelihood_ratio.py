@@ -88,7 +88,7 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
         mechanics_of(model).coordinates(q), np.zeros(n), np.zeros(n), noise.initial(model), state.relaxed(model, q)
     )
     predict = twin(kalman_loops.predict_span, *mechanics_of(model).sizes)
-    update = twin(kalman_loops.update)
+    update, observe = (twin(kernel, *mechanics_of(model).sizes) for kernel in (kalman_loops.update, observe_rows))
     chain, densities = chain_of(model), FilterNoise(*noise.densities(model), np.zeros(1))
     still = Prediction(steps, period / steps, np.zeros(n), densities)
     seen, slopes = np.empty(len(rows)), np.empty((len(rows), n))
@@ -96,7 +96,7 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
 
     def frame(own: FilterState, true: Array) -> Array:
         predict(own, chain, still, workspace)
-        observe_rows(true, shown, workspace.links, seen, slopes)
+        observe(true, shown, workspace.links, seen, slopes)
         update(own, chain, shown, workspace)
         return shown.innovation
 
@@ -120,8 +120,8 @@ def likelihood_ratio(
     """Statistic (T,) of a force across the body that set in within the last frames, and how many frames ago (T,).
 
     A body that lengthens shows forces along it too, but so does every change of pressure where the model errs in the
-    axial stiffness: they raise no alarm. For one place and onset it is a chi-square number of one degree of freedom
-    where no force set in.
+    axial stiffness: they raise no alarm. For one place and onset it is a chi-square number of one degree of freedom, of
+    two in space, where no force set in.
 
     Parameters
     ----------
@@ -134,17 +134,17 @@ def likelihood_ratio(
     """
     e, case = np.nan_to_num(innovation), answer.case(motion)
     link, share = (a.ravel() for a in np.meshgrid(np.arange(min(1, model.n - 1), model.n), PLACES, indexing="ij"))
-    J = moment_arms(model, angle, link, share * model.link_length[link])[:, :, 0]
+    J = moment_arms(model, angle, link, share * model.link_length[link])[:, :, :-1]
     best, since = np.zeros(len(e)), np.zeros(len(e), dtype=int)
     for b in np.unique(case):
         R, at = answer.response[b], case == b
         for w in answer.windows:
             y = sum(shifted(e, w - 1 - j) @ R[j] for j in range(w))
             information = sum(R[j].T @ R[j] for j in range(w))
-            push = np.einsum("tan,tn->ta", J[at], np.asarray(y)[at])
-            size = np.einsum("tan,nm,tam->ta", J[at], information, J[at])
+            push = np.einsum("tadn,tn->tad", J[at], np.asarray(y)[at])
+            size = np.einsum("tadn,nm,tacm->tadc", J[at], information, J[at])
             ratio = np.zeros(len(e))
-            ratio[at] = (push**2 / size).max(axis=1)
+            ratio[at] = np.sum(push * np.linalg.solve(size, push[..., None])[..., 0], axis=-1).max(axis=1)
             since[ratio > best] = w
             best = np.maximum(best, ratio)
     return best, since

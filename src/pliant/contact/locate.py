@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.contact.moment_arms import curve_at, moment_arms
 from pliant.errors import InputError
+from pliant.mechanics.spatial import SpatialChain
 from pliant.model import Model
 
 Array = np.ndarray
@@ -32,15 +33,18 @@ class Push:
         Of the body, m along it.
     link : int
         0 the first.
-    position, left, force : (2,) array
-        Point on the smooth body through the joints [m], unit normal to the left of it, force [N], in the base frame.
-    covariance : (2, 2) array
+    position, left, force : (2,) array, (3,) in space
+        Point on the smooth body through the joints [m], unit normal to the left of it, force [N], in the base frame. In
+        space the normal points as the part of the force across the body does.
+    covariance : (2, 2) array, (3, 3) in space
         Of the force at that point, N^2.
     normal, tangential : float
-        Components of the force to the left of the body and towards its tip, N.
+        Components of the force to the left of the body and towards its tip, N; in space the size of the one across it.
     normal_sd, tangential_sd : float
     chi_square : float
-        What the best point leaves unexplained, n - 3 expected; n + S - 3 of a body that lengthens.
+        What the best point leaves unexplained, n - 3 expected; n + S - 3 of a body that lengthens; N - 4 in space.
+    chi_square_free : float
+        What is unexplained without a force, n expected where nothing touches, n + S of a body that lengthens.
     hidden : tuple of str
         Components that the torques say nothing of: what is given of them is what friction makes likely.
     """
@@ -58,6 +62,7 @@ class Push:
     normal_sd: float
     tangential_sd: float
     chi_square: float
+    chi_square_free: float
     hidden: tuple[str, ...]
 
 
@@ -74,7 +79,8 @@ def locate(
     Parameters
     ----------
     angle : array (n,)
-        Absolute link angles, rad; of a body that lengthens (n + S,), its strains behind them.
+        Absolute link angles, rad; of a body that lengthens (n + S,), its strains behind them; in space (N,), the
+        coordinates.
     torque, covariance : array (n,), (n, n)
         External joint torques [N m] and their covariance; behind them what works on the strains, N m.
     friction : float
@@ -108,23 +114,22 @@ def locate(
         raise InputError("the covariance of the torques must be symmetric and positive definite") from None
     link, along = points(model, spacing)
     J = moment_arms(model, np.asarray(angle)[None], link, along, rigid=rigid)[0]
-    A = J @ whiten.T  # (points, 2, n): torque per newton to the left and to the tip
+    A = J @ whiten.T  # (points, d, n): torque per newton across the body and to the tip
     z = whiten @ torque
     strength = np.full(link.size, np.inf)
     at_end = (link == n - 1) & (along > model.link_length[-1] - END)
     slope = np.where(at_end, ROUND, friction)
     for _ in range(3):  # the tangential prior follows the size of the normal force
-        weight = np.zeros((link.size, 2, 2))
-        weight[:, 0, 0] = NORMAL_PRIOR**-2
-        weight[:, 1, 1] = 1.0 / (slope * np.minimum(np.maximum(strength, 1e-3), NORMAL_PRIOR)) ** 2
+        weight = np.tile(NORMAL_PRIOR**-2 * np.eye(J.shape[1]), (link.size, 1, 1))
+        weight[:, -1, -1] = 1.0 / (slope * np.minimum(np.maximum(strength, 1e-3), NORMAL_PRIOR)) ** 2
         information = A @ np.swapaxes(A, 1, 2) + weight
         force = np.linalg.solve(information, (A @ z)[..., None])[..., 0]
-        strength = np.where(at_end, np.linalg.norm(force, axis=1), np.abs(force[:, 0]))
+        strength = np.where(at_end, np.linalg.norm(force, axis=1), np.linalg.norm(force[:, :-1], axis=1))
     misfit = np.sum((z - np.einsum("pa,pan->pn", force, A)) ** 2, axis=1)
     misfit += np.einsum("pa,pab,pb->p", force, weight, force)
-    free = np.linalg.det(information) / information[:, 0, 0] / weight[:, 1, 1]
+    free = np.linalg.det(information) / np.linalg.det(information[:, :-1, :-1]) / weight[:, -1, -1]
     evidence = misfit + np.log(free)  # freedom along the body costs: little where friction leaves little
-    return described(model, angle, Tried(link, along, force, information, weight, misfit, evidence))
+    return described(model, angle, Tried(link, along, force, information, weight, misfit, evidence), float(z @ z))
 
 
 class Tried(NamedTuple):
@@ -132,9 +137,9 @@ class Tried(NamedTuple):
 
     link: Array  # (P,)
     along: Array  # (P,) m, from the link's joint
-    force: Array  # (P, 2) N, to the left of the body and towards its tip
-    information: Array  # (P, 2, 2) 1/N^2, inverse of the force's covariance
-    weight: Array  # (P, 2, 2) 1/N^2, of that what friction makes likely
+    force: Array  # (P, d) N, across the body and towards its tip
+    information: Array  # (P, d, d) 1/N^2, inverse of the force's covariance
+    weight: Array  # (P, d, d) 1/N^2, of that what friction makes likely
     misfit: Array  # (P,) chi-square left
     evidence: Array  # (P,) that and what freedom costs: the lowest is the likeliest
 
@@ -146,22 +151,37 @@ def points(model: Model, spacing: float) -> tuple[Array, Array]:
     return np.repeat(np.arange(model.n), counts), np.concatenate(along)
 
 
-def described(model: Model, angle: Array, tried: Tried) -> Push:
-    """The best point in the base frame, with what it cannot show."""
+def described(model: Model, angle: Array, tried: Tried, without: float) -> Push:
+    """The best point in the base frame, with what it cannot show; `without` is the chi-square without a force."""
     best = int(np.argmin(tried.evidence))
     likely = tried.evidence <= tried.evidence[best] + 3.84
     j = int(tried.link[best])
     arc = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])[tried.link] + tried.along
-    c, s = np.cos(angle[j]), np.sin(angle[j])
-    turn = np.array([[-c, -s], [-s, c]]).T  # left and tipwards to x and y
+    turn = sides(model, angle, j)
     point, tangent = curve_at(model, angle, float(arc[best]))
     own, force = np.linalg.inv(tried.information[best]), tried.force[best]
     sd = np.sqrt(np.diag(own))
     allowed = 1.0 / np.sqrt(np.diag(tried.weight[best]))
-    names = np.array(["normal", "tangential"])
+    names = ["normal"] * (len(force) - 1) + ["tangential"]
+    normal, normal_sd, left = float(force[0]), float(sd[0]), np.array([-tangent[1], tangent[0]])
+    if model.space:
+        normal = float(np.linalg.norm(force[:2]))
+        towards = force[:2] / max(normal, 1e-300)
+        normal_sd = float(np.sqrt(towards @ own[:2, :2] @ towards))
+        across = turn[:, :2] @ force[:2]
+        across -= (across @ tangent) * tangent
+        left = across / max(float(np.linalg.norm(across)), 1e-300)
     return Push(
         float(arc[best]), (float(arc[likely].min()), float(arc[likely].max())), model.length, j,
-        point, np.array([-tangent[1], tangent[0]]), turn @ force, turn @ own @ turn.T,
-        float(force[0]), float(force[1]), float(sd[0]), float(sd[1]), float(tried.misfit[best]),
-        tuple(str(name) for name in names[sd > HIDDEN * allowed]),
+        point, left, turn @ force, turn @ own @ turn.T,
+        normal, float(force[-1]), normal_sd, float(sd[-1]), float(tried.misfit[best]), without,
+        tuple(dict.fromkeys(name for name, hides in zip(names, sd > HIDDEN * allowed, strict=True) if hides)),
     )
+
+
+def sides(model: Model, angle: Array, link: int) -> Array:
+    """Directions (d, d), as columns, that a force on a link is counted in: across it, and towards the tip."""
+    if model.space:
+        return np.asarray(SpatialChain(model).posed(np.asarray(angle)).R[link + 1])
+    c, s = np.cos(angle[link]), np.sin(angle[link])
+    return np.array([[-c, -s], [-s, c]]).T

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.spatial import SpatialChain
 from pliant.model import Model
 from pliant.numerics.spline import CLAMPED, spline_matrix
 
@@ -35,12 +36,14 @@ def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
 def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid: bool = False) -> Array:
     """Joint torques (T, P, 2, n) of a unit force to the left of the body and of one towards its tip, m.
 
-    Of a body that lengthens (T, P, 2, n + S): behind them what the force does to the strains of its segments.
+    Of a body that lengthens (T, P, 2, n + S): behind them what the force does to the strains of its segments. In space
+    (T, P, 3, N) of unit forces along the axes x and y of the link and along it, by all coordinates.
 
     Parameters
     ----------
     angle : array (T, n)
-        Absolute link angles, rad; of a body that lengthens (T, n + S), its strains behind them.
+        Absolute link angles, rad; of a body that lengthens (T, n + S), its strains behind them; in space (T, N),
+        coordinates.
     link, along : arrays (P,)
         Of the points: link, and distance from its joint before the link stretches, m.
     rigid : bool
@@ -52,25 +55,42 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
     n, chain = model.n, mechanics_of(model)
     stretch, directions = chain.stretches(angle), chain.directions(angle)
     l, part = stretch[:, 1:] * model.link_length, stretch[:, 1 + link]  # (T, n), (T, P)
-    ahead = directions[:, 1:]  # (T, n, 2)
-    joint = np.concatenate([np.zeros((len(angle), 1, 2)), np.cumsum(l[..., None] * ahead, axis=1)], axis=1)[:, :n]
+    ahead = directions[:, 1:]  # (T, n, d)
+    ends = np.cumsum(l[..., None] * ahead, axis=1)
+    joint = np.concatenate([np.zeros_like(ends[:, :1]), ends], axis=1)[:, :n]
     own = ahead[:, link]
-    arm = (joint[:, link] + (part * along)[..., None] * own)[:, :, None] - joint[:, None]  # (T, P, n, 2)
+    arm = (joint[:, link] + (part * along)[..., None] * own)[:, :, None] - joint[:, None]  # (T, P, n, d)
     arm = np.where((np.arange(n) <= link[:, None])[..., None], arm, 0.0)
     if not rigid:
         for k, u in ((link, along), (link + 1, along - model.link_length[link])):
             here = np.flatnonzero(k < n)
             lever = part[:, here] * mean_moment_arm(model, k[here], u[here])
             arm[:, here, k[here]] = lever[..., None] * own[:, here]
-    sides = (np.stack([-own[..., 1], own[..., 0]], axis=-1), own)
-    turning = [arm[..., 0] * d[:, :, None, 1] - arm[..., 1] * d[:, :, None, 0] for d in sides]
+    if model.space:
+        sides, turning = turned_in_space(model, angle, link, arm)
+    else:
+        sides = (np.stack([-own[..., 1], own[..., 0]], axis=-1), own)
+        turning = [arm[..., 0] * d[:, :, None, 1] - arm[..., 1] * d[:, :, None, 0] for d in sides]
     grown = growth(model, directions, link, along)
     stretching = [np.einsum("tpsa,tpa->tps", grown, d) for d in sides]
     return np.concatenate([np.stack(turning, axis=2), np.stack(stretching, axis=2)], axis=-1)
 
 
+def turned_in_space(model: Model, x: Array, link: Array, arm: Array) -> tuple[tuple[Array, ...], list[Array]]:
+    """Axes (T, P, 3) of the links of points, and what unit forces along each do to all turns (T, P, turns), m.
+
+    s . (a x d): axis s of the turn, arm a (T, P, n, 3) from its joint to the point, direction d of the force.
+    """
+    work, n = SpatialChain(model).posed(x), model.n
+    frames, axes = np.moveaxis(work.R, -1, 0)[:, 1 + link], np.moveaxis(work.S, -1, 0)  # (T, P, 3, 3), (T, turns, 3)
+    carried = np.append(np.repeat(np.arange(n), 2), np.tile(np.arange(n), axes.shape[1] // n - 2))
+    sides = tuple(frames[..., k] for k in range(3))
+    moments = [np.cross(arm, d[:, :, None]) for d in sides]
+    return sides, [np.einsum("tia,tpia->tpi", axes, moment[:, :, carried]) for moment in moments]
+
+
 def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:
-    """Way (T, P, S, 2) [m] of points by each strain: along every link before them, in its direction (T, n + 1, 2)."""
+    """Way (T, P, S, d) [m] of points by each strain: along every link before them, in its direction (T, n + 1, d)."""
     rows = np.arange(-1, model.n)
     length = np.append(model.base_length, model.link_length)
     way = np.where(rows < link[:, None], length, np.where(rows == link[:, None], along[:, None], 0.0))  # (P, n + 1)
@@ -78,7 +98,7 @@ def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:
 
 
 def curve_at(model: Model, angle: Array, arc_length: float) -> tuple[Array, Array]:
-    """Point and unit tangent (2,) at an arc length [m] of the cubic spline through the joints.
+    """Point and unit tangent (2,), (3,) in space, at an arc length [m] of the cubic spline through the joints.
 
     Of a body that lengthens, with its strains behind the angles (n + S,), at that arc length before it does.
     """

@@ -55,8 +55,15 @@ def poke_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02)
         m: a contact whose place is less certain than this (95 %) says nothing of the surface and is left out, and so
         is one whose force is not clear of zero, whose place or force has not stayed for a while (a body that bounces or
         leaves), or that is seen while the body moves fast.
+
+    Raises
+    ------
+    InputError
+        When the body moves in space.
     """
     tips = contact["tip_position"].values
+    if tips.shape[-1] != 2:
+        raise InputError("a map is drawn of pokes of bodies in a plane: take place and force of each contact in space")
     curve = np.concatenate([np.zeros((len(tips), 1, 2)), tips], axis=1)
     width = (contact["arc_high"] - contact["arc_low"]).values
     clear = np.abs(contact["normal_force"].values) > CLEAR * contact["normal_force_sd"].values

@@ -69,6 +69,7 @@ def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
     model : Model
     angle : array (T, n)
         Absolute link angles, rad. Of a body that lengthens (T, n + S), its strains behind them: so is what is returned.
+        In space coordinates (T, N).
     pressure : array (T,), (T, C) of several chambers
         Pa.
 
