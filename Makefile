@@ -37,7 +37,7 @@ $(BIN)/python:
 $(VENV)/.run: $(BIN)/python pyproject.toml constraints.txt
 	$(PIP) -e . && touch $@
 $(VENV)/.dev: $(BIN)/python pyproject.toml constraints.txt
-	$(PIP) -e '.[dev,mpc,zmq,scale,browser,export,gym,view,camera,tdms,ros]' && touch $@ $(VENV)/.run
+	$(PIP) -e '.[dev,mpc,zmq,scale,browser,export,gym,view,camera,tdms,ros,lerobot]' && touch $@ $(VENV)/.run
 $(VENV)/.docs: $(VENV)/.run
 	$(PIP) -e '.[docs]' && touch $@
 $(VENV)/.bench: $(VENV)/.dev

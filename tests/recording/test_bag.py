@@ -110,3 +110,42 @@ def test_another_definition_of_a_known_message_is_refused(tmp_path):
         writer.write(other, NS, STORE.serialize_cdr(make(kind, data=0.5), kind))
     with pytest.raises(InputError, match=r"defines std_msgs/msg/Float64 of topic /level otherwise than ROS 2 does"):
         read(next((tmp_path / "bag").glob("*.mcap")))
+
+
+def fields_of(kind, places):
+    """The fields of a cloud: names and offsets of numbers of one type."""
+    field = STORE.types["sensor_msgs/msg/PointField"]
+    return [field(name=n, offset=at, datatype=kind, count=1) for n, at in places.items()]
+
+
+def cloud(kind, order, places, rows, row_step=None):
+    """A PointCloud2 whose points lie in records of 40 bytes."""
+    raw = np.zeros((len(rows), 40), np.uint8)
+    for k, (name, at) in enumerate(places.items()):
+        if name in "xyz":
+            column = np.ascontiguousarray(rows[:, k], f"{order}f{8 if kind == 8 else 4}")
+            raw[:, at : at + column.itemsize] = column.view(np.uint8).reshape(len(rows), -1)
+    fields = fields_of(kind, places)
+    return make("sensor_msgs/msg/PointCloud2", header=header(0.0), height=1, width=len(rows), fields=fields,
+                is_bigendian=order == ">", point_step=40, row_step=row_step or raw.size, data=raw.ravel(),
+                is_dense=False)  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "order"), [(7, "<"), (7, ">"), (8, "<"), (8, ">")])
+def test_points_of_a_cloud_are_read_at_their_offsets_and_in_their_order_of_bytes(kind, order):
+    rows = np.array([[0.25, -1.5, 3.0], [np.nan, 0.5, 0.125]])
+    message = cloud(kind, order, {"x": 4, "y": 16, "z": 28}, rows)
+    assert np.array(apart_bag.cloud(message))[:, :3] == pytest.approx(rows, nan_ok=True)
+
+
+@pytest.mark.parametrize(("kind", "places", "row_step", "words"), [
+    (7, {"x": 0, "y": 4}, None, "without x, y and z"),
+    (5, {"x": 0, "y": 4, "z": 8}, None, "as floating-point numbers"),
+    (7, {"x": 0, "y": 4, "z": 8}, 400, "fewer bytes than its points need"),
+    (7, {"x": 0, "y": 4, "z": 38}, None, "fewer bytes than its points need"),
+])  # fmt: skip
+def test_clouds_that_cannot_be_read_are_refused(kind, places, row_step, words):
+    message = cloud(kind, "<", {k: v for k, v in places.items() if v < 36}, np.ones((2, 3)), row_step)
+    message.fields = fields_of(kind, places)
+    with pytest.raises(apart_bag.Refused, match=words):
+        apart_bag.cloud(message)

@@ -1,19 +1,21 @@
-"""`pliant export`: a model for another tool."""
+"""`pliant export`: a model, or the results of a run, for another tool."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from pliant.cli.terminal import say
 from pliant.errors import InputError
 
+OF_RESULTS = ("mcap", "lerobot")  # targets of recordings beside the model; the others are of a model alone
+
 
 def export(
-    model: Annotated[Path, typer.Argument(help="Model file, as `pliant run` writes it.")],
-    to: Annotated[str, typer.Option("--to", help="mjcf, c99, fmu, state-space, urdf.")],
+    model: Annotated[Path, typer.Argument(help="Model file; for mcap and lerobot a folder that `pliant run` wrote.")],
+    to: Annotated[str, typer.Option("--to", help="mjcf, c99, fmu, state-space, urdf; of a run: mcap, lerobot.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write, with the target's ending.")],
     approximate: Annotated[
         bool, typer.Option("--approximate", help="Leave out what the target cannot express, and say what it costs.")
@@ -27,15 +29,16 @@ def export(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
 ) -> None:
-    """Write a model for MuJoCo, C, an FMU, state space or URDF.
+    """Write a model for MuJoCo, C, an FMU, state space or URDF; or recordings beside the model, for MCAP or LeRobot.
+
+    MCAP files open in Foxglove and Rerun; a LeRobot data set is a folder. Both take --set fit=NAME and
+    --set records=A,B; LeRobot also --set fps=30.
 
     Example: pliant export results/demo/model.json --to mjcf -o finger.xml --set prefix=left_
     """
     import json as jsonlib
 
     from pliant.cli.progress import busy
-    from pliant.exporters import export as write
-    from pliant.exporters.provenance import standard_errors
 
     chosen = {}
     for entry in options or ():
@@ -43,7 +46,29 @@ def export(
         if not equals:
             raise InputError(f"--set takes NAME=VALUE, got {entry!r}")
         chosen[name] = value
-    errors = standard_errors(fit) if fit else None
     with busy("exporting"):
-        done = write(model, to, output, approximate=approximate, standard_errors=errors, **chosen)
+        if to in OF_RESULTS:
+            if approximate or fit:
+                raise InputError(f"--approximate and --fit are for models; {to} takes --set fit=, records=, fps=")
+            done: Any = results_written(model, to, output, chosen)
+        else:
+            from pliant.exporters import export as write
+            from pliant.exporters.provenance import standard_errors
+
+            errors = standard_errors(fit) if fit else None
+            done = write(model, to, output, approximate=approximate, standard_errors=errors, **chosen)
     say(jsonlib.dumps(done.to_dict()) if json else repr(done))
+
+
+def results_written(folder: Path, target: str, output: Path, options: dict[str, str]) -> Any:
+    """Write the results of a run; the options come as text."""
+    from pliant.cli.figures import split
+    from pliant.validation.export_results import export_results
+
+    if unknown := sorted(set(options) - {"fit", "records", "fps"}):
+        raise InputError(f"{target} has no option {unknown[0]!r}: its options are fit, records, fps")
+    fps = options.get("fps", "0")
+    if not fps.isdigit():
+        raise InputError(f"fps must be a whole number of frames per second, got {fps!r}")
+    return export_results(folder, target, output, fit=options.get("fit", ""),
+                          records=split(options.get("records", "")), fps=int(fps))  # fmt: skip

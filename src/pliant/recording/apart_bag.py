@@ -30,11 +30,28 @@ def pose(p: Any) -> list[float]:
     return [p.position.x, p.position.y, p.position.z, q.x, q.y, q.z, q.w]
 
 
+def cloud(m: Any) -> list[list[float]]:
+    """Return the points of a PointCloud2, whose x, y and z are single or double numbers; unseen ones are NaN."""
+    places = {f.name: (f.offset, FLOATS.get(f.datatype)) for f in m.fields}
+    if not {"x", "y", "z"} <= set(places) or None in {places[a][1] for a in "xyz"}:
+        raise Refused("has a PointCloud2 without x, y and z as floating-point numbers")
+    order, size = ">" if m.is_bigendian else "<", m.width * m.point_step
+    beyond = any(at + bytes_of > m.point_step for at, bytes_of in (places[a] for a in "xyz"))
+    if m.data.size < m.height * m.row_step or m.row_step < size or beyond:
+        raise Refused("has a PointCloud2 with fewer bytes than its points need")
+    rows = m.data[: m.height * m.row_step].reshape(m.height, m.row_step)[:, :size].reshape(-1, m.point_step)
+    columns = [np.ascontiguousarray(rows[:, at : at + bytes_of]).view(f"{order}f{bytes_of}")[:, 0]
+               for at, bytes_of in (places[a] for a in "xyz")]  # fmt: skip
+    return [[x, y, z, *[float("nan")] * 4] for x, y, z in zip(*(c.tolist() for c in columns), strict=True)]
+
+
+FLOATS = {7: 4, 8: 8}  # PointField.datatype -> bytes, of floating-point numbers
 ROWS = {  # type of message -> its rows of numbers, a pose or a number each
     "geometry_msgs/msg/PoseStamped": lambda m: [pose(m.pose)],
     "geometry_msgs/msg/PoseArray": lambda m: [pose(p) for p in m.poses],
     "geometry_msgs/msg/PointStamped": lambda m: [point(m.point)],
     "sensor_msgs/msg/PointCloud": lambda m: [point(p) for p in m.points],
+    "sensor_msgs/msg/PointCloud2": cloud,
     "sensor_msgs/msg/FluidPressure": lambda m: [[m.fluid_pressure]],
     "std_msgs/msg/Float64": lambda m: [[m.data]],
     "std_msgs/msg/Float32": lambda m: [[m.data]],

@@ -1,8 +1,8 @@
 """ROS 2 bags and MCAP files (.mcap, .db3), read by rosbags (extra ``ros``) in a process of its own.
 
 Poses and points of topics become stations, pressures a log; times are those of the messages' headers, or when a message
-without a header was received. Known types: PoseStamped, PoseArray, PointStamped, PointCloud, FluidPressure, Float64 and
-Float32. A FluidPressure is absolute: take the ambient pressure off by ``linear.pressure``.
+without a header was received. Known types: PoseStamped, PoseArray, PointStamped, PointCloud, PointCloud2,
+FluidPressure, Float64 and Float32. A FluidPressure is absolute: take the ambient pressure off by ``linear.pressure``.
 """
 
 from __future__ import annotations

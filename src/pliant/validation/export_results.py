@@ -1,0 +1,106 @@
+"""The recordings of a study beside its model, as files of other tools: MCAP for viewers, LeRobot for learning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from pliant.display import Card, Shown
+from pliant.errors import InputError
+from pliant.validation.outcome import StudyOutcome
+from pliant.validation.sides import sides_of
+
+TARGETS = {"mcap": ("rosbags", "ros"), "lerobot": ("pyarrow", "lerobot")}  # target -> its library, the extra with it
+
+
+@dataclass(frozen=True, repr=False)
+class ExportedResults(Shown):
+    """Files that an export of results wrote.
+
+    Attributes
+    ----------
+    target : str
+    path : Path
+        The file, or the folder of a data set.
+    records : tuple of str
+    notes : tuple of str
+        The frame rate, Hz, and frames that were cut or interpolated; of MCAP, where each recording begins, s.
+    """
+
+    target: str
+    path: Path
+    records: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def card(self) -> Card:
+        """File, recordings, notes."""
+        return Card(f"Exported to {self.target}: {self.path}", [f"recordings: {', '.join(self.records)}", *self.notes])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {"target": self.target, "path": str(self.path), "records": list(self.records), "notes": list(self.notes)}
+
+
+def export_results(
+    results: StudyOutcome | str | Path, target: str, path: str | Path, *, fit: str = "", records: Sequence[str] = (),
+    fps: int = 0,
+) -> ExportedResults:
+    """Write the recordings of a study and the motion of its model, side by side, for another tool.
+
+    Parameters
+    ----------
+    results : StudyOutcome, str or Path
+        Of `pliant.run_study`, or the folder that `pliant run` has written.
+    target : {"mcap", "lerobot"}
+        A ROS 2 file that Foxglove and Rerun open, or a LeRobot data set, version 3.0.
+    path : str or Path
+        File to write, ending in ``.mcap``; for LeRobot a folder that does not exist yet.
+    fit : str
+        Name of the fit whose model is shown. Default: the first fit, which is the study's model.
+    records : sequence of str
+        Only these recordings. Default: all of that fit.
+    fps : int
+        LeRobot only: frames per second, to which all recordings are interpolated. Default: the rate of the slowest.
+
+    Returns
+    -------
+    ExportedResults
+        Path, recordings, and what was cut or filled.
+
+    Raises
+    ------
+    InputError
+        For an unknown target, fit or recording, a library that is not installed, or a path that cannot be written.
+
+    Examples
+    --------
+    >>> from pliant.validation.export_results import export_results
+    >>> export_results("results/demo", "mcap", "demo.mcap")  # doctest: +SKIP
+    """
+    if target not in TARGETS:
+        raise InputError(f"results are exported to {' or '.join(TARGETS)}, not {target!r}")
+    library, extra = TARGETS[target]
+    if find_spec(library) is None:
+        raise InputError(f"{target} needs {library}, which is not installed: pip install 'pliant[{extra}]'")
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise InputError(f"cannot write {path}: the folder {path.parent} does not exist; make it first")
+    if isinstance(results, (str, Path)):
+        from pliant.validation.stored import load_outcome
+
+        results = load_outcome(results)
+    sides = sides_of(results, fit, records)
+    if target == "mcap":
+        from pliant.validation.mcap_file import write_mcap
+
+        if fps:
+            raise InputError("fps is an option of lerobot: an MCAP file keeps the times of each recording")
+        notes = write_mcap(sides, path)
+    else:
+        from pliant.validation.lerobot import write_lerobot
+
+        notes = write_lerobot(sides, path, fps)
+    return ExportedResults(target, path, tuple(s.name for s in sides.sides), notes)
