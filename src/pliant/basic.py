@@ -16,7 +16,7 @@ S = np.array([[0.0, -1.0], [1.0, 0.0]])  # quarter turn about +z
 
 
 class Actuator(NamedTuple):
-    """What the equations need to know of an actuator of n links."""
+    """Constants of an actuator of n links, as the equations use them."""
 
     l: np.ndarray  # (n,) m, link lengths
     theta0: np.ndarray  # (n,) rad, rest angle of each joint

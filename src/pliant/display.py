@@ -1,4 +1,4 @@
-"""How results show themselves: as text in a terminal, as HTML in a notebook, from one card."""
+"""Display of results: as text in a terminal, as HTML in a notebook, from one card."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ MOST_ROWS = 12
 
 
 class Card(NamedTuple):
-    """What a result shows: a title, sentences, a table whose first column is a name, and an SVG for notebooks."""
+    """Content of a result's display: a title, sentences, a table whose first column is a name, and an SVG for
+    notebooks.
+    """
 
     title: str
     lines: Sequence[str] = ()

@@ -24,7 +24,7 @@ class NotComputed(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """What could not be computed and why, in one sentence."""
+        """Return one sentence on what could not be computed, and why."""
         reason = self.reason.rstrip(".")
         if self.what == "fit":
             return f"Fit {self.fit} could not be computed: {reason}."

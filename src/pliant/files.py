@@ -221,7 +221,7 @@ def read_entries(path: str | Path, what: str) -> Any:
 
 
 def _problem(content: Any) -> str:
-    """What no person writes, in words; empty where there is none. Without recursion: levels are what is counted."""
+    """Return the fault of a file's content in words, or "". Without recursion, since nesting is what is limited."""
     left = [(content, 0, "the whole")]
     while left:
         value, depth, where = left.pop()

@@ -10,7 +10,7 @@ Options = TypeVar("Options", bound=Mapping[str, object])
 
 
 def with_defaults(function: Callable[..., Any], given: Options, defaults: Options) -> Options:
-    """What was given over what is taken when nothing is.
+    """Return the given options over the defaults.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What installed packages add to pliant's own lists: readers, estimators, controllers, exporters, torque laws.
+"""Plug-ins of installed packages: readers, estimators, controllers, exporters, torque laws.
 
 Another package adds one by an entry point of the list's group that leads to an object of the list's kind.
 """

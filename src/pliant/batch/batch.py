@@ -29,7 +29,7 @@ Array = np.ndarray
 
 
 class BatchOptions(TypedDict, total=False):
-    """Where the samples of `simulate_batch` start, what works on them, and what becomes of failures."""
+    """Options of `simulate_batch`: start state, backend, and the treatment of failures."""
 
     initial_angle: Array | None
     initial_rate: Array | None

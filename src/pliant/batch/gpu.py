@@ -34,7 +34,7 @@ def check_gpu(samples: Samples) -> None:
 
 
 def run_gpu(samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str]) -> dict[str, Array]:
-    """As `simd.run_lanes`, on the GPU; samples whose inputs jump at the same times go there together."""
+    """Same as `simd.run_lanes`, on the GPU; samples whose inputs jump at the same times go there together."""
     made = outputs(samples, schedule.times.size, variables)
     grids: dict[int, list[int]] = {}
     for i in range(samples.size):

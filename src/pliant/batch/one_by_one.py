@@ -32,7 +32,7 @@ VARIABLES = {
 
 
 def dimensions(model: Model) -> dict[str, tuple[str, ...]]:
-    """What a batch of such bodies may keep: variables and their dimensions."""
+    """Return the variables that a batch of such bodies may keep, with their dimensions."""
     kinds = mechanics_of(model).kinds
     return {name: ("sample", "time", kind.over) for kind in kinds for name in kind.names[:2]} | {
         "tip_position": VARIABLES["tip_position"],

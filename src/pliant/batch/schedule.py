@@ -1,4 +1,4 @@
-"""What the steps of a batch need: lengths and mean torques of eight samples side by side.
+"""Inputs of a batch's steps: lengths and mean torques of eight samples side by side.
 
 Samples whose inputs jump at the same times share their steps; where they do not, the shorter ones rest in steps of
 length zero, which leave a chain exactly as it is.
@@ -23,7 +23,7 @@ Array = np.ndarray
 
 
 class LaneGrid(NamedTuple):
-    """As `simulation.drive.Grid`, for SIMD vectors."""
+    """Same as `simulation.drive.Grid`, for SIMD vectors."""
 
     nodes: Array  # (m + 1,) s
     parts: Array  # (steps + 1,) first interval of each step
@@ -102,7 +102,9 @@ class Schedule:
         return grid.steps, torque, grid.keep
 
     def padded(self, members: Sequence[int]) -> tuple[Array, Array, Array]:
-        """As `group`, for chambers that remember and samples whose steps differ: each takes as many as the longest."""
+        """Same as `group`, for chambers with slow states and samples whose steps differ: each takes as many as the
+        longest.
+        """
         plans = {i: drive(self.samples.model(i), self.pressure(i), self.times, self.step) for i in set(members)}
         ends = {i: np.flatnonzero(plan.keep >= 0) for i, plan in plans.items()}
         counts = {i: np.diff(end, prepend=-1) for i, end in ends.items()}

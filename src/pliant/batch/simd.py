@@ -72,7 +72,7 @@ class Groups:
         self.prepare()
 
     def prepare(self) -> None:
-        """What all groups need."""
+        """Prepare the arrays and the compiled march that all groups share."""
         self.constants = [in_groups(a) for a in (*constant_arrays(self.samples), self.start)]
         self.march = lane_twin(simd_loops.march_lanes, self.samples.template.n)
 
@@ -122,7 +122,7 @@ class Alone(Groups):
         """Nothing that all chains need."""
 
     def work(self) -> None:
-        """As `Groups.work`."""
+        """Same as `Groups.work`."""
         torque = None
         while (group := self.next()) is not None:
             own, members = self.members(group)

@@ -96,7 +96,7 @@ class OnLanes:
         return np.moveaxis(self._state[:, 1], -1, 1).reshape(-1, self.links)[: self.size]
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """As `Stepped.reset`."""
+        """Same as `Stepped.reset`."""
         group, lane = np.divmod(which, WIDTH)
         for name, own in self._pool.items():
             if name in LANES_LAST:
@@ -105,7 +105,7 @@ class OnLanes:
                 self._arrays[name][group, lane] = own[bodies]
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """As `Stepped.hold`."""
+        """Same as `Stepped.hold`."""
         command = self._chambers.command
         command.reshape(-1, command.shape[-1])[: self.size] = pressure
         self._hold(self._h, steps, self._chambers, self._samples, self._state, self._scratch, self._failed)
@@ -116,7 +116,9 @@ LANES_LAST = frozenset({"state", "B", "I", "h", "gravity", "joints", "place"})
 
 
 def pool_of(models: Sequence[Model]) -> dict[str, Array]:
-    """What `hold_lanes` needs of each body, and its state at rest without pressure; the bodies first."""
+    """Return the constants that `hold_lanes` takes of each body, and its state at rest without pressure; the bodies
+    first.
+    """
     rows: list[dict[str, Array]] = []
     for m in models:
         body, joints, drive = mechanics_of(m).body, mechanics_of(m).joints, m.actuation.kernel()
@@ -159,7 +161,7 @@ class OneByOne:
         return np.stack([s.rate for s in self._steppers])
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """As `Stepped.reset`."""
+        """Same as `Stepped.reset`."""
         for i, body in zip(which.tolist(), bodies.tolist(), strict=True):
             if self._steppers[i].model is self._models[body]:
                 self._steppers[i].reset(np.zeros(len(self._models[body].chambers)))
@@ -167,7 +169,7 @@ class OneByOne:
                 self._steppers[i] = self._new(body)
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """As `Stepped.hold`."""
+        """Same as `Stepped.hold`."""
         failed = np.zeros(len(self._steppers), dtype=bool)
         for i, (stepper, p) in enumerate(zip(self._steppers, pressure, strict=True)):
             try:

@@ -1,1 +1,1 @@
-"""What pliant costs, measured beside others on the machine at hand; an error stands beside every time."""
+"""Benchmarks of pliant beside other programs on this machine; an error accompanies every time."""

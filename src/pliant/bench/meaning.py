@@ -1,4 +1,4 @@
-"""What each number of `pliant bench` means, by its name."""
+"""The meaning of each number of `pliant bench`, by its name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a fresh process pays: the help page, the first simulation with a warm cache, and without any."""
+"""Start-up times of a fresh process: the help page, the first simulation with a warm cache, and without any."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long something takes, and on what machine."""
+"""Timing of a function, with the machine that it ran on."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def best_in_turn(jobs: Sequence[Callable[[], Any]], seconds: float = 6.0) -> lis
 
 
 def machine() -> dict[str, Any]:
-    """What the numbers of a benchmark depend on."""
+    """Return the facts that a benchmark's numbers depend on: processor, cores, load, system, versions."""
     from importlib.metadata import PackageNotFoundError, version
 
     versions = {}
@@ -71,7 +71,7 @@ def processor() -> str:
 
 
 def processor_flags() -> set[str]:
-    """What the processor can do, as Linux names it; empty elsewhere."""
+    """Return the processor's features, as Linux names them; empty on other systems."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

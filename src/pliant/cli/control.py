@@ -106,7 +106,7 @@ def columns(log: Any, name: str) -> Any:
 
 
 def reached_by_several(done: Done) -> dict[str, Any]:
-    """What each output reached, how high the commands went, and the counters of the loop."""
+    """Return what each output reached, how high the commands went, and the counters of the loop."""
     error = columns(done.log, "error")
     last = error.tail(max(len(error) // 5, 1))
     numbers: dict[str, Any] = {}
@@ -128,7 +128,7 @@ def counters(done: Done) -> dict[str, Any]:
 
 
 def reached(done: Done) -> dict[str, Any]:
-    """What was reached, what it asked of the valve, and the counters of the loop."""
+    """Return the reached displacement, how the valve was used, and the counters of the loop."""
     import numpy as np
 
     from pliant.control.activity import command_activity
@@ -159,13 +159,13 @@ def settling(done: Done) -> list[float | None]:
 
 
 def unmodelled(done: Done) -> list[str]:
-    """A sentence where the model holds no valve."""
+    """Return a sentence if the model holds no valve."""
     valves = [c.valve for c in done.prepared.body.chambers]
     return [] if any(v.natural_frequency or v.rise_time for v in valves) else [NO_VALVE]
 
 
 def report(plant: str, done: Done) -> str:
-    """What was reached, in Markdown."""
+    """Return the summary of a run as Markdown."""
     lines = [f"# Control of {plant}", "", "Stability margins by pressure, full state known, no limits:", ""]
     lines += ["```", str(done.prepared.design), "```", "", *unmodelled(done), "",
               *(f"{line}  " for line in str(done.prepared.rehearsal).splitlines()), ""]

@@ -53,7 +53,7 @@ def data(
 
 
 def entry(name: str) -> dict[str, Any]:
-    """What is known of a data set, and which of its files are here."""
+    """Return the description of a data set, and which of its files are on this machine."""
     from pliant.recording.published import data_folder, data_set, is_published
 
     known, folder = data_set(name), data_folder() / name

@@ -1,4 +1,4 @@
-"""What commands write and print."""
+"""Files and tables that commands write and print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands tell while they work, on standard error: a clock or a bar on a terminal, nothing where quiet."""
+"""Progress of commands on standard error: a clock or a bar on a terminal, nothing with `--quiet`."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def shape(
 
 
 def tell(found: list[str], status: str, history: list[str], output: Path, *, as_json: bool) -> None:
-    """What was found in the raw recording, how the tip was found, what was done, and where it went."""
+    """Print what was found in the raw recording, how the tip was found, the steps taken, and the file written."""
     if as_json:
         import json
 

@@ -41,7 +41,7 @@ def find_contact(
     lasting: bool = False,
     **options: Any,
 ) -> xr.Dataset:
-    """When, where and how hard something touches a body, from its shape and pressure.
+    """Find when, where and how hard something touches a body, from its shape and pressure.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def free_motion(
     recordings: Sequence[xr.Dataset], model: Model, *, false_alarms_per_hour: float = 1.0, noise: Noise | None = None,
     **options: Any,
 ) -> FreeMotion:
-    """What free motion looks like to the contact test, from recordings in which nothing touches.
+    """Estimate noise and bias of the external torques from recordings in which nothing touches the body.
 
     Both tests learn it: of forces that set in, and of torques that last.
     """
@@ -176,7 +176,7 @@ class ContactSeen(NamedTuple):
 
     @property
     def innovations(self) -> tuple[Array, Array, Array]:
-        """What `likelihood_ratio` takes."""
+        """Return the innovations that `likelihood_ratio` takes."""
         return self.found["innovation"].values, self.motion, self.angle
 
 

@@ -46,7 +46,7 @@ class Sudden:
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """What the external torques look like when nothing touches.
+    """Statistics of the external torques while nothing touches the body.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class FreeMotion:
         return np.asarray(1.0 + self.growth * activity(features, self.covariance.shape[0], self.period))
 
     def drift(self, frames: Array) -> Array:
-        """How far the torques of free motion drift within so many frames, squared, in units of `change`.
+        """Return the mean squared drift of the torques of free motion within so many frames, in units of `change`.
 
         As a random walk would, at least `change` itself, and at most as much as they scatter at all.
         """

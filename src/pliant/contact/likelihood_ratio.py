@@ -33,7 +33,7 @@ PLACES = (0.25, 0.75)  # of each link but the first, which hardly shows a force
 
 @dataclass(frozen=True)
 class Answer:
-    """How whitened innovations answer a step of the joint torques.
+    """Response of whitened innovations to a step of the joint torques.
 
     Attributes
     ----------

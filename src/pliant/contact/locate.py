@@ -1,4 +1,4 @@
-"""Where a force pushes and how hard, from the joint torques that it makes."""
+"""Location and size of a contact force, from the joint torques that it makes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was touched and what was swept: a planar occupancy map with its uncertainty, and how stiff the touched was."""
+"""A planar occupancy map of touched and swept places, with its uncertainty and the stiffness of the touched."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DEPTH = 2.0e-3  # m behind a surface that a touch says is solid
 
 @dataclass(frozen=True)
 class Poke:
-    """What one recording says of the surroundings.
+    """Evidence of one recording about the surroundings.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a run asked of the tip and of the valve: when the tip settled, and how much the command moved."""
+"""How hard a run was: when the tip settled, and how much the command moved."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def settling_times(time: Array, tip: Array, points: Sequence[tuple[float, float]
 
 
 def command_activity(time: Array, wanted: Array, command: Array) -> dict[str, float]:
-    """How much a command moves, Pa: what a valve wears by, and hisses.
+    """Return the activity of a command, Pa: a measure of a valve's wear and noise.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a controller is: a state of the body goes in, a command comes out."""
+"""The interface of a controller: a state of the body goes in, a command comes out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 class Controller(Protocol):
-    """What turns a state into a command.
+    """A law that turns a state into a command.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class Controller(Protocol):
 
     @property
     def target(self) -> float | Array:
-        """Where the tip is wanted now, m; or each output."""
+        """Return the present target of the tip, m; or of each output."""
 
     @property
     def error(self) -> float | Array:
-        """Of the tip along its path at the last step, m; or of each output."""
+        """Return the tip's error along its path at the last step, m; or that of each output."""
 
     @property
     def saturated(self) -> int:
@@ -47,7 +47,7 @@ class Controller(Protocol):
 
     @property
     def fault(self) -> str:
-        """Why the last command is not the one that the law asks for; empty while it is."""
+        """Return why the last command deviates from the control law; empty if it does not."""
 
     def step(self, time: float, state: State, pressure: float | Array) -> Array:
         """Commands (C,) [Pa] for the period from `time` [s] on, by a state and the readings (C,) of pressures [Pa]."""

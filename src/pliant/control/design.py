@@ -31,7 +31,7 @@ SHOWN = 5  # rests whose margins are shown
 
 @dataclass(frozen=True)
 class LqrDesign:
-    """What is wanted period by period, the inputs that bring it, and the regulator about them.
+    """A reference for every period, the inputs that hold it, and the regulator about them.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class LqrDesign:
 
     @cached_property
     def resting(self) -> Array:
-        """What the state (N, C) holds of valves and commands on their way under a constant kPa in each chamber."""
+        """Return the state (N, C) of valves and delayed commands under a constant pressure in kPa in each chamber."""
         made, first = np.zeros((self.gains[0].A.shape[0], len(self.orders))), 2 * self.model.size
         for sizes, held in ((self.orders, 1), (self.waiting, None)):  # of a valve the pressure, not its rate
             for c, size in enumerate(sizes):
@@ -118,7 +118,9 @@ class LqrDesign:
 
     @cached_property
     def margins(self) -> dict[int, tuple[Margins, ...]]:
-        """Of each chamber's loop, the others closed, at some of the rests, by their index in `gains`."""
+        """Return the margins of each chamber's loop, the others closed, at some of the rests, by their index in
+        `gains`.
+        """
         some = np.unique(np.linspace(0, len(self.gains) - 1, SHOWN).round().astype(int))
         return {int(k): loop_margins(self.gains[k], self.period) for k in some}
 

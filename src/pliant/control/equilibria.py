@@ -1,4 +1,4 @@
-"""Where to: the rests of the model under every pressure, and which of them a set-point of the tip means."""
+"""The equilibria of a model under every pressure, and which of them a set-point of the tip means."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def with_integrals(
 
 
 def loop_margins(gains: Gains, period: float) -> tuple[Margins, ...]:
-    """Of the loop of each chamber, the others closed, cut at the command."""
+    """Return the margins of each chamber's loop, the others closed, cut at the command."""
     found = []
     for c in range(gains.B.shape[1]):
         others = np.delete(gains.B, c, axis=1) @ np.delete(gains.K, c, axis=0)

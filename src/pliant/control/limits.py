@@ -1,4 +1,4 @@
-"""What a command may be: between 0 and the highest pressure, and no faster than the slew limit."""
+"""Limits of a command: between 0 and the highest pressure, and no faster than the slew limit."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ class Lqr:
 
     @property
     def error(self) -> float | Array:
-        """How far the outputs were from their target at the last step."""
+        """Return the outputs' distance from their target at the last step."""
         along = self.design.along
         return self._off.copy() if along is None else float(along[1][self.period] @ self._off)
 
@@ -115,7 +115,9 @@ class Lqr:
         return self.command.copy()
 
     def _present(self, time: float, state: State, pressure: float | Array) -> Present:
-        """What the state is against what is wanted now; the regulator's commands before their limits."""
+        """Return the deviation of the state from the present reference, and the regulator's commands before their
+        limits.
+        """
         design = self.design
         if math.isnan(self._began):
             self._began = time

@@ -96,7 +96,7 @@ class PidControl:
 
     @property
     def error(self) -> float:
-        """Of the tip's displacement at the last step, m."""
+        """Return the error of the tip's displacement at the last step, m."""
         return self._moved - self.target
 
     @property

@@ -54,7 +54,7 @@ class SetPoint:
 
 @dataclass(frozen=True)
 class Task:
-    """What the tip shall do.
+    """The motion that the tip is to follow.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a controller is made from.
+    """The setting from which a controller is made.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ class Plan:
         return float(self.wanted_at(np.array([time]))[0, 0])
 
     def wanted_at(self, times: Array) -> Array:
-        """What the task wants (K, m) at times (K,) [s]."""
+        """Return the reference (K, m) at times (K,) [s]."""
         task = self.task
         if task.path:
             return np.stack([np.interp(times, task.time, column) for column in self.levels.T], axis=1)
@@ -161,7 +161,7 @@ class Plan:
 
     @cached_property
     def rows(self) -> Array:
-        """What the task wants (K, m), period by period; the last row is held."""
+        """Return the reference (K, m) of each period; the last row is held."""
         task = self.task
         last = task.duration if task.path else max(task.duration, float(np.max(task.time)) + task.ramp)
         return self.wanted_at(np.arange(max(round(last / self.period), 1) + 1) * self.period)

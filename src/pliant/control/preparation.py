@@ -31,7 +31,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Prepared:
-    """What a loop needs.
+    """The parts of a control loop, ready to run.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Prepared:
 
 
 class Rig(TypedDict, total=False):
-    """What is known of a rig, and how its state is estimated, for `prepare_control`."""
+    """The rig's delay and valves, and the estimator of its state, for `prepare_control`."""
 
     late: int
     supply: SupplyValve | Mapping[str, SupplyValve] | None

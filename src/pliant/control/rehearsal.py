@@ -34,7 +34,7 @@ RAISES = tuple(2.0**k for k in range(11))  # times the effort weight of the task
 
 
 class RehearsalSetting(NamedTuple):
-    """What a loop is rehearsed on.
+    """The plant of a rehearsal: body, valves, period and delay.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class RehearsalSetting(NamedTuple):
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """How the designed loop behaves on its own model within its limits.
+    """Response of the designed loop on its own model within its limits.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class Rehearsed:
 
     @property
     def time(self) -> float:
-        """Of the run, s."""
+        """Time of the run, s."""
         return len(self.error) * self.period
 
     def go(self, periods: int) -> None:

@@ -55,7 +55,7 @@ def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Any, ...]:
 
 
 def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """How outputs move with angles and strains x (K, N) that change by v (K, N) per second.
+    """Return the rates of the outputs when angles and strains x (K, N) change by v (K, N) per second.
 
     Returns
     -------

@@ -152,7 +152,7 @@ class TaskValve(Entry):
 
 
 class ReceiverEntry(Entry):
-    """What the receiver at the valve lets through; see `pliant.loop.receiver_of`."""
+    """Limits of the receiver at the valve; see `pliant.loop.receiver_of`."""
 
     host: str = Field("127.0.0.1", min_length=1, description="address of this machine at which it listens")
     port: int = Field(5005, ge=1, le=65535)
@@ -216,12 +216,12 @@ class TaskFile(Entry):
 
     @property
     def period(self) -> float:
-        """Of the loop, s."""
+        """Return the period of the loop, s."""
         return 1e-3 * self.period_ms
 
     @property
     def limits(self) -> Limits:
-        """Of the command."""
+        """Return the limits of the command."""
         slew, each = 1e3 * self.slew_kpa_per_s, self.highest_kpa
         if isinstance(each, list):
             return Limits(1e3 * max(each), slew, tuple(1e3 * p for p in each))
@@ -236,7 +236,7 @@ class TaskFile(Entry):
 
     @property
     def task(self) -> Task:
-        """What the tip shall do, in SI."""
+        """Return the task of the tip in SI units."""
         names = wanted(self.path or self.setpoint[0])
         columns = [[getattr(p, name) for p in self.setpoint] for name in names]
         time = [p.time_s for p in self.setpoint]

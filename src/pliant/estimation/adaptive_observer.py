@@ -37,7 +37,7 @@ UNIT = 1e-6  # N m/Pa, of a law in place of the chamber's own, which may begin w
 
 
 class ObserverNoise(TypedDict, total=False):
-    """How far an `AdaptiveObserver` trusts frames and model."""
+    """Noise that an `AdaptiveObserver` assumes of frames and model."""
 
     noise: float
     random_walk: float

@@ -1,4 +1,4 @@
-"""What an estimator is: pressures and frames of the shape go in, states come out.
+"""The interface of an estimator: pressures and frames of the shape go in, states come out.
 
 All times are in seconds on one clock, that of whoever pushes: the loop, or a recording.
 """
@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 class State(NamedTuple):
-    """What an estimator knows of the body at one time; its arrays are copies.
+    """The estimated state of the body at one time; its arrays are copies.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ Measure = Callable[[Array], Frame]  # points of the body (S, 2), m, to what an e
 
 
 class Estimator(Protocol):
-    """What turns pressures and frames into states."""
+    """An object that turns pressures and frames into states."""
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
         """Take a sample of a `time` [s]: gauge pressures (C,) [Pa]; a number is enough for one."""
@@ -86,7 +86,7 @@ class Estimator(Protocol):
 
 
 class Setting(NamedTuple):
-    """What an estimator is made from."""
+    """The setting from which an estimator is made."""
 
     model: Model  # with the rest shape of the body at hand, and its memory
     period: float  # s, of the frames

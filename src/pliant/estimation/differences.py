@@ -74,7 +74,7 @@ class Differences:
         )
 
     def _covariance(self) -> Array:
-        """Of angles and rates, from independent errors of the angles between links.
+        """Return the covariance of angles and rates, from independent errors of the angles between links.
 
         The rate r_k = a r_{k-1} + g (e_k - e_{k-1}), with g = (1 - a) / h, has the variance 2 g^2 / (1 + a) of that of
         e, and the covariance g of it with e_k.

@@ -51,7 +51,7 @@ class FilterSnapshot(NamedTuple):
 
 @dataclass
 class Counts:
-    """What became of the frames."""
+    """Number of frames by how the filter used them."""
 
     used: int = 0
     skipped: int = 0  # no row was a number
@@ -177,7 +177,7 @@ class KalmanFilter:
         self._take(FilterEvent(float(time) - self.latency, None, rows, values, variance))
 
     def state(self, time: float) -> State:
-        """What is known of `time` [s], or of the newest event where that is later."""
+        """Return the state at `time` [s], or at the newest event where that is later."""
         self.advance(time)
         model, K, n = self.model, self._chain.joints.K, self.angle.size
         angle, rate, disturbance = self.angle.copy(), self.rate.copy(), self.disturbance.copy()

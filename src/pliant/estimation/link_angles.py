@@ -62,7 +62,8 @@ class LinkAngles:
         return np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
 
     def frame(self, points: Array) -> Frame:
-        """What estimators take of a shape (S, 2) [m]: the angles between its links, whose errors are independent.
+        """Return the values that estimators compare of a shape (S, 2) [m]: angles between links, with independent
+        errors.
 
         Their values are NaN where a point is lost.
 

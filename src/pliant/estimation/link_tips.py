@@ -59,7 +59,7 @@ class LinkTips:
         return np.asarray((1.0 - self._share) * near + self._share * far)
 
     def frame(self, points: Array) -> Frame:
-        """What estimators take of points (S, 2), in space (S, 3) [m]; NaN where one is lost.
+        """Return the values that estimators compare of points (S, 2), in space (S, 3) [m]; NaN where one is lost.
 
         Raises
         ------

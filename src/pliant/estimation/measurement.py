@@ -1,4 +1,4 @@
-"""What a recording sees of the links: rows of angles and coordinates, dense curves compressed to link tips."""
+"""The measurement of an aligned recording: rows of angles and coordinates; dense curves are compressed to link tips."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def flips(rows: Array, values: Array, seen: Array) -> int:
 def measurement_of(
     recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[str, ...] | None = None
 ) -> Measurement:
-    """What an aligned recording sees of a model.
+    """Return the measurement that relates an aligned recording to a model.
 
     Stations that the model knows are taken as they are, with their angles where recorded. A recording of none of them
     but of a dense curve, base first, is compressed to the angles between links that divide the

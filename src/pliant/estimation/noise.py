@@ -1,4 +1,4 @@
-"""How much the model and the sensors are trusted."""
+"""Noise of the model and of the sensors, as estimators assume it."""
 
 from __future__ import annotations
 

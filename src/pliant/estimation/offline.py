@@ -185,13 +185,13 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
 
 
 def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> FilterFrame:
-    """What the loops take of values (m,), or of those of many frames (T, m), and scratch for innovations (m,)."""
+    """Return the loops' inputs for values (m,), or for many frames (T, m), with scratch arrays for innovations (m,)."""
     constants = mechanics_of(model).observed()[0]
     return FilterFrame(model.base_angle, constants, rows, value, variance, np.empty(len(rows)))
 
 
 def chain_of(model: Model) -> FilterModel:
-    """What the loops take of a model."""
+    """Return the loops' inputs for a model."""
     gain, memory = np.array(model.actuation.columns), model.memory
     return FilterModel(gain, *mechanics_of(model).parts()[:2], memory.law(), bool(memory))
 

@@ -1,4 +1,4 @@
-"""When a hand that held a body let go, from the disturbance torques of `estimate`."""
+"""The moment at which a hand that held a body let go, from the disturbance torques of `estimate`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Release(NamedTuple):
 
 
 def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release:
-    """When the pull that held a body at the start of a recording ended.
+    """Return when the pull that held a body at the start of a recording ended.
 
     The torques of `frames` frames after the first `start`, in which the filter finds them, are the pull; later torques
     are projected onto it. A hand or a tendon that lets go slowly shows as a long way from `begin` to `gone`.

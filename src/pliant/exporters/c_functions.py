@@ -35,7 +35,7 @@ class Names(NamedTuple):
 
 
 def parameters(model: Model) -> dict[str, Array]:
-    """What the struct of parameters holds, by field: arrays in SI, none of them empty."""
+    """Return the fields of the struct of parameters: arrays in SI, none of them empty."""
     return {name: value for name, value in constants(model).items() if value.size}
 
 
@@ -108,7 +108,7 @@ def chain_names(model: Model) -> tuple[Any, Any]:
 
 
 def names(model: Model) -> Names:
-    """What the kernels are run on."""
+    """Return the names that stand for the model's numbers when the kernels are written as C."""
     C = model.actuation.count
 
     def of(field: str) -> Any:

@@ -1,4 +1,4 @@
-"""By how much the motion of two models differs, on one input that anybody can repeat."""
+"""Difference of motion between two models, under one reference input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a model may have beyond links and springs: how each is named, and the model without it."""
+"""Features that a model may have beyond links and springs: how each is named, and the model without it."""
 
 from __future__ import annotations
 
@@ -358,7 +358,7 @@ def same(value: Any, default: Any) -> bool:
 
 
 def named(model: Model, keys: tuple[str, ...]) -> tuple[str, ...]:
-    """What the model has of these features, each by its name."""
+    """Return the names of those features that the model has."""
     return tuple(name for key in keys for name in FEATURES[key].names(model))
 
 

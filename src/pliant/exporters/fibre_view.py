@@ -1,4 +1,4 @@
-"""What an agent sees of a chain through a shape-sensing fibre: late, noisy joint angles with a bias that wanders."""
+"""A shape-sensing fibre as an agent sees it: late, noisy joint angles with a drifting bias."""
 
 from __future__ import annotations
 

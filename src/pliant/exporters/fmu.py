@@ -36,7 +36,7 @@ STAMP = (1980, 1, 1, 0, 0, 0)  # of the files in the archive: the same model giv
 
 
 class Identity(NamedTuple):
-    """What tells one FMU from another, and how it runs."""
+    """The identifiers of an FMU, and how it runs."""
 
     name: str  # the model identifier: of the file, the functions and the binary
     version: str  # of FMI

@@ -35,7 +35,7 @@ LOST = -10.0  # reward of a body that loses stability
 
 
 class EpisodeTask(NamedTuple):
-    """How an episode runs and what is seen of it."""
+    """Length, reward and observations of an episode."""
 
     step: float = 1e-3  # s, of the model
     period: float = 0.02  # s, between actions
@@ -145,7 +145,9 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return np.stack([x, first[..., 1] + (length * np.cos(angle)).sum(axis=1)], axis=1)
 
     def observations(self, angle: Array) -> Array:
-        """What the agents see of chains at absolute angles (N, n), late by the fibre's latency where there is one."""
+        """Return the agents' observations of chains at absolute angles (N, n), late by the fibre's latency where there
+        is one.
+        """
         m, fibre = self.model, self._fibre
         seen = fibre.see(angle, self.np_random) if fibre else angle
         q = np.diff(seen, axis=1, prepend=m.base_angle) - m.rest_angle
@@ -156,7 +158,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return np.concatenate(rows, axis=1).astype(np.float32)
 
     def info(self) -> dict[str, Any]:
-        """Where tips and targets are (N, 2), m, and the time of each episode (N,), s."""
+        """Return tips and targets (N, 2), m, and the time of each episode (N,), s."""
         every = np.ones(self.num_envs, dtype=bool)
         info = {
             "tip": self.tips(self._chains.angle, own=True), "target": self._target.copy(),

@@ -126,7 +126,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return mechanics_of(self._own).coordinates(self._d.qpos[self._m.jnt_qposadr[self._joints]])
 
     def observation(self, angle: Array) -> Array:
-        """What the agent sees, the body being at absolute angles (n,)."""
+        """Return the agent's observation of the body at absolute angles (n,)."""
         m, fibre, L = self.model, self._fibre, self.model.length
         seen = fibre.see(angle[None], self.np_random)[0] if fibre else angle
         q = mechanics_of(m).joint_angles(seen)
@@ -139,7 +139,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return np.concatenate(rows).astype(np.float32)
 
     def info(self) -> dict[str, Any]:
-        """Where tip, puck and target are (2,), m, and the time, s."""
+        """Return tip, puck and target (2,), m, and the time, s."""
         tip = mechanics_of(self._own).tips(self.angle())[-1]
         return {
             "tip": tip, "puck": self._d.qpos[self._puck].copy(), "target": self._target.copy(),

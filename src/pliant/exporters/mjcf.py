@@ -146,7 +146,7 @@ def hidden_hinges(
 
 
 def branches(model: Model) -> list[Branch]:
-    """What remembers: creep and slip elements, the same at every joint."""
+    """Return the elements with hysteresis, creep and slip, the same at every joint."""
     m = model.memory
     creep = zip(m.creep_share, m.creep_time, strict=True)
     slip = zip(m.slip_share, m.slip_angle, strict=True)
@@ -209,7 +209,7 @@ def contacts(root: ET.Element, model: Model, prefix: str) -> None:
 
 
 def control(pressure: float, power: int) -> float:
-    """What the control of a power of the pressure [Pa] takes: the pressure itself times (p / 100 kPa)^(power - 1)."""
+    """Return the control value of a power of the pressure [Pa]: the pressure times (p / 100 kPa)^(power - 1)."""
     return float(pressure * (pressure / LEVEL) ** (power - 1))
 
 

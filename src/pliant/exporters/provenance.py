@@ -1,4 +1,6 @@
-"""What every artefact says of itself: name, version, units, frame, parameters with their uncertainty, the command."""
+"""The origin that every exported file states: name, version, units, frame, parameters with their uncertainty, the
+command.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ SPACE_FRAME = "base at the origin, its tangent along +z; pressure is gauge, in P
 
 @dataclass(frozen=True)
 class Provenance:
-    """What an artefact says beside the model itself: its origin, what it leaves out, its standard errors."""
+    """Origin, omissions and standard errors that an exported file states beside the model."""
 
     model: Model  # as given, before anything was left out
     target: str
@@ -70,7 +72,7 @@ class Provenance:
         return [escaped(line, form) for line in lines]
 
     def sentences(self) -> list[str]:
-        """What was left out and by how much the motion differs, and the notes of the target."""
+        """Return sentences on what was left out, by how much the motion differs, and the notes of the target."""
         left_out = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
         return [*left_out, *([str(self.difference)] if self.difference else []), *self.notes]
 

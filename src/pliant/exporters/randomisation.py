@@ -88,7 +88,7 @@ def moved(model: Model, known: Uncertainty, rng: np.random.Generator) -> Model:
 
 
 def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
-    """What a fit, or the first one of a metrics.json, knows of the body; parameters of single recordings left out."""
+    """Return the fitted parameters of the body with their covariance; those of single recordings are left out."""
     content = fit.to_dict() if isinstance(fit, FitResult) else first_fit(Path(fit))
     if content.get("covariance") is None:
         raise InputError("bodies are drawn from a fit with free parameters: this one has no covariance")

@@ -68,7 +68,7 @@ class Exporter:
 
 @dataclass(frozen=True, repr=False)
 class Exported(Shown):
-    """What an export wrote.
+    """Result of an export.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What each target can express, as a table: `python -m pliant.exporters.table` prints it for the documentation."""
+"""The table of features by target: `python -m pliant.exporters.table` prints it for the documentation."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class Named(Protocol):
-    """What is asked of a parameter here."""
+    """A parameter's name, split into chamber and quantity."""
 
     @property
     def name(self) -> str: ...
@@ -51,7 +51,7 @@ def owners(model: Model) -> tuple[str, ...]:
 
 
 def prefixes(model: Model) -> tuple[str, ...]:
-    """What stands before the parameters of each chamber: nothing where there is one and nobody named it."""
+    """Return the prefix of each chamber's parameters; "" for a lone chamber without a name."""
     return tuple(f"{name}." for name in owners(model)) or ("",)
 
 
@@ -76,7 +76,7 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
 
 
 def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Any]:
-    """What `values` change of a chamber: its law, its joints' gains with their mean at its gain, valve and rubber."""
+    """Return the changes of a chamber by `values`: its law, the gains of its joints, valve and viscoelastic lag."""
     changes: dict[str, Any] = {k: values[k] for k in RUBBER if k in values}
     names = tuple(values)
     if "axial_gain" in values and not isinstance(chamber, Tendon):

@@ -1,4 +1,4 @@
-"""What to record next: the excitation that teaches most of what the recordings at hand show worst."""
+"""The next recording to make: the excitation that adds most to what the present recordings determine worst."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What one more recording would do.
+    """Expected gain of one more recording.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ def standard(model: Model, like: Experiment, limit: float) -> list[Candidate]:
 
 
 def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
-    """What one pressure may do."""
+    """Return the candidate time series of one pressure."""
     offered = [
         Candidate(f"pulse, {share * limit * 1e-3:.3g} kPa for {width:g} s", Pulse(share * limit, BEFORE, width),
                   BEFORE + width + AFTER, share * limit)

@@ -1,4 +1,4 @@
-"""What a model may lack beyond its training: a band that grows away from the training pressures and speeds.
+"""A model's error beyond its training data: a band that grows away from the training pressures and speeds.
 
 Between two training levels, and beyond them, a model curves by the terms that it has; another model that follows the
 training levels as well would curve otherwise. The straight line through the nearest training levels is what all of them
@@ -94,7 +94,7 @@ def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
 
 
 def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:
-    """What is observed (G, S, 2 or 1) at rest at the pressures `grid`, and what straight lines would make it.
+    """Return the rest positions (G, S, 2 or 1) at the pressures `grid`, and those of straight lines through them.
 
     The lines go through the joint angles, and strains, at the two nearest training `levels`. Both end where no rest is
     found.

@@ -179,7 +179,7 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
 
 
 def hardly_apart(overlap: bool, uneven: bool) -> str:
-    """What the laws of two chambers rest on that hardly moved apart; `uneven`: the stiffness of joints is free."""
+    """Return sentences on two chambers whose pressures hardly differ; `uneven`: the joints' stiffness is free."""
     if overlap:
         return ("turn the same joints and were hardly driven apart: their laws rest on how their edges differ; record "
                 "one of them alone.")
@@ -191,7 +191,7 @@ def hardly_apart(overlap: bool, uneven: bool) -> str:
 
 
 def findings_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
-    """Why recordings do not tell the parameters `names` apart, where their chambers were never driven (apart)."""
+    """Yield why recordings do not tell the parameters `names` apart, where their chambers were never driven (apart)."""
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
         return ""

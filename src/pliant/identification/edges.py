@@ -1,4 +1,4 @@
-"""When something happened, from the motion alone: the edges of a pulse or a step, a release."""
+"""Times of events from the motion alone: the edges of a pulse or a step, a release."""
 
 from __future__ import annotations
 

@@ -156,7 +156,7 @@ class Experiment(Shown):
         object.__setattr__(self, "travel", travel)
 
     def card(self) -> Card:
-        """What was done and how much was seen."""
+        """Return a summary of the excitation and of the frames."""
         level = f"{self.level / 1e3:.4g} kPa"
         done = {"trace": "a measured pressure", "pulse": f"a pulse of {level}", "step": f"a step to {level}",
                 "release": "a release"}  # fmt: skip
@@ -179,17 +179,17 @@ class Experiment(Shown):
 
     @property
     def dimension(self) -> int:
-        """Of the space that the body moves in, 2 or 3."""
+        """Dimension of the space that the body moves in, 2 or 3."""
         return int(self.position.shape[2])
 
     @property
     def compared(self) -> Array:
-        """What a model is compared by: places (T, S, 2), m; angles (T, S, 1), rad, where no place was observed."""
+        """Return the observed values that a model is compared with: positions (T, S, 2), m; angles (T, S, 1), rad."""
         return self.angle[..., None] if self.without_positions and self.angle is not None else self.position
 
     @property
     def last_station(self) -> Array:
-        """What was observed of the last station: places (T, 2), m, or angles (T, 1), rad."""
+        """Return the observations of the last station: positions (T, 2), m, or angles (T, 1), rad."""
         return self.compared[:, -1]
 
     @property
@@ -247,7 +247,7 @@ class Experiment(Shown):
 
     @cached_property
     def first_places(self) -> Array:
-        """Where the observed points (S, 2) are in their first frames, m."""
+        """Median positions (S, 2) of the observed points in their first frames, m."""
         seen = [p[np.isfinite(p).all(axis=1)][:FIRST_FRAMES] for p in np.moveaxis(self.position, 1, 0)]
         return np.array([np.median(p, axis=0) for p in seen])
 

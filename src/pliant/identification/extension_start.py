@@ -1,4 +1,4 @@
-"""Where the fit of segments that lengthen begins."""
+"""Start values of a fit of segments that lengthen."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 
 
 class FitOptions(TypedDict, total=False):
-    """How to fit, the same for `fit` and `select_model`, which document them."""
+    """Options of a fit, the same for `fit` and `select_model`, which document them."""
 
     step: float
     loss: str

@@ -94,7 +94,7 @@ def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) ->
 
 
 def lost(made: SetUp, after: float, length: float, phi: Array) -> SimulationError:
-    """What to say of a step of `length` [s] that fails `after` [s] with the links at phi (n,)."""
+    """Return the message for a step of `length` [s] that fails `after` [s] with the links at phi (n,)."""
     if gone := state.given_way(made.model, phi):
         return SimulationError(f"{after:.6g} s after the start {gone}")
     return SimulationError(
@@ -120,7 +120,9 @@ def slipped(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Array:
 
 
 def slipped_in_space(made: SetUp, numbers: Numbers, kind: ObservationKind, states: Array) -> Array:
-    """As `slipped`, of a chain in space: slip elements follow straight from the unloaded shape to the measured pose."""
+    """Same as `slipped`, of a chain in space: slip elements follow straight from the unloaded shape to the measured
+    pose.
+    """
     held = held_of(made, numbers.joints, kind)
     held.dq[:] = numbers.phi[: len(held.dq)]
     law = MemoryLaw(*numbers.memory)._replace(boucwen_share=kind.of(0.0))

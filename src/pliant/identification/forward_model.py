@@ -1,4 +1,4 @@
-"""What the compiled loop of a fit takes, made from a model, an experiment and its parameters."""
+"""The inputs of a fit's compiled loop, made from a model, an experiment and its parameters."""
 
 from __future__ import annotations
 

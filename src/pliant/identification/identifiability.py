@@ -1,4 +1,4 @@
-"""What recordings can tell before anything is fitted: directions that they do not show, and what would cure it."""
+"""Identifiability before a fit: parameter directions that the recordings do not show, and how to show them."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Direction:
 
 @dataclass(frozen=True, repr=False)
 class Identifiability(Shown):
-    """What the recordings can tell of each free parameter.
+    """Result of `identifiability`: how well the recordings determine each free parameter.
 
     Attributes
     ----------
@@ -97,12 +97,12 @@ class Identifiability(Shown):
 def identifiability(
     experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], *, step: float = 2e-3,
 ) -> Identifiability:
-    """What the recordings can tell of the free parameters, from the model's exact sensitivities at the start values.
+    """Return how well the recordings determine the free parameters, from exact sensitivities at the start values.
 
     Parameters
     ----------
     experiments, model, parameters, step
-        As in `fit`.
+        As in `fit`; the step in s.
 
     Returns
     -------
@@ -266,7 +266,7 @@ def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
 
 
 def cure(names: tuple[str, ...]) -> str:
-    """What to fix, or what to record, so that the recordings tell the parameters apart."""
+    """Return which parameter to fix, or which recording to add, so that the parameters can be told apart."""
     stems = {shared_name(n): n for n in names}
     tail = {n: shared_name(n).rpartition(".")[2] for n in names}
     order = sorted(names, key=lambda n: FIX_FIRST.index(tail[n]) if tail[n] in FIX_FIRST else len(FIX_FIRST))

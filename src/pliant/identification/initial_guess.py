@@ -1,4 +1,4 @@
-"""Where a fit begins: stiffness and damping from the ring-down, what the model has already."""
+"""Start values of a fit: stiffness and damping from the ring-down, the others from the model."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ def free_decay(exp: Experiment) -> RingDown | None:
 
 
 def last_edge(exp: Experiment) -> float:
-    """When the pressure last changed, or the body was let go, s."""
+    """Return when the pressure last changed, or the body was let go, s."""
     found = edges(exp)
     return max(found.values()) if found else last_jump(exp)
 
 
 def last_jump(exp: Experiment) -> float:
-    """When a measured input last left its final value by 5 % of the widest range of all inputs, s.
+    """Return when a measured input last left its final value by 5 % of the widest range of all inputs, s.
 
     The sensor's noise stays below.
     """

@@ -1,4 +1,4 @@
-"""What goes into the compiled loop of a fit: numbers that derivatives act on, and what they do not."""
+"""The inputs of a fit's compiled loop: those with derivatives, and the constant ones."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle")}
 
 
 def usual_start(name: str) -> float | None:
-    """Where a fit of this parameter begins unless stated otherwise; None for a name that is not one of memory.
+    """Return the start value of a parameter of hysteresis or creep; None for any other name.
 
     Branches of one kind begin apart: from equal ones no fit would tell them from each other.
     """
@@ -80,7 +80,7 @@ def usual_start(name: str) -> float | None:
 
 
 def chamber_guess(highest: float) -> dict[str, float]:
-    """Where the limit of a hyperelastic wall begins: twice the `highest` pressure [Pa] of the recordings."""
+    """Return the start value of a hyperelastic wall's limit: twice the `highest` pressure [Pa] of the recordings."""
     return {"inflation_limit": 2.0 * highest}
 
 

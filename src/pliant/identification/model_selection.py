@@ -21,7 +21,7 @@ DETERMINED = 0.5  # standard error over value, above which a parameter is not de
 
 
 class Follows(NamedTuple):
-    """How a fit follows its training records, on a scale that all fits to them share."""
+    """Quality of a fit on its training records, on a scale that all fits to them share."""
 
     mean_square: float  # of the residuals, weighted alike for every model
     numbers: float  # that were seen, less what the residuals' correlation takes from them
@@ -33,7 +33,7 @@ class Follows(NamedTuple):
 
 
 def follows(train: Sequence[Experiment], result: FitResult, step: float, weighting: str) -> Follows:
-    """How `result` follows the records: weights are those that a fit begins with, never those that it learned."""
+    """Return the quality of `result` on the records, with the weights that a fit begins with."""
     problem = Problem(list(train), result.model, list(result.parameters), step, weighting)
     r = problem.data_residual(problem.start)
     parts = np.split(r, problem.ends[:-1])
@@ -70,7 +70,7 @@ def error(records: dict[str, Array]) -> float:
 
 
 def lead(one: dict[str, Array], other: dict[str, Array]) -> tuple[float, float]:
-    """By how much the error of one model is above that of another on the same records, and its standard error.
+    """Return by how much one model's error exceeds another's on the same records, and its standard error.
 
     Both in % of travel, from the frame-by-frame differences of `missed`, frames counted as far as they are
     independent; of several records what they scatter by, where that is more.

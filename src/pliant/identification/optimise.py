@@ -89,7 +89,8 @@ def solve(
 
 
 def shifts(problem: Problem) -> Array:
-    """What is added to a free parameter before its logarithm is sought, in its size; NaN for those sought as they are.
+    """Return the offset of each free parameter before its logarithm is fitted, in its scale; NaN for those fitted as
+    they are.
 
     Beside creep, fast motion shows K (1 + share) alone, and beside Payne's curve small swings do: K and share lie in a
     valley that bends, and is straight in log K and log (1 + share).

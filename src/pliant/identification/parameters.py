@@ -1,4 +1,4 @@
-"""What can be fitted: names, units, bounds, and how a value enters the model."""
+"""The parameters of a fit: names, units, bounds, and how a value enters the model."""
 
 from __future__ import annotations
 
@@ -101,14 +101,16 @@ class Parameter:
 
     @property
     def moved(self) -> float | None:
-        """By how many standard deviations of its prior the data moved the value; None without a prior."""
+        """Return by how many standard deviations of its prior the data moved the value; None without a prior."""
         if self.prior_std is None or self.prior is None or self.value is None:
             return None
         return (self.value - self.prior) / self.prior_std
 
     @property
     def rests_on(self) -> str:
-        """What the value rests on after a fit: "data", or its prior and by how much the data moved and narrowed it."""
+        """Return what the value rests on after a fit: "data", or its prior and by how much the data moved and narrowed
+        it.
+        """
         if not self.free:
             return "given"
         if self.prior_std is None:
@@ -122,7 +124,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Kind:
-    """What pliant knows of a parameter by its name alone."""
+    """Properties of a parameter that follow from its name."""
 
     unit: str
     lower: float = -np.inf

@@ -1,4 +1,4 @@
-"""What set-ups of a fit share, from one recording, derivative and evaluation to the next."""
+"""Intermediate results that forward problems share between recordings, derivatives and evaluations of a fit."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class ModelAt(NamedTuple):
 
 
 class Plans:
-    """What set-ups share: the model at some values, steps under some command, and torques in them.
+    """Cache of models, step plans and torques that forward problems share.
 
     Recordings ask for the same model one after the other, derivatives by what moves no pressure for the same drive, and
     those by valves and laws for the same steps.

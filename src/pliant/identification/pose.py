@@ -31,7 +31,7 @@ def posed(model: Model, chosen: list[Station], seen: Array, found: dict[Any, Arr
 
 
 def sought(model: Model, chosen: list[Station], seen: Array) -> Array:
-    """As `posed`."""
+    """Same as `posed`, without its cache."""
     there = (model if model.space else fixed_length(model)).with_(stations=tuple(chosen))
     chain = mechanics_of(there)
     pull = LEAST_PULL * model.length * chain.to_joints

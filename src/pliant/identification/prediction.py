@@ -1,4 +1,4 @@
-"""What a model predicts of an experiment: positions, angles, and the rows that a fit compares."""
+"""Predictions of an experiment by a model: positions, angles, and the rows that a fit compares."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ Array = np.ndarray
 
 
 def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
-    """What the model says of an experiment: positions (T, S, d) [m], angles (T, S) [rad], which of them are `compared`,
-    pressure (T, C) [Pa] of the inputs.
+    """Predict an experiment by the model: positions (T, S, d) [m], angles (T, S) [rad], inputs (T, C) [Pa].
 
-    `values` holds parameter values by name; those of the experiment `exp` overrule shared ones. `step` is that of the
-    integration, s.
+    The dictionary holds `compared` too, the predicted values that a fit compares. `values` holds parameter values by
+    name; those of the experiment `exp` overrule shared ones. `step` is that of the integration, s.
     """
     made = set_up(model, exp, values, step)
     rows = moved(made, made.numbers, exp.time.size)[:, : len(exp.stations)]
@@ -29,7 +28,7 @@ def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: fl
 
 
 def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
-    """Where the whole chain is: base, first joint and link tips (T, n + 2, d) [m]; arguments as of `predict`."""
+    """Predict the whole chain: base, first joint and link tips (T, n + 2, d) [m]; arguments as of `predict`."""
     made = set_up(model, exp, values, step)
     along = np.concatenate([[0.0, made.model.base_length], made.model.link_length])
     carrier = np.concatenate([[-1, -1], np.arange(made.model.n)])
@@ -40,7 +39,7 @@ def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], ste
 
 
 def compared_of(exp: Experiment, rows: Array) -> Array:
-    """What is compared (..., T, S, d or 1) of observed rows (..., T, S, 3); see `Experiment.compared`."""
+    """Return the compared values (..., T, S, d or 1) of observed rows (..., T, S, 3); see `Experiment.compared`."""
     return turned(exp, rows)[..., None] if exp.without_positions else rows[..., : exp.dimension]
 
 

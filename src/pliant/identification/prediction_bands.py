@@ -50,7 +50,7 @@ class Band(Shown):
         return float(((self.lower <= position) & (position <= self.upper))[seen].mean())
 
     def card(self) -> Card:
-        """How wide the band is."""
+        """Return a summary of the band's width."""
         half = 0.5 * self.factor * (self.upper - self.lower)
         frames, stations = self.position.shape[:2]
         median, most = (f"{v:.3g} {self.unit}" for v in (np.nanmedian(half), np.nanmax(half)))

@@ -142,7 +142,7 @@ class Problem:
 
     @property
     def all_known(self) -> tuple[Array, Array]:
-        """What is known before, and what is held to its start, as rows and aims."""
+        """Return the priors and the parameters held at their start, as rows and targets."""
         return np.concatenate([self.known[0], self.held[0]]), np.concatenate([self.known[1], self.held[1]])
 
     def learn_sizes(self, x: Array) -> None:
@@ -188,7 +188,7 @@ def scattered_start(parameters: Sequence[Parameter], rng: np.random.Generator) -
 def with_held_mean(
     known: tuple[Array, Array], free: list[Parameter], scale: Array, start: Array, chamber: str = "",
 ) -> tuple[Array, Array]:
-    """What is known before, and that the mean of a chamber's gains stays where it starts: nothing else decides it."""
+    """Return the priors, with a row that holds the mean of a chamber's gains at its start, which no data determine."""
     gains = np.array([p.name.startswith(f"{chamber}joint_gain_") for p in free])
     row = gains * scale / (gains.sum() * HELD_MEAN)
     return np.concatenate([known[0], row[None]]), np.append(known[1], row @ start)

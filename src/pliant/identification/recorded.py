@@ -1,4 +1,4 @@
-"""What a planar recording holds for an experiment: its angles, arc lengths, its one pressure, its excitation."""
+"""Contents of a planar recording for an experiment: angles, arc lengths, its one pressure, its excitation."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
 
 
 def default_excitation(name: str, recording: xr.Dataset) -> Excitation:
-    """What the recording's own inputs say of its excitation."""
+    """Return the excitation that the recording's own inputs imply."""
     if {"pressure", "actuation"} & set(recording):
         return "trace"
     if "nominal_pressure" in recording.attrs:

@@ -86,7 +86,8 @@ def with_drawn(exp: Experiment, drawn: Array) -> Experiment:
 
 
 def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator) -> Array:
-    """What is compared, (T, S, 2 or 1): the modelled motion plus the residuals' blocks of `width` frames, reordered.
+    """Return compared values (T, S, 2 or 1) for a bootstrap: the modelled motion plus residual blocks of `width`
+    frames, reordered.
 
     Blocks wrap around the end, so that every frame is drawn alike; residuals are not centred: what the model leaves on
     average stays. What was not seen stays so, and a residual that is missing where it is drawn to is replaced by none.

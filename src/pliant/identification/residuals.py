@@ -1,4 +1,4 @@
-"""What an experiment observed, laid out as the compiled loop shows it, and the weight of every number."""
+"""Observations of an experiment in the layout of the compiled loop, and the weight of every number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a fit gives, and what to think of it in words."""
+"""The result of a fit and its assessment in words."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str
 
 
 def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], far: str = "") -> str:
-    """How the fit ended, in words; `far` is what `far_off` says of its optimum."""
+    """Return the end of the fit in words; `far` is what `far_off` says of its optimum."""
     if far:
         return f"The fit failed: {far}."
     end = {
@@ -182,7 +182,7 @@ def cautions(
 
 
 def pulse_width(exp: Experiment, values: dict[str, float]) -> float:
-    """How long the pressure was on, s; the whole recording where that is not a pulse."""
+    """Return how long the pressure was on, s; the length of the recording if it is no pulse."""
     if exp.excitation == "pulse":
         return values[f"{exp.name}.stop"] - values[f"{exp.name}.start"]
     return float(np.inf) if exp.excitation == "release" else float(np.ptp(exp.time))

@@ -120,7 +120,7 @@ def slopes_of(
 
 
 def shares(exp: Experiment, values: Mapping[str, float], here: SetUp) -> tuple[Any, ...]:
-    """What recordings have alike whose numbers have the same derivatives, but for the torques; empty for one alone."""
+    """Return the cache key of recordings with equal derivatives, torques excluded; () for one alone."""
     own = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
     if not here.from_rest or exp.forces or exp.own_places or exp.known or own - {"start", "stop"}:
         return ()

@@ -1,4 +1,4 @@
-"""What a sensor makes of a motion: a first-order lag, taken between the frames as well."""
+"""The sensor's response to a motion: a first-order lag, integrated between the frames as well."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class Step:
 
 @dataclass(frozen=True)
 class StageFitter:
-    """What every stage is fitted to and judged on, and how."""
+    """Data and settings on which every stage is fitted and judged."""
 
     train: Sequence[Experiment]
     held_out: Sequence[Experiment]
@@ -261,5 +261,5 @@ def simulable(model: Model, step: float) -> float:
 
 
 def ends(result: FitResult | None) -> dict[str, Parameter]:
-    """Where each parameter of a fit ended."""
+    """Return the end value of each parameter of a fit."""
     return {p.name: p for p in result.parameters} if result else {}

@@ -14,7 +14,7 @@ Scan = tuple[tuple[str, tuple[float, ...]], ...]  # names, and the values [SI] t
 
 
 class Stage(NamedTuple):
-    """What a stage frees beyond the one that it stands on.
+    """The parameters that a stage frees in addition to those of its parent.
 
     `frees` lists choices: of those that the recordings can tell, the one of the lowest BIC is taken. `drops` names
     parameters of lower stages that this one replaces. Times and thresholds in `scan` are tried from values far apart,

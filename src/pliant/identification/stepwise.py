@@ -203,7 +203,7 @@ def most_predicted(steps: Sequence[Step]) -> list[Step]:
 
 
 def refusal(step: Step, chosen: Step) -> str:
-    """Why a fitted stage is not the chosen one; empty for that one."""
+    """Return why a fitted stage was not chosen; empty for the chosen one."""
     if step.stage.name == chosen.stage.name or not step.result:
         return ""
     if step.open:

@@ -1,4 +1,4 @@
-"""Where a fit's torque laws begin: from the plateaus of the pressure, by statics."""
+"""Start values of a fit's torque laws: from the plateaus of the pressure, by statics."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def torque_start(
 
 
 def law_starts(wanted: set[str], pressure: Array, torque: Array) -> dict[str, float]:
-    """Where the parameters of a law with a name begin, from its torques [N m] at rest at pressures [Pa]."""
+    """Return start values of a named law's parameters, from its torques [N m] at rest at pressures [Pa]."""
     laws = [law for law in torque_laws() if law.own(dict.fromkeys(wanted, 0.0))]
     begun = {f"{law.name}_{p}": v for law in laws for p, v in law.start(pressure, torque).items()}
     return {n: v for n, v in begun.items() if n in wanted}

@@ -1,4 +1,4 @@
-"""How sure a fit is of its parameters: covariances for white and for coloured residuals."""
+"""Uncertainty of fitted parameters: covariances for white and for coloured residuals."""
 
 from __future__ import annotations
 

@@ -54,12 +54,12 @@ class LinearModel:
 
     @property
     def pressure(self) -> float:
-        """Of the only chamber, Pa."""
+        """Return the pressure of the only chamber, Pa."""
         return float(self._only(self.pressures))
 
     @property
     def dead_time(self) -> float:
-        """Of the only chamber's valve, s."""
+        """Return the dead time of the only chamber's valve, s."""
         return float(self._only(self.dead_times))
 
     def _only(self, values: Array) -> Any:
@@ -69,7 +69,7 @@ class LinearModel:
 
     @property
     def D(self) -> Array:
-        """What the pressures do to the outputs at once (outputs, chambers): nothing."""
+        """Feedthrough matrix D of pressures to outputs (outputs, chambers): zero."""
         return np.zeros((self.C.shape[0], self.B.shape[1]))
 
     @property

@@ -27,7 +27,7 @@ class Sampled(NamedTuple):
 
 
 class Margins(NamedTuple):
-    """How far a loop is from instability, cut open at the commanded pressure."""
+    """Distance of a loop from instability, cut open at the commanded pressure."""
 
     gain_db: float  # dB, smallest factor upwards that makes it unstable
     phase_deg: float  # degrees

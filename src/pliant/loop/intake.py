@@ -1,4 +1,4 @@
-"""What arrives at the loop, judged before it counts: its unit, size, time and whether it ever changes."""
+"""Checks of incoming samples before they are used: unit, size, time, and whether the values ever change."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ class Sealer:
 
 
 class Opened(NamedTuple):
-    """What became of a packet: its content and session, or an answer to send back, or neither."""
+    """Outcome of opening a packet: its content and session, an answer to send back, or neither."""
 
     packet: bytes = b""
     session: bytes = b""

@@ -151,7 +151,7 @@ class ValveReceiver:
             self.command, self._until = self._vent if now < self._held_down else pressure, until
 
     def _expiry(self, of: _InForce, stamp: int, now: int, hold: int) -> int | None:
-        """When a command of that stamp ceases to hold, ns of the own clock; None, counted, where it is not in order."""
+        """Return when a command of that stamp expires, ns of the own clock; None, and counted, for a bad stamp."""
         delay = now - stamp
         fastest = min(delay, of.fastest + (now - of.heard) // DRIFT)
         if of.fastest - delay > self._window:

@@ -1,4 +1,4 @@
-"""What flows through the loop: samples with a time, a name, an array and a unit; where they come from and go to."""
+"""Samples of the loop: a time, a name, an array and a unit; the sources and sinks of samples."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNITS = {SHAPE: "m", PRESSURE: "Pa", COMMAND: "Pa"}
 
 
 class Sender(NamedTuple):
-    """Who sent a sample: its address, and its session where packets come under a key."""
+    """Sender of a sample: its address, and its session where packets come under a key."""
 
     host: str
     port: int
@@ -41,7 +41,7 @@ class Sample(NamedTuple):
 
 
 class Source(Protocol):
-    """Where samples come from. Never waits: a loop has other things to do."""
+    """A source of samples. It never waits: a loop has other things to do."""
 
     def read(self) -> Sample | None:
         """The oldest sample that has arrived and was not read yet; None when there is none."""
@@ -55,7 +55,7 @@ class Source(Protocol):
 
 
 class Sink(Protocol):
-    """Where samples go."""
+    """A receiver of samples."""
 
     def write(self, sample: Sample) -> None:
         """Send a sample on."""

@@ -15,7 +15,7 @@ BEHIND = 50  # periods: a plant that cannot keep up gives up the rest
 
 
 class PlantLike(Protocol):
-    """What a plant offers: it moves one period at a time under a command that is held."""
+    """The interface of a plant: it moves one period at a time under a command that is held."""
 
     period: float  # s, of its frames
     time: float  # s, on its own clock

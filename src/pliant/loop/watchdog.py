@@ -15,7 +15,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Bounds:
-    """What is still in order.
+    """Limits within which the loop counts as healthy.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class Watchdog:
 
     @property
     def summary(self) -> tuple[str, int]:
-        """What went wrong, in one sentence, and since when [ns]: what vented, or the controller's faults."""
+        """Return in a sentence what failed and since when [ns]: why the loop vented, or the controller's faults."""
         if self.fault or not self.controller_faults:
             return self.fault, self.fault_time
         periods = "period" if self.controller_faults == 1 else "periods"

@@ -1,4 +1,4 @@
-"""How a chain moves: the interface `Mechanics`, and one class for each family of chains.
+"""Mechanics of a chain: the interface `Mechanics`, and one class for each family of chains.
 
 Whatever simulates, fits, filters, linearises, controls or exports asks `mechanics_of(model)` for positions, Jacobians,
 energies, rests and the records that the compiled kernels take, and works out none of them itself.

@@ -102,7 +102,9 @@ class Mechanics(ABC):
     @property
     @abstractmethod
     def sizes(self) -> tuple[int, ...]:
-        """What kernels are compiled for: links, segments that lengthen; in space turns of each joint, and tendons."""
+        """Return the sizes for which kernels are compiled: links, segments that lengthen; in space turns of each joint,
+        and tendons.
+        """
 
     # coordinates
 
@@ -133,7 +135,7 @@ class Mechanics(ABC):
 
     @property
     def counted(self) -> str:
-        """How many coordinates of each kind there are, in words."""
+        """Return the number of coordinates of each kind, in words."""
         counts = ((len(kind.labels), kind.noun) for kind in self.kinds)
         return " and ".join(f"{count} {noun}{'s' * (count > 1)}" for count, noun in counts)
 

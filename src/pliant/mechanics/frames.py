@@ -1,4 +1,4 @@
-"""Where points lie beside the links: their coordinates along and across each of them."""
+"""Points beside the links: their coordinates along and across each of them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = np.ndarray
 
 
 class LinkFrames(NamedTuple):
-    """What the positions of the links follow from: floats, or complex numbers that carry a derivative."""
+    """Inputs of the link positions: floats, or complex numbers that carry a derivative."""
 
     x: Any  # (n + S,) absolute angles, rad, strains behind them
     length: Any  # (n,) m

@@ -40,7 +40,7 @@ class SpatialChain(Mechanics):
 
     @cached_property
     def space(self) -> Space:
-        """What the model has beyond one in a plane."""
+        """Return the spatial properties of the model."""
         return self.model.space or Space()
 
     @cached_property

@@ -60,7 +60,7 @@ class Actuation:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What each input is, as recordings have it: "pressure" (gauge)."""
+        """Return the kind of each input, as recordings have it: "pressure" (gauge)."""
         return tuple(c.kind for c in self.inputs)
 
     @property
@@ -74,7 +74,7 @@ class Actuation:
         return ", ".join(self.names)
 
     def labels(self, quantity: str) -> list[str]:
-        """What a quantity of each input is called in tables, files and exports: ``pressure_NAME``.
+        """Return the name of a quantity of each input in tables, files and exports: ``pressure_NAME``.
 
         A lone input needs no name there: ``pressure``.
         """
@@ -121,7 +121,7 @@ class Actuation:
 
     @cached_property
     def columns(self) -> Array:
-        """What kernels take for `gain` (C, N + R): inputs that make torques, then where each tendon's command is."""
+        """Return the kernels' `gain` (C, N + R): columns of inputs that make torques, then of each tendon's command."""
         if not self.tendons:
             return self.gain
         gain, drawn = np.array(self.gain), np.zeros((self.count, len(self._cords)))

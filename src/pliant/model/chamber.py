@@ -174,7 +174,7 @@ class Chamber:
         return laws.lever(np.asarray(pressure, dtype=float), self.torque, laws.NUMBERS[self.law])
 
     def no_rest(self, pressure: float) -> str:
-        """A sentence where the wall has no equilibrium at a pressure [Pa]; empty where the chamber comes to rest."""
+        """Return a sentence if the wall has no equilibrium at a pressure [Pa]; empty if the chamber comes to rest."""
         if np.isfinite(self.torque_at(pressure)):
             return ""
         return (
@@ -209,7 +209,7 @@ class Chamber:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """What the torque of an input depends on, hashable: all but the joints that it turns."""
+        """Return a hashable key of all that the torque of an input depends on, except its joints."""
         return (self.torque.tobytes(), self.valve, *self.kernel()[1:])
 
     def sentences(self, *, alone: bool) -> list[str]:

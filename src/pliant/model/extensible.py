@@ -1,4 +1,4 @@
-"""What segments that lengthen ask of a model, and make of its inertia."""
+"""The requirements of segments that lengthen on a model, and their effect on its inertia."""
 
 from __future__ import annotations
 

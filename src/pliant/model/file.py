@@ -52,7 +52,7 @@ class StationEntry(BaseModel):
 
 
 class SpaceEntry(BaseModel):
-    """What a chain in space has beyond one in a plane, in a model file."""
+    """Entries of a chain in space in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     stiffness_ratio: float = 1.0

@@ -1,4 +1,4 @@
-"""What a soft body can be, generously: the bounds of every number of a model, in one table.
+"""Physical limits of a soft body, wide: the bounds of every number of a model, in one table.
 
 Beyond them stands a wrong unit or a damaged file, and arithmetic that overflows, divides by zero or never ends. Each is
 at least a factor of a thousand from anything that was built, and where a fit's bound is 0 its steps towards it fit in.

@@ -1,4 +1,4 @@
-"""What the joints remember: creep, friction inside the material, Bouc-Wen."""
+"""Hysteresis of the joints: creep, internal friction, Bouc-Wen."""
 
 from __future__ import annotations
 

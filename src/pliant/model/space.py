@@ -1,4 +1,4 @@
-"""What a chain in space has beyond one in a plane."""
+"""Properties of a chain in space that a planar one lacks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a model shows of itself: the numbers that one checks at a glance."""
+"""The summary of a model: the numbers to check at a glance."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def chain(model: ModelParameters, turn: float) -> np.ndarray:
 
 
 def sentences(model: ModelParameters) -> list[str]:
-    """What is more than links, as far as the model has it."""
+    """Return sentences on the features that the model has beyond links."""
     said = [line for c in model.chambers for line in c.sentences(alone=len(model.chambers) == 1)]
     section = " to ".join(dict.fromkeys(f"{f(bending_stiffness(model)):.3g}" for f in (np.min, np.max)))
     said.append(f"bending stiffness EI = K l: {section} N m^2, {PLACEMENT[joint_placement(model)]}")

@@ -1,4 +1,4 @@
-"""What lies between the commanded and the actual pressure."""
+"""The valve between the commanded and the actual pressure."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Alignment:
-    """What `align` found and did; stored as JSON in the attribute ``alignment`` of the recording.
+    """Results and choices of `align`; stored as JSON in the attribute ``alignment`` of the recording.
 
     Attributes
     ----------

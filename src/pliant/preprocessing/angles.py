@@ -48,7 +48,7 @@ def coarse_steps(angle: NDArray) -> list[float]:
 
 
 def angle_sentences(facts: dict[str, float]) -> list[str]:
-    """What to tell of sensors that count in coarse steps, in degrees by station."""
+    """Return messages on sensors that count in coarse steps, in degrees by station."""
     return [f"the angle of {name} comes in steps of {step:.2g} degrees: {step / np.sqrt(12.0):.2g} degrees of noise"
             for name, step in facts.items()]  # fmt: skip
 

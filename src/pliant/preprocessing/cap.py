@@ -30,7 +30,7 @@ MAD_GATE = 4.0
 
 @dataclass(frozen=True)
 class Tip:
-    """Where the body ends and the cap begins.
+    """End of the body and start of the cap.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is wrong with a recording, and what is in it: found and counted, never repaired."""
+"""Contents and faults of a recording: found and counted, never repaired."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class Quality(Shown):
 
 
 def spanned(duration: float, rate: float) -> str:
-    """How long and how fast, behind a count; a single sample has neither."""
+    """Return duration and rate behind a count; a single sample has neither."""
     return f", {duration:.2f} s at {rate:.4g} Hz" if np.isfinite(rate) else ""
 
 

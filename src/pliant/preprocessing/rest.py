@@ -1,4 +1,4 @@
-"""Where in a recording the body is at rest."""
+"""Frames of a recording in which the body is at rest."""
 
 from __future__ import annotations
 

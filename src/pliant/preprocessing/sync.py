@@ -31,7 +31,7 @@ DRIFT_SIGMA = 3.0  # a drift is applied only when it is that clear
 
 @dataclass(frozen=True, repr=False)
 class Delay(Shown):
-    """How the clock of the pressure goes against that of the shape: shape = pressure * (1 + drift) + delay.
+    """Offset and drift of the pressure's clock against that of the shape: shape = pressure * (1 + drift) + delay.
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ SLOWEST = 1.0  # s between two samples of a log whose header does not say the un
 
 
 class AngleLogMapping(FileMapping):
-    """What the header of such a log does not say.
+    """Mapping entries that the header of an angle log lacks, such as units.
 
     Attributes
     ----------

@@ -100,7 +100,7 @@ def write_answer(out: BinaryIO, arrays: dict[str, np.ndarray], facts: dict[str, 
 
 
 def _unknown(value: Any) -> str:
-    """What JSON does not know, such as bytes within an array of attributes."""
+    """Replace a value that JSON cannot store, such as bytes within an array of attributes."""
     return text_of(value) if isinstance(value, bytes) else str(value)
 
 

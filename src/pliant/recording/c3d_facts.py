@@ -1,4 +1,4 @@
-"""What a C3D file states twice, and how its sections must lie: where two statements differ, one of them is damage.
+"""Redundant statements of a C3D file and the order of its sections: a contradiction means damage.
 
 Header and parameters hold the same counts, rates and scale; sections are blocks of 512 bytes, one after the other; the
 last frame ends the file but for the rest of its block and for blocks of zeros, which some systems append. A byte that

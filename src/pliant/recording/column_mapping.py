@@ -1,4 +1,4 @@
-"""What a mapping says of a table: its columns, their units, its rows."""
+"""Mapping of a table: its columns, their units, its rows."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ PER_METRE = {"1/m": 1.0, "1/cm": 1e2, "1/mm": 1e3}
 
 
 class CurvatureMapping(FileMapping):
-    """What the header of such a table does not say.
+    """Mapping entries that the header of a curvature table lacks: units, the quantity, the fibre's range.
 
     Attributes
     ----------

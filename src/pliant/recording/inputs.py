@@ -1,4 +1,4 @@
-"""What drove the body of a recording: its pressures and its inputs of other kinds, one after the other."""
+"""Inputs that drove the body of a recording: pressures first, then those of other kinds."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class FileMapping(BaseModel):
-    """What a file does not say about itself; frozen, and no other keys than its own."""
+    """Mapping entries that a file lacks; frozen, unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 

@@ -106,7 +106,7 @@ def published_path(text: str) -> Path:
 
 
 def how(known: DataSet, file: str, folder: Path) -> str:
-    """How a file comes into its folder."""
+    """Return how a file gets into its folder."""
     f = known.files[file]
     if not f.address:
         return f"it has to be brought by hand ({f.by_hand}); put it into {folder}"

@@ -1,4 +1,4 @@
-"""What every recording keeps: variables with their dimensions and units, clocks, names; and the checks of it."""
+"""Rules of every recording: variables with their dimensions and units, clocks, names; and their checks."""
 
 from __future__ import annotations
 

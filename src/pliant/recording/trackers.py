@@ -25,7 +25,7 @@ LIKELY = 0.6  # below it a point is a gap, as the trackers' own tools do
 
 
 class TrackerMapping(FileMapping):
-    """What the file of a tracker does not say.
+    """Mapping entries that the file of a tracker lacks, such as units and scale.
 
     Attributes
     ----------

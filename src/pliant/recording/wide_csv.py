@@ -49,7 +49,7 @@ KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 STATION_COLUMN = re.compile(r"(x|y|z|qx|qy|qz|qw|angle)_(.+)")
 
 class TableMetadata(FileMapping):
-    """What a table says of itself in its first line or beside it; other entries are kept, but nothing reads them."""
+    """Metadata of a table, from its first line or a file beside it; unknown entries are kept and not used."""
 
     model_config = ConfigDict(extra="allow", coerce_numbers_to_str=True)
 

@@ -1,4 +1,4 @@
-"""What order selection needs of a recording: whole frames, arc length, the tangent at the base."""
+"""Inputs of order selection from a recording: whole frames, arc length, the tangent at the base."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
 
 
 def _base_stretch(chords: NDArray[np.float64], arc_length: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """How much longer than its arc length the first tenth of the body is (T,); None where the length hardly changes."""
+    """Return the ratio (T,) of the first tenth's length to its arc length; None if the length hardly changes."""
     total = chords.sum(axis=1)
     if np.ptp(total) <= STRETCH_WORTH_TELLING * total.mean():
         return None

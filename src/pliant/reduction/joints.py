@@ -45,7 +45,7 @@ def joints_in_space(
 def beside_links(
     place: NDArray[np.float64], before: float, link_length: NDArray[np.float64], rest: NDArray[np.float64]
 ) -> list[LinkPoint]:
-    """Where points (P, 3) [m] lie beside the links of a chain in space at rest, each on the nearest.
+    """Return the coordinates of points (P, 3) [m] beside the links of a chain in space at rest, each on the nearest.
 
     Parameters
     ----------

@@ -82,7 +82,8 @@ class LinkPlacement:
         return np.asarray(np.linalg.norm(self.rest_angle.reshape(self.n, 2), axis=1))
 
     def beside(self, place: ArrayLike) -> list[LinkPoint]:
-        """Where points (P, 3) of the body at rest [m, base frame] lie beside the links of a chain in space.
+        """Return the coordinates of points (P, 3) of the body at rest [m, base frame] beside the links of a chain in
+        space.
 
         Each on the link that it is nearest to; on the base before the first joint where it is nearest to that.
         """

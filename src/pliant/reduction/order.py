@@ -1,4 +1,4 @@
-"""How many links? The error of the spline through the joints against the number of segments."""
+"""Selection of the number of links: the error of the spline through the joints against the number of segments."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class OrderResult(Shown):
 
     @property
     def reason(self) -> str:
-        """Why this order was chosen, or none, in a sentence; says when the stations are too few to judge it."""
+        """Return why this order was chosen, or none, in a sentence; says when the stations are too few to judge it."""
         if self.bound is None:
             return "No order was chosen, because no bound was given."
         bound = f"the bound of {self.bound * 1e3:g} mm"

@@ -1,4 +1,4 @@
-"""Where the joints go: at equal arc length, or where the largest error over the recording is smallest."""
+"""Positions of the joints: at equal arc length, or such that the largest error over the recording is smallest."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ COMMON_MODES = ("centre", "least-squares")
 
 @dataclass(frozen=True)
 class CoreLayout:
-    """Where the cores lie in the cross-section.
+    """Positions of the cores in the cross-section.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class CoreLayout:
 
 @dataclass(frozen=True)
 class FibreState:
-    """What the strain says along the fibre.
+    """Curvature and its direction along the fibre, from strain.
 
     Attributes
     ----------

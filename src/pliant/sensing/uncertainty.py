@@ -1,4 +1,4 @@
-"""How uncertain is a shape that was integrated from uncertain curvature?"""
+"""Uncertainty of a shape that was integrated from uncertain curvature."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far the tip of a simulated motion may be from where it should be, estimated by repeating the motion.
+"""Error of a simulated tip, estimated by repeating the motion.
 
 A rule of second order with the step 2h has four times the error of the step h, so that their difference is three times
 the error of h (Richardson; Hairer, Norsett and Wanner I, Sec. II.4). A small difference clears a motion; otherwise it

@@ -61,7 +61,7 @@ def in_play(low: Array, high: Array, lost: float) -> float:
 
 
 class Defects(NamedTuple):
-    """What is wrong with a computed motion."""
+    """Faults of a computed motion."""
 
     error: float  # of the tip, of the length; not a number: not estimated
     length: float  # m

@@ -1,4 +1,4 @@
-"""What a chamber makes of a command, interval by interval: on floats, and on dual numbers with its derivatives.
+"""Chamber pressures under a command, interval by interval: as floats, and as dual numbers with derivatives.
 
 A chamber and its valve enter the compiled loops as one row of numbers, so that whoever wants derivatives by any of them
 lays them beside that row (`pliant.compiler.duals`) and runs the same loops.
@@ -24,7 +24,7 @@ BEFORE_LAW = OF_A_VALVE + 8  # and before the torque law, whose length is its ow
 
 
 class ValveConstants(NamedTuple):
-    """What the loops take of a valve: floats, or duals."""
+    """Constants of a valve in the loops: floats, or duals."""
 
     lag: Lag
     settle_share: Any

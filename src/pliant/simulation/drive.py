@@ -37,7 +37,7 @@ _SAME = 1e-9  # of a step: times closer than this are one time, written with dif
 
 
 class Drive(NamedTuple):
-    """What the compiled march takes, with the pressures at the output times for the record."""
+    """Inputs of the compiled march, with the pressures at the output times for the record."""
 
     h: Array  # (steps,) s
     torque: Array  # (steps, C) N m, mean of each chamber over each step
@@ -70,7 +70,7 @@ class Grid(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """What one chamber does in the steps of a drive."""
+    """Torque and states of one chamber in the steps of a drive."""
 
     torque: Array  # (steps,) N m, mean over each step
     pressure: Array  # (rows,) Pa, behind the valve, at the output times
@@ -105,7 +105,7 @@ class Layout:
         return delivered(valve, float(self.initial[c]))
 
     def driven(self, c: int, chamber: Chamber) -> Driven:
-        """What chamber `c` does."""
+        """Return the response of chamber `c`."""
         key = (c, chamber.key)
         if key not in self._driven:
             behind = self.behind(c, chamber.valve)
@@ -207,7 +207,7 @@ def check_times(times: Array) -> Array:
 
 
 def driven(model: Model, layout: Layout) -> Drive:
-    """What a march takes of the chambers of a model in steps that were laid out."""
+    """Return a march's inputs for the chambers of a model, for steps that are laid out already."""
     columns = [layout.driven(c, chamber) for c, chamber in enumerate(model.chambers)]
     torque, shown, stretch = (np.column_stack(rows) for rows in zip(*columns, strict=True))
     grows = any(c.grows for c in model.chambers)
@@ -266,7 +266,7 @@ def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) ->
 
 
 def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
-    """What is commanded at the start, middle and end of each interval of `nodes`, and its mean; (m, 4), Pa.
+    """Return the command at start, middle and end of each interval of `nodes`, and its mean; (m, 4), Pa.
 
     The command is taken as straight within an interval, from two inner points, so that a jump at a node is seen from
     its proper side.
@@ -283,14 +283,14 @@ def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
 
 
 def lagging(valve: Valve, h: Array, commands: Array, before: float) -> Array:
-    """As `through_valve`, of `commands` (m, 4) [Pa] in intervals of h (m,) [s]."""
+    """Same as `through_valve`, of `commands` (m, 4) [Pa] in intervals of h (m,) [s]."""
     out = commands.copy()
     pass_valve(twin, valve, valve_constants(valve_row(valve, before)), h, out)
     return out
 
 
 def too_fast(plan: Drive, failed: int, given_way: str = "") -> SimulationError:
-    """What to say of a step that turns a link by more than a radian, or in which a spring has `given_way`."""
+    """Return the message for a step that turns a link by more than a radian, or in which a spring has `given_way`."""
     if given_way:
         return SimulationError(f"{plan.h[: failed + 1].sum():.6g} s after the start {given_way}")
     return SimulationError(

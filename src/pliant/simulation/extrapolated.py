@@ -47,7 +47,7 @@ def smooth(problem: InitialValueProblem) -> bool:
 
 
 def even_steps(problem: InitialValueProblem, step: float, parts: int) -> Drive:
-    """As `drive`, with steps that end at every bend of the pressure too, each cut into `parts` equal ones."""
+    """Same as `drive`, with steps that end at every bend of the pressure too, each cut into `parts` equal ones."""
     model, times = problem.model, problem.times
     pairs = zip(problem.pressure, model.chambers, strict=True)
     bends = np.concatenate([np.concatenate([p.jumps, p.breakpoints]) + c.valve.dead_time for p, c in pairs])

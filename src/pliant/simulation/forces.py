@@ -69,7 +69,7 @@ def loads_at(model: Model, forces: Sequence[PointForce], time: float) -> Array:
 
 
 def mean_loads(model: Model, forces: Sequence[PointForce], nodes: Array) -> Array:
-    """As `link_loads`, the mean over each interval of `nodes` (m + 1,) [s], N m."""
+    """Same as `link_loads`, the mean over each interval of `nodes` (m + 1,) [s], N m."""
     impulse = [integral(force, nodes) for force in forces]
     means = [np.diff(rows, axis=0) / np.diff(nodes)[:, None] for rows in impulse]
     return link_loads(model, forces, np.stack(means, axis=1))

@@ -64,7 +64,7 @@ class InitialValueProblem(NamedTuple):
         return plan._replace(load=mean_loads(self.model, self.forces, nodes))
 
     def marched(self, plan: Drive, rows: int | None = None) -> Marched:
-        """What the midpoint rule makes of a plan that keeps so many rows (default: those of its pressure)."""
+        """Integrate a plan by the midpoint rule, keeping as many rows as given (default: those of its pressure)."""
         rows = len(plan.pressure) if rows is None else rows
         if self.model.memory:
             return memory.march_with_memory(self.model, plan, self.start, self.states, rows)

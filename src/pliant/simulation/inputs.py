@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 class Input(Protocol):
-    """What `simulate` needs to know of a pressure input."""
+    """The interface of a pressure input that `simulate` takes."""
 
     @property
     def jumps(self) -> Array:

@@ -1,4 +1,4 @@
-"""How much pressure, or tension, a model is made for, as far as the model itself says."""
+"""The pressure, or tension, that a model is made for, as far as the model itself says."""
 
 from __future__ import annotations
 

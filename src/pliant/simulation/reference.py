@@ -30,7 +30,7 @@ SHORTEST_LAG = 1e-6  # s; stands for none where a valve lags in one direction on
 
 
 class Start(NamedTuple):
-    """Where a solution begins."""
+    """Start state of a solution."""
 
     phi: Array  # (n,) rad
     w: Array  # (n,) rad/s
@@ -102,7 +102,9 @@ def tolerances(at: StateLayout, rtol: float) -> Array:
 
 
 def softest(model: Model) -> Callable[[float, Array], float] | None:
-    """What stops a solver where a spring has softened to nothing: beyond, the motion may run away in finite time."""
+    """Return an event that stops a solver where a spring has no stiffness left, or None; beyond, the motion may
+    diverge.
+    """
     springs = springs_of(model)
     if not springs.hardening.any():
         return None
@@ -115,7 +117,7 @@ def softest(model: Model) -> Callable[[float, Array], float] | None:
 
 
 class Place(NamedTuple):
-    """Where the states of one chamber stand."""
+    """Indices of one chamber's states."""
 
     p: int
     dp: int
@@ -124,7 +126,7 @@ class Place(NamedTuple):
 
 
 class StateLayout(NamedTuple):
-    """Where each state stands; what the model does not have takes no place, so that it cannot touch the step size."""
+    """Indices of the states; an absent feature takes no index, so that it cannot affect the step size."""
 
     phi: slice
     w: slice

@@ -35,7 +35,7 @@ MOST_STEPS = 500_000  # that such a step may lead to
 
 
 class Settings(NamedTuple):
-    """How a motion is to be computed: the arguments of `simulate`."""
+    """The arguments of `simulate` that choose its method and accuracy."""
 
     step: float | None
     method: str

@@ -97,7 +97,7 @@ def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
 
 
 def first_given_way(model: Model, times: Array, phi: Array) -> str:
-    """As `given_way`, of a trajectory (T, n) at `times` [s], with the time."""
+    """Same as `given_way`, of a trajectory (T, n) at `times` [s], with the time."""
     slopes = springs.springs_of(model).slope(mechanics_of(model).joint_angles(phi))
     lost = np.flatnonzero((slopes <= 0).any(axis=1))
     return f"{times[lost[0]] - times[0]:.6g} s after the start {given_way(model, phi[lost[0]])}" if lost.size else ""

@@ -21,7 +21,7 @@ from pliant.simulation.time_step import warn_too_coarse
 Array = np.ndarray
 
 class Snapshot(NamedTuple):
-    """What a `Stepper` needs to go on from a moment."""
+    """State of a `Stepper`, from which it can continue."""
 
     angle: Array  # (n,) rad; with the strains of a body that lengthens behind them, (n + S,)
     rate: Array  # (n,) rad/s, as long

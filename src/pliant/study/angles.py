@@ -34,7 +34,7 @@ def supported_links(experiments: Mapping[str, Experiment]) -> int | None:
 
 
 def told_of_angles(outcome: StudyOutcome) -> list[str]:
-    """What the verdict says of angles alone; nothing where places were recorded."""
+    """Return the verdict's sentences on recordings of angles alone; none where positions were recorded."""
     if not outcome.turns:
         return []
     angles = max(len(r.experiment.stations) for f in outcome.fits for r in f.records)

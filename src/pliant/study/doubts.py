@@ -1,4 +1,4 @@
-"""What looks wrong in a study: the plausibility checks, run on its recordings, its body and its fitted models."""
+"""Plausibility checks of a study: of its recordings, its body and its fitted models."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def preset(name: str) -> Any:
 
 
 def stated_case(actuator: ActuatorEntry) -> Case:
-    """What a study states of its body, or its preset does."""
+    """Return the body's data as the study or its preset states them."""
     body = dict(preset(actuator.preset).BODY) if actuator.preset else {}
     gravity = actuator.gravity
     return Case(
@@ -44,7 +44,7 @@ def stated_case(actuator: ActuatorEntry) -> Case:
 
 
 def of_body(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
-    """What looks wrong in what is stated of the body, beside one recording of it."""
+    """Return doubts about the stated body, beside one recording of it."""
     return doubts(replace(case, recording=stations, aligned=aligned), "body")
 
 
@@ -77,7 +77,7 @@ def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
 
 
 def of_models(models: Sequence[tuple[str, Model]], actuator: ActuatorEntry) -> tuple[str, ...]:
-    """What looks wrong in fitted models, each under the title of its fit."""
+    """Return doubts about fitted models, each under the title of its fit."""
     said: dict[str, str] = {}
     for title, model in models:
         for check, sentence in doubts(Case(model=model, diameter=actuator.diameter), "model").items():

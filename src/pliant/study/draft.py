@@ -51,7 +51,7 @@ class Draft:
 
 
 class StatedBody(TypedDict, total=False):
-    """What a user knows of a body.
+    """A body's data as a user states them.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ def spatial_study(looks: Sequence[FirstLook]) -> bool:
 
 
 def look_doubts(looks: Sequence[FirstLook], case: Case) -> tuple[str, ...]:
-    """What looks wrong in recordings and body, each sentence once."""
+    """Return doubts about recordings and body, each sentence once."""
     said: dict[str, str] = {}
     for look in looks:
         said |= {f"{look.name} {check}": f"{look.path.name}: {line}" for check, line in look.found.doubts.items()}
@@ -246,7 +246,7 @@ def down(looks: Sequence[FirstLook]) -> list[float]:
 
 
 def hanging(looks: Sequence[FirstLook]) -> str:
-    """What `down` assumes, in words."""
+    """Return in words what the entry `down` assumes."""
     return f"{down(looks)} if the body hangs at rest"
 
 
@@ -336,7 +336,7 @@ def moving_beside(look: FirstLook) -> list[str] | None:
 
 
 def fit(out: Lines, looks: Sequence[FirstLook]) -> None:
-    """What is free, what it learns from, what it must predict."""
+    """Return the lines of a fit: free parameters, training and held-out recordings."""
     held = held_out(looks)
     out.table("fits.first")
     out.put("train", [look.name for look in looks if look.name != held])

@@ -33,7 +33,7 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> tuple[xr.Datase
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What may be made up for a file whose reader needs more."""
+    """Return trial mapping entries for a file whose reader needs a mapping."""
     if not path.is_file():
         return []
     head, known, named = path.read_bytes()[:HEAD_BYTES], readers(), stated.get("format")

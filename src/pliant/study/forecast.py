@@ -112,7 +112,9 @@ def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mappi
 def tip_lacks(
     result: FitResult, case: Experiment, values: Mapping[str, float], training: Sequence[Experiment], step: float,
 ) -> np.ndarray:
-    """What the model may lack of the last station's motion (T, 2 or 1), one standard deviation; see `discrepancy`."""
+    """Return the model's possible error of the last station's motion (T, 2 or 1), one standard deviation; see
+    `discrepancy`.
+    """
     prediction = predict(result.model, case, values, step)
     return discrepancy(result.model, case, values, prediction["compared"], prediction["pressure"], training)[:, -1]
 

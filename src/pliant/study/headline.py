@@ -48,7 +48,7 @@ def lost_sentence(lost: Sequence[NotComputed]) -> str:
 
 
 def failure_warnings(outcome: StudyOutcome) -> Iterator[str]:
-    """What could not be computed of the first fit and of the study, and how much of the other fits."""
+    """Yield warnings on what could not be computed of the first fit and the study, and how much of the other fits."""
     yield from (n.sentence for n in (*outcome.failed, *outcome.fits[0].not_computed))
     if others := sum(len(f.not_computed) for f in outcome.fits[1:]):
         yield f"{others} prediction(s) or band(s) of the other fits could not be computed; the full verdict names them."
@@ -67,7 +67,7 @@ def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
 
 
 def target_sentence(verdicts: Sequence[str]) -> str:
-    """How many of the records meet what the study asked for."""
+    """Return how many of the records meet the study's targets."""
     if not any(verdicts):
         return "The study states no target."
     met = sum(bool(v) and "missed" not in v for v in verdicts)
@@ -77,7 +77,7 @@ def target_sentence(verdicts: Sequence[str]) -> str:
 
 
 def fit_warnings(fit: FitOutcome, *, held: bool) -> Iterator[str]:
-    """What the fit itself warns of."""
+    """Return the warnings of the fit itself."""
     if not held:
         yield "No record is held out: this shows that the model can follow, not that it predicts."
     if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:

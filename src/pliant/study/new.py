@@ -39,7 +39,7 @@ RETURNED = 0.3  # of the travel: what a pulse leaves at its end, and a release d
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What was read from one file.
+    """Contents of one file at first reading.
 
     Attributes
     ----------
@@ -103,7 +103,9 @@ class FirstLook:
 
     @property
     def shown(self) -> np.ndarray:
-        """What the last station did (T, axes): its place, or its angle where the file holds those alone."""
+        """Return the motion of the last station (T, axes): its position, or its angle where the file holds angles
+        alone.
+        """
         recording = self.recording if self.aligned is None else self.aligned
         last = recording["angle"].values[:, -1:, None] if self.turns else recording["position"].values[:, -1:]
         return without_spikes(last)[:, 0]
@@ -385,7 +387,7 @@ def held_out(looks: Sequence[FirstLook]) -> str | None:
 
 
 def moved(look: FirstLook) -> str:
-    """When the motion begins and ends, as a comment; empty where that is not known."""
+    """Return begin and end of the motion as a comment; empty if they are not known."""
     if look.aligned is None or not look.scaled or excitation(look) == "trace":
         return ""
     stations = tuple(str(n) for n in look.aligned["station"].values if look.turns or n != look.base)

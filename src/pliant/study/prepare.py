@@ -60,7 +60,7 @@ def seen_by(study: Study, file: str) -> dict[str, Any]:
 
 
 def located(study: Study, file: str) -> Path:
-    """Where a file of the study lies."""
+    """Return the path of a file of the study."""
     path = Path(file)
     return path if path.is_absolute() or file.startswith(PREFIX) else Path(study.folder) / path
 

@@ -69,7 +69,7 @@ class ExtensionTable(StudyEntry):
 
 
 class SpaceTable(StudyEntry):
-    """What a body in space has beyond one that bends in a plane."""
+    """Entries of a body in space."""
 
     stiffness_ratio: float = Field(1.0, gt=0)  # bending stiffness about y over that about x
     twist_ratio: float = Field(0.0, ge=0)  # torsional over bending stiffness; 0: the chain does not twist
@@ -243,7 +243,7 @@ class ForecastEntry(StudyEntry):
 
 
 class Targets(StudyEntry):
-    """What the verdict holds the predictions against."""
+    """Targets by which the verdict judges the predictions."""
 
     rmse_percent_of_travel: float | None = None
     frequency_percent: float | None = None  # of large and of small swings, where a record shows both

@@ -1,4 +1,4 @@
-"""What a study file need not say twice: `[recordings.defaults]`, one entry for many trials, a fit like another.
+"""Shorthand of study files: `[recordings.defaults]`, one entry for many trials, a fit like another.
 
 A file is written out in full before it is checked; the study that a run leaves behind is the full one.
 """

@@ -59,7 +59,7 @@ class Line:
         return [] if given_up else [name for name in self.common[0].fits if name not in self.ended]
 
     def put(self, name: str, end: FitOutcome | Exception) -> None:
-        """What became of a fit; after an unexpected error no more is begun."""
+        """Store the outcome of a fit; after an unexpected error no further fit is started."""
         self.ended[name] = end
         if is_bug(end):
             self.waiting.clear()
@@ -175,7 +175,7 @@ def send(pipe: IO[bytes], what: Any) -> None:
 
 
 def help_out() -> None:
-    """What a helper process does: fits by name from standard input, each answered on standard output, until it ends."""
+    """Serve as a helper process: fits by name from standard input, each answered on standard output, until it ends."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints must not come between the answers
     common = pickle.load(sys.stdin.buffer)  # noqa: S301  from the process that started this one

@@ -1,4 +1,4 @@
-"""How a draft writes its lines: values, keys, file names, comments and questions."""
+"""The lines of a draft: values, keys, file names, comments and questions."""
 
 from __future__ import annotations
 

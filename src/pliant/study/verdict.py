@@ -54,7 +54,7 @@ def told_of_placement(outcome: StudyOutcome) -> list[str]:
 
 
 def forecast_sentence(forecast: Forecast) -> str:
-    """What is predicted of a case that was not recorded, with the interval that the fit's uncertainty gives it."""
+    """Return the sentence on a forecast, with the interval that follows from the fit's uncertainty."""
     parts = []
     for key, value in forecast.numbers.items():
         words, unit = metric_label(key)
@@ -66,7 +66,7 @@ def forecast_sentence(forecast: Forecast) -> str:
 
 
 def record_sentence(fit: FitOutcome, record: RecordOutcome, targets: Targets) -> str:
-    """How well one record is followed, and which targets it meets."""
+    """Return how well one record is followed, and which targets it meets."""
     m = record.metrics
     how = "has not been seen by the fit and is predicted" if record.role == "held_out" else "is followed"
     rmse, unit = sized(m, "rmse")
@@ -78,7 +78,7 @@ def record_sentence(fit: FitOutcome, record: RecordOutcome, targets: Targets) ->
 
 
 def unlike(m: dict[str, Any]) -> str:
-    """What the recorded body does that a model of links does not, or cannot be compared by, as sentences."""
+    """Return sentences on motions of the recorded body that a model of links cannot make, or cannot be compared by."""
     said = ""
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
     if measured is None and sized(m, "steady_state")[0]["measured"] is not None:
@@ -91,7 +91,7 @@ def unlike(m: dict[str, Any]) -> str:
 
 
 def by_the_model(m: dict[str, Any]) -> str:
-    """How much the model lengthens, as the tail of a sentence on the body."""
+    """Return the model's lengthening, as the tail of a sentence on the body."""
     longer = m.get("extension_modelled_percent") or 0.0
     if abs(longer) < SAME * m["extension_percent"]:
         return "the model does not"

@@ -93,7 +93,7 @@ def wired(study: Study, recordings: Mapping[str, xr.Dataset], fit_name: str, dri
 
 
 def followed(study: Study, name: str, training: list[Experiment], model: Model) -> tuple[Follows, float]:
-    """How well a wiring follows its training records, and their mean error in % of travel."""
+    """Return how well a wiring follows its training records, and their mean error in % of peak displacement."""
     entry = study.fits[name]
     result = fit(
         training, placed(study, entry, model), parameters_from(entry.parameters), step=study.step, loss=entry.loss,

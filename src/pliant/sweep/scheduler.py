@@ -50,13 +50,13 @@ class Chunked(Protocol):
 
 
 def work(campaign: Chunked, chunk: int) -> Arrays:
-    """What a worker is sent."""
+    """Return the work order of a worker."""
     return campaign.work(chunk)
 
 
 @dataclass
 class Account:
-    """What a campaign did, for the summary at its end."""
+    """Counts and times of a campaign, for the summary at its end."""
 
     chunks: int
     found: int = 0  # on disk before, whole

@@ -1,4 +1,4 @@
-"""What a campaign is: the [sweep] table of a study file, and the values of every sample."""
+"""The definition of a campaign: the [sweep] table of a study file, and the values of every sample."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ UNITS = {"tip": "m", "final_tip": "m", "largest_deflection": "m", "rmse": "m", "
 
 @dataclass(frozen=True)
 class SweepResult:
-    """What a sweep found, and what happened on the way."""
+    """Result of a sweep, with its failures and times."""
 
     samples: xr.Dataset
     account: Account
@@ -53,7 +53,7 @@ class SweepResult:
 
 
 class Workers(TypedDict, total=False):
-    """Who works on the samples of `run_sweep`, and who counts them."""
+    """The workers of `run_sweep`, and their count."""
 
     scheduler: str
     workers: int | None

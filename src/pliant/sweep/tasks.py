@@ -1,4 +1,4 @@
-"""What a worker does with one chunk of samples: arrays in, arrays out, nothing shared, nothing written."""
+"""The work of a worker on one chunk of samples: arrays in, arrays out, nothing shared, nothing written."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def observe_angle(
     motion: RodMotion, p: RodParameters, sensor: AngleSensor, at: NDArray[np.float64],
     specimen: np.random.Generator, rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """What the sensor shows (T,) at the times `at` [s], rad."""
+    """Return the sensor's readings (T,) at the times `at` [s], rad."""
     time = np.arange(0.0, at[-1] + FINE, FINE)
     s, theta = body_angle(motion, p, time)
     true = theta[:, np.argmin(np.abs(s - sensor.place * p.length))]

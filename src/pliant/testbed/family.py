@@ -85,7 +85,7 @@ class Member:
         )  # fmt: skip
 
     def known(self) -> dict[str, float]:
-        """What a laboratory knows of its specimen: lengths, masses, and the fibre's gauge (SI)."""
+        """Return the specimen's known data: lengths, masses, and the fibre's gauge (SI)."""
         b = self.body
         return {"body_length": b.length, "body_mass": b.mass, "tip_mass": b.cap_mass,
                 "gauge_length": self.fibre.gauge, "working_pressure": self.pressure}  # fmt: skip

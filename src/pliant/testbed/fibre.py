@@ -143,7 +143,7 @@ def sensed_curvature(
     specimen: np.random.Generator,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """What the gauges report (2, T, G), 1/m: in the nominal plane of bending, and across it."""
+    """Return the gauges' readings (2, T, G), 1/m: in the nominal plane of bending, and across it."""
     true = gauge_curvature(motion, p, sensor, at)
     station = station_position(p, sensor)
     gain = 1.0 + sensor.gain_error * specimen.standard_normal()

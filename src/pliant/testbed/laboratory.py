@@ -184,7 +184,7 @@ def record(
     seed: int,
     attrs: dict[str, Any],
 ) -> xr.Dataset:
-    """What the laboratory's instruments made of a motion at the instants `at`."""
+    """Return the instruments' recording of a motion at the instants `at`."""
     stream = zlib.crc32(str(attrs["scenario"]).encode())
     specimen = np.random.default_rng([seed, 1])  # stays with the instruments from one scenario to the next
     rng = np.random.default_rng([seed, stream])

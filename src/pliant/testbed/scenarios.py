@@ -1,4 +1,4 @@
-"""What the test bed can be asked to do: commanded pressures, obstacles and sensors, as data."""
+"""Scenarios of the test bed: commanded pressures, obstacles and sensors, as data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the rod truly did, in a file of its own: for tests and for the report's section on the truth alone."""
+"""The rod's true motion, in a file of its own: for tests and for the report's section on the truth alone."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How good a model is: metrics on training and held-out recordings, and figures for papers."""
+"""Quality of a model: metrics on training and held-out recordings, and figures for papers."""

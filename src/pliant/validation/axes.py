@@ -1,4 +1,4 @@
-"""What a study found, in the axes of its recordings: where these were turned into the base frame, it is turned back."""
+"""Turn results into the axes of their recordings, where these were turned into the base frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the figures draw, as plain arrays: thinned lines, autocorrelation, telling instants."""
+"""Curves of the figures as plain arrays: thinned lines, autocorrelation, characteristic instants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one number of a record hides: ringing while large and while small, and errors of single joints."""
+"""Details behind one number of a record: ringing while large and while small, and errors of single joints."""
 
 from __future__ import annotations
 

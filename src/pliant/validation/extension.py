@@ -1,4 +1,4 @@
-"""How much a body lengthens as it bends, measured and modelled."""
+"""Lengthening of a body as it bends, measured and modelled."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ ANGLES = {
 
 
 def definitions(*, turns: bool) -> dict[str, str]:
-    """What each metric means, of places or, where a body `turns` before angle sensors, of angles."""
+    """Return the meaning of each metric, for positions or, where a body `turns` before angle sensors, for angles."""
     if not turns:
         return DEFINITIONS
     of_places = ("_mm", "of_length", "extension_percent", "extension_modelled_percent")

@@ -1,4 +1,4 @@
-"""What stands in ``metrics.json``: its schema, from which the documents are made."""
+"""The schema of ``metrics.json``, from which the documents are made."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Failure(MetricsEntry):
 
 
 class Compared(MetricsEntry):
-    """What every recording under a fit has, whether places or angles were compared."""
+    """Metrics of every recording under a fit, for positions and angles alike."""
 
     role: Role = Field(description="what the recording was to the fit")
     fit: str = Field("", description="the first fit that computes it; under `records` alone")
@@ -111,7 +111,7 @@ class Value(MetricsEntry):
 
 
 class CovarianceEntry(MetricsEntry):
-    """Of the free parameters of a fit, SI."""
+    """Covariance of the free parameters of a fit, SI."""
 
     names: list[str]
     matrix: list[list[float]] = Field(description="(P, P), residuals correlated as they are")
@@ -123,7 +123,7 @@ class CovarianceEntry(MetricsEntry):
 
 
 class FitTiming(MetricsEntry):
-    """What a fit took."""
+    """Times of a fit."""
 
     fit_s: float = Field(description="everything, predictions and bands included")
     optimiser_s: float
@@ -205,7 +205,7 @@ class OrderTable(MetricsEntry):
 
 
 class ClockEntry(MetricsEntry):
-    """How a pressure's clock was brought onto that of the shape."""
+    """Correction of a pressure's clock to that of the shape."""
 
     delay_s: float
     drift: float

@@ -1,4 +1,4 @@
-"""What a study found, in the form that metrics, figures and report share."""
+"""The results of a study, in the form that metrics, figures and report share."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class FitOutcome:
 
 @dataclass(frozen=True)
 class Shape:
-    """What the dense shape of one recording gave: curvature, order, links."""
+    """Results from the dense shape of one recording: curvature, order, links."""
 
     name: str
     arc_length: Array  # (S,) m
@@ -108,7 +108,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Clocks:
-    """How the clock of a pressure was brought onto that of a shape."""
+    """Correction of a pressure's clock to that of a shape."""
 
     message: str
     time: Array  # (T,) s
@@ -186,7 +186,7 @@ class Wirings:
 
 
 class Headline(NamedTuple):
-    """What to think of the first fit's predictions, in one sentence, and what to beware of."""
+    """Assessment of the first fit's predictions in one sentence, with its warnings."""
 
     state: Literal["good", "beware", "missed", "open"]  # targets met; met, but see warnings; missed; none was stated
     sentence: str
@@ -228,7 +228,7 @@ class StudyOutcome(Shown):
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """What its records compare: x and y, in space z too, or an angle."""
+        """Return the compared coordinates: x and y, in space z too, or an angle."""
         return ("angle",) if self.turns else ("x", "y", "z") if self.model.space else ("x", "y")
 
     def card(self) -> Card:

@@ -53,7 +53,7 @@ def in_metres(dims: Sequence[str], values: Array, name: str = "") -> tuple[Seque
 
 
 def recorded(exp: Experiment) -> xr.Dataset:
-    """What a recording showed, and what drove it."""
+    """Return the measured motion and the inputs of a recording."""
     variables: dict[str, Any] = {}
     if exp.without_positions:
         about_angle = {"units": "rad", "long_name": "measured angle", "reference": exp.angle_reference}
@@ -75,7 +75,7 @@ def recorded(exp: Experiment) -> xr.Dataset:
 
 
 def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
-    """What every fit says of a recording; NaN where a fit does not use it, or gives no band."""
+    """Return the motion under every fit; NaN where a fit does not use the recording, or gives no band."""
     rows = [next((r for r in f.records if r.name == exp.name), None) for f in fits]
     found: dict[str, Any] = {"fit": [f.name for f in fits]}
 

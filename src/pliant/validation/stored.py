@@ -38,7 +38,7 @@ Groups = Mapping[str, xr.Dataset]
 
 
 def load_outcome(folder: str | Path) -> StudyOutcome:
-    """What `pliant run` found, from the folder that it wrote: every number, curve and sentence of its report.
+    """Read the results of `pliant run` from the folder that it wrote: every number, curve and sentence of its report.
 
     Parameters
     ----------
@@ -164,12 +164,12 @@ def fit_of(
 
 
 def failures_of(entry: Mapping[str, Any]) -> tuple[NotComputed, ...]:
-    """What could not be computed, of a fit or of the study."""
+    """Return what could not be computed of the fits or of the study."""
     return tuple(NotComputed(**n) for n in entry.get("not_computed", ()))
 
 
 def result_of(entry: dict[str, Any], model: Model) -> FitResult:
-    """What the optimisation gave."""
+    """Return the result of the optimisation."""
     parameters = tuple(
         Parameter(name, p["value"], -np.inf if p["lower"] is None else p["lower"],
                   np.inf if p["upper"] is None else p["upper"], p["free"], p["unit"], p["scale"], p["source"], p["std"],
@@ -227,7 +227,7 @@ def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSele
 
 
 def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:
-    """How a pressure's clock was moved."""
+    """Return the correction of a pressure's clock."""
     recording = next(g for k, g in groups.items() if k.startswith("/clocks_") and g.attrs["name"] == name)
     time, motion, clock, pressure = (recording[k].values for k in ("time", "motion", "clock", "pressure"))
     return Clocks(entry["message"], time, motion, clock, pressure, entry["delay_s"], entry["drift"])

@@ -68,7 +68,7 @@ def contact_overview(found: Any) -> Figure:
 
 
 def sweep_figure(samples: Any) -> Figure:
-    """What a sweep found: the tip against time, median and 95 %, and how each number is spread."""
+    """Draw the results of a sweep: the tip against time, median and 95 %, and how each number is spread."""
     good = samples.isel(sample=np.flatnonzero(~samples["failed"].values.astype(bool)))
     names = [str(n) for n, a in good.data_vars.items() if a.dims == ("sample",) and n != "failed"]
     moving = "tip" in good

@@ -36,7 +36,7 @@ WEIGHT_BASE = 50.0
 
 @dataclass
 class Known:
-    """What the frames before say."""
+    """Shape, movement per frame, half width, lightness and length in the frames before."""
 
     line: Array  # (S, 2)
     step: Array  # (S, 2), from the frame before to it

@@ -74,7 +74,8 @@ class Dots:
 def follow_dots(
     reel: Reel, colour: tuple[float, float, float], count: int | None = None, region: Region | None = None,
 ) -> tuple[list[str], Iterator[Frame]]:
-    """What was left out, and time, picture and dots (M, 2) of each frame, NaN where one is hidden, along the body.
+    """Return notes on marks left out, and an iterator of time, picture and dots (M, 2) along the body; NaN where one is
+    hidden.
 
     Parameters
     ----------

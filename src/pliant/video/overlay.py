@@ -1,4 +1,4 @@
-"""What a person looks at: the found shape over the pictures, as a sheet of a few frames and as a film."""
+"""Overlays to check the tracking: the found shape over the pictures, as a sheet of a few frames and as a film."""
 
 from __future__ import annotations
 

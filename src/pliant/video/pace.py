@@ -11,7 +11,7 @@ ALIKE = 0.35  # of the neighbours' change of the picture
 
 
 def lost_in_times(time: Array) -> tuple[int, int]:
-    """How many frames are missing in the times (T,), and at how many places."""
+    """Return how many frames are missing in the times (T,), and at how many places."""
     step = np.diff(time)
     missing = np.rint(step / np.median(step)).astype(int) - 1
     return int(missing[missing > 0].sum()), int((missing > 0).sum())

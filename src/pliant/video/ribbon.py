@@ -28,7 +28,7 @@ BEYOND = 2.0  # widths beyond an end, where the tip is looked for
 
 @dataclass(frozen=True)
 class Ribbon:
-    """What one frame showed: points (S, 2) from base to tip, half widths (S,), lightness (S,), and which were seen."""
+    """Shape in one frame, base to tip: points (S, 2), half widths (S,), lightness (S,), and which were seen."""
 
     line: Array
     half: Array
@@ -95,7 +95,7 @@ def share(light: Array, behind: Array, body: Array) -> Array:
 
 
 def crossing(profile: Array, first: Array) -> tuple[Array, Array]:
-    """Where profiles (S, U) first fall below one half from column `first` (S,) on, and how steeply there.
+    """Return where profiles (S, U) first fall below one half from column `first` (S,) on, and how steeply there.
 
     Returns
     -------

@@ -13,7 +13,7 @@ LEAST_PIXELS = 40  # of the small picture
 
 
 def mask_of(small: Array, around: Surroundings) -> Array:
-    """Where the body is, (h, w) of bool, in a small picture (h, w, 3)."""
+    """Return the pixels of the body, (h, w) of bool, in a small picture (h, w, 3)."""
     cv2 = opencv("tracking a video")
     light, behind = small.astype(np.float32) @ around.weight, around.small @ around.weight
     share = (light - behind) / np.maximum(around.body - behind, 0.3)

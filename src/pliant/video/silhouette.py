@@ -44,7 +44,7 @@ def follow_silhouette(
 
 
 def base_of(reel: Reel, around: Surroundings) -> Array:
-    """Where the body begins, (2,) pixels: the median over some frames, since it stands still."""
+    """Return where the body begins, (2,) pixels: the median over some frames, since it stands still."""
     follow, found = Follower(around), []
     for tried, (_, picture) in enumerate(reel.frames(), 1):
         ribbon = follow(picture)

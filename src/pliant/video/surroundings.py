@@ -1,4 +1,4 @@
-"""What is body and what is not: from frames spread over the film, made small.
+"""Separation of body and background: from frames spread over the film, made small.
 
 The body is what moves, so its colour is the one that many pixels take at some time and that the surroundings have not.
 Behind each pixel lies what it shows while the body is elsewhere; where the body never leaves, at its base, the
@@ -98,7 +98,7 @@ def refuse_moving_camera(stack: Array, reel: Reel) -> None:
 
 
 def moving_pixels(stack: Array, middle: Array, reel: Reel) -> tuple[Array, float]:
-    """Where something moves, (h, w), and the noise of a level."""
+    """Return the pixels that change, (h, w), and the noise of a level."""
     cv2 = opencv("tracking a video")
     change = [cv2.absdiff(picture, middle) for picture in stack]
     noise = 1.4826 * float(np.median([c[::4, ::4] for c in change]))
@@ -188,7 +188,7 @@ def _background(stack: Array, middle: Array, body: Array, weight: Array, moving:
 
 
 def _always(bodily: Array, moving: Array) -> Array:
-    """Where the body always is, (h, w): what looks like it in all frames (K, h, w) and hangs together with it."""
+    """Return the pixels (h, w) that the body always covers: connected, and like it in all frames (K, h, w)."""
     from scipy.ndimage import binary_fill_holes
 
     cv2 = opencv("tracking a video")

@@ -34,7 +34,7 @@ MOST_GAPS = 0.5  # of the frames
 
 @dataclass(frozen=True)
 class Tracking:
-    """How a video is followed.
+    """Settings of the tracking of a video.
 
     Attributes
     ----------

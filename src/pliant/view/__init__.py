@@ -1,4 +1,4 @@
-"""What people look at: the report that moves."""
+"""The report and the live page."""
 
 from pliant.view.report import write_report
 

@@ -52,7 +52,7 @@ class Pull(BaseModel):
 
 
 class Wish(BaseModel):
-    """What the page asks for; what it does not name stays."""
+    """A request of the page; entries that it does not name stay as they are."""
 
     model_config = ConfigDict(extra="forbid")
     pressure_kpa: list[Annotated[float, Field(ge=-2000.0, le=2000.0)]] | None = None  # tendons: N, mm, rad
@@ -65,7 +65,7 @@ class Wish(BaseModel):
 
 
 class Played(NamedTuple):
-    """What the page can show: a model, what may be changed of it, recordings to play under it."""
+    """Contents of the live page: a model, its adjustable parameters, recordings to play under it."""
 
     model: Model
     sliders: tuple[Slider, ...]
@@ -98,7 +98,7 @@ def step_of(model: Model) -> float:
 
 
 class Job(NamedTuple):
-    """What a page asked for that takes a new stepper: numbers of the model, a start from rest, a recording."""
+    """A request that needs a new stepper: numbers of the model, a start from rest, a recording."""
 
     changed: dict[str, Any]
     pressure: Array  # Pa, behind the valves when the job was taken
@@ -256,7 +256,7 @@ class Live:
         self.stepper.velocity[:] += self.stepper.length * np.linalg.solve(chain.inertia(x), push)
 
     def frame(self) -> dict[str, Any]:
-        """What the page draws now: mm, kPa (tendons: N, mm, rad), N."""
+        """Return the present state for drawing: mm, kPa (tendons: N, mm, rad), N."""
         m, t = self.model, self.stepper.time
         joints = mechanics_of(m).nodes(self.stepper.position)
         message, self.message = self.message, ""

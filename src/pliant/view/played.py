@@ -1,4 +1,4 @@
-"""What the live page plays: a model file, or the folder of a study with its intervals and recordings."""
+"""Contents of the live page: a model file, or the folder of a study with its intervals and recordings."""
 
 from __future__ import annotations
 

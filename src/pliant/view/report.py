@@ -157,12 +157,12 @@ def first_look(outcome: StudyOutcome) -> str:
 
 
 def clock_title(name: str, delay: float) -> str:
-    """How far a pressure's clock was moved."""
+    """Return the offset of a pressure's clock as a title."""
     return f"{name}: the pressure's clock is moved by {1e3 * delay:+.1f} ms".replace("-", "\N{MINUS SIGN}")
 
 
 def band_sentence(fit: FitOutcome, record: RecordOutcome) -> str:
-    """What the band of a prediction rests on, and how much of the record it holds; empty where there is none."""
+    """Return on what the band of a prediction rests, and how much of the record it holds; "" where there is none."""
     covariance = fit.result.covariance
     if record.band is None or covariance is None:
         return ""

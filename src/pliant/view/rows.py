@@ -80,7 +80,7 @@ def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
 
 
 def seen_text(record: RecordOutcome) -> str:
-    """How much of a record was compared, in words."""
+    """Return in words how much of a record was compared."""
     m, exp = record.metrics, record.experiment
     frames, missing = m.get("frames", exp.time.size), m.get("points_not_seen", 0)
     unit, factor = exp.shown_in
@@ -144,7 +144,7 @@ def correlation_rows(result: FitResult) -> dict[str, Any] | None:
 
 
 def not_shown(result: FitResult) -> list[str]:
-    """What the recordings leave open about a fit's parameters, as sentences."""
+    """Return sentences on what the recordings do not determine about a fit's parameters."""
     free = [p for p in result.parameters if p.free]
     said = [f"{p.name}: the data do not show it." for p in free if p.std is None]
     said += [

@@ -27,7 +27,7 @@ POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inl
 
 
 def running(played: Played) -> Live | WatchedLoop:
-    """What moves on a page: a model of its own, or the loop that is watched."""
+    """Return the moving body of a page: a model of its own, or the loop that is watched."""
     return Live(played) if played.log is None else WatchedLoop(played.log, played.model, played.touch)
 
 
@@ -50,7 +50,7 @@ def live_page(played: Played, live: Live | WatchedLoop) -> str:
 
 
 def chamber_names(model: Model, count: int) -> list[str]:
-    """What the page calls the pressures: by the model's names where these are all of them."""
+    """Return the page's names of the pressures: those of the model where it names all of them."""
     names = [c.name for c in model.chambers]
     if count == 1:
         return ["pressure"] if names == [Chamber.name] else names[:1]
@@ -58,7 +58,7 @@ def chamber_names(model: Model, count: int) -> list[str]:
 
 
 def highest(played: Played) -> float:
-    """Where the sliders of pressures end, kPa: a quarter above what was recorded."""
+    """Return the upper ends of the pressure sliders, kPa: a quarter above the recorded pressures."""
     seen = [e.peak for e in played.records.values()]
     return 1.25e-3 * max(seen) if seen and max(seen) > 0 else BARE_KPA
 

@@ -123,7 +123,7 @@ class WatchedLoop:
         return "; ".join(said)
 
     def touching(self, value: dict[str, float]) -> list[float] | None:
-        """Where the one force pushes that explains the torques [mm], and that force [N]; None where none is."""
+        """Return place [mm] and size [N] of the single force that explains the torques; None if there is none."""
         n = self.model.n
         angle, torque, sd = (np.array([value.get(name.format(i + 1), np.nan) for i in range(n)])
                              for name in ("phi_{}_rad", "torque_{}_nm", "torque_sd_{}_nm"))

@@ -1,4 +1,4 @@
-"""What a plausibility check is given, and what it is."""
+"""The interface of a plausibility check: its input and its result."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Filmed:
-    """What a film leaves beside its file.
+    """Facts about a film, beside its file.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What stands before the camera: the body, its base block, the board behind, the light and a hand."""
+"""The scene before the camera: the body, its base block, the board behind, the light and a hand."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PIECES = 4  # of an outline to a pixel
 
 @dataclass(frozen=True)
 class Look:
-    """How the scene looks (SI; colours as blue, green, red).
+    """Appearance of the scene (SI; colours as blue, green, red).
 
     Attributes
     ----------

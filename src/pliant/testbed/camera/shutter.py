@@ -23,7 +23,7 @@ NOISE_SHIFT = 97  # pixels by which one picture of noise is moved about, each fr
 
 @dataclass(frozen=True)
 class Shutter:
-    """How the camera records (SI); 0 switches an imperfection off.
+    """Exposure and noise of the camera (SI); 0 switches an imperfection off.
 
     Attributes
     ----------
@@ -104,6 +104,6 @@ def levels(picture: Array) -> Array:
 
 
 def moments(view: View, ends: NDArray[np.float64]) -> int:
-    """How many moments of an exposure are drawn, from the centrelines (2, N, 2) [m] at its ends."""
+    """Return the number of moments of an exposure that are drawn, from the centrelines (2, N, 2) [m] at its ends."""
     moved = float(np.abs(np.diff(view.pixels(ends), axis=0)).max())
     return min(MOST_STEPS, 1 + int(np.ceil(moved / BLUR_STEP)))

@@ -1,4 +1,4 @@
-"""Where the camera stands: from the plane of bending to pixels, through a pinhole and a lens."""
+"""The camera's projection: from the plane of bending to pixels, through a pinhole and a lens."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class View:
         return np.asarray(self.focal * seen + 0.5 * (np.array(self.size) - 1.0))
 
     def table(self) -> dict[str, Any]:
-        """What a laboratory would write as its ``[camera]``: four points of a sheet, and the lens if there is one."""
+        """Return the ``[camera]`` table of a mapping: four points of a sheet, and the lens if there is one."""
         corners = self.pixels(1e-3 * np.array(CORNERS_MM))
         table: dict[str, Any] = {"plane": {"pixels": corners.tolist(), "mm": [list(c) for c in CORNERS_MM]}}
         if self.coefficients:

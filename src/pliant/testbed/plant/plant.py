@@ -35,7 +35,7 @@ class PlantFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class Sensing:
-    """What the plant's sensors do to the truth."""
+    """Errors that the plant's sensors add to the truth."""
 
     fibre: FibreSensor
     transducer: PressureSensor

@@ -24,7 +24,7 @@ CHUNK = 400  # steps between two calls of the progress callback
 
 
 class RodState(NamedTuple):
-    """What the rod remembers between two steps; changed in place by the compiled loop."""
+    """State of the rod between two steps; changed in place by the compiled loop."""
 
     x: Array  # (V, 2) m
     x_before: Array
@@ -40,7 +40,7 @@ class RodState(NamedTuple):
 
 
 class StepClock(NamedTuple):
-    """What the length of a step decides."""
+    """Constants that depend on the length of a step."""
 
     dt: float  # s
     h: float  # s, of the second-order backward difference
@@ -85,7 +85,7 @@ class Out(NamedTuple):
 
 @dataclass(frozen=True)
 class RodMotion:
-    """What the rod truly did: R records, V nodes, B bending vertices, C chambers.
+    """True motion of the rod: R records, V nodes, B bending vertices, C chambers.
 
     Attributes
     ----------

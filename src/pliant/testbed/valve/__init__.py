@@ -1,4 +1,4 @@
-"""What stands between a commanded pressure and the measured one: valve, chamber, sensor."""
+"""Models of the supply between a commanded and the measured pressure: valve, chamber, sensor."""
 
 from pliant.testbed.valve.supply import Iso6358, PressureSensor, SupplyRegulator, read_pressure, supply_pressure
 

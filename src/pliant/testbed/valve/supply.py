@@ -30,7 +30,7 @@ class SupplyRegulator:
 
     @property
     def law(self) -> ValveLaw:
-        """What the kernels take of it."""
+        """Return the kernels' constants of the regulator."""
         return ValveLaw(
             2.0 * np.pi * self.frequency, self.damping, self.exhaust_slowdown, self.slew_up, self.slew_down,
             self.dead_band,
@@ -56,12 +56,12 @@ class Iso6358:
 
     @property
     def spool(self) -> Spool:
-        """What the kernels take of the spool."""
+        """Return the kernels' constants of the spool."""
         return Spool(2.0 * np.pi * self.frequency, self.damping, self.band)
 
     @property
     def gas(self) -> Gas:
-        """What the kernels take of the chamber."""
+        """Return the kernels' constants of the chamber's gas."""
         return Gas(
             self.source + self.ambient, self.ambient, self.fill, self.exhaust, self.critical_ratio, self.volume,
             self.polytropic, self.temperature,
