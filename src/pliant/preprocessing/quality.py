@@ -14,6 +14,7 @@ from pliant.preprocessing.angles import angle_facts, angle_sentences
 from pliant.preprocessing.detectors import by_blocks
 from pliant.preprocessing.held import Span, frozen, frozen_sentences, frozen_spans, staircase_sentences, staircases
 from pliant.preprocessing.labels import exchanged
+from pliant.preprocessing.picture import recording_svg
 from pliant.preprocessing.plausibility import UNITS, Case, doubts
 from pliant.preprocessing.plausibility.shape import extent
 from pliant.preprocessing.pressure_clock import clock_sentences, pressure_clock
@@ -83,6 +84,8 @@ class Quality(Shown):
         One sentence for each thing that a user should know, the doubts among them.
     doubts : dict
         What makes it implausible, by the name of the check; see `pliant.preprocessing.plausibility`.
+    drawing : str
+        The body at a few instants as SVG, which a notebook shows; not part of `to_dict`.
     """
 
     frames: int = 0
@@ -119,6 +122,7 @@ class Quality(Shown):
     pressure_steps_s: tuple[float, ...] = ()
     findings: tuple[str, ...] = ()
     doubts: dict[str, str] = field(default_factory=dict)
+    drawing: str = ""
 
     def summary(self) -> str:
         """Text that one can read at a glance."""
@@ -154,11 +158,11 @@ class Quality(Shown):
     def card(self) -> Card:
         """The summary, as it is shown."""
         title, *lines = self.summary().splitlines()
-        return Card(title, lines)
+        return Card(title, lines, drawing=self.drawing)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dict for JSON."""
-        return asdict(self)
+        return {name: value for name, value in asdict(self).items() if name != "drawing"}
 
 
 def spanned(duration: float, rate: float) -> str:
@@ -177,7 +181,7 @@ def quality(recording: xr.Dataset) -> Quality:
     Returns
     -------
     Quality
-        Counts and one sentence per finding; ``summary()`` is text for a terminal.
+        Counts and one sentence per finding; ``summary()`` is text for a terminal, a notebook draws the body too.
 
     Examples
     --------
@@ -210,7 +214,8 @@ def quality(recording: xr.Dataset) -> Quality:
     clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
     findings = (*first, *_sentences(result), *clock, *staircase_sentences(result.input_held),
                 *_lost_inputs(recording), *_hardly_moves(recording, result), *later)
-    return replace(result, findings=findings)
+    named = replace(result, findings=findings)
+    return replace(named, drawing=recording_svg(recording, named.summary().partition("\n")[0]))
 
 
 def standing_stations(recording: xr.Dataset) -> tuple[str, ...]:
