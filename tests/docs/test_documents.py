@@ -206,3 +206,10 @@ def test_a_users_script_takes_every_public_name():
     import pliant
 
     assert set(pliant.__all__) <= used, f"the script leaves out {sorted(set(pliant.__all__) - used)}"
+
+
+@pytest.mark.parametrize("path", PAGES, ids=name_of)
+def test_no_line_of_a_page_begins_as_a_comment(path):
+    """MyST drops lines that begin with a percent sign."""
+    lost = [line for line in BLOCK.sub("", path.read_text(encoding="utf-8")).splitlines() if line.startswith("% ")]
+    assert not lost
