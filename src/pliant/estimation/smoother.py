@@ -34,7 +34,7 @@ def smooth(out: FilterOutput, lag: int) -> tuple[Array, Array]:
     learnt = out.covariance - out.predicted_covariance
     product = np.broadcast_to(np.eye(x.shape[1]), P.shape).copy()
     for j in range(1, min(lag, frames - 1) + 1):
-        product = product[: frames - j] @ gain[j - 1 : frames - 1]
+        product = product[: frames - j] @ gain[j - 1 :]
         x[: frames - j] += np.einsum("tab,tb->ta", product, moved[j:])
         P[: frames - j] += product @ learnt[j:] @ np.swapaxes(product, 1, 2)
     return x, 0.5 * (P + np.swapaxes(P, 1, 2))
