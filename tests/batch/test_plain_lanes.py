@@ -37,9 +37,10 @@ def uncompiled(monkeypatch):
     monkeypatch.setattr(simd_loops, "within", within)
 
 
-def test_a_march_in_plain_text_is_that_of_single_chains(uncompiled):
+@pytest.mark.parametrize("law", [[5e-7], [5e-7, 2e-12]], ids=["line", "parabola"])
+def test_a_march_in_plain_text_is_that_of_single_chains(uncompiled, law):
     """Steps of one interval and of several, a valve, gravity, springs that harden, rows between which steps lie."""
-    chain = awkward_chain(stiffening=-0.2, cubic_stiffening=0.3, stiffening_bound=0.5)
+    chain = awkward_chain(stiffening=-0.2, cubic_stiffening=0.3, stiffening_bound=0.5).with_(torque=law)
     models = [chain.with_(stiffness=k * chain.stiffness, valve=Valve(rise_time=r)) for k, r in ((1.0, 0.02), (1.5, 0))]
     source = Trace([0.0, 0.0013, 0.002, 0.0021, 0.5], [0.0, 2e4, 6e4, 1e4, 3e4])
     kept = ("joint_angle", "joint_rate", "tip_position")
