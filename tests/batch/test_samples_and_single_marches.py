@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pliant.batch import one_by_one
 from pliant.batch.batch import simulate_batch
 from pliant.batch.samples import gather, repeated
 from pliant.errors import InputError
@@ -79,3 +80,19 @@ def test_a_body_alone_starts_at_rest_or_where_it_is_told(paper):
     rest = simulate_batch([body] * 2, still, times=TIMES, variables=("joint_angle", "joint_rate"))
     assert not rest["joint_angle"].values.any()
     assert not rest["joint_rate"].values.any()
+
+
+@pytest.mark.parametrize(("code", "step"), [(-1, -1), (0, 0), (7, 7), (-2, 0), (-9, 7)])
+def test_a_march_alone_names_the_step_that_failed(paper, monkeypatch, code, step):
+    """From 0: a link turned too far; from -2 downwards: the memory came to no agreement."""
+    monkeypatch.setattr(one_by_one, "lane_twin", lambda *_: lambda *_: code)
+    made, failed = one_by_one.march_alone(paper, None, np.zeros(paper.n), np.zeros(paper.n), 2)
+    assert failed == step
+    assert bool(made) is (step < 0)
+
+
+def test_a_first_frequency_may_be_lower_than_a_radian_a_second():
+    """Of a rod on a spring: K over m l^2 / 3; times later than 0 fail at their own."""
+    rods = [chain_model(length=0.2, mass=0.05, links=1, stiffness=k, damping=1e-3, torque=[1e-6]) for k in (1e-4, 0.1)]
+    squared = np.array([1e-4, 0.1]) / (0.05 * 0.2**2 / 3)
+    np.testing.assert_allclose(gather(rods, None, 1).first_frequency(), np.sqrt(squared) / (2 * np.pi))

@@ -60,6 +60,16 @@ def test_a_file_has_an_entry_a_line(tmp_path):
     assert text.endswith("}\n")
 
 
+def test_a_checksum_is_that_of_the_entries_in_any_order(tmp_path):
+    path = model_file.save_model(PLAIN, tmp_path / "m.json")
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(dict(reversed(content.items()))))
+    assert model_file.load_model(path) == PLAIN
+    path.write_text(json.dumps({**content, "tip_mass": 0.001}))
+    with pytest.raises(InputError, match="its checksum differs"):
+        model_file.load_model(path)
+
+
 # tendons
 
 
