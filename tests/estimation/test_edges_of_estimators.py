@@ -28,7 +28,7 @@ class Predicted:
         N = 3 * n
         self.work = SimpleNamespace(
             J=J, W=np.empty((N, N)), G=np.empty(2 * n), slopes=None, phi=np.empty(n), w=np.empty(n), held=None,
-            springs=SimpleNamespace(theta0=np.zeros(turns)), work=SimpleNamespace(tau=np.zeros(n)),
+            work=SimpleNamespace(tau=np.zeros(n)),
         )
         self.joints = SimpleNamespace(K=np.array([2.0, 4.0, 5.0])[:turns], theta0=np.array([0.1, 0.2, 0.3])[:turns],
                                       hardening=np.zeros((2, turns)), unloaded=np.zeros(turns))  # fmt: skip
@@ -45,15 +45,15 @@ class Predicted:
 
 
 def test_a_prediction_moves_state_and_covariance_and_recalls_the_motion(rng, monkeypatch):
-    """A disturbance of a joint is a shift of its rest angle, d / K; that of a strain, behind the joints, a force."""
+    """A disturbance adds to the torque of its joint, or of the strain behind the joints."""
     n, turns, h = 3, 2, 0.01
     J = rng.normal(size=(3 * n, 2 * n))
     made = Predicted(monkeypatch, J, turns, n)
     state = (np.zeros(n), np.array([1.0, -2.0, 30.0]), np.array([0.4, 0.8, 7.0]), np.eye(3 * n), np.zeros((n, 0)))
     noise = FilterNoise(np.full(n, 0.3), np.zeros(1), np.full(n, 0.5), 2.0, np.zeros(1))
     assert made.run(state, h, np.array([0.1, 0.2, 0.3]), noise) == 0
-    np.testing.assert_allclose(made.asked["tau"], [0.1, 0.2, 0.3 + 7.0])
-    np.testing.assert_allclose(made.asked["theta0"], [0.1 + 0.4 / 2.0, 0.2 + 0.8 / 4.0])
+    np.testing.assert_allclose(made.asked["tau"], [0.1 + 0.4, 0.2 + 0.8, 0.3 + 7.0])
+    np.testing.assert_allclose(made.asked["theta0"], [0.1, 0.2])
     power = (1.0 + (-2.0 - 1.0) ** 2) / 2  # of the two joints alone
     assert noise.recent[0] == pytest.approx(power)
     F = np.eye(3 * n)
