@@ -26,10 +26,23 @@ def segments(model: Model) -> tuple[str, ...]:
     return tuple(e.name for e in model.extensions)
 
 
-def changed_extensions(model: Model, values: Mapping[str, float]) -> tuple[Extension, ...]:
-    """The segments with `values` put in: those for all of them, overruled by a segment's own."""
+def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
+    """Return the changes of a model whose first joint gets the body_stiffness of `values`, all else in proportion.
+
+    What stays is how stiff the joints are beside each other, and beside the segments that lengthen: one modulus of a
+    body whose shape is known.
+    """
+    if "body_stiffness" not in values:
+        return {}
+    ratio = values["body_stiffness"] / float(model.stiffness[0])
+    extensions = tuple(replace(e, stiffness=ratio * e.stiffness) for e in model.extensions)
+    return {"stiffness": ratio * model.stiffness} | ({"extensions": extensions} if extensions else {})
+
+
+def changed_extensions(extensions: Iterable[Extension], values: Mapping[str, float]) -> tuple[Extension, ...]:
+    """The `extensions` with `values` put in: those for all of them, overruled by a segment's own."""
     made = []
-    for e in model.extensions:
+    for e in extensions:
         own: dict[str, Any] = {field: values[name] for name, field in OWN.items() if name in values}
         own |= {field: values[f"{e.name}.{name}"] for name, field in OWN.items() if f"{e.name}.{name}" in values}
         made.append(replace(e, **own) if own else e)

@@ -137,6 +137,7 @@ PER_JOINT = ("stiffness", "damping", "rest_angle")
 KNOWN: dict[str, Kind] = {
     "stiffness": Kind("N m/rad", lower=1e-9, meaning="stiffness of every joint"),
     "damping": Kind("N m s/rad", lower=0.0, meaning="damping of every joint"),
+    "body_stiffness": Kind("N m/rad", lower=1e-9, meaning="stiffness of the first joint; others and EA in proportion"),
     r"stiffness_(\d+|\*)": Kind("N m/rad", lower=1e-9, meaning="stiffness of one joint, 1 the first, * each"),
     r"damping_(\d+|\*)": Kind("N m s/rad", lower=0.0, meaning="damping of one joint, 1 the first, * each"),
     "rest_angle": Kind("rad", lower=-3.2, upper=3.2, scale=0.05, meaning="rest angle of every joint"),
@@ -238,11 +239,12 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
             for i, value in joint.items():
                 array[i - 1] = value
             changes[field] = array
+    changes |= extension_parameters.stiffened(model, values)
     changes |= memory_changes(model, values)
     chambers = changed_chambers(model, values)
     if any(a is not b for a, b in zip(chambers, model.chambers, strict=True)):
         changes["chambers"] = chambers
-    extensions = extension_parameters.changed_extensions(model, values)
+    extensions = extension_parameters.changed_extensions(changes.get("extensions", model.extensions), values)
     if extensions != model.extensions:
         changes["extensions"] = extensions
     if "gravity_angle" in values:

@@ -30,6 +30,7 @@ from pliant.study.dense import body_of_fibre
 from pliant.study.doubts import of_body, preset, presets, stated_case, units_first
 from pliant.study.resting import Aligned, at_one_rest
 from pliant.study.schema import ActuatorEntry, AlignmentEntry, ChamberTable, Recording, Study, TendonTable
+from pliant.study.tapered import fitted_out, passed_joints, tapered
 from pliant.units import pascal_per
 
 Array = np.ndarray
@@ -120,11 +121,12 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
     alignment = combined(study.alignment, entry.alignment)
     raw, clocks, findings = on_one_clock(load_recording(study, name), entry, name)
     raw = raw if entry.window is None else cut_time(raw, *entry.window)
+    raw = raw if entry.part is None else part_of(name, raw, *entry.part)
     before = len(str(raw.attrs.get("history", "")).splitlines())
     if alignment.swaps is not None:
         raw = (undo_swaps if alignment.swaps == "undo" else exclude_swaps)(raw)
     looked = quality(raw)
-    raw = leave_out_frozen(raw)
+    raw = raw if entry.poses else leave_out_frozen(raw)  # a pose may be that of the row before
     if entry.staircase == "lines":
         raw = lines_between_changes(raw)
     with units_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
@@ -136,6 +138,16 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         found += str(body.attrs.get("history", "")).splitlines()[before:]
     doubts = {**looked.doubts, **of_body(stated_case(study.actuator), stations, body)}
     return Aligned(body, tuple(found), tip, clocks, doubts)
+
+
+def part_of(name: str, recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
+    """The rows of a recording between two fractions of them, with the samples of its inputs of that time."""
+    count = recording.sizes["time"]
+    first, last = (round(f * count) for f in (start, stop))
+    if not 0 <= first < last <= count:
+        raise InputError(f"recording {name}: part is from where to where of its {count} rows, in fractions from 0 to 1")
+    times = recording.time.values
+    return cut_time(recording, float(times[first]), float(times[last - 1]))
 
 
 def in_frame(
@@ -152,6 +164,8 @@ def in_frame(
         return raw, raw, ""
     stations = assemble(raw, alignment.stations) if alignment.stations else raw
     options = checked_options(alignment) | {"space": space}
+    if study.recordings[name].poses:
+        options.setdefault("rest", (float(raw.time.min()), float(raw.time.max())))  # each row is at rest
     own = study.recordings[name].alignment
     if normal is not None and not {"plane", "bend"} & set(own.options if own else ()):
         options |= {"plane": normal, "bend": None}
@@ -272,7 +286,7 @@ def study_model(
     With `links`, the chain is the one laid through the recorded shape: lengths and rest angles as measured, the mass
     shared out by length. Without, and where the actuator states none, it has the `usual` number.
     """
-    values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area", "diameter"})
+    values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area", "diameter", "stations", "taper"})
     values["source"] = dict(actuator.source)
     if not values["space"]:
         del values["space"]
@@ -286,6 +300,8 @@ def study_model(
         values = {**defaults, **values, "source": {**defaults.get("source", {}), **values["source"]}}
     chambers = [ChamberTable(**c) for c in values.pop("chambers")]
     tendons = [TendonTable(**c) for c in values.pop("tendons")]
+    if actuator.taper:
+        values |= tapered(actuator)
     values["extensions"] = tuple(Extension(**e) for e in values.pop("extensions"))
     missing = [k for k in ("length", "mass") if k not in values]
     if missing:
@@ -298,11 +314,11 @@ def study_model(
         for name in ("torque", "joint_gain", "valve"):
             values.pop(name, None)  # a preset's, of its only chamber
         joints = values.setdefault("links", 5) if links is None else links.n
-        drawn = tuple(tendon_of(entry, joints) for entry in tendons)
+        drawn = tuple(tendon_of(entry, joints, values["length"]) for entry in tendons)
         values["chambers"] = named_chambers(chambers, joints, space=bool(actuator.space)) + drawn
     else:
         values.setdefault("torque", [0.0])
-    return chain_model(**values) if links is None else measured_chain(values, links)
+    return fitted_out(chain_model(**values), actuator) if links is None else measured_chain(values, links)
 
 
 def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool = False) -> tuple[Chamber, ...]:
@@ -339,10 +355,12 @@ def joints_of(entry: ChamberTable | TendonTable, joints: int) -> list[int]:
     return turned
 
 
-def tendon_of(entry: TendonTable, joints: int) -> Tendon:
-    """The tendon of a study's table, on a chain that has so many joints."""
-    passed = np.isin(np.arange(1, joints + 1), joints_of(entry, joints))
-    values = entry.model_dump(exclude={"joints", "azimuth_deg"})
+def tendon_of(entry: TendonTable, joints: int, length: float) -> Tendon:
+    """The tendon of a study's table, on a chain of a `length` [m] that has so many joints."""
+    if entry.azimuth_deg is None:
+        raise InputError(f"tendon {entry.name}: state azimuth_deg, which only the recordings of a study show")
+    passed = np.isin(np.arange(1, joints + 1), joints_of(entry, joints)) * passed_joints(entry, length, joints)
+    values = entry.model_dump(exclude={"joints", "azimuth_deg", "taper", "stop"})
     if entry.driven_by == "tension":
         values["line_stiffness"] = 0.0
     return Tendon.at_azimuth(np.radians(entry.azimuth_deg), passed, **values)

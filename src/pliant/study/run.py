@@ -22,6 +22,7 @@ from pliant.identification.drives import at_rest
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.angles import supported_links
+from pliant.study.azimuths import with_azimuths
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import of_models, of_study, units_first
 from pliant.study.fits import run_model_selection, selection_fit, stages_of
@@ -29,7 +30,7 @@ from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.headline import headline
 from pliant.study.prepare import all_aligned, hardly_moved, study_experiment, study_model, without
 from pliant.study.resting import Aligned
-from pliant.study.schema import Study
+from pliant.study.schema import ActuatorEntry, Study
 from pliant.study.side_by_side import run_fits
 from pliant.study.verdict import verdict
 from pliant.study.wiring import compare_wirings, doubts_of
@@ -76,7 +77,7 @@ def run_study(
     tell = progress or (lambda _line: None)
     with output_folder(folder) if folder is not None else nullcontext() as target:
         ready = prepare_all(study, tell)
-        study = without(study, ready.dropped, ready.doubts)
+        study = without(study, ready.dropped, ready.doubts).model_copy(update={"actuator": ready.actuator})
         check_forecasts(study, ready.experiments)
         prepared = clock.perf_counter()
         wirings = compare_wirings(study, ready.bodies, ready.model, tell)
@@ -145,6 +146,7 @@ class PreparedStudy(NamedTuple):
 
     experiments: dict[str, Experiment]
     model: Model  # as the study's actuator says, laid through the shape that decides the chain
+    actuator: ActuatorEntry  # as the study states it, with the azimuths that it leaves out
     findings: dict[str, tuple[str, ...]]
     provenance: dict[str, str]
     bodies: Mapping[str, xr.Dataset]  # the aligned recordings
@@ -190,7 +192,8 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
             tell(f"{name}: {clocks.message}")
         unit, factor = reduced.shown_in
         tell(f"prepared {name}: {reduced.time.size} frames, travel {factor * reduced.travel:.3g} {unit}")
-    model = study_model(study.actuator, rotation, shape.links if shape else None, supported_links(experiments),
+    actuator = with_azimuths(study, experiments, tell)
+    model = study_model(actuator, rotation, shape.links if shape else None, supported_links(experiments),
                         min((e.x_sign for e in experiments.values()), default=1))
     dropped = hardly_moved(experiments, model.length)
     idle = {n: reason for n, e in experiments.items() if (reason := at_rest(model, e))}
@@ -199,7 +202,9 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
     findings = {n: (*a.findings, *(s[n] for s in (dropped, idle) if n in s)) for n, a in aligned.items()}
     found_clocks = {n: a.clocks for n, a in aligned.items() if a.clocks is not None}
     bodies = {n: a.body for n, a in aligned.items()}
-    return PreparedStudy(experiments, model, findings, provenance, bodies, shape, dropped, found_clocks, doubts)
+    return PreparedStudy(
+        experiments, model, actuator, findings, provenance, bodies, shape, dropped, found_clocks, doubts
+    )
 
 
 def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:

@@ -48,8 +48,10 @@ class TendonTable(StudyEntry):
     name: str = Field(min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
     driven_by: Literal["tension", "displacement", "angle"]
     joints: list[int] | None = Field(default=None, min_length=1)  # that it passes, from 1; default: all
-    azimuth_deg: float  # around the axis, from x of the base frame towards y; it bends the body towards itself
-    lever: float = Field(gt=0)  # m, distance from the axis
+    azimuth_deg: float | None = None  # around the axis, from x of the base frame towards y; default: as the tip moves
+    lever: float = Field(gt=0)  # m, distance from the axis, at the base where it changes
+    taper: float = 0.0  # by how much it comes nearer to the axis for each length along it
+    stop: float | None = Field(default=None, gt=0)  # m from the base, where it ends; default: the last of its joints
     line_stiffness: float = Field(1000.0, gt=0)  # N/m; not of one driven by its tension
     pretension: float = 0.0  # N; below 0 it hangs slack
     pulley: float = Field(0.0, ge=0)  # m, radius; of one driven by an angle
@@ -66,6 +68,25 @@ class ExtensionTable(StudyEntry):
     stop: float | None = None  # m; default: the tip
     stiffness: float = Field(1000.0, gt=0)  # N, axial force per strain
     damping: float = Field(0.0, ge=0)  # N s
+
+
+class TaperTable(StudyEntry):
+    """A solid round body whose radius changes along it: stiffness and mass follow, and the stiffness of extensions."""
+
+    at: list[float] = Field(min_length=2)  # m from the base; straight lines between
+    radius: list[float] = Field(min_length=2)  # m
+    modulus: float = Field(gt=0)  # Pa, of elasticity
+    density: float = Field(gt=0)  # kg/m^3
+
+
+class StationTable(StudyEntry):
+    """Where an observed point is on the body; without it that is read off the first frames, the body unloaded."""
+
+    name: str
+    at: float  # m along the body, from the base
+    along: float = 0.0  # m beyond that
+    across: float = 0.0  # m, to the left of the link
+    aside: float = 0.0  # m, out of the plane
 
 
 class SpaceTable(StudyEntry):
@@ -93,6 +114,8 @@ class ActuatorEntry(StudyEntry):
     chambers: list[ChamberTable] = []  # in its place, where there are several
     tendons: list[TendonTable] = []  # in their place or beside them, of a body in space
     extensions: list[ExtensionTable] = []  # segments that lengthen
+    taper: TaperTable | None = None  # in place of mass and stiffness
+    stations: list[StationTable] = []  # observed points
     rest_angle: float | list[float] | None = None  # rad
     gravity: list[float] | None = None  # m/s^2, (x, y) as force_n has them or (x, y, z) of the tracker
     space: bool | SpaceTable = False  # the body moves in space, not in a plane
@@ -178,6 +201,7 @@ class Recording(StudyEntry):
     signal: Literal["measured", "commanded"] | None = None  # what its inputs are, where that is known
     staircase: Literal["lines"] | None = None  # inputs held between updates: straight lines between their changes
     window: tuple[float, float] | None = None  # s on the clock of the shape: the part that is used
+    part: tuple[float, float] | None = None  # of its rows, from 0 to 1: the part that is used
     excitation: Excitation | None = None
     held: Literal["unloaded", "measured"] = "unloaded"  # where a body that is let go was held before
     nominal_pressure: float | None = None

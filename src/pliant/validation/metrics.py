@@ -92,7 +92,8 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     seen = np.isfinite(distance)
     rmse = float(np.sqrt(np.mean(distance[seen] ** 2)))
     variation = exp.compared - np.nanmean(exp.compared, axis=0)
-    fit = 1.0 - np.sqrt(np.sum(distance[seen] ** 2) / np.nansum(variation**2))
+    spread = float(np.nansum(variation**2))
+    fit = 100 * float(1.0 - np.sqrt(np.sum(distance[seen] ** 2) / spread)) if spread > 0 else None  # of a lone pose
     traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
     ends, begins = (traits[who][f"steady_state_{unit}"] for who in ("modelled", "measured"))
     own = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.without_positions else {
@@ -101,7 +102,7 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
         f"rmse_{unit}": factor * rmse,
         f"max_{unit}": factor * float(distance[seen].max()),
         "rmse_percent_of_travel": 100 * rmse / exp.travel,
-        "fit_percent": 100 * float(fit),
+        "fit_percent": fit,
         **{name: {who: traits[who][name] for who in traits} for name in next(iter(traits.values()))},
         f"steady_state_error_{unit}": None if ends is None or begins is None else ends - begins,
         "frames": int(exp.time.size),
@@ -120,7 +121,7 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
     u = np.linalg.norm(p - np.median(p[:5], axis=0), axis=1)
     late = t > last_edge(exp) + 0.03
     ring = None
-    if late.sum() >= 16:
+    if late.sum() >= 16 and not exp.poses:
         direction = np.linalg.svd(p[late] - p[late].mean(axis=0), full_matrices=False)[2][0]
         ring = ring_down(t[late], p[late] @ direction)
     on = on_window(exp, t)
@@ -146,7 +147,7 @@ def on_window(exp: Experiment, t: Array) -> Array | None:
     if exp.excitation in ("pulse", "step"):
         edge = edges(exp)
         return (t > edge["start"]) & (t < edge.get("stop", np.inf))
-    if exp.pressure is None:
+    if exp.pressure is None or exp.poses:
         return None
     p = exp.pressure(t)
     on = p > 0.9 * p.max()

@@ -47,7 +47,7 @@ class Compared(MetricsEntry):
     fit: str = Field("", description="the first fit that computes it; under `records` alone")
     not_computed: str = Field("", description="what could not be computed of it, such as its band, and why")
     rmse_percent_of_travel: float
-    fit_percent: float
+    fit_percent: float | None  # none of a lone pose
     within_band_percent: float | None = None
     frequency_hz: Pair
     damping_ratio: Pair
