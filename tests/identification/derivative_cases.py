@@ -60,7 +60,7 @@ VALUES: dict[str, float] = {
     "boucwen_share": 0.2, "boucwen_beta": 20.0, "boucwen_gamma": 9.0, "boucwen_exponent": 1.5,
     "stiffening": -0.9, "cubic_stiffening": 0.7, "stiffening_bound": 0.6,
     "swell_share": 0.3, "swell_time": 0.2, "inflation_limit": 4e5, "inflation_time": 0.04, "inflation_jm": 3.0,
-    "axial_stiffness": 210.0, "axial_damping": 0.8, "axial_gain": 25.0,
+    "body_stiffness": 0.85, "axial_stiffness": 210.0, "axial_damping": 0.8, "axial_gain": 25.0,
     "elastic_wall_lever": 5e-7, "elastic_wall_compliance": 1.1e-6,
     **{f"{law.name}_{name}": value for law in LAWS for name, value in law.start(LEVELS, TORQUES).items()},
 }  # fmt: skip

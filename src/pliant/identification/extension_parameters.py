@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -34,6 +35,8 @@ def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     """
     if "body_stiffness" not in values:
         return {}
+    if single := [name for name in values if re.fullmatch(r"stiffness(_(\d+|\*))?", name)]:
+        raise InputError(f"body_stiffness stands for the stiffness of all joints: state it or {single[0]}, not both")
     ratio = values["body_stiffness"] / float(model.stiffness[0])
     extensions = tuple(replace(e, stiffness=ratio * e.stiffness) for e in model.extensions)
     return {"stiffness": ratio * model.stiffness} | ({"extensions": extensions} if extensions else {})
