@@ -11,6 +11,7 @@ Usage: python benchmarks/intervals.py [seeds]
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.stats import binomtest
@@ -74,24 +75,28 @@ def errors(body: str, kept: float, seed: int) -> np.ndarray:
     return np.array([(found.values[name] - truth[name]) / std[name] for name in MIDDLE])
 
 
-def told(held: np.ndarray) -> str:
+def share(held: np.ndarray) -> str:
     """A share with its 95 % interval."""
     low, high = binomtest(int(held.sum()), held.size).proportion_ci()
     return f"{100 * held.mean():5.1f} ({100 * low:.1f} to {100 * high:.1f})"
 
 
+def print_coverage(title: str, names: Sequence[str], z: np.ndarray) -> None:
+    """Print the coverage of all parameters and of each, % of the fits; z (fits, P) are errors in standard errors."""
+    held = np.abs(z) < 1.96
+    each = held.mean(axis=1)
+    half = 1.96 * each.std(ddof=1) / np.sqrt(len(z))
+    print(f"{title}: all parameters {100 * each.mean():.1f} +- {100 * half:.1f} %, z rms {np.sqrt(np.mean(z**2)):.2f}")
+    for name, column, off in zip(names, held.T, z.T, strict=True):
+        print(f"  {name:<18} {share(column)} %, mean z {off.mean():+.2f}", flush=True)
+
+
 def main(seeds: int) -> None:
-    """Print the coverage of each parameter, % of the seeds, and of all."""
+    """Print the coverage of each body under each kind of noise."""
     for body in BODIES:
         for kind, kept in KEPT.items():
             z = np.array([errors(body, kept, seed) for seed in range(seeds)])
-            held = np.abs(z) < 1.96
-            each = held.mean(axis=1)
-            half = 1.96 * each.std(ddof=1) / np.sqrt(seeds)
-            print(f"{body}, {kind} noise, {seeds} seeds: all parameters {100 * each.mean():.1f} +- {100 * half:.1f} %, "
-                  f"z rms {np.sqrt(np.mean(z**2)):.2f}")  # fmt: skip
-            for name, column in zip(MIDDLE, held.T, strict=True):
-                print(f"  {name:<18} {told(column)} %", flush=True)
+            print_coverage(f"{body}, {kind} noise, {seeds} seeds", list(MIDDLE), z)
 
 
 if __name__ == "__main__":

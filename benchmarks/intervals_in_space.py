@@ -14,12 +14,13 @@ Usage: python benchmarks/intervals_in_space.py [seeds] [first seed]
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
-from intervals import told
+from intervals import print_coverage
 
-from pliant.identification import Experiment, Parameter, fit
+from pliant.identification import Experiment, FitResult, Parameter, fit
 from pliant.model import Chamber, Model, Space, Station, chain_model
 from pliant.simulation import Trace
 
@@ -100,60 +101,73 @@ def moment_of(q: np.ndarray, force: np.ndarray) -> np.ndarray:
     return np.linalg.solve(np.column_stack([(turn @ right)[:, :2], [0.0, 0.0, 1.0]]).T, [force[0], force[1], 0.0])
 
 
-def seen(truth: dict[str, float], levels: dict[str, tuple[float, ...]]) -> np.ndarray:
-    """Positions (T, S, 3) of the stations, m: MuJoCo's motion from rest."""
+def moved(
+    truth: dict[str, float], levels: dict[str, tuple[float, ...]],
+    forces: Callable[[np.ndarray, mujoco.MjData], np.ndarray], tick: float = TICK,
+) -> np.ndarray:
+    """Positions (T, S, 3) of the stations, m: MuJoCo's motion from rest, in steps of a `tick` [s].
+
+    `forces` makes the generalised forces of the joints (LINKS, 2) or (2,) [N m] from the inputs (C,) of a moment and
+    the state.
+    """
     model = arm_of(truth)
+    model.opt.timestep = tick
     data = mujoco.MjData(model)
-    gains = np.array([[truth[f"{n}.gain_x"], truth[f"{n}.gain_y"], 0.0] for n in levels])
-    every = round((TIMES[1] - TIMES[0]) / TICK)
-    moments = np.arange(TIMES.size * every) * TICK + 0.5 * TICK
-    torque = LAW * np.stack([np.interp(moments, KNOTS, p) for p in levels.values()], axis=1) @ gains[:, :2]
+    every = round((TIMES[1] - TIMES[0]) / tick)
+    moments = (np.arange(TIMES.size * every) + 0.5) * tick
     out = np.empty((TIMES.size, len(POINTS), 3))
-    for k, force in enumerate(torque):
+    for k, inputs in enumerate(np.stack([np.interp(moments, KNOTS, p) for p in levels.values()], axis=1)):
         if k % every == 0:
             mujoco.mj_kinematics(model, data)
             R, r = data.xmat.reshape(-1, 3, 3)[1:], data.xpos[1:]
             out[k // every] = [r[link] + R[link] @ (aside, 0.0, along) for _, link, along, aside in POINTS]
-        for joint in range(LINKS):
+        for joint, force in enumerate(np.broadcast_to(forces(inputs, data), (LINKS, 2))):
             data.qfrc_applied[3 * joint : 3 * joint + 3] = moment_of(data.qpos[4 * joint : 4 * joint + 4], force)
         mujoco.mj_step(model, data)
     return out
 
 
-def records(truth: dict[str, float], rng: np.random.Generator) -> list[Experiment]:
-    """The records of a body, with noise."""
-    made = []
-    for name, levels in RECORDS.items():
-        shape = seen(truth, levels)
-        drives = {c: Trace(KNOTS, np.array(p)) for c, p in levels.items()}
-        shape += NOISE * rng.standard_normal(shape.shape)
-        made.append(Experiment(name, TIMES, shape, tuple(p[0] for p in POINTS), "trace", drives=drives))
-    return made
+def seen(truth: dict[str, float], levels: dict[str, tuple[float, ...]]) -> np.ndarray:
+    """Positions (T, S, 3) of the stations under pressures, m."""
+    gains = LAW * np.array([[truth[f"{n}.gain_x"], truth[f"{n}.gain_y"]] for n in levels])
+    return moved(truth, levels, lambda pressure, _: pressure @ gains)
 
 
-def main(seeds: int, first: int) -> None:
-    """Print the coverage of each parameter, % of the seeds, and of all."""
-    rows, names = [], list(drawn(np.random.default_rng(0)))
-    start = [Parameter(name, value) for name, value in middle().items()]
-    for seed in range(first, first + seeds):
-        rng = np.random.default_rng([seed, 3])
-        truth = drawn(rng)
-        seen = records(truth, rng)
-        found = fit(seen, chain(), start, step=STEP, starts=1)
+def record(name: str, shape: np.ndarray, levels: dict[str, tuple[float, ...]], rng: np.random.Generator) -> Experiment:
+    """A record of a shape (T, S, 3) [m] with noise, under inputs of these levels."""
+    drives = {c: Trace(KNOTS, np.array(p)) for c, p in levels.items()}
+    noisy = shape + NOISE * rng.standard_normal(shape.shape)
+    return Experiment(name, TIMES, noisy, tuple(p[0] for p in POINTS), "trace", drives=drives)
+
+
+def count(seeds: range, names: Sequence[str], fitted: Callable[[int], tuple[dict[str, float], FitResult]]) -> None:
+    """Print the coverage of each parameter, % of the fits that reach the noise, and of all.
+
+    `fitted` makes a body's true values and the fit to its records from a seed.
+    """
+    rows = []
+    for seed in seeds:
+        truth, found = fitted(seed)
         if max(found.rmse.values()) > FAR * NOISE:
             print(seed, "ended far off", found.rmse, file=sys.stderr, flush=True)
             continue
         std = {p.name: p.std for p in found.parameters}
         rows.append([(found.values[name] - truth[name]) / std[name] for name in names])
         print(seed, np.round(rows[-1], 2).tolist(), file=sys.stderr, flush=True)
-    z = np.array(rows)
-    held = np.abs(z) < 1.96
-    each = held.mean(axis=1)
-    half = 1.96 * each.std(ddof=1) / np.sqrt(len(rows))
-    print(f"{len(rows)} of {seeds} fits reach the noise: all parameters {100 * each.mean():.1f} +- {100 * half:.1f} %, "
-          f"z rms {np.sqrt(np.mean(z**2)):.2f}")  # fmt: skip
-    for name, column, errors in zip(names, held.T, z.T, strict=True):
-        print(f"  {name:<16} {told(column)} %, mean z {errors.mean():+.2f}")
+    print_coverage(f"{len(rows)} of {len(seeds)} fits reach the noise", names, np.array(rows))
+
+
+def main(seeds: int, first: int) -> None:
+    """Count the intervals of bodies with chambers."""
+    start = [Parameter(name, value) for name, value in middle().items()]
+
+    def fitted(seed: int) -> tuple[dict[str, float], FitResult]:
+        rng = np.random.default_rng([seed, 3])
+        truth = drawn(rng)
+        records = [record(name, seen(truth, levels), levels, rng) for name, levels in RECORDS.items()]
+        return truth, fit(records, chain(), start, step=STEP, starts=1)
+
+    count(range(first, first + seeds), list(middle()), fitted)
 
 
 if __name__ == "__main__":

@@ -17,12 +17,10 @@ import sys
 
 import mujoco
 import numpy as np
-from intervals import told
-from intervals_in_space import FAR, KNOTS, LINKS, NOISE, POINTS, STEP, TIMES, arm_of, chain, moment_of
+from intervals_in_space import LINKS, STEP, chain, count, moved, record
 
-from pliant.identification import Experiment, Parameter, fit
+from pliant.identification import FitResult, Parameter, fit
 from pliant.model import Model, Tendon
-from pliant.simulation import Trace
 
 LEVER, EDGE, TICK = 0.012, 5e-3, 2.5e-4  # m, m/s, s of a step of MuJoCo
 AZIMUTHS = {"red": 0.4, "green": 2.3}
@@ -90,64 +88,27 @@ def felt(
 
 
 def seen(truth: dict[str, float], levels: dict[str, tuple[float, ...]], parts: int = 1) -> np.ndarray:
-    """Positions (T, S, 3) of the stations, m: MuJoCo's motion from rest."""
-    model = arm_of(truth)
-    model.opt.timestep = TICK
-    data = mujoco.MjData(model)
-    every = round((TIMES[1] - TIMES[0]) / TICK)
-    moments = (np.arange(TIMES.size * every) + 0.5) * TICK
-    pulls = np.stack([np.interp(moments, KNOTS, level) for level in levels.values()], axis=1)
+    """Positions (T, S, 3) of the stations under tensions, m."""
     cords = [(LEVER * np.array([truth[f"{n}.gain_x"], truth[f"{n}.gain_y"]]), truth[f"{n}.friction"]) for n in levels]
-    out = np.empty((TIMES.size, len(POINTS), 3))
-    for k, pull in enumerate(pulls):
-        if k % every == 0:
-            mujoco.mj_kinematics(model, data)
-            R, r = data.xmat.reshape(-1, 3, 3)[1:], data.xpos[1:]
-            out[k // every] = [r[link] + R[link] @ (aside, 0.0, along) for _, link, along, aside in POINTS]
+
+    def forces(tensions: np.ndarray, data: mujoco.MjData) -> np.ndarray:
         bent, moving = swings(data)
-        force = sum(felt(T, lever, mu, bent, moving, parts) for T, (lever, mu) in zip(pull, cords, strict=True))
-        for joint in range(LINKS):
-            quaternion = data.qpos[4 * joint : 4 * joint + 4]
-            data.qfrc_applied[3 * joint : 3 * joint + 3] = moment_of(quaternion, force[joint])
-        mujoco.mj_step(model, data)
-    return out
+        return sum(felt(T, lever, mu, bent, moving, parts) for T, (lever, mu) in zip(tensions, cords, strict=True))
 
-
-def records(truth: dict[str, float], rng: np.random.Generator | None, parts: int = 1) -> list[Experiment]:
-    """The records of a body, with noise; without any where there is no `rng`."""
-    made = []
-    for name, levels in RECORDS.items():
-        shape = seen(truth, levels, parts)
-        drives = {c: Trace(KNOTS, np.array(p)) for c, p in levels.items()}
-        if rng is not None:
-            shape += NOISE * rng.standard_normal(shape.shape)
-        made.append(Experiment(name, TIMES, shape, tuple(p[0] for p in POINTS), "trace", drives=drives))
-    return made
+    return moved(truth, levels, forces, TICK)
 
 
 def main(seeds: int, first: int, parts: int) -> None:
-    """Print the coverage of each parameter, % of the seeds, and of all."""
-    rows, names = [], list(drawn())
+    """Count the intervals of bodies with tendons."""
     start = [Parameter(name, value) for name, value in drawn().items()]
-    for seed in range(first, first + seeds):
+
+    def fitted(seed: int) -> tuple[dict[str, float], FitResult]:
         rng = np.random.default_rng([seed, 4])
         truth = drawn(rng)
-        found = fit(records(truth, rng, parts), tendon_arm(), start, step=STEP, starts=1)
-        if max(found.rmse.values()) > FAR * NOISE:
-            print(seed, "ended far off", found.rmse, file=sys.stderr, flush=True)
-            continue
-        std = {p.name: p.std for p in found.parameters}
-        rows.append([(found.values[name] - truth[name]) / std[name] for name in names])
-        size = std["red.friction"] / found.values["red.friction"]
-        print(seed, f"friction to {100 * size:.1f} %", np.round(rows[-1], 2).tolist(), file=sys.stderr, flush=True)
-    z = np.array(rows)
-    held = np.abs(z) < 1.96
-    each = held.mean(axis=1)
-    half = 1.96 * each.std(ddof=1) / np.sqrt(len(rows))
-    print(f"{len(rows)} of {seeds} fits reach the noise: all parameters {100 * each.mean():.1f} +- {100 * half:.1f} %, "
-          f"z rms {np.sqrt(np.mean(z**2)):.2f}")  # fmt: skip
-    for name, column, errors in zip(names, held.T, z.T, strict=True):
-        print(f"  {name:<16} {told(column)} %, mean z {errors.mean():+.2f}")
+        records = [record(name, seen(truth, levels, parts), levels, rng) for name, levels in RECORDS.items()]
+        return truth, fit(records, tendon_arm(), start, step=STEP, starts=1)
+
+    count(range(first, first + seeds), list(drawn()), fitted)
 
 
 if __name__ == "__main__":

@@ -92,8 +92,8 @@ def speed():
     from pliant.compiler.choose import twin
     from pliant.equations import observation
     from pliant.estimation import kalman_loops
-    from pliant.estimation.offline import chain_of, observed_chain
-    from pliant.estimation.symbols import FilterFrame, FilterNoise, FilterState, Prediction
+    from pliant.estimation.offline import chain_of, frame_of
+    from pliant.estimation.symbols import FilterNoise, FilterState, Prediction
     from pliant.estimation.workspace import make_workspace
     from pliant.simulation import state
 
@@ -103,8 +103,7 @@ def speed():
         start = mechanics_of(chain).coordinates(rest)
         own = FilterState(start, np.zeros(n), np.zeros(n), P, state.relaxed(chain, rest))
         noise, many = FilterNoise(*NOISE.densities(chain), np.zeros(1)), twin(kalman_loops.many_frames, n)
-        frame = FilterFrame(chain.base_angle, observed_chain(chain), rows, chain.rest_angle.copy(),
-                            np.full(n, NOISE.angle**2), np.empty(n))  # fmt: skip
+        frame = frame_of(chain, rows, chain.rest_angle.copy(), np.full(n, NOISE.angle**2))
         for steps in (1, 2, 3):
             ahead = Prediction(steps, 1.0 / RATE / steps, np.full(n, 0.05), noise)
             call = own, chain_of(chain), ahead, frame, workspace

@@ -80,7 +80,9 @@ def of_joints(found: xr.Dataset, name: str, end: str = "") -> np.ndarray:
     """Return a variable of all joints (T, N): in space of each axis, those of one axis after those of another."""
     import numpy as np
 
-    parts = [found[f"{name}{axis}{end}"] for axis in ("", "_x", "_y", "_twist") if f"{name}{axis}{end}" in found]
+    from pliant.simulation.result import ENDINGS
+
+    parts = [found[f"{name}{axis}{end}"] for axis in ENDINGS if f"{name}{axis}{end}" in found]
     return np.concatenate([part.values for part in parts], axis=1) if parts else np.zeros((found.sizes["time"], 0))
 
 

@@ -10,8 +10,6 @@ import typer
 from pliant.cli.terminal import say
 from pliant.errors import InputError
 
-OF_RESULTS = ("mcap", "lerobot")  # targets of recordings beside the model; the others are of a model alone
-
 
 def export(
     model: Annotated[Path, typer.Argument(help="Model file; for mcap and lerobot a folder that `pliant run` wrote.")],
@@ -39,6 +37,7 @@ def export(
     import json as jsonlib
 
     from pliant.cli.progress import busy
+    from pliant.validation.export_results import TARGETS
 
     chosen = {}
     for entry in options or ():
@@ -47,7 +46,7 @@ def export(
             raise InputError(f"--set takes NAME=VALUE, got {entry!r}")
         chosen[name] = value
     with busy("exporting"):
-        if to in OF_RESULTS:
+        if to in TARGETS:
             if approximate or fit:
                 raise InputError(f"--approximate and --fit are for models; {to} takes --set fit=, records=, fps=")
             done: Any = results_written(model, to, output, chosen)

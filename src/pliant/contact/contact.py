@@ -18,6 +18,7 @@ from pliant.estimation.offline import estimate, input_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import simulate
+from pliant.simulation.result import ENDINGS
 from pliant.version import __version__
 
 Array = np.ndarray
@@ -25,7 +26,6 @@ GONE = 2.0  # mean normalised square of the torques, over that of their drift, b
 STAYS = 0.01  # of the largest mean square of a contact: what the material remembers of it
 CALM = 0.107  # s for which it must stay there
 SHY = 0.2  # s after a contact in which its end raises no alarm
-ANGLES = ("joint_angle", "joint_angle_x", "joint_angle_y", "joint_angle_twist")
 PACE = 0.2  # share by which the rate of frames may differ from that of the free motion
 
 
@@ -276,7 +276,8 @@ def described(
         "force_covariance": (("time", "axis", "axis_2"), covariance, {"units": "N2"}),
         "hidden_tangential": ("time", hidden), "in_contact": ("time", touching), "statistic": ("time", statistic),
         **left, "pressure": found["pressure"],
-        **{name: found[name] for name in ("tip_position", *ANGLES) if name in found},
+        "tip_position": found["tip_position"],
+        **{name: found[name] for end in ENDINGS if (name := f"joint_angle{end}") in found},
     }
     return xr.Dataset(data, found.coords, {
         "schema": "pliant-contact", "source": f"pliant {__version__}", "model": found.attrs["model"],

@@ -89,10 +89,9 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
 
 def flips(rows: Array, values: Array, seen: Array) -> int:
     """Count the orientations of frames, values (..., m) in all, of which the filter saw no number: flips of markers."""
-    turned = rows[:, 0] == TURN_X
-    whole = np.isfinite(values[..., turned]) & np.isfinite(values[..., np.roll(turned, 1)])
-    whole &= np.isfinite(values[..., np.roll(turned, 2)])
-    return int((whole & np.isnan(seen[..., turned])).sum())
+    turned = rows[:, 0] >= TURN_X
+    given, found = (a[..., turned].reshape(*a.shape[:-1], -1, 3) for a in (values, seen))
+    return int((np.isfinite(given).all(axis=-1) & np.isnan(found[..., 0])).sum())
 
 
 def measurement_of(

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.equations.spatial_observation import angle_over_sine
+from pliant.identification.observation_kind import TINY
 
 Array = np.ndarray
-TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
 def with_axes(places: Array, oriented: Array) -> Array:

@@ -14,6 +14,7 @@ from pliant.version import __version__
 
 Array = np.ndarray
 AXES = {"x": "the swing about the x axis", "y": "the swing about the y axis", "twist": "the twist"}
+ENDINGS = ("", *(f"_{axis}" for axis in AXES))  # of variables of the joints: in a plane, in space of each axis
 LABELS = {
     "joint_angle": ("rad", "joint angle from the rest shape"),
     "joint_rate": ("rad/s", "joint rate"),

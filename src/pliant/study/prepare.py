@@ -300,9 +300,9 @@ def study_model(
         values = {**defaults, **values, "source": {**defaults.get("source", {}), **values["source"]}}
     chambers = [ChamberTable(**c) for c in values.pop("chambers")]
     tendons = [TendonTable(**c) for c in values.pop("tendons")]
-    if actuator.taper:
-        values |= tapered(actuator)
     values["extensions"] = tuple(Extension(**e) for e in values.pop("extensions"))
+    if actuator.taper:
+        values |= tapered(actuator, values["extensions"])
     missing = [k for k in ("length", "mass") if k not in values]
     if missing:
         raise InputError(f"[actuator] needs {' and '.join(missing)} (SI), or a preset: {', '.join(presets())}")

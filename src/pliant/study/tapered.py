@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model import Model, Station
+from pliant.model import Extension, Model, Station
 
 if TYPE_CHECKING:
-    from pliant.study.schema import ActuatorEntry, ExtensionTable, StationTable, TaperTable, TendonTable
+    from pliant.study.schema import ActuatorEntry, StationTable, TaperTable, TendonTable
 
 Array = np.ndarray
 SLICES = 200  # of each segment, for the integrals along it
@@ -50,18 +51,17 @@ def tapered_masses(taper: TaperTable, length: float, link_length: Array) -> Arra
 
 
 def tapered_extensions(
-    taper: TaperTable, length: float, entries: Sequence[ExtensionTable], joints: int,
-) -> list[dict[str, Any]]:
-    """Return the entries of segments that lengthen with E A of the body there: length / integral of 1 / (E A)."""
+    taper: TaperTable, length: float, segments: Sequence[Extension], joints: int,
+) -> tuple[Extension, ...]:
+    """Return the segments that lengthen with E A of the body there: length / integral of 1 / (E A)."""
     s, thin = slices(length, joints)
     axial = taper.modulus * np.pi * np.interp(s, taper.at, taper.radius) ** 2
     made = []
-    for entry in entries:
-        stop = length if entry.stop is None else entry.stop
-        inside = (s > entry.start) & (s < stop)
+    for e in segments:
+        inside = (s > e.start) & (s < e.end(length))
         soft = float(np.sum(thin / axial[inside]))
-        made.append(entry.model_dump() | {"stiffness": (stop - entry.start) / soft})
-    return made
+        made.append(replace(e, stiffness=(e.end(length) - e.start) / soft))
+    return tuple(made)
 
 
 def passed_joints(entry: TendonTable, length: float, joints: int) -> Array:
@@ -87,7 +87,7 @@ def stations_of(entries: Sequence[StationTable], length: float, link_length: Arr
     return tuple(made)
 
 
-def tapered(actuator: ActuatorEntry) -> dict[str, Any]:
+def tapered(actuator: ActuatorEntry, segments: Sequence[Extension]) -> dict[str, Any]:
     """Stiffness, mass and segments of an actuator whose radius changes along it; the links' own masses come later."""
     taper, length, links = actuator.taper, actuator.length, actuator.links
     if taper is None or length is None or links is None or actuator.stiffness or actuator.mass:
@@ -95,7 +95,7 @@ def tapered(actuator: ActuatorEntry) -> dict[str, Any]:
     springs = tapered_springs(taper, length, links)
     mass = float(tapered_masses(taper, length, np.full(links, length / links)).sum())
     return {"stiffness": springs, "mass": mass,
-            "extensions": tapered_extensions(taper, length, actuator.extensions, links)}  # fmt: skip
+            "extensions": tapered_extensions(taper, length, segments, links)}  # fmt: skip
 
 
 def fitted_out(model: Model, actuator: ActuatorEntry) -> Model:

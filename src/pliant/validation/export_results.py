@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
-from pliant.validation.outcome import StudyOutcome
-from pliant.validation.sides import sides_of
+
+if TYPE_CHECKING:
+    from pliant.validation.outcome import StudyOutcome
 
 TARGETS = {"mcap": ("rosbags", "ros"), "lerobot": ("pyarrow", "lerobot")}  # target -> its library, the extra with it
 
@@ -85,6 +86,8 @@ def export_results(
     library, extra = TARGETS[target]
     if find_spec(library) is None:
         raise InputError(f"{target} needs {library}, which is not installed: pip install 'pliant[{extra}]'")
+    from pliant.validation.sides import sides_of
+
     path = Path(path)
     if not path.parent.is_dir():
         raise InputError(f"cannot write {path}: the folder {path.parent} does not exist; make it first")

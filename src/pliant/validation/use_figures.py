@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.plotting import REST_COLOUR, new_figure, style
+from pliant.simulation.result import ENDINGS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +21,7 @@ def estimate_overview(found: Any) -> Figure:
     time, lengthens = found["time"].values, "axial_strain" in found
     with style():
         figure, axes = new_figure(3 + lengthens, 1, height=5.4 + 1.8 * lengthens, sharex=True)
-        turns = [axis for axis in ("", "_x", "_y", "_twist") if f"joint_angle{axis}" in found]
+        turns = [axis for axis in ENDINGS if f"joint_angle{axis}" in found]
         for axis, (j, joint) in product(turns, enumerate(found["joint"].values)):
             rate, sd = (found[f"smooth_joint_rate{axis}{end}"].values[:, j] for end in ("", "_sd"))
             angle = 57.29578 * found[f"joint_angle{axis}"].values[:, j]
