@@ -14,6 +14,7 @@ from pliant.identification.fit import fit
 from pliant.identification.from_recording import experiment
 from pliant.identification.parameters import Parameter
 from pliant.identification.prediction import predict
+from pliant.identification.prediction_bands import prediction_band, residual_noise
 from pliant.identification.sensitivity import sensitivities
 from pliant.mechanics import mechanics_of
 from pliant.model import Space, Station, Tendon, chain_model
@@ -115,6 +116,13 @@ def test_parameters_are_found_again_from_poses_of_the_equilibrium():
         assert abs(p.value - given[p.name][0]) < 4.0 * p.std
         assert p.std < 0.05 * abs(given[p.name][0])
     assert found.rmse["b"] == pytest.approx(np.sqrt(3.0) * 1e-4, rel=0.15)
+    lone = Experiment("lone", seen.time[:1], place[:1], seen.stations, "trace", drives=seen.drives, poses=True)
+    modelled = predict(blind, lone, found.values, STEP)["compared"]
+    noise = residual_noise([seen], found, lone, modelled, weighting="metre")
+    assert noise == pytest.approx(1e-4, rel=0.3)  # that of the places above
+    band = prediction_band(lone, found, noise=noise, training=[seen])
+    assert (band.std > noise).all()
+    assert (band.std < 1.5 * noise).all()
 
 
 def test_a_pose_without_a_stable_rest_is_named(monkeypatch):

@@ -126,11 +126,14 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
 
 def faster(exp: Experiment, modelled: Array, training: Sequence[Experiment]) -> Array:
     """Share (T, 1, 1) of the tip's predicted speed that is beyond the highest of the training records."""
-    limit = max((float(np.nanmax(speed(e.time, e.last_station))) for e in training), default=np.inf)
-    own = speed(exp.time, modelled[:, -1])
-    return np.asarray(np.clip(1.0 - limit / np.maximum(own, 1e-300), 0.0, 1.0))[:, None, None]
+    seen = (speed(e.time, e.last_station, settled=e.poses) for e in training)
+    limit = max((float(np.nanmax(s)) for s in seen), default=np.inf)
+    own = speed(exp.time, modelled[:, -1], settled=exp.poses)
+    return np.where(own > limit, 1.0 - limit / np.maximum(own, 1e-300), 0.0)[:, None, None]
 
 
-def speed(time: Array, path: Array) -> Array:
-    """Speed (T,) of a point, m/s."""
+def speed(time: Array, path: Array, *, settled: bool = False) -> Array:
+    """Speed (T,) of a point, m/s; 0 where each row is a settled pose."""
+    if settled:
+        return np.zeros(len(path))
     return np.asarray(np.linalg.norm(np.gradient(path, time, axis=0), axis=1))

@@ -11,7 +11,7 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.discrepancy import discrepancy, speed
-from pliant.identification.experiment import Experiment
+from pliant.identification.experiment import Experiment, farthest
 from pliant.identification.fit import predict_held_out
 from pliant.identification.prediction import compared_of, predict
 from pliant.identification.result import FitResult
@@ -141,22 +141,28 @@ def residual_noise(
     shares, left = weighting == "travel", dict[str, list[tuple[Array, Array]]]()
     for exp in train:
         rows, unit = predict(fitted.model, exp, fitted.values, step)["compared"], exp.travel if shares else 1.0
-        square, traits = ((rows - exp.compared) / unit) ** 2, motion_traits(exp.time, rows, unit)
+        square = ((rows - exp.compared) / unit) ** 2
+        traits = motion_traits(exp.time, rows, unit, settled=exp.poses)
         for k, name in enumerate(exp.stations):
             if np.isfinite(square[:, k]).any(axis=0).all():
                 left.setdefault(name, []).append((traits, square[:, k]))
     path = modelled[:, -1]
-    unit = max(float(np.linalg.norm(path - path[0], axis=1).max()), 1e-12) if shares else 1.0
-    own = motion_traits(experiment.time, modelled, unit)
+    way = farthest(path, poses=True) if experiment.poses else float(np.linalg.norm(path - path[0], axis=1).max())
+    unit = max(way, 1e-12) if shares else 1.0
+    own = motion_traits(experiment.time, modelled, unit, settled=experiment.poses)
     made = {name: variance_by(own, *map(np.concatenate, zip(*parts, strict=True))) for name, parts in left.items()}
     usual: Array = np.mean(list(made.values()), axis=0)
     return np.asarray(unit * np.sqrt(np.stack([made.get(n, usual) for n in experiment.stations], axis=1)))
 
 
-def motion_traits(time: Array, rows: Array, unit: float) -> Array:
-    """Columns (T, 3) of a motion `rows` (T, S, ...): 1, the tip's way from its start and its speed, both squared."""
+def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = False) -> Array:
+    """Columns (T, 3) of a motion `rows` (T, S, ...): 1, the tip's way from its start and its speed, both squared.
+
+    Rows that are settled poses have no speed.
+    """
     path = rows[:, -1] / unit
-    return np.stack([np.ones(time.size), np.sum((path - path[0]) ** 2, axis=1), speed(time, path) ** 2], axis=1)
+    fast = speed(time, path, settled=settled)
+    return np.stack([np.ones(time.size), np.sum((path - path[0]) ** 2, axis=1), fast**2], axis=1)
 
 
 def variance_by(own: Array, traits: Array, square: Array) -> Array:
