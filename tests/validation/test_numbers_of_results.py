@@ -463,6 +463,9 @@ def test_an_experiment_comes_back_with_its_inputs():
         if exp.pressure is not None:
             np.testing.assert_array_equal(again.pressure.pressure, exp.pressure.pressure)
             np.testing.assert_array_equal(again.pressure.time, exp.pressure.time)
+    drives = {"pull": Trace([0.0, 1.0], [3.0, 3.0])}
+    lone = Experiment("p", T[:1], np.ones((1, 1, 3)), ("tip",), "trace", drives=drives, poses=True)
+    assert experiment_of(recorded(lone)).poses
     angles = angle_of(0.1 * np.sin(T))
     again = experiment_of(recorded(angles))
     assert again.position.shape == (T.size, 1, 2)

@@ -68,7 +68,8 @@ def recorded(exp: Experiment) -> xr.Dataset:
         dims = ("pressure_time", "driven")[: samples.ndim]
         variables["pressure"] = (dims, samples, {"units": "Pa", "long_name": "measured gauge pressure"})
         variables["pressure_time"] = ("pressure_time", exp.pressure.time, {"units": "s"})
-    about = {"name": exp.name, "excitation": exp.excitation, "level": exp.level, "x_sign": exp.x_sign}
+    about = {"name": exp.name, "excitation": exp.excitation, "level": exp.level, "x_sign": exp.x_sign,
+             "poses": int(exp.poses)}
     axes = ["angle"] if exp.without_positions else list("xyz"[: exp.dimension])
     coordinates = {"time": ("time", exp.time, {"units": "s"}), "station": list(exp.stations), "axis": axes}
     return xr.Dataset(variables, coordinates, about)

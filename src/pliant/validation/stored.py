@@ -140,7 +140,8 @@ def experiment_of(recording: xr.Dataset) -> Experiment:
     )
     return Experiment(
         str(recording.attrs["name"]), recording["time"].values, place, stations, recording.attrs["excitation"], trace,
-        float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]), **seen,
+        float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]),
+        poses=bool(recording.attrs["poses"]), **seen,
     )
 
 
