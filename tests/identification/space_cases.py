@@ -30,10 +30,9 @@ CORD = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "pret
 WOUND = {"driven_by": "angle", "pulley": 0.01, "lever": 8e-3, "line_stiffness": 2e3, "pair": True}
 OF_SEGMENTS = {
     "axial_stiffness": 55.0, "upper.axial_stiffness": 45.0, "lower.axial_damping": 0.3, "axial_gain": 25.0,
-    "blue.axial_gain": 40.0, "cord.pretension": 0.6, "cord.gain_x": 0.8,
+    "blue.axial_gain": 40.0, "cord.gain_x": 0.8,
 }  # fmt: skip
-OF_TENDONS = {"line_stiffness": 1.8e3, "blue.pretension": 0.3, "green.lever": 7e-3, "red.pulley": 0.012,
-              "friction": 0.2}  # fmt: skip
+OF_TENDONS = {"line_stiffness": 1.8e3, "cord.lever": 7e-3, "cord.pretension": 0.6, "red.pulley": 0.012, "friction": 0.2}
 
 
 def arm(**more):
@@ -48,16 +47,12 @@ def arm(**more):
     return pliant.chain_model(**(values | more))
 
 
-def lengthening_arm():
-    """The arm with a tendon beside its chambers, which all lengthen its halves."""
+def rich_arm():
+    """The arm with a pair of tendons wound by a motor, two chambers and a tendon, all of which lengthen its halves."""
+    motor = Tendon.at_azimuth(AZIMUTHS["red"], np.ones(LINKS), name="red", **WOUND)
     chambers = [Chamber(torque=(2e-6,), joint_gain=np.sin(a), cross_gain=-np.cos(a), axial_gain=30.0, name=name)
-                for name, a in AZIMUTHS.items()]  # fmt: skip
+                for name, a in AZIMUTHS.items() if name != "red"]  # fmt: skip
     cord = Tendon.at_azimuth(0.4, [1, 1, 0], name="cord", **CORD)
     halves = (Extension(60.0, 0.4, 0.0, 0.15, "lower"), Extension(50.0, 0.5, 0.15, None, "upper"))
-    return arm(chambers=[*chambers, cord], extensions=halves)
+    return arm(chambers=[motor, *chambers, cord], extensions=halves)
 
-
-def tendon_arm():
-    """The arm with tendons in place of its chambers; the red one is a pair, wound by a motor."""
-    kinds = {name: WOUND if name == "red" else CORD for name in AZIMUTHS}
-    return arm(chambers=[Tendon.at_azimuth(a, np.ones(LINKS), name=n, **kinds[n]) for n, a in AZIMUTHS.items()])

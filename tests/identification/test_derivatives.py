@@ -24,7 +24,7 @@ from derivative_cases import (
     problem_of,
     wrong_columns,
 )
-from space_cases import OF_TENDONS, SOUND, arm, tendon_arm
+from space_cases import OF_TENDONS, SOUND, arm, rich_arm
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, experiment
@@ -106,7 +106,7 @@ def test_every_option_is_possible_and_no_two_are_one(field: str, what: str) -> N
 @pytest.mark.parametrize("kind", [Model, Chamber, Valve, Memory, Extension])
 def test_every_entry_of_a_model_is_among_the_models(kind: type) -> None:
     """Of each there are two values at least, so that its default is not the only one."""
-    parts: list[Any] = [*MODELS.values(), arm(), tendon_arm()]
+    parts: list[Any] = [*MODELS.values(), arm(), rich_arm()]
     if kind in (Chamber, Valve):
         parts = [c for m in parts for c in m.chambers]
     if kind in (Extension, Memory):

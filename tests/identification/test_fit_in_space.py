@@ -13,8 +13,7 @@ from space_cases import (
     TIME,
     TRACES,
     arm,
-    lengthening_arm,
-    tendon_arm,
+    rich_arm,
 )
 
 import pliant
@@ -38,11 +37,11 @@ EXCITED = {
     "trace": {"excitation": "trace", "drives": TRACES},
     "own_places": {"excitation": "trace", "drives": TRACES, "own_places": True},
     "release": {"excitation": "release"},
-    "memory": {"excitation": "release", "held": np.array([[0.01, -0.01, 0.18], [0.05, -0.03, 0.28]])},
     "held": {"excitation": "release", "held": np.array([[0.01, -0.01, 0.18], [0.05, -0.03, 0.28]])},
-    "tendons": {"excitation": "trace", "drives": {n: Trace(TIME, 1e-7 * t.pressure) for n, t in TRACES.items()}},
-    "lengthens": {"excitation": "trace", "drives": {**TRACES, "cord": Trace(TIME, 1e-7 * TRACES["red"].pressure)},
-                  "forces": (PointForce(np.zeros(1), np.array([[0.1, 0.0, 0.3]]), "mid"),)},
+    "rich": {"excitation": "trace",
+             "drives": {n: Trace(TIME, (1e-7 if n in ("red", "cord") else 1.0) * t.pressure)
+                        for n, t in {**TRACES, "cord": TRACES["red"]}.items()},
+             "forces": (PointForce(np.zeros(1), np.array([[0.1, 0.0, 0.3]]), "mid"),)},
     "forces": {"excitation": "trace", "drives": TRACES,
                "forces": (PointForce(np.array([0.0, 1.0]), np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.1]]), "tip"),)},
 }  # fmt: skip
@@ -52,22 +51,17 @@ EXCITED = {
 @pytest.mark.parametrize("kind", EXCITED)
 def test_derivatives_of_a_motion_in_space_are_those_of_differences(kind):
     exp, values, model = record(**EXCITED[kind]), dict(SOUND), arm()
-    if kind == "memory":
-        values |= OF_MEMORY
-    if kind in ("release", "held", "memory"):
+    if kind in ("release", "held"):
         values |= {"release": 0.13, "release_time": 0.05} | ({"hold_force": 0.3} if kind == "release" else {})
         del values["start"]
-    if kind in ("held", "memory"):  # few joints, whose pose two points decide
+    if kind == "held":  # few joints, whose pose two points decide
         places = [Station("mid", 0, 0.11, 0.0, 0.01), Station("tip", 1, 0.07)]
         model = arm(links=2, space=Space(stiffness_ratio=1.2), stations=places)
         del values["twist_ratio"]
-    if kind == "tendons":
-        model = tendon_arm()
-        values |= OF_TENDONS
+    if kind == "rich":  # tendons, segments that lengthen and memory: one motion compiled for all
+        model = rich_arm()
+        values |= OF_TENDONS | OF_SEGMENTS | OF_MEMORY
         del values["red.torque_1"]
-    if kind == "lengthens":
-        model = lengthening_arm()
-        values |= OF_SEGMENTS
     if kind == "own_places":  # those of the model's places do nothing then
         values = {k: v for k, v in values.items() if "." not in k or k.startswith(("red", "green", "blue"))}
     sizes = {name: abs(value) for name, value in values.items()}
