@@ -15,6 +15,7 @@ from typing import Any
 
 from pliant.errors import InputError, PliantError
 from pliant.preprocessing.plausibility import CHECKS
+from pliant.preprocessing.plausibility.together import beside
 from pliant.preprocessing.quality import quality
 from pliant.recording import read
 from pliant.study import load_study
@@ -59,11 +60,17 @@ def cases() -> Iterator[tuple[str, str, dict[str, str]]]:
             study = load_study(path)
         except InputError:  # a mapping
             continue
+        bodies = {}
         for name in study.recordings:
             try:
-                yield f"study {path.stem}", name, dict(aligned_recording(study, name).doubts)
+                one = aligned_recording(study, name)
             except PliantError as error:
                 yield f"study {path.stem}", name, {"refused": str(error)}
+            else:
+                bodies[name] = one.body
+                yield f"study {path.stem}", name, dict(one.doubts)
+        for line in beside(bodies):
+            yield f"study {path.stem}", "together", {"beside each other": line}
 
 
 def main() -> None:

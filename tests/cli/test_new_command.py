@@ -152,6 +152,25 @@ def test_points_of_a_soft_body_are_no_rigid_cluster(tmp_path):
     assert look.options["base"] == "base"
 
 
+def test_a_plate_of_markers_at_the_base_is_one_station_of_however_many_markers(tmp_path):
+    """Three markers on the base and five along the body: eight stations would be a dense shape."""
+    t = np.arange(0.0, 2.0, 0.01)
+    bend = np.where(t > 0.5, 4.0, 1e-6)[:, None] * np.linspace(0.02, 0.1, 5)  # curvature times arc length
+    k = bend / np.linspace(0.02, 0.1, 5)
+    body = np.stack([(np.cos(bend) - 1) / k, 0 * bend, -np.sin(bend) / k], axis=-1)
+    plate = np.array([[0.03, 0.02, 0.01], [-0.03, 0.02, 0.01], [0.0, -0.03, 0.01]])
+    places = np.concatenate([np.broadcast_to(plate, (t.size, 3, 3)), body], axis=1)
+    places = places + 3e-5 * np.random.default_rng(1).standard_normal(places.shape)
+    names = [*(f"base_{i}" for i in (1, 2, 3)), *(f"body_{i}" for i in range(1, 6))]
+    recording = make_recording(t, places, station=names, pressure=np.where(t > 0.5, 5e4, 0.0))
+    draft = draft_study([write(recording, tmp_path / "arm.nc")], tmp_path / "arm.toml", mass=0.05)
+    content = tomllib.loads(draft.text)
+    assert content["alignment"]["stations"]["base"] == ["base_1", "base_2", "base_3"]
+    assert content["alignment"]["options"] == {"base": "base", "tangent": "chord"}
+    assert content["actuator"]["length"] == pytest.approx(0.11, abs=0.002)  # from the plate, 10 mm above the body
+    assert "reduction" not in content
+
+
 def test_what_has_no_shape_is_refused(tmp_path):
     t = np.arange(10) / 10
     file = write(make_recording(pressure=t * 1e4, pressure_time=t), tmp_path / "p.nc")

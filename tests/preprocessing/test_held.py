@@ -54,6 +54,20 @@ def test_frames_that_all_repeat_are_not_a_frozen_station():
     assert quality(recorded(place)).repeated_frames == 320
 
 
+def test_a_tracker_that_stops_and_leaps_is_left_out_and_one_that_waits_is_not():
+    place = moving(np.random.default_rng(3))
+    place[100:140] = place[99]
+    marked = frozen(place)
+    assert marked[100:140].all()
+    assert marked.sum() == 120
+    ds = recorded(place)
+    assert any(line.startswith("all 3 stations are frozen in 40 frames and then leap (1.00 to 1.39 s)")
+               for line in quality(ds).findings)  # fmt: skip
+    assert np.isnan(leave_out_frozen(ds)["position"].values).all(axis=(1, 2)).sum() == 40
+    time = np.maximum(TIME - 1.0, 0.0)[:, None, None]  # at rest without noise, then let go
+    assert not frozen(0.05 * (1 - np.cos(12 * time)) * np.ones((400, 3, 3)) * np.arange(3)[:, None]).any()
+
+
 def test_a_turn_that_goes_on_shows_that_the_station_is_tracked():
     place = moving(np.random.default_rng(4))
     place[100:140, 2] = place[99, 2]

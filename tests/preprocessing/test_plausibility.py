@@ -15,6 +15,7 @@ from pliant.preprocessing.align import align
 from pliant.preprocessing.labels import exclude_swaps, label_order, undo_swaps
 from pliant.preprocessing.plausibility import CHECKS, Case, doubts
 from pliant.preprocessing.plausibility.table import table
+from pliant.preprocessing.plausibility.together import beside
 from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording, read
 
@@ -59,6 +60,13 @@ def turning(angle):
     return quality(make_recording(TIME, angle=angle[:, None], station=["tip"], frame="planar")).doubts
 
 
+def from_the_tip():
+    """Stations listed from the tip on, whose first is taken for the base."""
+    ds = recording(places()[:, ::-1])
+    case = Case(ds, aligned=align(ds, base="base", tangent="+y"), length=LENGTH)
+    return doubts(case, "body")
+
+
 def swapped(position, a=3, b=4, frames=slice(150, 170)):
     changed = position.copy()
     changed[frames, [a, b]] = position[frames, [b, a]]
@@ -71,6 +79,8 @@ MISTAKES = {
     "raw counts": lambda: quality(recording(p=1e3 * np.rint(204 + 15e-3 * pressure()))).doubts,
     "raw counts, of 16 bits as Pa": lambda: quality(recording(p=np.rint(6554 + 0.6 * pressure()))).doubts,
     "offset of pressure": lambda: quality(recording(p=pressure() + 12_000)).doubts,
+    "clipped pressure": lambda: quality(recording(p=np.minimum(pressure(), 39_900.0))).doubts,
+    "clipped pressure, of a vacuum": lambda: quality(recording(p=-np.minimum(pressure(), 39_900.0))).doubts,
     "unit of pressure": lambda: quality(recording(p=pressure() / 1e3)).doubts,
     "unit of time": lambda: quality(make_recording(1e3 * TIME, places(), station=NAMES)).doubts,
     "unit of time, the other way": lambda: quality(make_recording(1e-3 * TIME, places(), station=NAMES)).doubts,
@@ -79,6 +89,7 @@ MISTAKES = {
     "unit of angle": lambda: turning(np.degrees(0.6 * (1 - np.cos(TIME)))),
     "unit of angle, the other way": lambda: turning(np.radians(0.6 * (1 - np.cos(TIME)))),
     "exchanged labels": lambda: quality(recording(swapped(places()))).doubts,
+    "moving base": from_the_tip,
     "base tangent": lambda: body(tangent="+x", plane=[0, 0, 1]),
     "length, in mm": lambda: body(length=120.0),
     "length, in inches": lambda: body(length=LENGTH / 0.0254),
@@ -119,9 +130,30 @@ def test_right_inputs_are_left_in_peace():
     -pressure(),  # vacuum alone
     1e3 * np.rint(1e-3 * pressure()),  # a sensor of 1 kPa
     np.where(TIME > 1, 1.2e5, 0.0),  # above the atmosphere, and vented
-], ids=["both", "vacuum", "coarse", "high"])  # fmt: skip
+    np.clip(4e4 * np.sin(2 * TIME), 0.0, 3e4),  # a command, within its limits
+], ids=["both", "vacuum", "coarse", "high", "command"])  # fmt: skip
 def test_pressures_that_are_right(p):
     assert quality(recording(p=p)).doubts == {}
+
+
+def trial(level, *, reach=1.0, seed=1):
+    """A recording under `level` [Pa] that moves as far as one under 40 kPa times `reach`, with noise of its own."""
+    still = places(0)[:5].mean(axis=0)
+    noise = 5e-5 * np.random.default_rng(seed).standard_normal((300, 5, 3))
+    return recording(still + reach * (places(0) - still) + noise, level / 4e4 * pressure(seed))
+
+
+def test_two_recordings_that_contradict_each_other_are_named():
+    low, high = trial(4e4), trial(6e4, reach=1.3, seed=3)
+    assert beside({"low": low, "high": high}) == []
+    assert beside({"low": low, "vacuum": trial(-6e4, reach=0.5, seed=3)}) == []
+    (said,) = beside({"low": low, "high": high, "again": low.isel(time=slice(100, 300))})
+    assert said.startswith("low and again hold the same numbers in 200 frames")
+    (said,) = beside({"low": trial(4e4, reach=1.3), "high": trial(6e4, seed=3)})
+    assert said.startswith("high moves by ")
+    assert "under only 40.1 kPa: are their pressures exchanged, or was high loaded or touched?" in said
+    short = np.where((TIME > 0.95) & (TIME < 1.05), 9e4, 0.0)  # a blow that the body cannot follow
+    assert beside({"low": low, "blow": recording(trial(9e4, reach=0.2, seed=4)["position"].values, short)}) == []
 
 
 def test_sentences_say_what_to_do():

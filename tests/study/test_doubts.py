@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from small_study import AXES, LEVELS_KPA, changed, table, write_recording, write_study
+from small_study import AXES, LEVELS_KPA, TORQUE, changed, table, write_recording, write_study
 
 from pliant.errors import InputError
 from pliant.study import load_study, run_study
@@ -47,6 +47,28 @@ def test_a_run_names_what_is_wrong(tmp_path, content, edit, named):
     assert outcome.headline.state in ("beware", "missed")
     assert any(named in w for w in outcome.headline.warnings[:3])
     assert any(named in line for line in told)
+
+
+def test_a_body_that_a_vacuum_bends_is_fitted_as_any_other(tmp_path):
+    def vent(columns):
+        columns[:, 1] *= -1.0
+
+    outcome, _ = headline(tmp_path, None, vent)
+    (fit,) = outcome.fits
+    assert fit.result.values["torque_1"] == pytest.approx(-TORQUE, rel=0.01)
+    metrics = fit.records[-1].metrics
+    assert metrics["steady_state_mm"]["measured"] > 10.0
+    assert metrics["rmse_percent_of_travel"] < 1.0
+    assert outcome.doubts == ()
+
+
+def test_a_recording_that_is_there_twice_is_named_first(tmp_path):
+    def same(columns):
+        columns[:] = table(60.0)
+
+    outcome, told = headline(tmp_path, None, same)
+    assert any("low and middle hold the same numbers in 160 frames" in w for w in outcome.headline.warnings[:3])
+    assert any("middle and high hold the same numbers" in line for line in told)
 
 
 def test_a_length_in_millimetres_is_named_where_nothing_seems_to_move(tmp_path):

@@ -18,8 +18,9 @@ def new(
     files: Annotated[
         list[Path],
         typer.Option("--from", metavar="<path>",
-                     help="Recording, or log of its pressure (push_log.csv for push.csv); again for each."),
+                     help="Recordings, or logs of their pressures (push_log.csv for push.csv), such as --from *.csv"),
     ],
+    more: Annotated[list[Path] | None, typer.Argument(help="Recordings after the first of --from.")] = None,
     mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
     length: Annotated[float | None, typer.Option(help="Of the body, m.")] = None,
     mass: Annotated[float | None, typer.Option(help="Of the body, kg.")] = None,
@@ -33,7 +34,7 @@ def new(
 ) -> None:
     """Write a commented study file for recordings; entries that only you can know are marked "?".
 
-    Example: pliant new arm.toml --from 100mbar.c3d --from 200mbar.c3d --mass 0.15
+    Example: pliant new arm.toml --from 100mbar.c3d 200mbar.c3d --mass 0.15
     """
     from pliant.cli.progress import busy
     from pliant.cli.reading import load_mapping
@@ -49,7 +50,7 @@ def new(
     level = None if level_kpa is None else 1e3 * level_kpa
     direction, columns = vector(gravity), load_mapping(mapping)
     with busy("looking at the recordings"):
-        draft = draft_study(files, study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
+        draft = draft_study([*files, *(more or [])], study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
     try:
         with study.open("x", encoding="utf-8") as out:
             out.write(draft.text)

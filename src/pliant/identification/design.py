@@ -231,5 +231,5 @@ def summary(words: str, information: Array, names: Sequence[str]) -> tuple[Propo
 
 
 def highest_of(exp: Experiment) -> float:
-    """The highest pressure of an experiment, Pa."""
-    return max([float(trace.pressure.max()) for trace in exp.traces.values()], default=exp.level)
+    """The pressure of an experiment that is farthest from 0, Pa."""
+    return max([trace.peak for trace in exp.traces.values()], key=abs, default=exp.level)

@@ -221,8 +221,8 @@ class Experiment(Shown):
 
     @property
     def peak(self) -> float:
-        """Highest value of the input that moves most, as measured, or its nominal level, SI."""
-        return float(self.pressure.pressure.max()) if self.pressure is not None else float(self.level)
+        """Value farthest from 0 of the input that moves most, as measured, or its nominal level, SI."""
+        return self.pressure.peak if self.pressure is not None else float(self.level)
 
     def driving(self, name: str) -> Trace | None:
         """Return what was measured of the input `name` of a model: the only trace where none has a name."""

@@ -29,7 +29,7 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         law = {int(n[-1]): v for n, v in torques.items() if n.removeprefix(start).removesuffix(n[-1]) == "torque_"}
         seen = [t for e in experiments if (t := e.driving(chamber.name))]
-        level = max([float(t.pressure.max()) for t in seen], default=0.0)
+        level = max([t.peak for t in seen], key=abs, default=0.0)
         torque = sum(v * level**k for k, v in law.items()) or float(chamber.torque_at(level))
         found[f"{start}axial_gain"] = strain * force / torque if torque > 0 else 0.0
     return {"axial_gain": float(np.mean([found[f"{s}axial_gain"] for s in prefixes(model)]))} | found

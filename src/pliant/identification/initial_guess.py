@@ -220,7 +220,7 @@ def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str,
     found = chamber_guess(highest_level(experiments))
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         driven = [t for e in experiments for name, t in e.drives.items() if name == chamber.name]
-        highest = max([float(t.pressure.max()) for t in driven], default=highest_level(experiments))
+        highest = max([abs(t.peak) for t in driven], default=highest_level(experiments))
         found |= {f"{start}{k}": v for k, v in chamber_guess(highest).items()}
         found[f"{start}gain"] = float(chamber.joint_gain.mean())
         found |= {f"{start}{name}": float(getattr(chamber, name)) for name in TENDON if isinstance(chamber, Tendon)}

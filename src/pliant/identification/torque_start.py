@@ -103,7 +103,7 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Ch
 
 
 def plateau(exp: Experiment) -> tuple[float, float]:
-    """Pressure [Pa] and displacement of the last station [m, rad of angles] where the pressure was highest for long."""
+    """Pressure [Pa] and displacement of the last station [m, rad of angles] while the pressure was farthest from 0."""
     u = displacement(exp)
     if exp.pressure is None:
         stop = edges(exp).get("stop", float(exp.time[-1]))
@@ -111,14 +111,14 @@ def plateau(exp: Experiment) -> tuple[float, float]:
         window = (exp.time > stop - 0.2) & (exp.time < stop)
     else:
         p = exp.pressure(exp.time)
-        level = float(p.max())
-        window = p > 0.95 * level
+        level = float(p[np.argmax(np.abs(p))])
+        window = p / level > 0.95 if level else p == 0.0
     return level, float(np.median(u[window])) if window.any() else float(u.max())
 
 
 def highest_level(experiments: Sequence[Experiment]) -> float:
-    """Highest plateau of the pressure, Pa; 0 without one."""
-    return max([plateau(exp)[0] for exp in experiments if exp.excitation != "release"], default=0.0)
+    """Size of the plateau of the pressure that is farthest from 0, Pa; 0 without one."""
+    return max([abs(plateau(exp)[0]) for exp in experiments if exp.excitation != "release"], default=0.0)
 
 
 def typical_sizes(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:

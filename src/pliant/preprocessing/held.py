@@ -17,16 +17,17 @@ if TYPE_CHECKING:
 LEAST_REPEATS = 3  # frames in a row that repeat the one before: fewer happen by chance
 GRID_STEPS = 3.0  # of its resolution: a station whose next step is smaller may have been slow
 BEYOND_NOISE = 6.0  # noise levels by which another station must move meanwhile
+LEAP = 3.0  # of the next step: a body that was at rest all the time begins to move with a smaller one
 LEAST_CHANGES = 20  # of an input: fewer are steps and pulses
 ALIKE, SHORTER = 0.6, 0.1  # of the intervals between changes: near the median one; shorter, as those of noise are
 Span = tuple[float, float, int]  # first and last time [s] and number of repeated frames
 
 
 def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
-    """Return where a tracker held the last place of a station while another station moved, (T, S) bool.
+    """Return where a tracker held the last place of a station while the body moved, (T, S) bool.
 
-    Such a station repeats every number for at least three frames, then steps by more than its resolution. The frame
-    that is repeated is not marked.
+    Such a station repeats every number for at least three frames, then steps by more than its resolution, while another
+    one moved; or all stations repeat theirs, then leap. The frame that is repeated is not marked.
 
     Parameters
     ----------
@@ -35,6 +36,7 @@ def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
     """
     flat = position if quaternion is None else np.concatenate([position, quaternion], axis=-1)
     marked = np.zeros(position.shape[:2], dtype=bool)
+    marked[stopped(position, flat)] = True
     candidates = {s: runs(_repeats(flat[:, s])) for s in range(position.shape[1])}
     candidates = {s: spans for s, spans in candidates.items() if spans}
     if not candidates:
@@ -55,6 +57,27 @@ def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
             if after > GRID_STEPS * resolution and (apart > BEYOND_NOISE * noise[others]).any():
                 marked[start:stop, s] = True
     return marked
+
+
+def stopped(position: NDArray, flat: NDArray) -> NDArray:
+    """Return where a tracker repeated all its numbers `flat` (T, S, D) and then leapt, (T,) bool.
+
+    The leap is larger than the step after it, the wait longer than those of a picture that is slower than its clock.
+    """
+    found = np.zeros(len(position), dtype=bool)
+    again = _repeats(flat.reshape(len(flat), -1))
+    usual = np.median(np.diff(np.flatnonzero(~again))) if (~again).sum() > 1 else np.inf
+    spans = [(a, b) for a, b in runs(again) if b - a >= LEAST_REPEATS * usual]
+    if not spans:
+        return found
+    apart = np.linalg.norm(np.diff(position, axis=0), axis=2)
+    steps = np.where(np.isfinite(apart), apart, 0.0).max(axis=1)
+    noise = float(np.nan_to_num(noise_level(position)).max())
+    for start, stop in spans:
+        later = steps[stop:][steps[stop:] > 0]
+        if later.size and steps[stop - 1] > max(LEAP * later[0], BEYOND_NOISE * noise):
+            found[start:stop] = True
+    return found
 
 
 def runs(flags: NDArray) -> list[tuple[int, int]]:
@@ -98,15 +121,18 @@ def leave_out_frozen(recording: xr.Dataset) -> xr.Dataset:
     return append_history(recording.assign(changed), f"left out frames in which a station was frozen: {count}")
 
 
-def frozen_sentences(spans: dict[str, tuple[Span, ...]]) -> list[str]:
-    """Return one sentence for each frozen station, with the longest spans."""
+def frozen_sentences(spans: dict[str, tuple[Span, ...]], stations: int) -> list[str]:
+    """Return one sentence for each frozen station, with the longest spans; one for all `stations` where they agree."""
     said = []
-    for name, listed in spans.items():
+    together = len(spans) == stations > 1 and len(set(spans.values())) == 1
+    for name, listed in list(spans.items())[: 1 if together else None]:
         longest = sorted(sorted(listed, key=lambda span: -span[2])[:3])
         where = ", ".join(f"{a:.2f} to {b:.2f} s" for a, b, _ in longest)
         more = f" and {len(listed) - len(longest)} shorter" if len(listed) > len(longest) else ""
-        said.append(f"{name} is frozen in {sum(span[2] for span in listed)} frames while others move ({where}{more}): "
-                    "the tracker repeated its last place; studies leave these frames out")  # fmt: skip
+        whose = f"all {stations} stations are" if together else f"{name} is"
+        when = "and then leap" if together else "while others move"
+        said.append(f"{whose} frozen in {sum(span[2] for span in listed)} frames {when} ({where}{more}): "
+                    "the tracker repeated the last place; studies leave these frames out")  # fmt: skip
     return said
 
 

@@ -341,7 +341,7 @@ def _sentences(q: Quality) -> list[str]:
     ):  # fmt: skip
         if counts:
             said.append(f"{what}: {_listed(counts)}")
-    said += frozen_sentences(q.frozen)
+    said += frozen_sentences(q.frozen, q.stations)
     if q.frame_jumps_s:
         times = ", ".join(f"{t:.3g}" for t in q.frame_jumps_s[:6])
         said.append(f"{len(q.frame_jumps_s)} jump(s) of whole frames, at {times} s")

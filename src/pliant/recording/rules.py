@@ -144,7 +144,8 @@ def _check_clock(recording: xr.Dataset, name: str) -> None:
         row = int(np.argmax(back))
         raise InputError(
             f"{name} must increase strictly, but {int(back.sum())} step(s) do not; the first is at "
-            f"sample {row + 1}: {clock[row]:.6g} s is followed by {clock[row + 1]:.6g} s"
+            f"sample {row + 1}: {clock[row]:.6g} s is followed by {clock[row + 1]:.6g} s; write the clock with all its "
+            "digits, and each sample once"
         )
 
 

@@ -149,6 +149,11 @@ class Trace:
         share = np.maximum(0.0, np.minimum((t - t0) / np.where(t1 > t0, t1 - t0, 1.0), 1.0))
         return np.where(t >= self.time[-1], self.pressure[-1], p0 + share * (p1 - p0))
 
+    @property
+    def peak(self) -> float:
+        """The value farthest from 0: below 0 where a vacuum drives the body."""
+        return float(self.pressure[np.argmax(np.abs(self.pressure))])
+
     def _at(self, t: float) -> float:
         """The pressure at one time, by the same arithmetic."""
         if self.time.size == 1 or t >= self.time[-1]:

@@ -15,6 +15,7 @@ from pliant import actuators
 from pliant.errors import InputError
 from pliant.model import Model
 from pliant.preprocessing.plausibility import CHECKS, UNITS, Case, doubts
+from pliant.preprocessing.plausibility.together import beside
 from pliant.study.resting import Aligned
 from pliant.study.schema import ActuatorEntry
 
@@ -67,13 +68,17 @@ def units_first(doubted: Mapping[str, str]) -> Iterator[None]:
 
 
 def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
-    """Every doubt once: of recordings under their names, of the body from the first recording that raises it."""
+    """Every doubt once: of recordings under their names, of the body from the first recording that raises it.
+
+    Those of recordings beside each other come last.
+    """
     said: dict[str, str] = {}
     for name, one in aligned.items():
         for check, sentence in one.doubts.items():
             own = check in OF_RECORDINGS
             said.setdefault(f"{name} {check}" if own else check, f"{name}: {sentence}" if own else sentence)
-    return tuple(f"{line.rstrip('.')}." if not line.endswith("?") else line for line in said.values())
+    lines = [*said.values(), *beside({name: one.body for name, one in aligned.items()})]
+    return tuple(f"{line.rstrip('.')}." if not line.endswith("?") else line for line in lines)
 
 
 def of_models(models: Sequence[tuple[str, Model]], actuator: ActuatorEntry) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from pliant.errors import InputError
 from pliant.options import with_defaults
 from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.plausibility import Case
+from pliant.preprocessing.plausibility.together import beside
 from pliant.preprocessing.quality import standing_stations
 from pliant.study.doubts import of_body
 from pliant.study.draft_inputs import LINKS, chamber_parameters, chambers, channels, placed, tendons
@@ -174,7 +175,7 @@ def look_doubts(looks: Sequence[FirstLook], case: Case) -> tuple[str, ...]:
         said |= {f"{look.name} {check}": f"{look.path.name}: {line}" for check, line in look.found.doubts.items()}
         for check, line in of_body(case, look.grouped, look.aligned if look.scaled else None).items():
             said.setdefault(check, line)
-    return tuple(said.values())
+    return (*said.values(), *beside({look.name: look.aligned for look in looks if look.aligned is not None}))
 
 
 def camera(out: Lines, looks: Sequence[FirstLook]) -> None:

@@ -127,7 +127,7 @@ def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Exper
     drives, lead = template.drives, template.pressure
     if lead is None:
         raise InputError(f"forecast {template.name}: the recording that it is like has no measured pressure")
-    course = (lead.pressure - lead.pressure[0]) / (lead.pressure.max() - lead.pressure[0])
+    course = (lead.pressure - lead.pressure[0]) / (lead.peak - lead.pressure[0])
 
     def driven(first: float, chamber: str, time: np.ndarray = lead.time) -> Trace:
         return Trace(time, first + (highest.get(chamber, first) - first) * course)

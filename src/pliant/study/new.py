@@ -140,7 +140,8 @@ class FirstLook:
     @property
     def dense(self) -> bool:
         """Whether the shape is known all along the body."""
-        return not self.turns and int(self.recording.sizes["station"]) >= DENSE_STATIONS
+        count = len(self.stations) or int(self.recording.sizes["station"])
+        return not self.turns and count >= DENSE_STATIONS
 
     @property
     def capped(self) -> bool:
@@ -149,9 +150,10 @@ class FirstLook:
 
     @property
     def highest_pa(self) -> float | None:
-        """Highest measured pressure, or the level that the file's name states, Pa; None when neither is known."""
+        """Measured pressure farthest from 0, or the level in the file's name, Pa; None when neither is known."""
         if "pressure" in self.recording:
-            return float(np.nanmax(self.recording["pressure"].values))
+            measured = self.recording["pressure"].values.ravel()
+            return float(measured[np.nanargmax(np.abs(measured))])
         named = LEVEL.search(self.path.stem)
         return float(named[1]) * pascal_per(named[2]) if named else None
 
@@ -207,8 +209,9 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None, *, space: bool
         return replace(look, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":
         return replace(look, aligned=recording)
-    stations = {} if look.dense else rigid_clusters(recording)
-    look = replace(look, stations=stations, options=directions(recording, found, stations, dense=look.dense))
+    stations = rigid_clusters(recording)
+    look = replace(look, stations=stations)
+    look = replace(look, options=directions(recording, found, stations, dense=look.dense))
     if look.capped:
         return look
     try:
@@ -263,7 +266,8 @@ def rigid_clusters(recording: xr.Dataset) -> dict[str, list[str]]:
     groups = clusters([str(s) for s in recording["station"].values])
     found: dict[str, list[str]] = {}
     for name, markers in groups.items():
-        found |= {name: markers} if rigid(recording, markers) else {m: [m] for m in markers}
+        plate = len(markers) < DENSE_STATIONS and rigid(recording, markers)
+        found |= {name: markers} if plate else {m: [m] for m in markers}
     return found if any(len(markers) > 1 for markers in found.values()) else {}
 
 
@@ -379,7 +383,7 @@ def held_out(looks: Sequence[FirstLook]) -> str | None:
     if len(looks) < 2:
         return None
     known = all(look.highest_pa is not None for look in looks)
-    listed = sorted(looks, key=lambda look: (look.highest_pa or 0.0) if known else look.widest)
+    listed = sorted(looks, key=lambda look: abs(look.highest_pa or 0.0) if known else look.widest)
     return listed[(len(looks) - 1) // 2].name
 
 

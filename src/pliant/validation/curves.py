@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -96,9 +97,15 @@ def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
     laws = []
     for c in (c for c in chambers if c.kind == "pressure"):
         driven = [r for r in fit.records if c.name in r.experiment.drives]
-        marks: dict[float, str] = {float(r.experiment.drives[c.name].pressure.max()): r.role for r in driven}
+        marks: dict[float, str] = {r.experiment.drives[c.name].peak: r.role for r in driven}
         laws.append((f"{fit.title}, {c.name}", c, marks))
     return laws
+
+
+def pressures_of(laws: Sequence[tuple[str, Chamber, Mapping[float, str]]], count: int) -> Array:
+    """Return `count` pressures [Pa] from 0 a little past the levels of the records of these torque laws."""
+    levels = [p for _, _, marks in laws for p in marks]
+    return np.linspace(1.05 * min([*levels, 0.0]), 1.05 * max([*levels, 0.0]) or float(not levels), count)
 
 
 def slenderness(measured: Array, modelled: Array, body: bool) -> float:

@@ -26,6 +26,7 @@ from pliant.validation.curves import (
     evenly_spaced,
     instants,
     laws_of,
+    pressures_of,
     slenderness,
     thin,
 )
@@ -139,7 +140,7 @@ def residual_figure(record: RecordOutcome) -> Figure:
 def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
     """Torque law of each fit against pressure; filled marks at training levels, open ones at held-out levels."""
     laws = [law for f in fits for law in laws_of(f)]
-    pressure = np.linspace(0.0, 1.05 * max([*(p for _, _, marks in laws for p in marks), 1.0]), 200)
+    pressure = pressures_of(laws, 200)
     with drawing():
         figure, ax = side_by_side(1, (1,), 3.2)
         for (title, chamber, marks), mark in zip(laws, cycle("osD^v<>ph"), strict=False):
@@ -148,7 +149,8 @@ def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
             for p, role in marks.items():
                 ax.plot(1e-3 * p, 1e3 * chamber.torque_at(p), linestyle="", marker=mark, markersize=5.5,
                         color=line.get_color(), markerfacecolor=line.get_color() if role == "train" else "white")
-        ax.set(xlabel="gauge pressure (kPa)", ylabel="torque on each joint (mN m)", xlim=(0, None))
+        ax.set(xlabel="gauge pressure (kPa)", ylabel="torque on each joint (mN m)",
+               xlim=(1e-3 * pressure[0], None if pressure[-1] else 0.0))
         dots = [Line2D([], [], linestyle="", marker="o", color="0.3", label=f"{ROLE[role]} level", markersize=5.5,
                        markerfacecolor="0.3" if role == "train" else "white")
                 for role in dict.fromkeys(role for _, _, levels in laws for role in levels.values())]

@@ -150,5 +150,5 @@ def on_window(exp: Experiment, t: Array) -> Array | None:
     if exp.pressure is None or exp.poses:
         return None
     p = exp.pressure(t)
-    on = p > 0.9 * p.max()
-    return on if p.max() > 0 and on.any() else None
+    level = p[np.argmax(np.abs(p))]
+    return p / level > 0.9 if level else None

@@ -11,7 +11,7 @@ from pliant.identification.experiment import Experiment
 from pliant.mechanics import mechanics_of
 from pliant.numerics.arcs import arc_lengths
 from pliant.units import shown_in
-from pliant.validation.curves import autocorrelation, evenly_spaced, laws_of
+from pliant.validation.curves import autocorrelation, evenly_spaced, laws_of, pressures_of
 from pliant.validation.draw import moves_torque
 from pliant.validation.outcome import Clocks, FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import input_words
@@ -135,7 +135,7 @@ def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
     """Torque law of each fit, kPa and mN m, with the levels of its records."""
     known = [law for f in fits for law in laws_of(f)]
     levels = sorted({p for _, _, marks in known for p in marks})
-    pressure = np.unique([*np.linspace(0.0, 1.05 * max([*levels, 1.0]), 100), *levels])
+    pressure = np.unique([*pressures_of(known, 100), *levels])
     laws = [
         {"title": title, "value": pack.add(1e3 * np.asarray(chamber.torque_at(pressure))),
          "marks": [marks.get(p) for p in pressure.tolist()]}

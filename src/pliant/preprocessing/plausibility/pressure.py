@@ -16,6 +16,8 @@ VENTED = 2e4  # Pa: a gauge pressure of a body that is vented at all comes below
 OFFSET, HELD = 0.1, 0.5  # of the highest pressure: that of a vented body falls below the first; a held one stays above
 COARSEST = 64  # counts: the last bits of a converter may not be used
 FEWEST_LEVELS = 5
+CLIPPED = 10  # samples in a row at the highest value to the digit, where the others scatter
+SCATTER = 0.25  # of the steps between other readings, those that turn back: two of three in noise
 
 
 def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
@@ -119,6 +121,28 @@ def offset(case: Case) -> str:
     return ""
 
 
+def clipped(case: Case) -> str:
+    """A sensor at the end of its range: readings that scatter, but stand still at the highest."""
+    for name, values in chambers(case):
+        size = np.abs(values)
+        top = size == size.max()
+        if not size.max() > 0 or (count := longest(top)) < CLIPPED:
+            continue
+        step = np.diff(values)
+        turned = (step[1:] * step[:-1] < 0)[~top[1:-1]]
+        if turned.size > CLIPPED and turned.mean() > SCATTER:
+            return (f"{name} stands at its highest value, {values[top][0] / 1e3:.4g} kPa, for {count} samples in a "
+                    "row, while other readings scatter: did the sensor reach the end of its range? What lies beyond "
+                    "is not in the record: use a sensor of a wider range, or leave the record out")  # fmt: skip
+    return ""
+
+
+def longest(flags: NDArray) -> int:
+    """Length of the longest run of true flags (P,)."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return int(np.max(edge[1::2] - edge[::2], initial=0))
+
+
 CHECKS = (
     Check("unit of pressure", "recording", "the highest measured pressure",
           f"outside {LEAST_PRESSURE / 1e3:g} kPa to {MOST_PRESSURE / 1e6:g} MPa, with which soft actuators are driven",
@@ -132,4 +156,7 @@ CHECKS = (
     Check("offset of pressure", "recording", "the lowest pressure, where one chamber was measured",
           f"above {100 * OFFSET:g} % of the highest, where a vented body has 0; not above {100 * HELD:g} %, where a "
           "chamber is held", offset),
+    Check("clipped pressure", "recording", "readings at the highest value, beside how the others scatter",
+          f"{CLIPPED} samples or more in a row equal the highest to the digit, and more than {100 * SCATTER:g} % of "
+          "the other steps turn back", clipped),
 )  # fmt: skip

@@ -13,6 +13,7 @@ LEAST_BODY, MOST_BODY = 5e-3, 10.0  # m
 MOST_TURN = 420.0  # degrees: a body that curls up once and a little more
 LEAST_TURN = 180.0 / 57.3  # degrees: pi, the largest that an angle in rad reads where it is below half a turn
 MOST_TILT = 60.0  # degrees: the chord of a body that rests bent by twice as much
+BASE_SHARE, STILL_SHARE = 0.1, 0.2  # of the largest travel, which a base moves less, and of its own
 DENSE = 8  # stations from which on the direction near the base is seen
 
 
@@ -75,6 +76,28 @@ def tangent(case: Case) -> str:
             '[alignment.options], or take tangent = "chord"')  # fmt: skip
 
 
+def moving_base(case: Case) -> str:
+    """A station taken for the base that moves more than the others: the stations in reverse order."""
+    if case.recording is None or case.aligned is None or "position" not in case.recording:
+        return ""
+    try:
+        base = alignment_of(case.aligned).base
+    except InputError:
+        return ""
+    names = [str(n) for n in case.recording["station"].values]
+    if base not in names or len(names) < 2:
+        return ""
+    places = detectors.without_spikes(case.recording["position"].values)
+    away = np.linalg.norm(places - np.nanmedian(places, axis=0), axis=-1)
+    travel = np.nanmax(np.where(np.isfinite(away), away, 0.0), axis=0)
+    still, own = int(np.argmin(travel)), travel[names.index(base)]
+    if own > BASE_SHARE * travel.max() and travel[still] < STILL_SHARE * own:
+        return (f"{base}, taken for the base, moves by {1e3 * own:.3g} mm, and {names[still]} by only "
+                f"{1e3 * travel[still]:.2g} mm: are the stations in reverse order? State the one that stands still as "
+                "base in [alignment.options], and list the stations from there to the tip")  # fmt: skip
+    return ""
+
+
 def tilt(case: Case) -> float | None:
     """Angle between base tangent and body at rest, degrees: to the last station, of a dense shape to a third of it."""
     if case.recording is None or case.aligned is None or "position" not in case.recording:
@@ -106,6 +129,9 @@ CHECKS = (
           f"{LEAST_TURN:.3g} degrees, where half a turn in rad would lie", angle_unit),
     Check("exchanged labels", "recording", "from frame to frame, which point continues which",
           "exchanging the labels of two or more points shortens their steps to a quarter, clear of the noise", swapped),
+    Check("moving base", "body", "travel of the station that was taken for the base, and of the others",
+          f"above {BASE_SHARE:g} of the largest travel, where another station moves by less than {STILL_SHARE:g} of it",
+          moving_base),
     Check("base tangent", "body", "angle between the base tangent and the way to the last station at rest (of eight "
           "stations or more: a third of the way)", f"above {MOST_TILT:g} degrees, which a body at rest that is bent by "
           f"{2 * MOST_TILT:g} degrees has", tangent),

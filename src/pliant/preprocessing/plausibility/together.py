@@ -1,0 +1,67 @@
+"""Checks of several recordings of one body: one that is there twice, pressures that belong to another one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+
+import numpy as np
+import xarray as xr
+
+from pliant.preprocessing import detectors
+
+COPIED, FEWEST = 0.5, 10  # of the frames of the shorter one, and at least: a film at rest may repeat some
+PLATEAU, LEAST_S = 0.9, 0.15  # of the highest pressure, and how long it must last for the body to follow, s
+MORE, LESS = 1.15, 0.85  # pressure that is higher by more than this, and yet moves the body by less than that
+
+
+def beside(recordings: Mapping[str, xr.Dataset]) -> list[str]:
+    """Return one sentence for each pair of recordings that contradict each other, in the order given.
+
+    Parameters
+    ----------
+    recordings : mapping of str to xarray.Dataset
+        In one frame, by name; of one body in one set-up.
+    """
+    return [*copies(recordings), *exchanged(recordings)]
+
+
+def copies(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
+    """Two recordings that hold the same numbers: a held-out copy of a training record proves nothing."""
+    shapes = {n: r["position" if "position" in r else "angle"].values for n, r in recordings.items()}
+    seen = {n: {row.tobytes() for row in s.reshape(len(s), -1) if np.isfinite(row).any()} for n, s in shapes.items()}
+    for one, other in combinations(recordings, 2):
+        shared = len(seen[one] & seen[other])
+        if shared >= max(FEWEST, COPIED * min(len(seen[one]), len(seen[other]))):
+            yield (f"{one} and {other} hold the same numbers in {shared} frames: is one a copy of the other? No record "
+                   "judges a model that was fitted to it")  # fmt: skip
+
+
+def exchanged(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
+    """A higher pressure that holds the body at a smaller displacement: their logs may be exchanged."""
+    held = {n: found for n, r in recordings.items() if (found := plateau(r)) is not None}
+    for one, other in combinations(held, 2):
+        low, high = sorted((one, other), key=lambda n: abs(held[n][0]))
+        (p, u), (higher, less) = held[low], held[high]
+        if p * higher > 0 and abs(higher) > MORE * abs(p) and less < LESS * u:
+            yield (f"{high} moves by {1e3 * less:.3g} mm under {higher / 1e3:.3g} kPa, {low} by {1e3 * u:.3g} mm "
+                   f"under only {p / 1e3:.3g} kPa: are their pressures exchanged, or was {high} loaded or "
+                   "touched?")  # fmt: skip
+
+
+def plateau(recording: xr.Dataset) -> tuple[float, float] | None:
+    """Highest pressure [Pa] and displacement of the last station [m] at its end; None where it does not last."""
+    if "position" not in recording or "pressure" not in recording or recording["pressure"].ndim != 1:
+        return None
+    clock, measured = recording["pressure_time"].values, recording["pressure"].values
+    time, place = recording["time"].values, detectors.without_spikes(recording["position"].values[:, -1:])[:, 0]
+    known, seen = np.isfinite(measured), np.isfinite(place).all(axis=1)
+    if known.sum() < 2 or seen.sum() < 2:
+        return None
+    pressure = np.interp(time, clock[known], measured[known])
+    level = float(pressure[np.argmax(np.abs(pressure))])
+    on = np.flatnonzero((pressure / level > PLATEAU) & seen) if level else np.empty(0, dtype=int)
+    if not on.size or time[on[-1]] - time[on[0]] < LEAST_S:
+        return None
+    rest, end = np.median(place[seen][:5], axis=0), np.median(place[on[-max(3, on.size // 3):]], axis=0)
+    return level, float(np.linalg.norm(end - rest))
