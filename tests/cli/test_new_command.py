@@ -100,6 +100,15 @@ def test_bad_options(markers, tmp_path, options, told):
     assert not (tmp_path / "arm.toml").exists()
 
 
+def test_several_files_follow_one_option(markers, tmp_path):
+    other = markers.with_name("push_60kPa.csv")
+    other.write_bytes(markers.read_bytes())
+    result = invoke(tmp_path / "arm.toml", "--from", markers, other, "--mass", 0.1)
+    assert result.exit_code == 0, result.output
+    assert set(tomllib.loads((tmp_path / "arm.toml").read_text())["recordings"]) == {"push_30kPa", "push_60kPa"}
+    assert "! push_30kPa and push_60kPa hold the same numbers in 400 frames" in result.output
+
+
 def test_a_released_body_asks_for_its_weight(tmp_path):
     t, kappa = swing(back=False)
     p = arc(kappa, np.array([0.0, 0.1, 0.2])) + 1e-5 * np.random.default_rng(2).standard_normal((len(t), 3, 3))

@@ -48,9 +48,9 @@ def new(
     if not study.parent.is_dir():
         raise InputError(f"there is no folder {study.parent}: make it first")
     level = None if level_kpa is None else 1e3 * level_kpa
-    direction, columns = vector(gravity), load_mapping(mapping)
+    direction, columns, given = vector(gravity), load_mapping(mapping), [*files, *(more or [])]
     with busy("looking at the recordings"):
-        draft = draft_study([*files, *(more or [])], study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
+        draft = draft_study(given, study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
     try:
         with study.open("x", encoding="utf-8") as out:
             out.write(draft.text)
