@@ -124,7 +124,11 @@ def test_a_station_that_is_hidden_or_never_moves_shows_nothing(monkeypatch):
     place[11:13, 1] = np.nan
     assert not frozen(place).any()
     assert not frozen(np.where(np.arange(2)[:, None] == 0, 7.0, walk())).any()  # the first never moves
-    assert not frozen(walk()[:, :1]).any()
+    assert frozen(walk()[:, :1]).sum() == 4  # alone: it leaps by more than three of the steps that follow
+    assert not frozen(walk(after=3.0)[:, :1]).any()
+    monkeypatch.setattr(held, "noise_level", lambda place: np.full(place.shape[1], 0.6))
+    assert not frozen(walk()[:, :1]).any()  # and not by more than six noises
+    monkeypatch.setattr(held, "noise_level", lambda place: np.full(place.shape[1], 0.01))
     place = walk()[:14]  # frozen to the end: its usual step is its resolution
     assert not frozen(place).any()
     place[:9, 0, 0] = 4.0 * np.arange(9)
@@ -143,8 +147,8 @@ def test_runs_of_three_and_repeats_of_what_was_seen():
 
 def test_the_three_longest_spans_are_told_in_their_order():
     spans = ((0.0, 0.2, 3), (1.0, 1.9, 10), (2.0, 2.3, 4), (3.0, 3.8, 9), (4.0, 4.4, 5))
-    (line,) = frozen_sentences({"tip": spans})
+    (line,) = frozen_sentences({"tip": spans}, 2)
     where = "1.00 to 1.90 s, 3.00 to 3.80 s, 4.00 to 4.40 s and 2 shorter"
     assert line.startswith(f"tip is frozen in 31 frames while others move ({where}): the tracker")
-    (line,) = frozen_sentences({"tip": spans[:3]})
+    (line,) = frozen_sentences({"tip": spans[:3]}, 2)
     assert "(0.00 to 0.20 s, 1.00 to 1.90 s, 2.00 to 2.30 s): the" in line
