@@ -14,13 +14,15 @@ if TYPE_CHECKING:
 
 
 def new(
-    study: Annotated[Path, typer.Argument(help="Study file to write (.toml); an existing one is left alone.")],
+    paths: Annotated[list[Path], typer.Argument(
+        metavar="study",
+        help="Study file to write (.toml), an existing one is left alone; then recordings after the first of --from.",
+    )],
     files: Annotated[
         list[Path],
         typer.Option("--from", metavar="<path>",
                      help="Recordings, or logs of their pressures (push_log.csv for push.csv), such as --from *.csv"),
     ],
-    more: Annotated[list[Path] | None, typer.Argument(help="Recordings after the first of --from.")] = None,
     mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
     length: Annotated[float | None, typer.Option(help="Of the body, m.")] = None,
     mass: Annotated[float | None, typer.Option(help="Of the body, kg.")] = None,
@@ -41,6 +43,7 @@ def new(
     from pliant.errors import InputError
     from pliant.study.draft import draft_study
 
+    study, *more = paths
     if study.suffix != ".toml":
         raise InputError(f"a study file ends in .toml, not {study.name!r}")
     if study.exists():
@@ -48,7 +51,7 @@ def new(
     if not study.parent.is_dir():
         raise InputError(f"there is no folder {study.parent}: make it first")
     level = None if level_kpa is None else 1e3 * level_kpa
-    direction, columns, given = vector(gravity), load_mapping(mapping), [*files, *(more or [])]
+    direction, columns, given = vector(gravity), load_mapping(mapping), [*files, *more]
     with busy("looking at the recordings"):
         draft = draft_study(given, study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
     try:
