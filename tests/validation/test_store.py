@@ -15,7 +15,9 @@ from pliant.errors import InputError, PliantError
 from pliant.exporters.provenance import standard_errors
 from pliant.exporters.randomisation import uncertainty_of
 from pliant.identification import Experiment
+from pliant.simulation import Trace
 from pliant.validation import stored
+from pliant.validation.outcome import RecordOutcome
 from pliant.validation.store import recorded, save_results
 from pliant.validation.stored import load_outcome
 
@@ -116,3 +118,17 @@ def test_angles_alone_are_kept_with_their_unit_and_reference():
     assert kept.dims == ("time", "station")
     np.testing.assert_array_equal(kept, angle)
     assert (kept.attrs["units"], kept.attrs["reference"]) == ("rad", "rest")
+
+
+@pytest.mark.parametrize(("inputs", "unit", "called"), [
+    ({"a": "Pa", "b": "Pa"}, "Pa", "measured pressure"), ({"a": "N", "b": "N"}, "N", "measured tension"),
+    ({"a": "rad", "b": "m"}, "rad, m", "measured input"),
+])  # fmt: skip
+def test_inputs_are_kept_with_their_units(inputs, unit, called):
+    time = np.arange(12) * 0.1
+    drives = {name: Trace(time, k + time) for k, name in enumerate(inputs)}
+    exp = Experiment("r", time, np.zeros((12, 1, 2)) + time[:, None, None], ("tip",), "trace", drives=drives)
+    row = RecordOutcome("r", "train", exp, exp.position, np.zeros((12, 2)), {}, inputs=inputs)
+    kept = recorded(exp, row.unit_of)["pressure"]
+    assert (kept.attrs["units"], kept.attrs["long_name"]) == (unit, called)
+    np.testing.assert_array_equal(kept[:, 1], 1 + time)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import xarray as xr
 from pliant.files import whole
 from pliant.identification import Experiment
 from pliant.validation.outcome import FitOutcome, Forecast, Shape, StudyOutcome
+from pliant.validation.wording import input_words
 
 Array = np.ndarray
 FILE = "results.nc"
@@ -23,13 +24,14 @@ SPACE = ("time", "station", "axis")
 def save_results(outcome: StudyOutcome, folder: Path) -> Path:
     """Write ``results.nc``: a group for each recording with every fit of it, the dense shape and each forecast.
 
-    Positions are in m, angles in rad, times in s, pressures in Pa. The numbers that metrics.json has are not repeated.
+    Positions are in m, angles in rad, times in s, inputs in the SI units that stand beside them. The numbers
+    that metrics.json has are not repeated.
     """
     about = {"schema": "pliant-results", "schema_version": 1, "run_id": outcome.run_id}
     groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs=about)}
-    named = {r.name: r.experiment for f in outcome.fits for r in f.records}
-    for k, exp in enumerate(named.values()):
-        groups[f"/recording_{k}"] = recorded(exp).assign(modelled(outcome.fits, exp))
+    named = {r.name: r for f in outcome.fits for r in f.records}
+    for k, one in enumerate(named.values()):
+        groups[f"/recording_{k}"] = recorded(one.experiment, one.unit_of).assign(modelled(outcome.fits, one.experiment))
     if outcome.shape:
         groups |= shaped(outcome.shape)
     for k, f in enumerate(outcome.forecasts):
@@ -52,8 +54,14 @@ def in_metres(dims: Sequence[str], values: Array, name: str = "") -> tuple[Seque
     return dims, values, {"units": "m", **({"long_name": name} if name else {})}
 
 
-def recorded(exp: Experiment) -> xr.Dataset:
-    """Return the measured motion and the inputs of a recording."""
+def of_inputs(units: Sequence[str]) -> dict[str, str]:
+    """Attributes of a variable whose columns are inputs: their unit, or the unit of each where they differ."""
+    shown = units if len(set(units)) > 1 else units[:1]
+    return {"units": ", ".join(shown), "long_name": f"measured {input_words(units)[0]}"}
+
+
+def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa") -> xr.Dataset:
+    """Return the measured motion and the inputs of a recording; `unit_of` tells the SI unit of an input."""
     variables: dict[str, Any] = {}
     if exp.without_positions:
         about_angle = {"units": "rad", "long_name": "measured angle", "reference": exp.angle_reference}
@@ -64,9 +72,9 @@ def recorded(exp: Experiment) -> xr.Dataset:
         samples = exp.pressure.pressure
         if exp.drives:
             samples = np.stack([t.pressure for t in exp.drives.values()], axis=1)
-            variables["driven"] = ("driven", list(exp.drives), {"long_name": "chamber of the model"})
-        dims = ("pressure_time", "driven")[: samples.ndim]
-        variables["pressure"] = (dims, samples, {"units": "Pa", "long_name": "measured gauge pressure"})
+            variables["driven"] = ("driven", list(exp.drives), {"long_name": "input of the model"})
+        dims, units = ("pressure_time", "driven")[: samples.ndim], [unit_of(name) for name in exp.drives or ("",)]
+        variables["pressure"] = (dims, samples, of_inputs(units))
         variables["pressure_time"] = ("pressure_time", exp.pressure.time, {"units": "s"})
     about = {"name": exp.name, "excitation": exp.excitation, "level": exp.level, "x_sign": exp.x_sign,
              "poses": int(exp.poses)}
@@ -88,7 +96,8 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
 
     unit = "rad" if exp.without_positions else "m"
     stack("modelled", SPACE, unit, [r.modelled if r else None for r in rows])
-    stack("modelled_pressure", ("time", "input"), "Pa", [r.pressure if r else None for r in rows])
+    units = next(r.units for r in rows if r)
+    stack("modelled_pressure", ("time", "input"), of_inputs(units)["units"], [r.pressure if r else None for r in rows])
     stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])
     for part in ("std", "lower", "upper"):
         stack(f"band_{part}", SPACE, unit, [getattr(r.band, part) if r and r.band else None for r in rows])
