@@ -137,9 +137,14 @@ CHANGES: dict[type, Callable] = {
 
 
 def mutable(node: ast.AST) -> Iterator[ast.AST]:
-    """Nodes whose change is one of behaviour: no annotations, texts, imports for types, or decorators."""
+    """Nodes whose change is one of behaviour: no annotations, texts, imports for types, or decorators.
+
+    Nor the `strict` of a zip, which only guards against lengths that differ where none do.
+    """
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list", "type_comment") or isinstance(node, ast.JoinedStr):
+            continue
+        if isinstance(node, ast.keyword) and node.arg == "strict":
             continue
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             continue
