@@ -112,7 +112,9 @@ def test_the_end_of_a_trajectory_is_a_rest():
     assert np.abs(run(ready, plant, 1.2)[-50:] - 1e-2).max() < 2e-4
 
 
-@pytest.mark.parametrize("law", [{"settle_share": 0.2}, {"natural_frequency": 8.0, "dead_band": 2e3}])
+@pytest.mark.parametrize(
+    "law", [{"settle_share": 0.2}, {"natural_frequency": 8.0, "dead_band": 2e3}, {"opening_time": 0.05}]
+)
 def test_a_valve_that_no_controller_follows_is_refused_and_the_rigs_own_takes_its_place(law):
     body, plant, (name, *_) = load_model(MODEL), ModelPlant(load_model(MODEL), noise=1e-5), reversed(law)
     other = body.with_(chambers=(replace(body.chambers[0], valve=Valve(**law)),))

@@ -25,7 +25,8 @@ from pliant.simulation.levels import typical_pressure
 EVERYTHING = chen2018.model(
     gravity=[0.0, -9.8], stiffening=-0.1, stiffening_bound=0.7,
     torque=[6e-7, 1e-13], swell_share=0.2, inflation_limit=2e6,
-    valve=Valve(rise_time=0.02, fall_time=0.03, dead_time=0.01, rise_rate=1e6, settle_share=0.1, dead_band=500.0),
+    valve=Valve(rise_time=0.02, fall_time=0.03, dead_time=0.01, rise_rate=1e6, settle_share=0.1, dead_band=500.0,
+                opening_time=0.05),
     memory=Memory((0.1, 0.05), (0.5, 5.0), (0.1,), (0.02,), boucwen_share=0.05),
 )
 

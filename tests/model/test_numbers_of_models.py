@@ -198,6 +198,8 @@ def test_memories_that_can_be():
         *(({"natural_frequency": 5.0, k: 1.0}, False) for k in ("rise_time", "fall_time", "rise_rate", "fall_rate")),
         ({"natural_frequency": 5.0, "dead_time": 0.1, "dead_band": 10.0}, True),
         ({"dead_band": 2e7}, False),
+        ({"opening_time": 0.1, "rise_time": 0.1}, True),
+        ({"opening_time": 1e-7}, False),
     ],
 )
 def test_valves_that_can_and_cannot_be(values, good):

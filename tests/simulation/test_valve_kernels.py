@@ -123,6 +123,40 @@ def test_bad_valves_get_one_clear_sentence(values, words):
         Valve(**values)
 
 
+@pytest.mark.parametrize(
+    ("first", "then", "until"),
+    [(0.0, 4e4, 0.036), (0.0, 2.5e5, 0.066), (4e4, 0.0, 0.04), (3e5, 0.0, 0.11), (3e5, -9e4, 0.22)],
+)
+def test_flow_through_an_opening_is_that_of_iso_6358(first, then, until):
+    """Filled and vented, choked and not, until shortly before the pressures are equal."""
+    lag, nodes = 0.07, np.linspace(0.0, until, 7)
+
+    def flow(y, u):
+        high, low = max(y[0], u) + 101325.0, min(y[0], u) + 101325.0
+        psi = np.sqrt(max(1.0 - max(2.0 * low / high - 1.0, 0.0) ** 2, 0.0))
+        return np.array([np.sign(u - y[0]) * high * psi / lag])
+
+    p, mean, out = behind(Valve(opening_time=lag), Trace([0.0, 0.0, 1.0], [first, then, then]), nodes, first)
+    want, area = reference(flow, np.array([first]), step(then, -1.0), nodes)
+    assert p == pytest.approx(want, abs=0.01)
+    assert mean == pytest.approx(area, abs=0.01)
+    halves, _, _ = behind(Valve(opening_time=lag), step(then, 0.0), np.linspace(0.0, until, 13), first)
+    assert out[:, 1] == pytest.approx(halves[1::2], abs=1e-6)
+
+
+def test_a_chamber_behind_an_opening_is_full_after_a_finite_time():
+    """Below twice its absolute pressure the flow is never choked: full after T/2 arccos(2 p0 / u - 1)."""
+    full = 0.05 * np.arccos(2.0 * 101325.0 / (101325.0 + 4e4) - 1.0)
+    p, _, _ = behind(Valve(opening_time=0.1), step(4e4), np.array([0.0, 0.99 * full, 1.0001 * full, 0.5]))
+    assert p[1] < 4e4 - 1.0
+    assert p[2:] == pytest.approx(4e4, abs=1e-6)
+    still, mean, _ = behind(Valve(opening_time=0.1), step(4e4, -1.0), np.linspace(0.0, 0.5, 3), 4e4)
+    assert np.array([*still, *mean]) == pytest.approx(4e4, rel=1e-12)
+    slower, _, _ = behind(Valve(opening_time=0.1, rise_time=0.05), step(4e4), np.linspace(0.0, 0.5, 201))
+    assert np.all(np.diff(slower) >= 0.0)
+    assert slower[-1] == pytest.approx(4e4, rel=1e-3)
+
+
 def test_a_dead_band_is_taken_off_the_command_before_the_lag():
     """By hand: a step of 10 kPa settles at 8.5 kPa, with the lag's course; what lies within the band moves nothing."""
     nodes = np.linspace(0.0, 1.0, 101)

@@ -189,6 +189,8 @@ def _define_function(function: Any, slope: Any) -> None:
 _define_function(np.exp, lambda _x, z: z)
 _define_function(np.expm1, lambda _x, z: z + 1.0)
 _define_function(np.sqrt, lambda _x, z: 0.5 / z)
+_define_function(np.log, lambda x, _z: 1.0 / x)
+_define_function(np.arctan, lambda x, _z: 1.0 / (1.0 + x * x))
 
 
 @overload(min)

@@ -61,10 +61,9 @@ class SupplyValve:
 
 
 def check_followed(model: Model) -> None:
-    """InputError where a chamber's valve settles late or has a dead band, which no controller's model holds."""
+    """InputError where a chamber's valve settles late, has a dead band or an opening: no controller's model has it."""
     for chamber in model.chambers:
-        if chamber.valve.settle_share or chamber.valve.dead_band:
-            name = "settle_share" if chamber.valve.settle_share else "dead_band"
+        if name := next((n for n in ("settle_share", "dead_band", "opening_time") if getattr(chamber.valve, n)), ""):
             raise InputError(
                 f"controllers follow no valve with a {name}, as chamber {chamber.name!r} of {model.name!r} has: give "
                 f"the rig's valve (`supply`, [valve] in a task file), or set {name} to 0 in the model"

@@ -34,7 +34,7 @@ from pliant.simulation.time_step import shared_step, warn_too_coarse
 from pliant.text import escaped
 
 Array = np.ndarray
-CAN = ALL - {"lengthening", "second_order", "settling", "dead_band"}
+CAN = ALL - {"lengthening", "second_order", "opening", "settling", "dead_band"}
 MOST_LINKS = 24  # the text of a step grows with the cube of the links
 
 

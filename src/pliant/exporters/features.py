@@ -40,7 +40,8 @@ def numbered(name: str, count: Callable[[Model], int]) -> Callable[[Model], tupl
 def lag(chamber: Chamber) -> bool:
     """Whether the pressure lags behind the command by more than a dead time."""
     v = chamber.valve
-    return bool(v.rise_time or v.fall_time or v.natural_frequency or v.rise_rate or v.fall_rate or v.settle_share)
+    lagging = v.rise_time, v.fall_time, v.natural_frequency, v.rise_rate, v.fall_rate, v.opening_time, v.settle_share
+    return any(lagging)
 
 
 def curved(chamber: Chamber) -> bool:
@@ -232,6 +233,10 @@ FEATURES: dict[str, Feature] = {
     "rates": Feature(
         "valve of limited rate", some("limited rate of the valve", lambda c: c.valve.rise_rate or c.valve.fall_rate),
         of_valve(rise_rate=0.0, fall_rate=0.0), ("Valve.rise_rate", "Valve.fall_rate"),
+    ),
+    "opening": Feature(
+        "flow through the valve's opening", some("flow through the valve's opening", lambda c: c.valve.opening_time),
+        of_valve(opening_time=0.0), ("Valve.opening_time",),
     ),
     "settling": Feature(
         "pressure that settles late", some("late settling of the valve", lambda c: c.valve.settle_share),

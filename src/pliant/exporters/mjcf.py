@@ -39,7 +39,7 @@ from pliant.text import identifiers
 Array = np.ndarray
 CAN = ALL - RUBBER - LATER_TERMS - {
     "lengthening", "space_lengthening", "bounded", "own_law", "lagging_law", "two_lags", "second_order", "rates",
-    "settling", "dead_band", "boucwen", "soft_swing", "space_memory", "tendon_friction", "pair_pretension",
+    "opening", "settling", "dead_band", "boucwen", "soft_swing", "space_memory", "tendon_friction", "pair_pretension",
 }
 ARMATURE = 1e-7  # kg m^2, of a hidden hinge: MuJoCo moves nothing without inertia
 TINY = 1e-12  # kg m^2, of a hidden body

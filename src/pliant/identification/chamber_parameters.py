@@ -21,6 +21,7 @@ VALVE = {
     "valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time",
     "valve_rise_rate": "rise_rate", "valve_fall_rate": "fall_rate",
     "valve_dead_band": "dead_band", "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
+    "valve_opening_time": "opening_time",
 }  # fmt: skip
 GAINS = r"gain|gain_[xy]|(joint|cross)_gain_(\d+|\*)"
 TENDON = ("lever", "line_stiffness", "pretension", "pulley", "friction")

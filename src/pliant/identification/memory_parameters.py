@@ -43,6 +43,7 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     "valve_rise_rate": ("Pa/s", 1e3, 1e9, 0.0, "fastest rise of the pressure"),
     "valve_fall_rate": ("Pa/s", 1e3, 1e9, 0.0, "fastest fall of the pressure"),
     "valve_dead_band": ("Pa", 0.0, 1e6, 1e3, "what a regulator leaves of its command"),
+    "valve_opening_time": ("s", 1e-3, 30.0, 0.0, "time in which choked flow would fill the chamber"),
     "valve_settle_share": ("1", 0.0, 0.9, 0.1, "share of the pressure that comes late"),
     "valve_settle_time": ("s", 0.2, 1e3, 0.0, "how late"),
     "swell_time": ("s", 1e-3, 1e4, 0.0, "how late"),
@@ -69,7 +70,7 @@ def usual_start(name: str) -> float | None:
               "boucwen_share": 0.1, "boucwen_beta": 20.0, "boucwen_gamma": 10.0, "boucwen_exponent": 1.5,
               **dict.fromkeys(SPRING_TERMS, 0.0), SPRING_BOUND: 0.75,
               "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05, "inflation_jm": 50.0,
-              "valve_dead_band": 1e3, "valve_settle_share": 0.1, "valve_settle_time": 2.0,
+              "valve_dead_band": 1e3, "valve_opening_time": 0.1, "valve_settle_share": 0.1, "valve_settle_time": 2.0,
               "valve_rise_rate": 3e5, "valve_fall_rate": 3e5}  # fmt: skip
     if own in single:
         return single[own]

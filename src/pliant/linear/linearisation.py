@@ -183,6 +183,11 @@ def derivatives(model: Model, x: Array, torque: Array) -> tuple[Array, Array, Ar
 
 def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[str, ...]]:
     """State space with the valve's states appended: the drive is then the commanded pressure."""
+    if valve.opening_time:
+        raise InputError(
+            "flow through an opening ends in a finite time and has no linear model: set opening_time to 0 and give the "
+            "valve a rise_time"
+        )
     lag = 0.5 * (valve.rise_time + valve.fall_time)
     N = A.shape[0]
     order = 2 if valve.natural_frequency else int(lag > 0)

@@ -76,6 +76,7 @@ class ValveEntry(BaseModel):
     settle_share: float = 0.0
     settle_time: float = 1.0
     dead_band: float = 0.0
+    opening_time: float = 0.0
 
 
 class ChamberEntry(BaseModel):

@@ -65,6 +65,7 @@ LIMITS = {
     "rise_rate": Limit(1e-3, 1e15, "Pa/s", zero=True),
     "fall_rate": Limit(1e-3, 1e15, "Pa/s", zero=True),
     "dead_band": Limit(0.0, 1e7, "Pa"),
+    "opening_time": Limit(1e-6, 1e6, "s", zero=True),
     "settle_share": Limit(0.0, 1.0, ""),
     "settle_time": Limit(1e-6, 1e6, "s"),
     "creep_share": Limit(0.0, 1e6, ""),

@@ -11,7 +11,7 @@ from pliant.model.limits import check_limit
 
 @dataclass(frozen=True)
 class Valve:
-    """A valve with dead time: ideal, first order with its own rise and fall, or second order.
+    """A valve with dead time: ideal, first order with its own rise and fall, or second order; behind it an opening.
 
     Parameters
     ----------
@@ -25,6 +25,10 @@ class Valve:
     dead_band : float
         What a regulator leaves of its command, Pa: it settles at u - dead_band above it, at u + dead_band below
         -dead_band, and does nothing between.
+    opening_time : float
+        Of a chamber that fills and vents through an opening, s: the time in which choked flow would fill it from vacuum
+        to the pressure before the opening. Source: ISO 6358-1:2013, critical pressure ratio 0.5; see
+        `pliant.simulation.opening_loops`. 0: no opening that counts.
     dead_time : float
         Delay between command and first reaction, s.
     natural_frequency : float
@@ -48,6 +52,7 @@ class Valve:
     settle_share: float = 0.0
     settle_time: float = 1.0
     dead_band: float = 0.0
+    opening_time: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -14,12 +14,12 @@ import numpy as np
 from pliant.equations import symbols
 from pliant.equations.symbols import Lag
 from pliant.model import Chamber, Valve
-from pliant.simulation import pressure_loops
+from pliant.simulation import opening_loops, pressure_loops
 from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
 Twin = Callable[[Any], Any]  # of a kernel, on floats or on duals
-OF_A_VALVE = 10  # entries of a row that are the valve's, the first
+OF_A_VALVE = 11  # entries of a row that are the valve's, the first
 BEFORE_LAW = OF_A_VALVE + 8  # and before the torque law, whose length is its own
 
 
@@ -33,6 +33,7 @@ class ValveConstants(NamedTuple):
     damping_ratio: Any
     before: Any  # Pa, behind it at first
     dead_band: Any  # Pa
+    opening_time: Any  # s
 
 
 class Intervals(NamedTuple):
@@ -59,7 +60,7 @@ def valve_row(valve: Valve, before: float) -> Array:
     """All that a pressure behind a valve depends on, beside the command, in one row; it was `before` [Pa] at first."""
     omega = 2 * np.pi * valve.natural_frequency
     rest = valve.settle_share, valve.settle_time, omega, valve.damping_ratio, before, valve.dead_band
-    return np.array([*lag_of(valve), *rest])
+    return np.array([*lag_of(valve), *rest, valve.opening_time])
 
 
 def row_of(chamber: Chamber, before: float) -> Array:
@@ -84,6 +85,8 @@ def pass_valve(run: Twin, valve: Valve, made: ValveConstants, lengths: Any, p: A
         run(pressure_loops.rate_limited_valve)(lengths, made.lag, made.before, p)
     elif valve.rise_time or valve.fall_time:
         run(pressure_loops.first_order_valve)(lengths, made.lag.rise, made.lag.fall, made.before, p)
+    if valve.opening_time:
+        run(opening_loops.through_opening)(lengths, made.opening_time, made.before, p)
     if valve.settle_share:
         run(pressure_loops.settle)(lengths, made.settle_share, made.settle_time, made.before, p)
 

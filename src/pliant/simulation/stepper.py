@@ -87,8 +87,8 @@ class Stepper:
 
     def __init__(self, model: Model, step: float = 1e-3, pressure: float | Array = 0.0) -> None:
         for chamber in model.chambers:
-            valve = chamber.valve
-            if valve.dead_time or valve.natural_frequency or valve.settle_share or valve.dead_band:
+            v = chamber.valve
+            if v.dead_time or v.natural_frequency or v.settle_share or v.dead_band or v.opening_time:
                 raise InputError(
                     "a Stepper takes an ideal or first-order valve: pass it the pressure behind another one"
                 )

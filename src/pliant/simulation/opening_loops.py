@@ -1,0 +1,82 @@
+"""A chamber that fills and vents through an opening, in closed form: the flow of ISO 6358, choked and below.
+
+The absolute pressure P of a rigid chamber follows P' = (U / T) psi(P / U) while the command U lies above it, and
+P' = -(P / T) psi(U / P) while it lies below, with psi(r) = 1 for r < b, else sqrt(1 - ((r - b) / (1 - b))^2), and
+b = 1/2. T is volume over conductance and standard pressure, of gas whose temperature stays. It arrives in finite time.
+
+Source: ISO 6358-1:2013; b lies between 0.2 and 0.5 for most valves and tubes.
+
+Plain text here; `pliant.compiler.choose.twin` makes what runs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+ATMOSPHERE = 101325.0  # Pa
+ARRIVED = 1e-12  # of the absolute command: nearer is there
+LEAST = 1.0  # Pa, of an absolute command: no pump makes less
+
+
+def through_opening(h, time, before, p):
+    """Pressure of a chamber behind an opening, exact where that before the opening is constant in each interval; Pa.
+
+    p (m, 4) holds the gauge pressure before the opening at the start, the middle and the end of each interval of
+    lengths h (m,) [s], and its mean, which alone counts; the chamber's, which begins at `before`, takes its place.
+    `time` is T [s].
+    """
+    for k in range(len(h)):
+        command = p[k, 3]
+        p[k, 0] = before + 0.0 * command
+        p[k, 1], _ = opening_interval(0.5 * h[k], command, time, before)
+        p[k, 2], p[k, 3] = opening_interval(h[k], command, time, before)
+        before = p[k, 2]
+
+
+def opening_interval(h, command, time, p):
+    """Pressure h [s] after p under a constant command, and its mean until then; Pa gauge."""
+    supply = command + ATMOSPHERE
+    if supply.real < LEAST:
+        supply = LEAST + 0.0 * command
+    level = supply - ATMOSPHERE
+    near = ARRIVED * supply.real
+    s = 2.0 * h / time
+    if p.real < level.real - near:
+        x, area = filled(s, 2.0 * (p + ATMOSPHERE) / supply - 1.0)
+        return 0.5 * supply * (1.0 + x) - ATMOSPHERE, 0.5 * supply * (1.0 + area / s) - ATMOSPHERE
+    if p.real > level.real + near:
+        x, area = vented(s, (p - level) / supply)
+        return level + supply * x, level + supply * area / s
+    return level + 0.0 * p, level + 0.0 * p
+
+
+def filled(s, x):
+    """Value at s of x' = 1 below 0, sqrt(1 - x^2) from there to 1, and its integral: x = 2 P / U - 1."""
+    area = 0.0 * s
+    if x.real < 0.0:
+        choked = min(s, -x)
+        area = choked * (x + 0.5 * choked)
+        x = x + choked
+        s = s - choked
+    y = np.sqrt(1.0 - x * x)
+    arrival = 2.0 * np.arctan(y / (1.0 + x))
+    if s.real >= arrival.real:
+        return 1.0 + 0.0 * x, area + y + s - arrival
+    cos, sin = np.cos(s), np.sin(s)
+    return x * cos + y * sin, area + y - y * cos + x * sin
+
+
+def vented(s, x):
+    """Value at s of x' = -(1 + x) / 2 above 1, -sqrt(x) from there to 0, and its integral: x = (P - U) / U."""
+    area = 0.0 * s
+    if x.real > 1.0:
+        choked = min(s, 2.0 * np.log(0.5 * (1.0 + x)))
+        after = (1.0 + x) * np.exp(-0.5 * choked) - 1.0
+        area = 2.0 * (x - after) - choked
+        x = after
+        s = s - choked
+    w = np.sqrt(x)
+    end = w - 0.5 * s
+    if end.real <= 0.0:
+        return 0.0 * x, area + 2.0 / 3.0 * w * w * w
+    return end * end, area + 2.0 / 3.0 * (w * w * w - end * end * end)
