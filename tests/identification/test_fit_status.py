@@ -205,3 +205,29 @@ def test_an_optimum_far_from_its_recording_is_no_success(exp: Experiment, truth:
     good = run(exp, truth, "damping")
     assert good.converged
     assert "failed" not in good.status
+
+
+def test_an_optimum_far_above_the_noise_is_doubted_until_a_second_start_confirms_it(
+    exp: Experiment, truth: Model
+) -> None:
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(exp.position.shape)
+    noisy = replace(exp, position=exp.position + noise)
+    wrong = [Parameter("stiffness", 2.0, free=False), Parameter("torque_1", 5.5e-7), Parameter("damping", 5e-3)]
+    alone = run(noisy, truth, *wrong)
+    assert "times the noise of the recordings and only one start was tried" in alone.status
+    assert "times the noise" not in run(noisy, truth, *wrong, starts=3).status
+    right = [Parameter("stiffness", 0.8), Parameter("damping", 5e-3)]
+    assert "times the noise" not in run(noisy, truth, *right).status
+
+
+def test_the_first_step_of_a_fit_softens_no_spring_to_nothing(
+    exp: Experiment, truth: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pliant.identification import problem
+
+    tried = []
+    original = problem.set_up
+    monkeypatch.setattr(problem, "set_up", lambda *a: (tried.append(a[2]["stiffness"]), original(*a))[1])
+    found = run(exp, truth, Parameter("stiffness", 9.0), "damping")
+    assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
+    assert min(tried) > 0.1

@@ -105,3 +105,8 @@ def test_noise_in_which_a_column_of_the_jacobian_vanishes_tells_nothing() -> Non
     rng = np.random.default_rng(2328)
     t = 0.013 * np.arange(int(rng.integers(16, 200)))
     assert ring_down(t, rng.normal(size=t.size)) is None
+
+
+def test_a_decay_that_hardly_swings_is_no_oscillation() -> None:
+    t, y = decay(5.0, 0.97)
+    assert ring_down(t, y + 1e-3 * np.random.default_rng(0).standard_normal(t.size)) is None

@@ -14,13 +14,13 @@ from pliant.identification.drives import at_rest, hardly_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.identifiability import combinations, examine
-from pliant.identification.initial_guess import prepare
 from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply
 from pliant.identification.prediction import predict
 from pliant.identification.problem import Problem, root_mean_square, scattered
-from pliant.identification.residuals import WEIGHTINGS
+from pliant.identification.residuals import WEIGHTINGS, noise_ratio
 from pliant.identification.result import FitResult, cautions, far_off, parameter_dict, status_sentence
+from pliant.identification.start_search import searched
 from pliant.identification.uncertainty import covariance
 from pliant.model import Model
 from pliant.options import with_defaults
@@ -33,6 +33,7 @@ if TYPE_CHECKING:  # an optimiser is imported when one runs
 __all__ = ["FIT_OPTIONS", "FitOptions", "FitResult", "fit", "parameter_dict", "parameters_from", "predict_held_out"]
 Array = np.ndarray
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
+ABOVE_NOISE = 3.0  # residuals, in standard deviations of the noise, that a second start must confirm
 NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 
 
@@ -110,7 +111,7 @@ def fit(
     check_choices(loss, weighting)
     if len({e.without_positions for e in experiments}) > 1:
         raise InputError("one fit compares places or angles alone: its experiments hold the one and the other")
-    model, filled = prepare(experiments, model, parameters)
+    model, filled = searched(experiments, model, parameters, step, weighting)
     if not any(p.free for p in filled):
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
     check_step(model, step, "midpoint")
@@ -121,10 +122,25 @@ def fit(
     else:
         check_identifiable(problem)
     best = solve_all(problem, simulable, loss, max_evaluations, progress)
+    agreeing = best.agreeing
     for _ in range(2 if problem.learns else 0):
         problem.learn_sizes(best.x)
         best = solve(problem, best.x, loss, max_evaluations)
+    best.doubt = lone_optimum(problem, best.x, agreeing, how["starts"])
     return finished(problem, best, loss, section_area, clock.perf_counter() - began)
+
+
+def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
+    """Return what to say of an optimum far above the noise to which no second start led, or ''."""
+    parts = np.split(problem.data_residual(x), problem.ends[:-1])
+    ratio = max(noise_ratio(o, part) for o, part in zip(problem.observed, parts, strict=True))
+    if agreeing or ratio <= ABOVE_NOISE:
+        return ""
+    alone = "only one start was tried" if starts == 1 else f"none of the other {starts - 1} starts led here"
+    return (
+        f"its residuals are {ratio:.2g} times the noise of the recordings and {alone}: the model may lack something, "
+        "or a better optimum may exist; compare with other start values"
+    )
 
 
 def starts_of(problem: Problem, starts: int, rng: np.random.Generator) -> list[Array]:

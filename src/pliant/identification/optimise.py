@@ -16,6 +16,8 @@ Array = np.ndarray
 ROBUST_FROM = 0.01  # of the travel: beyond, a robust loss bounds the pull of a residual
 ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
 SHARES = ("creep_share", "payne_share")
+FACTORS = ("stiffness", "axial_stiffness", "line_stiffness", "creep_time", "payne_angle")  # beginnings of kinds
+FAR_BOUND = 7.0  # of a logarithm: a factor of a thousand from the start
 SAME = 1e-4  # of the least cost: what a start may lie above it, and its way down to it change, to be on that way
 
 
@@ -26,16 +28,27 @@ class SameMinimumError(Exception):
 def solve_all(
     problem: Problem, starts: Sequence[Array], loss: str, max_evaluations: int, progress: Callable[[str], None] | None,
 ) -> OptimizeResult:
-    """The best of what `solve` finds from several starts; one that runs into the best so far goes no further."""
+    """The best of what `solve` finds from several starts; one that runs into the best so far goes no further.
+
+    Its `agreeing` counts the other starts that lead to the same minimum.
+    """
     best: OptimizeResult | None = None
+    agreeing = 0
     for k, x0 in enumerate(starts, 1):
         try:
             end = solve(problem, x0, loss, max_evaluations, found=best)
-            best, said = end if best is None or end.cost < best.cost else best, f"cost {end.cost:.4g}"
+            said = f"cost {end.cost:.4g}"
+            if best is not None and abs(end.cost - best.cost) < SAME * best.cost:
+                agreeing += 1
+            elif best is None or end.cost < best.cost:
+                agreeing = 0
+            best = end if best is None or end.cost < best.cost else best
         except SameMinimumError:
-            said = "a minimum found before"
+            agreeing, said = agreeing + 1, "a minimum found before"
         if progress:
             progress(f"start {k} of {len(starts)}: {said} after {problem.evaluations} sets")
+    if best is not None:
+        best.agreeing = agreeing
     return best
 
 
@@ -61,10 +74,13 @@ def solve(
     logs = np.isfinite(shift)
     lower, start, upper = (np.where(logs, np.log(np.where(logs, x + shift, 1.0)), x) for x in (
         problem.bounds[0], x0, problem.bounds[1]))  # fmt: skip
+    if not shares(problem):  # a bound stretches the first step by the root of its distance, which a valley needs alone
+        lower = np.where(logs & (start - lower > FAR_BOUND), -np.inf, lower)
+        upper = np.where(logs & (upper - start > FAR_BOUND), np.inf, upper)
 
     def x_of(move: Array) -> Array:
         y = start + move
-        return np.where(logs, np.exp(np.where(logs, y, 0.0)) - shift, y)
+        return np.where(logs, np.clip(np.exp(np.where(logs, y, 0.0)) - shift, *problem.bounds), y)
 
     def at(move: Array) -> Array:
         r = residual(x_of(move))
@@ -92,18 +108,23 @@ def shifts(problem: Problem) -> Array:
     """Return the offset of each free parameter before its logarithm is fitted, in its scale; NaN for those fitted as
     they are.
 
-    Beside creep, fast motion shows K (1 + share) alone, and beside Payne's curve small swings do: K and share lie in a
-    valley that bends, and is straight in log K and log (1 + share).
+    A step as long as a stiffness itself would soften the spring to nothing, and the body then moves as no recording
+    does. Beside creep, fast motion shows K (1 + share) alone, and beside Payne's curve small swings do: K and share lie
+    in a valley that bends, and is straight in log K and log (1 + share).
     """
     kinds = [p.name.rpartition(".")[2] for p in problem.free]
     shift = np.full(len(kinds), np.nan)
-    if any(kind.startswith(SHARES) for kind in kinds):
-        for k, kind in enumerate(kinds):
-            if kind.startswith(SHARES):
-                shift[k] = 1.0 / problem.scale[k]
-            elif kind.startswith(("stiffness", "creep_time", "payne_angle")):
-                shift[k] = 0.0
+    for k, kind in enumerate(kinds):
+        if kind.startswith(SHARES):
+            shift[k] = 1.0 / problem.scale[k]
+        elif kind.startswith(FACTORS):
+            shift[k] = 0.0
     return shift
+
+
+def shares(problem: Problem) -> bool:
+    """Whether creep or Payne's curve takes a free share of the stiffness."""
+    return any(p.name.rpartition(".")[2].startswith(SHARES) for p in problem.free)
 
 
 def runs_into(found: OptimizeResult, x: Array, cost: float) -> bool:

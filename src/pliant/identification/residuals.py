@@ -159,6 +159,15 @@ def noise_levels(exp: Experiment, data: Array) -> Array:
     return noise
 
 
+def noise_ratio(observed: Observations, residual: Array) -> float:
+    """Root-mean-square residual of positions (and angles) in standard deviations of their noise."""
+    stations = len(observed.exp.stations)
+    noise = noise_levels(observed.exp, observed.data[:, :stations])
+    mine = observed.station < stations
+    off = (residual / observed.flat_weight)[mine] / noise[observed.station[mine], observed.channel[mine]]
+    return float(np.sqrt(np.mean(off**2)))
+
+
 def correlated_frames(observed: Observations, residual: Array) -> float:
     """Frames that a residual is correlated over: 1 + 2 (sum of its autocorrelations), 1 for white noise."""
     return 1.0 + 2.0 * sum(autocorrelations(observed, residual))

@@ -141,6 +141,8 @@ def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], far: 
         notes += f"; at a bound: {', '.join(at_bound)}"
     if unseen:
         notes += f"; the data do not show: {', '.join(unseen)}"
+    if getattr(best, "doubt", ""):
+        notes += f"; {best.doubt}"
     return f"The fit {end}{notes}."
 
 

@@ -10,6 +10,7 @@ import numpy as np
 Array = np.ndarray
 SHARE_NEEDED = 0.5  # of the variance of the detrended signal that the damped sine must explain
 PERIODS_NEEDED = 2.0
+MOST_DAMPED = 0.6  # damping ratio: one period later, a hundredth is left
 NOWHERE = 1e6  # deviations of the signal: a residual that is never taken
 FAR = 20.0  # of the logarithms that a fit seeks
 RETURN_NEEDED = 0.01  # of the range: an over-damped motion, fitted by a sine and an exponential, turns back by less
@@ -65,7 +66,10 @@ def found(time: bytes, signal: bytes) -> RingDown | None:
 
 
 def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
-    """The damped sine of `decay_basis`; None where it explains little, spans no two periods or does not return."""
+    """The damped sine of `decay_basis`.
+
+    None where it explains little, spans no two periods, hardly rings or does not return.
+    """
     omega, sigma = np.exp(x[0]), np.exp(x[1])
     basis = decay_basis(x, t)
     weights = np.linalg.lstsq(basis, y, rcond=None)[0]
@@ -80,8 +84,10 @@ def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
     rise, fall = curve - np.minimum.accumulate(curve), np.maximum.accumulate(curve) - curve
     if min(float(rise.max()), float(fall.max())) < RETURN_NEEDED * float(np.ptp(curve)):
         return None
-    amplitude = float(np.hypot(weights[0], weights[1]))
-    return RingDown(frequency, float(sigma / np.hypot(sigma, omega)), amplitude, explained)
+    ratio = float(sigma / np.hypot(sigma, omega))
+    if ratio > MOST_DAMPED:
+        return None
+    return RingDown(frequency, ratio, float(np.hypot(weights[0], weights[1])), explained)
 
 
 def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:

@@ -1,0 +1,156 @@
+"""Where the fit of a chain in space begins when nobody states its stiffness: several stiffnesses are tried.
+
+Few records in space ring down alone, and a stiffness that is ten times off leads a fit into another optimum. Each
+stiffness tried gets the torques that follow the recordings best by least squares, as if the body moved little. A short
+fit from each of the best few then decides. All this sees only the beginning of the records.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError, PliantError
+from pliant.identification.edges import displacement
+from pliant.identification.experiment import Experiment
+from pliant.identification.initial_guess import prepare, ring_start
+from pliant.identification.optimise import solve
+from pliant.identification.parameters import Parameter, apply, each_joint, shared_name
+from pliant.identification.problem import Problem
+from pliant.model import Chamber, Model
+from pliant.simulation import modes
+
+Array = np.ndarray
+FACTORS = tuple(4.0**k for k in range(-4, 5))  # on the stiffness of the estimate
+RATIOS = (0.2, 0.05, 0.6)  # damping ratios of the first mode, that of all stiffnesses first
+KEPT = 2  # candidates from which a short fit goes on
+TRIAL = 6  # evaluations of a short fit
+DURATION, SHORTEST = 2.0, 0.5  # s of all records together after they begin to move, and of each at least
+MOVING = 0.05  # of the travel
+GAINS = r"gain(_[xy])?|(joint|cross)_gain_\d+"
+
+
+def searched(
+    experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], step: float, weighting: str,
+) -> tuple[Model, list[Parameter]]:
+    """Return the model with its stations and the parameters with values, as `prepare`, from the best of several starts.
+
+    A chain in a plane, and one whose stiffness is stated or not free, begins at the estimate alone.
+    """
+    listed = each_joint((Parameter(p) if isinstance(p, str) else p for p in parameters), model.n)
+    unknown = any(p.value is None and shared_name(p.name) == "stiffness" for p in listed)
+    if model.space is None or not unknown:
+        return prepare(experiments, model, parameters)
+    given = apply(model, {p.name: p.value for p in listed if p.value is not None})
+    middle = ring_start(given, experiments, {"stiffness"})["stiffness"]
+    seen = [beginning(e, max(DURATION / len(experiments), SHORTEST)) for e in experiments]
+
+    def tried(stiffness: float, ratio: float) -> Candidate | None:
+        return candidate(seen, model, stated(listed, model, stiffness, ratio), stiffness, step, weighting)
+
+    found = [c for factor in FACTORS if (c := tried(middle * factor, RATIOS[0]))]
+    found += [c for best in best_of(found) for ratio in RATIOS[1:] if (c := tried(best.stiffness, ratio))]
+    ends = [short_fit(c, step, weighting, seen) for c in best_of(found)]
+    if not ends:  # it says what is wrong
+        return prepare(experiments, model, parameters)
+    values = min(ends, key=lambda end: end[0])[1]
+    return prepare(experiments, model, [
+        p.with_(value=float(np.clip(values[p.name], p.lower, p.upper)), source="estimated") if p.value is None else p
+        for p in listed
+    ])  # fmt: skip
+
+
+class Candidate(NamedTuple):
+    """A start that can be simulated."""
+
+    cost: float
+    stiffness: float
+    model: Model
+    parameters: list[Parameter]
+
+
+def best_of(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates of the least cost."""
+    return sorted(candidates, key=lambda c: c.cost)[:KEPT]
+
+
+def beginning(exp: Experiment, duration: float) -> Experiment:
+    """The first part of a recorded motion: a `duration` [s] beyond the moment at which it begins."""
+    if exp.excitation != "trace":
+        return exp
+    moving = exp.time[int(np.argmax(displacement(exp) > MOVING * exp.travel))]
+    keep = exp.time <= moving + duration
+    cut: dict[str, Any] = {name: None if (value := getattr(exp, name)) is None else value[keep]
+           for name in ("time", "position", "angle", "orientation")}  # fmt: skip
+    try:
+        return replace(exp, **cut)
+    except InputError:  # a station is seen too late
+        return exp
+
+
+def stated(listed: Sequence[Parameter], model: Model, stiffness: float, ratio: float) -> list[Parameter]:
+    """The parameters with this stiffness, and damping of this ratio of the first mode, where they have no value."""
+    omega = 2 * np.pi * float(modes(model.with_(stiffness=stiffness, gravity=0 * model.gravity))[0][0])
+    own = {"stiffness": stiffness, "damping": 2 * ratio * stiffness / omega}
+    return [
+        p if p.value is not None or (kind := shared_name(p.name)) not in own
+        else p.with_(value=float(np.clip(own[kind], p.lower, p.upper)))
+        for p in listed
+    ]  # fmt: skip
+
+
+def candidate(
+    experiments: Sequence[Experiment], model: Model, listed: Sequence[Parameter], stiffness: float, step: float,
+    weighting: str,
+) -> Candidate | None:
+    """A start with the torques, or gains, without a start value that fit best where the body moves little.
+
+    The motion is linearised about that without these torques; they stay as estimated where that follows the recordings
+    better. None where neither can be simulated.
+    """
+    try:
+        placed, filled = prepare(experiments, model, listed)
+        torques = linear_torques(placed, listed)
+        fixed = [p.with_(free=p.name in torques) for p in filled]
+        problem = Problem(list(experiments), placed, fixed, step, weighting)
+        found = [problem.start]
+        if torques:
+            still = np.clip(0.0 * problem.start, *problem.bounds)
+            r = problem.residual(still)
+            if not problem.broken:
+                moves = np.linalg.lstsq(problem.jacobian(still), -r, rcond=1e-6)[0]
+                found.append(np.clip(still + moves, *problem.bounds))
+        costs = [cost_at(problem, x) for x in found]
+    except PliantError:
+        return None
+    values = problem.values(found[int(np.argmin(costs))])
+    if not np.isfinite(min(costs)):
+        return None
+    return Candidate(min(costs), stiffness, placed, [p.with_(value=values[p.name]) for p in filled])
+
+
+def cost_at(problem: Problem, x: Array) -> float:
+    """Half the sum of squares at the scaled parameters; infinite where they cannot be simulated."""
+    r = problem.residual(x)
+    return float("inf") if problem.broken else 0.5 * float(np.sum(r * r))
+
+
+def short_fit(
+    start: Candidate, step: float, weighting: str, experiments: Sequence[Experiment],
+) -> tuple[float, dict[str, float]]:
+    """Cost and values of all parameters after a few evaluations of a fit."""
+    problem = Problem(list(experiments), start.model, start.parameters, step, weighting)
+    end = solve(problem, problem.start, "linear", TRIAL)
+    return float(end.cost), problem.values(end.x)
+
+
+def linear_torques(model: Model, listed: Sequence[Parameter]) -> set[str]:
+    """Names of the parameters without a start value that multiply the torque of chambers: their laws, else gains."""
+    tendons = {c.name for c in model.chambers if c.kind != Chamber.kind}
+    names = [p.name for p in listed if p.value is None and p.free and p.name.partition(".")[0] not in tendons]
+    laws = {name for name in names if re.fullmatch(r"torque_\d", name.rpartition(".")[2])}
+    return laws or {name for name in names if re.fullmatch(GAINS, name.rpartition(".")[2])}
