@@ -6,9 +6,11 @@ stiffness in all directions and in twist, but for terms of the order of (swing x
 swing^2 / 12. Each seed draws stiffness, damping and the gain and azimuth of each chamber, within 25 % and 0.15 rad of
 the middle. Two records show three stations, one of them beside the axis, with white noise of 1 mm: steps of 2 ms and
 what MuJoCo has otherwise move them by less than 0.1 mm rms. A fit of all nine parameters begins in the middle of
-the ranges, stated: a stiffness that a fit estimates itself, beside free gains, came out up to a hundred times too large
-here, and one fit in three then ended far off. Shares are given as in `intervals.py`, of the fits that reach the noise.
-Usage: python benchmarks/intervals_in_space.py [seeds] [first seed]
+the ranges, stated. With "unstated" it gets their names alone, and a model whose stiffness and damping are off by one
+factor, drawn between 1/100 and 100. Shares are given as in `intervals.py`, of the fits that reach the noise.
+With "twist", the torsional stiffness is drawn and fitted too, and in a third record a known force pulls at the station
+beside the axis: without it twist hardly shows (37 % of itself from the other two records).
+Usage: python benchmarks/intervals_in_space.py [seeds] [first seed] [twist] [unstated]
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from intervals import print_coverage
 from pliant.identification import Experiment, FitResult, Parameter, fit
 from pliant.model import Chamber, Model, Space, Station, chain_model
 from pliant.simulation import Trace
+from pliant.simulation.forces import PointForce
 
 LINKS, LENGTH, MASS, RADIUS, LAW = 3, 0.3, 0.09, 0.02, 2e-6  # m, kg, m, N m/Pa
 PARTS = np.array([LENGTH / 6, LENGTH / 3, LENGTH / 3, LENGTH / 6])  # m, the rigid one at the base first
@@ -32,6 +35,8 @@ RECORDS = {
     "first": {"red": (0.0, 6e4, 6e4, 0.0, 0.0, 2e4), "green": (0.0, 0.0, 3e4, 6e4, 0.0, 0.0)},
     "second": {"blue": (0.0, 6e4, 6e4, 0.0, 0.0, 4e4), "red": (0.0, 0.0, 5e4, 5e4, 1e4, 0.0)},
 }  # Pa
+PULLED = {"pulled": {"green": (0.0, 2e4, 4e4, 0.0, 0.0, 2e4)}}  # beside a force
+FORCE = np.array([0.0, 1.0, -1.0, 0.5, 0.5, 0.0])[:, None] * [0.0, 1.0, 0.0]  # N, at the knots, at the point `side`
 AZIMUTHS = {"red": np.pi / 2, "green": np.pi * 7 / 6, "blue": np.pi * 11 / 6}
 MIDDLE = {"stiffness": 0.6, "damping": 4e-3}
 POINTS = (("mid", 0, 0.08, 0.0), ("side", 1, 0.05, 0.03), ("tip", 2, 0.05, 0.0))  # name, link, along and aside it, m
@@ -55,14 +60,14 @@ def middle() -> dict[str, float]:
     return {**MIDDLE, "stiffness_ratio": 1.0, **{k: v for pair in gains.values() for k, v in pair.items()}}
 
 
-def drawn(rng: np.random.Generator) -> dict[str, float]:
+def drawn(rng: np.random.Generator, *, twist: bool = False) -> dict[str, float]:
     """Values of all parameters of one body."""
     truth = {name: value * rng.uniform(0.75, 1.25) for name, value in MIDDLE.items()}
     truth["stiffness_ratio"] = 1.0
     for name, azimuth in AZIMUTHS.items():
         a, size = azimuth + rng.uniform(-0.15, 0.15), rng.uniform(0.75, 1.25)
         truth |= {f"{name}.gain_x": size * np.sin(a), f"{name}.gain_y": -size * np.cos(a)}
-    return truth
+    return truth | ({"twist_ratio": rng.uniform(0.6, 1.0)} if twist else {})
 
 
 def arm_of(truth: dict[str, float]) -> mujoco.MjModel:
@@ -82,9 +87,10 @@ def arm_of(truth: dict[str, float]) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{text}{end}</worldbody></mujoco>")
 
 
-def moment_of(q: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Moment in the turned frame of a joint at the quaternion q whose work is force . (da, db).
+def moment_of(q: np.ndarray, rate: np.ndarray, force: np.ndarray, spring: float, damper: float) -> np.ndarray:
+    """Moment in the turned frame of a joint at the quaternion q.
 
+    Its work is force . (da, db) - (spring c + damper c') dc.
     (a, b) is the swing before a twist c about the link: its angular velocity there is Rz(c)^T J_r (da, db, 0) + z dc.
     """
     c = 2.0 * np.arctan2(q[3], q[0])
@@ -98,46 +104,66 @@ def moment_of(q: np.ndarray, force: np.ndarray) -> np.ndarray:
     second, third = (0.5, 1 / 6) if y < 1e-8 else ((1 - np.cos(size)) / y, (size - np.sin(size)) / (y * size))
     right = np.eye(3) - second * K + third * K @ K
     turn = np.array([[np.cos(c), np.sin(c), 0.0], [-np.sin(c), np.cos(c), 0.0], [0.0, 0.0, 1.0]])
-    return np.linalg.solve(np.column_stack([(turn @ right)[:, :2], [0.0, 0.0, 1.0]]).T, [force[0], force[1], 0.0])
+    turns = np.column_stack([(turn @ right)[:, :2], [0.0, 0.0, 1.0]])
+    twist = spring * c + damper * np.linalg.solve(turns, rate)[2]
+    return np.linalg.solve(turns.T, [force[0], force[1], -twist])
 
 
 def moved(
     truth: dict[str, float], levels: dict[str, tuple[float, ...]],
-    forces: Callable[[np.ndarray, mujoco.MjData], np.ndarray], tick: float = TICK,
+    forces: Callable[[np.ndarray, mujoco.MjData], np.ndarray], tick: float = TICK, pull: np.ndarray | None = None,
 ) -> np.ndarray:
     """Positions (T, S, 3) of the stations, m: MuJoCo's motion from rest, in steps of a `tick` [s].
 
     `forces` makes the generalised forces of the joints (LINKS, 2) or (2,) [N m] from the inputs (C,) of a moment and
-    the state.
+    the state; `pull` (K, 3) [N] is a force at the station `side`, at the knots.
     """
     model = arm_of(truth)
     model.opt.timestep = tick
     data = mujoco.MjData(model)
     every = round((TIMES[1] - TIMES[0]) / tick)
     moments = (np.arange(TIMES.size * every) + 0.5) * tick
+    beyond = truth.get("twist_ratio", 1.0) - 1.0  # of the torsional stiffness, which a ball joint has as in bending
+    springs = beyond * truth["stiffness"], beyond * truth["damping"]
     out = np.empty((TIMES.size, len(POINTS), 3))
     for k, inputs in enumerate(np.stack([np.interp(moments, KNOTS, p) for p in levels.values()], axis=1)):
         if k % every == 0:
             mujoco.mj_kinematics(model, data)
-            R, r = data.xmat.reshape(-1, 3, 3)[1:], data.xpos[1:]
-            out[k // every] = [r[link] + R[link] @ (aside, 0.0, along) for _, link, along, aside in POINTS]
-        for joint, force in enumerate(np.broadcast_to(forces(inputs, data), (LINKS, 2))):
-            data.qfrc_applied[3 * joint : 3 * joint + 3] = moment_of(data.qpos[4 * joint : 4 * joint + 4], force)
+            out[k // every] = [place(data, *point[1:]) for point in POINTS]
+        for j, force in enumerate(np.broadcast_to(forces(inputs, data), (LINKS, 2))):
+            mine = slice(3 * j, 3 * j + 3)
+            data.qfrc_applied[mine] = moment_of(data.qpos[4 * j : 4 * j + 4], data.qvel[mine], force, *springs)
+        if pull is not None:
+            mujoco.mj_fwdPosition(model, data)
+            now, (_, link, along, aside) = [np.interp(moments[k], KNOTS, row) for row in pull.T], POINTS[1]
+            mujoco.mj_applyFT(model, data, np.array(now), np.zeros(3), place(data, link, along, aside), link + 1,
+                              data.qfrc_applied)  # fmt: skip
         mujoco.mj_step(model, data)
     return out
 
 
-def seen(truth: dict[str, float], levels: dict[str, tuple[float, ...]]) -> np.ndarray:
+def place(data: mujoco.MjData, link: int, along: float, aside: float) -> np.ndarray:
+    """Position (3,) of a point of a link, m."""
+    return data.xpos[link + 1] + data.xmat[link + 1].reshape(3, 3) @ (aside, 0.0, along)
+
+
+def seen(
+    truth: dict[str, float], levels: dict[str, tuple[float, ...]], pull: np.ndarray | None = None
+) -> np.ndarray:
     """Positions (T, S, 3) of the stations under pressures, m."""
     gains = LAW * np.array([[truth[f"{n}.gain_x"], truth[f"{n}.gain_y"]] for n in levels])
-    return moved(truth, levels, lambda pressure, _: pressure @ gains)
+    return moved(truth, levels, lambda pressure, _: pressure @ gains, pull=pull)
 
 
-def record(name: str, shape: np.ndarray, levels: dict[str, tuple[float, ...]], rng: np.random.Generator) -> Experiment:
-    """A record of a shape (T, S, 3) [m] with noise, under inputs of these levels."""
+def record(
+    name: str, shape: np.ndarray, levels: dict[str, tuple[float, ...]], rng: np.random.Generator,
+    pull: np.ndarray | None = None,
+) -> Experiment:
+    """A record of a shape (T, S, 3) [m] with noise, under inputs of these levels and a known force at `side`."""
     drives = {c: Trace(KNOTS, np.array(p)) for c, p in levels.items()}
     noisy = shape + NOISE * rng.standard_normal(shape.shape)
-    return Experiment(name, TIMES, noisy, tuple(p[0] for p in POINTS), "trace", drives=drives)
+    forces = () if pull is None else (PointForce(KNOTS, pull, "side"),)
+    return Experiment(name, TIMES, noisy, tuple(p[0] for p in POINTS), "trace", drives=drives, forces=forces)
 
 
 def count(seeds: range, names: Sequence[str], fitted: Callable[[int], tuple[dict[str, float], FitResult]]) -> None:
@@ -149,7 +175,7 @@ def count(seeds: range, names: Sequence[str], fitted: Callable[[int], tuple[dict
     for seed in seeds:
         truth, found = fitted(seed)
         if max(found.rmse.values()) > FAR * NOISE:
-            print(seed, "ended far off", found.rmse, file=sys.stderr, flush=True)
+            print(seed, "ended far off", found.rmse, found.status, file=sys.stderr, flush=True)
             continue
         std = {p.name: p.std for p in found.parameters}
         rows.append([(found.values[name] - truth[name]) / std[name] for name in names])
@@ -157,18 +183,24 @@ def count(seeds: range, names: Sequence[str], fitted: Callable[[int], tuple[dict
     print_coverage(f"{len(rows)} of {len(seeds)} fits reach the noise", names, np.array(rows))
 
 
-def main(seeds: int, first: int) -> None:
+def main(seeds: int, first: int, *, twist: bool, stated: bool) -> None:
     """Count the intervals of bodies with chambers."""
-    start = [Parameter(name, value) for name, value in middle().items()]
+    begin = middle() | ({"twist_ratio": 0.8} if twist else {})
+    start = [Parameter(name, value if stated else None) for name, value in begin.items()]
 
     def fitted(seed: int) -> tuple[dict[str, float], FitResult]:
         rng = np.random.default_rng([seed, 3])
-        truth = drawn(rng)
-        records = [record(name, seen(truth, levels), levels, rng) for name, levels in RECORDS.items()]
-        return truth, fit(records, chain(), start, step=STEP, starts=1)
+        truth, records = drawn(rng, twist=twist), []
+        for name, levels in (RECORDS | (PULLED if twist else {})).items():
+            pull = FORCE if name in PULLED else None
+            records.append(record(name, seen(truth, levels, pull), levels, rng, pull))
+        off = 1.0 if stated else 10.0 ** rng.uniform(-2, 2)
+        model = chain().with_(stiffness=off * MIDDLE["stiffness"], damping=off * MIDDLE["damping"])
+        return truth, fit(records, model, start, step=STEP, starts=1)
 
-    count(range(first, first + seeds), list(middle()), fitted)
+    count(range(first, first + seeds), list(begin), fitted)
 
 
 if __name__ == "__main__":
-    main(*(int(word) for word in (sys.argv[1:] + ["100", "0"][len(sys.argv) - 1 :])))
+    numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
+    main(*(numbers + [100, 0][len(numbers) :]), twist="twist" in sys.argv, stated="unstated" not in sys.argv)

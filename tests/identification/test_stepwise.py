@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.identification import MORE_STAGES, STAGES, Experiment, Stage, select_model
+from pliant.identification import MORE_STAGES, STAGES, Experiment, Parameter, Stage, select_model
 from pliant.identification.model_selection import Follows
+from pliant.identification.parameters import check_names
 from pliant.identification.stage_fit import Step
+from pliant.identification.stages import of_chambers
 from pliant.identification.stepwise import fit_stages
-from pliant.model import Memory, Model, Valve
+from pliant.model import Chamber, Memory, Model, Space, Valve, chain_model
 
 STEP = 2e-3
 
@@ -155,3 +157,18 @@ def test_a_finer_stage_that_pays_only_on_a_later_one_is_tried_again_once() -> No
     ]  # fmt: skip
     assert len(said) == len(found)
     assert len(fit_stages(fitter, stages, {}, late=False, progress=said.append)) == len(stages)
+
+
+def test_stages_in_space_name_parameters_that_an_arm_in_space_has() -> None:
+    chambers = [Chamber(torque=[2e-6], joint_gain=1.0, name=name) for name in ("red", "green")]
+    model = chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5, damping=5e-3, chambers=chambers,
+                        gravity=(0.0, 0.0, 9.81), space=Space(twist_ratio=0.8, radius=0.02))  # fmt: skip
+    named = {s.name: of_chambers(s, model) for s in MORE_STAGES}
+    assert named["azimuths"].frees == (("red.gain_x", "green.gain_x", "red.gain_y", "green.gain_y"),)
+    assert named["azimuths"].drops == ("red.torque_1", "green.torque_1")
+    frees = (entry for n in ("azimuths", "directions", "twist") for entry in named[n].frees[0])
+    listed = [Parameter(entry) for entry in frees if isinstance(entry, str)]
+    check_names(listed, model, {"r"}, {"tip"})
+    with pytest.raises(InputError, match="belongs to a chain in space"):
+        check_names([Parameter("stiffness_ratio")], chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5,
+                    damping=5e-3, torque=[1e-6], gravity=(0.0, 9.81)), {"r"}, {"tip"})  # fmt: skip

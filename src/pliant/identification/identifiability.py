@@ -15,6 +15,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import prepare
 from pliant.identification.parameters import Parameter, kind_of, shared_name
 from pliant.identification.problem import Problem
+from pliant.identification.space_parameters import RATIOS
 from pliant.identification.uncertainty import HIDDEN, Covariance
 from pliant.model import Model
 
@@ -30,7 +31,8 @@ RECORD = (  # parameters of a direction, and the recording that would show it
     ({"torque_1", "torque_2"}, "another pressure level"), ({"torque_1", "torque_3"}, "another pressure level"),
     ({"valve_fall"}, "the fall of the pressure"), ({"valve_rise"}, "the rise of the pressure"),
     ({"valve_dead_time"}, "the pressure itself"), ({"gravity_angle"}, "another orientation of the base"),
-    ({"damping"}, "a free decay"),
+    ({"damping"}, "a free decay"), ({"twist_ratio"}, "a known force beside the axis"),
+    ({"stiffness_ratio"}, "bending about both axes"),
 )
 
 
@@ -184,7 +186,7 @@ def problem_sizes(problem: Problem, x: Array) -> Array:
 
 def is_factor(problem: Problem) -> Array:
     """Which parameters are judged by shares of their value: those that cannot as well be zero."""
-    return np.array([kind_of(p.name).scale in (0.0, 1.0) for p in problem.free])
+    return np.array([kind_of(p.name).scale in (0.0, 1.0) or shared_name(p.name) in RATIOS for p in problem.free])
 
 
 def simplest(basis: Array) -> Array:
@@ -211,7 +213,8 @@ def direction(names: tuple[str, ...], v: Array, kind: str) -> Direction:
     mine, change = tuple(names[i] for i in part), v[part]
     listed = join_words(mine)
     if len(mine) == 1:
-        sentence = f"the recordings do not show {listed}"
+        twist = ": twist is not excited" if shared_name(mine[0]) == "twist_ratio" else ""
+        sentence = f"the recordings do not show {listed}{twist}"
     elif np.allclose(change, change[0], rtol=0.05):
         sentence = f"{listed} share one scale, of which the recordings show only ratios"
     elif len(mine) == 2 and np.isclose(change[0], -change[1], rtol=0.05):

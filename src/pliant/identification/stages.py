@@ -84,6 +84,10 @@ MORE_STAGES: tuple[Stage, ...] = (  # taken where a study names them
     Stage("payne", "+ stiffness that falls with amplitude", (("payne_share", "payne_angle", "payne_exponent"),),
          drops=("slip_share_1", "slip_angle_1"),
          scan=(("payne_share", (0.3, 3.0, 30.0)), ("payne_angle", (0.05, 0.02, 0.01)))),
+    Stage("azimuths", "+ direction and size of each chamber's pull, in space", (("*.gain_x", "*.gain_y"),),
+         drops=("*.torque_1",)),
+    Stage("directions", "+ another stiffness about y, in space", (("stiffness_ratio",),)),
+    Stage("twist", "+ torsional stiffness, in space", (("twist_ratio",),)),
     Stage("creep_2", "+ second creep branch", ((*CREEP, "creep_share_2", "creep_time_2"),),
          scan=(("creep_time_2", (0.5, 2.0, 10.0)),)),
 )

@@ -49,7 +49,7 @@ def searched(
     middle = ring_start(given, experiments, {"stiffness"})["stiffness"]
     seen = [beginning(e, max(DURATION / len(experiments), SHORTEST)) for e in experiments]
 
-    def tried(stiffness: float, ratio: float) -> Candidate | None:
+    def tried(stiffness: float, ratio: float) -> TrialStart | None:
         return candidate(seen, model, stated(listed, model, stiffness, ratio), stiffness, step, weighting)
 
     found = [c for factor in FACTORS if (c := tried(middle * factor, RATIOS[0]))]
@@ -64,7 +64,7 @@ def searched(
     ])  # fmt: skip
 
 
-class Candidate(NamedTuple):
+class TrialStart(NamedTuple):
     """A start that can be simulated."""
 
     cost: float
@@ -73,7 +73,7 @@ class Candidate(NamedTuple):
     parameters: list[Parameter]
 
 
-def best_of(candidates: Sequence[Candidate]) -> list[Candidate]:
+def best_of(candidates: Sequence[TrialStart]) -> list[TrialStart]:
     """The candidates of the least cost."""
     return sorted(candidates, key=lambda c: c.cost)[:KEPT]
 
@@ -106,7 +106,7 @@ def stated(listed: Sequence[Parameter], model: Model, stiffness: float, ratio: f
 def candidate(
     experiments: Sequence[Experiment], model: Model, listed: Sequence[Parameter], stiffness: float, step: float,
     weighting: str,
-) -> Candidate | None:
+) -> TrialStart | None:
     """A start with the torques, or gains, without a start value that fit best where the body moves little.
 
     The motion is linearised about that without these torques; they stay as estimated where that follows the recordings
@@ -130,7 +130,7 @@ def candidate(
     values = problem.values(found[int(np.argmin(costs))])
     if not np.isfinite(min(costs)):
         return None
-    return Candidate(min(costs), stiffness, placed, [p.with_(value=values[p.name]) for p in filled])
+    return TrialStart(min(costs), stiffness, placed, [p.with_(value=values[p.name]) for p in filled])
 
 
 def cost_at(problem: Problem, x: Array) -> float:
@@ -140,7 +140,7 @@ def cost_at(problem: Problem, x: Array) -> float:
 
 
 def short_fit(
-    start: Candidate, step: float, weighting: str, experiments: Sequence[Experiment],
+    start: TrialStart, step: float, weighting: str, experiments: Sequence[Experiment],
 ) -> tuple[float, dict[str, float]]:
     """Cost and values of all parameters after a few evaluations of a fit."""
     problem = Problem(list(experiments), start.model, start.parameters, step, weighting)

@@ -1,0 +1,50 @@
+"""Twist is found where a record excites it, and named where none does; the arm is MuJoCo's."""
+
+import numpy as np
+import pytest
+from benchmark_scripts import loaded
+
+from pliant.errors import FitError
+from pliant.identification import Experiment, Parameter, fit
+from pliant.model import Space
+
+pytest.importorskip("mujoco")
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return loaded("intervals_in_space")
+
+
+@pytest.fixture(scope="module")
+def body(bench):
+    """Numbers of an arm, and a record in which a force pulls beside its axis."""
+    rng = np.random.default_rng([0, 3])
+    truth = bench.drawn(rng, twist=True)
+    bench.RECORDS = {}
+    (record,) = bench.records(truth, rng)
+    return truth, record
+
+
+@pytest.mark.slow  # compiles the motion on dual numbers
+def test_a_force_beside_the_axis_shows_torsional_stiffness(bench, body):
+    truth, record = body
+    assert truth["twist_ratio"] < 0.7
+    start = [Parameter(n, truth[n], free=False) for n in truth if n not in ("stiffness", "twist_ratio")]
+    listed = [*start, Parameter("stiffness", 0.6), Parameter("twist_ratio", 1.0)]
+    found = fit([record], bench.chain(), listed, step=bench.STEP, starts=1)
+    twist = next(p for p in found.parameters if p.name == "twist_ratio")
+    assert twist.std < 0.1
+    assert abs(twist.value - truth["twist_ratio"]) < 3 * twist.std
+
+
+@pytest.mark.slow
+def test_bending_in_one_plane_does_not_excite_twist(bench, body):
+    """A chamber that bends about x alone, seen by stations on the plane: no line of the data depends on twist."""
+    _, first = body
+    chain = bench.chain().with_(space=Space(twist_ratio=0.8, radius=bench.RADIUS))
+    shape = first.position.copy()
+    shape[..., 0] = 0.0
+    plane = Experiment("flat", first.time, shape, first.stations, "trace", drives={"red": first.drives["green"]})
+    with pytest.raises(FitError, match=r"show twist_ratio: twist is not excited.*a known force beside the axis"):
+        fit([plane], chain, [Parameter("stiffness", 0.6), Parameter("twist_ratio", 0.8)], step=bench.STEP)
