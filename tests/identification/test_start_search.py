@@ -8,7 +8,8 @@ from space_cases import AZIMUTHS, LINKS, STEP, TIME, TRACES, arm
 
 import pliant
 from pliant.identification import Experiment, Parameter
-from pliant.identification.start_search import beginning, linear_torques, searched
+from pliant.identification.problem import Problem
+from pliant.identification.start_search import beginning, independent_start, linear_torques, searched
 from pliant.model import Chamber, Station
 from pliant.simulation import Trace
 
@@ -71,3 +72,24 @@ def test_torques_are_sought_by_laws_before_gains_and_never_of_tendons():
     assert linear_torques(arm(), [*listed, Parameter("red.torque_1")]) == {"red.torque_1"}
     cord = pliant.model.Tendon.at_azimuth(0.4, np.ones(LINKS), name="red", lever=8e-3)
     assert linear_torques(arm(chambers=[cord]), listed) == set()
+
+
+def second_start(seen, listed):
+    given = arm(stations=[Station("mid", 1, 0.025), Station("tip", 2, 0.05)])
+    model, filled = searched([seen], given, listed, STEP, "travel")
+    problem = Problem([seen], model, filled, STEP, "travel")
+    x = independent_start(problem, given, listed, STEP, "travel")
+    return None if x is None else problem.values(x)
+
+
+@pytest.mark.slow
+def test_a_second_start_forgets_a_stated_stiffness(seen):
+    found = second_start(seen, [Parameter("stiffness", 60.0), Parameter("damping", 0.2), Parameter("red.gain_x", -2.0)])
+    assert 0.25 < found["stiffness"] < 1.0
+    assert found["red.gain_x"] == pytest.approx(np.sin(AZIMUTHS["red"]), rel=0.3)
+
+
+@pytest.mark.parametrize("first", ["stiffness", Parameter("stiffness", 0.5, free=False), Parameter("mass", 0.1)])
+def test_there_is_no_second_start_where_no_stiffness_is_stated_for_a_fit(seen, monkeypatch, first):
+    monkeypatch.setattr("pliant.identification.start_search.FACTORS", ())  # one start is as good as many
+    assert second_start(seen, [first, Parameter("damping", 5e-3)]) is None

@@ -20,7 +20,7 @@ from pliant.identification.prediction import predict
 from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS, noise_ratio
 from pliant.identification.result import FitResult, cautions, far_off, parameter_dict, status_sentence
-from pliant.identification.start_search import searched
+from pliant.identification.start_search import independent_start, searched
 from pliant.identification.uncertainty import covariance
 from pliant.model import Model
 from pliant.options import with_defaults
@@ -76,7 +76,8 @@ def fit(
     loss : {"linear", "soft_l1", "huber", "cauchy"}, default "linear"
         Robust losses bound the pull of outliers beyond 1 % of travel, or three standard deviations of the noise.
     starts : int
-        Number of starts: the estimate, and others scattered about it; default: 3.
+        Number of starts: the estimate, and others scattered about it; default: 3. Where the stiffness of a chain in
+        space is stated, the second one is found without it.
     weighting : {"travel", "metre", "noise"}, default "travel"
         Residuals relative to each experiment's own travel (every level counts alike), all in the same unit, or in
         standard deviations of each station's noise: as given with the experiment, else estimated from the residuals.
@@ -111,12 +112,14 @@ def fit(
     check_choices(loss, weighting)
     if len({e.without_positions for e in experiments}) > 1:
         raise InputError("one fit compares places or angles alone: its experiments hold the one and the other")
-    model, filled = searched(experiments, model, parameters, step, weighting)
+    given = model
+    model, filled = searched(experiments, given, parameters, step, weighting)
     if not any(p.free for p in filled):
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
     check_step(model, step, "midpoint")
     problem = Problem(list(experiments), model, filled, step, weighting)
-    simulable = starts_of(problem, how["starts"], np.random.default_rng(how["rng"]))
+    second = independent_start(problem, given, parameters, step, weighting) if how["starts"] > 1 else None
+    simulable = starts_of(problem, how["starts"], np.random.default_rng(how["rng"]), second)
     if regularise:
         problem.hold_to_start()
     else:
@@ -143,9 +146,15 @@ def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
     )
 
 
-def starts_of(problem: Problem, starts: int, rng: np.random.Generator) -> list[Array]:
-    """The estimate and points scattered about it, as far as they can be simulated; FitError when none can."""
-    points = [problem.start, *(scattered(problem.free, problem.start, problem.bounds, rng) for _ in range(starts - 1))]
+def starts_of(
+    problem: Problem, starts: int, rng: np.random.Generator, second: Array | None = None,
+) -> list[Array]:
+    """The estimate, a second start where there is one, and points scattered about the estimate.
+
+    Those that can be simulated; FitError when none can.
+    """
+    points = [problem.start] if second is None else [problem.start, second]
+    points += [scattered(problem.free, problem.start, problem.bounds, rng) for _ in range(starts - len(points))]
     good = []
     broken = ""
     for x in points:

@@ -31,6 +31,7 @@ KEPT = 2  # candidates from which a short fit goes on
 TRIAL = 6  # evaluations of a short fit
 DURATION, SHORTEST = 2.0, 0.5  # s of all records together after they begin to move, and of each at least
 MOVING = 0.05  # of the travel
+LAWS = r"torque_\d"
 GAINS = r"gain(_[xy])?|(joint|cross)_gain_\d+"
 
 
@@ -64,6 +65,37 @@ def searched(
     ])  # fmt: skip
 
 
+def independent_start(
+    problem: Problem, model: Model, parameters: Sequence[Parameter | str], step: float, weighting: str,
+) -> Array | None:
+    """Scaled free parameters at which a fit in space would begin without its stated stiffness, damping and torques.
+
+    A second start there shows whether the stated one leads to the best optimum. None in a plane, where no stiffness to
+    be fitted is stated, or where the search fails.
+    """
+    listed = each_joint((Parameter(p) if isinstance(p, str) else p for p in parameters), model.n)
+    forgotten = {p.name for p in listed if p.free and p.value is not None and not p.prior_std and is_sought(p.name)}
+    if model.space is None or "stiffness" not in {shared_name(name) for name in forgotten}:
+        return None
+    unstated = [p.with_(value=None) if p.name in forgotten else p for p in listed]
+    try:
+        values = {p.name: p.value for p in searched(problem.experiments, model, unstated, step, weighting)[1]}
+    except PliantError:
+        return None
+    x = np.array([values[p.name] for p in problem.free], dtype=float) / problem.scale
+    return np.asarray(np.clip(x, *problem.bounds))
+
+
+def is_sought(name: str) -> bool:
+    """Whether the search finds a start for a parameter."""
+    return shared_name(name) in ("stiffness", "damping") or bool(re.fullmatch(rf"{LAWS}|{GAINS}", last_part(name)))
+
+
+def last_part(name: str) -> str:
+    """The name of a parameter without its recording or chamber."""
+    return name.rpartition(".")[2]
+
+
 class TrialStart(NamedTuple):
     """A start that can be simulated."""
 
@@ -79,8 +111,8 @@ def best_of(candidates: Sequence[TrialStart]) -> list[TrialStart]:
 
 
 def beginning(exp: Experiment, duration: float) -> Experiment:
-    """The first part of a recorded motion: a `duration` [s] beyond the moment at which it begins."""
-    if exp.excitation != "trace":
+    """The first part of a recorded motion: a `duration` [s] beyond the moment at which it begins; all settled poses."""
+    if exp.excitation != "trace" or exp.poses:
         return exp
     moving = exp.time[int(np.argmax(displacement(exp) > MOVING * exp.travel))]
     keep = exp.time <= moving + duration
@@ -152,5 +184,5 @@ def linear_torques(model: Model, listed: Sequence[Parameter]) -> set[str]:
     """Names of the parameters without a start value that multiply the torque of chambers: their laws, else gains."""
     tendons = {c.name for c in model.chambers if c.kind != Chamber.kind}
     names = [p.name for p in listed if p.value is None and p.free and p.name.partition(".")[0] not in tendons]
-    laws = {name for name in names if re.fullmatch(r"torque_\d", name.rpartition(".")[2])}
-    return laws or {name for name in names if re.fullmatch(GAINS, name.rpartition(".")[2])}
+    laws = {name for name in names if re.fullmatch(LAWS, last_part(name))}
+    return laws or {name for name in names if re.fullmatch(GAINS, last_part(name))}
