@@ -21,9 +21,8 @@ def body(bench):
     """Numbers of an arm, and a record in which a force pulls beside its axis."""
     rng = np.random.default_rng([0, 3])
     truth = bench.drawn(rng, twist=True)
-    bench.RECORDS = {}
-    (record,) = bench.records(truth, rng)
-    return truth, record
+    levels = bench.PULLED["pulled"]
+    return truth, bench.record("pulled", bench.seen(truth, levels, bench.FORCE), levels, rng, bench.FORCE)
 
 
 @pytest.mark.slow  # compiles the motion on dual numbers

@@ -108,12 +108,14 @@ def shifts(problem: Problem) -> Array:
     """Return the offset of each free parameter before its logarithm is fitted, in its scale; NaN for those fitted as
     they are.
 
-    A step as long as a stiffness itself would soften the spring to nothing, and the body then moves as no recording
-    does. Beside creep, fast motion shows K (1 + share) alone, and beside Payne's curve small swings do: K and share lie
+    In space a step as long as a stiffness itself would soften the spring to nothing, and the body then moves as no
+    recording does. Beside creep, fast motion shows K (1 + share) alone, and beside Payne's curve small swings do: K and share lie
     in a valley that bends, and is straight in log K and log (1 + share).
     """
     kinds = [p.name.rpartition(".")[2] for p in problem.free]
     shift = np.full(len(kinds), np.nan)
+    if problem.model.space is None and not shares(problem):
+        return shift
     for k, kind in enumerate(kinds):
         if kind.startswith(SHARES):
             shift[k] = 1.0 / problem.scale[k]
