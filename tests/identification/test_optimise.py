@@ -26,7 +26,7 @@ def two_bowls() -> Any:
     bounds = (np.array([-9.0]), np.array([9.0]))
     return SimpleNamespace(
         residual=residual, jacobian=jacobian, free=[SimpleNamespace(name="x")], bounds=bounds, weighting="travel",
-        unit=1.0, evaluations=0, asked=asked,
+        unit=1.0, evaluations=0, asked=asked, model=SimpleNamespace(space=None),
     )
 
 
@@ -75,7 +75,7 @@ def test_a_valley_of_stiffness_and_creep_is_straight_in_logarithms(names: tuple[
     problem: Any = SimpleNamespace(
         residual=residual, jacobian=jacobian, free=[SimpleNamespace(name=n) for n in names], weighting="travel",
         bounds=(np.array([1e-9, 0.0]), np.array([np.inf, 1e3])), unit=1.0, scale=np.ones(2),
-        evaluations=0,
+        evaluations=0, model=SimpleNamespace(space=None),
     )
     found = solve(problem, np.ones(2), "linear", 400)
     evaluations = len(asked)
