@@ -109,8 +109,8 @@ def shifts(problem: Problem) -> Array:
     they are.
 
     In space a step as long as a stiffness itself would soften the spring to nothing, and the body then moves as no
-    recording does. Beside creep, fast motion shows K (1 + share) alone, and beside Payne's curve small swings do: K and share lie
-    in a valley that bends, and is straight in log K and log (1 + share).
+    recording does. Beside creep, fast motion shows K (1 + share) alone, and beside Payne's curve small swings do: K and
+    share lie in a valley that bends, and is straight in log K and log (1 + share).
     """
     kinds = [p.name.rpartition(".")[2] for p in problem.free]
     shift = np.full(len(kinds), np.nan)
