@@ -355,6 +355,12 @@ def fit(out: Lines, looks: Sequence[FirstLook]) -> None:
         out.put("title", "Joints in the middle of their segments")
         out.put("like", "first")
         out.put("joint_placement", "midsegment")
+        out.table("fits.three_links")
+        out.say("an angle decides one link; more stand for a body that bends evenly, where that predicts as well")
+        out.put("title", "Three links")
+        out.put("like", "first")
+        out.put("links", 3)
+        out.put("joint_placement", "midsegment")
 
 
 def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[str, str]]:

@@ -46,10 +46,11 @@ def run_fit(
 
 
 def placed(study: Study, entry: Fit, model: Model) -> Model:
-    """The study's model with the joints where the fit places them."""
-    if entry.joint_placement is None:
+    """The study's model with as many joints as the fit has, where it places them."""
+    if entry.joint_placement is None and entry.links is None:
         return model
-    same = {"joint_placement": entry.joint_placement, "links": model.n, "gravity": model.gravity.tolist()}
+    same = {"joint_placement": entry.joint_placement or study.actuator.joint_placement,
+            "links": entry.links or model.n, "gravity": model.gravity.tolist()}  # fmt: skip
     return study_model(study.actuator.model_copy(update=same), None)
 
 

@@ -230,6 +230,7 @@ class Fit(StudyEntry):
     loss: Loss = "linear"
     starts: int = Field(3, ge=1, le=100)
     joint_placement: Literal["base", "midsegment"] | None = None  # of this fit; default: the actuator's
+    links: int | None = Field(None, ge=1, le=100)  # of this fit; default: the study's
     regularise: bool = False  # fit although the recordings do not tell the parameters apart
     bootstrap: int = Replicates
 
@@ -375,13 +376,21 @@ def check_reduction(study: Study, path: Path) -> None:
     if study.reduction.recording not in (None, *study.recordings):
         listed = ", ".join(study.recordings)
         raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}; listed are {listed}")
-    if placed := [n for n, f in study.fits.items() if f.joint_placement]:
-        raise InputError(f"study {path}: fit {placed[0]} has joint_placement, and [reduction] places the joints of the "
+    if placed := [n for n, f in study.fits.items() if f.joint_placement or f.links]:
+        own = "joint_placement" if study.fits[placed[0]].joint_placement else "links"
+        raise InputError(f"study {path}: fit {placed[0]} has {own}, and [reduction] places the joints of the "
                          "study: state it there")  # fmt: skip
 
 
 def check_chambers(study: Study, path: Path) -> None:
-    """Recordings drive chambers that the actuator has; it has a torque law or chambers, not both."""
+    """Recordings drive chambers that the actuator has; it has a torque law or chambers, not both.
+
+    Chambers and tendons stand on joints, so no fit has another number of links than theirs.
+    """
+    jointed = study.actuator.chambers or study.actuator.tendons
+    if jointed and (other := [n for n, f in study.fits.items() if f.links]):
+        raise InputError(f"study {path}: fit {other[0]} has links of its own, and {jointed[0].name} acts on joints of "
+                         "the actuator's: state links in [actuator], in a study for each number")  # fmt: skip
     inputs = [c.name for c in study.actuator.chambers] + [t.name for t in study.actuator.tendons]
     names = inputs or ["chamber"]
     if inputs and study.actuator.torque is not None:

@@ -40,17 +40,21 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
 
 def told_of_placement(outcome: StudyOutcome) -> list[str]:
     """Bending stiffness and error of fits whose joints sit in different places; nothing where all sit alike."""
-    shown: dict[str, str] = {}
+    shown: dict[tuple[str, int], str] = {}
+    numbers = {fit.result.model.n for fit in outcome.fits}
     for fit in outcome.fits:
         role = "held_out" if any(r.role == "held_out" for r in fit.records) else "train"
         worst = max((r.metrics["rmse_percent_of_travel"] for r in fit.records if r.role == role), default=None)
         where, section = joint_placement(fit.result.model), float(np.mean(bending_stiffness(fit.result.model)))
         how = "predicted" if role == "held_out" else "followed"
         error = "" if worst is None else f", {how} to {worst:.1f} % of travel"
-        shown.setdefault(where, f"{fit.title}, {PLACEMENT[where]}: EI {section:.3g} N m^2{error}")
+        links = fit.result.model.n
+        count = f"{links} link{'s' * (links > 1)}, " if len(numbers) > 1 else ""
+        shown.setdefault((where, links), f"{fit.title}, {count}{PLACEMENT[where]}: EI {section:.3g} N m^2{error}")
     if len(shown) < 2:
         return []
-    return [f"Stiffness depends on where the joints are assumed to sit. {'; '.join(shown.values())}."]
+    number = " and how many there are" if len(numbers) > 1 else ""
+    return [f"Stiffness depends on where the joints are assumed to sit{number}. {'; '.join(shown.values())}."]
 
 
 def forecast_sentence(forecast: Forecast) -> str:
