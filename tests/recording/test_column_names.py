@@ -20,6 +20,10 @@ from pliant.recording.column_names import standard_names
     (["t", "x_m", "y_m"],) * 2 + ("",),  # a station called m
     (["t", "x_000", "y_000", "qx_000", "angle_000", "psi"],) * 2 + ("",),
     (["timestamp_us", "tip x", "tip y"], ["t_us", "x_tip", "y_tip"], ""),
+    (["t", "tip X [mm]", "tip Y [mm]", "P1 [kPa]", "P2 [kPa]", "supply [kPa]", "P1 set (kPa)"],
+     ["t", "x_tip", "y_tip", "p_kpa_P1", "p_kpa_P2", "supply [kPa]", "P1 set (kPa)"], "mm"),
+    (["t", "x_tip", "y_tip", "Kammer (mbar)", "mass [g]"], ["t", "x_tip", "y_tip", "p_mbar", "mass [g]"], ""),
+    (["t", "x_tip", "y_tip", "p_kpa", "CH2_kPa"], ["t", "x_tip", "y_tip", "p_kpa", "p_kpa_CH2"], ""),
 ])  # fmt: skip
 def test_spellings(names: list[str], expected: list[str], unit: str) -> None:
     renamed = standard_names(names, "a.csv")

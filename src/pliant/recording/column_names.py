@@ -19,6 +19,8 @@ BEHIND = re.compile(r"(.+?)[_ .:]([xyz])", re.IGNORECASE)  # tip_x
 BRACKETED = re.compile(r"(.+?)[\s_]*[\[(]\s*([^\[\]()]+?)\s*[\])]")  # tip_x [mm]
 ENDING = re.compile(r"(.+)[_ ]([A-Za-z]+)")  # tip_x_mm
 OTHERS = re.compile(r"f|force|a|acc\w*|gyro\w*|mag\w*|v|vel\w*|torque|moment|rot\w*|angle|q", re.IGNORECASE)
+ELSEWHERE = r"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|atm\w*|ambient|barom\w*"  # not in the body
+NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
 WORDS = {"in"}  # units that are words as well: a name states them in brackets alone
 
 
@@ -31,7 +33,7 @@ class Renamed(NamedTuple):
 
 
 def standard_names(names: list[str], file: str) -> Renamed:
-    """Return the names of a wide CSV for columns such as ``time_ms``, ``Pressure (mbar)`` and ``tip_x [mm]``.
+    """Return the names of a wide CSV for columns such as ``time_ms``, ``Pressure (mbar)``, ``P1 [kPa]``, ``tip_x_mm``.
 
     A name that no rule knows stays as it is; so do those of which several have one standard name.
 
@@ -49,6 +51,7 @@ def standard_names(names: list[str], file: str) -> Renamed:
         raise InputError(f"{file} states several units of length in the names of its columns ({stated}): use one")
     standard = {name: found[0] for name, found in positions.items()}
     standard |= {name: other for name in names if name not in standard and (other := _clock(name) or _pressure(name))}
+    standard |= _channels([name for name in names if name not in standard], [*standard.values()])
     owners = Counter([*names, *(new for old, new in standard.items() if old != new)])
     changed = {old: new for old, new in standard.items() if old != new and owners[new] == 1}
     return Renamed([changed.get(n, n) for n in names], next(iter(units), ""), _sentence(changed, units))
@@ -100,6 +103,18 @@ def _pressure(name: str) -> str | None:
         return None
     chamber = match[1] or match[2]
     return f"p_{unit}_{chamber}" if chamber else f"p_{unit}"
+
+
+def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
+    """Standard names of columns that only their unit shows to be pressures, such as ``P1 [kPa]``.
+
+    One alone has no name of its own. A set point, a supply or the atmosphere is none.
+    """
+    inside = [name for name in names if not NOT_INSIDE.fullmatch(name)]
+    found = {name: parts for name in inside if (parts := _without_unit(name, PASCAL))[1]}
+    if len(found) == 1 and not any(name.startswith("p_") for name in known):
+        return {name: f"p_{unit}" for name, (_, unit) in found.items()}
+    return {name: f"p_{unit}_{bare}" for name, (bare, unit) in found.items()}
 
 
 def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:
