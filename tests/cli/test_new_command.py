@@ -144,10 +144,35 @@ def test_one_chamber_of_several_is_kept(tmp_path):
     stations = {"base": {"position": [1, 2, 3]}, "tip": {"position": [4, 5, 6]}}
     mapping = {"time": 0, "length_unit": "m", "stations": stations,
                "pressure": {"columns": [7, 8], "unit": "kPa", "chamber": ["left", "right"]}}  # fmt: skip
-    text = draft_study([file], tmp_path / "s.toml", mapping=mapping, mass=0.1).text
-    content = tomllib.loads(text)
-    assert "right moves most" in text
-    assert content["recordings"]["log"]["mapping"]["pressure"] == {"columns": [8], "unit": "kPa"}
+    content = tomllib.loads(draft_study([file], tmp_path / "s.toml", mapping=mapping, mass=0.1).text)
+    assert content["actuator"]["chambers"] == [{"name": "right"}]
+    assert content["recordings"]["log"]["drive"] == {"right": "right"}
+    assert "right.torque_1" in content["fits"]["first"]["parameters"]
+    Study.model_validate(content)
+
+
+def test_chambers_of_a_body_in_a_plane_are_drafted_where_they_bend_it(tmp_path):
+    """The lower half bends under near, the upper under far, to the other side under back, which bends all of it."""
+    t = np.arange(0.0, 2.0, 0.02)
+    s = np.linspace(0.0, 0.2, 6)  # m
+    files, levels = [], {"a": (4e4, 0, 0), "b": (0, 5e4, 0), "c": (0, 0, 6e4), "d": (3e4, 4e4, 0), "e": (2e4, 0, 5e4)}
+    for name, level in levels.items():
+        pressure = np.where((t > 0.5)[:, None], level, 0.0)
+        fine = np.linspace(0.0, 0.2, 201)
+        kappa = 4e-5 * (pressure[:, :1] * (fine < 0.1) + pressure[:, 1:2] * (fine >= 0.1) - 0.6 * pressure[:, 2:])
+        turn = np.cumsum(kappa, axis=1) * (fine[1] - fine[0])
+        path = np.stack([-np.sin(turn), 0 * turn, np.cos(turn)], axis=-1).cumsum(axis=1) * (fine[1] - fine[0])
+        places = path[:, np.searchsorted(fine, s - 1e-9)] - path[:, :1]
+        places = places + 3e-5 * np.random.default_rng(len(files)).standard_normal(places.shape)
+        ds = make_recording(t, places, station=["base", "p1", "p2", "p3", "p4", "tip"], pressure=pressure,
+                            chamber=["near", "far", "back"])  # fmt: skip
+        files.append(write(ds, tmp_path / f"{name}.csv"))
+    content = tomllib.loads(draft_study(files, tmp_path / "s.toml", mass=0.1).text)
+    Study.model_validate(content)
+    chambers = {c.pop("name"): c for c in content["actuator"]["chambers"]}
+    assert chambers == {"near": {"joints": [1, 2, 3]}, "far": {"joints": [4, 5]}, "back": {"gain": -1.0}}
+    assert content["fits"]["first"]["held_out"] == ["d"]  # what each does alone is learnt
+    assert content["recordings"]["d"]["drive"] == {"near": "near", "far": "far", "back": "back"}
 
 
 def test_points_of_a_soft_body_are_no_rigid_cluster(tmp_path):

@@ -90,6 +90,7 @@ MISTAKES = {
     "unit of angle, the other way": lambda: turning(np.radians(0.6 * (1 - np.cos(TIME)))),
     "exchanged labels": lambda: quality(recording(swapped(places()))).doubts,
     "moving base": from_the_tip,
+    "plane": lambda: body(plane=[1.0, 0.0, 0.2]),
     "base tangent": lambda: body(tangent="+x", plane=[0, 0, 1]),
     "length, in mm": lambda: body(length=120.0),
     "length, in inches": lambda: body(length=LENGTH / 0.0254),

@@ -16,12 +16,22 @@ from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.plausibility.together import beside
 from pliant.preprocessing.quality import standing_stations
 from pliant.study.doubts import of_body
-from pliant.study.draft_inputs import LINKS, chamber_parameters, chambers, channels, placed, tendons
+from pliant.study.draft_inputs import (
+    LINKS,
+    chamber_parameters,
+    chambers,
+    chambers_in_plane,
+    channels,
+    driven,
+    placed,
+    tendons,
+)
 from pliant.study.first_reading import with_logs
 from pliant.study.new import (
     FirstLook,
     body_length,
     excitation,
+    from_one_side,
     held_out,
     in_space,
     look_with_log,
@@ -128,10 +138,14 @@ def draft_study(
         alignment(out, first)
     if first.dense:
         reduction(out, looks)
-    chambers(out, placed(looks))
+    if spatial_study(looks):
+        chambers(out, placed(looks))
+    else:
+        chambers_in_plane(out, looks)
     tendons(out, placed(looks))
     for look in looks:
         recording(out, look, Path(study).parent, level)
+        channels(out, look, driven(looks))
     fit(out, looks)
     out.table("targets")
     out.say("what the verdict holds the predictions against; take a line away and it is not judged")
@@ -144,13 +158,11 @@ def looks_at(
 ) -> list[FirstLook]:
     """First looks at the recordings, all of them in the plane or in space; in space where one of them shows it."""
     pairs = with_logs([Path(f) for f in files])
-    looks = [look_with_log(shape, log, mapping, space=space) for shape, log in pairs]
+    looks = [look_with_log(shape, log, mapping) for shape, log in pairs]
     spatial = any(look.spatial or look.cords for look in looks) if space is None else space
-    if not spatial:
-        return looks
-    if any(look.chamber for look in looks):  # one that shows no motion in space by itself
-        looks = [look_with_log(shape, log, mapping, space=True) for shape, log in pairs]
-    return [in_space(look) for look in looks]
+    if spatial:
+        return [in_space(look) for look in looks]
+    return from_one_side(looks) if len(driven(looks)) > 1 else looks
 
 
 def in_which_space(out: Lines, looks: Sequence[FirstLook]) -> None:
@@ -303,9 +315,6 @@ def recording(out: Lines, look: FirstLook, folder: Path, level: float | None) ->
     out.put("file", relative(look.path, folder))
     if look.log is not None:
         out.put("pressure_file", relative(look.log, folder), "its clock is brought onto that of the shape")
-    channels(out, look)
-    if look.chamber:
-        out.say(f"of several pressures a draft takes one: {look.chamber} moves most, the mapping reads no other")
     if look.mapping:
         out.put("mapping", look.mapping)
     if (moving := moving_beside(look)) is not None:
@@ -368,9 +377,8 @@ def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[
     kinds, first = {excitation(look) for look in looks}, looks[0]
     levels = {round(look.highest_pa, -2) for look in looks if look.name != held and look.highest_pa is not None}
     free = [("stiffness", "N m/rad, of every joint"), ("damping", "N m s/rad, of every joint")]
-    if first.chambers or first.cords:
-        named = [*first.chambers, *(one.name for one in first.cords)]
-        return free + chamber_parameters(named) + place_parameters(looks, kinds)
+    if named := [*driven(looks), *(one.name for one in first.cords)]:
+        return free + chamber_parameters(named, space=spatial_study(looks)) + place_parameters(looks, kinds)
     if kinds != {"release"}:
         free += [("torque_1", "N m/Pa")]
         free += [("torque_2", "N m/Pa^2, seen because more than one level is trained on")] if len(levels) > 1 else []

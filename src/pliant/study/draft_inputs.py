@@ -1,4 +1,4 @@
-"""The inputs of a drafted study: chambers and tendons of a body in space, and the channels that drive them."""
+"""The inputs of a drafted study: chambers and tendons, and the channels that drive them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pliant.recording.inputs import RecordedInput
-from pliant.study.new import FirstLook, azimuths, body_length, tendon_ends
+from pliant.study.first_reading import several
+from pliant.study.new import FirstLook, azimuths, body_length, chamber_span, tendon_ends
 from pliant.study.toml_text import Lines
 
 LINKS = 5
@@ -17,6 +18,37 @@ EITHER_WAY = 0.1  # of the largest value: an input that goes so far below 0 too
 def placed(looks: Sequence[FirstLook]) -> FirstLook:
     """The first look whose recording could be brought into the base frame; the first of all where none could."""
     return next((look for look in looks if look.aligned is not None), looks[0])
+
+
+def driven(looks: Sequence[FirstLook]) -> list[str]:
+    """Names of the chambers that a recording of several drives."""
+    return list(dict.fromkeys(name for look in looks for name in look.chambers))
+
+
+def chambers_in_plane(out: Lines, looks: Sequence[FirstLook]) -> None:
+    """Several chambers of a body in a plane: the side and the joints that each bends, where it moves most alone."""
+    for name in driven(looks):
+        look = max((one for one in looks if name in one.chambers), key=lambda one: alone(one, name))
+        out.text += ["", "[[actuator.chambers]]"]
+        out.put("name", name)
+        if look.aligned is None or look.turns:
+            out.say("joints = [1, 2]  (those that it turns; default: all)", "gain = -1.0  (of one on the other side)")
+            continue
+        side, begin, end = chamber_span(look.aligned, name)
+        shown, part = f"as the stations of {look.path.name} move", f"from {1e3 * begin:.0f} to {1e3 * end:.0f} mm"
+        passed = [k for k in joints_up_to(end, body_length(look)) if k not in joints_up_to(begin, body_length(look))]
+        if look.dense:
+            out.say(f"joints = [...]  (those {part}, {shown}; default: all)")
+        elif len(passed) < LINKS:
+            out.put("joints", passed, f"that it turns: the body bends {part}, {shown}")
+        if side < 0:
+            out.put("gain", -1.0, f"it bends the body to the other side, {shown}")
+
+
+def alone(look: FirstLook, name: str) -> float:
+    """Range of a pressure over that of all, 1 where it is the only one that moves."""
+    ranges = {n: high - low for n, (low, high) in look.found.pressure_kpa.items()}
+    return ranges[name] / sum(ranges.values())
 
 
 def chambers(out: Lines, look: FirstLook) -> None:
@@ -69,14 +101,17 @@ def joints_up_to(end: float, length: float | None) -> list[int]:
     return [k + 1 for k in range(LINKS) if (k + 0.5) * (length or end) / LINKS < 1.05 * end]
 
 
-def chamber_parameters(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Gains of each input about both axes: size and direction of its torque."""
+def chamber_parameters(names: Sequence[str], *, space: bool) -> list[tuple[str, str]]:
+    """Gains of each input about both axes: size and direction of its torque; in a plane its law."""
+    if not space:
+        return [(f"{name}.torque_1", "N m/Pa") for name in names]
     return [(f"{name}.gain_{axis}", f"of the torque of {name} about {axis}") for name in names for axis in "xy"]
 
 
-def channels(out: Lines, look: FirstLook) -> None:
+def channels(out: Lines, look: FirstLook, names: Sequence[str]) -> None:
     """Which channel of a recording drives which input, whether it was measured, and how it was logged."""
-    if driving := [*look.chambers, *(one.name for one in look.cords)]:
+    recorded = several(look.recording)
+    if driving := [*(name for name in names if name in recorded), *(one.name for one in look.cords)]:
         out.put("drive", {name: name for name in driving}, "input of the model = channel of the recording")
     if look.cords:
         out.put("signal", "measured", 'or "commanded": a set point, which the motor follows with a lag')

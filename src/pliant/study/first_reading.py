@@ -9,7 +9,6 @@ from typing import Any
 import xarray as xr
 
 from pliant.errors import InputError
-from pliant.preprocessing.quality import Quality
 from pliant.recording import read, readers
 from pliant.recording.registry import HEAD_BYTES
 
@@ -52,25 +51,6 @@ def several(recording: xr.Dataset) -> list[str]:
         if "chamber" in recording.dims and recording.sizes["chamber"] > 1
         else []
     )
-
-
-def narrowed(
-    mapping: dict[str, Any] | None, chambers: list[str], found: Quality, name: str
-) -> tuple[dict[str, Any], str]:
-    """The mapping with the one chamber whose pressure moves most, and that chamber's name."""
-    ranges = {c: high - low for c, (low, high) in found.pressure_kpa.items()}
-    chosen = max(chambers, key=lambda c: ranges.get(c, 0.0))
-    pressure = dict((mapping or {}).get("pressure") or {}) if isinstance((mapping or {}).get("pressure"), dict) else {}
-    key = next((k for k in ("columns", "channels") if k in pressure), None)
-    if mapping is None or key is None:
-        raise InputError(
-            f"{name} has several pressures ({', '.join(chambers)}) and a draft takes one: write a file, or a mapping, "
-            f"with the one that bends the body (that of {chosen} moves most), or the study by hand, with "
-            "[[actuator.chambers]] and drive (docs/chambers.md)"
-        )
-    pressure[key] = [pressure[key][chambers.index(chosen)]]
-    pressure.pop("chamber", None)
-    return {**mapping, "pressure": pressure}, chosen
 
 
 LOGS = (".csv", ".txt", ".tsv", ".log", ".dat", ".mat", ".npz", ".lvm", ".tdms", ".mcap", ".db3")

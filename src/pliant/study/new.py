@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from pliant.identification import experiment
 from pliant.identification.edges import edges
 from pliant.identification.recorded import Excitation
 from pliant.preprocessing.align import DENSE_STATIONS, align
+from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.detectors import without_spikes
@@ -26,7 +28,7 @@ from pliant.recording import read
 from pliant.recording.inputs import RecordedInput, inputs_at, recorded_inputs
 from pliant.study.clocks import with_pressure
 from pliant.study.doubts import units_first
-from pliant.study.first_reading import narrowed, read_or_guess, several
+from pliant.study.first_reading import read_or_guess, several
 from pliant.units import PASCAL, pascal_per
 
 LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
@@ -34,6 +36,9 @@ NUMBERED = re.compile(r"(.*?)[ _.:-]*\d+")  # "Tip - 1" belongs to "Tip"
 RIGID_SHARE, RIGID_M = 0.02, 1e-3  # what distances within a rigid part may change, of themselves and in metres
 LINE = 0.15  # markers whose width is below this share of their length lie along a body, not on a plate
 OUT_OF_PLANE = 0.15  # of the motion, out of its best plane: tracked bodies that bend in one show up to 0.12
+DRIVEN = 0.05  # of the widest range of a pressure: one that moves by less drives nothing
+FEWEST_SHOWING = 3  # stations, that of the base with them: so few lie on an even bend of one part or another
+MUCH_BETTER = 0.5  # of the squared errors of an even bend: a part of the body explains more than that
 RETURNED = 0.3  # of the travel: what a pulse leaves at its end, and a release does not undo
 
 
@@ -55,8 +60,6 @@ class FirstLook:
         None when the alignment failed.
     problem : str
         Why it failed.
-    chamber : str
-        The one whose pressure was kept, where the file has several.
     made_up : dict
         What nobody said and was made up to read the file, for its shape alone: a camera, or units.
     log : Path or None
@@ -71,7 +74,6 @@ class FirstLook:
     options: dict[str, Any] = field(default_factory=dict)
     aligned: xr.Dataset | None = None
     problem: str = ""
-    chamber: str = ""
     made_up: dict[str, Any] = field(default_factory=dict)
     log: Path | None = None
 
@@ -124,8 +126,10 @@ class FirstLook:
 
     @property
     def chambers(self) -> list[str]:
-        """Names of the pressures where there are several."""
-        return several(self.recording)
+        """Names of the pressures where there are several, of a body in a plane those that move."""
+        names, ranges = several(self.recording), {n: high - low for n, (low, high) in self.found.pressure_kpa.items()}
+        widest = max(ranges.values(), default=0.0)
+        return names if self.spatial else [n for n in names if ranges.get(n, 0.0) > DRIVEN * widest]
 
     @property
     def cords(self) -> list[RecordedInput]:
@@ -158,11 +162,9 @@ class FirstLook:
         return float(named[1]) * pascal_per(named[2]) if named else None
 
 
-def look_with_log(
-    path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None, *, space: bool | None = None
-) -> FirstLook:
+def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> FirstLook:
     """Look at a file, and take its pressure from a log beside it where there is one; as `look_at`."""
-    look = look_at(path, mapping, space=space)
+    look = look_at(path, mapping)
     if log is None:
         return look
     recording = with_pressure(look.recording, read(log), look.name, log.name)
@@ -171,18 +173,14 @@ def look_with_log(
     return replace(look, recording=recording, log=log, found=known)
 
 
-def look_at(path: Path, mapping: Mapping[str, Any] | None = None, *, space: bool | None = None) -> FirstLook:
+def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
     """Read a file, judge it, group its markers and try its alignment in the plane.
-
-    Of several pressures the one that moves most is kept; all of them where the body moves in space.
 
     Parameters
     ----------
     path : Path
     mapping : dict, optional
         See `pliant.read`.
-    space : bool, optional
-        Whether the study will be in space; default: as the file shows.
 
     Raises
     ------
@@ -198,13 +196,8 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None, *, space: bool
             else "pressure alone: a study needs the shape too"
         )
         raise InputError(f"{path.name} holds {held}")
-    found, chosen = quality(recording), ""
-    recording = leave_out_frozen(recording)
-    spatial = FirstLook(path, recording, found, kept).spatial if space is None else space
-    if (chambers := several(recording)) and not spatial:
-        kept, chosen = narrowed(kept, chambers, found, path.name)
-        recording = recording.assign(pressure=recording["pressure"].sel(chamber=chosen)).drop_vars("chamber")
-    look = FirstLook(path, recording, found, kept, chamber=chosen, made_up=made_up)
+    found = quality(recording)
+    look = FirstLook(path, recording := leave_out_frozen(recording), found, kept, made_up=made_up)
     if look.turns:
         return replace(look, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":
@@ -244,6 +237,21 @@ def in_space(look: FirstLook) -> FirstLook:
             return replace(look, aligned=align(look.grouped, **look.options, space=True), problem="")
     except InputError as error:
         return replace(look, aligned=None, problem=str(error))
+
+
+def from_one_side(looks: Sequence[FirstLook]) -> list[FirstLook]:
+    """The looks with their recordings in a plane seen from the side of the first, as a study of several chambers."""
+    done: list[FirstLook] = []
+    normal = None
+    for look in looks:
+        one = look
+        if look.aligned is not None and "alignment" in look.aligned.attrs:
+            if normal is None:
+                normal = np.array(alignment_of(look.aligned).normal)
+            else:
+                one = replace(look, aligned=align(look.grouped, **look.options, plane=normal, bend=None))
+        done.append(one)
+    return done
 
 
 def clusters(names: Sequence[str]) -> dict[str, list[str]]:
@@ -314,8 +322,8 @@ def azimuths(recording: xr.Dataset) -> list[float]:
 
 
 def sideways(recording: xr.Dataset) -> np.ndarray:
-    """Displacement (C, S, 2) of each station across the base tangent for a unit of each input, as if it were linear."""
-    across = without_spikes(recording["position"].values)[..., :2]
+    """Displacement (C, S, 1 or 2) of each station across the base tangent for a unit of each input, as if linear."""
+    across = without_spikes(recording["position"].values)[..., :-1]
     inputs = inputs_at(recording, recording["time"].values)
     design = np.column_stack([inputs, np.ones(len(inputs))])
     gain = np.full((inputs.shape[1], *across.shape[1:]), np.nan)
@@ -323,6 +331,35 @@ def sideways(recording: xr.Dataset) -> np.ndarray:
         known = np.isfinite(across[:, s]).all(axis=1) & np.isfinite(inputs).all(axis=1)
         gain[:, s] = np.linalg.lstsq(design[known], across[known, s], rcond=None)[0][:-1]
     return gain
+
+
+def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
+    """Side to which a chamber bends a body in a plane, 1 or -1, and where its bend begins and ends [m from the base].
+
+    The bend is taken for even between two tenths of the body, and the body for straight beyond; for even in all of it
+    where no part explains the displacements of the stations much better.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording in the base frame, in a plane.
+    name : str
+        Of the chamber, which the recording drives.
+    """
+    gain = sideways(recording)[several(recording).index(name), :, 0]
+    height = np.nanmedian(recording["position"].values[:10, :, -1], axis=0)
+    seen = np.isfinite(gain) & np.isfinite(height)
+    marks = np.linspace(0.0, np.nanmax(height), 11)
+    found = []
+    parts = list(combinations(marks, 2)) if seen.sum() > FEWEST_SHOWING else []
+    for begin, end in [(0.0, marks[-1]), *parts]:
+        bent = np.clip(height, begin, end) - begin
+        shape = (bent * (height - begin - 0.5 * bent))[seen]
+        curvature = float(shape @ gain[seen] / (shape @ shape))
+        missed = float(((gain[seen] - shape * curvature) ** 2).sum())
+        found.append((missed, -1 if curvature > 0 else 1, begin, end))
+    best = min(found)
+    return (best if best[0] < MUCH_BETTER * found[0][0] else found[0])[1:]
 
 
 def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
@@ -378,10 +415,13 @@ def excitation(look: FirstLook) -> Excitation:
 def held_out(looks: Sequence[FirstLook]) -> str | None:
     """Name of the recording to predict: the one with the middle pressure, of two the lower, so that none is beyond.
 
-    Where a pressure is not known, the one of middle travel: the others then lie on both sides of it.
+    Where a pressure is not known, the one of middle travel: the others then lie on both sides of it. Where some
+    recordings drive several chambers, one of those: what each chamber does alone is learnt.
     """
     if len(looks) < 2:
         return None
+    together = [look for look in looks if len(look.chambers) > 1]
+    looks = together if len(together) < len(looks) and together else looks
     known = all(look.highest_pa is not None for look in looks)
     listed = sorted(looks, key=lambda look: abs(look.highest_pa or 0.0) if known else look.widest)
     return listed[(len(looks) - 1) // 2].name

@@ -14,6 +14,7 @@ MOST_TURN = 420.0  # degrees: a body that curls up once and a little more
 LEAST_TURN = 180.0 / 57.3  # degrees: pi, the largest that an angle in rad reads where it is below half a turn
 MOST_TILT = 60.0  # degrees: the chord of a body that rests bent by twice as much
 BASE_SHARE, STILL_SHARE = 0.1, 0.2  # of the largest travel, which a base moves less, and of its own
+FOUND, MOST_OUT = ("motion", "body"), 0.3  # planes that follow the recording itself; share of the motion
 DENSE = 8  # stations from which on the direction near the base is seen
 
 
@@ -98,6 +99,21 @@ def moving_base(case: Case) -> str:
     return ""
 
 
+def plane(case: Case) -> str:
+    """A recording in the plane of another one, or in a stated plane, that moves out of it."""
+    if case.aligned is None or "position" not in case.aligned:
+        return ""
+    try:
+        report = alignment_of(case.aligned)
+    except InputError:
+        return ""
+    if report.frame != "planar" or report.plane in FOUND or not report.out_of_plane_share > MOST_OUT:
+        return ""
+    return (f"{100 * report.out_of_plane_share:.0f} % of the motion is out of the plane that was stated, or of that of "
+            "the first recording: was the tracker moved between them? Then state alignment = { options = { plane = "
+            '"motion", bend = "positive" } } for this recording, or "negative" for one that bends back')  # fmt: skip
+
+
 def tilt(case: Case) -> float | None:
     """Angle between base tangent and body at rest, degrees: to the last station, of a dense shape to a third of it."""
     if case.recording is None or case.aligned is None or "position" not in case.recording:
@@ -132,6 +148,8 @@ CHECKS = (
     Check("moving base", "body", "travel of the station that was taken for the base, and of the others",
           f"above {BASE_SHARE:g} of the largest travel, where another station moves by less than {STILL_SHARE:g} of it",
           moving_base),
+    Check("plane", "body", "share of the motion out of a stated plane, or that of the first recording",
+          f"above {MOST_OUT:g}: a body that bends in one plane shows up to 0.12", plane),
     Check("base tangent", "body", "angle between the base tangent and the way to the last station at rest (of eight "
           "stations or more: a third of the way)", f"above {MOST_TILT:g} degrees, which a body at rest that is bent by "
           f"{2 * MOST_TILT:g} degrees has", tangent),
