@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.contact.moment_arms import curve_at, moment_arms
 from pliant.errors import InputError
-from pliant.mechanics.spatial import SpatialChain
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
 Array = np.ndarray
@@ -157,7 +157,7 @@ def described(model: Model, angle: Array, tried: Tried, without: float) -> Push:
     likely = tried.evidence <= tried.evidence[best] + 3.84
     j = int(tried.link[best])
     arc = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])[tried.link] + tried.along
-    turn = sides(model, angle, j)
+    turn = mechanics_of(model).link_frames(np.asarray(angle))[j + 1]  # columns: across the link, and along it
     point, tangent = curve_at(model, angle, float(arc[best]))
     own, force = np.linalg.inv(tried.information[best]), tried.force[best]
     sd = np.sqrt(np.diag(own))
@@ -177,11 +177,3 @@ def described(model: Model, angle: Array, tried: Tried, without: float) -> Push:
         normal, float(force[-1]), normal_sd, float(sd[-1]), float(tried.misfit[best]), without,
         tuple(dict.fromkeys(name for name, hides in zip(names, sd > HIDDEN * allowed, strict=True) if hides)),
     )
-
-
-def sides(model: Model, angle: Array, link: int) -> Array:
-    """Directions (d, d), as columns, that a force on a link is counted in: across it, and towards the tip."""
-    if model.space:
-        return np.asarray(SpatialChain(model).posed(np.asarray(angle)).R[link + 1])
-    c, s = np.cos(angle[link]), np.sin(angle[link])
-    return np.array([[-c, -s], [-s, c]]).T

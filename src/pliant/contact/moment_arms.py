@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.mechanics import mechanics_of
-from pliant.mechanics.spatial import SpatialChain
 from pliant.model import Model
 from pliant.numerics.spline import CLAMPED, spline_matrix
 
@@ -53,7 +52,8 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
     Source: virtual work, as `equations.extension.add_link_loads`
     """
     n, chain = model.n, mechanics_of(model)
-    stretch, directions = chain.stretches(angle), chain.directions(angle)
+    stretch, frames = chain.stretches(angle), chain.link_frames(angle)
+    directions = frames[..., -1]
     l, part = stretch[:, 1:] * model.link_length, stretch[:, 1 + link]  # (T, n), (T, P)
     ahead = directions[:, 1:]  # (T, n, d)
     ends = np.cumsum(l[..., None] * ahead, axis=1)
@@ -66,27 +66,9 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
             here = np.flatnonzero(k < n)
             lever = part[:, here] * mean_moment_arm(model, k[here], u[here])
             arm[:, here, k[here]] = lever[..., None] * own[:, here]
-    if model.space:
-        sides, turning = turned_in_space(model, angle, link, arm)
-    else:
-        sides = (np.stack([-own[..., 1], own[..., 0]], axis=-1), own)
-        turning = [arm[..., 0] * d[:, :, None, 1] - arm[..., 1] * d[:, :, None, 0] for d in sides]
-    grown = growth(model, directions, link, along)
-    stretching = [np.einsum("tpsa,tpa->tps", grown, d) for d in sides]
-    return np.concatenate([np.stack(turning, axis=2), np.stack(stretching, axis=2)], axis=-1)
-
-
-def turned_in_space(model: Model, x: Array, link: Array, arm: Array) -> tuple[tuple[Array, ...], list[Array]]:
-    """Axes (T, P, 3) of the links of points, and what unit forces along each do to all turns (T, P, turns), m.
-
-    s . (a x d): axis s of the turn, arm a (T, P, n, 3) from its joint to the point, direction d of the force.
-    """
-    work, n = SpatialChain(model).posed(x), model.n
-    frames, axes = np.moveaxis(work.R, -1, 0)[:, 1 + link], np.moveaxis(work.S, -1, 0)  # (T, P, 3, 3), (T, turns, 3)
-    carried = np.append(np.repeat(np.arange(n), 2), np.tile(np.arange(n), axes.shape[1] // n - 2))
-    sides = tuple(frames[..., k] for k in range(3))
-    moments = [np.cross(arm, d[:, :, None]) for d in sides]
-    return sides, [np.einsum("tia,tpia->tpi", axes, moment[:, :, carried]) for moment in moments]
+    turning = chain.turning_moments(angle, arm, frames[:, 1 + link])  # (T, P, d, turns)
+    stretching = np.einsum("tpsa,tpak->tpks", growth(model, directions, link, along), frames[:, 1 + link])
+    return np.concatenate([turning, stretching], axis=-1)
 
 
 def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:

@@ -237,6 +237,17 @@ class Mechanics(ABC):
         """Return the stretch (..., n + 1) of each of them."""
 
     @abstractmethod
+    def link_frames(self, x: Array) -> Array:
+        """Return axes (..., n + 1, dimension, dimension) of base and links as columns: across, and along the last."""
+
+    @abstractmethod
+    def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:
+        """Return moments (T, P, K, turns) [N m] by the joints' turns of forces (T, P, dimension, K) at points, N.
+
+        `arm` (T, P, n, dimension) leads from each joint to each point, m; 0 for joints that do not carry it.
+        """
+
+    @abstractmethod
     def directions(self, x: Array) -> Array:
         """Return unit vectors (..., n + 1, dimension) along each of them, in the kernels' frame."""
 

@@ -202,6 +202,15 @@ class PlanarChain(Mechanics):
         """Return unit vectors e = (-sin, cos) (..., n + 1, 2) along the base and the links."""
         return tangents(self.angles(x))
 
+    def link_frames(self, x: Array) -> Array:
+        ahead = self.directions(x)
+        left = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
+        return np.stack([left, ahead], axis=-1)
+
+    def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:  # noqa: ARG002  of the interface
+        arm, force = arm[:, :, None], np.swapaxes(force, 2, 3)[:, :, :, None]
+        return np.asarray(arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0])
+
     def angles(self, x: Array) -> Array:
         """Return absolute angles (..., n + 1) of the base and of the links, rad."""
         base = np.full((*x.shape[:-1], 1), self.joints.base_angle)

@@ -194,8 +194,18 @@ class SpatialChain(Mechanics):
     def stretches(self, x: Array) -> Array:
         return np.asarray(1.0 + x[..., self.turns :] @ self.body.share.T)
 
+    def link_frames(self, x: Array) -> Array:
+        return from_back(self.posed(x).R, 3)
+
+    def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:
+        """As in `Mechanics`: s . (a x f) of the axis s of a turn and the arm a from its joint."""
+        axes, n = from_back(self.posed(x).S, 2), self.n
+        joint = np.append(np.repeat(np.arange(n), 2), np.tile(np.arange(n), self.turns // n - 2))
+        moment = np.cross(arm[:, :, None], np.swapaxes(force, 2, 3)[:, :, :, None])  # (T, P, K, n, 3)
+        return np.einsum("tia,tpkia->tpki", axes, moment[:, :, :, joint])
+
     def directions(self, x: Array) -> Array:
-        return from_back(self.posed(x).R[:, :, 2], 2)
+        return self.link_frames(x)[..., 2]
 
     def tips(self, x: Array) -> Array:
         return self.nodes(x)[..., 2:, :]
