@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 
 import numpy as np
 import pytest
+import typer
+import xarray as xr
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
+from typer.testing import CliRunner
 
+from pliant.cli.contact import contact as command
 from pliant.contact import find_contact, free_motion, locate, map_contacts, static_residual
 from pliant.contact.locate import points
 from pliant.contact.moment_arms import moment_arms
@@ -16,8 +21,8 @@ from pliant.errors import InputError
 from pliant.exporters.mjcf import controls, mjcf
 from pliant.exporters.provenance import Provenance
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Extension, Space, Station, chain_model
-from pliant.recording import make_recording
+from pliant.model import Chamber, Extension, Space, Station, chain_model, save_model
+from pliant.recording import make_recording, write
 
 BODY = {"length": 0.3, "mass": 0.1, "links": 4, "joint_placement": "midsegment", "stiffness": 0.5, "damping": 5e-3}
 H, SUB, NOISE = 1 / 75, 10, 1e-4
@@ -61,24 +66,27 @@ def test_a_push_in_a_plane_is_located_as_the_planar_chain_does(rng, rigid):
 
 
 @cache
-def arm():
+def arm(links=4):
     chambers = [Chamber(torque=(2e-6,), joint_gain=np.sin(a), cross_gain=-np.cos(a), name=name)
                 for a, name in zip(np.radians([90, 210, 330]), "abc", strict=True)]  # fmt: skip
-    tips = [Station(f"tip_{k + 1}", k, 0.0375 if k == 3 else 0.075) for k in range(4)]
-    return chain_model(**BODY, gravity=(0.0, 0.0, -9.81), chambers=chambers, stations=tips, space=Space(radius=0.012))
+    l = BODY["length"] / links
+    tips = [Station(f"tip_{k + 1}", k, l if k + 1 < links else 0.5 * l) for k in range(links)]
+    return chain_model(**BODY | {"links": links}, gravity=(0.0, 0.0, -9.81), chambers=chambers, stations=tips,
+                       space=Space(radius=0.012))  # fmt: skip
 
 
 class Pushed:
     """The arm in MuJoCo, with a force at a point of a link."""
 
-    def __init__(self):
+    def __init__(self, model=None):
+        self.model = model or arm()
         self.mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'pliant[bench]'")
         self.m = self.mujoco.MjModel.from_xml_string(
-            mjcf(arm(), Provenance(arm(), "mjcf", "test"), timestep=H / SUB, highest=1e6))
+            mjcf(self.model, Provenance(self.model, "mjcf", "test"), timestep=H / SUB, highest=1e6))
         self.d = self.mujoco.MjData(self.m)
 
     def step(self, levels, force=(0.0, 0.0, 0.0), link=3, along=0.02):
-        for name, c, _ in controls(arm()):
+        for name, c, _ in controls(self.model):
             self.d.ctrl[self.m.actuator(name).id] = levels[c]
         body = self.m.body(f"link_{link + 1}").id
         turn, place = self.d.xmat[body].reshape(3, 3), self.d.xpos[body]
@@ -100,7 +108,7 @@ class Pushed:
 
     def tips(self):
         self.mujoco.mj_kinematics(self.m, self.d)
-        return np.array([self.d.site_xpos[self.m.site(p.name).id] for p in arm().points])
+        return np.array([self.d.site_xpos[self.m.site(p.name).id] for p in self.model.points])
 
 
 def test_a_force_at_rest_is_found_in_an_arm_of_mujoco():
@@ -129,8 +137,8 @@ def test_a_force_at_rest_is_found_in_an_arm_of_mujoco():
 
 
 def filmed(seed, seconds, pushes=()):
-    """Frames of the arm from rest under wandering pressures, its tips with noise, as a recording."""
-    rng, body = np.random.default_rng(seed), Pushed()
+    """Frames of an arm of two links from rest under wandering pressures, its tips with noise, as a recording."""
+    rng, body = np.random.default_rng(seed), Pushed(arm(2))
     clock = np.arange(round(seconds / H)) * H
     phase, speed = rng.uniform(0, 2 * np.pi, (3, 2)), np.array([0.25, 0.6])
     waves = [[np.sin(2 * np.pi * speed * t + phase[c]).sum() for c in range(3)] for t in clock]
@@ -140,22 +148,40 @@ def filmed(seed, seconds, pushes=()):
         places.append(body.tips())
         force = next((push for start, stop, push in pushes if start <= t < stop), np.zeros(3))
         for _ in range(SUB):
-            body.step(level, force)
-    seen = np.array(places) + NOISE * rng.standard_normal((clock.size, 4, 3))
-    return make_recording(clock, seen, station=[p.name for p in arm().points], frame="spatial",
+            body.step(level, force, 1, 0.0575)
+    seen = np.array(places) + NOISE * rng.standard_normal((clock.size, 2, 3))
+    return make_recording(clock, seen, station=[p.name for p in body.model.points], frame="spatial",
                           pressure=levels, pressure_time=clock, chamber=list("abc"))  # fmt: skip
 
 
-@pytest.mark.slow  # compiles the filter
-def test_a_push_is_noticed_located_and_measured_in_an_arm_of_mujoco():
+def commanded(folder, *recordings):
+    """What `pliant contact` reports, and the file it writes, of the last of these recordings."""
+    save_model(arm(2), folder / "model.json")
+    names = [folder / f"{k}.nc" for k in range(len(recordings))]
+    for name, recording in zip(names, recordings, strict=True):
+        write(recording, name)
+    app = typer.Typer()
+    app.command()(command)
+    words = [names[-1], "--model", folder / "model.json", "--false-alarms-per-hour", 10, "--json",
+             "-o", folder / "contact.nc", "--figure", folder / "contact.png"]  # fmt: skip
+    done = CliRunner().invoke(app, list(map(str, [*words, *(w for name in names[:-1] for w in ("--free", name))])))
+    assert done.exit_code == 0, done.output
+    assert (folder / "contact.png").stat().st_size > 5000
+    with xr.open_dataset(folder / "contact.nc", engine="h5netcdf") as found:
+        return json.loads(done.stdout), found.load()
+
+
+@pytest.mark.slow  # compiles the filter, for sizes that tests of the filter have
+def test_a_push_is_noticed_located_and_measured_in_an_arm_of_mujoco(tmp_path):
     """Two forces of 0.2 N on the last link are noticed within 0.1 s; without them there is no alarm.
 
     The place lies within its interval, what is across the body is right to 15 %, all three components to what is said.
     """
-    learnt = free_motion([filmed(1, 12.0), filmed(2, 12.0)], arm(), false_alarms_per_hour=10.0)
-    assert find_contact(filmed(3, 12.0), arm(), free=learnt).attrs["alarm_s"] == []
+    free = [filmed(1, 12.0), filmed(2, 12.0)]
+    learnt = free_motion(free, arm(2), false_alarms_per_hour=10.0)
+    assert find_contact(filmed(3, 12.0), arm(2), free=learnt).attrs["alarm_s"] == []
     pushes = [(4.0, 5.0, np.array([0.15, -0.12, 0.0])), (8.0, 9.0, np.array([-0.1, 0.15, 0.08]))]
-    found = find_contact(filmed(4, 12.0, pushes), arm(), free=learnt)
+    report, found = commanded(tmp_path, *free, filmed(4, 12.0, pushes))
     alarms = np.array(found.attrs["alarm_s"])
     assert all(any(start < alarm < stop + AFTER for start, stop, _ in pushes) for alarm in alarms)
     for start, stop, force in pushes:
@@ -168,6 +194,8 @@ def test_a_push_is_noticed_located_and_measured_in_an_arm_of_mujoco():
         assert error @ np.linalg.solve(late.force_covariance.median("time").values, error) < chi2.ppf(0.99, 3)
         assert float(late.contact_arc_length.median()) == pytest.approx(0.2825, abs=0.015)
         assert float(late.arc_low.median()) < 0.2825 < float(late.arc_high.median())
+    assert report["contacts"] == len(alarms)
+    assert report["normal_force_n"] == pytest.approx(0.19, rel=0.15)
     with pytest.raises(InputError, match="bodies in a plane"):
         map_contacts([found])
     assert set(found.external_torque_x.dims) == {"time", "joint"}
