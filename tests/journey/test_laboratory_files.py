@@ -1,4 +1,4 @@
-"""Files as other laboratories write them: a ROS 2 bag, LabVIEW beside a tracker's table; each ends in one model."""
+"""Files as other laboratories write them: bag, LabVIEW log, tables, text of an interrogator; each ends in a model."""
 
 from __future__ import annotations
 
@@ -104,3 +104,37 @@ def test_a_labview_log_in_an_unknown_unit_ends_in_a_sentence_with_the_remedy(tmp
     study = load_study(write_study(tmp_path, content, recordings=False))
     with pytest.raises(InputError, match="no channel whose unit is one of pressure: name"):
         run_study(study)
+
+
+ARC = range(0, 151, 10)  # mm
+GRATINGS = {"format": "curvature", "skip_lines": 4, "curvature": "Curvature ", "direction": "Angle ",
+            "curvature_unit": "1/m"}  # fmt: skip
+
+
+def interrogator(path: Path, level: float, seed: int) -> Path:
+    """Text of 16 gratings on a body whose even curvature rings at 4 Hz: no chain of links, and no pliant, made it."""
+    rng, t, fine = np.random.default_rng(seed), np.arange(0.0, 3.0, 0.02), np.arange(0.0, 3.0, 1e-3)
+    pressure = level * (1.0 / (1.0 + np.exp((0.5 - fine) / 0.02)) - 1.0 / (1.0 + np.exp((1.8 - fine) / 0.02)))  # kPa
+    w, kappa, rate, course = 2 * np.pi * 4.0, 0.0, 0.0, []
+    for p in pressure.tolist():
+        course.append(kappa)
+        rate += 1e-3 * (w * w * (0.08 * p - kappa) - 2 * 0.08 * w * rate)
+        kappa += 1e-3 * rate
+    seen = np.interp(t, fine, course)[:, None] + 0.02 * rng.standard_normal((t.size, len(ARC)))  # 1/m
+    names = ["Time (s)", *(f"Curvature {s} mm (1/m)" for s in ARC), *(f"Angle {s} mm (deg)" for s in ARC), "Line (kPa)"]
+    rows = np.column_stack([t, seen, np.full(seen.shape, 90.0), np.interp(t, fine, pressure)])
+    head = "Interrogator: 16 gratings\nDate: 2026-01-12\nFibre length (mm): 150\n\n" + "\t".join(names)
+    np.savetxt(path, rows, fmt="%.4f", delimiter="\t", header=head, comments="")
+    return path
+
+
+@pytest.mark.slow  # a dense shape, reduced and fitted
+def test_an_interrogators_text_of_curvatures_ends_in_a_model(tmp_path):
+    files = [interrogator(tmp_path / f"fbg_{level}kPa.txt", level, level) for level in (30, 50, 70)]
+    draft = draft_study(files, tmp_path / "fbg.toml", mapping=GRATINGS, mass=0.06)
+    assert draft.questions == ()
+    (tmp_path / "fbg.toml").write_text(draft.text, encoding="utf-8")
+    held = run_study(load_study(tmp_path / "fbg.toml")).fits[0].records[-1]
+    assert (held.name, held.role) == ("fbg_50kPa", "held_out")
+    assert held.metrics["rmse_percent_of_travel"] < 4.0
+    assert held.metrics["frequency_hz"]["modelled"] == pytest.approx(4.0, rel=0.03)

@@ -87,3 +87,15 @@ def test_what_is_no_table_of_curvature_is_refused(tmp_path, options, said):
 def test_the_header_is_recognised(tmp_path):
     ds = read(write(tmp_path / "fbg.csv", np.ones((len(T), len(S))), name="time (ms)"), mapping=UNIT)
     assert ds.attrs["source_format"] == "curvature"
+
+
+def test_units_behind_the_arc_length_and_pressures_of_the_table_are_read(tmp_path):
+    rows = "".join(f"{0.01 * k:.2f},{0.1 * k},{0.2 * k},{k},{2 * k},7\n" for k in range(12))
+    names = "t,bend 0 cm (1/m),bend 2 cm (1/m),left [kPa],right [kPa],room"
+    (tmp_path / "fbg.csv").write_text(f"{names}\n{rows}")
+    mapping = {"format": "curvature", "curvature": "bend ", "curvature_unit": "1/m"}
+    ds = read(tmp_path / "fbg.csv", mapping=mapping)
+    np.testing.assert_allclose(ds["arc_length"], [0.0, 0.02])
+    assert ds["chamber"].values.tolist() == ["left", "right"]
+    np.testing.assert_allclose(ds["pressure"].values[:, 1], 2e3 * np.arange(12))
+    assert "1 column(s) of fbg.csv were left out: room" in ds.attrs["history"]

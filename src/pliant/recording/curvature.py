@@ -7,6 +7,7 @@ unit. A file with other names is read by ``format = "curvature"``. The base is a
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -15,11 +16,12 @@ from pydantic import Field
 from pliant.errors import InputError, clipped
 from pliant.numerics.curve import planar_curve, spatial_curve
 from pliant.recording.clock import SECONDS, unwrapped
-from pliant.recording.column_names import is_time, parted
+from pliant.recording.column_names import is_time, parted, standard_names
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
 from pliant.recording.tables import find_delimiter, judge_end, parse_numbers, read_text, split_cells
+from pliant.recording.wide_csv import pressure_unit, pressures_of
 from pliant.units import metre_per, radian_per
 
 if TYPE_CHECKING:
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+ARC = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(mm|cm|m)?\s*(?:[\[(][^\[\]()]*[\])])?", re.IGNORECASE)
 PER_METRE = {"1/m": 1.0, "1/cm": 1e2, "1/mm": 1e3}
 
 
@@ -91,11 +94,18 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     position = integrated(kappa, other, arc, options)
     time, wrapped = time_of(table, names, options, path.name)
     used = {*columns.values(), *turning.values()}
-    left = [n for k, n in enumerate(names) if k not in used and not is_time(n)]
+    other_names = {k: n for k, n in enumerate(names) if k not in used and not is_time(n)}
+    standard = standard_names(list(other_names.values()), path.name).names
+    kept = {n: table[:, k] for k, n in zip(other_names, standard, strict=True) if pressure_unit(n)}
+    pressure, chamber = pressures_of(kept)
+    left = [n for n, own in zip(other_names.values(), standard, strict=True) if own not in kept]
     history += [f"{len(left)} column(s) of {path.name} were left out: {shorten(left)}"] if left else []
     history.append(f"integrated curvature at {len(arc)} stations, {1e3 * (arc[-1] - arc[0]):.1f} mm, to a shape")
     try:
-        return make_recording(time, position, arc_length=arc - arc[0], history=[*history, *wrapped])
+        return make_recording(
+            time, position, arc_length=arc - arc[0], history=[*history, *wrapped], pressure=pressure,
+            pressure_time=None if pressure is None else time, chamber=chamber,
+        )  # fmt: skip
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
 
@@ -113,15 +123,15 @@ def integrated(
 
 
 def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, int]:
-    """Return the column of each arc length [m] whose name begins with `start`."""
+    """Return the column of each arc length [m] whose name begins with `start`: ``k_10``, ``k 10 mm (1/m)``."""
     found: dict[float, int] = {}
     for k, name in enumerate(names):
         if not name.startswith(start):
             continue
-        try:
-            arc = metre_per(unit) * float(name[len(start) :])
-        except ValueError:
+        match = ARC.fullmatch(name[len(start) :])
+        if not match:
             continue
+        arc = metre_per(match[2] or unit) * float(match[1])
         if not np.isfinite(arc) or arc in found:
             raise InputError(f"{file} has no finite arc length of its own in column {clipped(name)!r}")
         found[arc] = k

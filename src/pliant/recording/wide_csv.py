@@ -182,8 +182,8 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     clock = next(n for n in CLOCKS if n in columns)
     labels = _station_labels(columns)
     history = list(findings)
-    pressure, chamber = _pressure(columns)
-    known = {clock, *(n for n in columns if STATION_COLUMN.fullmatch(n) or _pressure_unit(n))}
+    pressure, chamber = pressures_of(columns)
+    known = {clock, *(n for n in columns if STATION_COLUMN.fullmatch(n) or pressure_unit(n))}
     ignored = [n for n in columns if n not in known]
     if ignored:
         history.append(f"{len(ignored)} column(s) of {file} are of no known kind and left out: {shorten(ignored)}")
@@ -252,15 +252,17 @@ def _stations(
     return arrays, history
 
 
-def _pressure_unit(name: str) -> str | None:
+def pressure_unit(name: str) -> str | None:
+    """The unit of a column of pressure; None of any other column."""
     parts = name.split("_")
     if name.lower() in PASCAL:  # a small logger's psi, kPa or mbar
         return name
     return parts[1] if len(parts) >= 2 and parts[0] == "p" and parts[1].lower() in PASCAL else None
 
 
-def _pressure(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | None]:
-    found = {name: unit for name in columns if (unit := _pressure_unit(name))}
+def pressures_of(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | None]:
+    """Pressures (T,) or (T, C) [Pa] of the columns that are called ``p_<unit>``; of several, their chambers' names."""
+    found = {name: unit for name in columns if (unit := pressure_unit(name))}
     if "p" in columns:
         raise InputError("the column p does not say its unit: name it p_kpa, p_bar, p_psi or p_pa")
     if not found:
