@@ -129,6 +129,11 @@ def test_a_fibre_with_a_cap_and_three_levels_runs(tmp_path):
     content = tomllib.loads(draft.text)
     assert not draft.questions
     assert content["fits"]["first"]["held_out"] == ["pulse_119"]  # the level between
+    lines = draft.text.splitlines()
+    at = lines.index("# [model_selection]")
+    offered = tomllib.loads("\n".join(line.removeprefix("# ") for line in lines[at : at + 3]))["model_selection"]
+    assert offered == {"train": ["pulse_60", "pulse_180"], "held_out": ["pulse_119"]}
+    Study.model_validate({**content, "model_selection": offered})
     assert content["reduction"]["recording"] == "pulse_180"
     assert content["fibre"]["cap_curvature"] == 50.0
     assert list(content["fits"]["first"]["parameters"]) == ["stiffness", "damping", "torque_1", "torque_2", "start"]

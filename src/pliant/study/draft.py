@@ -147,6 +147,7 @@ def draft_study(
         recording(out, look, Path(study).parent, level)
         channels(out, look, driven(looks))
     fit(out, looks)
+    selection(out, looks)
     out.table("targets")
     out.say("what the verdict holds the predictions against; take a line away and it is not judged")
     out.put("rmse_percent_of_travel", 5.0)
@@ -318,7 +319,7 @@ def recording(out: Lines, look: FirstLook, folder: Path, level: float | None) ->
     if look.mapping:
         out.put("mapping", look.mapping)
     if (moving := moving_beside(look)) is not None:
-        out.put("stations", moving, f"what moves, tip last; others stand still beside the base {look.base}")
+        out.put("stations", moving, f"what moves, tip last; the others stand still, as {look.base} does")
     kind, when = excitation(look), moved(look)
     if kind == "release":
         out.put("excitation", "release", "no pressure, and the body does not return: read as held and let go"
@@ -370,6 +371,18 @@ def fit(out: Lines, looks: Sequence[FirstLook]) -> None:
         out.put("like", "first")
         out.put("links", 3)
         out.put("joint_placement", "midsegment")
+
+
+def selection(out: Lines, looks: Sequence[FirstLook]) -> None:
+    """The hierarchy of models, to be taken where a record is held out of a body that one pressure bends in a plane."""
+    held = held_out(looks)
+    if not held or spatial_study(looks) or driven(looks) or {excitation(look) for look in looks} == {"release"}:
+        return
+    train = ", ".join(f'"{look.name}"' for look in looks if look.name != held)
+    out.text.append("")
+    out.say("take the # away, and creep, hysteresis and other terms are added one by one as far as the held-out record",
+            "is predicted better: a minute or two")
+    out.text += ["# [model_selection]", f"# train = [{train}]", f'# held_out = ["{held}"]']
 
 
 def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[str, str]]:
