@@ -131,8 +131,9 @@ def test_a_fibre_with_a_cap_and_three_levels_runs(tmp_path):
     assert content["fits"]["first"]["held_out"] == ["pulse_119"]  # the level between
     lines = draft.text.splitlines()
     at = lines.index("# [model_selection]")
-    offered = tomllib.loads("\n".join(line.removeprefix("# ") for line in lines[at : at + 3]))["model_selection"]
-    assert offered == {"train": ["pulse_60", "pulse_180"], "held_out": ["pulse_119"]}
+    offered = tomllib.loads("\n".join(line.removeprefix("# ") for line in lines[at : at + 4]))["model_selection"]
+    common = {"start": "free"}
+    assert offered == {"train": ["pulse_60", "pulse_180"], "held_out": ["pulse_119"], "common": common}
     Study.model_validate({**content, "model_selection": offered})
     assert content["reduction"]["recording"] == "pulse_180"
     assert content["fibre"]["cap_curvature"] == 50.0

@@ -379,10 +379,13 @@ def selection(out: Lines, looks: Sequence[FirstLook]) -> None:
     if not held or spatial_study(looks) or driven(looks) or {excitation(look) for look in looks} == {"release"}:
         return
     train = ", ".join(f'"{look.name}"' for look in looks if look.name != held)
+    names = [n for n, _ in free_parameters(looks, held) if n in ("start", "sensor_lag", "base_angle") or "." in n]
+    common = ", ".join(f'{key(n)} = "free"' for n in names)
     out.text.append("")
     out.say("take the # away, and creep, hysteresis and other terms are added one by one as far as the held-out record",
             "is predicted better: a minute or two")
-    out.text += ["# [model_selection]", f"# train = [{train}]", f'# held_out = ["{held}"]']
+    out.text += ["# [model_selection]", f"# train = [{train}]", f'# held_out = ["{held}"]',
+                 f"# common = {{ {common} }}  # free with every model"]
 
 
 def free_parameters(looks: Sequence[FirstLook], held: str | None) -> list[tuple[str, str]]:
