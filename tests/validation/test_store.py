@@ -121,7 +121,7 @@ def test_angles_alone_are_kept_with_their_unit_and_reference():
 
 
 @pytest.mark.parametrize(("inputs", "unit", "called"), [
-    ({"a": "Pa", "b": "Pa"}, "Pa", "measured pressure"), ({"a": "N", "b": "N"}, "N", "measured tension"),
+    ({"a": "Pa", "b": "Pa"}, "Pa", "measured gauge pressure"), ({"a": "N", "b": "N"}, "N", "measured tension"),
     ({"a": "rad", "b": "m"}, "rad, m", "measured input"),
 ])  # fmt: skip
 def test_inputs_are_kept_with_their_units(inputs, unit, called):

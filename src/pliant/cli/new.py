@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def new(
     paths: Annotated[list[Path], typer.Argument(
         metavar="study",
-        help="Study file to write (.toml), an existing one is left alone; then recordings after the first of --from.",
+        help="Study file to write (.toml); an existing one is left alone. After it, recordings beside that of --from.",
     )],
     files: Annotated[
         list[Path],

@@ -16,6 +16,7 @@ from pliant.identification.parameters import shared_name
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model
 from pliant.model.torque_law import law_parameters, torque_laws
+from pliant.numerics.peak import peak
 from pliant.simulation import equilibrium
 
 Array = np.ndarray
@@ -111,7 +112,7 @@ def plateau(exp: Experiment) -> tuple[float, float]:
         window = (exp.time > stop - 0.2) & (exp.time < stop)
     else:
         p = exp.pressure(exp.time)
-        level = float(p[np.argmax(np.abs(p))])
+        level = peak(p)
         window = p / level > 0.95 if level else p == 0.0
     return level, float(np.median(u[window])) if window.any() else float(u.max())
 

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.numerics.peak import peak
 
 Array = np.ndarray
 
@@ -152,7 +153,7 @@ class Trace:
     @property
     def peak(self) -> float:
         """The value farthest from 0: below 0 where a vacuum drives the body."""
-        return float(self.pressure[np.argmax(np.abs(self.pressure))])
+        return peak(self.pressure)
 
     def _at(self, t: float) -> float:
         """The pressure at one time, by the same arithmetic."""

@@ -53,9 +53,9 @@ def solve_reference(
         raise InputError(f"{method} does not follow a pressure that settles late: use method='midpoint'")
     if any(c.valve.dead_band for c in model.chambers):
         raise InputError(f"{method} does not follow a regulator with a dead band: use method='midpoint'")
-    at, inputs = layout(model), inputs_of(model, pressure)
     if any(c.valve.opening_time for c in model.chambers):
         raise InputError(f"{method} does not follow flow through an opening: use method='midpoint'")
+    at, inputs = layout(model), inputs_of(model, pressure)
     bends = [p.breakpoints + c.valve.dead_time for p, c in zip(inputs, model.chambers, strict=True)]
     corners = merge(times[[0, -1]], np.concatenate(bends), 1e-9 * (times[-1] - times[0]))
     y, atol = first(model, at, start), tolerances(at, rtol)

@@ -118,8 +118,7 @@ def draft_study(
     names = [look.name for look in looks]
     if not names or len(set(names)) < len(names):
         raise InputError(f"a study needs recordings whose file names differ, got {', '.join(names) or 'none'}")
-    first, out = looks[0], Lines()
-    title = Path(study).stem
+    first, title, out = looks[0], Path(study).stem, Lines()
     out.say('Written by `pliant new` from the files. Entries that only you can know are marked "?".',
             "Every entry is explained in docs/studies.md. SI units, except where a name says otherwise.")
     doubts = look_doubts(looks, Case(length=length, mass=mass, diameter=diameter, gravity=tuple(gravity or ()) or None))
@@ -143,9 +142,10 @@ def draft_study(
     else:
         chambers_in_plane(out, looks)
     tendons(out, placed(looks))
+    names = driven(looks)
     for look in looks:
         recording(out, look, Path(study).parent, level)
-        channels(out, look, driven(looks))
+        channels(out, look, names)
     fit(out, looks)
     selection(out, looks)
     out.table("targets")

@@ -47,8 +47,7 @@ def chambers_in_plane(out: Lines, looks: Sequence[FirstLook]) -> None:
 
 def alone(look: FirstLook, name: str) -> float:
     """Range of a pressure over that of all, 1 where it is the only one that moves."""
-    ranges = {n: high - low for n, (low, high) in look.found.pressure_kpa.items()}
-    return ranges[name] / sum(ranges.values())
+    return look.pressure_ranges[name] / sum(look.pressure_ranges.values())
 
 
 def chambers(out: Lines, look: FirstLook) -> None:

@@ -17,6 +17,7 @@ from pliant.errors import InputError
 from pliant.identification import experiment
 from pliant.identification.edges import edges
 from pliant.identification.recorded import Excitation
+from pliant.numerics.peak import peak
 from pliant.preprocessing.align import DENSE_STATIONS, align
 from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.angles import from_rest
@@ -127,9 +128,14 @@ class FirstLook:
     @property
     def chambers(self) -> list[str]:
         """Names of the pressures where there are several, of a body in a plane those that move."""
-        names, ranges = several(self.recording), {n: high - low for n, (low, high) in self.found.pressure_kpa.items()}
+        names, ranges = several(self.recording), self.pressure_ranges
         widest = max(ranges.values(), default=0.0)
         return names if self.spatial else [n for n in names if ranges.get(n, 0.0) > DRIVEN * widest]
+
+    @property
+    def pressure_ranges(self) -> dict[str, float]:
+        """Highest less lowest value of each pressure, kPa."""
+        return {name: high - low for name, (low, high) in self.found.pressure_kpa.items()}
 
     @property
     def cords(self) -> list[RecordedInput]:
@@ -156,8 +162,7 @@ class FirstLook:
     def highest_pa(self) -> float | None:
         """Measured pressure farthest from 0, or the level in the file's name, Pa; None when neither is known."""
         if "pressure" in self.recording:
-            measured = self.recording["pressure"].values.ravel()
-            return float(measured[np.nanargmax(np.abs(measured))])
+            return peak(self.recording["pressure"].values)
         named = LEVEL.search(self.path.stem)
         return float(named[1]) * pascal_per(named[2]) if named else None
 
@@ -202,21 +207,15 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
         return replace(look, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":
         return replace(look, aligned=recording)
-    stations = rigid_clusters(recording)
-    look = replace(look, stations=stations)
-    look = replace(look, options=directions(recording, found, stations, dense=look.dense))
+    look = replace(look, stations=rigid_clusters(recording))
+    look = replace(look, options=directions(recording, found, look.stations, dense=look.dense))
     if look.capped:
         return look
     try:
         with units_first(found.doubts):
-            return replace(
-                look, aligned=align(assemble(recording, stations) if stations else recording, **look.options)
-            )
+            return replace(look, aligned=align(look.grouped, **look.options))
     except InputError as error:
         return replace(look, problem=str(error))
-
-
-
 
 
 def in_space(look: FirstLook) -> FirstLook:
@@ -353,13 +352,18 @@ def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
     found = []
     parts = list(combinations(marks, 2)) if seen.sum() > FEWEST_SHOWING else []
     for begin, end in [(0.0, marks[-1]), *parts]:
-        bent = np.clip(height, begin, end) - begin
-        shape = (bent * (height - begin - 0.5 * bent))[seen]
+        shape = even_bend(height, begin, end)[seen]
         curvature = float(shape @ gain[seen] / (shape @ shape))
         missed = float(((gain[seen] - shape * curvature) ** 2).sum())
         found.append((missed, -1 if curvature > 0 else 1, begin, end))
     best = min(found)
     return (best if best[0] < MUCH_BETTER * found[0][0] else found[0])[1:]
+
+
+def even_bend(height: np.ndarray, begin: float, end: float | np.ndarray) -> np.ndarray:
+    """Displacement sideways at heights (S,) [m] of a body of unit curvature from `begin` to `end` [m]."""
+    bent = np.clip(height, begin, end) - begin
+    return np.asarray(bent * (height - begin - 0.5 * bent))
 
 
 def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
@@ -375,8 +379,7 @@ def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
     """
     height = np.nanmedian(recording["position"].values[:10, :, 2], axis=0)
     ends = np.sort(height[height > 0.05 * height.max()])
-    bent = np.minimum(height, ends[:, None])
-    shapes = bent * (height - 0.5 * bent)  # (E, S) displacement for a unit of curvature up to each end
+    shapes = even_bend(height, 0.0, ends[:, None])  # (E, S)
     found = []
     for gain in sideways(recording):
         seen = np.isfinite(gain).all(axis=1)
@@ -425,9 +428,6 @@ def held_out(looks: Sequence[FirstLook]) -> str | None:
     known = all(look.highest_pa is not None for look in looks)
     listed = sorted(looks, key=lambda look: abs(look.highest_pa or 0.0) if known else look.widest)
     return listed[(len(looks) - 1) // 2].name
-
-
-
 
 
 def moved(look: FirstLook) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import last_edge
+from pliant.numerics.peak import peak
 from pliant.numerics.ringdown import ring_down
 from pliant.preprocessing.detectors import quantum
 from pliant.validation import details
@@ -150,5 +151,5 @@ def on_window(exp: Experiment, t: Array) -> Array | None:
     if exp.pressure is None or exp.poses:
         return None
     p = exp.pressure(t)
-    level = p[np.argmax(np.abs(p))]
+    level = peak(p)
     return p / level > 0.9 if level else None

@@ -57,7 +57,8 @@ def in_metres(dims: Sequence[str], values: Array, name: str = "") -> tuple[Seque
 def of_inputs(units: Sequence[str]) -> dict[str, str]:
     """Attributes of a variable whose columns are inputs: their unit, or the unit of each where they differ."""
     shown = units if len(set(units)) > 1 else units[:1]
-    return {"units": ", ".join(shown), "long_name": f"measured {input_words(units)[0]}"}
+    kind = input_words(units)[0].replace("pressure", "gauge pressure")
+    return {"units": ", ".join(shown), "long_name": f"measured {kind}"}
 
 
 def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa") -> xr.Dataset:

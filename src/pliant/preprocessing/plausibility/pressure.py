@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from pliant.preprocessing.held import runs
 from pliant.preprocessing.plausibility.contract import Case, Check
 from pliant.units import PASCAL
 
@@ -126,7 +127,8 @@ def clipped(case: Case) -> str:
     for name, values in chambers(case):
         size = np.abs(values)
         top = size == size.max()
-        if not size.max() > 0 or (count := longest(top)) < CLIPPED:
+        count = max((stop - start for start, stop in runs(top)), default=0)
+        if not size.max() > 0 or count < CLIPPED:
             continue
         step = np.diff(values)
         turned = (step[1:] * step[:-1] < 0)[~top[1:-1]]
@@ -135,12 +137,6 @@ def clipped(case: Case) -> str:
                     "row, while other readings scatter: did the sensor reach the end of its range? What lies beyond "
                     "is not in the record: use a sensor of a wider range, or leave the record out")  # fmt: skip
     return ""
-
-
-def longest(flags: NDArray) -> int:
-    """Length of the longest run of true flags (P,)."""
-    edge = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
-    return int(np.max(edge[1::2] - edge[::2], initial=0))
 
 
 CHECKS = (

@@ -6,7 +6,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing import detectors
-from pliant.preprocessing.alignment import alignment_of
+from pliant.preprocessing.alignment import Alignment, alignment_of
 from pliant.preprocessing.plausibility.contract import Case, Check
 
 LEAST_BODY, MOST_BODY = 5e-3, 10.0  # m
@@ -79,18 +79,13 @@ def tangent(case: Case) -> str:
 
 def moving_base(case: Case) -> str:
     """A station taken for the base that moves more than the others: the stations in reverse order."""
-    if case.recording is None or case.aligned is None or "position" not in case.recording:
+    report = report_of(case)
+    if case.recording is None or report is None or "position" not in case.recording:
         return ""
-    try:
-        base = alignment_of(case.aligned).base
-    except InputError:
-        return ""
-    names = [str(n) for n in case.recording["station"].values]
+    base, names = report.base, [str(n) for n in case.recording["station"].values]
     if base not in names or len(names) < 2:
         return ""
-    places = detectors.without_spikes(case.recording["position"].values)
-    away = np.linalg.norm(places - np.nanmedian(places, axis=0), axis=-1)
-    travel = np.nanmax(np.where(np.isfinite(away), away, 0.0), axis=0)
+    travel = np.nan_to_num(detectors.travel(detectors.without_spikes(case.recording["position"].values)))
     still, own = int(np.argmin(travel)), travel[names.index(base)]
     if own > BASE_SHARE * travel.max() and travel[still] < STILL_SHARE * own:
         return (f"{base}, taken for the base, moves by {1e3 * own:.3g} mm, and {names[still]} by only "
@@ -101,26 +96,26 @@ def moving_base(case: Case) -> str:
 
 def plane(case: Case) -> str:
     """A recording in the plane of another one, or in a stated plane, that moves out of it."""
-    if case.aligned is None or "position" not in case.aligned:
-        return ""
-    try:
-        report = alignment_of(case.aligned)
-    except InputError:
-        return ""
-    if report.frame != "planar" or report.plane in FOUND or not report.out_of_plane_share > MOST_OUT:
+    report = report_of(case)
+    if report is None or report.frame != "planar" or report.plane in FOUND or not report.out_of_plane_share > MOST_OUT:
         return ""
     return (f"{100 * report.out_of_plane_share:.0f} % of the motion is out of the plane that was stated, or of that of "
             "the first recording: was the tracker moved between them? Then state alignment = { options = { plane = "
             '"motion", bend = "positive" } } for this recording, or "negative" for one that bends back')  # fmt: skip
 
 
+def report_of(case: Case) -> Alignment | None:
+    """How the recording was aligned; None where it was not."""
+    try:
+        return None if case.aligned is None else alignment_of(case.aligned)
+    except InputError:
+        return None
+
+
 def tilt(case: Case) -> float | None:
     """Angle between base tangent and body at rest, degrees: to the last station, of a dense shape to a third of it."""
-    if case.recording is None or case.aligned is None or "position" not in case.recording:
-        return None
-    try:
-        report = alignment_of(case.aligned)
-    except InputError:
+    report = report_of(case)
+    if case.recording is None or report is None or "position" not in case.recording:
         return None
     names = [str(n) for n in case.recording["station"].values]
     time, position = case.recording["time"].values, case.recording["position"].values

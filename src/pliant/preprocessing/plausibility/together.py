@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import xarray as xr
 
+from pliant.numerics.peak import peak
 from pliant.preprocessing import detectors
 
 COPIED, FEWEST = 0.5, 10  # of the frames of the shorter one, and at least: a film at rest may repeat some
@@ -59,7 +60,7 @@ def plateau(recording: xr.Dataset) -> tuple[float, float] | None:
     if known.sum() < 2 or seen.sum() < 2:
         return None
     pressure = np.interp(time, clock[known], measured[known])
-    level = float(pressure[np.argmax(np.abs(pressure))])
+    level = peak(pressure)
     on = np.flatnonzero((pressure / level > PLATEAU) & seen) if level else np.empty(0, dtype=int)
     if not on.size or time[on[-1]] - time[on[0]] < LEAST_S:
         return None
