@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from pliant.errors import FitError, InputError
 from pliant.identification import MORE_STAGES, STAGES, Experiment, Parameter, design, fit, identifiability, select_model
 from pliant.identification.design import Candidate, information_gain
+from pliant.identification.drives import at_rest
 from pliant.identification.from_recording import experiment
 from pliant.identification.parameters import apply
 from pliant.identification.prediction import predict
@@ -253,3 +255,10 @@ def test_a_body_of_several_chambers_without_laws_has_one_of_each_on_every_rung(b
     blank = body.with_(chambers=tuple(replace(c, torque=np.zeros(1)) for c in body.chambers))
     found = select_model([made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())], [], blank, stages=STAGES[:1])
     assert found.step.freed == ("left.torque_1", "right.torque_1")
+
+
+def test_inputs_that_nothing_drives_are_told_by_their_kind_and_unit() -> None:
+    inputs = SimpleNamespace(names=["m1", "m2", "left"], kinds=["tension"] * 2 + ["pressure"], units=["N", "N", "Pa"])
+    driven = SimpleNamespace(name="r", drives={"m1": None})
+    tension, pressure = "no tension drives m2: taken to rest at 0 N.", "no pressure drives left: taken to rest at 0 Pa."
+    assert at_rest(SimpleNamespace(actuation=inputs), driven) == f"In r {tension} In r {pressure}"

@@ -128,11 +128,17 @@ def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple
 
 
 def at_rest(model: Model, exp: Experiment) -> str:
-    """A sentence on the chambers that an experiment does not drive; empty where it drives all."""
-    idle = [c.name for c in model.chambers if c.name not in exp.drives]
-    if not exp.drives or not idle:
+    """A sentence on the inputs that an experiment does not drive, one for each kind; empty where it drives all."""
+    if not exp.drives:
         return ""
-    return f"In {exp.name} no pressure drives {' and '.join(idle)}: taken to rest at 0 Pa."
+    inputs, idle = model.actuation, dict[tuple[str, str], list[str]]()
+    for name, kind, unit in zip(inputs.names, inputs.kinds, inputs.units, strict=True):
+        if name not in exp.drives:
+            idle.setdefault((kind, unit), []).append(name)
+    return " ".join(
+        f"In {exp.name} no {kind} drives {' and '.join(names)}: taken to rest at 0 {unit}."
+        for (kind, unit), names in idle.items()
+    )
 
 
 def pressures_at(model: Model, experiments: Sequence[Experiment]) -> Array:
