@@ -16,7 +16,8 @@ from pliant.identification.from_recording import experiment
 from pliant.identification.parameters import apply
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
-from pliant.model import Chamber, Model, Station, Valve
+from pliant.model import Chamber, Model, Station, Tendon, Valve
+from pliant.model.actuation import Actuation
 from pliant.recording.schema import make_recording
 from pliant.simulation import Pulse, Trace, simulate
 
@@ -258,7 +259,8 @@ def test_a_body_of_several_chambers_without_laws_has_one_of_each_on_every_rung(b
 
 
 def test_inputs_that_nothing_drives_are_told_by_their_kind_and_unit() -> None:
-    inputs = SimpleNamespace(names=["m1", "m2", "left"], kinds=["tension"] * 2 + ["pressure"], units=["N", "N", "Pa"])
+    along = {"joint_gain": [-1.0], "cross_gain": [0.0], "lever": 0.01}
+    inputs = Actuation((Tendon(**along, name="m1"), Tendon(**along, name="m2"), Chamber(torque=[6e-7], name="left")), 1)
     driven = SimpleNamespace(name="r", drives={"m1": None})
     tension, pressure = "no tension drives m2: taken to rest at 0 N.", "no pressure drives left: taken to rest at 0 Pa."
     assert at_rest(SimpleNamespace(actuation=inputs), driven) == f"In r {tension} In r {pressure}"

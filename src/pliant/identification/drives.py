@@ -131,7 +131,8 @@ def at_rest(model: Model, exp: Experiment) -> str:
     """A sentence on the inputs that an experiment does not drive, one for each kind; empty where it drives all."""
     if not exp.drives:
         return ""
-    inputs, idle = model.actuation, dict[tuple[str, str], list[str]]()
+    inputs = model.actuation
+    idle: dict[tuple[str, str], list[str]] = {}
     for name, kind, unit in zip(inputs.names, inputs.kinds, inputs.units, strict=True):
         if name not in exp.drives:
             idle.setdefault((kind, unit), []).append(name)
