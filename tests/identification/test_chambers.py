@@ -11,7 +11,7 @@ import pytest
 from pliant.errors import FitError, InputError
 from pliant.identification import MORE_STAGES, STAGES, Experiment, Parameter, design, fit, identifiability, select_model
 from pliant.identification.design import Candidate, information_gain
-from pliant.identification.drives import at_rest
+from pliant.identification.drives import at_rest, findings_of_chambers, hardly_driven
 from pliant.identification.from_recording import experiment
 from pliant.identification.parameters import apply
 from pliant.identification.prediction import predict
@@ -264,3 +264,20 @@ def test_inputs_that_nothing_drives_are_told_by_their_kind_and_unit() -> None:
     driven = SimpleNamespace(name="r", drives={"m1": None})
     tension, pressure = "no tension drives m2: taken to rest at 0 N.", "no pressure drives left: taken to rest at 0 Pa."
     assert at_rest(SimpleNamespace(actuation=inputs), driven) == f"In r {tension} In r {pressure}"
+
+
+def test_tendons_that_recordings_do_not_tell_apart_are_called_tendons() -> None:
+    along = {"joint_gain": [-1.0], "cross_gain": [0.0], "lever": 0.01}
+    chamber = Chamber(torque=[6e-7], name="left")
+    inputs = Actuation((Tendon(**along, name="m1"), Tendon(**along, name="m2"), chamber), 1)
+    model = SimpleNamespace(actuation=inputs, chambers=inputs.inputs)
+    pull = Trace([0.0, 1.0, 2.0], [0.0, 1.0, 0.0])
+    exp = SimpleNamespace(time=np.linspace(0.0, 2.0, 9), drives={"m1": pull})
+    assert findings_of_chambers(["m2.lever"], model, [exp]) == "tendon m2 is driven in no recording"
+    both = SimpleNamespace(time=exp.time, drives={"m1": pull, "m2": pull, "left": pull})
+    apart = "were never driven apart: their gains cannot be separated"
+    assert findings_of_chambers(["m1.lever", "m2.lever"], model, [both]) == f"tendons m1 and m2 {apart}"
+    assert findings_of_chambers(["m1.lever", "left.torque_1"], model, [both]) == f"inputs m1 and left {apart}"
+    weak = SimpleNamespace(time=exp.time, drives={"m1": pull, "m2": Trace(pull.time, 0.01 * np.array(pull.pressure))})
+    [note] = hardly_driven(["m2.lever"], model, [weak])
+    assert note.startswith("Tendon m2 was hardly driven: its tension moves by 1 % of that of m1")

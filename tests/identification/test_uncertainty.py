@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -221,3 +222,21 @@ def test_residuals_that_grow_with_way_and_speed_are_found_as_they_are() -> None:
     np.testing.assert_allclose(variance_by(2.0 * traits, traits, square), 2.0 * traits @ law, rtol=1e-9)
     alone = variance_by(traits, traits, traits[:, 1:2])  # no residual at rest: a tenth of the mean is left
     assert alone.min() == pytest.approx(0.1 * traits[:, 1].mean())
+
+
+def test_a_step_that_biases_a_parameter_is_named_with_one_that_does_not(truth: Model, traced: Any) -> None:
+    exp = traced(truth)
+    exp = replace(exp, position=exp.position + 1e-4 * np.random.default_rng(5).normal(size=exp.position.shape))
+
+    def fitted(step: float) -> tuple[Any, list[str]]:
+        found = fit([exp], truth, ["stiffness", "damping", "torque_1"], step=step, starts=1)
+        return found, [note for note in found.notes if "integration step" in note]
+
+    (coarse, [note]), (fine, none) = fitted(5e-3), fitted(5e-4)
+    assert none == []
+    said = re.fullmatch(r".* 5 ms biases (\w+) by about (.+) standard errors: use a step of (.+) ms or less.", note)
+    assert said
+    moved = {p.name: abs(p.value - fine.values[p.name]) / p.std for p in coarse.parameters if p.std}
+    assert said[1] == max(moved, key=lambda name: moved[name])
+    assert float(said[2]) == pytest.approx(moved[said[1]], rel=0.25)
+    assert fitted(1e-3 * float(said[3]))[1] == []

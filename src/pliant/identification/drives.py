@@ -11,7 +11,7 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.identification.experiment import Experiment, leading
 from pliant.identification.recorded import one_chamber
-from pliant.model import Model
+from pliant.model import Model, Tendon
 from pliant.recording.inputs import RecordedInput, recorded_inputs
 from pliant.recording.rules import INPUT_UNITS
 from pliant.simulation import Pulse, Trace
@@ -171,7 +171,7 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
     moves = np.ptp(seen, axis=0)
     most = int(np.argmax(moves))
     findings = [
-        f"Chamber {model.chambers[k].name} was hardly driven: its pressure moves by "
+        f"{named(model, [k], first=True)} was hardly driven: its {model.chambers[k].kind} moves by "
         f"{100 * moves[k] / moves[most]:.2g} % of that of {model.chambers[most].name}, and its law rests on that."
         for k in mine if moves[k] <= IDLE * moves[most]
     ]
@@ -181,8 +181,17 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
         one, other = model.chambers[a], model.chambers[b]
         if shared(seen[:, a], seen[:, b]) < ALIKE:
             overlap = bool(np.any((one.joint_gain != 0) & (other.joint_gain != 0)))
-            findings.append(f"Chambers {one.name} and {other.name} {hardly_apart(overlap, uneven)}")
+            findings.append(f"{named(model, [a, b], first=True)} {hardly_apart(overlap, uneven)}")
     return findings
+
+
+def named(model: Model, places: Sequence[int], *, first: bool = False) -> str:
+    """Return what inputs of a model are and their names: "tendon m2", "inputs left and m2"; `first` in a sentence."""
+    inputs = [model.chambers[k] for k in places]
+    kinds = {"tendon" if isinstance(one, Tendon) else "chamber" for one in inputs}
+    what = kinds.pop() if len(kinds) == 1 else "input"
+    what = what.capitalize() if first else what
+    return f"{what}{'s' * (len(inputs) > 1)} {' and '.join(one.name for one in inputs)}"
 
 
 def hardly_apart(overlap: bool, uneven: bool) -> str:
@@ -204,9 +213,8 @@ def findings_of_chambers(names: Sequence[str], model: Model, experiments: Sequen
         return ""
     seen = pressures_at(model, experiments)
     if idle := [k for k in mine if not seen[:, k].any()]:
-        return f"chamber {model.chambers[idle[0]].name} is driven in no recording"
+        return f"{named(model, idle[:1])} is driven in no recording"
     for a, b in combinations(mine, 2):
         if shared(seen[:, a], seen[:, b]) < TOGETHER:
-            both = f"{model.chambers[a].name} and {model.chambers[b].name}"
-            return f"chambers {both} were never driven apart: their gains cannot be separated"
+            return f"{named(model, [a, b])} were never driven apart: their gains cannot be separated"
     return ""

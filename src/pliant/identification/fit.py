@@ -21,7 +21,7 @@ from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS, noise_ratio
 from pliant.identification.result import FitResult, cautions, far_off, parameter_dict, status_sentence
 from pliant.identification.start_search import independent_start, searched
-from pliant.identification.uncertainty import covariance
+from pliant.identification.uncertainty import Covariance, covariance
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.simulation import modes
@@ -33,6 +33,7 @@ if TYPE_CHECKING:  # an optimiser is imported when one runs
 __all__ = ["FIT_OPTIONS", "FitOptions", "FitResult", "fit", "parameter_dict", "parameters_from", "predict_held_out"]
 Array = np.ndarray
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
+STEP_BIAS = 0.5  # of a standard error: a bias of a parameter by the integration step that is named
 ABOVE_NOISE = 3.0  # residuals, in standard deviations of the noise, that a second start must confirm
 NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 
@@ -272,6 +273,7 @@ def finished(
     if found.correlated:
         notes.append(f"Residuals are correlated over {found.correlated:.2g} s, which the standard errors count in.")
     notes += [note for e in problem.experiments if (note := at_rest(problem.model, e))]
+    notes += step_notes(problem, best.x, found)
     notes += hardly_driven([p.name for p in problem.free], problem.model, problem.experiments)
     if held_gains(parameters, problem.model):
         notes.append("The mean of the joints' gains is held where it began: the torque law has a scale of its own.")
@@ -283,6 +285,30 @@ def finished(
         best.status > 0 and not far,
         found, tuple(notes), float(bic), turns=problem.experiments[0].without_positions,
     )
+
+
+def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
+    """Return a sentence where the integration step biases a parameter by half its standard error or more.
+
+    The bias to first order is what the fit makes of the change of its residuals at half the step; what a step of
+    second order leaves out is 4/3 of that change.
+    """
+    shortest = min(float(np.min(np.diff(e.time), initial=np.inf)) for e in problem.experiments)
+    finer = problem.with_step(0.5 * min(problem.step, shortest))
+    change = finer.data_residual(x) - problem.data_residual(x)
+    if finer.broken or problem.broken:
+        return []
+    J = problem.jacobian(x)
+    shift = np.linalg.lstsq(J, np.append(change, np.zeros(len(J) - len(change))) / 0.75, rcond=None)[0] * problem.scale
+    std = np.array([s or np.inf for s in found.std])
+    worst = int(np.argmax(np.abs(shift) / std))
+    bias = float(abs(shift[worst]) / std[worst])
+    if bias < STEP_BIAS:
+        return []
+    better = 2.0 * finer.step * np.sqrt(0.5 * STEP_BIAS / bias)
+    text = (f"The integration step of {1e3 * problem.step:.3g} ms biases {found.names[worst]} by about {bias:.2g} "
+            f"standard errors: use a step of {1e3 * better:.2g} ms or less.")  # fmt: skip
+    return [text]
 
 
 def parameters_from(entries: Mapping[str, Any]) -> list[Parameter]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import Any
 
@@ -76,6 +77,12 @@ class Problem:
     def values(self, x: Array) -> dict[str, Any]:
         """Values by name of the scaled free parameters x."""
         return {**self.fixed, **{p.name: float(v) for p, v in zip(self.free, x * self.scale, strict=True)}}
+
+    def with_step(self, step: float) -> Problem:
+        """Return this problem with another integration step [s]: same recordings, weights and scales."""
+        other = copy.copy(self)
+        other.step, other.plans, other.latest = step, Plans(), (b"", np.zeros(0))
+        return other
 
     def residual(self, x: Array) -> Array:
         """Residuals of the recordings, then of what was known before; FAR where x cannot be simulated."""
