@@ -169,10 +169,11 @@ def test_a_run_tells_what_it_does(done: tuple[StudyOutcome, Path, list[str]]) ->
 
 
 def test_the_verdict_speaks_of_held_out_records_first(done: tuple[StudyOutcome, Path, list[str]]) -> None:
-    first, second, third = done[0].verdict
+    first, second, step, third = done[0].verdict
     assert first.startswith("linear: record middle has not been seen by the fit and is predicted to 0.0")
     assert first.endswith("(target 5 %: met).")
     assert "training records are followed to" in second
+    assert step.startswith("linear: The integration step of 2 ms biases stiffness by about ")
     assert third.startswith("Forecast")
     assert "20 g at the tip: frequency" in third
 

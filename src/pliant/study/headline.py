@@ -11,6 +11,7 @@ from pliant.study.verdict import LONGER, by_the_model, judged, ringing
 from pliant.validation.outcome import FitOutcome, Headline, RecordOutcome, StudyOutcome
 from pliant.validation.wording import sized
 
+OF_ERRORS = ("correlated", "integration step")  # words of notes on standard errors: they belong to the full verdict
 FAR = 10.0  # % of travel: a point that is ever so far off is named
 OVERSHOOT = 5.0  # points of the overshoot
 OFF = 10.0  # % of a frequency
@@ -82,7 +83,7 @@ def fit_warnings(fit: FitOutcome, *, held: bool) -> Iterator[str]:
         yield "No record is held out: this shows that the model can follow, not that it predicts."
     if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
         yield fit.result.status
-    yield from (note for note in fit.result.notes if "correlated" not in note)
+    yield from (note for note in fit.result.notes if not any(word in note for word in OF_ERRORS))
 
 
 def record_warnings(record: RecordOutcome) -> Iterator[str]:
