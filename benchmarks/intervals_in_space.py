@@ -41,7 +41,7 @@ AZIMUTHS = {"red": np.pi / 2, "green": np.pi * 7 / 6, "blue": np.pi * 11 / 6}
 MIDDLE = {"stiffness": 0.6, "damping": 4e-3}
 POINTS = (("mid", 0, 0.08, 0.0), ("side", 1, 0.05, 0.03), ("tip", 2, 0.05, 0.0))  # name, link, along and aside it, m
 FAR = 2.5  # root-mean-square distances of a fit that ended elsewhere, in noise: sqrt(3) where it did not
-NOISE, STEP, TICK = 1e-3, 2e-3, 1e-3  # m, s of a step of the fit and of MuJoCo
+NOISE, STEP, TICK = 1e-3, 2e-3, 5e-4  # m, s of a step of the fit and of MuJoCo
 
 
 def chain() -> Model:

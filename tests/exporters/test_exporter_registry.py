@@ -66,7 +66,7 @@ def test_a_model_without_a_feature_has_none_of_it(key):
         model = pulled().with_(chambers=cords)
     assert FEATURES[key].names(model)
     if key in ("space", "tendons"):
-        with pytest.raises(pliant.InputError, match=r"moves in space|is driven by tendons"):
+        with pytest.raises(pliant.InputError, match=r"is a model in space|is driven by tendons"):
             without(model, (key,))
     elif key not in ("springs", "drive"):  # no artefact can do without: those that cannot say so by nature
         assert not FEATURES[key].names(without(model, (key,)))

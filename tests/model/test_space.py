@@ -54,7 +54,7 @@ def test_gains_of_a_chamber_are_those_of_its_azimuth():
     ({"space": {"stiffnes_ratio": 2.0}}, "space has no parameter 'stiffnes_ratio'"),
     ({"space": Space(), "gravity": (0.0, -9.81)}, "gravity must be 3 numbers"),
     ({"space": None, "gravity": (0.0, 0.0, -9.81)}, "gravity must be 2 numbers"),
-    ({"space": None, "stations": [Station("tip", 3, 0.03, 0.0, 0.01)]}, "lies out of the plane"),
+    ({"space": None, "stations": [Station("tip", 3, 0.03, 0.0, 0.01)]}, "lies out of the bending plane"),
     ({"space": None, "cross_gain": 0.5}, "give the model its space"),
     ({"rest_angle": 0.1}, "does not take rest_angle: give space its rest_turn"),
     ({"base_angle": 0.1}, "give space its base_tilt"),

@@ -117,7 +117,7 @@ def test_one_of_several_trials_with_its_level(tmp_path):
     with pytest.raises(InputError, match="must have 2 or 3 dimensions"):
         read(tmp_path / "a.npz")
     np.savez(tmp_path / "b.npz", t=TIME, xyz=POSITION)
-    with pytest.raises(InputError, match=r"four dimensions, the first of trials; b\.npz has one of shape"):
+    with pytest.raises(InputError, match=r"b\.npz: `trial` needs positions of four .* but holds one of shape"):
         read(tmp_path / "b.npz", mapping={"trial": 0})
     np.savez(tmp_path / "c.npz", t=TIME, xyz=trials, pressure_mbar=[[0, 50, 50]] * 2, t_p=[0.0, 0.2, 0.4])
     assert read(tmp_path / "c.npz", mapping={"trial": 0})["pressure"].values.tolist() == [0, 5000, 5000]

@@ -29,7 +29,8 @@ def check_gpu(samples: Samples) -> None:
         )
     if samples.template.memory or samples.remembering.any():
         raise InputError(
-            "chains that remember and chambers that swell or inflate run on the processor: use device='cpu'"
+            "hysteresis states, viscoelastic lag and hyperelastic walls of chambers are not supported on the GPU: use "
+            "device='cpu'"
         )
 
 

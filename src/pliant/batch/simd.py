@@ -29,7 +29,7 @@ def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, 
 
 
 def constant_arrays(samples: Samples) -> list[Array]:
-    """B, I, h, gravity, the joints (5 + terms, n, N) and the place (n + 3, N): what the march needs of the samples."""
+    """Return what stays constant in time: B, I, h, gravity, joints (5 + terms, n, N), lengths and base (n + 3, N)."""
     v = samples.values
     springs = springs_of(v)
     joints = np.stack([v["rest_angle"], springs.K, v["damping"], v["joint_gain"], *springs.hardening])
@@ -51,7 +51,7 @@ def in_groups(a: Array) -> Array:
 def unpack(
     samples: Samples, kept: Output, joints: Array, place: Array, asked: dict[str, Array],
 ) -> None:
-    """From the rows (rows, n[, 2], W) that a march kept to the arrays (samples, rows, n[, 2]) that are asked for."""
+    """Write the kept rows (rows, n[, 2], W) of a SIMD batch to the result arrays (samples, rows, n[, 2])."""
     n, rows = samples.template.n, len(kept.phi)
     tails = {"joint_angle": (n,), "joint_rate": (n,), "tip_position": (n, 2)}
     made = [asked[name] if name in asked else np.empty((0, rows, *tail)) for name, tail in tails.items()]
@@ -113,7 +113,7 @@ class Groups:
 
 
 class Alone(Groups):
-    """Groups of chains that remember: what comes before the march is worked out together, the march of each alone.
+    """Groups of chains with hysteresis: inputs are prepared together, each chain is integrated by itself.
 
     Which elements slip differs from chain to chain, and vectors cannot part.
     """

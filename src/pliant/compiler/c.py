@@ -156,7 +156,7 @@ class CWriter(Expressions):
         self.block(frame, statements)
         for name, value in before.items():
             if not isinstance(value, Real) and frame.names[name] is not value and isinstance(value, np.ndarray):
-                raise InputError(f"the C writer cannot choose between two arrays {name} at run time")
+                raise InputError(f"C export: {name} is one of two arrays by a choice at run time: choose by element")
         self.indent -= 1
         frame.depth -= 1
 

@@ -183,7 +183,9 @@ class ContactSeen(NamedTuple):
 def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> ContactSeen:
     """Estimate of a recording with its disturbance torques, and the features of the free motion beside it."""
     if not noise.random_walk > 0:
-        raise InputError("contact is seen in the disturbance torques: noise.random_walk must be positive")
+        raise InputError(
+            "noise.random_walk must be positive: contact is detected in disturbance torques, modelled as a random walk"
+        )
     found = estimate(recording, model, noise=noise, **options)
     source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
                             options.get("drive"))

@@ -195,7 +195,7 @@ class Rehearsed:
 
 
 def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: Limits, weight: Array) -> Rehearsal:
-    """Run the task on the model, hold its end, displace the body at once, and wait until it has settled again.
+    """Simulate the task, hold its last set-point, displace the body in one step, and go on until it has settled.
 
     Parameters
     ----------

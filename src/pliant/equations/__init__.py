@@ -1,4 +1,4 @@
-"""The paper's Section III as plain kernels, in its order and its letters.
+"""Equations of Section III of the paper as plain functions, in its order and notation.
 
 Source: Y. Chen, K. C. Galloway, I. S. Godage, "Efficient Reduced-Order Models for Soft Actuators".
 

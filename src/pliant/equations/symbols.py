@@ -109,7 +109,7 @@ class ObservedChain(NamedTuple):
 
 
 class MemoryLaw(NamedTuple):
-    """Creep, slip and Bouc-Wen of `equations.memory`, the same for all joints, each a share of the joint's K."""
+    """Parameters of creep, slip and Bouc-Wen branches, equal for all joints; stiffness in parts of the joint's K."""
 
     creep_share: np.ndarray  # (P,) stiffness of each Prony branch, in parts of K
     creep_time: np.ndarray  # (P,) s, its relaxation time

@@ -112,7 +112,10 @@ def untwisted(model: Model) -> Model:
 
 def no_plane(model: Model) -> Model:
     """Refuse: a body in space has no nearest one in a plane."""
-    raise InputError(f"{model.name!r} moves in space, and the target holds bodies that bend in a plane alone")
+    raise InputError(
+        f"{model.name!r} is a model in space, and this target takes planar models alone: export to mjcf, c99, fmu, "
+        "state-space or urdf"
+    )
 
 
 def of_tendons(change: Callable[[Tendon], Tendon]) -> Callable[[Model], Model]:

@@ -104,7 +104,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self, *, seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,  # noqa: ARG002  Gymnasium's own
     ) -> tuple[Array, dict[str, Any]]:
-        """All begin at rest without pressure, before other targets; a seed draws other bodies, too."""
+        """Reset all environments to rest at zero pressure and draw targets; a seed draws model parameters, too."""
         if seed is not None:
             whole = seed if isinstance(seed, int) else [0 if s is None else s for s in seed]
             self._np_random = np.random.default_rng(whole)

@@ -218,7 +218,7 @@ def information_of(covariance: Array) -> Array:
 
 
 def summary(words: str, information: Array, names: Sequence[str]) -> tuple[Proposal, tuple[str, ...]]:
-    """Standard errors under an information, and the parameters of its weakest direction."""
+    """Return standard errors from a Fisher information matrix, and the parameters of its least certain direction."""
     values, vectors = np.linalg.eigh(information)
     values = np.maximum(values, 1e-12)
     std = np.sqrt(np.diag((vectors / values) @ vectors.T))

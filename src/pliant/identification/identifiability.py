@@ -79,11 +79,11 @@ class Identifiability(Shown):
 
     @property
     def identifiable(self) -> bool:
-        """Whether every direction shows."""
+        """Whether the recordings determine every direction in parameter space."""
         return not any(d.kind == "null" for d in self.directions)
 
     def card(self) -> Card:
-        """Standard errors to expect, and the directions that do not show."""
+        """Return the expected standard errors and the directions that the recordings do not determine."""
         std = ["not shown" if s is None else f"{s:.2g}" for s in self.expected_std]
         rows = [[n, s, kind_of(n).unit] for n, s in zip(self.names, std, strict=True)]
         title = "Every free parameter shows" if self.identifiable else "Not every free parameter shows"

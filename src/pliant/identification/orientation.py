@@ -22,7 +22,7 @@ def with_axes(places: Array, oriented: Array) -> Array:
 
 
 def repeated(values: Array, oriented: Array) -> Array:
-    """Return one value a point, with those of the axes of `oriented` points behind."""
+    """Return the per-point values, followed twice by those of the `oriented` points, for their two axes."""
     return np.concatenate([values, values[oriented], values[oriented]])
 
 

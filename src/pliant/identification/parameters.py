@@ -267,7 +267,7 @@ def moved_stations(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
 
 
 def moved_joints(model: Model, share: float) -> Model:
-    """The chain of equal segments with every joint at this share of its segment; points stay where they are at rest."""
+    """Return the chain with each joint at the fraction `share` of its segment; stations keep their places at rest."""
     segment = model.length / model.n
     length = np.full(model.n, segment)
     length[-1] = (1.0 - share) * segment

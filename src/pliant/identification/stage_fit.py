@@ -99,7 +99,7 @@ class StageFitter:
     common: Sequence[str] = ()  # names of what every stage frees
 
     def fit_stage(self, stage: Stage, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
-        """The stage on top of `below`, where `free` is free, and what is free on it."""
+        """Fit a stage that builds on `below`, whose free parameters are `free`; return it and its own free ones."""
         began = clock.perf_counter()
         reason, found = "", []
         for choice in stage.frees or ((),):

@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 def numbers(name: str, value: Any) -> Array:
-    """`value` as a new row of numbers."""
+    """Return `value` as a new one-dimensional array of floats; InputError if it is none."""
     try:
         a = np.atleast_1d(np.array(value, dtype=float))
     except (TypeError, ValueError):

@@ -81,7 +81,7 @@ class Memory:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of the states of one joint, in the order of the kernels."""
+        """Return the names of one joint's hysteresis states, in the order in which the compiled kernels store them."""
         creep = (f"creep_{j + 1}" for j in range(len(self.creep_share)))
         slip = (f"slip_{j + 1}" for j in range(len(self.slip_share)))
         return (*creep, *slip, *(("boucwen",) if self.boucwen_share else ()))

@@ -56,4 +56,7 @@ def check_stations(model: ModelParameters) -> None:
         for name, size in zip(("along", "across", "aside"), station[2:], strict=True):
             check_limit("model", f"station {name}", size)
         if station.aside and model.space is None:
-            raise InputError(f"model station {station.name!r} lies out of the plane (aside): give the model its space")
+            raise InputError(
+                f"model station {station.name!r} lies out of the bending plane (aside = {station.aside:g} m): set "
+                "aside to 0, or make the model spatial with space = Space()"
+            )

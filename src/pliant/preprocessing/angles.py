@@ -48,7 +48,7 @@ def coarse_steps(angle: NDArray) -> list[float]:
 
 
 def angle_sentences(facts: dict[str, float]) -> list[str]:
-    """Return messages on sensors that count in coarse steps, in degrees by station."""
+    """Return a sentence for each station whose angle sensor has a coarse resolution; `facts`: its step in degrees."""
     return [f"the angle of {name} comes in steps of {step:.2g} degrees: {step / np.sqrt(12.0):.2g} degrees of noise"
             for name, step in facts.items()]  # fmt: skip
 

@@ -103,7 +103,7 @@ def frozen_spans(time: NDArray, names: list[str], marked: NDArray) -> dict[str, 
 
 
 def leave_out_frozen(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with the places of frozen stations missing; the same object where there are none.
+    """Return the recording with NaN where a station's position froze (repeated one value); the same object if none did.
 
     Parameters
     ----------

@@ -111,7 +111,10 @@ def _one_trial(
     """Position and pressure of one of several trials, and the nominal level [Pa] where each trial has one number."""
     if position is None or position.ndim != 4:
         shape = "none" if position is None else f"one of shape {position.shape}"
-        raise InputError(f"a trial is one of a position with four dimensions, the first of trials; {file} has {shape}")
+        raise InputError(
+            f"{file}: `trial` needs positions of four dimensions (trials, frames, stations, axes), but holds {shape}: "
+            "leave `trial` out"
+        )
     if trial >= len(position):
         raise InputError(f"{file} has the trials 0 to {len(position) - 1}, not {trial}")
     if pressure is None:

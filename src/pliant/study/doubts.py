@@ -68,9 +68,9 @@ def units_first(doubted: Mapping[str, str]) -> Iterator[None]:
 
 
 def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
-    """Every doubt once: of recordings under their names, of the body from the first recording that raises it.
+    """Return a study's warnings, each once: on recordings with their names, on the body from the first that shows it.
 
-    Those of recordings beside each other come last.
+    Warnings on recordings compared with each other come last.
     """
     said: dict[str, str] = {}
     for name, one in aligned.items():

@@ -182,7 +182,7 @@ def spatial_study(looks: Sequence[FirstLook]) -> bool:
 
 
 def look_doubts(looks: Sequence[FirstLook], case: Case) -> tuple[str, ...]:
-    """Return doubts about recordings and body, each sentence once."""
+    """Return the warnings about the recordings and the body, without duplicates."""
     said: dict[str, str] = {}
     for look in looks:
         said |= {f"{look.name} {check}": f"{look.path.name}: {line}" for check, line in look.found.doubts.items()}
@@ -267,7 +267,7 @@ def hanging(looks: Sequence[FirstLook]) -> str:
 def fibre(out: Lines, look: FirstLook, length: float | None) -> None:
     """A fibre whose tip a cap marks."""
     out.table("fibre")
-    out.say("the cap's curvature marks the tip; the base lies one body length before it")
+    out.say("the end cap's curvature marks the tip; the base is one body length back along the fibre")
     out.ask("body_length", "m, of the body along the fibre", length, "m, as you stated")
     out.put("cap_curvature", float(look.recording.attrs["cap_curvature"]), "1/m, as the file says")
     out.put("cap_length", float(look.recording.attrs["cap_length"]), "m, as the file says")

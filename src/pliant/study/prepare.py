@@ -212,7 +212,7 @@ def checked_options(alignment: AlignmentEntry) -> dict[str, Any]:
 
 
 def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experiment:
-    """The experiment of an aligned recording: moving stations, excitation, what is known of it."""
+    """Return the `Experiment` of an aligned recording: moving stations, actuation input, known loads."""
     entry: Recording = study.recordings[name]
     base = alignment_of(recording).base if "alignment" in recording.attrs else "base"
     stations = entry.stations or moving_stations(name, recording, base)

@@ -246,5 +246,5 @@ def member(name: str | int) -> Member:
         return Member(name, actuator(name), (SupplyRegulator(), SupplyRegulator(frequency=6.0, dead_time=0.014)))
     if name not in ACTUATORS:
         known = ", ".join((*ACTUATORS, *CHAMBERS))
-        raise InputError(f"unknown actuator {name!r}: use {known}, or a seed of the family such as 7")
+        raise InputError(f"unknown actuator {name!r}: use {known}, or an integer such as 7: the seed of a random one")
     return Member(name, actuator(name))

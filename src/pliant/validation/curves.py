@@ -103,7 +103,7 @@ def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
 
 
 def pressures_of(laws: Sequence[tuple[str, Chamber, Mapping[float, str]]], count: int) -> Array:
-    """Return `count` pressures [Pa] from 0 a little past the levels of the records of these torque laws."""
+    """Return `count` pressures [Pa] from 0 to 5 % beyond the highest level of the records on these torque laws."""
     levels = [0.0, *(p for _, _, marks in laws for p in marks)]
     low, high = min(levels), max(levels)
     return np.linspace(1.05 * low, 1.05 * (high if low < 0.0 else max(high, 1.0)), count)

@@ -36,7 +36,7 @@ def first_records(fits: Sequence[FitOutcome]) -> list[tuple[FitOutcome, RecordOu
 
 
 def columns(keys: Sequence[str], *, turns: bool) -> tuple[str, ...]:
-    """Names of metrics as they are, or as those of angles where a body `turns` before angle sensors."""
+    """Return the names of the metrics' columns; `turns`: of a body seen by angle sensors alone, in degrees."""
     if not turns:
         return tuple(keys)
     return tuple(k.replace("_mm", "_deg") for k in keys if k != "rmse_percent_of_length")
