@@ -1,18 +1,19 @@
 """Time of a second of motion in space: pliant beside soromox, to equal error of the tip, in one run.
 
 The body is that of space_speed.py: five segments of 0.17 m and 69 g in all, let go from a bend in space under gravity
-across it, with bending and twist. Soromox (piecewise constant strain, JAX compiled for the processor, double precision)
-has the same bending and torsional stiffness and dampers on the same 15 coordinates, arcs where pliant has joints.
+across it, first with bending alone, then with twist. Soromox (piecewise constant strain, JAX compiled for the
+processor, double precision) has the same stiffness and dampers on the same coordinates, arcs where pliant has joints.
 Each is compared with itself at a far finer step; how far both lie from a pliant chain of 40 links is printed. Of
 soromox the fastest of its solvers counts: semi-implicit Euler, Tsitouras' 5(4) and Kvaerno's implicit 5(4) with
-adaptive steps. Compiling does not count. Needs `pip install soromox`; `--seconds S`: how long each is timed.
+adaptive steps. Wall time; compiling does not count. Needs `pip install soromox`; `--seconds S`: how long each is timed.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from time import process_time
+from functools import partial
+from time import perf_counter
 from typing import Any
 
 import diffrax
@@ -54,26 +55,27 @@ EULER = [h for h in STEPS if h <= 2.5e-3]  # s
 MANY = 40  # links of the chain that stands for the rod
 
 
-def arm() -> PCS:
-    """The arm: its base points along z as pliant's does, gravity is along x."""
+def arm(turns: int) -> PCS:
+    """The arm, with twist where `turns` is 3: its base points along z as pliant's does, gravity is along x."""
     turning = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * SEGMENT**2  # from angles of a segment to strains
     density = MASS / (np.pi * RADIUS**2 * LENGTH)
     link = LinkSpec.circular(
         length=SEGMENT, radius=RADIUS, density=density, reference_strain=[0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
         stiffness=jnp.diag(STIFFNESS * turning), damping=jnp.diag(DAMPING * turning),
     )  # fmt: skip
-    active = jnp.tile(jnp.array([True, True, True, False, False, False]), LINKS)
+    active = jnp.tile(jnp.array([turns == 3, True, True, False, False, False]), LINKS)
     return PCS.from_links([link] * LINKS, structure=PCSStructure(strain_selector=active),
                           gravity=jnp.array([9.81, 0.0, 0.0]))  # fmt: skip
 
 
-def begin() -> Array:
-    """Strains and rates (30,) of the bend of `space_speed.start`: per segment twist, then curvatures about y and -x."""
+def begin(turns: int) -> Array:
+    """Strains and rates of the bend of `space_speed.start`: per segment twist, if any, curvatures about y and -x."""
     a, b = start(2).reshape(LINKS, 2).T / SEGMENT
-    return np.concatenate([np.column_stack([0.0 * a, b, -a]).ravel(), np.zeros(3 * LINKS)])
+    strains = np.column_stack([0.0 * a, b, -a])[:, 3 - turns :]
+    return np.concatenate([strains.ravel(), np.zeros(strains.size)])
 
 
-def runner(robot: PCS, solver: Any, adaptive: bool) -> Callable[[float], Array]:
+def runner(robot: PCS, turns: int, solver: Any, *, adaptive: bool) -> Callable[[float], Array]:
     """A function from a step [s], or a tolerance, to tips (LOOKS, 3)."""
     looks = jnp.linspace(0.0, END, LOOKS + 1)[1:]
 
@@ -84,26 +86,53 @@ def runner(robot: PCS, solver: Any, adaptive: bool) -> Callable[[float], Array]:
             SystemState(t=0.0, y=y), t1=END, solver_dt=1e-4 if adaptive else size, save_ts=looks, solver=solver,
             stepsize_controller=steps, max_steps=10**6,
         )  # fmt: skip
-        q = found.y[:, : 3 * LINKS]
+        q = found.y[:, : turns * LINKS]
         return jax.vmap(lambda one: robot.forward_kinematics(one, jnp.array(LENGTH)))(q)[:, :3, 3]
 
     def solve(size: float) -> Array:
-        return np.asarray(rolled(begin(), size))
+        return np.asarray(rolled(begin(turns), size))
 
     return solve
 
 
-def rod_tips() -> Array:
+def rod_tips(turns: int) -> Array:
     """Tips (LOOKS, 3) of a chain of many links of the same rod."""
     scale = MANY / LINKS
     model = chain_model(length=LENGTH, mass=MASS, links=MANY, joint_placement="midsegment",
                         stiffness=STIFFNESS * scale, damping=DAMPING * scale, gravity=[9.81, 0.0, 0.0],
-                        space={"radius": RADIUS, "twist_ratio": 1.0}, torque=[1e-6])  # fmt: skip
-    bend = np.zeros(3 * MANY)
+                        space={"radius": RADIUS, "twist_ratio": turns - 2.0}, torque=[1e-6])  # fmt: skip
+    bend = np.zeros(turns * MANY)
     bend[: 2 * MANY] = np.repeat(start(2).reshape(LINKS, 2) / scale, MANY // LINKS, axis=0).ravel()
     times = np.linspace(0.0, END, LOOKS + 1)
     run = simulate(model, Pulse(0.0), times=times, step=2e-4, initial_angle=bend)
     return np.asarray(run.tip_position.values[1:, -1])
+
+
+def compare(turns: int, seconds: float) -> None:
+    """Print how far apart both are, and the time of each to each error of the tip."""
+    robot, chain = arm(turns), partial(pliant_tips, turns=turns)
+    solvers = {
+        "semi-implicit Euler": (runner(robot, turns, SemiImplicitEuler(robot), adaptive=False), EULER),
+        "Tsit5": (runner(robot, turns, diffrax.Tsit5(), adaptive=True), TOLERANCES),
+        "Kvaerno5": (runner(robot, turns, diffrax.Kvaerno5(), adaptive=True), TOLERANCES),
+    }
+    ours, theirs, rod = chain(FINEST), solvers["Tsit5"][0](1e-8), rod_tips(turns)
+    for name, tips in (("pliant, 5 links", ours), ("soromox, 5 segments", theirs)):
+        off = 1e3 * np.linalg.norm(tips - rod, axis=1)
+        print(f"{name}: from a chain of {MANY} links {np.sqrt(np.mean(off**2)):.2f} mm rms, {off.max():.2f} at most")
+    each = step_ns(turns, seconds)
+    for target in TARGETS:
+        h, _ = to_target(chain, ours, target, STEPS)
+        mine = END / h * each / 1e6
+        print(f"{target} mm: pliant {mine:.2f} ms, step {1e3 * h:.3g} ms", flush=True)
+        for name, (solve, sizes) in solvers.items():
+            size, error = to_target(solve, theirs, target, sizes)
+            if not np.isfinite(size):
+                print(f"    soromox {name}: not reached", flush=True)
+                continue
+            took = 1e3 * best(lambda solve=solve, size=size: solve(size), seconds=seconds, clock=perf_counter)
+            print(f"    soromox {name}: {took:.0f} ms at {size:.2g}, error {error:.2g} mm, {took / mine:.0f} times as "
+                  "long", flush=True)  # fmt: skip
 
 
 def main() -> None:
@@ -112,29 +141,9 @@ def main() -> None:
     asked.add_argument("--seconds", type=float, default=2.0)
     seconds = asked.parse_args().seconds
     print(machine())
-    robot = arm()
-    solvers = {
-        "semi-implicit Euler": (runner(robot, SemiImplicitEuler(robot), False), EULER),
-        "Tsit5": (runner(robot, diffrax.Tsit5(), True), TOLERANCES),
-        "Kvaerno5": (runner(robot, diffrax.Kvaerno5(), True), TOLERANCES),
-    }
-    ours, theirs, rod = pliant_tips(FINEST), solvers["Tsit5"][0](1e-8), rod_tips()
-    for name, tips in (("pliant, 5 links", ours), ("soromox, 5 segments", theirs)):
-        off = 1e3 * np.linalg.norm(tips - rod, axis=1)
-        print(f"{name}: from a chain of {MANY} links {np.sqrt(np.mean(off**2)):.2f} mm rms, {off.max():.2f} at most")
-    each = step_ns(3, seconds)
-    for target in TARGETS:
-        h, _ = to_target(pliant_tips, ours, target, STEPS)
-        mine = END / h * each / 1e6
-        print(f"{target} mm: pliant {mine:.2f} ms, step {1e3 * h:.3g} ms", flush=True)
-        for name, (solve, sizes) in solvers.items():
-            size, error = to_target(solve, theirs, target, sizes)
-            if not np.isfinite(size):
-                print(f"    soromox {name}: not reached", flush=True)
-                continue
-            took = 1e3 * best(lambda solve=solve, size=size: solve(size), seconds=seconds, clock=process_time)
-            print(f"    soromox {name}: {took:.0f} ms at {size:.2g}, error {error:.2g} mm, {took / mine:.0f} times as "
-                  "long", flush=True)  # fmt: skip
+    for turns in (2, 3):
+        print("bending and twist" if turns == 3 else "bending alone")
+        compare(turns, seconds)
 
 
 if __name__ == "__main__":

@@ -129,11 +129,12 @@ def c_step_ns(turns: int, seconds: float) -> float:
     return 1e9 * best(job, seconds=seconds, clock=process_time) / CALLS
 
 
-def pliant_tips(h: float) -> Array:
-    """Tips (LOOKS, 3) of the arm with twist."""
-    chain, count = arm(3), round(END / LOOKS / h)
-    x, seen = start(3), np.zeros((LOOKS, 3 * LINKS))
-    loop(3)(count, LOOKS, x, np.zeros(x.size), h, np.zeros(x.size), chain.body, chain.joints, chain.workspace(), seen)
+def pliant_tips(h: float, turns: int = 3) -> Array:
+    """Tips (LOOKS, 3) of the arm, with twist where each joint has 3 turns."""
+    chain, count = arm(turns), round(END / LOOKS / h)
+    x, seen = start(turns), np.zeros((LOOKS, turns * LINKS))
+    still = np.zeros(x.size)
+    loop(turns)(count, LOOKS, x, 0.0 * x, h, still, chain.body, chain.joints, chain.workspace(), seen)
     tips, work = np.zeros((LOOKS, 3)), chain.workspace()
     for row, tip in zip(seen, tips, strict=True):
         spatial.pose_links(row, chain.body, work)
