@@ -64,7 +64,7 @@ def test_a_film_in_clutter_under_a_drifting_exposure_ends_in_a_model(tmp_path: P
     for level in LEVELS:
         film(tmp_path, level)
         tracked = invoke("track", tmp_path / f"push_{level}.avi", "-o", tmp_path / f"push_{level}.nc",
-                         "--camera", tmp_path / "camera.toml", "--base", "300,60")  # fmt: skip
+                         "--camera", tmp_path / "camera.toml")  # fmt: skip
         assert tracked.exit_code == 0, tracked.output
     files = [f"--from={tmp_path / f'push_{level}'}{end}" for level in LEVELS for end in (".nc", "_log.csv")]
     drafted = invoke("new", tmp_path / "film.toml", *files, "--mass", 0.05)

@@ -120,6 +120,9 @@ def test_directions_at_a_base_that_is_not_the_first_station():
     np.testing.assert_allclose(base_tangent("clamp", bent, 0, None, 0.1001), [0.6, 0.8, 0], atol=1e-12)
     with pytest.raises(InputError, match="1 lie in the clamp"):
         base_tangent("clamp", bent, 0, None, 0.049)
+    dense = np.column_stack([np.append(0.002, np.zeros(9)), 0.005 * np.arange(10), np.zeros(10)])  # its end: off
+    np.testing.assert_allclose(base_tangent("clamp", dense, 0, None, None), [0, 1, 0], atol=1e-12)
+    assert base_tangent("clamp", dense[:9], 0, None, None)[0] < -0.1
     quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (4, 2, 1))
     quaternion[:, 1, 0] = np.nan  # three of four numbers are no orientation
     window = np.ones(4, bool)

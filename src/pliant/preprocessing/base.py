@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 AXIS_NAME = re.compile(r"(base:)?([+-])([xyz])")
+DENSE = 10  # stations of a body whose end was found, not marked
 TANGENTS = "'chord', 'clamp', an axis of the tracker such as '+x', an axis of the base such as 'base:+z', or a vector"
 PARALLEL = 0.05  # sine of the angle below which a normal is parallel to the tangent
 
@@ -42,8 +43,9 @@ def base_tangent(
     ----------
     option : str or 3 numbers
         ``"chord"``: from the base to the last station. ``"clamp"``: line through the stations within
-        `clamp_length` of the base, or the first three. ``"+x"``: axis of the tracker. ``"base:+z"``: axis of
-        the base station's orientation at rest. Or the vector itself.
+        `clamp_length` of the base, or the first three; of ten stations and more the second to the fourth, since the
+        end of a line that was found in a picture is its least certain point. ``"+x"``: axis of the tracker.
+        ``"base:+z"``: axis of the base station's orientation at rest. Or the vector itself.
     rest : (S, 3) array, m
         Stations at rest.
     base : int
@@ -93,6 +95,8 @@ def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
 
 def _clamp_tangent(body: NDArray, clamp_length: float | None) -> NDArray:
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(body, axis=0), axis=1))])
+    if clamp_length is None and len(body) >= DENSE:
+        body, arc = body[1:], arc[1:]
     count = min(3, len(body)) if clamp_length is None else int((arc <= clamp_length).sum())
     if count < 2:
         raise InputError(
