@@ -45,7 +45,7 @@ STRAIGHT_SOURCES = (
 )
 # Not the steps in the plane: side by side and alone, they give the same bits.
 FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian, spatial.step,
-                   spatial.build_step, spatial.inertial_forces}
+                   spatial.build_step, spatial.inertial_forces, tendon.factor_taut, tendon.solve_taut}
 # So long that each caller that took them in would take as long to compile again.
 CALLED: set[Any] = {
     linearised.step_jacobian, extension_linearised.step_jacobian, spatial_linearised.step_jacobian,
@@ -170,7 +170,7 @@ def spatial_step(links: int, segments: int, turns: int, tendons: int, *, lines: 
     if not tendons:
         return straight(spatial.step, links, segments, turns, remembers=remembers)
     step: Any = tendon.step
-    parts: tuple[Any, ...] = (spatial.build_step, spatial.inertial_forces)
+    parts: tuple[Any, ...] = (spatial.build_step, spatial.inertial_forces, tendon.factor_taut, tendon.solve_taut)
     fast = {part: straight(part, links, segments, turns, remembers=remembers) for part in parts}
     tag = size_tag(links, segments, turns, 1) + "_memory" * remembers  # any number of tendons
     return compiled_twin(step, tag, lambda callee: fast.get(callee) or twin(callee), SOURCES, replaced=fast)

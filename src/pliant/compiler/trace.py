@@ -27,7 +27,7 @@ from pliant.equations.symbols import (
 
 # Scratch arrays that a kernel hands on; of all others work.a alone. Constants are not stored.
 POSE = ("q", "t", "A", "P", "R", "S", "series", "stretch", "length", "centre", "lateral")
-KEPT = {"build_step": tuple(f"work.{name}" for name in POSE)}
+KEPT = {"build_step": tuple(f"work.{name}" for name in POSE), "factor_taut": ("work.B",)}
 
 
 class Tape:
@@ -186,7 +186,7 @@ def spatial_workspace(
     shapes: dict[str, tuple[int, ...]] = {
         "A": (size, size), "B": (size, size), "tau": (size + tendons,), "R": (n + 1, 3, 3), "r": (n + 1, 3),
         "P": (n, 3, 3), "series": (n, 4), "J": (n, 3, 3),
-        **dict.fromkeys(("tension", "slope"), (tendons,)), "felt": (tendons, size),
+        **dict.fromkeys(("tension", "slope", "start"), (tendons,)), "felt": (tendons, size),
         **dict.fromkeys(("run", "ease", "kept"), (tendons, n)),
         **dict.fromkeys("SEFN", (turned, 3)), **dict.fromkeys("CLM", (n, 3)),
         **dict.fromkeys(("omega", "alpha", "lift", "turn"), (3,)),

@@ -251,6 +251,7 @@ class SpatialWorkspace(NamedTuple):
     tau: np.ndarray  # (N + R,) N m, what the inputs give each coordinate; behind them, N, what they draw each tendon by
     pull: np.ndarray  # (N,) N m, torques of the tendons without friction
     rub: np.ndarray  # (N,) N m, what friction along the tendons changes of them
+    start: np.ndarray  # (R,) N, forces of `tendon.signed_tension` at the start of the step
     tension: np.ndarray  # (R,) N, mean tensions at the base
     slope: np.ndarray  # (R,) their slopes by the force at the end of the step
     run: np.ndarray  # (R, n) 1 where a tendon slips towards the base at a joint, -1 towards the tip

@@ -16,6 +16,7 @@ import numpy as np
 
 from pliant.equations.spatial import acceleration, build_step, inertial_forces
 from pliant.equations.spatial_points import static_forces
+from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 TINY = 1e-24  # under a root, so that it has a derivative at 0
 ROUNDS = 50  # of Newton's method in a step, at most
@@ -282,24 +283,114 @@ def solve_step(x, v, h, torque, body, work):
     return 0.0
 
 
+def rubs(body):
+    """Return 1 if any tendon has friction, else 0."""
+    for r in range(len(body.friction)):
+        if body.friction[r].real > 0.0:
+            return 1.0
+    return 0.0
+
+
+def start_tensions(x, torque, body, work):
+    """Write the signed tensions [N] at the start of a step to work.start (R,), and set work.slope (R,) to -1.
+
+    No tendon has the slope -1, so that the first comparison of slopes finds a change.
+    """
+    for r in range(len(body.friction)):
+        work.start[r] = signed_tension(r, x, torque, body)
+        work.slope[r] = -1.0 + 0.0 * x[0]
+
+
+def mean_tensions(v, h, body, work):
+    """Write the mean tensions [N] over a step from rates v (N,) that change by work.a to work.tension (R,).
+
+    work.slope (R,) receives their slopes. Returns 1 if no slope has changed, else 0.
+    """
+    same = 1.0
+    for i in range(len(v)):
+        work.v[i] = v[i] + 0.5 * work.a[i]
+    for r in range(len(body.friction)):
+        change = 0.0 * v[0]
+        for i in range(len(v)):
+            change = change + body.lever[r, i] * work.v[i]
+        T, slope = mean_tension(work.start[r], work.start[r] - h * body.tendon_stiffness[r] * change)
+        if slope.real != work.slope[r].real:
+            same = 0.0
+        work.tension[r] = T
+        work.slope[r] = slope
+    return same
+
+
+def pull_without_friction(body, work):
+    """Write the torques of tendons at their mean tensions to work.pull (N,), N m."""
+    for i in range(len(work.a)):
+        work.pull[i] = 0.0 * work.a[i]
+    for r in range(len(body.friction)):
+        for i in range(len(work.a)):
+            work.pull[i] = work.pull[i] + body.lever[r, i] * work.tension[r]
+
+
+def build_taut(h, body, work):
+    """Write A plus the implicit stiffness of tendons over a step of h [s] to the lower triangle of work.B (N, N)."""
+    for i in range(len(work.a)):
+        for j in range(i + 1):
+            work.B[i, j] = work.A[i, j]
+    for r in range(len(body.friction)):
+        stiff = (0.5 * h * h) * body.tendon_stiffness[r] * work.slope[r]
+        if stiff.real > 0.0:
+            for i in range(len(work.a)):
+                row = stiff * body.lever[r, i]
+                for j in range(i + 1):
+                    work.B[i, j] = work.B[i, j] + row * body.lever[r, j]
+
+
+def factor_taut(work):
+    """Replace the matrix work.B (N, N) of `build_taut` by its factors."""
+    ldl_factor(work.B)
+
+
+def solve_taut(h, work):
+    """Write the change of the rates over a step of h [s] to work.a (N,), with the factors in work.B (N, N).
+
+    work.pull (N,) holds the torques of the tendons for unchanged rates. Exact while no tendon turns slack or taut.
+    """
+    for i in range(len(work.a)):
+        work.a[i] = h * (work.t[i] - work.f[i] + work.pull[i])
+    ldl_solve(work.B, work.a)
+
+
 def step(x, v, h, torque, body, joints, work):
     """Advance x and v (N,) in place by h [s] under mean torques (N + R,) and tendons: `spatial.step` with tendons.
 
     Tensions are means over the step, friction acts by the middle rates. `work.a` keeps the change of v, `work.pull`
-    and `work.rub` what tendons pull and what friction takes of it.
+    and `work.rub` what tendons pull and what friction takes of it. Without friction, and while no tendon turns slack or
+    taut, the step is linear and takes one factorisation.
     Where tensions and motion find no agreement, rates become `FAR`, which `follows` refuses.
     """
     build_step(x, v, h, torque, body, joints, work)
     for i in range(len(x)):
         work.a[i] = 0.0 * v[i]
-    for _ in range(2):  # what goes with the square of the rates: at their start, then at their middle
+        work.rub[i] = 0.0 * v[i]
+    linear = 1.0 - rubs(body)
+    if linear > 0.5:
+        start_tensions(x, torque, body, work)
+        mean_tensions(v, h, body, work)
+        pull_without_friction(body, work)
+        build_taut(h, body, work)
+        factor_taut(work)
+    for _ in range(2):  # the forces with the square of the rates: first at the initial rates, then at the middle ones
         for i in range(len(x)):
             work.v[i] = v[i] + 0.5 * work.a[i]
         inertial_forces(work.q, work.v, body, work, work.f)
-        if solve_step(x, v, h, torque, body, work) < 0.5:
+        if linear > 0.5:
+            solve_taut(h, work)
+            linear = mean_tensions(v, h, body, work)
+        if linear < 0.5 and solve_step(x, v, h, torque, body, work) < 0.5:
             for i in range(len(x)):
                 work.a[i] = FAR + 0.0 * v[i]
             break
+    if linear > 0.5:
+        pull_without_friction(body, work)
     for i in range(len(x)):
         x[i] = x[i] + h * (v[i] + 0.5 * work.a[i])
         v[i] = v[i] + work.a[i]
