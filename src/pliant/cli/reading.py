@@ -25,10 +25,10 @@ def load_mapping(path: Path | None) -> dict[str, Any] | None:
 
 def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
     """Read a recording, with the mapping in a TOML file where one is given."""
-    from pliant.recording import read
+    from pliant.sensing import read_shape
 
     with busy(f"reading {path.name}"):
-        return read(path, mapping=load_mapping(mapping))
+        return read_shape(path, mapping=load_mapping(mapping))
 
 
 def print_recording(recording: xr.Dataset, path: Path, *, as_json: bool) -> None:

@@ -11,6 +11,7 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.recording import read, readers
 from pliant.recording.registry import HEAD_BYTES
+from pliant.sensing import read_shape
 
 TRACKERS = ("deeplabcut", "sleap", "tracker", "kinovea")
 MADE_UP = {"rate_hz": 30.0, "pixels_per_mm": 1.0}
@@ -21,11 +22,11 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> tuple[xr.Datase
     """A recording, and what was made up to read it: a camera for points in pixels, units for angles and pressure."""
     stated = mapping or {}
     try:
-        return read(path, mapping=mapping), {}
+        return read_shape(path, mapping), {}
     except InputError:
         for guess in guesses(path, stated):
             try:
-                return read(path, mapping={**stated, **guess}), guess
+                return read_shape(path, {**stated, **guess}), guess
             except InputError:
                 continue
         raise

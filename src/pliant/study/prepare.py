@@ -24,6 +24,7 @@ from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side, x_sign
 from pliant.recording import read
 from pliant.recording.published import PREFIX
 from pliant.reduction import LinkPlacement
+from pliant.sensing import read_shape
 from pliant.study.channels import inputs_in_words
 from pliant.study.clocks import on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
@@ -44,7 +45,7 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     entry = study.recordings[name]
     path = located(study, entry.file)
     mapping = {**seen_by(study, entry.file), **study.mapping, **(entry.mapping or {})}
-    recording = read(path, mapping=mapping or None, format=entry.format)
+    recording = read_shape(path, mapping or None, format=entry.format)
     if entry.pressure_file is not None:
         log = read(located(study, entry.pressure_file), mapping=entry.pressure_mapping)
         recording = with_pressure(recording, log, name, Path(entry.pressure_file).name)
