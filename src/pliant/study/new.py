@@ -196,7 +196,7 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
     recording, made_up = read_or_guess(path, kept)
     if not {"position", "angle"} & set(recording):
         held = (
-            "strain: describe the cores of its fibre in a file for --mapping, with [cores] and radius_um = 35, say"
+            "the strain of a fibre: describe its cores in a mapping file (table [cores]) and give that by --mapping"
             if "strain" in recording
             else "pressure alone: a study needs the shape too"
         )
