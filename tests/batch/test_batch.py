@@ -218,7 +218,7 @@ def test_bodies_of_several_chambers(paper):
     check_same(simulate_batch(models[:2], own, times=TIMES, variables=EVERYTHING), models[:2], own)
     with pytest.raises(InputError, match="2 chamber"):
         simulate_batch(body, inputs[:1], times=TIMES)
-    with pytest.raises(InputError, match="take one set of pressures or one each, got 2 sets"):
+    with pytest.raises(InputError, match="need one set of pressures, or one for each sample, got 2"):
         simulate_batch(models, own, times=TIMES)
     strong = (Pulse(9e6, 0.1, 0.3), inputs[1])
     marked = simulate_batch([body, body.with_(damping=0.0)], strong, times=TIMES, failures="mark")

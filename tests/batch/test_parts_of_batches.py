@@ -293,7 +293,7 @@ def test_who_is_marched_alone(paper):
             two,
             [(PULSE, PULSE)] * 3,
             {"stiffness": [1.0, 2.0]},
-            "2 samples take one set of pressures or one each, got 3",
+            "2 samples need one set of pressures, or one for each sample, got 3",
         ),
         (two, [(PULSE,)], {"stiffness": [1.0]}, "2 chamber"),
         (two, [(PULSE, PULSE)], {"c.torque_1": [1.0]}, "has no effect on this model, whose chambers are a, b"),
@@ -328,7 +328,7 @@ def test_choices_and_labels(paper):
     assert ds["link"].values.tolist() == list(range(1, paper.n + 1))
     assert ds["failed_at"].attrs["units"] == "s"
     samples = [paper] * 3
-    with pytest.raises(InputError, match="3 samples take one pressure or one each, got 2 pressures"):
+    with pytest.raises(InputError, match="3 samples need one pressure, or one for each sample, got 2"):
         simulate_batch(samples, [PULSE, PULSE], times=TIMES)
 
 

@@ -64,7 +64,7 @@ def test_what_shows_nothing_of_the_links_is_refused():
     with pytest.raises(InputError, match="lies on the base and does not depend on the links"):
         rows_of(ARM, (Station("foot", -1, 0.0),))
     few = make_recording(TIME, np.zeros((5, 5, 2)), station=list("abcde"), frame="planar")
-    with pytest.raises(InputError, match=r"shows a, b, c, d, e, the model's stations are .*at least 6 points"):
+    with pytest.raises(InputError, match=r"\(a, b, c, d, e\) is one of the model's .*at least 6 points"):
         measurement_of(few, ARM, Noise())
     with pytest.raises(InputError, match="station 'c' is not in both"):
         measurement_of(few, ARM, Noise(), ("c",))

@@ -147,7 +147,7 @@ def test_names_of_chambers_are_checked(body: Model) -> None:
     with pytest.raises(InputError, match="drives the chamber 'up', but model 'model' has left, right"):
         fit([strange], body, ["stiffness"])
     unsaid = Experiment("u", TIMES, seen[0].position, ("mid", "tip"), "pulse", level=1e5)
-    with pytest.raises(InputError, match="does not say which of the chambers left, right"):
+    with pytest.raises(InputError, match="does not state which of the chambers left, right"):
         fit([unsaid], body, ["stiffness"])
 
 

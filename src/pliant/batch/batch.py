@@ -158,7 +158,7 @@ def check_request(
 ) -> None:
     """Raise InputError if the number of pressures, the device, the variables or `failures` is not valid."""
     if len(pressures) not in (1, samples.size):
-        raise InputError(f"{samples.size} samples take one pressure or one each, got {len(pressures)} pressures")
+        raise InputError(f"{samples.size} samples need one pressure, or one for each sample, got {len(pressures)}")
     if device == "gpu":
         check_gpu(samples)
     check_choices(variables, "cpu" if device == "gpu" else device, failures)

@@ -99,7 +99,7 @@ def samples_alone(
     else:
         made = list(models)
     if len(sets) not in (1, len(made)):
-        raise InputError(f"{len(made)} samples take one set of pressures or one each, got {len(sets)} sets")
+        raise InputError(f"{len(made)} samples need one set of pressures, or one for each sample, got {len(sets)}")
     shared = {
         "n": lambda m: m.n, "the names of their segments": lambda m: [e.name for e in m.extensions],
         "their joint coordinates": lambda m: (m.space is None, m.size),

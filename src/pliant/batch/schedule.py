@@ -103,7 +103,8 @@ class Schedule:
         return grid.steps, torque, grid.keep
 
     def padded(self, members: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return `group` for samples with different steps or slow chamber states, padded with steps of length zero."""
+        """Return the result of `group` for samples with different steps or slow chamber states."""
+        # each sample is padded to the longest one with steps of length zero
         plans = {i: drive(self.samples.model(i), self.pressure(i), self.times, self.step) for i in set(members)}
         ends = {i: np.flatnonzero(plan.keep >= 0) for i, plan in plans.items()}
         counts = {i: np.diff(end, prepend=-1) for i, end in ends.items()}

@@ -139,7 +139,9 @@ def map_contacts(
         save_map(chart, "chart.nc"), save_map(chart, "chart.csv")
     """
     if not pokes or not cell > 0:
-        raise InputError(f"a map needs at least one poke and a cell size above 0, got {len(pokes)} and {cell} m")
+        raise InputError(
+            f"a map needs at least one recording of contacts and a cell above 0, got {len(pokes)} and {cell} m"
+        )
     made = [p if isinstance(p, Poke) else poke_of(p, half_width=half_width) for p in pokes]
     x, y = axes(made, cell, margin + half_width)
     odds = np.zeros((y.size, x.size))

@@ -133,7 +133,8 @@ def measurement_of(
     if len(names) >= 3 * model.n and not space:
         return from_curve(recording, model, noise)
     raise InputError(
-        f"the recording shows {', '.join(names[:5])}, the model's stations are {', '.join(known)}: name them alike"
+        f"no station of the recording ({', '.join(names[:5])}) is one of the model's ({', '.join(known)}): "
+        "name them alike"
         + ("" if space else f", or record a curve of at least {3 * model.n} points, base first")
     )
 

@@ -39,7 +39,7 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
     inputs = recorded_inputs(recording)
     if not inputs:
         raise InputError(f"recording {name} holds no measured pressure or other input that could drive "
-                         f"{', '.join(wanted)}")  # fmt: skip
+                         f"{', '.join(wanted)}: add it to the recording, or leave drive out")  # fmt: skip
     there = [one.name or "the only one" for one in inputs]
     what = "chamber" if all(one.kind == "pressure" for one in inputs) else "input"
     found = {}
@@ -97,7 +97,7 @@ def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
         check_kinds(model, exp)
         if len(names) > 1 and exp.excitation != "release" and not exp.drives:
             raise InputError(
-                f"experiment {exp.name} does not say which of the chambers {', '.join(names)} its pressure drives: "
+                f"experiment {exp.name} does not state which of the chambers {', '.join(names)} its pressure drives: "
                 'give drives (in a study: drive = {chamber = "pressure of the recording"}), from measured pressures'
             )
 
@@ -110,7 +110,7 @@ def check_kinds(model: Model, exp: Experiment) -> None:
         if kind != wanted:
             raise InputError(
                 f"experiment {exp.name}: input {model.actuation.names[k]!r} of model {model.name!r} is a {wanted} "
-                f"[{model.actuation.units[k]}], but what drives it was recorded as a {kind} "
+                f"[{model.actuation.units[k]}], but the input that drives it was recorded as a {kind} "
                 f"[{INPUT_UNITS.get(kind, 'Pa')}]: correct driven_by of the tendon, kind in the mapping, or drive"
             )
 

@@ -105,5 +105,7 @@ def held_pose(exp: Experiment) -> Array:
     onset = edges(exp)["release"]
     held = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
     if np.isnan(held).all(axis=0).any():  # always one frame: the onset is one
-        raise InputError(f"experiment {exp.name}: not every station is seen in the {HELD_S} s before the release")
+        raise InputError(
+            f"experiment {exp.name}: a station is not seen in the {HELD_S} s before the release: leave it out"
+        )
     return np.asarray(np.nanmedian(held, axis=0))

@@ -149,14 +149,17 @@ class Experiment(Shown):
         for k, station in enumerate(self.stations):
             if np.isfinite(self.compared[:, k]).all(axis=1).sum() < (1 if self.poses else 10):
                 few = "no pose" if self.poses else "fewer than 10 frames"
-                raise InputError(f"experiment {self.name}: station {station!r} was seen in {few}")
+                raise InputError(f"experiment {self.name}: station {station!r} was seen in {few}: leave it out")
         pulls = tuple(checked(f"experiment {self.name}", f, self.dimension) for f in self.forces)
         object.__setattr__(self, "forces", pulls)
         seen = self.steady
         seen = seen[np.isfinite(seen).all(axis=1)]
         travel = farthest(seen, poses=self.poses)
         if travel == 0:
-            raise InputError(f"experiment {self.name}: its last station, {self.stations[-1]!r}, never moves")
+            raise InputError(
+                f"experiment {self.name}: its last station, {self.stations[-1]!r}, never moves: check the recording, "
+                "or choose another last station"
+            )
         object.__setattr__(self, "travel", travel)
 
     def card(self) -> Card:
@@ -208,7 +211,7 @@ class Experiment(Shown):
 
     @cached_property
     def oriented(self) -> Array:
-        """Indices (m,) of the stations whose orientation was observed."""
+        """Return the indices (m,) of the stations whose orientation was observed."""
         if self.orientation is None:
             return np.zeros(0, dtype=int)
         return np.flatnonzero(np.isfinite(self.orientation).all(axis=2).any(axis=0))
@@ -329,7 +332,7 @@ def check_orientation(exp: Experiment) -> None:
     if orientation is None:
         return
     if exp.dimension == 2:
-        raise InputError(f"experiment {exp.name}: orientations belong to a recording in space; in a plane give angles")
+        raise InputError(f"experiment {exp.name}: orientations need a recording in space; for a planar one give angles")
     if orientation.shape != (*exp.position.shape[:2], 4):
         raise InputError(
             f"experiment {exp.name}: orientations must be (time, station, 4) = {(*exp.position.shape[:2], 4)}, got "
@@ -347,7 +350,7 @@ def check_drives(exp: Experiment) -> None:
         )
     first = next(iter(exp.drives.values()))
     if not all(np.array_equal(first.time, t.time) for t in exp.drives.values()):
-        raise InputError(f"experiment {exp.name}: the pressures of its chambers must share their times")
+        raise InputError(f"experiment {exp.name}: the pressures of its chambers must share their times: resample them")
 
 
 def leading(drives: Mapping[str, Trace]) -> str:

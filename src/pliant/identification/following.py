@@ -68,7 +68,7 @@ def moved_slopes(made: SetUp, numbers: Numbers, rows: int, count: int) -> Array:
 
 
 def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) -> Array:
-    """Simulate a forward problem in numbers of the given kind; return the observed rows (T, S, 3) before sensor lag."""
+    """Simulate a forward problem with float or dual numbers; return the observed rows (T, S, 3) before sensor lag."""
     model, chain = made.model, mechanics_of(made.model)
     n, *more = chain.sizes
     rows = rows if made.between is None else made.between[0].size
@@ -94,7 +94,7 @@ def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) ->
 
 
 def lost(made: SetUp, after: float, length: float, phi: Array) -> SimulationError:
-    """Return the message for a step of `length` [s] that fails `after` [s] with the links at phi (n,)."""
+    """Return the error for a step of `length` [s] that fails `after` [s], with the links at phi (n,)."""
     if gone := state.given_way(made.model, phi):
         return SimulationError(f"{after:.6g} s after the start {gone}")
     return SimulationError(
@@ -120,7 +120,7 @@ def slipped(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Array:
 
 
 def slipped_in_space(made: SetUp, numbers: Numbers, kind: ObservationKind, states: Array) -> Array:
-    """Return `slipped` for a chain in space, pulled straight from the unloaded shape to the measured pose."""
+    """Return the result of `slipped` for a chain in space, pulled straight from its unloaded to the measured pose."""
     held = held_of(made, numbers.joints, kind)
     held.dq[:] = numbers.phi[: len(held.dq)]
     law = MemoryLaw(*numbers.memory)._replace(boucwen_share=kind.of(0.0))
@@ -129,7 +129,7 @@ def slipped_in_space(made: SetUp, numbers: Numbers, kind: ObservationKind, state
 
 
 def held_of(made: SetUp, joints: Any, kind: ObservationKind) -> Any:
-    """Return scratch arrays, in numbers of the given kind, for the time steps of a model with hysteresis or creep."""
+    """Return scratch arrays, in float or dual numbers, for the time steps of a model with hysteresis or creep."""
     fresh = mechanics_of(made.model).held()
     rows = {name: kind.of(row) for name, row in fresh._asdict().items() if name != "springs"}
     if mechanics_of(made.model).dimension == 3:

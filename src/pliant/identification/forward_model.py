@@ -199,7 +199,7 @@ def shift_of(own: Mapping[str, float], exp: Experiment) -> Array:
 
 
 def reattached(made: SetUp, numbers: Numbers) -> Numbers:
-    """Re-attach the markers to their links as seen in the first frames, where the experiment reads them off there.
+    """Return the numbers with the markers attached where the first frames show them, for an experiment with own_places.
 
     Angles, lengths and base are those of `numbers`, which may be complex: no other entry that follows from the rest
     pose may be taken from elsewhere, or `sensitivity` misses its derivative.

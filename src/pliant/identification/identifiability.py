@@ -81,7 +81,7 @@ class Identifiability(Shown):
 
     @property
     def identifiable(self) -> bool:
-        """Whether the recordings determine every direction in parameter space."""
+        """Return whether the recordings determine every combination of parameters."""
         return not any(d.kind == "null" for d in self.directions)
 
     def card(self) -> Card:

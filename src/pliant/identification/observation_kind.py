@@ -30,12 +30,12 @@ def copied(a: Any) -> Any:
 
 
 def in_kind(record: Any, kind: ObservationKind) -> Any:
-    """Return a named tuple of floats and arrays, nested or not, with every entry converted to the given kind."""
+    """Return a named tuple with all its floats and arrays converted to a number kind (float, complex or dual)."""
     return type(record)(*(in_kind(e, kind) if isinstance(e, tuple) else kind.of(e) for e in record))
 
 
 def places_in_plane(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Places:
-    """Return the positions of the observed points on the links of a planar chain, in the given number kind."""
+    """Return the positions of the observed points on the links of a planar chain, converted to a number kind."""
     links = kind.of(np.zeros((5, made.model.n + 1)))
     return Places(
         ObservedChain(numbers.base_length, numbers.length, numbers.share), links, made.carrier, numbers.along,
@@ -44,7 +44,7 @@ def places_in_plane(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Pla
 
 
 def places_in_space(made: SetUp, numbers: Numbers, kind: ObservationKind) -> SpatialPlaces:
-    """Return the positions of the observed points on the links of a chain in space, in the given number kind."""
+    """Return the positions of the observed points on the links of a chain in space, converted to a number kind."""
     work = in_kind(mechanics_of(made.model).workspace(), kind)
     return SpatialPlaces(
         numbers.body, work, made.carrier, numbers.along, numbers.across, numbers.aside, numbers.shift

@@ -202,7 +202,7 @@ def kind_of(name: str) -> Kind:
     near = get_close_matches(name[:80].rpartition(".")[2], readable, 1, 0.6)
     meant = f"did you mean {near[0]!r}? Known are " if near else "use one of "
     raise InputError(
-        f"unknown parameter {name!r}: {meant}{', '.join(readable)}, or <record>.<one of these>, or <chamber>.<one "
+        f"unknown parameter {name!r}: {meant}{', '.join(readable)}, or <recording>.<one of these>, or <chamber>.<one "
         "of a chamber's>"
     )
 

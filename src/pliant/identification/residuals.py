@@ -96,8 +96,8 @@ class Observations:
         return found
 
     def modelled(self, rows: Array, about: Array | None = None) -> Array:
-        """Return modelled rows in the form of the observations; for derivatives, `about` are the rows themselves."""
-        if self.exp.oriented.size:
+        """Return modelled rows with angles and orientations expressed as they were observed."""
+        if self.exp.oriented.size:  # `about`: the rows themselves, if `rows` are their derivatives
             stations, given = len(self.exp.stations), (self.exp.oriented, self.turn)
             off = turns_off(rows, *given) if about is None else turn_slopes(about, rows, *given)
             return np.concatenate([rows[..., :stations, :], off], axis=-2)

@@ -169,7 +169,7 @@ def carried(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
 
 
 def carried_together(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
-    """Return `carried` for as many slopes as one run of the compiled loop can hold."""
+    """Return the result of `carried` for as many slopes as one run of the compiled loop can hold."""
     from pliant.compiler.duals import duals
 
     numbers = made.numbers
@@ -179,7 +179,7 @@ def carried_together(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
 
 
 def tilted_by(made: SetUp, slope: Slope) -> Numbers:
-    """Return the numbers of settled poses with `TINY` times their slope as imaginary parts."""
+    """Return the inputs of settled poses as complex numbers with `TINY` times their derivative as imaginary parts."""
     numbers = made.numbers
     row = in_one_row(numbers) + 1j * TINY * slope.row
     return from_one_row(row, numbers)._replace(torque=numbers.torque + 1j * TINY * slope.torque)
@@ -220,7 +220,7 @@ def input_slopes(
 def tried(
     at: Callable[[float, Drive | None], SetUp], value: float, size: float, stencil: Any, drive: Drive | None = None,
 ) -> list[SetUp] | None:
-    """Return the forward problems at the points of a stencil; None if one of them is not possible."""
+    """Return the forward problems at the points of a finite-difference stencil; None if one cannot be set up."""
     try:
         return [at(value + offset * size, drive) for offset, _ in stencil]
     except PliantError:
@@ -233,7 +233,7 @@ def same_steps(a: SetUp, b: SetUp) -> bool:
 
 
 def combined(made: list[SetUp], stencil: Any, size: float) -> Slope:
-    """Return the finite difference over `size` of the numbers of some forward problems, with the stencil's weights."""
+    """Return the finite difference of the inputs of some forward problems, with the weights of a stencil."""
     weights = [weight / size for _, weight in stencil]
 
     def mix(*entries: Array) -> Any:

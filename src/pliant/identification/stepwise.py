@@ -116,7 +116,7 @@ def select_model(
     """
     how = with_defaults(select_model, options, SELECTION_OPTIONS)
     if not stages or len({r.name for r in stages}) < len(stages):
-        raise InputError("a model selection needs stages whose names differ")
+        raise InputError("a model selection needs at least one stage, and stages whose names differ")
     free = {entry_name(e): e for e in common}
     if "torque_1" not in free and any(e.excitation != "release" for e in train):
         laws = zip(each_chamber("*.torque_1", model), model.chambers, strict=True)

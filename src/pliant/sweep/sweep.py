@@ -170,7 +170,7 @@ def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experimen
 
     if sweep.kind in ("bootstrap", "multi_start"):
         if not experiments:
-            raise InputError(f"a {sweep.kind} sweep needs the recordings of a fit")
+            raise InputError(f"a {sweep.kind} sweep needs the recordings of a fit: give experiments")
         return
     own = (*PULSE, *(f"{c.name}.{k}" for c in model.chambers for k in PULSE))
     if model.actuation.count > 1 and not any(name.endswith("level") for name in own if name in sweep.parameters):
