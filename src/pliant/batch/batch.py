@@ -202,7 +202,7 @@ def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rat
 def labelled(
     model: Model, times: Array, made: dict[str, Array], failures: str, attributes: dict[str, Any],
 ) -> xr.Dataset:
-    """Return the dataset of a batch; raise SimulationError if a sample failed, or set it to NaN."""
+    """Return the dataset of a batch; if a sample failed, raise SimulationError or set that sample to NaN."""
     failed_at = made.pop("failed_at")
     bad = np.flatnonzero(np.isfinite(failed_at))
     if bad.size and failures == "raise":

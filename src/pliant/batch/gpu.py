@@ -72,7 +72,7 @@ def march(samples: Samples, schedule: Schedule, start: Array, own: Array, made: 
 
 
 def inputs(samples: Samples, schedule: Schedule, own: Array) -> tuple[Array, Array]:
-    """Return the distinct pressures behind the valves (m, 4, K), and the index of each sample's one."""
+    """Return the distinct pressures behind the valves (m, 4, K), and for each sample the index of its pressure."""
     places: dict[object, int] = {}
     tables: list[Array] = []
     which = np.empty(own.size, dtype=np.int64)

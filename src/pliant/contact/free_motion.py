@@ -230,7 +230,7 @@ def learn_free(
 
 
 def changes(left: list[Array], active: list[Array], growth: float, period: float) -> tuple[float, Array]:
-    """Return the fraction of residual torques that remains after half a second, and the covariance of the rest."""
+    """Return the fraction of residual torques that remains after half a second, and the covariance of the change."""
     later = frames_of(LATER, period)
     now = np.concatenate([a[later:] for a in left])
     before = np.concatenate([running_mean(a, period)[: len(a) - later] for a in left])

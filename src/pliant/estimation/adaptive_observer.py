@@ -93,7 +93,7 @@ class AdaptiveObserver:
         Why model and body no longer agree; empty while they do.
     """
 
-    LARGEST = 0.5  # rad: a larger innovation means that model and body have parted
+    LARGEST = 0.5  # rad: a larger innovation means that model and body no longer agree
 
     def __init__(
         self, model: Model, period: float, *, step: float = 2e-3, late: int = 0, share: float = 1.0,

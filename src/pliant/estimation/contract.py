@@ -90,7 +90,7 @@ class Setting(NamedTuple):
 
     model: Model  # with the rest shape of the actual body, and with its hysteresis and creep
     period: float  # s, of the frames
-    late: int  # periods by which the stamp of a frame lies before the pressures that arrive with it
+    late: int  # delay of the frames, in periods, against the pressures that arrive with them
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ from pliant.simulation import Pulse, Trace
 from pliant.simulation.inputs import Input
 
 Array = np.ndarray
-TOGETHER = 1e-3  # sine of the angle between two pressures, seen as vectors, below which they were never driven apart
+TOGETHER = 1e-3  # sine of the angle between two pressure series (as vectors) below which they count as proportional
 SHORTEST = 1e-6  # s, of a pulse
-STILL = 0.1  # of the range of the pressure that moves most: others that move less leave it alone
-IDLE = 0.02  # of that range: what a transducer's noise, and a body that breathes through its tube, make of no command
-ALIKE = 0.2  # sine as above, below which chambers were hardly driven apart
+STILL = 0.1  # of the range of the pressure that changes most: smaller changes of other chambers are neglected
+IDLE = 0.02  # of that range: largest change of a chamber that counts as not driven (sensor noise, cross-talk)
+ALIKE = 0.2  # sine as for TOGETHER, below which two pressures count as nearly equal
 
 
 def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, RecordedInput]:
@@ -78,7 +78,7 @@ def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str,
 
 
 def alone(exp: Experiment, chamber: str) -> bool:
-    """Return whether one chamber alone was driven: every other pressure changes by at most 10 % as much."""
+    """Return whether one chamber alone was driven: no other pressure changes by more than 10 % of its change."""
     if not exp.drives or leading(exp.drives) != chamber:
         return False
     moves = float(np.ptp(exp.drives[chamber].pressure))

@@ -8,10 +8,10 @@ from pliant.errors import InputError
 from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-HELD_S = 0.05  # s before a release, over which the held pose is a median
-STILL = 0.03  # of the travel: what counts as not yet moved
-SURE = 4.0  # standard deviations of the noise that must lie within STILL for a threshold to see the start
-FIRST = 5  # frames that show where a body is at first
+HELD_S = 0.05  # s before a release over which the held pose is averaged (median)
+STILL = 0.03  # of the peak displacement: smaller displacements count as no motion
+SURE = 4.0  # standard deviations of the noise that must be smaller than STILL for the threshold method
+FIRST = 5  # frames whose median is the first position
 
 
 def displacement(exp: Experiment) -> Array:

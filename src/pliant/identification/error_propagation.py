@@ -11,7 +11,7 @@ from pliant.failures import FAILED
 from pliant.identification.result import FitResult
 
 Array = np.ndarray
-LEAST = 1e-6  # of the largest variance of scaled parameters: directions below move nothing
+LEAST = 1e-6  # of the largest variance of scaled parameters: smaller ones are neglected
 
 
 def half_widths(

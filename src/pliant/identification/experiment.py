@@ -20,7 +20,7 @@ from pliant.simulation.forces import PointForce, checked
 
 Array = np.ndarray
 UNIT = 1e-3  # largest difference of a quaternion's length from 1
-FIRST_FRAMES = 5  # of a body at rest: their median tells where its points are
+FIRST_FRAMES = 5  # frames of a body at rest, whose median is the first position
 AngleReference = Literal["rest", "base", "joint", ""]
 
 
@@ -124,7 +124,7 @@ class Experiment(Shown):
         if not self.name or "." in self.name:
             raise InputError(f"the name of an experiment must be a text without a dot, got {self.name!r}")
         for key, value in self.known.items():
-            Parameter(key, value)  # refuses what is not known, not finite or not possible
+            Parameter(key, value)  # raises InputError for an unknown name or an invalid value
         wanted = (self.time.size, len(self.stations))
         if self.position.shape not in ((*wanted, 2), (*wanted, 3)):
             raise InputError(

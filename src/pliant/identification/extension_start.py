@@ -13,7 +13,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.numerics.arcs import arc_lengths
 
-FAR = 0.9  # of the travel: frames that count as bent
+FAR = 0.9  # of the peak displacement: frames beyond count as bent
 
 
 def extension_starts(model: Model, experiments: Sequence[Experiment], torques: Mapping[str, float]) -> dict[str, float]:

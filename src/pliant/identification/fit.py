@@ -33,7 +33,7 @@ if TYPE_CHECKING:  # an optimiser is imported when one runs
 __all__ = ["FIT_OPTIONS", "FitOptions", "FitResult", "fit", "parameter_dict", "parameters_from", "predict_held_out"]
 Array = np.ndarray
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
-STEP_BIAS = 0.5  # of a standard error: a bias of a parameter by the integration step that is named
+STEP_BIAS = 0.5  # standard errors: least bias of a parameter by the integration step for a warning
 ABOVE_NOISE = 3.0  # residuals, in standard deviations of the noise, that a second start must confirm
 NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 

@@ -102,7 +102,7 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
         h = course.h[k]
         take_torques(k, phi, w, course, body, joints, work)
         lost = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
-        if not lost.real > -0.5:  # the square of an imaginary part may stand a trifle below zero
+        if not lost.real > -0.5:  # the square of an imaginary part may be slightly below zero
             return k
         if not follows(phi, w, h, joints):
             return k

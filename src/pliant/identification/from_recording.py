@@ -52,6 +52,8 @@ def experiment(
         Stations to use, in order from the base; the last one is the tip. Default: all.
     excitation : {"trace", "pulse", "step", "release"}, optional
         Default: "trace" when the recording has a measured pressure, "pulse" when it has a nominal one.
+    known : dict, optional
+        Values of parameters for this recording alone, such as the tip_mass that the body carried, SI.
     noise : dict, optional
         Known standard deviation of coordinates by station, m.
     angles : bool or "only"

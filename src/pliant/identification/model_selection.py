@@ -28,7 +28,7 @@ class Follows(NamedTuple):
     free: int  # number of free parameters, edge times of the recordings included
 
     def bic(self, numbers: float) -> float:
-        """Return the Bayesian information criterion for residuals that count as `numbers` independent values."""
+        """Return the Bayesian information criterion with `numbers` as the effective number of independent residuals."""
         return float(numbers * np.log(max(self.mean_square, 1e-300)) + self.free * np.log(numbers))
 
 

@@ -13,11 +13,11 @@ if TYPE_CHECKING:  # an optimiser is imported when one runs
     from scipy.optimize import OptimizeResult
 
 Array = np.ndarray
-ROBUST_FROM = 0.01  # of the travel: beyond, a robust loss bounds the pull of a residual
+ROBUST_FROM = 0.01  # of the peak displacement: residual above which a robust loss limits its weight
 ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
 SHARES = ("creep_share", "payne_share")
 BY_FACTORS = ("stiffness", "axial_stiffness", "line_stiffness", "creep_time", "payne_angle")  # beginnings of names
-FAR_BOUND = 7.0  # of a logarithm: a factor of a thousand from the start
+FAR_BOUND = 7.0  # in a logarithm: bounds a factor of a thousand from the start are dropped
 SAME = 1e-4  # of the least cost: tolerance within which a start is taken to reach the same minimum
 
 

@@ -21,10 +21,10 @@ from pliant.model import Model
 
 Array = np.ndarray
 FAR = 1e3  # residual, in peak displacements, of a parameter set that cannot be simulated
-BLIND = 1e-11  # of the longest column: a shorter one is rounding
-MOST_PLANS = 100  # models, and steps and torques, kept from one evaluation for the next
-HELD_MEAN = 1e-3  # standard deviation of the mean of joint gains that is held; no recording pulls at it
-FIRST_GUESS = 0.01  # of a travel: the size of residuals before there are any
+BLIND = 1e-11  # of the longest column of the Jacobian: a shorter one is rounding error
+MOST_PLANS = 100  # cached models, and cached steps and torques
+HELD_MEAN = 1e-3  # standard deviation of the held mean of joint gains, which no recording determines
+FIRST_GUESS = 0.01  # of a peak displacement: assumed size of the residuals before the first fit
 
 
 def root_mean_square(modelled: Array, measured: Array) -> float:

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-SHARE = 1e-5  # step of the differences of the inputs, in sizes of the parameter
+SHARE = 1e-5  # step of the finite differences of the inputs, over the size of the parameter
 EDGES = ("start", "stop")
-MOVE_STEPS = OF_A_RECORD | {"valve_dead_time"}  # parameters by which more of a drive may change than its torques
+MOVE_STEPS = OF_A_RECORD | {"valve_dead_time"}  # parameters that may change the time steps too
 STENCILS = (((-1.0, -0.5), (1.0, 0.5)), ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5)), ((0.0, 1.5), (-1.0, -2.0), (-2.0, 0.5)))
 
 
@@ -74,7 +74,7 @@ def sensitivities(
         When no derivative exists on either side of a value.
     """
     here = set_up(model, exp, values, step)
-    stations = len(exp.stations)  # points on the axes of links stand behind them
+    stations = len(exp.stations)  # axis points of links follow them
     rows, slopes = moved(here, here.numbers, exp.time.size), slopes_of(model, exp, values, sizes, step)
     return rows[:, :stations], slopes[:, :, :stations]
 
@@ -83,7 +83,7 @@ def slopes_of(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
     plans: Plans | None = None,
 ) -> Array:
-    """Return the derivatives of `sensitivities`, followed by those of the axis points of oriented links."""
+    """Return the derivatives (P, T, S + 2 m, 3) of `sensitivities`, with those of the m oriented links' axis points."""
     plans = Plans() if plans is None else plans
     rows = exp.time.size
     here = set_up(model, exp, values, step, plans)
@@ -152,14 +152,14 @@ def edge_slope(made: SetUp, exp: Experiment, values: Mapping[str, float], name: 
     if laid is None or kind not in EDGES or (name == kind and f"{exp.name}.{kind}" in values):
         return None
     moved = exp.pressure is not None or made.model.actuation.count > 1 or exp.forces  # more than these steps
-    if moved or (laid.jumps[0].size > 1 and np.ptp(laid.jumps[0]) < 2.0 * SHORTEST):  # one edge may push the other
+    if moved or (laid.jumps[0].size > 1 and np.ptp(laid.jumps[0]) < 2.0 * SHORTEST):  # edges this close interact
         return None
     h = laid.jump_slope(0, EDGES.index(kind))
     return None if h is None else Slope(np.zeros(in_one_row(made.numbers).size), h, None, 0.0, 0.0)
 
 
 def carried(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
-    """Return the derivatives (P, T, S, 3) of the observed rows, given the `slopes` of a problem's numbers."""
+    """Return the derivatives (P, T, S, 3) of the observed rows, given those of the forward problem's inputs."""
     if made.poses:
         return pose_slopes(made, [tilted_by(made, slope) for slope in slopes])
     from pliant.compiler.duals import WIDTH  # loads the compiler
@@ -210,7 +210,7 @@ def input_slopes(
         made = tried(at, value, size, stencil)
         if made and all(same_steps(here, m) for m in made):
             return here, combined(made, stencil, size)._replace(chambers=0.0)
-    for side, stencil in zip((1.0, -1.0), STENCILS[1:], strict=True):  # an edge exactly on a frame: look beside it
+    for side, stencil in zip((1.0, -1.0), STENCILS[1:], strict=True):  # an edge on a frame: differentiate beside it
         made = tried(at, value + side * size, size, stencil)
         if made and all(same_steps(made[0], m) for m in made):
             return made[0], combined(made, stencil, size)._replace(chambers=0.0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray
-LAG_STEP = 5e-3  # s, longest between two rows that a lag is taken over; straight lines between them
+LAG_STEP = 5e-3  # s, longest interval of the grid on which a lag is integrated
 LEAST_LAG = 1e-9  # s: a shorter one is none
 
 

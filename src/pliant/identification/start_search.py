@@ -26,11 +26,11 @@ from pliant.simulation import modes
 
 Array = np.ndarray
 FACTORS = tuple(4.0**k for k in range(-4, 5))  # on the stiffness of the estimate
-RATIOS = (0.2, 0.05, 0.6)  # damping ratios of the first mode, that of all stiffnesses first
-KEPT = 2  # candidates from which a short fit goes on
+RATIOS = (0.2, 0.05, 0.6)  # damping ratios of the first mode; the first one is tried with every stiffness
+KEPT = 2  # candidates that get a short fit
 TRIAL = 6  # evaluations of a short fit
-DURATION, SHORTEST = 2.0, 0.5  # s of all records together after they begin to move, and of each at least
-MOVING = 0.05  # of the travel
+DURATION, SHORTEST = 2.0, 0.5  # s after the motion begins: of all recordings together, and of each at least
+MOVING = 0.05  # of the peak displacement: beginning of the motion
 LAWS = r"torque_\d"
 GAINS = r"gain(_[xy])?|(joint|cross)_gain_\d+"
 
