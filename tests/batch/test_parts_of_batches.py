@@ -309,7 +309,7 @@ def test_choices_and_labels(paper):
     for given, said in (
         (
             (("joint_angle", "heat"), "cpu", "raise"),
-            "unknown variable 'heat': .* keeps joint_angle, joint_rate, tip_position",
+            "unknown variable 'heat': .* can keep joint_angle, joint_rate, tip_position",
         ),
         (((), "cpu", "hide"), "'raise' or 'mark', got 'hide'"),
         (((), "gpu", "raise"), "needs planar models of one chamber"),

@@ -142,7 +142,7 @@ def test_poses_are_those_of_a_body_in_space_under_measured_inputs():
     alone = Experiment("b", exp.time, exp.position, exp.stations, "trace", exp.drives["left"], poses=True)
     with pytest.raises(InputError, match="poses need a model in space"):
         predict(flat, alone, {}, STEP)
-    with pytest.raises(InputError, match="poses need a model in space under measured inputs"):
+    with pytest.raises(InputError, match="poses need a body in space under measured inputs"):
         Experiment("b", exp.time, exp.position, exp.stations, "release", poses=True)
     with pytest.raises(InputError, match="was seen in no pose"):
         Experiment("b", exp.time, np.nan * exp.position, exp.stations, "trace", drives=exp.drives, poses=True)

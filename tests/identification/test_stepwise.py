@@ -120,7 +120,7 @@ def test_what_the_recordings_leave_open_stays_as_given(truth: Model, traced: Any
     assert found.result.model.stiffness.tolist() == [1.8] * 3
     for name, scale in (("damping", 0.5), ("torque_1", 6e-7)):
         assert found.result.values[name] == pytest.approx(2.0 * scale, rel=0.05)
-    assert found.reason.endswith("The recordings do not determine stiffness: as given.")
+    assert found.reason.endswith("The recordings do not determine stiffness: held at the given model's values.")
     assert found.to_dict()["stages"]["torque"]["as_given"] == ["stiffness"]
 
 

@@ -49,7 +49,7 @@ def test_local_runs_give_the_simulations_of_their_parameters(done, whole, paper)
     summary = result.summary()
     assert summary["failed_samples"] == 0
     assert summary["numbers"]["parameter_stiffness"]["median"] == pytest.approx(1.6, abs=0.1)
-    assert "6 chunks: 6 computed, 0 found" in summary["message"]
+    assert "6 chunks: 6 computed, 0 already on disk" in summary["message"]
 
 
 def test_values_depend_on_seed_and_place_alone(monte_carlo):

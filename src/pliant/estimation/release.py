@@ -63,7 +63,9 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
     """
     parts = [name for name in ("disturbance", "disturbance_x", "disturbance_y") if name in found]
     if not parts or found.sizes["time"] < start + 2 * frames:
-        raise InputError(f"release_of needs disturbance torques (noise.random_walk > 0), {start + 2 * frames} frames")
+        raise InputError(
+            f"release_of needs disturbance torques (noise.random_walk > 0) and {start + 2 * frames} frames"
+        )
     time, torque = found["time"].values, np.concatenate([found[name].values for name in parts], axis=1)
     held = np.median(torque[start : start + frames], axis=0)
     left = float(np.sqrt(np.mean(np.sum(torque[-REST:] ** 2, axis=1))))

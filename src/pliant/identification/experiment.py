@@ -321,8 +321,8 @@ def check_poses(exp: Experiment) -> None:
     """Raise InputError if settled poses are combined with a planar body, a nominal excitation, forces or own_places."""
     if exp.poses and (exp.excitation != "trace" or exp.dimension == 2 or exp.forces or exp.own_places):
         raise InputError(
-            f"experiment {exp.name}: poses are those of a body in space under measured inputs (excitation 'trace'), "
-            "without forces and own_places"
+            f"experiment {exp.name}: poses need a body in space under measured inputs (excitation 'trace'), without "
+            "forces and own_places"
         )
 
 
