@@ -122,7 +122,8 @@ def free_motion(
 ) -> FreeMotion:
     """Estimate noise and bias of the external torques from recordings in which nothing touches the body.
 
-    The result holds the thresholds of both tests of `find_contact`: for sudden forces, and for lasting torques.
+    The result holds the thresholds of both tests of `find_contact`: for sudden forces, and for lasting torques. The
+    arguments are those of `find_contact`.
     """
     if not recordings:
         raise InputError("free_motion needs at least one recording without contact: it sets the threshold")

@@ -106,7 +106,8 @@ def map_contacts(
 
     Parameters
     ----------
-    pokes : results of `find_contact`, or Pokes
+    pokes : sequence of Dataset or Poke
+        Results of `find_contact`, one for each recording.
     cell : float
         Edge of a cell, m.
     half_width : float

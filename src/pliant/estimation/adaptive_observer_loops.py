@@ -156,7 +156,7 @@ def correct_all(state, gains, weight, move):
 
 
 def rest_shift(angle, own_shift, memory_state, base_angle, rest_angle, memory, left, shift):
-    """Write to `shift` (n,) [rad] the total rest shifts of the model without memory.
+    """Write to `shift` (n,) [rad] the total rest shifts of the model without hysteresis and creep.
 
     K (q - own) + K r = tau, with r = r_now + c (q - q_now), where c is `left`.
     """

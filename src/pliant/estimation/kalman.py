@@ -41,7 +41,7 @@ class FilterEvent(NamedTuple):
 
 
 class FilterSnapshot(NamedTuple):
-    """The filter before an event; `state` holds angles, rates, disturbance, covariance and memory in one vector."""
+    """The filter before an event; `state` holds angles, rates, disturbance, covariance and hysteresis in one vector."""
 
     time: float
     pressure: Array  # (C,) Pa

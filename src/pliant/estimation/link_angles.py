@@ -104,7 +104,8 @@ def needs_joint_rows(model: Model, rows: Array, who: str) -> Array:
 def calibrated(model: Model, arc_length: Array, frames: Array) -> Model:
     """Return the model with the rest angles and link lengths of the actual body, from frames (T, S, 2) [m] at rest.
 
-    Stiffness, damping and torque law stay. Lost frames (NaN) are ignored.
+    `arc_length` (S,) [m] gives the positions of the points along the body. Stiffness, damping and torque law stay. Lost
+    frames (NaN) are ignored.
 
     Raises
     ------

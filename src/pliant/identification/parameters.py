@@ -215,7 +215,7 @@ def shared_name(name: str) -> str:
 
 
 def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
-    """Return the parameter values for one recording: the shared ones, replaced by ``record.name`` if given."""
+    """Return the parameter values for one recording: the shared ones, replaced by ``RECORDING.name`` if given."""
     prefix = f"{record}."
     own = {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
     return {**values, **own}

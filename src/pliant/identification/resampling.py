@@ -25,10 +25,12 @@ def bootstrapped(
 ) -> FitResult:
     """Return the fit with covariance and standard errors from a block bootstrap, which reports and bands then use.
 
+    The arguments are those of `bootstrap`.
+
     Raises
     ------
     InputError
-        When the fit has no covariance, or the replicates are too few for one.
+        When the fit has no covariance, or there are fewer than 20 replicates.
     """
     if fitted.covariance is None or replicates < FEWEST:
         raise InputError(f"a bootstrap needs a fit with free parameters and {FEWEST} replicates, got {replicates}")

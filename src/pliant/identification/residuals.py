@@ -107,7 +107,7 @@ class Observations:
 
 
 def measured_turns(quaternion: Array) -> tuple[Array, Array]:
-    """Return rotation matrices (T, m, 3, 3) of quaternions (T, m, 4), and which exist (T, m); others are identity."""
+    """Return rotation matrices (T, m, 3, 3) of quaternions (T, m, 4), and a mask (T, m) of those that exist."""
     from scipy.spatial.transform import Rotation
 
     seen = np.isfinite(quaternion).all(axis=2)

@@ -114,8 +114,9 @@ def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:
 def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -> LoopCurve:
     """Return the open loop L = gain (z - A)^{-1} B of a state feedback u = -gain x on one input.
 
-    The frequencies run from 0.01 Hz to half the sampling rate. A is brought to triangular (Schur) form once; then the
-    states at all frequencies follow by back substitution.
+    `gain` (N + D,) is that of the feedback, `period` [s] the sampling time. The frequencies run from 0.01 Hz to half
+    the sampling rate. A is brought to triangular (Schur) form once; then the states at all frequencies follow by back
+    substitution.
     """
     from scipy.linalg import schur
 
