@@ -189,7 +189,7 @@ def test_rest_angles_are_found_from_points_that_ride(rng):
     assert body.rest_angle == pytest.approx(turned.rest_angle, abs=2e-3)  # points 5 mm apart cut the joints' corners
     assert places.frame(frames[0]).values.reshape(-1, 2)[-1] == pytest.approx(plant.tip, abs=2e-4)
     frames[:16] = np.nan
-    with pytest.raises(InputError, match="at least 5 whole frames, got 4 of 20"):
+    with pytest.raises(InputError, match="at least 5 complete frames, got 4 of 20"):
         rested(pair(), plant.arc_length, frames)
     with pytest.raises(InputError, match="must lie along the body"):
         rested(pair(), plant.arc_length[:20], frames[:, :20])

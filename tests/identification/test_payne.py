@@ -130,7 +130,7 @@ def test_a_curve_that_makes_no_sense_is_told(values: dict[str, float], sentence:
 
 def test_a_band_is_not_fitted() -> None:
     free = ["payne_share", "payne_angle", "payne_exponent", Parameter("payne_high", 0.5)]
-    with pytest.raises(InputError, match="chosen, not fitted"):
+    with pytest.raises(InputError, match="cannot be fitted"):
         prepare([released(0.06)], chain(), free)
 
 

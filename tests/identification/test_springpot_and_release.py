@@ -123,7 +123,7 @@ def test_a_springpot_that_makes_no_sense_is_told(values: dict[str, float], sente
 
 def test_a_band_is_not_fitted() -> None:
     free = ["fractional_share", "fractional_order", Parameter("fractional_low", 0.5)]
-    with pytest.raises(InputError, match="chosen, not fitted"):
+    with pytest.raises(InputError, match="cannot be fitted"):
         prepare([released(bent())], bent(), free)
 
 

@@ -97,7 +97,7 @@ def test_a_chamber_that_nothing_drives_rests_and_is_told(folder: Path) -> None:
     recordings["l"]["drive"] = {"left": "b"}
     said: list[str] = []
     outcome = run_study(loaded(folder, content(recordings=recordings)), progress=said.append)
-    sentence = "In l no pressure drives right: taken to rest at 0 Pa."
+    sentence = "In l no pressure drives right: assumed constant at 0 Pa."
     assert sentence in said
     assert sentence in outcome.findings["l"]
 
@@ -113,7 +113,7 @@ BODY = {"length": 0.12, "mass": 0.05, "links": 2}
 @pytest.mark.parametrize(("changes", "sentence"), [
     (driving(up=0), "recording l drives the chamber 'up'; the actuator has left, right"),
     (driving(left="c"), "no chamber 'c' to drive 'left': it has a, b"),
-    (driving(), "say with drive which of them drives which"),
+    (driving(), "state with drive which of them drives which"),
     ({"actuator": {**BODY, "chambers": [{"name": "left", "joints": [3]}]}}, "turns joint 3, but the chain has joints"),
     ({"actuator": {**BODY, "torque": [1e-7], "chambers": CHAMBERS}}, "or .*actuator.chambers"),
 ])  # fmt: skip

@@ -44,7 +44,7 @@ def test_monte_carlo(tmp_path):
     first = xr.load_dataset(tmp_path / "out" / "samples.nc")
     assert first["parameter_stiffness"].values.min() > 0.4
     again = run(path, "-o", tmp_path / "out")
-    assert "0 computed, 3 found from before" in again.output
+    assert "0 computed, 3 already on disk" in again.output
     assert xr.load_dataset(tmp_path / "out" / "samples.nc").equals(first)
     other = run(path, "-o", tmp_path / "other", "--seed", "7")
     assert other.exit_code == 0
