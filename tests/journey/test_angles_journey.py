@@ -110,7 +110,7 @@ def test_places_and_angles_are_not_mixed_in_a_study(tmp_path):
     mixed = study.model_copy(update={"recordings": {**study.recordings, "placed": placed}, "mapping": {}})
     bare = {name: r.model_copy(update={"mapping": UNITS}) for name, r in study.recordings.items()}
     mixed = mixed.model_copy(update={"recordings": {**bare, "placed": placed}})
-    with pytest.raises(InputError, match="holds angles and no places, others hold places"):
+    with pytest.raises(InputError, match="holds angles and no positions, but others hold positions"):
         run_study(mixed)
 
 

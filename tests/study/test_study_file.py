@@ -129,7 +129,7 @@ HOSTILE = {
     "an integer of 5000 digits": ("a.json", '{"seed": 1' + "0" * 5000 + "}", "not valid JSON|too large"),
     "a path of 5000 characters": ("a.toml", TOML.replace("a.csv", "a" * 5000), "text of 5000 characters at 'file'"),
     "NUL in a folder": ("a.toml", TOML.replace("name =", 'folder = "a\\u0000b"\nname ='), "control character"),
-    "not a number": ("a.toml", TOML.replace("0.01", "nan"), "a number that is none"),
+    "not a number": ("a.toml", TOML.replace("0.01", "nan"), "a number that is NaN"),
     "infinite": ("a.toml", TOML.replace("0.01", "inf"), "too large"),
     "a key of 40,000 parts": ("a.toml", ".".join(["a"] * 40_000) + " = 1", "key of more than 32 parts: 'a.a.a"),
     "a table of 40,000 parts": ("a.toml", "[" + ".".join(["a"] * 40_000) + "]", "key of more than 32 parts"),
