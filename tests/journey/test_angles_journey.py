@@ -58,7 +58,7 @@ def test_what_angles_cannot_tell_is_told(ran):
     said = " ".join(outcome.verdict)
     assert "shapes, order and path are left out" in said
     assert "One angle supports one link, as many as the chain has." in said
-    assert "do not tell the mass" in said
+    assert "do not determine the mass" in said
     assert "comes in steps of 0.8 degrees: 0.23 degrees of noise" in " ".join(outcome.findings["angle_pulse_60"])
     page = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert "shapes, order and path are left out" in page

@@ -139,7 +139,7 @@ def many(**entries: Any) -> dict[str, Any]:
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "like nothing": (changed("fits", other={"like": "lin"}), "fit other is like fit 'lin'; the others are linear"),
+    "like nothing": (changed("fits", other={"like": "lin"}), "fit other is like fit 'lin', not one of linear"),
     "like a list": (changed("fits", other={"like": ["linear"]}), "fit other is like fit ['linear']"),
     "like itself": (changed("fits", "linear", like="linear"), "fit linear is like itself"),
     "in a circle": (
@@ -148,12 +148,12 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "without what is not there": (
         changed("fits", "linear", without=["mass"]), "without ['mass'], which must be a list of some of its parameters",
     ),
-    "without a word": (changed("fits", "linear", without="mass"), "is without 'mass', which must be a list"),
-    "select without values": (many(select={"column": "ID", "value": 3}), "recording many selects trials as select = {"),
-    "select no trial": (many(select={"column": "ID", "values": []}), "by whole numbers"),
-    "select by parts": (many(select={"column": "ID", "values": [0.5]}), "by whole numbers"),
+    "without a word": (changed("fits", "linear", without="mass"), "has without = 'mass', which must be a list"),
+    "select without values": (many(select={"column": "ID", "value": 3}), "recording many: select must be {"),
+    "select no trial": (many(select={"column": "ID", "values": []}), "values must be integers"),
+    "select by parts": (many(select={"column": "ID", "values": [0.5]}), "values must be integers"),
     "select twice": (many(select={"column": "ID", "values": [1, 1]}), "selects a trial twice"),
-    "defaults select": (changed("recordings", defaults={"select": TRIALS["select"]}), "[recordings.defaults] selects"),
+    "defaults select": (changed("recordings", defaults={"select": TRIALS["select"]}), "[recordings.defaults] has select"),
     "a typo in the defaults": (changed("recordings", defaults={"fil": "a"}), "'recordings.low.fil' is not a known"),
     "a typo in the trials": (many(hold="measured"), "'recordings.many_1.hold' is not a known entry"),
     "an unknown trial": (

@@ -139,7 +139,7 @@ def test_tendons_that_a_chain_cannot_have_are_refused(change, sentence):
 
 def test_tendons_of_a_body_in_a_plane_are_refused(study, tmp_path):
     flat = study.actuator.model_copy(update={"space": False, "tendons": [TendonTable(**TENDON)]})
-    with pytest.raises(InputError, match="pull at a body in space"):
+    with pytest.raises(InputError, match="needs a body in space"):
         check_chambers(study.model_copy(update={"actuator": flat}), tmp_path / "study.toml")
 
 

@@ -100,5 +100,5 @@ def test_a_part_of_a_recording_holds_those_rows_and_no_other():
                            frame="spatial")  # fmt: skip
     parts = [part_of("r", whole, *ends)["position"].values[:, 0, 0] for ends in ((0.0, 0.5), (0.5, 1.0))]
     assert np.concatenate(parts) == pytest.approx(np.arange(40.0))
-    with pytest.raises(InputError, match="part is from where to where"):
+    with pytest.raises(InputError, match="part must be"):
         part_of("r", whole, 0.5, 1.2)

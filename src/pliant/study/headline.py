@@ -62,11 +62,11 @@ def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
     share = sorted(r.metrics["rmse_percent_of_travel"] for r in shown)
     error, (_, unit) = sorted(sized(r.metrics, "rmse")[0] for r in shown), sized(shown[0].metrics, "rmse")
     many = len(shown) > 1
-    verb, role = ("predicts", "held-out") if held else ("follows", "training")
+    verb, role = ("predicts", "held-out") if held else ("fits", "training")
     which = f"{len(shown)} {role} records" if many else f"the {role} record {shown[0].name}"
     to = f"{share[0]:.1f} to {share[-1]:.1f}" if many else f"{share[0]:.1f}"
     size = f"{error[0]:.2g} to {error[-1]:.2g}" if many else f"{error[0]:.2g}"
-    return f"The model {verb} {which} with an RMS error of {to} % of travel ({size} {unit})."
+    return f"The model {verb} {which} with an RMS error of {to} % of the peak displacement ({size} {unit})."
 
 
 def target_sentence(verdicts: Sequence[str]) -> str:
@@ -106,23 +106,24 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
     m, name = record.metrics, record.name
     (travel, unit), (most, _), (steady, _) = (sized(m, k) for k in ("travel", "max", "steady_state_error"))
     far = 100 * most / travel
-    yield far / FAR, f"{name}: the largest error is {most:.2g} {unit}, {far:.0f} % of travel."
+    yield far / FAR, f"{name}: the largest error is {most:.2g} {unit}, {far:.0f} % of the peak displacement."
     measured, modelled = m["overshoot_percent"]["measured"], m["overshoot_percent"]["modelled"]
     if measured is not None:
         off = (modelled or 0.0) - measured
-        yield abs(off) / OVERSHOOT, f"{name}: overshoot {off:+.0f} points relative to the measured {measured:.0f} %."
+        yield abs(off) / OVERSHOOT, f"{name}: model overshoot {off:+.0f} points relative to measured {measured:.0f} %."
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
     if (measured is None) != (modelled is None):
-        rings = (f"the body rings at {measured:.3g} Hz, the model does not ring." if measured is not None
-                 else f"the model rings at {modelled:.3g} Hz, the body does not ring.")
+        rings = (f"the body oscillates at {measured:.3g} Hz, the model does not oscillate." if measured is not None
+                 else f"the model oscillates at {modelled:.3g} Hz, the body does not oscillate.")
         yield 2.0, f"{name}: {rings}"
     elif measured:
         yield from ringing_shortfalls(m, name)
     if steady is not None:
         share = 100 * abs(steady) / travel
-        yield share / STEADY, f"{name}: steady state off by {steady:+.2g} {unit}, {share:.0f} % of travel."
+        off_by = f"{steady:+.2g} {unit}, {share:.0f} % of the peak displacement"
+        yield share / STEADY, f"{name}: the steady state of the model is off by {off_by}."
     held = m.get("within_band_percent", 95.0)
-    yield (95.0 - held) / (95.0 - COVERED), f"{name}: the 95 % band holds only {held:.0f} % of what was measured."
+    yield (95.0 - held) / (95.0 - COVERED), f"{name}: the 95 % band contains only {held:.0f} % of the measured values."
     longer = m.get("extension_percent") or 0.0
     if longer > 0:
         shorter = abs(longer - (m.get("extension_modelled_percent") or 0.0))
@@ -140,4 +141,4 @@ def ringing_shortfalls(m: dict[str, Any], name: str) -> Iterator[tuple[float, st
             if measured and modelled:
                 off = 100 * (modelled / measured - 1)
                 digits = f"{measured:.3g}" if unit else f"{measured:.2g}"
-                yield abs(off) / limit, f"{name}: {what}{which} {off:+.0f} % relative to the measured {digits}{unit}."
+                yield abs(off) / limit, f"{name}: model {what}{which} {off:+.0f} % relative to measured {digits}{unit}."
