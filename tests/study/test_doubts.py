@@ -135,7 +135,7 @@ def test_fits_of_several_numbers_of_links_are_compared(tmp_path):
     """The small body has two links: one alone predicts it worse."""
     outcome, _ = headline(tmp_path, changed("fits", one={"like": "linear", "title": "One", "links": 1}))
     assert [f.result.model.n for f in outcome.fits] == [2, 1]
-    (said,) = [line for line in outcome.verdict if "assumed positions of the joints to sit and how many there are" in line]
+    (said,) = [line for line in outcome.verdict if "assumed positions of the joints and their number" in line]
     assert "linear, 2 links, each joint at the base of its segment: EI 0.03 N m^2, prediction error 0." in said
     assert "One, 1 link, each joint at the base of its segment: EI " in said
     errors = [next(r for r in f.records if r.role == "held_out").metrics["rmse_mm"] for f in outcome.fits]

@@ -153,7 +153,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "select no trial": (many(select={"column": "ID", "values": []}), "values must be integers"),
     "select by parts": (many(select={"column": "ID", "values": [0.5]}), "values must be integers"),
     "select twice": (many(select={"column": "ID", "values": [1, 1]}), "selects a trial twice"),
-    "defaults select": (changed("recordings", defaults={"select": TRIALS["select"]}), "[recordings.defaults] has select"),
+    "defaults select": (changed("recordings", defaults={"select": TRIALS["select"]}), "[recordings.defaults] has sel"),
     "a typo in the defaults": (changed("recordings", defaults={"fil": "a"}), "'recordings.low.fil' is not a known"),
     "a typo in the trials": (many(hold="measured"), "'recordings.many_1.hold' is not a known entry"),
     "an unknown trial": (

@@ -60,7 +60,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         changed("fits", "linear", "parameters", stiffness={"value": "big"}), "value must be a float, got 'big'",
     ),
     "a force at no place": (
-        changed("recordings", "low", forces=[{"time_s": [0.0], "force_n": [[1.0, 0.0]]}]), "needs either station, or link",
+        changed("recordings", "low", forces=[{"time_s": [0.0], "force_n": [[1.0, 0.0]]}]),
+        "needs either station, or link",
     ),
     "a force at two places": (
         changed("recordings", "low", forces=[
@@ -125,7 +126,8 @@ HOSTILE = {
     "nested deep, TOML": ("a.toml", f"name = 'a'\nmapping.x = {'[' * DEEP}{']' * DEEP}", "levels|not valid TOML"),
     "nested deep, JSON": ("a.json", "[" * 100_000 + "]" * 100_000, "deeper than 32 levels"),
     "nested less deep": ("a.json", '{"name": ' + "[" * 100 + "]" * 100 + "}", "deeper than 32 levels at 'name'"),
-    "a tangent beyond numbers": ("a.toml", TOML + f"[alignment.options]\ntangent = [1{'0' * 400}, 0, 0]", "NaN or larger"),
+    "a tangent beyond numbers": (
+        "a.toml", TOML + f"[alignment.options]\ntangent = [1{'0' * 400}, 0, 0]", "NaN or larger"),
     "an integer of 5000 digits": ("a.json", '{"seed": 1' + "0" * 5000 + "}", "not valid JSON|NaN or larger"),
     "a path of 5000 characters": ("a.toml", TOML.replace("a.csv", "a" * 5000), "text of 5000 characters at 'file'"),
     "NUL in a folder": ("a.toml", TOML.replace("name =", 'folder = "a\\u0000b"\nname ='), "control character"),
