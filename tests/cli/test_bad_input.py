@@ -164,7 +164,7 @@ BAD: dict[str, Case] = {
     "one pressure for two chambers": one_pressure_for_two_chambers,
     "two chambers on a plant of one": two_chambers_on_a_plant_of_one,
     "trace and level": simulate_with("not both", "--trace", "any.csv", "--level-kpa", "30"),
-    "trajectory in another format": simulate_with("must end in .nc (netCDF) or .csv (table)", "--duration", "0.1", "-o", "no-such-file.txt"),
+    "trajectory in another format": simulate_with("must end in .nc", "--duration", "0.1", "-o", "no-such-file.txt"),
     "time that runs backwards": simulate_with("positive time in seconds", "--duration", "-1"),
     "step that is too long": simulate_with("too long: the first mode rings at", "--step-ms", "50"),
     "unknown method": simulate_with("use midpoint, extrapolated, accurate, LSODA, BDF, Radau", "--method", "ode45"),
