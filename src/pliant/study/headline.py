@@ -13,12 +13,12 @@ from pliant.validation.wording import sized
 
 OF_ERRORS = ("correlated", "integration step")  # mark notes on standard errors, which only the full verdict lists
 FAR = 10.0  # % of peak displacement: a larger error of any point is a warning
-OVERSHOOT = 5.0  # points of the overshoot
-OFF = 10.0  # % of a frequency
-DAMPED = 25.0  # % of a damping ratio
-STEADY = 5.0  # % of travel
+OVERSHOOT = 5.0  # percentage points: a larger error of the overshoot is a warning
+OFF = 10.0  # %: a larger error of a frequency is a warning
+DAMPED = 25.0  # %: a larger error of a damping ratio is a warning
+STEADY = 5.0  # % of peak displacement: a larger error of the steady state is a warning
 WORTH_NAMING = 0.5  # fraction of its warning limit from which the largest deviation is named
-COVERED = 80.0  # % of the coordinates within a band that should hold 95
+COVERED = 80.0  # %: a smaller coverage of the 95 % band is a warning
 
 
 def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
