@@ -52,4 +52,4 @@ def print_design(found: Design) -> None:
     rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in found.proposals[:8]]
     say("\n".join(aligned([["one more recording", "weakest", "all"], *rows])))
     for line in found.refused:
-        say(f"  left out: {line}")
+        say(f"  not proposed: {line}")

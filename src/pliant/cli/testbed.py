@@ -60,7 +60,7 @@ def run_testbed(
     if json:
         say(jsonlib.dumps({"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran}))
         return
-    say(f"{path}: {'recorded' if ran else 'already there, nothing to do'}")
+    say(f"{path}: {'recorded' if ran else 'exists with this content, not written again'}")
 
 
 def _list_scenarios(*, as_json: bool) -> None:

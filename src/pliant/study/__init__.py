@@ -1,4 +1,4 @@
-"""A study: which recordings, which actuator, what to fit, what to hold out; and the run that answers it."""
+"""A study: recordings of an actuator, fits of its model and predictions, described in a file and run as a whole."""
 
 from pathlib import Path
 

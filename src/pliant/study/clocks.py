@@ -27,7 +27,7 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
 def on_one_clock(
     recording: xr.Dataset, entry: Recording, name: str
 ) -> tuple[xr.Dataset, Clocks | None, tuple[str, ...]]:
-    """Return the recording with its pressure on the clock of the shape, the estimated clock offset, and report lines.
+    """Return the recording with its pressure on the shape's clock, the estimated offset, and sentences for the report.
 
     The offset is None if nothing was estimated, since the clocks are stated to be equal or the offset is stated.
     """

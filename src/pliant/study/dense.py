@@ -94,7 +94,7 @@ def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction)
     )
     n = reduction.links or order.chosen
     if n is None:
-        raise InputError(f"recording {name}: {order.reason} Raise max_order or bound_mm, or state links.")
+        raise InputError(f"recording {name}: {order.reason} In [reduction] raise max_order or bound_mm or state links.")
     links = links_of(body, node_arc_length=nodes_of(order, n, reduction))
     kappa = curvature_of(body, method="spline" if body.attrs["frame"] == "spatial" else "basis")
     clock = kappa["time"].values

@@ -117,7 +117,7 @@ def draft_study(
     looks = looks_at(files, mapping, space)
     names = [look.name for look in looks]
     if not names or len(set(names)) < len(names):
-        raise InputError(f"a study needs recordings whose file names differ, got {', '.join(names) or 'none'}")
+        raise InputError(f"a study needs recordings with different file names, got {', '.join(names) or 'none'}")
     first, title, out = looks[0], Path(study).stem, Lines()
     out.say('Written by `pliant new` from the files. Replace each "?" with the value that only you know.',
             "docs/studies.md explains every entry. Units are SI, unless the name of an entry states another unit.")
@@ -157,9 +157,9 @@ def draft_study(
 def looks_at(
     files: Sequence[str | Path], mapping: Mapping[str, Any] | None, space: bool | None
 ) -> list[FirstLook]:
-    """Read the recordings for the first time, all in the plane or all in space.
+    """Read the files and return a first look at each recording, all aligned in the plane or all in space.
 
-    With `space=None` they are read in space if one of them moves in space or is driven by tendons.
+    With `space=None` they are aligned in space if one of them moves in space or is driven by tendons.
     """
     pairs = with_logs([Path(f) for f in files])
     looks = [look_with_log(shape, log, mapping) for shape, log in pairs]

@@ -123,7 +123,8 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
         off_by = f"{steady:+.2g} {unit}, {share:.0f} % of the peak displacement"
         yield share / STEADY, f"{name}: the steady state of the model is off by {off_by}."
     held = m.get("within_band_percent", 95.0)
-    yield (95.0 - held) / (95.0 - COVERED), f"{name}: the 95 % band contains only {held:.0f} % of the measured values."
+    within = f"the 95 % prediction band contains only {held:.0f} % of the measured values"
+    yield (95.0 - held) / (95.0 - COVERED), f"{name}: {within}."
     longer = m.get("extension_percent") or 0.0
     if longer > 0:
         shorter = abs(longer - (m.get("extension_modelled_percent") or 0.0))

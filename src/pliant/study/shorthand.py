@@ -82,9 +82,10 @@ def trials(name: str, select: Any, path: Path) -> list[str]:
         raise InputError(f"study {path}: recording {name}: select must be {form}, got select = {select!r:.80}")
     values = select["values"]
     if not isinstance(values, list) or not values or not all(type(v) is int for v in values):
-        raise InputError(f"study {path}: recording {name}: values must be integers, {form}, got {values!r:.80}")
+        raise InputError(f"study {path}: recording {name}: values of select must be integers, as in {form}, got "
+                         f"{values!r:.80}")
     if len(set(values)) < len(values):
-        raise InputError(f"study {path}: recording {name} selects a trial twice: {values!r:.80}")
+        raise InputError(f"study {path}: recording {name} selects a trial twice, got values {values!r:.80}")
     return [f"{name}_{value}" for value in values]
 
 

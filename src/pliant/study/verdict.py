@@ -84,7 +84,7 @@ def record_sentence(fit: FitOutcome, record: RecordOutcome, targets: Targets) ->
 
 
 def unlike(m: dict[str, Any]) -> str:
-    """Return sentences on motions that the model cannot represent or be compared by: no ringing, and lengthening."""
+    """Return sentences on missing oscillation and on lengthening of the body, which the error metrics do not show."""
     sentences = ""
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
     if measured is None and sized(m, "steady_state")[0]["measured"] is not None:
@@ -131,7 +131,7 @@ def judged(m: dict[str, Any], targets: Targets) -> str:
         measured, modelled = pair["measured"], pair["modelled"]
         if limit is not None and measured:
             if modelled is None:
-                parts.append(f"{what}: none in the model, missed")
+                parts.append(f"no {what} in the model: missed")
                 continue
             off = 100 * (modelled / measured - 1)
             good = abs(off) <= limit

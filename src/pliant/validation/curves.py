@@ -93,7 +93,7 @@ def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]
 
 
 def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
-    """Return each chamber of a fit as (title, chamber, role by highest pressure [Pa] of its recordings).
+    """Return (title, chamber, {highest pressure [Pa]: role of the recording}) for each pressure chamber of a fit.
 
     Tendons are left out, since they have no torque law.
     """

@@ -120,7 +120,9 @@ class Clocks:
 
     @classmethod
     def of(cls, recording: xr.Dataset, found: Delay) -> Clocks:
-        """Return the correction for a recording on its original clocks, from the result of `sync`."""
+        """Return the clock correction of a recording, which still has its original clocks, from the result
+        of `sync`.
+        """
         motion, pressure = body_course(recording), pressure_course(recording)
         return cls(found.summary(), motion.time, motion.values[:, 0], pressure.time, pressure.values[:, 0],
                    found.delay_s, found.drift)  # fmt: skip

@@ -27,7 +27,7 @@ SINGLE = ("rmse_mm", "rmse_percent_of_travel", "rmse_percent_of_length", "max_mm
 
 
 def first_records(fits: Sequence[FitOutcome]) -> list[tuple[FitOutcome, RecordOutcome]]:
-    """Return every recording with the first fit that has it, as in metrics.json."""
+    """Return a pair (fit, recording) for each recording, with the first fit that uses it."""
     found: dict[str, tuple[FitOutcome, RecordOutcome]] = {}
     for f in fits:
         for r in f.records:

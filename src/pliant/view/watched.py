@@ -53,7 +53,8 @@ class WatchedLoop:
         self.columns = names.split(",")
         self.angles = [k for k, n in enumerate(self.columns) if n.startswith("phi_")]
         if len(self.angles) != model.n:
-            raise InputError(f"the log {path} has {len(self.angles)} links, but the model has {model.n}")
+            raise InputError(f"the log {path} has {len(self.angles)} links, but the model has {model.n}: use the model "
+                             "of that loop")
         self.model, self.rows, self.rest = fixed_length(model), deque[list[float]](maxlen=KEPT), b""
         self.shown, self.message, self.fault, self.touch = -np.inf, "", "", touch
         self.design = ""  # stability margins and simulated test of the loop
