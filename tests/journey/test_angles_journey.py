@@ -50,7 +50,7 @@ def test_a_drafted_study_predicts_the_pulse_between(ran):
     assert "rmse_mm" not in metrics
     assert outcome.fits[0].result.values["sensor_lag"] == pytest.approx(0.08, abs=0.03)  # as the virtual sensor has it
     assert outcome.model.n == 1
-    assert any("travel 41.6 deg" in line for line in told)
+    assert any("peak displacement 41.6 deg" in line for line in told)
 
 
 def test_what_angles_cannot_tell_is_told(ran):

@@ -114,7 +114,7 @@ BODY = {"length": 0.12, "mass": 0.05, "links": 2}
     (driving(up=0), "recording l drives the chamber 'up', but the actuator has left, right"),
     (driving(left="c"), "no chamber 'c' to drive 'left': it has a, b"),
     (driving(), "say with drive which of them drives which"),
-    ({"actuator": {**BODY, "chambers": [{"name": "left", "joints": [3]}]}}, "turns joint 3, but the chain has joints"),
+    ({"actuator": {**BODY, "chambers": [{"name": "left", "joints": [3]}]}}, "acts on joint 3, but the chain has"),
     ({"actuator": {**BODY, "torque": [1e-7], "chambers": CHAMBERS}}, "or .*actuator.chambers"),
 ])  # fmt: skip
 def test_what_does_not_fit_together_is_refused(folder: Path, changes: dict[str, Any], sentence: str) -> None:

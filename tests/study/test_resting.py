@@ -38,5 +38,5 @@ def test_other_stations_and_recordings_without_a_rest_are_refused() -> None:
         at_one_rest({"a": recorded(0.0), "b": recorded(0.0, ("base", "end"))})
     bare = recorded(0.0)
     del bare.body.attrs["alignment"]
-    with pytest.raises(InputError, match="b is not aligned by the study"):
+    with pytest.raises(InputError, match="b was aligned before the study"):
         at_one_rest({"a": recorded(0.0), "b": bare})

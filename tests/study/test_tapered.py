@@ -57,7 +57,7 @@ def test_stations_lie_on_the_link_that_holds_their_place():
     assert rows[0] == ("low", -1, pytest.approx(0.02), 0.0, 0.0)
     assert rows[1] == ("mid", 1, pytest.approx(0.022), 0.01, 0.0)
     assert rows[2] == ("tip", 3, pytest.approx(0.05), 0.0, -0.02)
-    with pytest.raises(InputError, match="station far: at is from 0"):
+    with pytest.raises(InputError, match="station far: at must be between 0"):
         cone(stations=[{"name": "far", "at": 0.5}])
 
 

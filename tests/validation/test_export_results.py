@@ -74,8 +74,8 @@ def test_a_lerobot_data_set_holds_the_measured_the_modelled_and_the_input(frames
 def test_gaps_of_a_lerobot_data_set_are_straight_lines_and_reported(outcome, tmp_path):
     pa = pytest.importorskip("pyarrow.parquet")
     done = export_results(outcome, "lerobot", tmp_path / "set")
-    assert "first: 7 frame(s) with a station that was not seen were interpolated in time" in done.notes
-    assert "later: 4 frame(s) at its ends were cut, in which a station was not seen" in done.notes
+    assert "first: 7 frame(s) in which a station was not measured were interpolated in time" in done.notes
+    assert "later: 4 frame(s) at its ends were cut, since a station was not measured" in done.notes
     state = matrix(pa.read_table(tmp_path / "set/data/chunk-000/file-000.parquet"), "observation.state")
     x = state[40:47, 2]
     ends = seen(0.0)[[39, 47], 1, 0]

@@ -79,7 +79,7 @@ def trials(name: str, select: Any, path: Path) -> list[str]:
     """Return the names of the trials that the entry `name` selects, such as name_3."""
     form = 'select = { column = "ID", values = [0, 3, 4] }'
     if not isinstance(select, Mapping) or set(select) != {"column", "values"}:
-        raise InputError(f"study {path}: recording {name}: select must be {form}, got select = {select!r:.80}")
+        raise InputError(f"study {path}: recording {name} needs {form}, got select = {select!r:.80}")
     values = select["values"]
     if not isinstance(values, list) or not values or not all(type(v) is int for v in values):
         raise InputError(f"study {path}: recording {name}: values of select must be integers, as in {form}, got "
