@@ -216,7 +216,7 @@ def test_what_has_no_shape_is_refused(tmp_path):
     file = write(make_recording(pressure=t * 1e4, pressure_time=t), tmp_path / "p.nc")
     with pytest.raises(InputError, match="the shape too"):
         look_at(file)
-    with pytest.raises(InputError, match="names differ"):
+    with pytest.raises(InputError, match="different file names"):
         draft_study([], tmp_path / "s.toml")
 
 

@@ -108,9 +108,7 @@ class FirstLook:
 
     @property
     def shown(self) -> np.ndarray:
-        """Return the motion of the last station (T, axes): its position [m], or its angle [rad] if the file holds
-        angles alone.
-        """
+        """Return the last station's motion (T, axes): position [m], or angle [rad] if the file holds angles alone."""
         recording = self.recording if self.aligned is None else self.aligned
         last = recording["angle"].values[:, -1:, None] if self.turns else recording["position"].values[:, -1:]
         return without_spikes(last)[:, 0]
@@ -162,9 +160,7 @@ class FirstLook:
 
     @property
     def highest_pa(self) -> float | None:
-        """Return the measured pressure farthest from 0, or the level in the file's name [Pa]; None if
-        neither is known.
-        """
+        """Return the measured pressure farthest from 0 or the level in the file's name [Pa]; None if unknown."""
         if "pressure" in self.recording:
             return peak(self.recording["pressure"].values)
         named = LEVEL.search(self.path.stem)
@@ -243,10 +239,7 @@ def in_space(look: FirstLook) -> FirstLook:
 
 
 def from_one_side(looks: Sequence[FirstLook]) -> list[FirstLook]:
-    """Return the looks with all planar recordings aligned to the plane normal of the first.
-
-    A study of several chambers needs the same positive side in every recording.
-    """
+    """Return the looks with all planar recordings aligned to the first one's plane normal, so that x is the same."""
     done: list[FirstLook] = []
     normal = None
     for look in looks:
@@ -289,10 +282,7 @@ def rigid_clusters(recording: xr.Dataset) -> dict[str, list[str]]:
 
 
 def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
-    """Return whether markers can sit on one rigid plate.
-
-    They must not lie on a line, and their distances must hardly change (5 to 95 % of frames).
-    """
+    """Return whether markers can sit on one rigid plate: not on a line, and at nearly constant distances."""
     position = recording["position"].sel(station=list(markers)).values
     apart = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
     apart = apart[np.isfinite(apart).all(axis=(1, 2))]
@@ -308,9 +298,7 @@ def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
 def directions(
     recording: xr.Dataset, found: Quality, stations: Mapping[str, list[str]], *, dense: bool
 ) -> dict[str, Any]:
-    """Return the options of `align`. The base is the station named base, else one that does not move, else
-    the first.
-    """
+    """Return options of `align`, with the station named base, else one that does not move, else the first, as base."""
     names = list(stations) or [str(s) for s in recording["station"].values]
     named = [n for n in names if "base" in n.lower()]
     standing = [n for n in found.standing if n in names] if len(found.standing) < len(names) else []
@@ -337,9 +325,7 @@ def azimuths(recording: xr.Dataset) -> list[float]:
 
 
 def sideways(recording: xr.Dataset) -> np.ndarray:
-    """Return the linear gain of each station's displacement across the base tangent for each input (C, S, 1 or 2)
-    [m/unit].
-    """
+    """Return the linear gain of stations' displacement across the base tangent [m] for each input (C, S, 1 or 2)."""
     across = without_spikes(recording["position"].values)[..., :-1]
     inputs = inputs_at(recording, recording["time"].values)
     design = np.column_stack([inputs, np.ones(len(inputs))])
