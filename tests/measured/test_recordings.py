@@ -178,7 +178,7 @@ def test_eight_levels_in_one_array_are_read_each_with_its_level_and_moved_to_one
     assert [e.level for e in ready.experiments.values()] == [5e3 * k for k in range(1, 9)]
     rest = np.array([e.position[:5, 0].mean(axis=0) for e in ready.experiments.values()])
     assert np.abs(rest - rest[0]).max() < 2e-5
-    assert "moved by up to 0.769 mm" in ready.findings["p400"][-1]
+    assert "shifted by up to 0.769 mm" in ready.findings["p400"][-1]
     assert [1e3 * e.travel for e in ready.experiments.values()] == pytest.approx(
         [1.55, 3.70, 5.19, 7.48, 10.6, 15.1, 21.9, 33.1], rel=5e-3
     )

@@ -124,8 +124,8 @@ def test_fits_with_joints_in_two_places_are_compared(tmp_path):
     assert base.base_length == 0
     assert middle.base_length == pytest.approx(0.03)
     assert middle.n == 2
-    (said,) = [line for line in outcome.verdict if "where the joints are assumed" in line]
-    assert "linear, each joint at the base of its segment: EI 0.03 N m^2, predicted to 0." in said
+    (said,) = [line for line in outcome.verdict if "assumed positions of the joints" in line]
+    assert "linear, each joint at the base of its segment: EI 0.03 N m^2, prediction error 0." in said
     assert "Middle, each joint in the middle of its segment: EI " in said
     errors = [next(r for r in f.records if r.role == "held_out").metrics["rmse_mm"] for f in outcome.fits]
     assert errors[0] < errors[1]
@@ -135,8 +135,8 @@ def test_fits_of_several_numbers_of_links_are_compared(tmp_path):
     """The small body has two links: one alone predicts it worse."""
     outcome, _ = headline(tmp_path, changed("fits", one={"like": "linear", "title": "One", "links": 1}))
     assert [f.result.model.n for f in outcome.fits] == [2, 1]
-    (said,) = [line for line in outcome.verdict if "where the joints are assumed to sit and how many there are" in line]
-    assert "linear, 2 links, each joint at the base of its segment: EI 0.03 N m^2, predicted to 0." in said
+    (said,) = [line for line in outcome.verdict if "assumed positions of the joints and their number" in line]
+    assert "linear, 2 links, each joint at the base of its segment: EI 0.03 N m^2, prediction error 0." in said
     assert "One, 1 link, each joint at the base of its segment: EI " in said
     errors = [next(r for r in f.records if r.role == "held_out").metrics["rmse_mm"] for f in outcome.fits]
     assert 2 * errors[0] < errors[1]
@@ -146,14 +146,14 @@ def test_fits_of_several_numbers_of_links_are_compared(tmp_path):
 def test_a_study_that_reduces_places_the_joints_itself(tmp_path, own, value):
     content = changed("reduction", links=2)
     content["fits"]["linear"][own] = value
-    with pytest.raises(InputError, match=rf"fit linear has {own}, and \[reduction\]"):
+    with pytest.raises(InputError, match=rf"fit linear states {own}, but \[reduction\]"):
         load_study(write_study(tmp_path, content))
 
 
 def test_a_fit_has_no_other_number_of_links_where_chambers_stand_on_joints(tmp_path):
     content = changed("actuator", chambers=[{"name": "left", "joints": [1]}, {"name": "right", "joints": [2]}])
     content["fits"]["linear"]["links"] = 3
-    with pytest.raises(InputError, match="fit linear has links of its own, and left acts on joints"):
+    with pytest.raises(InputError, match="fit linear states links, but left acts on numbered joints"):
         load_study(write_study(tmp_path, content))
 
 

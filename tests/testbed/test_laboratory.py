@@ -209,7 +209,7 @@ def test_command_line(tmp_path):
     path = tmp_path / "r.nc"
     arguments = ["pulse_60_100ms", "--actuator", "c", "--seed", "4", "-o", str(path), "--truth", str(tmp_path / "t.nc")]
     assert "recorded" in runner.invoke(app, arguments).output
-    assert "already there" in runner.invoke(app, arguments).output
+    assert "exists with this content" in runner.invoke(app, arguments).output
     assert read(path).attrs["seed"] == 4
     assert isinstance(runner.invoke(app, []).exception, InputError)
     assert isinstance(runner.invoke(app, ["still", "--record", "smell"]).exception, InputError)
