@@ -238,7 +238,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
     wanted = read_task(tmp_path / "t.toml")
     assert wanted.task.outputs == ("tip_x", "tip_z")
     assert np.allclose(wanted.task.displacement, [[3e-3, -4e-3]])
-    with pytest.raises(InputError, match=r"a task commands pressures, and 'r' of .* is none"):
+    with pytest.raises(InputError, match=r"a task commands pressures, but input 'r' of .* is not a pressure"):
         run_task(pulled(), None, wanted, tmp_path)
     with pytest.raises(InputError, match="predictive control takes pressures, and 'r' is none"):
         Mpc(design_outputs(pulled(), ACROSS, np.zeros((1, 2)), Limits(4e-3), PERIOD), Limits(4e-3))

@@ -209,7 +209,7 @@ def test_a_controller_of_several_chambers(tmp_path):
     bench.loop.watchdog.reset()
     bench.plant.spoil["pressure"] = 5e4
     bench.periods(1)
-    assert "pressures of 1 chambers, the controller drives 2" in bench.loop.watchdog.fault
+    assert "a pressure sample has 1 chamber(s), the controller needs 2" in bench.loop.watchdog.fault
 
 
 def test_a_controller_that_commands_another_number_of_chambers_vents():
@@ -217,7 +217,7 @@ def test_a_controller_that_commands_another_number_of_chambers_vents():
     bench.periods(5)
     bench.controller.answer = np.array([3e4, 2e4])
     bench.periods(1)
-    assert "the controller commands 2 chambers, it drives 1" in bench.loop.watchdog.fault
+    assert "the controller returned 2 command(s) for 1 chamber(s)" in bench.loop.watchdog.fault
     assert (bench.loop.command.tolist(), bench.arm._command.tolist()) == ([0.0], [0.0])
 
 
@@ -361,7 +361,7 @@ def test_a_cut_row_is_left_out_and_counted(tmp_path):
     with pytest.raises(InputError, match="exists already"):
         LoopLog(tmp_path / "a.csv", ["a"])
     (tmp_path / "b.csv").write_text("time\n1\n")
-    with pytest.raises(InputError, match="is no log"):
+    with pytest.raises(InputError, match="is not a log"):
         read_log(tmp_path / "b.csv")
 
 
@@ -388,7 +388,7 @@ def test_udp_loopback():
 
 @pytest.mark.parametrize("data", [b"", b"PLN1", pack(sample("x", [1.0, 2.0], 1, "m"))[:-3], b"\xff" * 40])
 def test_packets_that_are_none(data):
-    with pytest.raises(InputError, match="no sample"):
+    with pytest.raises(InputError, match="is not a sample"):
         unpack(data)
 
 

@@ -151,7 +151,7 @@ def test_bad_requests_are_refused(tmp_path):
         scenario("pulse_900_100ms")
     with pytest.raises(InputError, match="seed must be >= 0"):
         generate(BRIEF, "a", -1)
-    with pytest.raises(InputError, match=r"written as \.nc"):
+    with pytest.raises(InputError, match=r"ending in \.nc"):
         generate_file(BRIEF, tmp_path / "rec.csv")
     with pytest.raises(InputError, match="two different files"):
         generate_file(BRIEF, tmp_path / "rec.nc", truth=tmp_path / "rec.nc")
@@ -160,7 +160,7 @@ def test_bad_requests_are_refused(tmp_path):
     with pytest.raises(InputError, match="cannot read the truth"):
         read_truth(tmp_path / "absent.nc")
     generate_file(BRIEF, tmp_path / "rec.nc")
-    with pytest.raises(InputError, match="holds no truth"):
+    with pytest.raises(InputError, match="no truth file of the test bed"):
         read_truth(tmp_path / "rec.nc")
 
 
