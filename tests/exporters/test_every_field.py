@@ -180,7 +180,7 @@ def test_a_field_that_no_feature_knows_is_refused(monkeypatch, tmp_path):
         monkeypatch.setattr(features, "KNOWN", KNOWN - {feature})
         for target in BUILT_IN:
             for approximate in (False, True):
-                with pytest.raises(pliant.InputError, match=f"^{feature}.*: not known to the exporters"):
+                with pytest.raises(pliant.InputError, match=f"^{feature}.*: unknown to the exporters"):
                     pliant.export(model, target, tmp_path / f"a{ENDS[target]}", approximate=approximate)
     monkeypatch.setattr(features, "KNOWN", KNOWN - {"Model.cubic_stiffening", "Valve.settle_share"})
     from pliant.actuators import chen2018

@@ -156,7 +156,7 @@ def test_the_command(tmp_path):
     assert "--approximate --set prefix=left_" in text
     assert "0.0002" in text
     assert standard_errors(fit) == {"damping": 2e-4}
-    with pytest.raises(pliant.InputError, match="holds no fit"):
+    with pytest.raises(pliant.InputError, match="is not the result of a fit"):
         standard_errors(file)
     wrong = invoke("export", file, "--to", "mjcf", "-o", tmp_path / "a.xml", "--set", "prefix")
     assert "NAME=VALUE" in str(wrong.exception)
