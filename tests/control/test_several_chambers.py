@@ -150,7 +150,7 @@ def test_what_outputs_leave_free_is_not_pressed():
         alone = 6e4 * np.eye(2)[side]
         found = steady_inputs(body, ("tip_x",), tip_at(body, alone)[:1], highest, np.array([5e4, 5e4]))
         np.testing.assert_allclose(found.pressure, alone, atol=30.0)
-    with pytest.raises(InputError, match=r"tip_x 0\.15 .* out of reach .* nearest that the model reaches is tip_x 0\.0\d+, under 0, 150 kPa"):
+    with pytest.raises(InputError, match=r"tip_x 0\.15 .* out of reach .* reaches is tip_x 0\.0\d+, under 0, 150 kPa"):
         steady_inputs(body, ("tip_x",), np.array([0.15]), highest, np.zeros(2))
 
 

@@ -519,7 +519,7 @@ def test_keys_in_files(tmp_path):
     path.chmod(0o600)
     for text in ("", "00" * 15, "key", "00" * 2000, "\xff"):
         path.write_text(text, encoding="latin-1")
-        with pytest.raises(InputError, match=r"holds no key|at least 16"):
+        with pytest.raises(InputError, match=r"has no key|at least 16"):
             read_key(path)
     with pytest.raises(InputError, match="cannot read the key file"):
         read_key(tmp_path / "none")

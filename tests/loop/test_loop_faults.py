@@ -143,14 +143,14 @@ FAULTS = {
     "pressure too high": (lambda b: b.plant.spoil.update(pressure=1.2e5), 1, "outside"),
     "pressure far below zero": (lambda b: b.plant.spoil.update(pressure=-9e4), 1, "outside"),
     "estimate not a number": (lambda b: setattr(b.estimator, "spoil", np.nan), 1, "estimate is not a number"),
-    "turned too far": (lambda b: setattr(b.estimator, "spoil", 4.0), 1, "beyond the limit"),
-    "too fast": (lambda b: setattr(b.estimator, "rate", 1e3), 1, "beyond the limit"),
+    "turned too far": (lambda b: setattr(b.estimator, "spoil", 4.0), 1, "3 rad allowed"),
+    "too fast": (lambda b: setattr(b.estimator, "rate", 1e3), 1, "100 rad/s allowed"),
     "inconsistent": (lambda b: setattr(b.estimator, "fault", "it slipped"), 1, "consistency: it slipped"),
     "estimator raises": (lambda b: setattr(b.estimator, "wrong", True), 1, "ZeroDivisionError"),
     "controller raises": (lambda b: setattr(b.controller, "wrong", True), 1, "RuntimeError"),
     "command not a number": (lambda b: setattr(b.controller, "answer", np.nan), 1, "command is nan"),
-    "command too high": (lambda b: setattr(b.controller, "answer", 2e5), 1, "out of limits"),
-    "command negative": (lambda b: setattr(b.controller, "answer", -1.0), 1, "out of limits"),
+    "command too high": (lambda b: setattr(b.controller, "answer", 2e5), 1, "is outside 0 ..."),
+    "command negative": (lambda b: setattr(b.controller, "answer", -1.0), 1, "is outside 0 ..."),
 }
 
 

@@ -157,10 +157,10 @@ def test_bad_requests_are_refused(tmp_path):
         generate_file(BRIEF, tmp_path / "rec.nc", truth=tmp_path / "rec.nc")
     with pytest.raises(InputError, match="no bundled recording"):
         bundled_recording("pulse_1")
-    with pytest.raises(InputError, match="cannot read the truth"):
+    with pytest.raises(InputError, match="cannot read the file of true motion"):
         read_truth(tmp_path / "absent.nc")
     generate_file(BRIEF, tmp_path / "rec.nc")
-    with pytest.raises(InputError, match="no truth file of the test bed"):
+    with pytest.raises(InputError, match="no file of true motion"):
         read_truth(tmp_path / "rec.nc")
 
 

@@ -189,5 +189,5 @@ def test_what_does_not_fit_together_is_refused():
         ChamberParameters("x", gain=0.0)
     with pytest.raises(InputError, match="with different names"):
         RodParameters(chambers=(ChamberParameters(), ChamberParameters()))
-    with pytest.raises(InputError, match="a level for each chamber"):
+    with pytest.raises(InputError, match="a pressure for each of several chambers"):
         scenario("pulse_120+400_500ms")

@@ -76,7 +76,7 @@ def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> 
 
 
 def output_weights(model: Model, outputs: tuple[str, ...]) -> Array:
-    """Return the length (m,) [m] that a unit of each output counts as; for an angle, the body's length."""
+    """Return the factors (m,) that convert outputs to lengths [m]: 1 for positions, the body's length for angles."""
     return np.array([model.length if name == "angle_sum" else 1.0 for name in outputs])
 
 

@@ -169,7 +169,7 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
     if not found.success or at_bound.any():
         numbers = ", ".join(f"{name} {value:.3g}" for name, value in zip(NAMES, found.x, strict=True))
         raise FitError(
-            f"these readings are not those of a second-order valve ({numbers}): check that both use the same clock"
+            f"the readings do not fit a second-order valve ({numbers}): check that command and gauge use one clock"
         )
     count = found.fun.size
     errors = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2 * found.cost / max(count - 4, 1))

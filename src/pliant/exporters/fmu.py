@@ -157,7 +157,7 @@ def compiled(text: str, folder: Path, number: str) -> tuple[bytes | None, str]:
 
 
 def places(version: str) -> tuple[str, str]:
-    """Return the folder and the file ending of this platform's binary in an FMU."""
+    """Return the folder and the file extension of this platform's binary in an FMU."""
     ending = "dylib" if sys.platform == "darwin" else "so"
     if version == "2.0":
         return ("darwin64" if sys.platform == "darwin" else "linux64"), ending

@@ -41,7 +41,7 @@ class Exporter:
     title : str
         Short description of the exported file.
     suffixes : tuple of str
-        Allowed file endings, the usual one first.
+        Allowed file extensions, the usual one first.
     can : frozenset of str
         Keys of `pliant.exporters.features.FEATURES` that the target can express.
     write : callable
@@ -124,7 +124,7 @@ def export(
     target : str
         One of `pliant.exporters.exporters()`: ``mjcf``, ``c99``, ``fmu``, ``state-space``, ``urdf``.
     path : str or Path
-        File to write, with the target's ending.
+        File to write, with a file extension of the target.
     approximate : bool
         Omit features that the target cannot express, compute the resulting difference of motion under a reference
         input, and write both into the exported file. Default: raise an error that names these features.
@@ -141,8 +141,8 @@ def export(
     Raises
     ------
     InputError
-        For an unknown target, ending or option, a feature that the target cannot express, or a path that cannot be
-        written.
+        For an unknown target, file extension or option, a feature that the target cannot express, or a path that
+        cannot be written.
 
     Examples
     --------

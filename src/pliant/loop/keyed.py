@@ -77,7 +77,7 @@ def read_key(path: str | Path) -> bytes:
     try:
         return checked_key(bytes.fromhex(text.decode("ascii") if len(text) <= 1024 else ""))
     except ValueError:
-        raise InputError(f"the key file {path} holds no key: expected hexadecimal digits, as new_key writes") from None
+        raise InputError(f"the key file {path} has no key: expected hexadecimal digits, as new_key writes") from None
 
 
 def tag_of(key: bytes, data: bytes) -> bytes:
@@ -115,7 +115,7 @@ class Sealer:
         self._counter += 1
         data = HEAD.pack(MAGIC, self._session, self._counter) + packet
         if len(data) + TAG > LARGEST:
-            raise InputError(f"a sample of {len(packet)} bytes under a key exceeds a datagram: send fewer points")
+            raise InputError(f"a sample of {len(packet)} bytes with its tag exceeds a datagram: send fewer points")
         return data + tag_of(self._own_key, data)
 
     def take_challenge(self, answer: bytes) -> bool:

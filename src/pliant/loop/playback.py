@@ -35,7 +35,7 @@ class Playback:
         if not (np.isfinite(speed) and speed > 0):
             raise InputError(f"the speed of a playback must be finite and > 0, got {speed}")
         if "position" not in recording:
-            raise InputError("a playback needs a recording with positions")
+            raise InputError("this recording has no positions: choose one with positions for the playback")
         self._clock, self._next = clock, 0
         time = np.asarray(recording["time"].values, dtype=float)
         rows = [(t, SHAPE, x) for t, x in zip(time, recording["position"].values, strict=True)]

@@ -103,7 +103,7 @@ class Watchdog:
         for what, seen, limit in (("shape", shape_time, b.shape_age), ("pressure", pressure_time, b.pressure_age)):
             age = (now - seen) * 1e-9
             if age > limit:
-                self.trip(f"stale {what}: the last whole one is {age * 1e3:.1f} ms old, {limit * 1e3:.1f} allowed", now)
+                self.trip(f"stale {what}: last complete reading {age * 1e3:.1f} ms ago, {limit * 1e3:.1f} allowed", now)
         self.pressure(now, pressure)
 
     def frozen(self, now: int, shape_repeats: int, pressure_repeats: int) -> None:
@@ -113,7 +113,7 @@ class Watchdog:
             ("shape", shape_repeats, b.shape_repeats), ("pressure", pressure_repeats, b.pressure_repeats),
         ):
             if 0 < most < count:
-                self.trip(f"frozen {what}: {count} readings in a row equal the one before, {most} allowed", now)
+                self.trip(f"frozen {what}: {count} consecutive readings are identical, {most} allowed", now)
 
     def pressure(self, now: int, pressure: Array) -> None:
         """Check the pressure reading of every chamber [Pa]."""
@@ -131,9 +131,11 @@ class Watchdog:
         if not (np.isfinite(angle).all() and np.isfinite(rate).all()):
             self.trip("the estimate is not a number", now)
         elif abs(angle[-1] - self._rest) > self.bounds.largest_angle:
-            self.trip(f"the last link turned by {angle[-1] - self._rest:.2f} rad, beyond the limit", now)
+            turn = angle[-1] - self._rest
+            self.trip(f"the last link turned by {turn:.2f} rad, {self.bounds.largest_angle:g} rad allowed", now)
         elif np.abs(rate).max() > self.bounds.largest_rate:
-            self.trip(f"a link turns at {np.abs(rate).max():.1f} rad/s, beyond the limit", now)
+            fastest = np.abs(rate).max()
+            self.trip(f"a link turns at {fastest:.1f} rad/s, {self.bounds.largest_rate:g} rad/s allowed", now)
         elif not state.consistent:
             self.trip(f"the estimator lost its consistency: {state.fault}", now)
 
@@ -154,7 +156,8 @@ class Watchdog:
             if not math.isfinite(p):
                 self.trip(f"the command is {p}", now)
             elif not 0.0 <= p <= self.bounds.highest_pressure:
-                self.trip(f"a command of {p * 1e-3:.1f} kPa is out of limits", now)
+                most = self.bounds.highest_pressure
+                self.trip(f"the command of {p * 1e-3:.1f} kPa is outside 0 ... {most * 1e-3:.1f} kPa", now)
         if not self.fault:
             return command
         return np.zeros(command.size)

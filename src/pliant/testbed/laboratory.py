@@ -240,7 +240,7 @@ def generate_file(
     truth: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> bool:
-    """Generate a recording as a netCDF file, unless the file is current; optionally write the truth to another file.
+    """Generate a recording as a netCDF file, unless the file is current; optionally also a file of the true motion.
 
     Returns
     -------
@@ -251,7 +251,7 @@ def generate_file(
     if path.suffix not in (".nc", ".nc4"):
         raise InputError(f"recordings of the test bed are netCDF: give a name ending in .nc, not {path.name!r}")
     if truth is not None and Path(truth).resolve() == path.resolve():
-        raise InputError(f"recording and truth need two different files, both are {path}")
+        raise InputError(f"recording and true motion need two different files, both are {path}")
     adapted, who, own = resolved(case, body, lab)
     key = content_key(adapted, who.body, seed, own)
     if is_current(path, key) and (truth is None or _truth_is_current(Path(truth), key)):
@@ -279,8 +279,7 @@ def generate_set(
     lab: Laboratory | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> list[Path]:
-    """Generate a recording for each (scenario, actuator, seed) into `folder`, with the truth in its subfolder
-    ``truth``.
+    """Generate a recording for each (scenario, actuator, seed) into `folder`, and its true motion into ``truth`` there.
 
     Files that are current are kept, so that an interrupted run can be repeated. `progress` is called with the number of
     files done, their total number and the file's name.

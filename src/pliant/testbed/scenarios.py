@@ -179,6 +179,6 @@ def scenario(name: str) -> Scenario:
             text = f"{' and '.join(levels)} kPa for {ms} ms"
             return Scenario(name, text, 0.12 + ms / 1e3 + 2.0, each if len(each) > 1 else each[0])
     raise InputError(
-        f"unknown scenario {name!r}: use one of {', '.join(SCENARIOS)}, or pulse_<kPa>_<ms>ms up to 300 kPa, with a "
-        "level for each chamber of several, as pulse_120+60_500ms"
+        f"unknown scenario {name!r}: use one of {', '.join(SCENARIOS)}, or pulse_<kPa>_<ms>ms up to 300 kPa, or "
+        "with a pressure for each of several chambers, e.g. pulse_120+60_500ms"
     )

@@ -91,7 +91,7 @@ def make_truth(motion: RodMotion, p: RodParameters, at: NDArray[np.float64], att
 
 
 def write_truth(recording: xr.Dataset, path: Path) -> None:
-    """Write the truth as compressed single-precision netCDF; an interrupted write leaves no partial file."""
+    """Write a dataset of true motion as compressed single-precision netCDF; an interruption leaves no partial file."""
     encoding = {
         str(name): {"dtype": "float32", "zlib": True, "complevel": 4, "shuffle": True, "_FillValue": None}
         for name in recording.data_vars
@@ -101,7 +101,7 @@ def write_truth(recording: xr.Dataset, path: Path) -> None:
 
 
 def read_truth(path: Path) -> xr.Dataset:
-    """Read a truth file.
+    """Read a dataset of true motion from a file that `write_truth` wrote.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def read_truth(path: Path) -> xr.Dataset:
     try:
         loaded = read_groups(path)["/"]
     except InputError as error:
-        raise InputError(f"cannot read the truth {path}: {error}") from None
+        raise InputError(f"cannot read the file of true motion {path}: {error}") from None
     if str(schema := loaded.attrs.get("schema")) != SCHEMA:
-        raise InputError(f"{path} is no truth file of the test bed: schema {shown(schema)}, not {SCHEMA!r}")
+        raise InputError(f"{path} is no file of true motion: its schema is {shown(schema)}, not {SCHEMA!r}")
     return loaded
