@@ -488,9 +488,9 @@ def test_what_does_not_fit_is_refused(tmp_path):
 
     with pytest.raises(InputError, match="'pid' needs one chamber and a fixed length: use lqr or mpc"):
         ready(feedback="pid")
-    with pytest.raises(InputError, match=r"several chambers \(low, high\), a body that lengthens or one in space"):
+    with pytest.raises(InputError, match=r"several chambers \(low, high\), for a body that lengthens or for one in space"):
         ready(displacement=np.zeros(1), outputs=())
-    with pytest.raises(InputError, match=r"valves name 'mid', the model's chambers are low, high"):
+    with pytest.raises(InputError, match=r"valves name chamber 'mid', the model has low, high"):
         ready(supply={"mid": SupplyValve(9.0, 6.0, 0.7)})
     valve = "rise_hz = 9\nfall_hz = 6\ndamping_ratio = 0.7\ndead_time_ms = 8\n"
     point = "[[setpoint]]\ntime_s = 0\ntip_x_mm = -20\n"

@@ -200,7 +200,7 @@ def test_a_new_field_of_a_new_kind_of_spring_is_refused():
     for value, refused in ((0.1, True), (0.0, False)):
         model = calm.with_(extensions=(Longer(300.0, 1.0, 0.01, 0.1, "whole", value),))
         if refused:
-            with pytest.raises(pliant.InputError, match=r"^Extension\.stiffening: not known"):
+            with pytest.raises(pliant.InputError, match=r"^Extension\.stiffening: unknown"):
                 missing(model, frozenset(FEATURES))
         else:
             assert missing(model, frozenset(FEATURES)) == ()
