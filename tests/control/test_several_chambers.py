@@ -499,7 +499,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
     (tmp_path / "v.toml").write_text(f"{point}[valve]\n{valve}[valves.low]\n{valve}")
     with pytest.raises(InputError, match=r"all chambers or \[valves.NAME\] for each, not both"):
         read_task(tmp_path / "v.toml")
-    with pytest.raises(InputError, match="limits name 3 chambers, the model has 2"):
+    with pytest.raises(InputError, match="limits have 3 chambers, the model has 2"):
         ready(limits=Limits(2e5, chambers=(1e5, 1e5, 1e5)))
     with pytest.raises(InputError, match="unknown output 'tip_z'"):
         ready(outputs=("tip_x", "tip_z"))
@@ -512,5 +512,5 @@ def test_what_does_not_fit_is_refused(tmp_path):
     np.testing.assert_allclose(task.task.displacement, [[-0.02, np.deg2rad(5.0)]])
     assert (task.limits.highest, task.limits.chambers) == (2e5, (2e5, 1.8e5))
     (tmp_path / "t.toml").write_text("[[setpoint]]\ntime_s = 0\ntip_x_mm = 3\ndisplacement_mm = 4\n")
-    with pytest.raises(InputError, match="takes displacement_mm for one chamber, or some of tip_x_mm"):
+    with pytest.raises(InputError, match="needs displacement_mm for one chamber, or some of tip_x_mm"):
         read_task(tmp_path / "t.toml")
