@@ -488,7 +488,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
 
     with pytest.raises(InputError, match="'pid' needs one chamber and a fixed length: use lqr or mpc"):
         ready(feedback="pid")
-    with pytest.raises(InputError, match=r"several chambers \(low, high\), for a body that lengthens or for one in space"):
+    with pytest.raises(InputError, match=r"several chambers \(low, high\), for a body that lengthens or for one"):
         ready(displacement=np.zeros(1), outputs=())
     with pytest.raises(InputError, match=r"valves name chamber 'mid', the model has low, high"):
         ready(supply={"mid": SupplyValve(9.0, 6.0, 0.7)})

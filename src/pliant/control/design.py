@@ -110,7 +110,7 @@ class LqrDesign:
         return np.minimum(np.arange(first, first + count), len(self.at) - 1)
 
     def shift(self, k: int) -> Array:
-        """Return the change (N,) of the state's deviation from period k to k + 1 that the moving reference causes."""
+        """Return how much the state's deviation (N,) changes from period k to k + 1 because the reference moves."""
         then, n = min(k + 1, len(self.at) - 1), self.model.size
         out = self.gains[self.at[k]].A @ self.beside[k] - self.beside[then]
         out[:n] += self.angle[k] - self.angle[then]

@@ -209,7 +209,7 @@ class Mpc(Lqr):
 
 
 def speeds(rows: Array, period: float) -> Array:
-    """Return the time derivatives of the rows (K, ...) of a path; the last row, which is held, repeats the previous."""
+    """Return the time derivatives of the rows (K, ...) of a path; the last row repeats the one before."""
     found = np.gradient(rows[:-1], period, axis=0)
     return np.concatenate([found, found[-1:]])
 

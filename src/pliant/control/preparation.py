@@ -146,7 +146,7 @@ def prepare_control(
 
 
 class Maker:
-    """Constructs estimator and controller of a body for tasks that differ only in their tuning.
+    """Constructs a new estimator and controller of a body for each tuning of a task.
 
     Parameters
     ----------

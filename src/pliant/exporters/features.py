@@ -127,7 +127,7 @@ def of_tendons(change: Callable[[Tendon], Tendon]) -> Callable[[Model], Model]:
 
 
 def both_taut(tendon: Tendon) -> Tendon:
-    """Return a pair of tendons as one spring of twice the stiffness without backlash, as if both were always taut."""
+    """Return a pair of tendons as one spring of twice the stiffness, which is exact while both are taut."""
     if not tendon.pair:
         return tendon
     stiffness = tendon.line_stiffness * (2.0 if tendon.pretension > 0.0 else 1.0)

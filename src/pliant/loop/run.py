@@ -50,7 +50,7 @@ def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = ()) -> l
 
 
 def unexplained(state: State | None, links: int) -> tuple[Array, Array, Array]:
-    """Return angles [rad], disturbance torques and their standard deviations [N m], (n,) each.
+    """Return a state's angles [rad], disturbance torques and their standard deviations [N m], (n,) each.
 
     Without a state, or with an estimator that does not compute disturbances, the missing values are NaN.
     """

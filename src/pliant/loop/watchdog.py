@@ -98,7 +98,8 @@ class Watchdog:
             self.fault, self.fault_time = sentence, now
 
     def readings(self, now: int, shape_time: int, pressure_time: int, pressure: Array) -> None:
-        """Check the age of the newest complete shape and pressure [ns], and the pressure of every chamber [Pa]."""
+        """Report a fault if the newest complete shape or pressure [ns] is too old, or a pressure [Pa] is out of limits.
+        """
         b = self.bounds
         for what, seen, limit in (("shape", shape_time, b.shape_age), ("pressure", pressure_time, b.pressure_age)):
             age = (now - seen) * 1e-9
@@ -107,7 +108,7 @@ class Watchdog:
         self.pressure(now, pressure)
 
     def frozen(self, now: int, shape_repeats: int, pressure_repeats: int) -> None:
-        """Check the numbers of consecutive identical readings."""
+        """Report a fault if too many consecutive readings of a sensor are identical."""
         b = self.bounds
         for what, count, most in (
             ("shape", shape_repeats, b.shape_repeats), ("pressure", pressure_repeats, b.pressure_repeats),
@@ -116,7 +117,7 @@ class Watchdog:
                 self.trip(f"frozen {what}: {count} consecutive readings are identical, {most} allowed", now)
 
     def pressure(self, now: int, pressure: Array) -> None:
-        """Check the pressure reading of every chamber [Pa]."""
+        """Report a fault if the pressure reading of a chamber [Pa] is not finite or out of limits."""
         b = self.bounds
         for p in pressure.tolist():
             if not math.isfinite(p):
@@ -126,7 +127,7 @@ class Watchdog:
                           f"{b.highest_pressure * 1e-3:.1f} kPa", now)
 
     def estimate(self, now: int, state: State) -> None:
-        """Check the estimated state and the estimator's consistency."""
+        """Report a fault if the estimated state is not finite, out of limits or inconsistent."""
         angle, rate = state.angle, state.rate
         if not (np.isfinite(angle).all() and np.isfinite(rate).all()):
             self.trip("the estimate is not a number", now)

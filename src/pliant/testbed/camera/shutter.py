@@ -52,7 +52,7 @@ class Shutter:
 
 
 class Scene:
-    """A scene with background and light, rendered once, and the noise that is added to each frame."""
+    """Renders frames of a film; background, light and a picture of noise are computed once."""
 
     def __init__(self, view: View, look: Look, shutter: Shutter, rng: np.random.Generator) -> None:
         self.view, self.look, self.shutter, self.rng = view, look, shutter, rng
