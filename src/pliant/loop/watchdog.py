@@ -98,8 +98,7 @@ class Watchdog:
             self.fault, self.fault_time = sentence, now
 
     def readings(self, now: int, shape_time: int, pressure_time: int, pressure: Array) -> None:
-        """Report a fault if the newest complete shape or pressure [ns] is too old, or a pressure [Pa] is out of limits.
-        """
+        """Report a fault if the last complete shape or pressure [ns] is too old, or a pressure [Pa] out of limits."""
         b = self.bounds
         for what, seen, limit in (("shape", shape_time, b.shape_age), ("pressure", pressure_time, b.pressure_age)):
             age = (now - seen) * 1e-9
