@@ -56,7 +56,7 @@ def test_gains_of_a_chamber_are_those_of_its_azimuth():
     ({"space": None, "gravity": (0.0, 0.0, -9.81)}, "gravity must be 2 numbers"),
     ({"space": None, "stations": [Station("tip", 3, 0.03, 0.0, 0.01)]}, "lies out of the bending plane"),
     ({"space": None, "cross_gain": 0.5}, "give the model its space"),
-    ({"rest_angle": 0.1}, "does not take rest_angle: give space its rest_turn"),
+    ({"rest_angle": 0.1}, "has no rest_angle: set rest_turn of its space"),
     ({"base_angle": 0.1}, "give space its base_tilt"),
     ({"space": "yes"}, "must be a Space"),
     ({"space": {"rest_turn": [[0.1, 0.0, 0.0]] * 3}}, "one row or 4"),

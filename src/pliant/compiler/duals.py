@@ -118,8 +118,9 @@ def _inner(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
 
 
 def duals(values: Any, slopes: Array | None = None) -> Array:
-    """Return floats (..., SLOTS) for `dual_twin` from `values` (...) and derivatives `slopes` (..., P), P <=
-    `WIDTH`.
+    """Return floats (..., SLOTS) for `dual_twin`, from `values` (...) and their derivatives `slopes` (..., P).
+
+    P is at most `WIDTH`.
     """
     values = np.asarray(values, dtype=float)
     made = aligned((*values.shape, SLOTS), np.zeros)

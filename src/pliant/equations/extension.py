@@ -7,7 +7,7 @@ is 1/2 sum_kl B_kl u'_k . u'_l. B is the constant of the chain that does not len
 diagonal, since the rotary inertia of a rod scales with its stretch in the same way. So
 
 M_(phi k, phi l) = B_kl st_k st_l cos(phi_k - phi_l),  M_(phi k, e s) = st_k sum_l B_kl a_ls sin(phi_l - phi_k),
-|M_(e s, e t) = sum_kl a_ks a_lt B_kl cos(phi_k - phi_l)
+M_(e s, e t) = sum_kl a_ks a_lt B_kl cos(phi_k - phi_l)
 
 All other inertial terms are the forces b_k = sum_l B_kl u''_l (`carried`), projected on n_k for phi_k and on e_k for
 the strains. Chains without such segments use `motion` instead. Derived for Eq. (5) [eq:eom].

@@ -3,7 +3,7 @@
 Every joint i carries the torque K_i r_i in addition to its spring. r_i [rad] is a sum over branches, whose states are
 angles. The law is the same for all joints, relative to their K_i:
 
-|    r = sum_j creep_share_j (q - xi_j) + sum_j slip_share_j e_j + boucwen_share z
+    r = sum_j creep_share_j (q - xi_j) + sum_j slip_share_j e_j + boucwen_share z
 
 Within one step, r is a linear function of the joint's mid-step angle, r = slope q_m + offset. `motion.step` can
 therefore be used unchanged, with a stiffer spring K_i (1 + slope_i) and another rest angle. In every step, whatever its

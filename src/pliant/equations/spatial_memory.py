@@ -9,7 +9,7 @@ With K_a = K_b the loss of a bend therefore does not depend on its direction, an
 A slip element of stretch e whose joint moves by dq ends at e + dq, scaled back to its limit along the same line. The
 work of its torque is then its gain of energy plus a loss that is never negative. Bouc-Wen's z obeys
 
-|    dz = dq - |z|^{n-2} z (beta |z . dq| + gamma z . dq)
+    dz = dq - |z|^{n-2} z (beta |z . dq| + gamma z . dq)
 
 which is the planar law where z and dq have the same direction. |z| stays below (beta + gamma)^{-1/n}.
 
