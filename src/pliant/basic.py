@@ -104,9 +104,6 @@ def jacobians(q, actuator, point=None):
     `point` (n,) [m] is the distance of each point from the joint of its link. None means the centres of mass. J_v_i[:,
     m] = R^iT S (x_i - p^{m-1}) for m <= i: the lever from joint m to the point x_i, turned by 90 degrees. At the tips,
     J_v dq is upsilon and J_w dq is omega of Eq. (4).
-
-    J_v_i[:, m] = R^iT S (x_i - p^{m-1}) for m <= i: joint m swings the lever from itself to the point x_i.
-    At the tips, J_v dq is upsilon and J_w dq is omega of Eq. (4). None means the centres of mass.
     """
     T = chain(q, actuator)
     R, joints = T[:, :2, :2], np.vstack([np.zeros(2), T[:-1, :2, 2]])
@@ -157,8 +154,6 @@ def pulse(actuator, pressure=119e3, start=0.12, duration=2.76, end=4.5, rtol=1e-
 
     Returns the times (T,) [s] and the joint angles q (T, n) [rad]. The integration restarts at each edge of the
     pressure (paper: ode15s).
-
-    Returns times (T,) and joint angles q (T, n). Each edge starts a new integration (paper: ode15s).
     """
     n = len(actuator.l)
     edges = [0.0, start, start + duration, end]

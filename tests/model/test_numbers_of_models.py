@@ -557,5 +557,5 @@ def test_what_is_a_space():
         with pytest.raises(InputError, match=said):
             deep.with_(**change)
     deep.with_(space=Space(rest_turn=np.zeros((2, 3))))
-    with pytest.raises(InputError, match="cross_gain, of joints in space"):
+    with pytest.raises(InputError, match="cross_gain, which needs a model in space"):
         PLAIN.with_(chambers=(Chamber([1e-6], cross_gain=[0.0, 1.0]),))

@@ -79,7 +79,7 @@ def test_what_is_no_force_is_refused(body):
         simulate(body, Pulse(0.0), duration=0.1, method="Radau", forces=[held()])
     with pytest.raises(InputError, match="pulls at 'nowhere'"):
         simulate(body, Pulse(0.0), duration=0.1, forces=[held(at="nowhere")])
-    with pytest.raises(InputError, match=r"a known force is \[fx, fy\] for each of its times"):
+    with pytest.raises(InputError, match=r"a known force needs one row \[fx, fy\] for each time"):
         simulate(body, Pulse(0.0), duration=0.1, forces=[PointForce([0.0, 1.0], [[0.0, 0.1]], "tip")])
-    with pytest.raises(InputError, match="a known force is finite"):
+    with pytest.raises(InputError, match="a known force and its times must be finite"):
         simulate(body, Pulse(0.0), duration=0.1, forces=[held(force=np.array([np.nan, 0.0]))])

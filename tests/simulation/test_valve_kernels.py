@@ -184,5 +184,5 @@ def test_a_body_behind_a_dead_band_rests_and_moves_as_under_less_pressure():
     np.testing.assert_allclose(batch["tip_position"].values[0, :, -1], alone["tip_position"].values[:, -1], atol=1e-12)
     with pytest.raises(InputError, match="a regulator with a dead band"):
         simulate(banded, Pulse(9e4), times=times, method="LSODA")
-    with pytest.raises(InputError, match="a Stepper takes an ideal or first-order valve"):
+    with pytest.raises(InputError, match="a Stepper supports ideal and first-order valves only"):
         Stepper(banded)

@@ -40,9 +40,6 @@ def model(**changes: Any) -> Model:
     `changes` replaces any argument of `chain_model`, for example ``links=7``. The paper does not say where on a link
     its mass is. With the mass at the link tips, where the paper puts its frames, the first mode is at 5.006 Hz ("about
     5 Hz" in the paper). With uniform rods it is at 5.916 Hz.  # D11
-
-    The paper does not say where a link's mass sits. Its frames, taken literally, sit at the link tips and ring at
-    5.006 Hz, "about 5 Hz" as printed; uniform rods ring at 5.916 Hz.  # D11
     """
     changed = {*changes, *(f"link_{name}" for name in changes)}
     source = {name: where for name, where in BODY["source"].items() if name not in changed}

@@ -43,9 +43,6 @@ def kept(function: Any, **options: Any) -> Any:
 
     If several processes need the same kernel at once, one compiles it and the others wait. If the cache cannot be
     written, every process compiles the kernel, with one warning.
-
-    Where several processes ask for one kernel at once, one compiles it and the others wait for it. Where nothing can be
-    written, it is compiled anew in every process, with one warning.
     """
     options["no_cfunc_wrapper"] = True  # an interface for C, which is not used
     made = njit(**options)(function)

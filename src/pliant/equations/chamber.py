@@ -18,11 +18,8 @@ from pliant.equations.symbols import ChamberConstants, Interval
 def mean_of_law(p, a):
     """Return the mean torque [N m] of the polynomial law `a` over an `Interval` p of pressure.
 
-    Simpson's rule. The mean pressure may differ from Simpson's mean where a valve settles within the interval; this
-    difference enters with the secant slope of the law. Exact for a linear law.
-
-    Simpson's rule; what that rule misses of the mean pressure, where a valve settles within the interval, enters by
-    the slope of the law's secant. Exact for a linear law.
+    Simpson's rule. The mean pressure may differ from Simpson's mean where a valve settles within the interval. This
+    difference enters with the secant slope of the law. The result is exact for a linear law.
     """
     simpson = (torque(p.start, a) + 4.0 * torque(p.middle, a) + torque(p.end, a)) / 6.0
     return simpson + (p.mean - (p.start + 4.0 * p.middle + p.end) / 6.0) * secant(p.start, p.end, a, 0)

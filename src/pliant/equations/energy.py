@@ -69,8 +69,6 @@ def add_step_work(w, h, torque, joints, work, total):
     """Add the input work and the damper loss of one `motion.step` to total (2,) [J], both at the rates in mid-step.
 
     `w` (n,) are the rates after the step. `work.a` still holds the change of the rates over the step.
-
-    w: rates (n,) after the step, which leaves its turns over half the time in work.a.
     """
     for i in range(len(w)):
         work.c[i] = w[i] - 0.5 * work.a[i]

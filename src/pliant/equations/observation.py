@@ -87,11 +87,7 @@ def point_slope(axis, place, chain, links, row):
 def observe_point(axis, row, chain, links, slope):
     """Return one coordinate [m] of the point of a measurement `row`, and write its derivatives to `slope` (n + S,).
 
-    `axis` is 0 for x, 1 for y. The row is (kind, link, along, across).
-
-    The row is (kind, link, along, across). `slope` (n + S,) receives the derivatives by the coordinates.
-
-    `links` is the array written by `place_links`.
+    `axis` is 0 for x, 1 for y. The row is (kind, link, along, across). `links` is the array written by `place_links`.
     """
     link = int(row[1])
     point_slope(axis, (link, row[2], row[3]), chain, links, slope)

@@ -35,7 +35,7 @@ def fixed_length(model: Parameters, refusal: str = "") -> Parameters:
     InputError
         When the model is in space or has segments that lengthen. `refusal` replaces the message for the latter.
     """
-    require_planar(model, "this")
+    require_planar(model, "this function")
     if names := ", ".join(e.name for e in model.extensions):
         raise InputError(
             refusal or f"this function needs a body of fixed length, but {model.name!r} lengthens ({names}): use "
