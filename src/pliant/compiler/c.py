@@ -112,7 +112,7 @@ class CWriter(Expressions):
 
     def do_Return(self, frame: CScope, node: ast.Return) -> None:
         value = self.value(frame, node.value) if node.value else None
-        if not frame.depth and not frame.jumped:  # the only one
+        if not frame.depth and not frame.jumped:  # the only `return`, without a condition
             frame.result = self.keep(value, f"result_{frame.number}")
             raise Returned
         frame.result = self.returned(value, f"result_{frame.number}")
@@ -122,9 +122,7 @@ class CWriter(Expressions):
         self.say(f"goto {frame.label};")
 
     def returned(self, value: Any, name: str) -> Any:
-        """Write the result of a call to variables that are the same for every `return` of the call, and return
-        these.
-        """
+        """Write the result of a call to variables common to every `return` of the call, and return these variables."""
         if isinstance(value, tuple):
             parts = [self.returned(v, f"{name}_{i}") for i, v in enumerate(value)]
             return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
@@ -209,7 +207,7 @@ def only_counts(loop: ast.For, name: str) -> bool:
 
 
 def cosine_and_sine(kind: str, prefix: str, *, single: bool) -> str:
-    """Return the source of a C function which computes what `numerics.trig.cos_sin` computes.
+    """Return the source of a C function for cosine and sine, a translation of `numerics.trig.cos_sin`.
 
     `kind` is the C type of its numbers, `prefix` the prefix of its name.
     """

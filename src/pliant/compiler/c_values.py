@@ -26,7 +26,7 @@ COMPARISONS: dict[type, tuple[str, Any]] = {
 }
 NAMES = re.compile(r"[A-Za-z_]\w*")
 SET = re.compile(r"\s*(\w+) = .*;$")
-ASSIGNED = re.compile(r"^(\s*)\w+ = ")  # of a line, the name that it sets: setting is not reading
+ASSIGNED = re.compile(r"^(\s*)\w+ = ")  # the name which a line assigns; an assignment is not a use
 LIBRARY = {"exp": "exp", "expm1": "expm1", "sqrt": "sqrt", "floor": "floor", "rint": "rint", "abs": "fabs"}
 
 
@@ -241,9 +241,7 @@ class Expressions:
         return Real(f"{LIBRARY[name if name != 'absolute' else 'abs']}{self.suffix}({self.number(arguments[0])})")
 
     def cosine_and_sine(self, angle: str) -> tuple[Real, Real]:
-        """Return the variables with cosine and sine of an angle, computed once if both are needed one after the
-        other.
-        """
+        """Return the variables with cosine and sine of an angle, computed once for uses in direct succession."""
         if self.angle[0] != angle or len(self.lines) - self.angle[1] > 1:
             number = self.fresh()
             pair = self.local(f"cosine_{number}"), self.local(f"sine_{number}")

@@ -52,7 +52,7 @@ def kept(function: Any, **options: Any) -> Any:
         return made
     try:
         made._cache = kernel_cache.KernelCache(made.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
-    except RuntimeError:  # no folder takes a file: neither the shared one, nor those that Numba tries
+    except RuntimeError:  # no writable folder, neither the shared one nor Numba's defaults
         tell_uncached()
         return made
     lock = made._cache.index.with_suffix(".lock")  # noqa: SLF001

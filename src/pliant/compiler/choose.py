@@ -121,10 +121,10 @@ def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0)
 def substitutes(
     kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, loops: bool = False,
 ) -> dict[Any, Any]:
-    """Return the compiled replacements, for a size of chain, of `kernel` and of the kernels which it calls.
+    """Return {plain kernel: compiled replacement} for `kernel` and the kernels that it calls, for a size of chain.
 
-    The keys are the plain kernels. `loops` replaces straight-line code in space by loops, since straight-line code on
-    dual numbers takes minutes to compile.
+    Kernels which need no replacement are left out. `loops` replaces straight-line code in space by loops, since
+    straight-line code on dual numbers takes minutes to compile.
     """
     found, made = reached(kernel), {}
     if turns > 1:
@@ -182,7 +182,7 @@ def spatial_step(links: int, segments: int, turns: int, tendons: int, *, lines: 
 
 
 def fast_step(links: int) -> Any:
-    """Return the fastest compiled `motion.step` for a number of links."""
+    """Return the fastest compiled `motion.step` for a chain of `links` links."""
     if links <= MOST_LINKS:
         return straight(motion.step, links)
     if links <= STRAIGHT_LINKS:
@@ -191,7 +191,7 @@ def fast_step(links: int) -> Any:
 
 
 def extensible_step(links: int, segments: int) -> Any:
-    """Return the compiled step of a planar chain with a number of links and of segments which lengthen."""
+    """Return the compiled step of a planar chain of `links` links with `segments` segments that lengthen."""
     if links + segments <= MOST_LINKS:
         return straight(extension.step, links, segments)
     return twin(extension.step)

@@ -53,7 +53,7 @@ def folded_step(phi, w, h, torque, body, joints, work):
     for k in range(n):
         c[k] = np.cos(phi[k] + half * w[k])
         s[k] = np.sin(phi[k] + half * w[k])
-        length[k] = scale * body.B[n - 1, k]  # of the last link nothing depends on it
+        length[k] = scale * body.B[n - 1, k]  # the value of the last link has no effect
     joint_torques(phi, w, joints, torque, half, t)
     joint_tangents(phi, w, joints, half, a)
     for k in range(n):

@@ -46,7 +46,7 @@ def slow_interval(h, p, slow, time):
     first = p.mean - 0.5 * (p.end - p.start)
     rise = p.end - p.start
     x = h / time
-    gone = -np.expm1(-0.5 * x)  # share of the way that half the interval goes
+    gone = -np.expm1(-0.5 * x)  # fraction of the way after half the interval
     middle = slow + gone * (first - slow) + 0.5 * (1.0 - gone / (0.5 * x)) * rise
     gone = -np.expm1(-x)
     last = slow + gone * (first - slow) + (1.0 - gone / x) * rise

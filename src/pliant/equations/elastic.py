@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 LEAST_STRETCH = 0.05  # smallest admissible ratio of a segment's length to its unstretched length
-TERMS = 2  # of a spring's torque beyond the linear one: the first rows of `symbols.Joints.hardening`
-ROWS = TERMS + 1  # of `hardening`: the last one, R, bounds what the first term does to the slope
+TERMS = 2  # number of nonlinear terms of a spring's torque: the first rows of `symbols.Joints.hardening`
+ROWS = TERMS + 1  # of `hardening`; the last one, R, bounds the change of the slope by the first term
 TWO_THIRDS = 2.0 / 3.0
 
 

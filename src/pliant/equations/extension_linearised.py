@@ -70,12 +70,12 @@ def other_rates(h, body, work, row):
             work.t[i] = work.v[i] + work.t[i]
         inertial_forces(work.t, body, work, work.f)
         for i in range(N):
-            work.t[i] = work.v[i] - work.t[i]  # back to the change, to the other side
+            work.t[i] = work.v[i] - work.t[i]  # v - t in the second pass
             row[i] = row[i] + (side - 0.5) * h * work.f[i]
 
 
 def moved_middles(v, h, body, work, J):
-    """Write the right-hand sides of both solves of `step_jacobian` for a change of each mid-step angle and strain.
+    """Write the right-hand sides, of both solves of `step_jacobian`, for the derivatives by mid-step coordinates.
 
     The first N entries of a row belong to the first solve (solution in `work.r`), the others to the second (`work.a`).
     """

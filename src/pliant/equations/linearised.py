@@ -55,7 +55,7 @@ def step_jacobian(phi, w, h, torque, body, joints, work, J):
 
 
 def turned_directions(w, h, body, work, J):
-    """Write the right-hand sides of both solves of `step_jacobian` for a turn of each link's mid-step direction.
+    """Write the right-hand sides, of both solves of `step_jacobian`, for the derivatives by the mid-step angles.
 
     The first n entries of a row belong to the first solve (solution in `work.r`), the others to the second (`work.a`).
     """

@@ -22,9 +22,11 @@ AGREE = 1e-12  # rad, tolerance between the r that the step used and the r of th
 
 
 def creep_lines(q, h, state, memory, slope, offset):
-    """Write slope and offset (n,) [rad] of the creep part of r, r = slope q_m + offset, over a step of h [s].
+    """Write slope and offset (n,) [rad] of the creep part of the hysteresis angle r over a step of h [s].
 
-    The implicit midpoint rule:  q_m - xi_m = (q_m - xi) / (1 + a),  a = h / (2 creep_time)
+    r = slope q_m + offset in the mid-step angle q_m. The implicit midpoint rule gives
+
+    q_m - xi_m = (q_m - xi) / (1 + a),  a = h / (2 creep_time)
     """
     for i in range(len(q)):
         slope[i] = 0.0 * q[i]
@@ -54,7 +56,9 @@ def friction_line(e, q, dq, share, limit):
 
 
 def friction_lines(q, dq, state, memory, slope, offset):
-    """Add the slip elements and Bouc-Wen, z_m = (z + q_m - q) / (1 + x), to slope and offset (n,) of `creep_lines`.
+    """Add slip elements and Bouc-Wen to slope and offset (n,) of the hysteresis angle, as `creep_lines` writes them.
+
+    For Bouc-Wen, z_m = (z + q_m - q) / (1 + x).
 
     dq (n,) [rad] are the assumed turns of the joints over the step. The result is exact for slip elements if the actual
     turns end in the same state (sticking or slipping), and for Bouc-Wen if the actual turns equal dq.
@@ -120,7 +124,7 @@ def decay_along(goal, turn, memory):
 
 
 def size(x):
-    """Return x or -x, whichever has a real part that is not negative; this keeps derivatives by complex step."""
+    """Return |x|, as x or -x with a real part >= 0, so that derivatives by complex step are kept."""
     if x.real < 0.0:
         return -x
     return x
@@ -274,7 +278,7 @@ def hold_start(phi, w, h, joints, held):
 
 
 def agreement(w, h, past, work, calm):
-    """Return the largest difference [rad], over the joints, between the r used by the step and the r after its turns.
+    """Return the largest difference [rad] between the hysteresis angles r used by the step and those after it.
 
     Writes these turns to held.dq, or their mean with the previous ones if `calm`. The result is NaN where the step
     failed.

@@ -1,4 +1,6 @@
-"""Segments of a chain in space which lengthen: one uniform axial strain e_s for each, behind the angles in x.
+"""Segments of a chain in space which lengthen, each by one uniform axial strain e_s.
+
+The strains follow the angles in the coordinates x.
 
 The length of link k is st_k times its unstretched length, st_k = 1 + sum_s a_ks e_s. Here a_ks is the fraction of link
 k that lies in segment s, and k = 0 is the part before the first joint. The mass of a link lies along its axis in

@@ -76,7 +76,9 @@ def ratio_of(i, joints):
 
 
 def write_lines(h, joints, past):
-    """Write r of all coordinates as linear functions of the mid-step coordinates, for the motion held.dq (m,).
+    """Write the hysteresis angles of all coordinates as linear functions of the mid-step coordinates, to held.line.
+
+    held.dq (m,) [rad] is the assumed motion over the step of h [s].
 
     Row i of held.line (m, 3) is: offset [rad], slope by coordinate i, slope by the other coordinate of the same swing.
     """
@@ -99,7 +101,9 @@ def write_lines(h, joints, past):
 
 
 def add_friction(i, k, ratio, past):
-    """Add slip elements and Bouc-Wen to the linear functions of coordinates i and k of one swing; k = i for a twist.
+    """Add slip elements and Bouc-Wen to the linear functions (held.line) of coordinates i and k of one swing.
+
+    A twist has k = i.
 
     These are tangents at the motion held.dq of r(dq) = share (e + end(dq)) / 2. Their slope is that of the projection
     of e + dq to the limit.
@@ -173,7 +177,7 @@ def step_with_memory(x, v, h, torque, body, joints, past, work):
 
 
 def disagreement(v, h, joints, past, work, calm):
-    """Return the largest difference [rad] between the r used by the step and the r of the branches after its motion.
+    """Return the largest difference [rad] between the hysteresis angles r used by the step and those after it.
 
     Where an element slips, the change of its direction from the guess counts too. Writes the motion of the step to
     held.dq, or its mean with the previous one if `calm` and not yet converged. The result is NaN where the step failed.
@@ -267,7 +271,7 @@ def remember(h, joints, past):
 
 
 def move_friction(i, k, ratio, past):
-    """Update slip elements and Bouc-Wen of coordinates i and k, and return the dissipated energy over K of i."""
+    """Update slip elements and Bouc-Wen of coordinates i and k, and return the dissipated energy divided by K_i."""
     held = past.held
     memory = past.memory
     state = past.state

@@ -41,9 +41,7 @@ class ExtensibleBody(NamedTuple):
 
 
 class SpatialBody(NamedTuple):
-    """Constants of a chain in space, see `spatial`. Links are bodies of revolution; the last one includes a tip
-    mass.
-    """
+    """Constants of a chain in space, see `spatial`. Links are bodies of revolution, the last one with a tip mass."""
 
     length: np.ndarray  # (n + 1,) m, the part before the first joint first
     mass: np.ndarray  # (n,)   kg, of the links behind joints; the part before the first joint is fixed
@@ -115,9 +113,7 @@ class ObservedChain(NamedTuple):
 
 
 class MemoryLaw(NamedTuple):
-    """Parameters of the creep, slip and Bouc-Wen branches, equal for all joints; stiffness in units of the joint's
-    K.
-    """
+    """Parameters of the creep, slip and Bouc-Wen branches, equal for all joints; stiffness as a fraction of K."""
 
     creep_share: np.ndarray  # (P,) stiffness of each Prony branch, as a fraction of K
     creep_time: np.ndarray  # (P,) s, its relaxation time
@@ -130,9 +126,7 @@ class MemoryLaw(NamedTuple):
 
 
 class ChamberConstants(NamedTuple):
-    """Constants of one chamber: the torque law of its pressure, viscoelastic lag and inflation, see
-    `equations.chamber`.
-    """
+    """Constants of one chamber: torque law, viscoelastic lag and inflation, see `equations.chamber`."""
 
     law: np.ndarray  # (k,) numbers of the static torque law; of the polynomial in N m/Pa^i
     swell_share: float  # lagging fraction of the growth of the lever arm with pressure

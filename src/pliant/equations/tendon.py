@@ -300,7 +300,7 @@ def step(x, v, h, torque, body, joints, work):
     build_step(x, v, h, torque, body, joints, work)
     for i in range(len(x)):
         work.a[i] = 0.0 * v[i]
-    for _ in range(2):  # what goes with the square of the rates: at their start, then at their middle
+    for _ in range(2):  # terms quadratic in the rates: at the start, then in mid-step
         for i in range(len(x)):
             work.v[i] = v[i] + 0.5 * work.a[i]
         inertial_forces(work.q, work.v, body, work, work.f)

@@ -59,7 +59,9 @@ def body_jacobian(q, theta0, l, c, J):
 
 
 def body_hessian(q, theta0, l, c, H):
-    """Write the Hessian H (n, 2, n, n) [m/rad^2] of the same points: H[i, :, m, k] = dJ_i[:, m] / dq_k.
+    """Write the Hessian H (n, 2, n, n) [m/rad^2] of the point at distance c_i [m] along each link, in the link's frame.
+
+    H[i, :, m, k] = dJ_i[:, m] / dq_k
 
     H_i[:, m, k] = R^{iT} (p^{k-1} - p^{m-1}) for m < k <= i, else 0, with J of `body_jacobian`. Seen from link i, a
     turn of joint k turns the part of the chain before it.

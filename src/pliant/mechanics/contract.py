@@ -60,7 +60,7 @@ class Mechanics(ABC):
         """Return the same chain with other records of constants, which may be complex (for derivatives)."""
         return type(self)(self.model, body, joints)
 
-    # what the kernels take
+    # arguments of the kernels
 
     @cached_property
     @abstractmethod
@@ -242,7 +242,9 @@ class Mechanics(ABC):
 
     @abstractmethod
     def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:
-        """Return the moments (T, P, K, turns) [N m] of forces (T, P, dimension, K) [N] at points about the joint axes.
+        """Return the moments (T, P, K, turns) [N m] about the joint axes of forces at points.
+
+        `force` is (T, P, dimension, K) [N].
 
         `arm` (T, P, n, dimension) [m] leads from each joint to each point, and is 0 for joints that do not move the
         point.
@@ -298,9 +300,7 @@ class Mechanics(ABC):
 
     @abstractmethod
     def link_loads(self, points: list[Station], forces: Array) -> Array:
-        """Return the loads (T, ...) [N m] of the links under forces (T, P, dimension) [N] at points, for the
-        kernels.
-        """
+        """Return the loads (T, ...) [N m] of the links under forces (T, P, dimension) [N] at `points`."""
 
     @abstractmethod
     def load_forces(self, x: Array, load: Array) -> Array:

@@ -68,7 +68,7 @@ class PlanarChain(Mechanics):
         """Fraction (n + 1, S) of each link that lies in each segment."""
         return np.array(self.model.stretch_share)
 
-    # what the kernels take
+    # arguments of the kernels
 
     @cached_property
     def body(self) -> Any:

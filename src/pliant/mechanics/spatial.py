@@ -48,7 +48,7 @@ class SpatialChain(Mechanics):
         """Unstretched lengths (n + 1,) [m] of the part before the first joint and of the links."""
         return np.append(self.model.base_length, self.model.link_length)
 
-    # what the kernels take
+    # arguments of the kernels
 
     @cached_property
     def body(self) -> SpatialBody:

@@ -1,4 +1,4 @@
-"""Joint springs as functions of whole arrays: torque, slope, angle under a torque, and the limit of a softening spring.
+"""Joint springs for whole arrays: torque, slope, angle under a torque, and the limit of a softening spring.
 
 The law is `equations.elastic.spring_torque`, with the terms of `model.spring.SPRING_TERMS`. This module adds its
 inverse and its limits.
@@ -39,7 +39,7 @@ class Springs:
 
     @cached_property
     def hardening(self) -> Array:
-        """Coefficients (terms + 1, n, ...) of the nonlinear terms [N m/rad^2 ...] and the bound R, as in
+        """Coefficients (terms + 1, n, ...) of the nonlinear terms [N m/rad^2 ...] and bound R, as in
         `symbols.Joints`.
         """
         with np.errstate(divide="ignore"):

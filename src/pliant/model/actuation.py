@@ -143,7 +143,7 @@ class Actuation:
         return np.broadcast_to(gain, (len(self.segment_length),))
 
     def drawn_in(self, tendon: Tendon) -> Array:
-        """Return the axial force (S,) of a tendon on each segment over its tension: -1 where it runs all along it.
+        """Return the axial force (S,) of a tendon on each segment over its tension, -1 for a segment it fully spans.
 
         A tendon runs from the base to the last joint that it turns. The value of a segment is minus the fraction of its
         joints up to there. For a segment without joints it is -1 if the tendon turns a joint beyond it.

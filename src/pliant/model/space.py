@@ -133,7 +133,7 @@ def require_planar(model: Any, what: str) -> None:
 
 
 def check_space(model: Any) -> None:
-    """Raise InputError when a model in space has a parameter of planar chains only, or the other way round."""
+    """Raise InputError when a planar model has a parameter of chains in space, or the reverse."""
     size = 2 if model.space is None else 3
     if model.gravity.size != size:
         axes = "x, y" if size == 2 else "x, y, z"

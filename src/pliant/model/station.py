@@ -37,7 +37,7 @@ class Station(NamedTuple):
 
 
 def station_of(entry: Any) -> Station:
-    """Return `entry` as a Station; raise InputError unless it has a name, an integer link and two or three lengths."""
+    """Return `entry` as a Station; raise InputError unless it has a name, an integer link and one to three lengths."""
     try:
         name, link, along, across, aside = Station(*entry)
         return Station(str(name), operator.index(link), float(along), float(across), float(aside))

@@ -32,9 +32,7 @@ def swing_matrices(swing: ArrayLike) -> NDArray[np.float64]:
 
 
 def swings_to(direction: ArrayLike) -> NDArray[np.float64]:
-    """Return the swings (..., 2) [rad], at most pi in size, that take z to the directions (..., 3) of any length >
-    0.
-    """
+    """Return the swings (..., 2) [rad], at most pi in size, that take z to directions (..., 3) of any length > 0."""
     u = np.asarray(direction, dtype=np.float64)
     across = np.hypot(u[..., 0], u[..., 1])
     angle = np.arctan2(across, u[..., 2])

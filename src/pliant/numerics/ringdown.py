@@ -48,7 +48,7 @@ def ring_down(time: Array, signal: Array) -> RingDown | None:
 
 @lru_cache(maxsize=256)
 def found(time: bytes, signal: bytes) -> RingDown | None:
-    """Return the result of `ring_down` for arrays as bytes, cached, because each fit of a study needs it again."""
+    """Return the result of `ring_down` for arrays given as bytes; results are cached."""
     from scipy.optimize import least_squares
 
     t, y = np.frombuffer(time), np.frombuffer(signal)

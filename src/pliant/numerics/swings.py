@@ -84,7 +84,7 @@ def turning_points(t: Array, y: Array, least: float) -> tuple[Array, Array]:
         elif abs(move) >= least:
             way = -way
             found.append(k)
-    inner = [k for k in found[1:-1] if k > 0]  # the last one has not been turned from
+    inner = [k for k in found[1:-1] if k > 0]  # the last one may not be a turning point
     at, value = [t[0]], [y[0]]
     for k in inner:
         bend = y[k - 1] - 2.0 * y[k] + y[k + 1]

@@ -20,7 +20,7 @@ STAGES = 16
 
 
 def march_accurate(problem: InitialValueProblem, step: float, tolerance: float) -> Solution:
-    """Return the motion with a tip error of at most `tolerance`, over the length; first try steps of `step` [s].
+    """Return the motion whose tip error is at most `tolerance` times the length, starting with steps of `step` [s].
 
     Raises
     ------

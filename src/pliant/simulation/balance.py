@@ -56,9 +56,11 @@ def energy_defects(motion: xr.Dataset) -> tuple[float, float]:
 
 
 def in_play(low: Array, high: Array, lost: float) -> float:
-    """Return the exchanged energy [J] of forms of energy that range from `low` to `high`, with dissipation `lost`.
+    """Return the exchanged energy [J]: the largest range of a form of energy, or the dissipation `lost` if larger.
 
-    It is the largest range of a form of energy, or the dissipation. It is 0 where nothing but rounding changes.
+    `low` and `high` are the extremes of each form of energy [J].
+
+    The result is 0 where nothing but rounding changes.
     """
     size = max(float((high - low).max()), lost)
     return size if size > max(ROUNDING * float(np.abs([low, high]).max()), NOTHING) else 0.0

@@ -82,6 +82,7 @@ def pass_valve(run: Twin, valve: Valve, made: ValveConstants, lengths: Any, p: A
     """Replace the commanded pressures p (m, 4) [Pa] by the pressures behind a valve, in place.
 
     The columns are the values at the start, middle and end of each interval of `lengths` (m,) [s], and the mean.
+    ``run(kernel)`` returns the compiled form of a kernel. `made` are the constants of the `valve`.
     """
     if valve.dead_band:
         run(pressure_loops.past_dead_band)(made.dead_band, p)
@@ -113,7 +114,9 @@ def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any,
 
 
 def torque_slopes(chamber: Chamber, row: Array, at: Intervals, commands: Array) -> Array:
-    """Return the derivatives (steps, WIDTH) of the mean torques by those numbers whose derivatives a dual `row` holds.
+    """Return the derivatives (steps, WIDTH) of the mean torque of each step, for a `row` of dual numbers.
+
+    They are the derivatives by the variables whose derivatives the dual numbers hold.
 
     The lengths of the steps `at.h` are dual numbers too. If every step has one interval, they also replace the lengths
     of the intervals. `commands` (m, 4) [Pa] are the command at the start, middle and end of each interval, and its

@@ -143,7 +143,7 @@ class Layout:
         return slope
 
     def torque_slopes(self, chambers: Sequence[Chamber], rows: Array, h: Array) -> Array:
-        """Return the derivatives (steps, C, WIDTH) of the mean torques, by the derivatives of rows of dual numbers.
+        """Return the derivatives (steps, C, WIDTH) of the mean torques of all chambers, for rows of dual numbers.
 
         `rows` has one row for each chamber (`row_of`). h (steps,) are the lengths of the steps, dual numbers too. Where
         inputs have breakpoints within steps, the derivatives of h must be 0.
@@ -240,7 +240,7 @@ def before(pressure: Input, dead_time: float, times: Array) -> float:
 
 
 def merge(times: Array, moments: Array, same: float) -> Array:
-    """Return `times` with those `moments` added that lie within them and are at least `same` apart from any other."""
+    """Return `times` and those of `moments` within them which are more than `same` from any other time, sorted."""
     moments = np.unique(np.asarray(moments, dtype=float))
     moments = moments[(moments > times[0]) & (moments < times[-1])]
     moments = moments[np.diff(moments, prepend=-np.inf) > same]
@@ -282,7 +282,10 @@ def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
     half = 0.5 * (u[1] - u[0]) / (2 * _GAUSS)
     out = np.stack([mean - half, mean, mean + half, mean], axis=1)
     if not np.isfinite(out).all():
-        raise InputError("the pressure input is not finite everywhere between the first and the last time")
+        raise InputError(
+            "the pressure input is not finite everywhere between the first and the last time: repair it, or simulate a "
+            "part of this time"
+        )
     return out
 
 
@@ -294,7 +297,10 @@ def lagging(valve: Valve, h: Array, commands: Array, before: float) -> Array:
 
 
 def too_fast(plan: Drive, failed: int, given_way: str = "") -> SimulationError:
-    """Return the error for a step that turns a link by more than 1 rad, or with the message `given_way`."""
+    """Return the SimulationError for a step in which a link turns by more than 1 rad, or for another failure.
+
+    `given_way` describes the other failure.
+    """
     if given_way:
         return SimulationError(f"{plan.h[: failed + 1].sum():.6g} s after the start {given_way}")
     return SimulationError(

@@ -18,7 +18,9 @@ Array = np.ndarray
 
 
 def march_extrapolated(problem: InitialValueProblem, step: float) -> Solution:
-    """Return the extrapolated motion from steps of at most `step` [s], with the effect of extrapolation as its error.
+    """Return the motion extrapolated from steps of at most `step` [s] and from half steps.
+
+    The change of the tip by the extrapolation is its estimated error.
 
     Raises
     ------

@@ -57,14 +57,14 @@ class InitialValueProblem(NamedTuple):
         return self.loaded(drive(self.model, self.pressure, times, step))
 
     def loaded(self, plan: Drive) -> Drive:
-        """Return a plan with the mean loads of the forces on the links added."""
+        """Return `plan`, a `Drive`, with the mean loads of the known forces on the links added."""
         if not self.forces:
             return plan
         nodes = self.times[0] + np.append(0.0, np.cumsum(plan.h))
         return plan._replace(load=mean_loads(self.model, self.forces, nodes))
 
     def marched(self, plan: Drive, rows: int | None = None) -> Marched:
-        """Integrate a plan by the midpoint rule, and return `rows` output rows (default: one for each pressure)."""
+        """Integrate `plan`, a `Drive`, by the midpoint rule; return `rows` output rows (default: one per pressure)."""
         rows = len(plan.pressure) if rows is None else rows
         if self.model.memory:
             return memory.march_with_memory(self.model, plan, self.start, self.states, rows)
@@ -75,7 +75,7 @@ class InitialValueProblem(NamedTuple):
         return np.asarray(mechanics_of(self.model).tips(phi)[:, -1] / self.model.length)
 
     def repeated(self, plan: Drive, phi: Array, factor: float) -> tuple[Array, Array]:
-        """Return the tips of a motion and of its repetition with `factor` times the steps, at equal times."""
+        """Return tip positions of a motion and of its repetition with `factor` times the steps, at equal times."""
         every = 2 if factor > 1.0 and self.times.size > 2 else 1  # half of the output times, since no step passes one
         other = self.plan(factor * float(plan.h.max()), self.times[::every])
         if factor > 1.0 and other.h.size > 0.75 * plan.h.size:
@@ -106,7 +106,9 @@ def loads_before(model: Model, forces: Sequence[PointForce], times: Array) -> Ar
 
 
 def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> tuple[Array, Array, Array]:
-    """Integrate a plan; return absolute angles and rates (rows, n), and input work and dissipation (rows, 2) [J].
+    """Integrate `plan`, a `Drive`, by the midpoint rule; return absolute angles, rates and energies.
+
+    Angles and rates are (rows, n). The energies (rows, 2) [J] are input work and dissipation.
 
     Hysteresis states start in equilibrium at the initial angles.
     """

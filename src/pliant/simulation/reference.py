@@ -74,7 +74,9 @@ def solve_reference(
             lost = given_way(model, solution.y_events[0][0][at.phi], 1e-6)
             raise SimulationError(f"{solution.t_events[0][0] - times[0]:.6g} s after the start {lost}")
         if not solution.success or not np.isfinite(solution.y).all():
-            raise SimulationError(f"{method} stopped between {left:.6g} and {right:.6g} s: {solution.message}")
+            raise SimulationError(
+                f"{method} stopped between {left:.6g} and {right:.6g} s: {solution.message} Use method='accurate'"
+            )
         out[due] = solution.y[:, : due.size].T
         y = solution.y[:, -1]
     kept = np.zeros((times.size, *start.memory.shape))

@@ -60,7 +60,7 @@ def simulate(
     tolerance: float = 1e-4,
     check: bool = True,
 ) -> xr.Dataset:
-    """Simulate the chain under a pressure input. Paper: Eq. (5) [eq:eom], solver D14.
+    """Simulate a model under pressure inputs, and return its motion. Paper: Eq. (5) [eq:eom], solver D14.
 
     Parameters
     ----------
