@@ -77,10 +77,10 @@ def test_bands_as_wide_as_the_branches_of_a_memory_reach():
     """Two branches a decade and one more; three slip elements a decade and one more."""
     decades = (MOST_TERMS - 1) / 2 - 1
     assert len(springpot(0.2, 0.3, 1e-3, 1e-3 * 10**decades).creep_share) == MOST_TERMS
-    with pytest.raises(InputError, match=f"takes {MOST_TERMS + 1} branches"):
+    with pytest.raises(InputError, match=f"needs {MOST_TERMS + 1} branches"):
         springpot(0.2, 0.3, 1e-3, 1.01e-3 * 10**decades)
     decades = (MOST_TERMS - 1) / 3
     assert len(payne(2.0, 0.02, 0.4, 1e-4, 1e-4 * 10**decades).slip_share) == MOST_TERMS
-    with pytest.raises(InputError, match=f"takes {MOST_TERMS + 1} slip elements"):
+    with pytest.raises(InputError, match=f"needs {MOST_TERMS + 1} slip elements"):
         payne(2.0, 0.02, 0.4, 1e-4, 1.01e-4 * 10**decades)
     assert springpot(0.0, 0.3, 0.1, 10.0).creep_share[0] == payne(0.0, 0.02, 0.5, 1e-3, 0.1).slip_share[0] == 0.0

@@ -184,7 +184,7 @@ def test_a_point_force_does_the_work_that_it_gives(awkward):
     way = stepper.stations()[0][0] - start
     assert gained == pytest.approx(float(force @ way), rel=1e-4)
     assert abs(gained) > 1e-6
-    with pytest.raises(InputError, match="pulls at 'nowhere'"):
+    with pytest.raises(InputError, match="acts at 'nowhere'"):
         stepper.push(force, "nowhere")
     with pytest.raises(InputError, match="a known force needs one row"):
         stepper.push([1.0])

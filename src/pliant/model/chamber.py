@@ -296,7 +296,7 @@ def check_chamber(made: Chamber) -> None:
     """Raise InputError when a parameter of a chamber is not finite or not physical."""
     of = "model" if made.name == "chamber" else f"{type(made).__name__.lower()} {made.name!r}:"
     if made.swell_share > 1:
-        raise InputError(f"{of} swell_share is a fraction and must be at most 1, got {made.swell_share}")
+        raise InputError(f"{of} swell_share must be at most 1, because it is a fraction, got {made.swell_share}")
     check_law(made, of)
     plain = made.law == laws.POLYNOMIAL and made.kind == Chamber.kind  # a tendon's law follows from its own numbers
     check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS if plain else ARRAYS[1:])

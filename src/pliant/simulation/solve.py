@@ -225,7 +225,7 @@ def output_times(duration: float | None, times: Array | None, step: float | None
     """Return the output times [s]: `times`, or every `step` (default: every millisecond) of a duration."""
     step = EVERY if step is None else step
     if (duration is None) == (times is None):
-        raise InputError("give exactly one of duration (s) and times (s)")
+        raise InputError("give either duration (s) or times (s), not both")
     if times is not None:
         return np.asarray(times, dtype=float)
     if duration is None or not (np.isfinite(duration) and duration > 0):

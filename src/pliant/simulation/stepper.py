@@ -90,8 +90,8 @@ class Stepper:
             v = chamber.valve
             if v.dead_time or v.natural_frequency or v.settle_share or v.dead_band or v.opening_time:
                 raise InputError(
-                    "a Stepper supports ideal and first-order valves only: give the model an ideal valve, and pass the "
-                    "pressure behind your valve to `step`"
+                    "a Stepper supports an ideal or first-order valve only: give the model an ideal valve, and pass "
+                    "the pressure behind your valve to `step`"
                 )
         check_step(model, step, "midpoint")
         warn_too_coarse(model, step)
