@@ -1,9 +1,8 @@
 """The whole model of the paper in one page of plain NumPy, to be read beside the paper.
 
 Source: Chen, Galloway, Godage, "Efficient Reduced-Order Models for Soft Actuators", Sec. III.
-The code favours clarity over speed. It shares no line with the fast kernels of `pliant.equations`, which the tests
-compare with it. Index 0 is the first link, i = 1 in the paper. All quantities are SI. q (n,) [rad] are the joint
-angles, measured from the rest shape.
+Clarity comes before speed; tests compare the fast kernels of `pliant.equations`, which share no line with this page.
+Index 0 is the first link, i = 1 in the paper. SI units. q (n,) [rad] are joint angles from the rest shape.
 """
 
 from __future__ import annotations
@@ -32,10 +31,7 @@ class Actuator(NamedTuple):
 
 
 def paper(n=5, theta0=0.0):
-    """Return the `Actuator` of the paper: 17 cm, 69 g, K_b and D as printed, mass at the link tips (its frames {O_i}).
-
-    `n` is the number of links, `theta0` [rad] the rest angle of every joint.
-    """
+    """Return the paper's `Actuator` of n links: 17 cm, 69 g, K_b and D as printed, mass at the link tips ({O_i})."""
     one = np.ones(n)
     return Actuator(
         l=0.17 / n * one, theta0=theta0 * one, m=0.069 / n * one, c=0.17 / n * one, I=0 * one,
@@ -49,9 +45,7 @@ def section(r2):
 
 
 def torque(pressure, actuator):
-    """Return the joint torques tau (n,) [N m] at a `pressure` [Pa]: tau_i = p A d, the same on every joint. Sec.
-    III-C.
-    """
+    """Return the joint torques tau (n,) [N m] at a pressure [Pa]: tau_i = p A d on every joint. Sec. III-C."""
     A, d = section(actuator.r2)
     return pressure * A * d * np.ones(len(actuator.l))
 
@@ -65,10 +59,7 @@ def link_transform(q_i, theta0_i, l_i):
 
 
 def chain(q, actuator):
-    """Return the transforms T^i = T_1 ... T_i of all links in the base frame, (n, 3, 3). Eq. (2).
-
-    The blocks R^i and p^i of T^i are those of Eq. (3).
-    """
+    """Return the transforms T^i = T_1 ... T_i of all links, (n, 3, 3). Eq. (2); the blocks R^i and p^i are Eq. (3)."""
     T, T_i = [], np.eye(3)
     for link in zip(q, actuator.theta0, actuator.l, strict=True):
         T_i = T_i @ link_transform(*link)
@@ -82,10 +73,7 @@ def tips(q, actuator):
 
 
 def body_velocities(q, dq, actuator):
-    """Return the angular velocity matrices Omega_i (n, 2, 2) and tip velocities upsilon_i (n, 2) of the links. Eq. (4).
-
-    Both are in the frame of their own link, in rad/s and m/s.
-    """
+    """Return Omega_i (n, 2, 2) [rad/s] and upsilon_i (n, 2) [m/s] of the link tips, in the links' frames. Eq. (4)."""
     Omega, v, Omegas, vs = np.zeros((2, 2)), np.zeros(2), [], []
     for q_i, dq_i, theta0_i, l_i in zip(q, dq, actuator.theta0, actuator.l, strict=True):
         T = link_transform(q_i, theta0_i, l_i)
@@ -99,11 +87,10 @@ def body_velocities(q, dq, actuator):
 
 
 def jacobians(q, actuator, point=None):
-    """Return the body Jacobians J_w (n, n) and J_v (n, 2, n) of one point of each link, in the frame of that link.
+    """Return J_w (n, n) and J_v (n, 2, n), in the links' frames, of points at `point` (n,) [m] along each link.
 
-    `point` (n,) [m] is the distance of each point from the joint of its link. None means the centres of mass. J_v_i[:,
-    m] = R^iT S (x_i - p^{m-1}) for m <= i: the lever from joint m to the point x_i, turned by 90 degrees. At the tips,
-    J_v dq is upsilon and J_w dq is omega of Eq. (4).
+    J_v_i[:, m] = R^iT S (x_i - p^{m-1}) for m <= i: the lever from joint m to the point x_i, turned by 90 degrees.
+    At the tips, J_v dq is upsilon and J_w dq is omega of Eq. (4). None means the centres of mass.
     """
     T = chain(q, actuator)
     R, joints = T[:, :2, :2], np.vstack([np.zeros(2), T[:-1, :2, 2]])
@@ -114,7 +101,7 @@ def jacobians(q, actuator, point=None):
 
 
 def inertia(q, actuator):
-    """Return the inertia matrix M = sum_i m_i J_v^T J_v + I_i J_w^T J_w, (n, n) [kg m^2], with the tip cap. Eq. (5)."""
+    """Return M = sum_i m_i J_v^T J_v + I_i J_w^T J_w, (n, n) [kg m^2], with the cap at the last tip. Eq. (5)."""
     J_w, J_v = jacobians(q, actuator)
     J_tip = jacobians(q, actuator, actuator.l)[1][-1]
     M = np.einsum("i,iab,iac->bc", actuator.m, J_v, J_v) + np.einsum("i,ib,ic->bc", actuator.I, J_w, J_w)
@@ -122,9 +109,7 @@ def inertia(q, actuator):
 
 
 def coriolis(q, dq, actuator):
-    """Return the Coriolis matrix C (n, n) [N m s]. Eq. (5).
-
-    C_ab = sum_r 1/2 (dM_ab/dq_r + dM_ar/dq_b - dM_rb/dq_a) dq_r
+    """Return C_ab = sum_r 1/2 (dM_ab/dq_r + dM_ar/dq_b - dM_rb/dq_a) dq_r, (n, n) [N m s]. Eq. (5).
 
     dM/dq_r is exact to rounding: the imaginary part of M at q + i h e_r, divided by h.
     """
@@ -134,17 +119,14 @@ def coriolis(q, dq, actuator):
 
 
 def gravity(q, actuator):
-    """Return the joint torques (n,) [N m] of gravity: sum_i m_i J_v^T R^iT g.
-
-    The paper has no gravity. This term is for actuators whose plane is not horizontal.
-    """
+    """Return the joint torques (n,) [N m] of gravity: sum_i m_i J_v^T R^iT g. The paper has no gravity."""
     R, g = chain(q, actuator)[:, :2, :2], np.array(actuator.g)
     J_v, J_tip = jacobians(q, actuator)[1], jacobians(q, actuator, actuator.l)[1][-1]
     return np.einsum("i,ian,iba,b->n", actuator.m, J_v, R, g) + actuator.m_tip * J_tip.T @ R[-1].T @ g
 
 
 def acceleration(q, dq, tau, actuator):
-    """Return the joint accelerations ddq (n,) [rad/s^2] which solve M ddq + (C + D) dq + K q = tau. Eq. (5)."""
+    """Return ddq (n,) [rad/s^2], which solves M ddq + (C + D) dq + K q = tau. Eq. (5)."""
     rest = (coriolis(q, dq, actuator) + np.diag(actuator.D)) @ dq + actuator.K * q
     return np.linalg.solve(inertia(q, actuator), tau + gravity(q, actuator) - rest)
 
@@ -152,8 +134,7 @@ def acceleration(q, dq, tau, actuator):
 def pulse(actuator, pressure=119e3, start=0.12, duration=2.76, end=4.5, rtol=1e-4):
     """Simulate the paper's experiment from rest: a rectangular `pressure` [Pa] from `start` for `duration` [s].
 
-    Returns the times (T,) [s] and the joint angles q (T, n) [rad]. The integration restarts at each edge of the
-    pressure (paper: ode15s).
+    |Returns times (T,) [s] and joint angles q (T, n) [rad]. The integration restarts at each edge (paper: ode15s).
     """
     n = len(actuator.l)
     edges = [0.0, start, start + duration, end]

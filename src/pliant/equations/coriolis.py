@@ -28,8 +28,9 @@ def coriolis_from_hessian(J, H, m, J_tip, H_tip, m_tip, dq, C):
 
 
 def inertia_derivative(J, H, m, tip, at):
-    """Return dM_ab/dq_r [kg m^2/rad] with at = (a, b, r); `tip` is (J_tip, H_tip, m_tip). See
-    `coriolis_from_hessian`.
+    """Return dM_ab/dq_r [kg m^2/rad] with at = (a, b, r) and `tip` = (J_tip, H_tip, m_tip).
+
+    The other arguments are those of `coriolis_from_hessian`.
     """
     a, b, r = at
     J_tip, H_tip, m_tip = tip

@@ -1,6 +1,4 @@
-"""Energies and power of the planar chain, in absolute angles. Simulations report them, and tests check their
-balance.
-"""
+"""Energies and power of the planar chain, in absolute angles; tests check their balance."""
 
 from __future__ import annotations
 

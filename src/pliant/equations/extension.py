@@ -40,8 +40,7 @@ def place(x, v, ahead, body, joints, work):
 
 
 def carried(body, work):
-    """Write b_k = sum_l B_kl a_l to `work.bx`, `work.by` (n + 1,), for the vectors a (`work.ax`, `work.ay`) of all
-    links.
+    """Write b_k = sum_l B_kl a_l (n + 1,) to `work.bx`, `work.by`, for vectors a in `work.ax`, `work.ay`.
 
     One sweep in each direction suffices, because B_kl = l_k h_l for k < l.
     """
@@ -71,9 +70,7 @@ def along_strain(s, body, work):
 
 
 def inertia(body, work, M):
-    """Write the lower triangle of M (n + S, n + S) [kg m^2], for the link directions and stretches which `place`
-    wrote.
-    """
+    """Write the lower triangle of M (n + S, n + S) [kg m^2], for the links as `place` wrote them to `work`."""
     n = len(body.l) - 1
     c = work.c
     s = work.s
@@ -147,8 +144,9 @@ def acceleration(x, v, torque, body, joints, work, a):
 
 
 def step(x, v, h, torque, body, joints, work):
-    """Advance x and v (n + S,) in place by h [s] under the mean actuation `torque` (n + S,) [N m], as `motion.step`
-    does.
+    """Advance x and v (n + S,) in place by h [s] under the mean actuation `torque` (n + S,) [N m].
+
+    The rule is that of `motion.step`.
 
     Springs, dampers and the slope of gravity are implicit, for the axial springs as for the joints. Terms quadratic in
     the rates are evaluated at the rates in mid-step by a second solve with the same factors. `work.a` keeps the change

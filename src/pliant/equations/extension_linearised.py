@@ -14,8 +14,7 @@ from pliant.numerics.ldl import ldl_solve
 
 
 def step_jacobian(x, v, h, torque, body, joints, work, J):
-    """Advance x and v (N,), N = n + S, in place by h [s] as `extension.step`, and write the Jacobian J (3N, 2N) of the
-    step.
+    """Advance x and v (N,), N = n + S, in place by h [s] as `extension.step`, and write its Jacobian J (3N, 2N).
 
     J[v, u] = d(x', v')_u / d(x, v, t)_v: one row for each variable. t (N,) [N m] are additional torques of the joints
     and strains, constant over the step.
@@ -119,8 +118,9 @@ def met(k, h, a, body, work):
 
 
 def own_directions(h, a, body, work, J, o):
-    """Add to J the change of the link's own directions n_k, e_k in the projection of b - h h_k g, and of gravity's
-    slope.
+    """Add to J the derivatives by each link's own directions n_k, e_k in the projection of b - h h_k g.
+
+    The derivative of gravity's slope is included.
 
     b is in `work.bx`, `work.by`. `o` is the first column of the solve at hand.
     """
@@ -144,9 +144,7 @@ def own_directions(h, a, body, work, J, o):
 
 
 def other_links(row, h, a, body, work):
-    """Write to `work.ax`, `work.ay` the derivative of the accelerations of `met` with respect to angle or strain
-    `row`.
-    """
+    """Write to `work.ax`, `work.ay` the derivative of the accelerations of `met` by angle or strain `row`."""
     n = len(body.l) - 1
     for k in range(n + 1):
         across = 0.0 * a[0]

@@ -55,8 +55,7 @@ def inertia_absolute(c, s, B, I, M):
 
 
 def to_joint_angles(X, Y):
-    """Transform a matrix X (n, n) from absolute to joint angles: Y = T^T X T, T the lower triangle of ones (suffix
-    sums).
+    """Transform a matrix X (n, n) from absolute to joint angles: Y = T^T X T, T the lower triangle of ones.
 
     This holds for M and for C, because phi = T q with a constant T.
     """

@@ -29,8 +29,9 @@ def lever(p, a, form):
 
 
 def secant(p0, p1, a, first):
-    """Return the secant slope of the polynomial with coefficients a[first:] between two pressures [Pa], which may be
-    equal.
+    """Return the secant slope of a polynomial with coefficients a[first:] between two pressures [Pa].
+
+    The pressures may be equal.
 
     (tau(p1) - tau(p0)) / (p1 - p0) = sum_k a_k (p0^{k-1} + p0^{k-2} p1 + ... + p1^{k-1})
     """

@@ -236,9 +236,7 @@ class Mechanics(ABC):
 
     @abstractmethod
     def link_frames(self, x: Array) -> Array:
-        """Return the axes of base and links as columns (..., n + 1, dimension, dimension), the link's direction
-        last.
-        """
+        """Return the axes of base and links as columns (..., n + 1, dimension, dimension), the last along the link."""
 
     @abstractmethod
     def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:

@@ -39,9 +39,7 @@ class Springs:
 
     @cached_property
     def hardening(self) -> Array:
-        """Coefficients (terms + 1, n, ...) of the nonlinear terms [N m/rad^2 ...] and bound R, as in
-        `symbols.Joints`.
-        """
+        """Coefficients (terms + 1, n, ...) of the nonlinear terms [N m/rad^2 ...] and bound R; see `symbols.Joints`."""
         with np.errstate(divide="ignore"):
             inverse = np.where(self.bound > 0, 1.0 / self.bound, 0.0)
         scale = (4.0 / 3.0 * self.terms[0] * inverse) ** 2

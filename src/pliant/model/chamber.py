@@ -169,9 +169,7 @@ class Chamber:
         return np.array([pressure, float(self.growth_at(pressure))])
 
     def torque_at(self, pressure: Any) -> Any:
-        """Return the static torque [N m] at gauge `pressure` [Pa] of any shape; infinite if the wall has no
-        equilibrium.
-        """
+        """Return the static torque [N m] at gauge `pressure` [Pa] of any shape; infinite without equilibrium."""
         torque = self.lever_at(pressure) * np.asarray(pressure, dtype=float)
         return torque * chamber.lever_growth(self.growth_at(pressure)) if self.inflation_limit else torque
 
@@ -208,9 +206,7 @@ class Chamber:
         return float(self.law_slope(float(pressure)))
 
     def law_slope(self, pressure: Any) -> Any:
-        """Return the slope [N m/Pa] of the law alone at a pressure [Pa] of any shape, for a constant lagged
-        pressure.
-        """
+        """Return the slope [N m/Pa] of the law at a pressure [Pa] of any shape, for a constant lagged pressure."""
         p, form = np.asarray(pressure, dtype=float), laws.NUMBERS[self.law]
         rise = laws.lever_secant(p, p, self.torque, form)
         return self.lever_at(p) + p * (1.0 - self.swell_share) * rise

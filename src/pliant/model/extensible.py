@@ -66,9 +66,7 @@ def least_inertia(B: Array, share: Array) -> float:
 
 
 def check_extensions(model: ModelParameters) -> None:
-    """Raise InputError when segments overlap, share a name or a mass, contain no link, or do not fit a chamber's
-    gains.
-    """
+    """Raise InputError when segments overlap, share a name or a mass, contain no link, or do not fit a chamber."""
     if not (names := [e.name for e in model.extensions]):
         return
     if len(set(names)) < len(names):

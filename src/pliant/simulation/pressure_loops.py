@@ -151,8 +151,7 @@ def second_order_valve(h, omega, zeta, before, p):
 
 
 def settle(h, share, time, before, p):
-    """Delay a fraction `share` of the pressures p (m, 4) [Pa] by a first-order lag with the constant `time` [s], in
-    place.
+    """Delay a fraction `share` of the pressures p (m, 4) [Pa] in place, by a lag with the time constant `time` [s].
 
     The columns are the values at the start, middle and end of each interval, and the mean. The lag starts in
     equilibrium at `before`. The result is exact for a pressure that is linear in each interval.

@@ -129,9 +129,7 @@ class Place(NamedTuple):
 
 
 class StateLayout(NamedTuple):
-    """Indices of the solver's states; a feature which the model lacks has none, so that it does not affect the
-    steps.
-    """
+    """Indices of the solver's states; a feature which the model lacks has no state."""
 
     phi: slice
     w: slice
