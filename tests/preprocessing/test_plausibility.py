@@ -239,9 +239,9 @@ def test_scale_and_offset_of_any_channel(tmp_path):
 
 
 @pytest.mark.parametrize(("lines", "told"), [
-    ({"chamber_9": 2.0}, "names 'chamber_9', which is no channel"),
-    ({"pressure": {"offset": 3.0}}, "the unit of its offset"),
-    ({"pressure": 0.0}, "scales by 0"), ({"pressure": {"gain": 2}}, "unknown key 'gain'"), (3, "table by channel"),
+    ({"chamber_9": 2.0}, "names 'chamber_9', but the recording has no such channel"),
+    ({"pressure": {"offset": 3.0}}, "an offset without a unit"),
+    ({"pressure": 0.0}, "has scale = 0"), ({"pressure": {"gain": 2}}, "unknown key 'gain'"), (3, "table by channel"),
 ])  # fmt: skip
 def test_lines_that_do_not_fit(tmp_path, lines, told):
     with pytest.raises(InputError, match=told):

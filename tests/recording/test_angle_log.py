@@ -47,15 +47,15 @@ def test_the_header_may_state_units_and_several_angles(tmp_path):
 
 def test_times_that_are_no_seconds_are_not_taken_for_seconds(tmp_path):
     text = "time;angle_deg\n0;1\n50;2\n100;3\n"
-    with pytest.raises(InputError, match="in steps of 50, too long for seconds: state time_unit"):
+    with pytest.raises(InputError, match="are 50 apart, too long for seconds: set time_unit"):
         read(log_file(tmp_path, text))
     assert read(log_file(tmp_path, text), mapping={"time_unit": "ms"})["time"].values.tolist() == [0, 0.05, 0.1]
 
 
 def test_units_that_nobody_states_are_asked_for(tmp_path):
-    with pytest.raises(InputError, match="unit of angle: state angle_unit"):
+    with pytest.raises(InputError, match="unit of angle: set angle_unit"):
         read(log_file(tmp_path))
-    with pytest.raises(InputError, match="unit of pressure: state pressure_unit"):
+    with pytest.raises(InputError, match="unit of pressure: set pressure_unit"):
         read(log_file(tmp_path), mapping={"angle_unit": "deg"})
     with pytest.raises(InputError, match="several units of angle"):
         read(log_file(tmp_path, "t,angle_deg\n0,1\n1,2\n", "b.csv"), mapping={"angle_unit": "rad"})
