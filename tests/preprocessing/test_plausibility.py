@@ -152,7 +152,7 @@ def test_two_recordings_that_contradict_each_other_are_named():
     assert said.startswith("low and again hold the same numbers in 200 frames")
     (said,) = beside({"low": trial(4e4, reach=1.3), "high": trial(6e4, seed=3)})
     assert said.startswith("high moves by ")
-    assert "under only 40.1 kPa: are their pressures exchanged, or was high loaded or touched?" in said
+    assert "under only 40.1 kPa: are their pressure logs exchanged, or was the body in high loaded or touched?" in said
     short = np.where((TIME > 0.95) & (TIME < 1.05), 9e4, 0.0)  # a blow that the body cannot follow
     assert beside({"low": low, "blow": recording(trial(9e4, reach=0.2, seed=4)["position"].values, short)}) == []
 

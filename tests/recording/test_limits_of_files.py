@@ -52,7 +52,8 @@ def test_what_is_no_number_is_a_name(tmp_path, name):
 
 def test_repeated_columns_are_refused_in_one_sentence(tmp_path):
     path = put(tmp_path, "t," + ",".join(f"a{k // 2}" for k in range(MANY)) + "\n1\n")
-    with pytest.raises(InputError, match=r"repeated column names: a0, a1, a10, a100, a1000 and 29995 more: rename"):
+    with pytest.raises(InputError, match=r"repeated column names: a0, a1, a10, a100, a1000 and 29995 more: "
+                                         r"rename them$"):
         read(path)
 
 
@@ -96,7 +97,8 @@ def test_an_npz_takes_no_more_memory_than_its_size_allows(tmp_path):
     path = npz(tmp_path, time=npy((3,)) + bytes(24), other=npy((12_000_000,)) + bytes(96_000_000))
     tracemalloc.start()
     try:
-        with pytest.raises(InputError, match=r"has \d+ bytes, but states 96000280 bytes of content, more than"):
+        with pytest.raises(InputError, match=r"has \d+ bytes, but states 96000280 bytes of content, more than "
+                                             r"the \d+ accepted"):  # fmt: skip
             read(path)
         assert tracemalloc.get_traced_memory()[1] < 5e6
     finally:

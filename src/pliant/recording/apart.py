@@ -1,4 +1,4 @@
-"""Read files in a helper process with limits on time and memory, for formats whose libraries may crash.
+"""Read files in a separate process with limits on time and memory, for formats whose libraries may crash.
 
 HDF5, MATLAB and C3D files hold addresses and lengths that their libraries follow: one wrong byte may lead to invalid
 memory access or an endless loop. In the helper process this ends the helper alone, and becomes one error message.
@@ -35,7 +35,7 @@ ENVIRONMENT = {  # one thread; no lock files; no library that a filter's number 
 
 
 def read_apart(kind: str, path: Path, what: str) -> Content:
-    """Read the arrays of a file in a helper process.
+    """Read the arrays of a file in a separate process.
 
     Parameters
     ----------

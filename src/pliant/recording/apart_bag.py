@@ -1,4 +1,4 @@
-"""Read poses, points and pressures of a ROS 2 bag (.mcap, .db3) by rosbags, in the helper process.
+"""Read poses, points and pressures of a ROS 2 bag (.mcap, .db3) by rosbags, in a separate process.
 
 Messages are decoded by the definitions in rosbags. The definitions in the bag are only compared with those, because
 rosbags would generate and run Python code from them. A bag whose definition of a known message differs is refused.

@@ -1,4 +1,4 @@
-"""Read a C3D file by ezc3d, in the helper process."""
+"""Read a C3D file by ezc3d, in a separate process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a classic netCDF file (version 3) by SciPy, in the helper process."""
+"""Read a classic netCDF file (version 3) by SciPy, in a separate process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read any HDF5 file (netCDF 4, MATLAB 7.3, SLEAP, DeepLabCut) as plain arrays in the helper process.
+"""Read any HDF5 file (netCDF 4, MATLAB 7.3, SLEAP, DeepLabCut) as plain arrays in a separate process.
 
 Nothing outside the file is opened: links to other files, data stored in other files and virtual data sets are refused.
 The stated size of a data set is compared with the stored bytes before memory is allocated.

@@ -1,4 +1,4 @@
-"""Read a MATLAB file of version 5 to 7 by SciPy, in the helper process."""
+"""Read a MATLAB file of version 5 to 7 by SciPy, in a separate process."""
 
 from __future__ import annotations
 

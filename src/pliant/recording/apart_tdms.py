@@ -1,4 +1,4 @@
-"""Read a LabVIEW TDMS file by nptdms, in the helper process."""
+"""Read a LabVIEW TDMS file by nptdms, in a separate process."""
 
 from __future__ import annotations
 

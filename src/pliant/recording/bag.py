@@ -1,4 +1,4 @@
-"""Reader of ROS 2 bags and MCAP files (.mcap, .db3), by rosbags (extra ``ros``) in a helper process.
+"""Reader of ROS 2 bags and MCAP files (.mcap, .db3), by rosbags (extra ``ros``) in a separate process.
 
 Poses and points become stations, pressures become the pressure of chambers. Times are those of the message headers, or
 the times of reception where a message has no header. Known types: PoseStamped, PoseArray, PointStamped, PointCloud,

@@ -1,6 +1,6 @@
 """Reader of C3D motion-capture files: markers become stations, in metres; invalid points become NaN.
 
-ezc3d reads the file in the helper process; `pliant.recording.c3d_facts` compares what the file states twice.
+ezc3d reads the file in a separate process; `pliant.recording.c3d_facts` compares what the file states twice.
 """
 
 from __future__ import annotations

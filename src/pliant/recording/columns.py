@@ -156,8 +156,7 @@ def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple
         if not keep.any():
             found = ", ".join(f"{v:g}" for v in np.unique(values[np.isfinite(values)])[:20])
             raise InputError(f"no row of {file} has {options.select.value:g} in column {options.select.column!r}: "
-                             "correct "
-                             f"select in the mapping; the column holds {found}")  # fmt: skip
+                             f"correct select in the mapping; the column holds {found}")  # fmt: skip
         history.append(f"kept {int(keep.sum())} of {len(table)} rows: {options.select.column} = "
                        f"{options.select.value:g}")  # fmt: skip
         table = table[keep]

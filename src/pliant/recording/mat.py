@@ -1,4 +1,4 @@
-"""Reader of MATLAB .mat files in a helper process: versions 5 to 7 by SciPy, version 7.3 by HDF5."""
+"""Reader of MATLAB .mat files in a separate process: versions 5 to 7 by SciPy, version 7.3 by HDF5."""
 
 from __future__ import annotations
 

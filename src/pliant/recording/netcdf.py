@@ -1,7 +1,7 @@
 """Read and write recordings as netCDF: HDF5 (netCDF 4) is read and written, classic netCDF is only read.
 
 A file that pliant writes ends in a checksum of its bytes. The checksum detects damage and proves no origin, so every
-file is read in the helper process.
+file is read in a separate process.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
 def read_groups(path: Path) -> dict[str, xr.Dataset]:
     """Return the groups of a netCDF file by path (the root is ``/``), in memory, with times as numbers.
 
-    The file is opened in the helper process, as it may come from an untrusted source.
+    The file is opened in a separate process, as it may come from an untrusted source.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def read_groups(path: Path) -> dict[str, xr.Dataset]:
 
 
 def _decoded(kind: str, path: Path) -> dict[str, xr.Dataset]:
-    """Return the groups of a file by path, read through the helper process, with the variables decoded."""
+    """Return the groups of a file by path, read through a separate process, with the variables decoded."""
     arrays, facts = read_apart(kind, path, "netCDF")
     import xarray as xr  # not before: it is imported while the helper reads
 

@@ -94,8 +94,7 @@ def together(
     clock = np.unique(np.concatenate([np.round(t, 9) for t, _ in tracks.values()]))
     if clock.size * len(tracks) > SPARSEST * samples:
         raise InputError(f"the {len(tracks)} tracks of {path.name} have hardly any times in common: {samples} "
-                         "samples at "
-                         f"{clock.size} times; export all tracks from the same video")  # fmt: skip
+                         f"samples at {clock.size} times; export all tracks from the same video")  # fmt: skip
     points = np.full((clock.size, len(tracks), 2), np.nan)
     for k, (t, place) in enumerate(tracks.values()):
         points[np.searchsorted(clock, np.round(t, 9)), k] = place

@@ -103,8 +103,7 @@ def _check_attributes(recording: xr.Dataset) -> None:
     version = recording.attrs.get("schema_version")
     if not isinstance(version, (int, np.integer)) or not 1 <= int(version) <= SCHEMA_VERSION:
         raise InputError(f"schema_version of a recording must be 1 to {SCHEMA_VERSION}, not {version!r}: a newer "
-                         "version "
-                         "needs a newer pliant")  # fmt: skip
+                         "version needs a newer pliant")  # fmt: skip
     if recording.attrs.get("frame") not in FRAMES:
         raise InputError(f"frame of a recording must be one of {', '.join(FRAMES)}, not "
                          f"{recording.attrs.get('frame')!r}")

@@ -1,4 +1,4 @@
-"""Reader of LabVIEW TDMS files (.tdms), by nptdms (extra ``tdms``) in a helper process.
+"""Reader of LabVIEW TDMS files (.tdms), by nptdms (extra ``tdms``) in a separate process.
 
 Times come from the waveform properties of a channel (``wf_start_offset``, ``wf_increment``), or from a time channel,
 such as ``Time``.

@@ -221,8 +221,7 @@ def _station_labels(columns: dict[str, NDArray]) -> list[str]:
         if numbers[after] > numbers[before] + 1:
             missing = f"x_{numbers[before] + 1:0{len(labels[0])}d}"
             raise InputError(f"station columns are not numbered consecutively: x_{after} follows x_{before}, and "
-                             "column "
-                             f"{missing} is missing")  # fmt: skip
+                             f"column {missing} is missing")  # fmt: skip
     return labels
 
 
