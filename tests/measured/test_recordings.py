@@ -129,7 +129,7 @@ def test_trials_of_one_table_are_selected_and_judged(shared_data):
         frames += ds.sizes["time"]
         assert max(quality(ds).travel_m.values()) > 0.1  # in this table every trial moves
     assert frames == 5689
-    with pytest.raises(InputError, match="it holds 0, 1, 2"):
+    with pytest.raises(InputError, match="the column holds 0, 1, 2"):
         read(path, mapping=trunk(99))
 
 

@@ -164,7 +164,7 @@ def test_facts_of_places_seen_in_part():
     assert np.isnan(quality(make_recording(time, place[..., :2], frame="planar")).out_of_plane_share)
     text = found.summary()
     assert text.startswith("50 frames of 2 station(s), 0.98 s at 50 Hz\n")
-    assert "largest travel from the median" in text
+    assert "largest displacement from the median" in text
     assert "% of the motion" in text
     turned = quality(make_recording(time, angle=np.where(time < 0.7, 0.1, 0.4)[:, None], frame="planar"))
     assert turned.travel_deg == {"s000": pytest.approx(np.degrees(0.3))}
@@ -199,11 +199,11 @@ def test_a_summary_tells_shapes_logs_and_inputs_apart():
                     pressure_rate_hz=4.0, out_of_plane_share=0.125)  # fmt: skip
     assert shape.summary().split("\n") == [
         "4 frames of 2 station(s), 3.00 s at 1 Hz", "pressure with its own times: 7 samples, 1.50 s at 4 Hz",
-        "largest travel from the median 2 mm, noise 0.03 mm (median station)",
+        "largest displacement from the median 2 mm, noise 0.03 mm (median station)",
         "out of the plane of bending: 12 % of the motion", "no faults were found",
     ]  # fmt: skip
     assert Quality(frames=4, travel_deg={"a": 7.0}).summary().split("\n")[:2] == [
-        "4 frames of strain", "largest turn from the median 7 degrees"]  # fmt: skip
+        "4 frames of strain", "largest rotation from the median 7 degrees"]  # fmt: skip
     assert Quality(frames=4, findings=("x", "y")).summary().endswith("! x\n! y")
 
 

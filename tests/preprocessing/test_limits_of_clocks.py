@@ -342,7 +342,7 @@ def test_a_summary_says_what_is_in_a_recording():
     )
     assert q.summary().splitlines() == [
         "100 frames of 3 station(s), 2.00 s at 50 Hz",
-        "largest travel from the median 30.5 mm, noise 0.02 mm (median station)",
+        "largest displacement from the median 30.5 mm, noise 0.02 mm (median station)",
         "out of the plane of bending: 1.2 % of the motion",
         "pressure p: 0 to 45.7 kPa",
         "input t: 1 to 2.5 N",
@@ -358,7 +358,7 @@ def test_a_summary_says_what_is_in_a_recording():
     assert both.summary().splitlines()[1] == "pressure with its own times: 7 samples, 3.00 s at 10 Hz"
     assert Quality(input_range={"t": (0, 1, "N")}).summary().splitlines()[0] == "log of 1 inputs, without a shape"
     turns = Quality(**values, travel_deg={"a": 12.0}, noise_deg={"a": 0.5})
-    assert "largest turn from the median 12 degrees, noise 0.5 degrees (median station)" in turns.summary()
+    assert "largest rotation from the median 12 degrees, noise 0.5 degrees (median station)" in turns.summary()
     assert log.card().title == lines[0]
 
 

@@ -227,7 +227,7 @@ def test_scale_and_offset_of_any_channel(tmp_path):
     ds = read(file, mapping={"linear": {"pressure": line}})
     np.testing.assert_allclose(ds["pressure"].values, pressure(), atol=70.0)
     assert quality(ds).doubts == {}
-    assert "pressure is 0.0666667 times what the file holds, plus -13.6 kPa" in ds.attrs["history"]
+    assert "pressure is 0.0666667 times the stored value, plus -13.6 kPa" in ds.attrs["history"]
     table = tmp_path / "table.txt"
     np.savetxt(table, np.column_stack([TIME, pressure() / 1e3, 2 * pressure() / 1e3, 100 + TIME]), delimiter=",")
     mapping = {"time": 0, "pressure": {"columns": [1, 2], "unit": "kPa", "chamber": ["left", "right"]}}

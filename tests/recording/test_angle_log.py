@@ -42,7 +42,7 @@ def test_the_header_may_state_units_and_several_angles(tmp_path):
     np.testing.assert_allclose(np.rad2deg(ds["angle"].values[:, 0]), [359.0, 359.5, 360.5])  # the whole turn is undone
     np.testing.assert_allclose(ds["time"].values, [0, 0.05, 0.1])
     np.testing.assert_allclose(ds["pressure"].values[1], 6894.757)
-    assert "1 jump(s) of an angle by a whole turn" in ds.attrs["history"]
+    assert "1 jump(s) of an angle by a full turn" in ds.attrs["history"]
 
 
 def test_times_that_are_no_seconds_are_not_taken_for_seconds(tmp_path):

@@ -74,7 +74,7 @@ def test_metadata_stand_in_a_comment_or_beside_the_file(tmp_path):
 def test_a_misspelt_entry_of_the_metadata_is_named(tmp_path, name):
     ds = read(put(tmp_path, "# " + json.dumps({name: [0, 1], "operator": "anyone"}) + "\n" + SIMPLE))
     said = [line for line in ds.attrs["history"].split("\n") if "metadata entry" in line]
-    assert said == [f"the metadata entry {name!r} is not known and was not used: is it 'arc_length'?"]
+    assert said == [f"the metadata entry {name!r} is unknown and was not used: did you mean 'arc_length'?"]
 
 
 def test_empty_cells_are_drop_outs(tmp_path):

@@ -113,8 +113,7 @@ def align(
     """
     check_recording(recording)
     if "position" not in recording or recording.attrs["frame"] == "spatial":
-        raise InputError("align needs positions in the tracker's frame, but this recording is aligned already "
-                         "(frame spatial) or has none")
+        raise InputError("align needs positions, but this recording has none or is aligned already (frame spatial)")
     if recording.attrs["frame"] == "planar":
         return half_turn(recording) if bend is not None and planar_side(recording) == -_wanted_sign(bend) else recording
     recording = _without_jumps(recording, undo=undo_jumps)

@@ -206,7 +206,7 @@ def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray
 
 
 def still_noise(position: NDArray) -> float:
-    """Return the noise [m] of the median station; 0 where it is unknown."""
+    """Return the noise [m] of the station with median noise; 0 where it is unknown."""
     noise = detectors.by_blocks(detectors.noise_level, position)
     noise = noise[np.isfinite(noise)]
     return float(np.median(noise)) if noise.size else 0.0

@@ -43,7 +43,7 @@ def fit_curvature(
     terms: int | None = None,
     smoothing: float | None = None,
 ) -> CurvatureFit:
-    """Fit kappa(s) = sum_j c_j P_j with a start point and a start angle to the points of every frame.
+    """Fit planar curvature kappa(s) = sum_j c_j P_j, a start point and a start angle to the points of each frame.
 
     Minimises sum_k |p(s_k) - p_k|^2 + smoothing * int kappa''^2 ds with
     p(s) = p_0 + int (-sin phi, cos phi) ds,  phi(s) = phi_0 + int kappa ds.

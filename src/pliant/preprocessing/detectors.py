@@ -218,7 +218,7 @@ def out_of_plane_share(position: NDArray) -> float:
 
 
 def fault_floor(noise: NDArray, travel: NDArray) -> NDArray:
-    """Return the least size (S,) [m] of a fault, from `noise_level` and `travel`."""
+    """Return the smallest displacement (S,) [m] that counts as a fault, from noise and peak displacement."""
     return SPIKE_RATIO * np.nan_to_num(noise) + FLOOR_SHARE * np.nan_to_num(travel)
 
 

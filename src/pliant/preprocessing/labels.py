@@ -20,7 +20,9 @@ LONGEST_GAP_S = 0.2  # s between two measured samples that are compared
 
 
 def label_order(position: NDArray, time: NDArray) -> NDArray[np.intp]:
-    """Return the label (T, S) that each station carries in each frame; 0, 1, ... where none are exchanged.
+    """Return the index (T, S) of the label under which each station appears in each frame.
+
+    The index is 0, 1, ... where no labels are exchanged.
 
     Frames in which a station leaps are examined. Where points continue under the labels of other points, those have
     exchanged labels. The order that most frames have is taken as right.

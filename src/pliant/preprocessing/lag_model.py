@@ -168,7 +168,7 @@ class LagFrame:
         return np.asarray(self.y - basis @ np.linalg.lstsq(basis, self.y, rcond=1e-10)[0])
 
     def response(self, x: NDArray) -> NDArray:
-        """Return the basis (K, columns) of second-order responses, their slow parts and a constant."""
+        """Return the least-squares columns (K, columns): second-order responses, their slow parts and a constant."""
         from scipy.signal import lfilter, lfilter_zi
 
         numerator, denominator = second_order(np.exp(x[1]), np.exp(x[2]), self.step)

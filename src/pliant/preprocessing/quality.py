@@ -141,8 +141,8 @@ class Quality(Shown):
         if self.frames and self.pressure_samples:
             clock = spanned(self.pressure_duration_s, self.pressure_rate_hz)
             lines.append(f"pressure with its own times: {self.pressure_samples} samples{clock}")
-        for travel, noises, unit, factor, what in ((self.travel_m, self.noise_m, "mm", 1e3, "travel"),
-                                                   (self.travel_deg, self.noise_deg, "degrees", 1.0, "turn")):
+        for travel, noises, unit, factor, what in ((self.travel_m, self.noise_m, "mm", 1e3, "displacement"),
+                                                   (self.travel_deg, self.noise_deg, "degrees", 1.0, "rotation")):
             seen = [v for v in travel.values() if np.isfinite(v)]
             noise = [v for v in noises.values() if np.isfinite(v)]
             if seen:

@@ -64,7 +64,7 @@ def drop_repeated_frames(recording: xr.Dataset) -> xr.Dataset:
         raise InputError("drop_repeated_frames needs a recording with positions")
     quaternion = recording["quaternion"].values if "quaternion" in recording else None
     repeated = detectors.repeated_frames(recording["position"].values, quaternion)
-    line = f"left out {int(repeated.sum())} of {len(repeated)} frames that repeat the one before"
+    line = f"left out {int(repeated.sum())} of {len(repeated)} frames that repeat the previous frame"
     return append_history(recording.isel(time=np.flatnonzero(~repeated)), line)
 
 

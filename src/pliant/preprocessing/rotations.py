@@ -41,7 +41,7 @@ def from_matrix(matrix: NDArray) -> NDArray:
 
 
 def continuous(quaternion: NDArray) -> tuple[NDArray, int]:
-    """Return quaternions (T, S, 4) without sign changes along time, and the number of frames that changed sign."""
+    """Return quaternions (T, S, 4) without sign changes along time, and the number of frames whose sign was changed."""
     result = quaternion.copy()
     turned = 0
     for s in range(result.shape[1]):

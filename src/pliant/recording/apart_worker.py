@@ -32,7 +32,7 @@ UNKNOWN_BASE = 2**31  # address space of the process before it reads, where the 
 
 
 class Refused(ValueError):
-    """Error for a file that may be intact but holds what pliant does not read; the message follows the file name."""
+    """Error for a file that may be intact but has content that pliant does not read; its text follows the file name."""
 
 
 def content_bound(size: int) -> int:
@@ -125,13 +125,13 @@ def read_answer(answer: bytes) -> Content | dict[str, Any]:
 
 
 def reason_of(error: BaseException) -> dict[str, Any]:
-    """Return the header of an answer without arrays: one line that says what went wrong."""
+    """Return the JSON header that reports a failed read: one line with the reason."""
     lines = str(error).split("\n")
     return {"reason": (lines[0] or type(error).__name__)[:200], "refused": isinstance(error, Refused)}
 
 
 def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) -> None:
-    """Limit this process, read the file and write the answer or the reason of the failure to `out`."""
+    """Limit this process, read the file, and write its arrays or the reason of a failure to `out`."""
     read = import_module(READ[kind]).read
     limit(seconds, memory)
     try:
@@ -144,7 +144,7 @@ def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) ->
 
 
 def main() -> None:
-    """Run the helper process with the arguments kind, path, seconds and bytes of memory; write one answer to stdout."""
+    """Run the helper process: arguments kind, path, seconds and bytes of memory; the result is written to stdout."""
     kind, path, seconds, memory = sys.argv[1:5]
     answer = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # a library that prints must not mix with the answer

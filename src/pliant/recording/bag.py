@@ -164,7 +164,7 @@ def pressures_of(
 
 
 def recognises(head: bytes) -> bool:
-    """Whether the file is an MCAP file or an SQLite database, as bags are."""
+    """Return whether `head` begins like an MCAP file or an SQLite database, as ROS 2 bags do."""
     return head.startswith((b"\x89MCAP0\r\n", b"SQLite format 3\0"))
 
 

@@ -150,7 +150,7 @@ def judge_layout(data: bytes, header: C3dHeader, frames: int) -> tuple[list[str]
         rest = len(data) - needed
         said.append(f"{rest} bytes follow the last frame, and they do not fill a block: bytes were lost or doubled")
     elif data[filled:].strip(b"\0"):
-        said.append(f"{len(data) - needed} bytes follow the last frame that is announced")
+        said.append(f"{len(data) - needed} bytes follow the last frame that the header states")
     elif data[needed:filled].strip(b"\0"):
         remarks.append("the block of the last frame is not filled up with zeros: bytes may be shifted")
     return said, remarks

@@ -223,7 +223,7 @@ def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
         steady = np.unwrap(read)
         jumps += int((np.abs(np.diff(steady) - np.diff(angle[seen[:, s], s])) > 1.0).sum())
         result[seen[:, s], s] = steady
-    return result, [f"{jumps} jump(s) of an angle by a whole turn are undone"] if jumps else []
+    return result, [f"{jumps} jump(s) of an angle by a full turn were removed"] if jumps else []
 
 
 def _layout(options: ColumnMapping, header: ColumnHeader) -> dict[str, StationColumns]:

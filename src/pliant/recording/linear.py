@@ -61,7 +61,7 @@ def scaled(recording: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dat
         added = line.offset * factor(variable, line, str(name), file)
         values = recording[variable].copy(deep=True)
         values[where] = line.scale * values[where] + added
-        finding = f"{name} is {line.scale:g} times what the file holds, plus {line.offset:g} {line.unit or ''}".rstrip()
+        finding = f"{name} is {line.scale:g} times the stored value, plus {line.offset:g} {line.unit or ''}".rstrip()
         history = "\n".join(filter(None, [str(recording.attrs.get("history", "")), finding]))
         recording = recording.assign({variable: values}).assign_attrs(history=history)
     return recording

@@ -74,7 +74,7 @@ def _table(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str
     columns = _columns(order, len(levels))
     place = {name: k for k, name in enumerate(names)}
     if set(place) != set(columns) or not len(names) == len(place) == len(columns):
-        raise ValueError("the names of its columns differ between its two lists, or repeat")
+        raise ValueError("its column names differ between its two lists, or repeat")
     values = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
     return StoredFrame(levels, columns, _numbers(arrays[f"{at}/table:index"]), values[:, [place[c] for c in columns]])
 
@@ -114,9 +114,9 @@ def _axis(
 
 def _columns(value: Any, levels: int) -> list[tuple[str, ...]]:
     if not isinstance(value, list) or len(value) > LARGEST_TABLE:
-        raise TypeError("the names of its columns are no list, or more than any tracker has")
+        raise TypeError("its column names are not a list, or are more than any tracker writes")
     if not all(isinstance(c, tuple) and len(c) == levels and all(isinstance(n, (str, int)) for n in c) for c in value):
-        raise TypeError(f"the name of a column is not made of {levels} texts")
+        raise TypeError(f"a column name does not consist of {levels} texts")
     return [tuple(map(str, column)) for column in value]
 
 
@@ -150,7 +150,7 @@ def plain_value(text: str) -> Any:
             end = text.find("\n", at)
             line, at = text[at : end if end >= 0 else len(text)], (end if end >= 0 else len(text)) + 1
         _step(code, line, stack, known)
-    raise ValueError("a list of names is cut")
+    raise ValueError("a list of names is truncated")
 
 
 def _only(stack: Sequence[Any]) -> Any:

@@ -143,7 +143,7 @@ def _misspelt(metadata: dict[str, Any]) -> list[str]:
     """Return sentences about unknown metadata entries whose names resemble those of known entries."""
     near = {name: get_close_matches(name[:80].lower().replace("-", "_"), KNOWN_METADATA, 1, 0.8)
             for name in metadata if name not in KNOWN_METADATA}
-    return [f"the metadata entry {shown(name)} is not known and was not used: is it {match[0]!r}?"
+    return [f"the metadata entry {shown(name)} is unknown and was not used: did you mean {match[0]!r}?"
             for name, match in near.items() if match]
 
 

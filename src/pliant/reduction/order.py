@@ -33,7 +33,7 @@ def select_order(
     metric: str = "arc",
     nodes: str = "auto",
 ) -> OrderResult:
-    """Compute the error of the reconstructed shape for 2 to `max_order` segments, and the lowest order in a bound.
+    """Compute the error of the reconstructed shape for 2 to `max_order` segments, and choose the lowest within `bound`.
 
     In every frame a cubic spline through the n + 1 joints, base and tip included, is compared with the measured body at
     all its stations. Bodies may be planar or three-dimensional.

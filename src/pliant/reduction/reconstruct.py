@@ -70,7 +70,7 @@ def spline_shape(
 
 
 def curvature_profile(turns: ArrayLike, node_arc_length: ArrayLike, arc_length: ArrayLike) -> NDArray[np.float64]:
-    """Return the continuous, piecewise linear curvature (T, P) [1/m] for turns (T, n) = q + theta_0.
+    """Return the continuous, piecewise linear curvature (T, P) [1/m] of a chain with turns (T, n) = q + theta_0 [rad].
 
     The tangent angle phi(s) is the quadratic spline whose mean over segment i is the chord angle
     alpha_i = sum_{k<=i} turns_k, with phi(0) = 0: the derivative of the clamped cubic spline through
