@@ -102,7 +102,7 @@ def test_a_labview_log_in_an_unknown_unit_ends_in_a_sentence_with_the_remedy(tmp
     pair = {"file": "high.csv", "pressure_file": "high_log.lvm", "clock": "same"}
     content = changed("recordings", value=dict.fromkeys(LEVELS_KPA, pair))
     study = load_study(write_study(tmp_path, content, recordings=False))
-    with pytest.raises(InputError, match="no channel whose unit is one of pressure: name"):
+    with pytest.raises(InputError, match="no channel with a unit of pressure: name"):
         run_study(study)
 
 
