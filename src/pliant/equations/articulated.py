@@ -1,4 +1,5 @@
-"""The implicit step of `motion.step` for long chains, at a cost which grows linearly with the number of links.
+"""Implicit time step of a planar chain of links at a cost that grows linearly with the number of links, for long
+chains.
 
 The results equal those of `motion.step`. In absolute angles the inertia is h_k l_j cos(phi_k - phi_j) below its
 diagonal. The equations of a step are therefore the minimum of a sum over links, in which link k depends on the other
@@ -20,7 +21,8 @@ LEAST_LINKS = 4
 
 
 def step_articulated(phi, w, h, torque, body, joints, work):
-    """Advance phi [rad] and w [rad/s] (n,) in place by h [s], as `motion.step` does, in O(n) operations.
+    """Advance link angles phi (n,) [rad] and rates w (n,) [rad/s] in place by one step h [s], in O(n) operations. The
+    result equals that of `motion.step`.
 
     `torque` (n,) [N m] is the mean actuation torque of each joint over the step. Chains of fewer than 4 links are
     passed to `motion.step`, because the rows of `work.A` and `work.S`, which hold the intermediate results, are too
@@ -36,7 +38,10 @@ def step_articulated(phi, w, h, torque, body, joints, work):
 
 
 def folded_step(phi, w, h, torque, body, joints, work):
-    """Advance phi [rad] and w [rad/s] (n,) in place by h [s]: `step_articulated` for at least 4 links."""
+    """Advance link angles phi (n,) [rad] and rates w (n,) [rad/s] in place by h [s] in O(n) operations, for n >= 4.
+
+    This is `step_articulated` without the check of the number of links.
+    """
     n = len(phi)
     half = 0.5 * h
     quarter = half * half
@@ -76,7 +81,10 @@ def folded_step(phi, w, h, torque, body, joints, work):
 
 
 def fold(c, s, first_moment, length, diagonal, armature, F):
-    """Eliminate the links from the tip to the base, and write R_x, R_y and 1/d of each link to rows 0, 1, 2 of F.
+    """First sweep of the O(n) step: eliminate the n links from tip to base, and write three coefficients of each to
+    F[:3].
+
+    Rows 0, 1 and 2 of F receive R_x, R_y and 1/d of each link.
 
     These three rows describe how each link responds to the links before it; `unfold` uses them.
 
@@ -113,7 +121,9 @@ def fold(c, s, first_moment, length, diagonal, armature, F):
 
 
 def unfold(c, s, length, armature, F, G, a):
-    """Solve for the changes a (n,) of the rates with the rows F of `fold`: a holds the right-hand side on entry.
+    """Second sweep of the O(n) step: replace the right-hand side a (n,) by the changes of the link rates [rad/s].
+
+    F holds the coefficients written by `fold`.
 
     G (n + 1,) is scratch.
     """
@@ -140,7 +150,10 @@ def unfold(c, s, length, armature, F, G, a):
 
 
 def centrifugal_sums(c, s, first_moment, length, square, r, a):
-    """Write a_k = r_k - sum_j B_kj sin(phi_k - phi_j) square_j to a (n,), with two running sums.
+    """Subtract the centrifugal terms of the planar chain from r (n,), and write the difference to a (n,), in O(n).
+
+    a_k = r_k - sum_j B_kj sin(phi_k - phi_j) square_j, with c = cos(phi), s = sin(phi) and `square` h times the squared
+    rates.
 
     The result is that of `motion.centrifugal`, which uses two nested loops.
     """

@@ -1,4 +1,6 @@
-"""Positions and directions of the links: Eqs. (1)-(3). Joint i moves link i; the origin {O_i} is the TIP of link i."""
+"""Positions and directions of the links of a planar chain: Eqs. (1)-(3). Joint i moves link i, and frame i has its
+origin at the tip of link i.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,8 @@ import numpy as np
 
 
 def link_transform(q, theta0, l, R, p):
-    """Compute the rotation R (2, 2) and the tip position p (2,) [m] of one link, in the frame of the link before it.
+    """Write the rotation R (2, 2) and the tip position p (2,) [m] of one link, in the frame of the previous link, for
+    the joint angle q [rad].
 
     T_i = R_z(q_i + theta_i0) P_y(l_i),  p_i = R_i (0, l_i)
 
@@ -23,7 +26,8 @@ def link_transform(q, theta0, l, R, p):
 
 
 def forward(q, theta0, l, R_rel, p_rel, R_abs, p_abs):
-    """Compute the rotations R_abs (n, 2, 2) and tip positions p_abs (n, 2) [m] of all links in the base frame.
+    """Write the rotations R_abs (n, 2, 2) and tip positions p_abs (n, 2) [m] of all n links in the base frame, from the
+    joint angles q (n,) [rad].
 
     R_rel (n, 2, 2) and p_rel (n, 2) receive the same of each link in the frame of the link before it.
 
@@ -42,7 +46,7 @@ def forward(q, theta0, l, R_rel, p_rel, R_abs, p_abs):
 
 
 def absolute_angles(q, theta0, base_angle, phi):
-    """Write the absolute angle of each link to phi (n,) [rad], measured from the +y axis (base tangent at 0).
+    """Write the absolute angles of the links, from the +y axis, to phi (n,) [rad], from the joint angles q (n,) [rad].
 
     phi_i = base_angle + sum_{k<=i} (q_k + theta_k0)
     """
@@ -61,7 +65,8 @@ def relative_angles(phi, theta0, base_angle, q):
 
 
 def tips(phi, l, x0, y0, p):
-    """Write the tip positions of the links to p (n, 2) [m], from absolute angles phi (n,) [rad].
+    """Write the tip positions of the links to p (n, 2) [m], from the absolute link angles phi (n,) [rad] and lengths l
+    (n,) [m].
 
     (x0, y0) [m] is the position of the first joint.
 
@@ -79,7 +84,7 @@ def tips(phi, l, x0, y0, p):
 
 
 def angles_from_tips(p, x0, y0, l, phi):
-    """Write the link lengths l (n,) [m] and absolute angles phi (n,) [rad] of the chain with link tips p (n, 2) [m].
+    """Write the lengths l (n,) [m] and absolute angles phi (n,) [rad] of the links whose tips are at p (n, 2) [m].
 
     (x0, y0) [m] is the position of the first joint.
 
@@ -100,7 +105,8 @@ def angles_from_tips(p, x0, y0, l, phi):
 
 
 def station(phi, l, first, base_angle, point, p):
-    """Write the position p (2,) [m] of a point which is fixed to a link, in the base frame.
+    """Write the position p (2,) [m], in the base frame, of a point fixed to a link, from the absolute link angles phi
+    (n,) [rad].
 
     `point` is (link, along, across): the index of the link, and the distances [m] along the link from its joint and
     across the link. `first` (2,) [m] is the position of the first joint.

@@ -1,4 +1,5 @@
-"""Torque of a pressure chamber over a time interval: torque laws, viscoelastic lag, hyperelastic walls.
+"""Mean torque of a pressure chamber over a time interval, for polynomial and other torque laws, viscoelastic lag and
+hyperelastic walls.
 
 A chamber gives the torque of its law (`laws`). A chamber of slow rubber gives a torque which also depends on two slow
 states: a lagged pressure (viscoelastic lag) and the fourth power of the hoop stretch of the wall (inflation). `advance`
@@ -16,7 +17,8 @@ from pliant.equations.symbols import ChamberConstants, Interval
 
 
 def mean_of_law(p, a):
-    """Return the mean torque [N m] of the polynomial law `a` over an `Interval` p of pressure.
+    """Return the mean torque [N m] of a polynomial law with coefficients `a` while the pressure varies over the
+    `Interval` p.
 
     Simpson's rule. The mean pressure may differ from Simpson's mean where a valve settles within the interval. This
     difference enters with the secant slope of the law. The result is exact for a linear law.
@@ -26,7 +28,8 @@ def mean_of_law(p, a):
 
 
 def swollen_torque(p, slow, share, a, form):
-    """Return the torque [N m] of a chamber with viscoelastic lag: its lever arm grows with a lagged pressure.
+    """Return the torque [N m] of a chamber of viscoelastic rubber, whose lever arm grows with the lagged pressure
+    `slow` [Pa].
 
     tau = p (a_1 + a_2 s + a_3 s^2 + ...),  s = p + share (slow - p); for other laws tau = p lever(s)
 
@@ -54,7 +57,9 @@ def slow_interval(h, p, slow, time):
 
 
 def mean_swollen(p, slow, chamber):
-    """Return the mean of `swollen_torque` [N m] over an `Interval` p.
+    """Return the mean torque [N m] of a chamber with viscoelastic lag while its pressure varies over the `Interval` p.
+
+    The torque at each instant is that of `swollen_torque`.
 
     `slow` (3,) is the lagged pressure [Pa] at the start, middle and end of the interval.
     """
@@ -70,14 +75,19 @@ def mean_swollen(p, slow, chamber):
 
 
 def swollen_slope(start, end, slow, share, a, form):
-    """Return the secant slope [N m/Pa] of `swollen_torque` between two pressures [Pa], for a given lagged pressure."""
+    """Return the secant slope [N m/Pa] of the torque between two pressures [Pa], with the lagged pressure held at
+    `slow`.
+
+    The torque is that of `swollen_torque`.
+    """
     s0 = start + share * (slow - start)
     s1 = end + share * (slow - end)
     return lever(s1, a, form) + start * (1.0 - share) * lever_secant(s0, s1, a, form)
 
 
 def gent_factor(y, jm):
-    """Return Gent's factor G on the tension of the wall, and dG/dy, with y the fourth power of the hoop stretch.
+    """Return Gent's strain-stiffening factor G of a rubber wall and its derivative dG/dy, where y is the hoop stretch
+    to the fourth power.
 
     G = 1 / (1 - J / jm), J = stretch^2 + stretch^-2 - 2, the first invariant less 3 of a tube of constant length.
     Above J = 0.9 jm, G continues along its tangent, so that the result of any time step is finite.
@@ -95,7 +105,8 @@ def gent_factor(y, jm):
 
 
 def wall_rate(p, y, chamber):
-    """Return the rate y' [1/s] of y, the fourth power of the hoop stretch, at the pressure p [Pa], and dy'/dy [1/s].
+    """Return the rate y' [1/s] of a viscous rubber wall at pressure p [Pa], and dy'/dy [1/s]. y is the hoop stretch to
+    the fourth power.
 
     time y' = p / limit y - (y - 1) G(y)
 
@@ -115,7 +126,8 @@ def wall_rate(p, y, chamber):
 
 
 def inflated_interval(h, p, y, chamber):
-    """Return y, the fourth power of the hoop stretch, at the middle and the end of an `Interval` p of length h [s].
+    """Return y, the hoop stretch of the wall to the fourth power, at the middle and the end of a pressure `Interval` p
+    of h [s].
 
     The argument `y` is the value at the start.
     """
@@ -124,7 +136,8 @@ def inflated_interval(h, p, y, chamber):
 
 
 def inflated(h, p, y, chamber):
-    """Return y, the fourth power of the hoop stretch, after h [s] at the constant pressure p [Pa], starting from `y`.
+    """Return y, the hoop stretch of the wall to the fourth power, after h [s] at constant pressure p [Pa], from its
+    value `y` at the start.
 
     An exponential Euler step with the slope of `wall_rate`: exact for a neo-Hookean wall, of second order in h for a
     Gent wall.
@@ -138,7 +151,8 @@ def inflated(h, p, y, chamber):
 
 
 def lever_growth(y):
-    """Return the factor stretch^3 on the torque of an inflated chamber, from y, the fourth power of the hoop stretch.
+    """Return the factor by which inflation increases a chamber's torque: the cube of the hoop stretch, from its fourth
+    power y.
 
     V = A L + A d sum(q), and A d = 2/3 r2^3 grows with the cube of the radius.
 
@@ -148,7 +162,8 @@ def lever_growth(y):
 
 
 def mean_inflated(p, slow, y, chamber):
-    """Return the mean torque [N m] of an inflating chamber with viscoelastic lag over an `Interval` p.
+    """Return the mean torque [N m] of a chamber with inflating wall and viscoelastic lag while its pressure varies over
+    `Interval` p.
 
     The torque is `swollen_torque` times `lever_growth`. `slow` (3,) [Pa] and `y` (3,) are the lagged pressure and the
     fourth power of the hoop stretch at the start, middle and end of the interval.
@@ -165,7 +180,7 @@ def mean_inflated(p, slow, y, chamber):
 
 
 def torque_now(p, slow, y, chamber):
-    """Return the torque [N m] of a chamber at the pressure p [Pa].
+    """Return the torque [N m] of a chamber at the pressure p [Pa], for given lagged pressure and wall stretch.
 
     `slow` [Pa] is its lagged pressure, `y` the fourth power of its hoop stretch.
     """
@@ -176,7 +191,9 @@ def torque_now(p, slow, y, chamber):
 
 
 def slow_rates(p, slow, y, chamber):
-    """Return the rates of the slow states at the pressure p [Pa]: of the lagged pressure [Pa/s], and of y [1/s]."""
+    """Return the rates of a chamber's two slow states at the pressure p [Pa]: lagged pressure [Pa/s] and fourth power
+    of the hoop stretch [1/s].
+    """
     growing = 0.0 * y
     if chamber.inflation_limit.real > 0.0:
         growing, _ = wall_rate(p, y, chamber)
@@ -184,7 +201,8 @@ def slow_rates(p, slow, y, chamber):
 
 
 def advance(h, p, chamber, state):
-    """Return the mean torque [N m] of a chamber over an `Interval` p of length h [s], and update its slow states.
+    """Return the mean torque [N m] of a chamber over a pressure `Interval` p of h [s], and update its lagged pressure
+    and wall stretch in place.
 
     `state` (2,) holds the lagged pressure [Pa] and the fourth power of the hoop stretch, and is changed in place. A
     chamber without lag and inflation leaves it unchanged.
@@ -205,7 +223,8 @@ def advance(h, p, chamber, state):
 
 
 def advance_one(c, h, p, actuation, state):
-    """Return the mean torque [N m] of chamber c over an `Interval` p of length h [s], and update its slow states.
+    """Return the mean torque [N m] of chamber number c over a pressure `Interval` p of h [s], and update its lagged
+    pressure and wall stretch.
 
     `actuation` is an `ActuationConstants`. Row c of `state` (C, 2) holds the slow states, which `advance` describes.
     """
@@ -217,7 +236,10 @@ def advance_one(c, h, p, actuation, state):
 
 
 def share_out(c, torque, gain, tau):
-    """Add the torque [N m] of chamber c to the joint torques tau (n,) [N m]: tau_i = sum_c gain_ci torque_c.
+    """Add the torque [N m] of chamber c, times the gain of the chamber at each joint, to the joint torques tau (n,) [N
+    m].
+
+    tau_i = sum_c gain_ci torque_c
 
     Chamber 0 overwrites the previous content of tau.
     """
@@ -229,7 +251,8 @@ def share_out(c, torque, gain, tau):
 
 
 def held_torques(h, pressure, actuation, state, tau):
-    """Write the mean joint torques tau (n,) [N m] over h [s] under constant pressures (C,) [Pa], one for each chamber.
+    """Write the mean joint torques tau (n,) [N m] over h [s] while each of the C chambers has a constant pressure,
+    `pressure` (C,) [Pa].
 
     The slow states `state` (C, 2) of the chambers are updated in place.
     """

@@ -1,4 +1,6 @@
-"""Generalized forces of point forces on the links, and the generalized momentum from which contact is detected."""
+"""Generalized forces of point forces on the links of a planar chain, and the generalized momentum used to detect
+contact.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,8 @@ import numpy as np
 
 
 def point_force(phi, l, link, along, across, fx, fy, Q):
-    """Write the generalized forces Q (n,) [N m] of a force (fx, fy) [N] at a point which is fixed to link `link`.
+    """Write the generalized forces Q (n,) [N m] of one point force (fx, fy) [N] on link `link` of a planar chain with
+    link angles phi (n,).
 
     Q is in absolute angles, the force in the base frame.
 
@@ -30,7 +33,7 @@ def point_force(phi, l, link, along, across, fx, fy, Q):
 
 
 def add_link_loads(phi, w, ahead, load, body, joints, work):
-    """Add the joint torques [N m] of forces at points of the links to work.tau (n,).
+    """Add the joint torques [N m] due to external forces at points of the links to work.tau (n,).
 
     `load` (n, 2) [N m] holds for each link the sum of force times lever, so that, as for weight,
     Q_k = -(load_k0 cos phi_k + load_k1 sin phi_k). tau_i receives the sum of Q_k over the links which joint i moves,
@@ -47,7 +50,9 @@ def add_link_loads(phi, w, ahead, load, body, joints, work):
 
 
 def momentum(phi, w, body, p):
-    """Write the generalized momentum p = M w (n,) [N m s], in absolute angles."""
+    """Write the generalized momentum p = M w (n,) [N m s] of a planar chain, from absolute link angles phi (n,) [rad]
+    and rates w [rad/s].
+    """
     n = len(phi)
     for k in range(n):
         p[k] = (body.B[k, k] + body.I[k]) * w[k]
@@ -57,7 +62,8 @@ def momentum(phi, w, body, p):
 
 
 def momentum_rate(phi, w, t, body, rate):
-    """Write the rate (n,) [N m] of the generalized momentum under joint torques t (n + 1,) and gravity alone.
+    """Write the rate (n,) [N m] of the generalized momentum that the joint torques t (n + 1,) and gravity cause without
+    contact.
 
     d(M w)_k/dt = t_k - t_{k+1} - g_k - sum_l B_kl sin(phi_k - phi_l) w_k w_l + Q_k,  here with Q = 0
 

@@ -1,10 +1,11 @@
-"""Centrifugal and Coriolis matrix C of Eq. (5), with Mdot - 2C skew-symmetric."""
+"""Centrifugal and Coriolis matrix C of Eq. (5), in a form for which dM/dt - 2C is skew-symmetric."""
 
 from __future__ import annotations
 
 
 def coriolis_from_hessian(J, H, m, J_tip, H_tip, m_tip, dq, C):
-    """Write C (n, n) [N m s] of Eq. (5) by the Christoffel symbols of M, in joint angles.
+    """Write the Coriolis matrix C (n, n) [N m s] of Eq. (5) in joint angles, from the Christoffel symbols of the
+    inertia M.
 
     J (n, 2, n) and H (n, 2, n, n) are the body Jacobians and Hessians of the links' centres of mass.
 
@@ -28,7 +29,10 @@ def coriolis_from_hessian(J, H, m, J_tip, H_tip, m_tip, dq, C):
 
 
 def inertia_derivative(J, H, m, tip, at):
-    """Return dM_ab/dq_r [kg m^2/rad] with at = (a, b, r) and `tip` = (J_tip, H_tip, m_tip).
+    """Return dM_ab/dq_r [kg m^2/rad], one derivative of the inertia matrix by a joint angle, for indices `at` = (a, b,
+    r).
+
+    `tip` is (J_tip, H_tip, m_tip): Jacobian, Hessian and mass [kg] of the cap at the tip.
 
     The other arguments are those of `coriolis_from_hessian`.
     """
@@ -47,7 +51,10 @@ def inertia_derivative(J, H, m, tip, at):
 
 
 def coriolis_absolute(c, s, B, w, C):
-    """Write C (n, n) [N m s] in absolute angles, from c = cos(phi), s = sin(phi) and w = dphi/dt [rad/s].
+    """Write the Coriolis matrix C (n, n) [N m s] in absolute link angles, from their cosines c, sines s and rates w
+    [rad/s].
+
+    c = cos(phi), s = sin(phi), w = dphi/dt for absolute angles phi (n,) [rad].
 
     C_kl = B_kl sin(phi_k - phi_l) w_l;  Mdot - 2C = -B_kl sin(phi_k - phi_l) (w_k + w_l) is skew-symmetric
     """

@@ -11,7 +11,8 @@ TWO_THIRDS = 2.0 / 3.0
 
 
 def spring_torque(i, joints, q, bend):
-    """Return the torque [N m] of the spring of joint i, on numbers or arrays: K q + K2 bend^2 + K3 bend^3.
+    """Return the torque [N m] of the nonlinear spring of joint i, K q + K2 bend^2 + K3 bend^3, for scalars or arrays of
+    angles [rad].
 
     `q` [rad] is the joint's angle from where its spring is unloaded, `bend` [rad] the angle from the unloaded rest
     shape. The two differ where hysteresis shifts the first. The number of terms beyond K q is `TERMS`. With K2 = K s
@@ -35,7 +36,11 @@ def spring_torque(i, joints, q, bend):
 
 
 def spring_slope(i, joints, bend):
-    """Return d(torque)/d(angle) [N m/rad] of the spring of joint i: K + K2 bend (2/3) r (2 + r^2) + 3 K3 bend^2."""
+    """Return d(torque)/d(angle) [N m/rad] of the nonlinear spring of joint i, at the angle `bend` [rad] from its
+    unloaded shape.
+
+    K + K2 bend (2/3) r (2 + r^2) + 3 K3 bend^2, with r as in `spring_torque`.
+    """
     more = 0.0 * bend
     for k in range(TERMS - 1, 0, -1):
         more = (more + (k + 2.0) * joints.hardening[k, i]) * bend
@@ -45,7 +50,7 @@ def spring_slope(i, joints, bend):
 
 
 def spring_slope_between(i, joints, bend, change):
-    """Return the slope [N m/rad] of a spring as it enters the derivative of one implicit step.
+    """Return the derivative [N m/rad] of a spring's torque over one implicit time step by the joint angle `bend` [rad].
 
     `bend` [rad] is the angle at which the step evaluates the spring, `change` [rad] twice the further turn of the joint
     to the angle that the step finds.
@@ -66,7 +71,11 @@ def spring_slope_between(i, joints, bend, change):
 
 
 def spring_energy(i, joints, q, bend):
-    """Return the energy [J] of the spring of joint i: K q^2 / 2 + K2 bend^3 (2/3) / (1 + 1/r) + K3 bend^4 / 4."""
+    """Return the elastic energy [J] of the nonlinear spring of joint i, at angle q [rad] of its linear and `bend` of
+    its other terms.
+
+    K q^2 / 2 + K2 bend^3 (2/3) / (1 + 1/r) + K3 bend^4 / 4, with q, bend and r as in `spring_torque`.
+    """
     root = np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
     more = joints.hardening[0, i] * bend * bend * bend * (TWO_THIRDS / (1.0 + root))
     for k in range(1, TERMS):
@@ -78,7 +87,7 @@ def spring_energy(i, joints, q, bend):
 
 
 def joint_torques(phi, w, joints, torque, ahead, t):
-    """Write the net torque t (n,) [N m] of actuation, spring and damper at each joint, and t[n] = 0.
+    """Write the net torque t (n,) [N m] of actuation, spring and damper at each joint, and 0 to t[n].
 
     t_i = torque_i - spring_torque(q_i + ahead dq_i) - D_i dq_i
 
@@ -102,7 +111,11 @@ def joint_torques(phi, w, joints, torque, ahead, t):
 
 
 def joint_tangents(phi, w, joints, ahead, slope):
-    """Write the slopes (n,) [N m/rad] of the springs of `joint_torques`, at the angles phi + ahead w."""
+    """Write the stiffness (n,) [N m/rad] of each joint's spring to `slope`, at the link angles phi + ahead w (`ahead`
+    [s]).
+
+    `joint_torques` gives the torques of the same springs.
+    """
     angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(len(joints.theta0)):
@@ -113,7 +126,7 @@ def joint_tangents(phi, w, joints, ahead, slope):
 
 
 def tangent(i, phi, joints):
-    """Return the slope [N m/rad] of the spring of joint i at absolute angles phi (n,).
+    """Return the stiffness [N m/rad] of the spring of joint i, at the absolute link angles phi (n,) [rad].
 
     A slope that is not positive means that the spring no longer holds the joint.
     """
@@ -126,7 +139,7 @@ def tangent(i, phi, joints):
 
 
 def bending_energy(phi, joints):
-    """Return the elastic energy [J] of all joints at absolute angles phi (n,)."""
+    """Return the elastic energy [J] of all joint springs at the absolute link angles phi (n,) [rad]."""
     value = 0.0 * phi[0]
     before = joints.base_angle
     for i in range(len(joints.theta0)):
@@ -138,7 +151,8 @@ def bending_energy(phi, joints):
 
 
 def follows(phi, w, h, joints):
-    """Return whether the chain is in a range where a time step of h [s] is valid; False where a value is NaN.
+    """Return whether a time step of h [s] is valid for a planar chain in the state (phi, w): no link turns too far and
+    every spring is stable.
 
     The conditions are that no link turns by more than 1 rad in the step and that every spring has a positive slope.
     Where segments lengthen, also that no strain changes by more than 1 and that no segment is compressed to below 5 %
@@ -154,7 +168,8 @@ def follows(phi, w, h, joints):
 
 
 def gravity_absolute(c, s, body, g):
-    """Write the gravity torques g (n,) [N m] of the left-hand side of Eq. (5), in absolute angles.
+    """Write the gravity torques g (n,) [N m] on the left-hand side of Eq. (5) in absolute angles, from cosines c and
+    sines s of the link angles.
 
     g_k = h_k (gx cos phi_k + gy sin phi_k), the slope of the potential -sum m (gx x + gy y), with c = cos(phi) and
     s = sin(phi).
@@ -164,7 +179,9 @@ def gravity_absolute(c, s, body, g):
 
 
 def to_joint_torques(g):
-    """Transform torques g (n,) from absolute to joint angles in place: T^T g with T the lower triangle of ones.
+    """Transform generalized torques g (n,) [N m] from absolute link angles to joint angles, in place.
+
+    T^T g, with T the lower triangle of ones.
 
     The product is computed by suffix sums.
     """

@@ -1,4 +1,4 @@
-"""Energies and power of the planar chain, in absolute angles; tests check their balance."""
+"""Energies and power of a planar chain, in absolute link angles, with which tests check the energy balance."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from pliant.equations.elastic import bending_energy
 
 
 def kinetic_energy(c, s, w, body):
-    """Return the kinetic energy 1/2 w^T M w [J], from c = cos(phi), s = sin(phi) and w = dphi/dt [rad/s]."""
+    """Return the kinetic energy 1/2 w^T M w [J] of a planar chain, from cosines c, sines s and rates w [rad/s] of the
+    link angles.
+    """
     n = len(w)
     value = 0.0 * w[0]
     for k in range(n):
@@ -17,7 +19,7 @@ def kinetic_energy(c, s, w, body):
 
 
 def elastic_energy(phi, joints):
-    """Return the energy [J] of all springs, 0 in the rest shape.
+    """Return the elastic energy [J] of all joint springs and axial springs of a planar chain, 0 in the rest shape.
 
     `phi` holds the absolute angles (n,), and behind them the strains (S,) of segments that lengthen.
     """
@@ -28,7 +30,8 @@ def elastic_energy(phi, joints):
 
 
 def gravity_energy(c, s, body):
-    """Return the potential energy -sum m (gx x + gy y) [J], from c = cos(phi) and s = sin(phi).
+    """Return the gravitational energy -sum m (gx x + gy y) [J] of a planar chain, from cosines c and sines s of the
+    link angles.
 
     It is zero where every link lies at the first joint.
     """
@@ -39,7 +42,10 @@ def gravity_energy(c, s, body):
 
 
 def damping_power(w, joints):
-    """Return the power [W] dissipated by the dampers, sum_i D_i dq_i^2, of joints and of segments that lengthen."""
+    """Return the power [W] that the dampers of the joints and of extensible segments dissipate at the rates w.
+
+    sum_i D_i dq_i^2
+    """
     value = 0.0 * w[0]
     before = 0.0 * w[0]
     for i in range(len(joints.theta0)):
@@ -52,7 +58,11 @@ def damping_power(w, joints):
 
 
 def input_power(w, torque, joints):
-    """Return the power [W] of the actuation, sum_i torque_i dq_i + sum_s torque_s de_s (p dV/dt by virtual work)."""
+    """Return the mechanical power [W] which the actuation `torque` supplies to joints and extensible segments at the
+    rates w.
+
+    sum_i torque_i dq_i + sum_s torque_s de_s, which is p dV/dt by virtual work.
+    """
     value = 0.0 * w[0]
     before = 0.0 * w[0]
     for i in range(len(joints.theta0)):
@@ -64,7 +74,10 @@ def input_power(w, torque, joints):
 
 
 def add_step_work(w, h, torque, joints, work, total):
-    """Add the input work and the damper loss of one `motion.step` to total (2,) [J], both at the rates in mid-step.
+    """Add the work of the actuation and the loss in the dampers over one time step to total (2,) [J], using the
+    mid-step rates.
+
+    The step is one of `motion.step`.
 
     `w` (n,) are the rates after the step. `work.a` still holds the change of the rates over the step.
     """

@@ -1,4 +1,5 @@
-"""Planar chain whose segments lengthen: Eq. (5) with one uniform axial strain e_s for each segment.
+"""Planar chain whose segments lengthen: Eq. (5) with one uniform axial strain as an additional coordinate for each
+segment.
 
 Coordinates are x = (phi_1 ... phi_n, e_1 ... e_S), rates v = dx/dt. Link k is st_k l_k long, st_k = 1 + sum_s a_ks e_s,
 where a_ks is the fraction of link k that lies in segment s. Link 0 is the part between the origin and the first joint,
@@ -22,7 +23,8 @@ from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 
 def place(x, v, ahead, body, joints, work):
-    """Write cosine, sine and stretch (n + 1,) of all links into `work`, at the coordinates x + ahead v.
+    """Write the cosine, sine and stretch of each link, and of the part before joint 1, to the scratch arrays `work`, at
+    x + ahead v.
 
     `ahead` [s] extrapolates along the rates v.
     """
@@ -40,7 +42,10 @@ def place(x, v, ahead, body, joints, work):
 
 
 def carried(body, work):
-    """Write b_k = sum_l B_kl a_l (n + 1,) to `work.bx`, `work.by`, for vectors a in `work.ax`, `work.ay`.
+    """Multiply vectors (work.ax, work.ay) of the n + 1 links by the constant inertia matrix B, and write the products
+    to work.bx, work.by.
+
+    b_k = sum_l B_kl a_l, with a the vectors in work.ax, work.ay and b those in work.bx, work.by.
 
     One sweep in each direction suffices, because B_kl = l_k h_l for k < l.
     """
@@ -62,7 +67,11 @@ def carried(body, work):
 
 
 def along_strain(s, body, work):
-    """Return sum_k a_ks e_k . b_k: the component along strain s of the vectors b_k in `work.bx`, `work.by`."""
+    """Return the generalized force of strain number s due to the force vectors (work.bx, work.by)
+    of the n + 1 links.
+
+    sum_k a_ks e_k . b_k, with a_ks the fraction of link k that lies in segment s and e_k the direction of link k.
+    """
     value = 0.0 * work.bx[0]
     for k in range(len(body.l)):
         value = value + body.share[k, s] * (work.c[k] * work.by[k] - work.s[k] * work.bx[k])
@@ -70,7 +79,11 @@ def along_strain(s, body, work):
 
 
 def inertia(body, work, M):
-    """Write the lower triangle of M (n + S, n + S) [kg m^2], for the links as `place` wrote them to `work`."""
+    """Write the lower triangle of the inertia matrix M (n + S, n + S) of n link angles and S strains, for the link
+    poses in `work`.
+
+    `place` writes the poses of the links to `work`.
+    """
     n = len(body.l) - 1
     c = work.c
     s = work.s
@@ -91,7 +104,8 @@ def inertia(body, work, M):
 
 
 def inertial_forces(v, body, work, f):
-    """Write the centrifugal, Coriolis and gravity forces f (n + S,) [N m] of the left-hand side of Eq. (5), at rates v.
+    """Write the centrifugal, Coriolis and gravity forces f (n + S,) [N m] of n link angles and S strains, at the rates
+    v (n + S,).
 
     f_k = st_k n_k . (b_k - h_k g),  f_s = sum_k a_ks e_k . (b_k - h_k g)
 
@@ -122,7 +136,8 @@ def inertial_forces(v, body, work, f):
 
 
 def acceleration(x, v, torque, body, joints, work, a):
-    """Write the accelerations a (n + S,) of the link angles [rad/s^2] and strains [1/s^2].
+    """Write the accelerations a (n + S,) of n link angles [rad/s^2] and S segment strains [1/s^2], at coordinates x and
+    rates v.
 
     `torque` (n + S,) [N m] is the actuation of each joint and each strain. `work.A` keeps the factors of M. The planar
     chain of constant length has `motion.acceleration`.
@@ -144,7 +159,8 @@ def acceleration(x, v, torque, body, joints, work, a):
 
 
 def step(x, v, h, torque, body, joints, work):
-    """Advance x and v (n + S,) in place by h [s] under the mean actuation `torque` (n + S,) [N m].
+    """Advance n link angles and S strains x (n + S,), and their rates v, in place by one implicit step h [s] under the
+    mean actuation `torque`.
 
     The rule is that of `motion.step`.
 
@@ -186,7 +202,10 @@ def step(x, v, h, torque, body, joints, work):
 
 
 def implicit_terms(half, body, joints, work, A):
-    """Add to the lower triangle of A the implicit terms h/2 D + h^2/4 (K + G) of a step of h = 2 `half` [s].
+    """Add the damping, stiffness and gravity terms of an implicit step of 2 `half` [s] to the lower triangle of its
+    matrix A.
+
+    The terms are h/2 D + h^2/4 (K + G), with the step h = 2 `half`.
 
     G is the slope of gravity: h_k st_k (g_y cos - g_x sin) on the diagonal of the angles, a_ks h_k (g_x cos + g_y sin)
     between an angle and a strain. `work.a` holds the slopes of the joint springs [N m/rad].
@@ -210,7 +229,8 @@ def implicit_terms(half, body, joints, work, A):
 
 
 def add_link_loads(x, v, ahead, load, body, joints, work):
-    """Add the torques [N m] of forces at points of the links to work.tau (n + S,), along the joints and the strains.
+    """Add the generalized forces [N m] of external forces on an extensible planar chain to work.tau (n + S,), for n
+    joints and S strains.
 
     `load` (n + 1, 4) [N m] holds two vectors for each link, beginning with the part before the first joint: L_k, the
     sum of forces times their distance along the link, which stretches with it, and R_k, the sum of forces times their
@@ -238,7 +258,11 @@ def add_link_loads(x, v, ahead, load, body, joints, work):
 
 
 def kinetic_energy(x, v, body, joints, work):
-    """Return the kinetic energy 1/2 v^T M v [J]: 1/2 sum_k u'_k . b_k with u'_k = st_k w_k n_k + st'_k e_k."""
+    """Return the kinetic energy 1/2 v^T M v [J] of an extensible planar chain with coordinates x
+    and rates v (n + S,).
+
+    1/2 sum_k u'_k . b_k with u'_k = st_k w_k n_k + st'_k e_k
+    """
     n = len(joints.theta0)
     place(x, v, 0.0, body, joints, work)
     for k in range(n + 1):
@@ -258,7 +282,9 @@ def kinetic_energy(x, v, body, joints, work):
 
 
 def gravity_energy(x, v, body, joints, work):
-    """Return the potential energy -sum m (gx x + gy y) [J], zero where all mass lies at the origin."""
+    """Return the gravitational energy -sum m (gx x + gy y) [J] of an extensible planar chain, 0 where all mass is at
+    the origin.
+    """
     place(x, v, 0.0, body, joints, work)
     value = 0.0 * x[0]
     for k in range(len(body.l)):

@@ -1,4 +1,6 @@
-"""Exact Jacobian of one implicit step of `extension.step`, for a planar chain whose segments lengthen.
+"""Exact Jacobian of one implicit time step of a planar chain whose segments lengthen.
+
+The step is `extension.step`.
 
 Both solves of the step balance F = h f + M a with the torques of actuation, springs and dampers. The component of F for
 the angle of link k is st_k n_k . (b_k - h h_k g), and for a strain it is e_k . of the same vector. b_k is the sum of
@@ -14,7 +16,10 @@ from pliant.numerics.ldl import ldl_solve
 
 
 def step_jacobian(x, v, h, torque, body, joints, work, J):
-    """Advance x and v (N,), N = n + S, in place by h [s] as `extension.step`, and write its Jacobian J (3N, 2N).
+    """Advance coordinates x (N,) and rates v (N,) in place by one step h [s], and write the step's derivatives by x, v
+    and torques to J (3N, 2N).
+
+    `extension.step` makes the same step without derivatives. N = n + S, for n link angles and S strains.
 
     J[v, u] = d(x', v')_u / d(x, v, t)_v: one row for each variable. t (N,) [N m] are additional torques of the joints
     and strains, constant over the step.
@@ -59,7 +64,8 @@ def step_jacobian(x, v, h, torque, body, joints, work, J):
 
 
 def other_rates(h, body, work, row):
-    """Subtract from row (N,) the change of h f for a change work.t (N,) of the rates work.v (N,); overwrites work.t.
+    """Subtract from row (N,) the change of h f due to a change work.t (N,) of the rates work.v (N,), where f are the
+    inertial forces.
 
     The change is h/2 (f(v + t) - f(v - t)), which is exact because f is quadratic in the rates.
     """
@@ -74,7 +80,10 @@ def other_rates(h, body, work, row):
 
 
 def moved_middles(v, h, body, work, J):
-    """Write the right-hand sides, of both solves of `step_jacobian`, for the derivatives by mid-step coordinates.
+    """Write the derivatives of the step's residuals by the mid-step coordinates to the first N rows of its Jacobian J
+    (3N, 2N).
+
+    The rows hold the right-hand sides of both solves of `step_jacobian`.
 
     The first N entries of a row belong to the first solve (solution in `work.r`), the others to the second (`work.a`).
     """
@@ -99,7 +108,7 @@ def moved_middles(v, h, body, work, J):
 
 
 def met(k, h, a, body, work):
-    """Return the change of u'_k over a step of h [s] along n_k and along e_k.
+    """Return the change of the velocity of link k over a step of h [s], across the link and along the link.
 
     This is h times the acceleration at constant rates `work.v`, plus the part of the change a (N,) of the rates.
     """
@@ -118,7 +127,7 @@ def met(k, h, a, body, work):
 
 
 def own_directions(h, a, body, work, J, o):
-    """Add to J the derivatives by each link's own directions n_k, e_k in the projection of b - h h_k g.
+    """Add to the Jacobian J the effect of each link's own turn and stretch on the projection of the force on this link.
 
     The derivative of gravity's slope is included.
 
@@ -144,7 +153,11 @@ def own_directions(h, a, body, work, J, o):
 
 
 def other_links(row, h, a, body, work):
-    """Write to `work.ax`, `work.ay` the derivative of the accelerations of `met` by angle or strain `row`."""
+    """Write the derivatives of all links' velocity changes by coordinate number `row` to work.ax
+    and work.ay (n + 1,).
+
+    The velocity change of link k is that of `met`.
+    """
     n = len(body.l) - 1
     for k in range(n + 1):
         across = 0.0 * a[0]
@@ -161,7 +174,9 @@ def other_links(row, h, a, body, work):
 
 
 def seen(body, work, row):
-    """Subtract from row (N,) the projections of the vectors b_k in `work.bx`, `work.by` on each angle and strain."""
+    """Subtract from row (N,) the generalized forces of the force vectors (work.bx, work.by) along each link angle and
+    strain.
+    """
     n = len(body.l) - 1
     for k in range(n):
         across = work.c[k + 1] * work.bx[k + 1] + work.s[k + 1] * work.by[k + 1]
@@ -171,7 +186,7 @@ def seen(body, work, row):
 
 
 def axial_terms(h, joints, J):
-    """Add the derivatives by axial springs, dampers and torques of the strains to both solves of `step_jacobian`."""
+    """Add the derivatives of the segments' axial springs, dampers and torques to the step's Jacobian J (3N, 2N)."""
     N = len(joints.K)
     for i in range(len(joints.theta0), N):
         spring = h * joints.K[i]

@@ -1,10 +1,11 @@
-"""Generalized inertia matrix M of Eq. (5): from the body Jacobians, and in absolute angles."""
+"""Generalized inertia matrix M of Eq. (5) of a planar chain, in joint angles and in absolute link angles."""
 
 from __future__ import annotations
 
 
 def inertia_from_jacobians(J, m, I, J_tip, m_tip, M):
-    """Write M (n, n) [kg m^2] in joint angles, from the body Jacobians J (n, 2, n) of the links' centres of mass.
+    """Write the inertia matrix M (n, n) [kg m^2] in joint angles, from the Jacobians J (n, 2, n) of the links' centres
+    of mass.
 
     M = sum_i m_i J_i^T J_i + I_i 1_i^T 1_i + m_tip J_tip^T J_tip,  1_i = (1, ..., 1, 0, ..., 0) with i ones
 
@@ -22,7 +23,8 @@ def inertia_from_jacobians(J, m, I, J_tip, m_tip, M):
 
 
 def body_constants(l, m, c, m_tip, B, h):
-    """Write the constants of the inertia in absolute angles: B (n, n) [kg m^2] and first moments h (n,) [kg m].
+    """Write the constants of a planar chain's inertia in absolute angles: matrix B (n, n) [kg m^2] and first moments h
+    (n,) [kg m].
 
     From link lengths l (n,) [m], masses m (n,) [kg], and the mass m_tip [kg] at the last tip.
 
@@ -42,7 +44,8 @@ def body_constants(l, m, c, m_tip, B, h):
 
 
 def inertia_absolute(c, s, B, I, M):
-    """Write the inertia M (n, n) [kg m^2] in absolute angles, from c = cos(phi) and s = sin(phi).
+    """Write the inertia matrix M (n, n) [kg m^2] in absolute link angles, from the cosines c and sines s of these
+    angles.
 
     M_kl = B_kl cos(phi_k - phi_l) + I_k delta_kl
     """
@@ -55,7 +58,10 @@ def inertia_absolute(c, s, B, I, M):
 
 
 def to_joint_angles(X, Y):
-    """Transform a matrix X (n, n) from absolute to joint angles: Y = T^T X T, T the lower triangle of ones.
+    """Transform an inertia or Coriolis matrix X (n, n) from absolute link angles to joint angles, and write the result
+    to Y.
+
+    Y = T^T X T, with T the lower triangle of ones.
 
     This holds for M and for C, because phi = T q with a constant T.
     """

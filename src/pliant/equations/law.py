@@ -1,4 +1,4 @@
-"""The interface of a torque law: its parameters, and the joint torque as a function of pressure."""
+"""Interface of a torque law, which gives the joint torque as a function of pressure: its parameters and functions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = np.ndarray
 
 
 class LawParameter(NamedTuple):
-    """One parameter of a torque law, in SI units."""
+    """One parameter of a torque law: its unit, bounds, typical size and meaning, in SI units."""
 
     unit: str
     lower: float
@@ -23,7 +23,7 @@ class LawParameter(NamedTuple):
 
 @dataclass(frozen=True)
 class TorqueLaw:
-    """A torque law: the joint torque as a function of pressure and a few parameters.
+    """A torque law: joint torque as a function of the chamber's pressure, with its parameters.
 
     Attributes
     ----------
@@ -51,11 +51,13 @@ class TorqueLaw:
     lever: Callable[[Any, Any], Any] | None = None
 
     def scaling(self) -> str:
-        """Return the name, in a fit, of the parameter that multiplies the whole torque."""
+        """Return the name of the fit parameter that multiplies the whole torque of this law, for example
+        ``saturating_lever``.
+        """
         return f"{self.name}_{self.scale}"
 
     def numbers(self, values: Mapping[str, float]) -> Array:
-        """Return the numbers (k,) which a chamber stores as `torque`, from `values` of all parameters.
+        """Return the coefficients (k,) that a chamber of this torque law stores as `torque`, from the parameter values.
 
         These are the coefficients of a polynomial law, else the parameters in their order. `values` uses the law's own
         names.
@@ -64,5 +66,7 @@ class TorqueLaw:
         return np.asarray(own, dtype=float)
 
     def own(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return the parameters of this law among the `values` of a fit, renamed to the law's own names."""
+        """Return the parameters of this torque law from all parameter values of a fit, without the law's name as a
+        prefix.
+        """
         return {p: values[f"{self.name}_{p}"] for p in self.parameters if f"{self.name}_{p}" in values}

@@ -1,4 +1,4 @@
-"""Torque laws of one pressure: the polynomial, and laws with a kernel of their own.
+"""Torque laws for one pressure: the polynomial law, and the registry of laws that have their own function.
 
 A law with a kernel is one file, such as `saturating_law`. It is registered here twice: in `LAWS`, and in `lever` under
 its number, which is its position in `LAWS` counted from 1. Chambers carry this number through every kernel as `form`.
@@ -15,7 +15,8 @@ NUMBERS = {POLYNOMIAL: 0.0, **{law.name: k + 1.0 for k, law in enumerate(LAWS)}}
 
 
 def lever(p, a, form):
-    """Return the torque per pascal [N m/Pa] of a law at the pressure p [Pa].
+    """Return the torque per unit pressure [N m/Pa] at the pressure p [Pa], for the law number `form` with coefficients
+    `a` (k,).
 
     `a` (k,) are the numbers of the law, `form` selects it (see `NUMBERS`). For the polynomial, form 0: a_1 + a_2 p +
     a_3 p^2 + ...
@@ -29,7 +30,8 @@ def lever(p, a, form):
 
 
 def secant(p0, p1, a, first):
-    """Return the secant slope of a polynomial with coefficients a[first:] between two pressures [Pa].
+    """Return the secant slope of the polynomial a[first] p + a[first + 1] p^2 + ... between the pressures p0 and p1
+    [Pa].
 
     The pressures may be equal.
 
@@ -46,7 +48,10 @@ def secant(p0, p1, a, first):
 
 
 def lever_secant(p0, p1, a, form):
-    """Return the secant slope [N m/Pa^2] of `lever` between two pressures [Pa], which may be equal.
+    """Return the secant slope [N m/Pa^2] of the torque per unit pressure between two pressures [Pa], which may be
+    equal.
+
+    `lever` gives the torque per unit pressure.
 
     For a law with a kernel of its own, the two points are moved slightly apart, so that equal pressures are no special
     case.
@@ -59,10 +64,12 @@ def lever_secant(p0, p1, a, form):
 
 
 def law_torque(p, a, form):
-    """Return the torque [N m] of a law at the pressure p [Pa]; `a` (k,) are its numbers, `form` selects the law."""
+    """Return the torque [N m] at the pressure p [Pa], for the torque law number `form` with coefficients `a` (k,)."""
     return lever(p, a, form) * p
 
 
 def law_slope(p, a, form):
-    """Return the slope d(torque)/dp [N m/Pa] of a law at the pressure p [Pa]."""
+    """Return d(torque)/dp [N m/Pa] at the pressure p [Pa], for the torque law number `form` with
+    coefficients `a` (k,).
+    """
     return lever(p, a, form) + p * lever_secant(p, p, a, form)

@@ -1,4 +1,4 @@
-"""Exact Jacobian of one implicit step of `motion.step`, for estimators and controllers.
+"""Exact Jacobian of one implicit time step of a planar chain of constant length, for estimators and controllers.
 
 The derivatives are written out by hand from the two solves of the step and use its factors again. A test compares them
 with complex-step derivatives of `motion.step`.
@@ -12,7 +12,10 @@ from pliant.numerics.ldl import ldl_solve
 
 
 def step_jacobian(phi, w, h, torque, body, joints, work, J):
-    """Advance phi and w (n,) in place by h [s] as `motion.step`, and write the Jacobian J (3n, 2n) of the step.
+    """Advance link angles phi (n,) and rates w (n,) in place by one step h [s], and write the step's derivatives by
+    phi, w and joint torques to J (3n, 2n).
+
+    `motion.step` makes the same step without derivatives.
 
     J[v, u] = d(phi', w')_u / d(phi, w, t)_v: one row for each variable. t_i [N m] is an additional torque of joint i,
     constant over the step.
@@ -55,7 +58,10 @@ def step_jacobian(phi, w, h, torque, body, joints, work, J):
 
 
 def turned_directions(w, h, body, work, J):
-    """Write the right-hand sides, of both solves of `step_jacobian`, for the derivatives by the mid-step angles.
+    """Write the derivatives of the step's residuals by the mid-step link angles to the first n rows of its Jacobian J
+    (3n, 2n).
+
+    The rows hold the right-hand sides of both solves of `step_jacobian`.
 
     The first n entries of a row belong to the first solve (solution in `work.r`), the others to the second (`work.a`).
     """
@@ -84,7 +90,9 @@ def turned_directions(w, h, body, work, J):
 
 
 def tridiagonal_terms(phi, w, h, joints, work, J):
-    """Add the derivatives of springs, dampers and joint torques to both right-hand sides of `step_jacobian`.
+    """Add the derivatives of joint springs, dampers and torques to the residuals' derivatives in the step's Jacobian J.
+
+    They belong to both right-hand sides of `step_jacobian`.
 
     phi and w are the values after the step; phi - h/2 w are the mid-step angles which the step extrapolated from its
     start. The slope of each spring includes the change of the step's matrix with these angles, for the solution of each
@@ -121,7 +129,11 @@ def tridiagonal_terms(phi, w, h, joints, work, J):
 
 
 def finish(h, J):
-    """Complete the Jacobian from the change of the rates: dphi' = dphi + h (dw + da/2), dw' = dw + da."""
+    """Convert J (3n, 2n) from derivatives of the rate changes of a time step to derivatives of the angles and rates
+    after it.
+
+    dphi' = dphi + h (dw + da/2), dw' = dw + da, for the change a of the rates.
+    """
     n = J.shape[1] // 2
     for v in range(3 * n):
         for k in range(n):

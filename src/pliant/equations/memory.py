@@ -1,4 +1,5 @@
-"""Hysteresis of the joints beside Eq. (5): creep (Prony), rate-independent friction (Maxwell-slip) and Bouc-Wen.
+"""Hysteresis torques of the joints, in addition to Eq. (5): creep (Prony), rate-independent friction (Maxwell-slip) and
+Bouc-Wen.
 
 Every joint i carries the torque K_i r_i in addition to its spring. r_i [rad] is a sum over branches, whose states are
 angles. The law is the same for all joints, relative to their K_i:
@@ -22,7 +23,8 @@ AGREE = 1e-12  # rad, tolerance between the r that the step used and the r of th
 
 
 def creep_lines(q, h, state, memory, slope, offset):
-    """Write slope and offset (n,) [rad] of the creep part of the hysteresis angle r over a step of h [s].
+    """Write the creep part of each joint's hysteresis angle as a linear function (slope, offset [rad]) of its mid-step
+    angle, over h [s].
 
     r = slope q_m + offset in the mid-step angle q_m. The implicit midpoint rule gives
 
@@ -39,7 +41,8 @@ def creep_lines(q, h, state, memory, slope, offset):
 
 
 def friction_line(e, q, dq, share, limit):
-    """Return slope and offset of one slip element over a step in which its joint turns by dq [rad] from q.
+    """Return slope and offset [rad] of a slip element's hysteresis angle, linear in the mid-step joint angle, over a
+    turn dq [rad] from q.
 
     `e` is the stretch of the element at the start, `limit` [rad] the stretch at which it slips. The pair describes r =
     slope q_m + offset, with q_m the joint angle in mid-step.
@@ -56,7 +59,10 @@ def friction_line(e, q, dq, share, limit):
 
 
 def friction_lines(q, dq, state, memory, slope, offset):
-    """Add slip elements and Bouc-Wen to slope and offset (n,) of the hysteresis angle, as `creep_lines` writes them.
+    """Add the slip elements and Bouc-Wen to `slope` and `offset` (n,) [rad] of each joint's hysteresis angle, linear in
+    the mid-step angle.
+
+    `creep_lines` writes slope and offset before.
 
     For Bouc-Wen, z_m = (z + q_m - q) / (1 + x).
 
@@ -84,7 +90,10 @@ def friction_lines(q, dq, state, memory, slope, offset):
 
 
 def boucwen_decay(z, dq, memory):
-    """Return the decay x >= 0 of the Bouc-Wen state in one step, where z_m (1 + x) = z + dq/2.
+    """Return the relative decay x >= 0 of the Bouc-Wen state z of one joint over a step, in which the joint turns by dq
+    [rad].
+
+    The mid-step state z_m satisfies z_m (1 + x) = z + dq/2.
 
     x = |dq|/2 (beta + gamma sgn(dq z_m)) |z_m|^{n-1}, for the turn dq [rad] of the joint over the step.
 
@@ -100,7 +109,11 @@ def boucwen_decay(z, dq, memory):
 
 
 def decay_along(goal, turn, memory):
-    """Return the decay of `boucwen_decay` for `goal` = |z_m| (1 + x) >= 0, with `turn` the part of dq along z_m."""
+    """Return the relative decay of the Bouc-Wen state over a step, from its undecayed mid-step value `goal` >= 0 and
+    the turn in its direction.
+
+    `goal` = |z_m| (1 + x) >= 0, and `turn` [rad] is the part of dq along z_m, with z_m and x as in `boucwen_decay`.
+    """
     rate = memory.boucwen_beta
     if turn.real > 0.0 and goal.real > 0.0:
         rate = rate + memory.boucwen_gamma
@@ -124,7 +137,9 @@ def decay_along(goal, turn, memory):
 
 
 def size(x):
-    """Return |x|, as x or -x with a real part >= 0, so that derivatives by complex step are kept."""
+    """Return the absolute value of x, as x or -x, so that the derivative in its imaginary part
+    (complex step) is kept.
+    """
     if x.real < 0.0:
         return -x
     return x
@@ -141,7 +156,8 @@ def stretched(e, dq, limit):
 
 
 def remember(q, dq, h, K, state, memory):
-    """Update the hysteresis states (n, branches) over a step from q by dq (n,), and return the dissipated energy [J].
+    """Update the hysteresis states (n, branches) [rad] of the n joints after they turn from q by dq (n,) [rad] in h
+    [s], and return the dissipated energy [J].
 
     The rules are those of `creep_lines` and `friction_lines`. Each term of the energy is a square or a product of equal
     signs, and therefore not negative.
@@ -175,7 +191,8 @@ def remember(q, dq, h, K, state, memory):
 
 
 def follow_change(phi, change, joints, past):
-    """Update slip elements and Bouc-Wen for a sudden turn of the links from phi by `change` (n,) [rad].
+    """Update slip elements and Bouc-Wen states of the joints for an instantaneous change of the link angles from phi by
+    `change` (n,) [rad].
 
     Creep states do not change. `past.held` receives the joints' angles and turns. The dissipated energy is not counted.
     """
@@ -191,7 +208,7 @@ def follow_change(phi, change, joints, past):
 
 
 def memory_angle(i, q, state, memory):
-    """Return r_i [rad]: the present hysteresis torque of joint i, divided by K_i, at the joint angle q [rad]."""
+    """Return the hysteresis torque of joint i divided by its stiffness K_i [rad], at the joint angle q [rad]."""
     value = 0.0 * q
     P = len(memory.creep_share)
     S = len(memory.slip_share)
@@ -205,7 +222,10 @@ def memory_angle(i, q, state, memory):
 
 
 def memory_stored(i, q, state, memory):
-    """Return the energy stored in the branches of joint i over K_i: half the sum of share times squared stretch."""
+    """Return the energy stored in the hysteresis branches of joint i, divided by its stiffness K_i [rad^2].
+
+    It is half the sum of share times squared stretch.
+    """
     value = 0.0 * q
     P = len(memory.creep_share)
     S = len(memory.slip_share)
@@ -219,7 +239,7 @@ def memory_stored(i, q, state, memory):
 
 
 def relax(phi, joints, past):
-    """Set the creep states of all joints to equilibrium at the absolute angles phi (n,)."""
+    """Set the creep states of all joints to their equilibrium at the absolute link angles phi (n,) [rad]."""
     last = joints.base_angle
     for i in range(len(joints.theta0)):
         for j in range(len(past.memory.creep_share)):
@@ -228,7 +248,8 @@ def relax(phi, joints, past):
 
 
 def step_with_memory(phi, w, h, torque, body, joints, past, work):
-    """Advance phi, w (n,) and the hysteresis states in place by h [s], and return the energy [J] they dissipate.
+    """Advance link angles phi (n,), rates w (n,) and hysteresis states in place by one step h [s], and return the
+    energy [J] lost to hysteresis.
 
     `past` (`symbols.Past`) holds the hysteresis law, its states (n, branches), and scratch arrays. `torque` (n,) [N m]
     is the mean actuation torque of each joint.
@@ -264,7 +285,9 @@ def step_with_memory(phi, w, h, torque, body, joints, past, work):
 
 
 def hold_start(phi, w, h, joints, held):
-    """Copy the start of a step to `held`, and guess the turn of every joint from its present rate."""
+    """Copy the state at the start of a time step to `held`, and estimate each joint's turn over the step from its
+    present rate.
+    """
     angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(len(phi)):
@@ -278,7 +301,8 @@ def hold_start(phi, w, h, joints, held):
 
 
 def agreement(w, h, past, work, calm):
-    """Return the largest difference [rad] between the hysteresis angles r used by the step and those after it.
+    """Return the largest mismatch [rad] between the hysteresis angles assumed in a time step and those after it; update
+    the assumed turns.
 
     Writes these turns to held.dq, or their mean with the previous ones if `calm`. The result is NaN where the step
     failed.

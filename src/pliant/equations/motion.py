@@ -1,4 +1,5 @@
-"""The equation of motion, Eq. (5): acceleration, its exact derivatives, and one linearly implicit step.
+"""The equation of motion of a planar chain, Eq. (5): acceleration, its exact derivatives, and one linearly implicit
+time step.
 
 M ddq + (C + D) dq + K q = tau
 
@@ -50,7 +51,8 @@ def acceleration(phi, w, torque, body, joints, work, a):
 
 
 def acceleration_jacobian(phi, w, torque, body, joints, work, out):
-    """Write the accelerations and their derivatives with respect to phi and w to `out`, a `symbols.Slopes`.
+    """Write the link accelerations (n,) [rad/s^2] and their derivatives by the link angles phi and rates w to `out`, a
+    `Slopes` record.
 
     Each row holds the derivatives by one variable, so that each right-hand side of the shared factors is contiguous.
 
@@ -97,7 +99,8 @@ def acceleration_jacobian(phi, w, torque, body, joints, work, out):
 
 
 def step(phi, w, h, torque, body, joints, work):
-    """Advance phi and w (n,) in place by h [s] with the implicit midpoint rule, linearised about the start of the step.
+    """Advance link angles phi (n,) and rates w (n,) in place by one step h [s] of the linearised implicit midpoint
+    rule.
 
     `torque` (n,) [N m] is the mean actuation torque of each joint over the step.
 
@@ -151,7 +154,11 @@ def step(phi, w, h, torque, body, joints, work):
 
 
 def centrifugal(S, square, r, a):
-    """Write a_k = r_k - sum_l S_kl square_l to a (n,). S (n, n) is skew-symmetric, given by its lower triangle."""
+    """Write the forces r (n,) less the centrifugal terms S square to a (n,), where `square` (n,) are squared rates and
+    S is skew-symmetric.
+
+    a_k = r_k - sum_l S_kl square_l. S (n, n) is given by its lower triangle.
+    """
     n = len(r)
     for k in range(n):
         a[k] = r[k]
@@ -162,7 +169,8 @@ def centrifugal(S, square, r, a):
 
 
 def acceleration_recursive(q, dq, torques, links, ddq):
-    """Write the joint accelerations ddq (n,) [rad/s^2] by the paper's recursion, Eqs. (4) and (5), from q and dq (n,).
+    """Write the joint accelerations ddq (n,) [rad/s^2] from joint angles q and rates dq (n,), by the paper's recursion
+    of Eqs. (4), (5).
 
     The sequence is Eq. (4) -> Jacobians -> M and C -> Eq. (5).
 

@@ -1,4 +1,5 @@
-"""Measurement functions of a planar chain: positions of points on links, and their derivatives by the coordinates.
+"""Measurement functions of a planar chain: positions of points on links, link angles, and their derivatives by the
+chain's coordinates.
 
 Fits, filters and contact detection use these kernels. `mechanics.PlanarChain.stations` is the vectorised form for a
 whole motion.
@@ -12,7 +13,8 @@ ANGLE, ALONG_X, ALONG_Y, JOINT, ALONG_Z, TURN_X, TURN_Y, TURN_Z = range(8)  # ki
 
 
 def place_links(x, base_angle, chain, links):
-    """Write cosine, sine, stretch and joint position (x, y) [m] of the base and of all links to `links` (5, n + 1).
+    """Write cosine, sine, stretch and joint position (x, y) [m] of the base and all n links to `links` (5, n + 1), at
+    coordinates x.
 
     The coordinates x (n + S,) are absolute angles [rad], then strains. `chain` is a `symbols.ObservedChain`. Column 0
     is the base, whose joint is the origin.
@@ -41,7 +43,8 @@ def place_links(x, base_angle, chain, links):
 
 
 def position(axis, link, along, across, links):
-    """Return the coordinate [m] along `axis` (0: x, 1: y) of a point which is fixed to a link (-1: the base).
+    """Return one coordinate [m] (`axis` 0: x, 1: y) of the point at `along`, `across` [m] on link `link` (-1: the
+    base).
 
     `along` and `across` [m] locate the point on the link, `links` is the array written by `place_links`.
 
@@ -55,7 +58,11 @@ def position(axis, link, along, across, links):
 
 
 def point_slope(axis, place, chain, links, row):
-    """Write the derivatives of `position` by the coordinates to `row` (n + S,); `place` is (link, along, across)."""
+    """Write the derivatives of a point's x or y position [m] by n link angles and S strains to `row` (n + S,); `place`
+    is (link, along, across).
+
+    The position is that of `position`.
+    """
     link, along, across = place
     n = len(chain.length)
     for i in range(len(row)):
@@ -85,7 +92,8 @@ def point_slope(axis, place, chain, links, row):
 
 
 def observe_point(axis, row, chain, links, slope):
-    """Return one coordinate [m] of the point of a measurement `row`, and write its derivatives to `slope` (n + S,).
+    """Return the x or y position [m] of a measured point on a link, and write its derivatives by the coordinates to
+    `slope` (n + S,).
 
     `axis` is 0 for x, 1 for y. The row is (kind, link, along, across). `links` is the array written by `place_links`.
     """
@@ -95,7 +103,7 @@ def observe_point(axis, row, chain, links, slope):
 
 
 def observe_rows(x, frame, links, seen, H):
-    """Write the predicted measurements to `seen` (m,), and their derivatives by the coordinates x (N,) to H (m, N).
+    """Write the m predicted measurements at coordinates x (N,) to `seen` (m,), and their derivatives by x to H (m, N).
 
     A row of `frame.rows` is (kind, link, along, across). It measures the angle of a link [rad], from +y or from the
     link before it, or the x or y position [m] of a point fixed to the link. `links` is scratch. Chains in space use
@@ -119,7 +127,8 @@ def observe_rows(x, frame, links, seen, H):
 
 
 def tip_outputs(angle, strain, geometry, out):
-    """Write the outputs `out` (tip x, tip y [m] or last link's angle [rad]) at absolute angles (n,) and strains (S,).
+    """Write the selected outputs to `out`: tip x or y [m], or the last link's angle [rad], from absolute link angles
+    and segment strains.
 
     `geometry` is (length, share, x0, y0, which). which[j] selects output j: 0 is x, 1 is y, 2 is the angle.
     """
@@ -146,7 +155,8 @@ def tip_outputs(angle, strain, geometry, out):
 
 
 def turned(rest_shift, turn):
-    """Write to turn (n + S,) the absolute angle of each link due to shifts (n,) [rad] of the rest angles of the joints.
+    """Write the changes of the absolute link angles to turn (n + S,) [rad], for changes `rest_shift` (n,) [rad] of the
+    joints' rest angles.
 
     The entries of the strains are not changed.
     """
@@ -157,7 +167,8 @@ def turned(rest_shift, turn):
 
 
 def motion_of(w, joints):
-    """Return the mean square of the joint rates [rad^2/s^2], from the rates w of the links.
+    """Return the mean over the joints of the squared joint rates [rad^2/s^2], from the rates w of the absolute link
+    angles.
 
     w may hold rates of strains behind those of the links.
     """
@@ -169,7 +180,8 @@ def motion_of(w, joints):
 
 
 def observe(phi, base_angle, places, seen):
-    """Write position (x, y) [m] and angle [rad] of the observed points to seen (S, 3), at coordinates phi (n + S,).
+    """Write position x, y [m] and angle [rad] of the S observed points to seen (S, 3), from link angles and strains
+    `phi`.
 
     The angles are measured from `places.reference`.
     """

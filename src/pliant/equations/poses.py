@@ -1,4 +1,5 @@
-"""Static poses of a chain in space, computed one after the other, each in equilibrium under the inputs of its row.
+"""Static poses of a chain in space, computed one after the other, each in equilibrium under its own torques and tendon
+inputs.
 
 The friction of tendons acts against the motion from one pose to the next: `tendon.slip` receives the change of the
 coordinates as rates over one second. Derivatives are complex steps, so that all arrays except the resulting poses are
@@ -24,7 +25,7 @@ STABLE = 1e-9  # smallest pivot of a stable equilibrium, over the largest diagon
 
 
 class Settling(NamedTuple):
-    """Results of the equilibrium search for T poses after a start pose, and its scratch arrays."""
+    """Results and scratch arrays of the search for T static poses, each computed from the one before."""
 
     x: np.ndarray  # (T + 1, N) coordinates, the start first
     K: np.ndarray  # (T + 1, N, N) stiffness at each pose: minus the derivative of the net force by x
@@ -36,7 +37,9 @@ class Settling(NamedTuple):
 
 
 def forces_after(x, last, torque, body, joints, work, push):
-    """Write the net force at rest at x (N,), reached from `last` (N,), to push (N,) [N m]: zero in equilibrium."""
+    """Write the net generalized force at rest at x (N,) to push (N,) [N m]. The friction of tendons opposes the change
+    from `last` (N,) to x.
+    """
     for i in range(len(x)):
         work.v[i] = x[i] - last[i]
     for r in range(len(body.friction)):
@@ -45,7 +48,10 @@ def forces_after(x, last, torque, body, joints, work, push):
 
 
 def stiffness_at(x, last, torque, body, joints, work, K):
-    """Write the stiffness K (N, N) [N m/rad] at x (N,): minus the derivative of the force of `forces_after` by x."""
+    """Write the stiffness K (N, N) [N m/rad] at the pose x (N,): minus the derivative of the net force at rest by x.
+
+    The net force is that of `forces_after`.
+    """
     for j in range(len(x)):
         x[j] = x[j] + complex(0.0, STEP)
         forces_after(x, last, torque, body, joints, work, work.a)
@@ -55,7 +61,8 @@ def stiffness_at(x, last, torque, body, joints, work, K):
 
 
 def solved(K, shift, push, work, move):
-    """Solve (K + shift) move = push for move (N,), and return the smallest pivot.
+    """Solve (K + shift I) move = push for move (N,), and return the smallest pivot, which is positive for a positive
+    definite matrix.
 
     The smallest pivot is positive in a stable equilibrium.
     """
@@ -80,7 +87,8 @@ def largest_of(values):
 
 
 def settle(torque, body, joints, work, found, K):
-    """Move found.at (N,) to the equilibrium under `torque` (N + R,), and write the stiffness K (N, N) there.
+    """Move the pose found.at (N,) to the static equilibrium under `torque` (N + R,), and write the stiffness there to
+    K. Return 1 for success, else 0.
 
     found.last (N,) is the pose before, which gives the direction of friction. Newton's method; a move that increases
     the residual is halved. Returns 1 where a stable equilibrium is found, else 0.
@@ -112,7 +120,8 @@ def settle(torque, body, joints, work, found, K):
 
 
 def reach(torque, before, parts, body, joints, work, found, K):
-    """Move found.at (N,) from found.last to the equilibrium under `torque`, changing the inputs from `before`.
+    """Find the equilibrium after the inputs change from `before` to `torque` in `parts` equal steps, and write it to
+    found.at (N,).
 
     The inputs (N + R,) change in `parts` equal steps. Returns 1 where every step ends in a stable equilibrium, else 0.
     """
@@ -127,7 +136,8 @@ def reach(torque, before, parts, body, joints, work, found, K):
 
 
 def settle_all(torque, body, joints, work, found):
-    """Find the equilibria under the inputs torque (T + 1, N + R), each starting from the one before.
+    """Find the static pose under each row of the inputs `torque` (T + 1, N + R), each search starting from the pose
+    before.
 
     found.x[0] (N,) is the given equilibrium of the first row, without friction. Returns the index of the first row
     without a stable equilibrium, or -1.
@@ -150,7 +160,7 @@ def settle_all(torque, body, joints, work, found):
 
 
 def show_all(torque, body, joints, work, found, places, seen):
-    """Write the observed points of all poses found to seen (T + 1, S, 3).
+    """Write the positions [m] of the S observed points in all T + 1 static poses to seen (T + 1, S, 3).
 
     Imaginary parts of the inputs and constants give those of the observed points (derivatives by complex step).
     """

@@ -1,4 +1,4 @@
-"""A torque law which saturates: the torque tends to a limit at high pressure.
+"""A torque law which saturates: the torque approaches a limit at high pressure.
 
 tau = a p / sqrt(1 + (p / p0)^2)
 
@@ -15,13 +15,15 @@ from pliant.equations.law import LawParameter, TorqueLaw
 
 
 def saturating_lever(p, a):
-    """Return the torque per pascal [N m/Pa] at the pressure p [Pa], for a = (A d [N m/Pa], p0 [Pa])."""
+    """Return the torque per unit pressure [N m/Pa] of the saturating law at the pressure p [Pa], for its coefficients a
+    = (A d, p0).
+    """
     share = p / a[1]
     return a[0] / np.sqrt(1.0 + share * share)
 
 
 def start(pressure, torque):
-    """Return starting values of a fit from pressures (T,) [Pa] and torques (T,) [N m] at rest.
+    """Return starting values for a fit of the saturating law, from pressures (T,) [Pa] and static torques (T,) [N m].
 
     (p / tau)^2 = 1 / a^2 + (p / (a p0))^2 is fitted as a straight line in p^2.
     """

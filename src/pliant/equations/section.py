@@ -1,4 +1,4 @@
-"""Cross-section of the chamber: bladder area, lever arm, and the torque of a pressure. Sec. III-C.
+"""Cross-section of the chamber, Sec. III-C: area, lever arm, and the torque as a polynomial of the pressure.
 
 `chamber` adds the dynamics of soft walls.
 """
@@ -20,7 +20,8 @@ def bladder_area(r2):
 
 
 def lever_arm(r2):
-    """Return the distance d = 4 r2 / (3 pi) [m] of the centroid from the flat face, for an inner radius r2 [m].
+    """Return the lever arm d = 4 r2 / (3 pi) [m] of a half-round chamber: the distance of its centroid from the flat
+    face, for inner radius r2 [m].
 
     d = 4 r2 / (3 pi)
 
@@ -30,7 +31,8 @@ def lever_arm(r2):
 
 
 def torque(p, a):
-    """Return the torque [N m] on every joint at the gauge pressure p [Pa].
+    """Return the torque [N m] which a chamber at the gauge pressure p [Pa] exerts on every joint, for polynomial
+    coefficients `a`.
 
     tau = a_1 p + a_2 p^2 + ... with a = (a_1, a_2, ...) in N m/Pa^k. The paper's law tau = p A d is a = (A d,).
     The torque is the same on every joint: the flat face does not stretch, so V(q) = A L + A d sum(q), p dV/dq_i = p A

@@ -1,4 +1,4 @@
-"""Chain in space: Eq. (5) with a swing of two coordinates at every joint, and optionally a twist.
+"""Chain of links in space: Eq. (5) with two swing angles at every joint, and optionally a twist angle.
 
 Coordinates x = (a_1, b_1 ... a_n, b_n), then (c_1 ... c_n) where joints twist, all in rad. The rotation of link k is
 R_k = P_k exp([a_k, b_k, 0]) Rz(c_k) with P_k = R_{k-1} R_rest,k. The link points along z_k, the third column of R_k.
@@ -33,7 +33,10 @@ C5 = tuple((-1.0) ** j / float(FACTORIALS[2 * j + 4]) for j in range(TERMS))
 
 
 def stumpff(y):
-    """Return c2, c3 and their derivatives by y, where c_k(y) = sum_j (-y)^j / (2 j + k)!.
+    """Return Stumpff's functions c2(y) and c3(y) and their derivatives by y, which describe rotations by an angle
+    sqrt(y).
+
+    c_k(y) = sum_j (-y)^j / (2 j + k)!
 
     They follow from the series of c4 and c5 with c_k = 1/k! - y c_{k+2} and c_k' = (k c_{k+2} - c_{k+1}) / 2. Exact to
     rounding for y <= 16.
@@ -50,7 +53,11 @@ def stumpff(y):
 
 
 def pose_links(x, body, work):
-    """Write rotations R (n + 1, 3, 3), starts r (n + 1, 3) [m] and axes S (T, 3) of all links at x (N,) into `work`.
+    """Write rotation and start position of each link, and the rotation axis of each joint angle, to `work`, at the
+    coordinates x (N,).
+
+    work.R (n + 1, 3, 3) receives the rotations, work.r (n + 1, 3) the start positions [m], and work.S (T, 3) the axes
+    of the T angles.
 
     R[0] and r[0] belong to the part before the first joint, and r[k] is the joint of link k, counted from 1. Row i of S
     is the angular velocity of all links beyond the joint for a unit rate of x_i. `work.P` (n, 3, 3) receives the frames
@@ -74,7 +81,8 @@ def pose_links(x, body, work):
 
 
 def swing(k, a, b, work):
-    """Write the rotation R of link k after a swing by the rotation vector (a, b, 0) [rad], and the axes S of a and b.
+    """Write the rotation of link k after its joint swings by the rotation vector (a, b, 0) [rad], and the axes of a and
+    b, to `work`.
 
     k counts from 0. `work.P` holds the frame of the joint before the swing.
     """
@@ -99,7 +107,7 @@ def swing(k, a, b, work):
 
 
 def twist(i, k, angle, work):
-    """Turn link k of `work.R` about its own axis by `angle` [rad], and write this axis to row i of `work.S`."""
+    """Turn link k about its own axis by `angle` [rad] in work.R, and write this axis to row i of work.S."""
     c = np.cos(angle)
     s = np.sin(angle)
     for j in range(3):
@@ -112,7 +120,8 @@ def twist(i, k, angle, work):
 
 
 def composites(body, work):
-    """Write the first moment C (n, 3) [kg m] and inertia J (n, 3, 3) [kg m^2] of each link with all links beyond it.
+    """Write first moment C (n, 3) [kg m] and inertia J (n, 3, 3) [kg m^2] of the rigid body of each link and all links
+    beyond it to `work`.
 
     Both are about the joint at the start of the link. J is the link's own inertia plus
     J_next + m l^2 (1 - z z^T) + l (2 (z . C) 1 - z C^T - C z^T), with m the mass and C the first moment of the links
@@ -140,7 +149,9 @@ def composites(body, work):
 
 
 def carry(k, length, work):
-    """Add to C and to the lower triangle of J of link k, of `length` [m], the parts of the links beyond it."""
+    """Add the first moment and inertia of the links beyond link k to those of link k in `work`. `length` [m] is that of
+    link k.
+    """
     along = 0.0 * length
     for i in range(3):
         along = along + work.R[k + 1, i, 2] * work.C[k + 1, i]
@@ -154,7 +165,8 @@ def carry(k, length, work):
 
 
 def inertia(quarter, body, work, A):
-    """Write the lower triangle of A (N, N) [kg m^2]: the inertia M plus `quarter` [s^2] times the slope of gravity.
+    """Write the lower triangle of the implicit step's matrix A (N, N): the inertia M plus `quarter` [s^2] times the
+    gravity stiffness.
 
     For coordinate i nearer to the base than j, M_ij = s_i . (J s_j + (r_j - r_i) x f_j) with f_j = s_j x C. The slope
     of gravity is s_i . (g x f_j), which equals a shift of r_j by `quarter` g. Between the two coordinates of a swing
@@ -187,7 +199,10 @@ def inertia(quarter, body, work, A):
 
 
 def moment_of_turn(j, k, quarter, body, work):
-    """Write the force F and moment N about the origin for a unit acceleration of coordinate j, and E = r x s.
+    """Write the force and the moment about the origin that a unit acceleration of coordinate j requires, to row j of
+    work.F and work.N.
+
+    Row j of work.E receives E = r x s, for the axis s of the coordinate at the joint position r.
 
     Coordinate j belongs to link k, counted from 0. All three are rows of `work`.
     """
@@ -215,7 +230,8 @@ def moment_of_turn(j, k, quarter, body, work):
 
 
 def inertial_forces(x, v, body, work, f):
-    """Write the centrifugal, Coriolis and gravity forces f (N,) [N m] of the left-hand side of Eq. (5), at rates v.
+    """Write the centrifugal, Coriolis and gravity forces f (N,) [N m] of a chain in space, at coordinates x and rates v
+    (N,).
 
     `work` holds the pose at x. The accelerations of the links at zero acceleration of x are computed from the base,
     which accelerates by -g, to the tip. The moments which these need about each joint are summed from the tip to the
@@ -248,7 +264,7 @@ def inertial_forces(x, v, body, work, f):
 
 
 def swing_rates(k, x, v, work):
-    """Update the angular velocity and acceleration in `work` from one link to the next, over the swing of link k.
+    """Add the swing of joint k to the angular velocity and acceleration in `work`, which proceed from link to link.
 
     In the frame of the joint, at constant rates (da, db) of the swing, the derivative of J_l dv/dt by time is
     kappa (d3 b + c3 db, -(d3 a + c3 da), d2), with kappa = a db - b da and d_j the rate of c_j.
@@ -271,7 +287,9 @@ def swing_rates(k, x, v, work):
 
 
 def turn_on(axis, rate, work):
-    """Add a rotation at `rate` [rad/s] about a moving `axis` (3,) to the angular velocity and acceleration."""
+    """Add a rotation at `rate` [rad/s] about a moving `axis` (3,) to the angular velocity and
+    acceleration in `work`.
+    """
     tx = axis[0] * rate
     ty = axis[1] * rate
     tz = axis[2] * rate
@@ -287,7 +305,9 @@ def turn_on(axis, rate, work):
 
 
 def link_force(k, body, work):
-    """Write the force L [N] and moment M about the joint [N m] which move link k; update the joint's acceleration."""
+    """Write the inertial and gravity force [N] of link k, and its moment about the joint [N m], to work.L[k] and
+    work.M[k].
+    """
     wx = work.omega[0]
     wy = work.omega[1]
     wz = work.omega[2]
@@ -320,7 +340,9 @@ def link_force(k, body, work):
 
 
 def pass_down(k, length, work):
-    """Add to force L and moment M of link k those of the links beyond it; `length` [m] is that of link k."""
+    """Add the force and moment of all links beyond link k to those of link k, in work.L and work.M. `length` [m] is
+    that of link k.
+    """
     x = length * work.R[k + 1, 0, 2]
     y = length * work.R[k + 1, 1, 2]
     z = length * work.R[k + 1, 2, 2]
@@ -336,7 +358,8 @@ def pass_down(k, length, work):
 
 
 def acceleration(x, v, torque, body, joints, work, a):
-    """Write the accelerations a (N,) of all coordinates [rad/s^2, strains 1/s^2].
+    """Write the accelerations a (N,) of a chain in space: angles [rad/s^2], then strains [1/s^2], at coordinates x and
+    rates v.
 
     `torque` (N,) [N m] is the actuation along each coordinate. `work.A` keeps the factors of M.
 
@@ -353,7 +376,8 @@ def acceleration(x, v, torque, body, joints, work, a):
 
 
 def step(x, v, h, torque, body, joints, work):
-    """Advance x and v (N,) in place by h [s] under the mean actuation `torque` (N,) [N m], as `motion.step`.
+    """Advance the coordinates x (N,) and rates v (N,) of a chain in space in place by one implicit step h [s], under
+    the mean `torque` (N,) [N m].
 
     Springs, dampers and the slope of gravity are implicit. Terms quadratic in the rates are evaluated at the rates in
     mid-step by a second solve with the same factors. `work.a` keeps the change of v.
@@ -379,7 +403,8 @@ def step(x, v, h, torque, body, joints, work):
 
 
 def build_step(x, v, h, torque, body, joints, work):
-    """Write the system of equations of one `step` into `work`, without solving it.
+    """Write the matrix and torques of one implicit time step of a chain in space into `work`, without solving the
+    equations.
 
     `work.q` (N,) receives the mid-step coordinates, with their pose, and `work.t` (N,) the torques there. `work.A` (N,
     N) receives the matrix, not factored.

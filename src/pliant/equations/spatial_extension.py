@@ -1,4 +1,4 @@
-"""Segments of a chain in space which lengthen, each by one uniform axial strain e_s.
+"""Segments of a chain in space that lengthen, each with one uniform axial strain as an additional coordinate.
 
 The strains follow the angles in the coordinates x.
 
@@ -12,7 +12,9 @@ from __future__ import annotations
 
 
 def stretch_links(x, body, work):
-    """Write the stretch, length, centre of mass and lateral inertia of all links at x (N,) to `work`."""
+    """Write stretch, length, centre of mass and lateral inertia of all stretched links to `work`, at the coordinates x
+    (N,).
+    """
     n = len(body.mass)
     turns = len(work.S)
     for k in range(n + 1):
@@ -35,7 +37,7 @@ def stretch_links(x, body, work):
 
 
 def stretch_rates(v, body, work):
-    """Write the rates of the stretches of all links to work.growth (n + 1,) [1/s], at rates v (N,)."""
+    """Write the rate of each link's stretch to work.growth (n + 1,) [1/s], from the rates v (N,) of the coordinates."""
     turns = len(work.S)
     if body.share.shape[1] > 0:
         for k in range(len(body.mass) + 1):
@@ -46,12 +48,14 @@ def stretch_rates(v, body, work):
 
 
 def along_axis(k, body):
-    """Return the unstretched second moment of mass [kg m^2] of link k along its axis, about its joint."""
+    """Return the second moment of mass [kg m^2] of unstretched link k along its axis, about its joint."""
     return body.lateral[k] - 0.5 * body.axial[k] + body.mass[k] * body.centre[k] * body.centre[k]
 
 
 def add_strain_inertia(quarter, body, work, A):
-    """Write the rows of the strains in the matrix A of `spatial.inertia`, behind the rows of the angles.
+    """Write the rows of the segment strains to the matrix A (N, N) of an implicit step, below the rows of the angles.
+
+    A is the matrix of `spatial.inertia`.
 
     A unit acceleration of st_k accelerates the joint beyond link k by l_k z_k. It needs the force h_k z_k, where h_k is
     the first moment m c of the link and of all mass beyond it at its end, and the moment l_k C_{k+1} x z_k about the
@@ -79,7 +83,8 @@ def add_strain_inertia(quarter, body, work, A):
 
 
 def inner_turns(s, quarter, body, work, row):
-    """Write to `row` the forces which a unit acceleration of strain s needs at joints before the stretched links.
+    """Write the torques at joints nearer to the base, due to a unit acceleration of strain s, to the entries of the
+    angles in `row` (N,).
 
     From tip to base, work.alpha holds the force and work.omega the moment about the origin of all links from k on, and
     work.along the inertial force along each link. The slope of gravity enters as in `spatial.moment_of_turn`.
@@ -116,7 +121,8 @@ def inner_turns(s, quarter, body, work, row):
 
 
 def outer_turns(s, body, work, row):
-    """Add to `row` the forces which a unit acceleration of strain s needs at joints beyond the stretched links.
+    """Add the torques at joints nearer to the tip, due to a unit acceleration of strain s, to the entries of the angles
+    in `row` (N,).
 
     From base to tip, work.lift holds the acceleration of joint k. The forces along the links, work.along, are updated
     too.
@@ -136,7 +142,10 @@ def outer_turns(s, body, work, row):
 
 
 def lengthen_link(k, turned, body, work):
-    """Add to force L and moment M of link k the terms of its growth, u'' = st z'' + 2 st' z' at constant rates.
+    """Add the inertial force and moment due to the lengthening of link k to work.L[k] and work.M[k].
+
+    At constant rates u = st z, the vector along the link, has the additional acceleration 2 st' z' (u'' = st z'' + 2
+    st' z').
 
     k counts from 0 and `turned` (3,) is z'. work.lift receives the acceleration due to growth, work.along the force of
     the link's own mass along its axis, with z . z'' = -z'^2.
@@ -163,7 +172,8 @@ def lengthen_link(k, turned, body, work):
 
 
 def strain_forces(body, work, f):
-    """Write the centrifugal, Coriolis and gravity forces of the strains [N m] to the last S entries of f (N,).
+    """Write the centrifugal, Coriolis and gravity forces [N m] of the S segment strains to the last S entries of f
+    (N,).
 
     work.L holds the force on each link with all links beyond it, and work.along [N m] the force along each link's own
     axis times its length.

@@ -1,4 +1,4 @@
-"""Exact Jacobian of one step of a chain in space, and outputs for control: `linearised` in three dimensions.
+"""Jacobian of one time step of a chain in space by complex steps, and the tip outputs that controllers use.
 
 The derivatives are complex steps through `spatial.step`, so that springs, tendons and gravity are all included.
 """
@@ -11,7 +11,10 @@ TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
 def step_jacobian(x, v, h, torque, body, joints, work, slopes):
-    """Advance x and v (N,) in place by h [s] as `spatial.step`, and write the Jacobian of the step to slopes.J.
+    """Advance coordinates x (N,) and rates v (N,) in place by one step h [s], and write the step's derivatives by x, v
+    and inputs to slopes.J.
+
+    `spatial.step` makes the same step without derivatives.
 
     slopes.J (3N + R, 2N) has one row for each variable: J[i, k] = d(x', v')_k / d(x, v, t)_i. t are additional torques
     (N,) [N m] along the coordinates and then commands (R,) [N] of tendons, constant over the step. `slopes` is a
@@ -41,7 +44,10 @@ def step_jacobian(x, v, h, torque, body, joints, work, slopes):
 
 
 def tip_outputs(x, strain, geometry, out):
-    """Write the outputs `out`, x, y or z of the tip [m] as `which` selects, at the angles x (T,) and strains (S,).
+    """Write the selected tip coordinates (x, y or z) [m] of a chain in space to `out`, from its joint angles `x` and
+    segment strains.
+
+    Output j is x, y or z as which[j] says. x has T angles, the strains have the shape (S,).
 
     `geometry` is (body, work, which), with which[j] = 0, 1, 2 for x, y, z. The planar function is
     `observation.tip_outputs`.
@@ -59,7 +65,8 @@ def tip_outputs(x, strain, geometry, out):
 
 
 def turned(rest_shift, turn):
-    """Copy the shifts (T,) [rad] of the rest shape to `turn`: in space they are shifts of the coordinates themselves.
+    """Copy the shifts of the rest angles [rad] to `turn`. In space, unlike in the plane, they shift the coordinates
+    directly.
 
     The planar function is `observation.turned`.
     """
@@ -68,7 +75,8 @@ def turned(rest_shift, turn):
 
 
 def motion_of(v, joints):
-    """Return the mean square of the joint rates [rad^2/s^2], of swing and twist together, from the rates v (N,).
+    """Return the sum of squared joint rates, swing and twist, divided by the number of joints [rad^2/s^2], from the
+    rates v (N,).
 
     The planar function is `observation.motion_of`.
     """

@@ -1,4 +1,4 @@
-"""Hysteresis of the joints in space: creep, slip elements and Bouc-Wen of `memory`, on swings and on twists.
+"""Hysteresis of the joints of a chain in space: creep, slip elements and Bouc-Wen, for swings and twists.
 
 Every coordinate of a joint has its own states. Creep is linear, so that each coordinate follows the planar law. Slip is
 one law for both coordinates of a swing: the stretch e = (e_a, e_b) of an element has the size of `swing_size`,
@@ -29,7 +29,8 @@ DIRECTION = 1e-3  # rad: weight, beside r, of a difference in the direction of s
 
 
 def yielded(a, b, ratio, limit):
-    """Return the factor which scales a stretch (a, b) [rad] back to its limit, and the direction of slip.
+    """Return the factor that scales the stretch (a, b) [rad] of a slip element back to its limit, and the slip
+    direction (two components).
 
     A sticking element has the factor 1 and the direction (0, 0).
 
@@ -43,7 +44,10 @@ def yielded(a, b, ratio, limit):
 
 
 def flow(a, b, da, db, ratio, memory):
-    """Return the decay of Bouc-Wen's state (a, b) [rad] over a motion (da, db) [rad], as `memory.boucwen_decay`."""
+    """Return the relative decay of the Bouc-Wen state (a, b) [rad] of a joint's swing over a motion (da, db) [rad].
+
+    The planar function is `memory.boucwen_decay`.
+    """
     a = a + 0.5 * da
     b = b + 0.5 * db
     square = a * a + ratio * b * b
@@ -54,14 +58,18 @@ def flow(a, b, da, db, ratio, memory):
 
 
 def relax(x, joints, past):
-    """Set the creep states of all coordinates to equilibrium at x (N,)."""
+    """Set the creep states of all joint angles to their equilibrium at the coordinates x (N,) of a chain in space."""
     for i in range(past.state.shape[0]):
         for j in range(len(past.memory.creep_share)):
             past.state[i, j] = x[i]
 
 
 def follow_change(x, change, joints, past):
-    """Update slip elements and Bouc-Wen for a sudden motion from x by `change` (N,), as `memory.follow_change`."""
+    """Update slip elements and Bouc-Wen states for an instantaneous change of the coordinates from
+    x by `change` (N,).
+
+    The planar function is `memory.follow_change`.
+    """
     held = past.held
     for i in range(len(x)):
         held.x[i] = x[i]
@@ -71,12 +79,15 @@ def follow_change(x, change, joints, past):
 
 
 def ratio_of(i, joints):
-    """Return K_b / K_a of the swing with coordinates i and i + 1."""
+    """Return the stiffness ratio K_b / K_a of the two swing angles of a joint, which are the
+    coordinates i and i + 1.
+    """
     return joints.K[i + 1] / (joints.K[i] + NO_STIFFNESS)
 
 
 def write_lines(h, joints, past):
-    """Write the hysteresis angles of all coordinates as linear functions of the mid-step coordinates, to held.line.
+    """Write the hysteresis angle of each joint coordinate, as a linear function of the mid-step coordinates, to
+    held.line (m, 3).
 
     held.dq (m,) [rad] is the assumed motion over the step of h [s].
 
@@ -101,7 +112,8 @@ def write_lines(h, joints, past):
 
 
 def add_friction(i, k, ratio, past):
-    """Add slip elements and Bouc-Wen to the linear functions (held.line) of coordinates i and k of one swing.
+    """Add slip elements and Bouc-Wen of one joint to the linear functions in held.line of its two swing coordinates i
+    and k.
 
     A twist has k = i.
 
@@ -141,14 +153,17 @@ def add_friction(i, k, ratio, past):
 
 
 def add_line(i, level, own, across, held):
-    """Add offset `level` [rad] and the slopes `own`, `across` to the linear function of coordinate i in held.line."""
+    """Add an offset `level` [rad] and the slopes `own`, `across` to row i of held.line, a linear function of the
+    mid-step coordinates.
+    """
     held.line[i, 0] = held.line[i, 0] + level
     held.line[i, 1] = held.line[i, 1] + own
     held.line[i, 2] = held.line[i, 2] + across
 
 
 def step_with_memory(x, v, h, torque, body, joints, past, work):
-    """Advance x, v (N,) and the hysteresis states in place by h [s], and return the energy [J] they dissipate.
+    """Advance coordinates x (N,), rates v (N,) and hysteresis states in place by one step h [s], and return the energy
+    [J] lost to hysteresis.
 
     The planar function is `memory.step_with_memory`. Which elements slip, and in which direction, depends on the
     unknown motion of the step. It is guessed, the step is made with tangents (Newton's method), and both are repeated
@@ -177,7 +192,8 @@ def step_with_memory(x, v, h, torque, body, joints, past, work):
 
 
 def disagreement(v, h, joints, past, work, calm):
-    """Return the largest difference [rad] between the hysteresis angles r used by the step and those after it.
+    """Return the largest mismatch [rad] between the hysteresis angles assumed in a time step and those after it; update
+    the assumed motion.
 
     Where an element slips, the change of its direction from the guess counts too. Writes the motion of the step to
     held.dq, or its mean with the previous one if `calm` and not yet converged. The result is NaN where the step failed.
@@ -205,7 +221,10 @@ def disagreement(v, h, joints, past, work, calm):
 
 
 def gap(i, k, da, db, ratio, h, past):
-    """Return the difference [rad] of `disagreement` for coordinates i and k of one swing, which move by da and db.
+    """Return the mismatch [rad] between assumed and resulting hysteresis angles of one joint, whose coordinates i and k
+    move by da and db.
+
+    `disagreement` takes the largest of these.
 
     A twist has k = i.
     """
@@ -244,7 +263,7 @@ def gap(i, k, da, db, ratio, h, past):
 
 
 def remember(h, joints, past):
-    """Update the hysteresis states (m, branches) over a step of h [s], and return the dissipated energy [J].
+    """Update the hysteresis states of m joint coordinates after a step of h [s], and return the dissipated energy [J].
 
     held.dq (m,) is the motion of the coordinates.
 
@@ -271,7 +290,9 @@ def remember(h, joints, past):
 
 
 def move_friction(i, k, ratio, past):
-    """Update slip elements and Bouc-Wen of coordinates i and k, and return the dissipated energy divided by K_i."""
+    """Update slip elements and Bouc-Wen states of the joint coordinates i and k, and return the dissipated energy
+    divided by K_i.
+    """
     held = past.held
     memory = past.memory
     state = past.state

@@ -15,7 +15,7 @@ FLIPPED = 0.0  # cosine below which, beyond 90 degrees, an orientation is taken 
 
 
 def angle_over_sine(cosine):
-    """Return theta / sin(theta) from cos(theta), for 0 <= theta < pi, also for complex numbers and arrays.
+    """Return theta / sin(theta) from `cosine` = cos(theta), for 0 <= theta < pi, accurate also near 0.
 
     Three halvings of the angle, then theta / sin(theta) = sum_n a_n (1 - cos theta)^n, a_n / a_{n-1} = n / (2 n + 1).
     The rotation vector of a rotation matrix is this factor times the vector of the matrix' skew part.
@@ -31,7 +31,8 @@ def angle_over_sine(cosine):
 
 
 def observe_rows(x, frame, links, seen, H):
-    """Write the predicted measurements to `seen` (m,), and their derivatives by the coordinates x (N,) to H (m, N).
+    """Write the m predicted measurements at coordinates x (N,) of a chain in space to `seen` (m,), and their
+    derivatives by x to H (m, N).
 
     A row of `frame.rows` is (kind, link, along, across, aside). It measures x, y or z [m] of a point fixed to a link.
     Three consecutive rows measure the orientation of a link. `links` is scratch. The planar function is
@@ -52,7 +53,8 @@ def observe_rows(x, frame, links, seen, H):
 
 
 def observe_turn(link, value, work, seen, H):
-    """Write the predicted rotation vector of a link to seen (3,) [rad], and its derivatives to H (3, N).
+    """Write the predicted orientation of a link, as a rotation vector, to seen (3,) [rad], and its derivatives by the
+    coordinates to H (3, N).
 
     `value` (3,) is the measured rotation vector.
 
@@ -88,7 +90,11 @@ def observe_turn(link, value, work, seen, H):
 
 
 def turn_slopes(link, e, work, H):
-    """Write the derivatives H (3, N) of `observe_turn`: J_r^{-1}(e) times the axes of the joints before the link."""
+    """Write the derivatives of a link's predicted rotation vector by the N coordinates to H (3, N), at the orientation
+    error e (3,) [rad].
+
+    They are J_r^{-1}(e) times the axes of the joints before the link, as derived in `observe_turn`.
+    """
     y = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
     c2, _, d2, _ = stumpff(y)
     n = work.P.shape[0]

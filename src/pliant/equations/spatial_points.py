@@ -1,4 +1,7 @@
-"""Points of a chain in space, forces at them, and the energies of the chain. `work` holds the pose of `pose_links`."""
+"""Points of a chain in space: their positions and derivatives, forces at them, and the energies of the chain.
+
+`work` is a scratch record which holds the pose written by `spatial.pose_links`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,8 @@ from pliant.equations.spatial_springs import joint_torques
 
 
 def point_position(link, aside, across, along, work, p):
-    """Write the position p (3,) [m] of a point of a link: r + R (aside, -across, along); link -1 is the base part.
+    """Write the position p (3,) [m] of a point fixed to link `link` (-1: the base part), at aside, across and along [m]
+    on the link.
 
     `aside`, `across` and `along` [m] are the point's coordinates on the link, with `along` on the unstretched link.
     `across` is along -y of the link, as in the plane.
@@ -20,7 +24,8 @@ def point_position(link, aside, across, along, work, p):
 
 
 def point_slope(link, along, p, body, work, J):
-    """Write the Jacobian J (3, N) of the position p (3,) [m] of a point `along` [m] on the unstretched link.
+    """Write the derivatives J (3, N) of a point's position by the N coordinates. The point is at p (3,) [m], `along`
+    [m] on its link.
 
     The column of an angle is s x (p - r), that of a strain the sum of a_ks l_k z_k over all links before the point.
     """
@@ -29,7 +34,11 @@ def point_slope(link, along, p, body, work, J):
 
 
 def axis_slope(axis, link, along, p, body, work, row):
-    """Write the row (N,) of the Jacobian of `point_slope` for the coordinate of the point along `axis` (0, 1, 2)."""
+    """Write the derivatives of one coordinate (`axis` 0, 1, 2: x, y, z) of a point's position by the N coordinates to
+    row (N,).
+
+    It is row `axis` of the Jacobian of `point_slope`.
+    """
     n = work.P.shape[0]
     turns = len(work.S)
     j = (axis + 1) % 3
@@ -46,7 +55,8 @@ def axis_slope(axis, link, along, p, body, work, row):
 
 
 def add_pose_loads(load, body, work, t):
-    """Add to t (N,) [N m] the torques of forces and moments on the links, at the pose in `work`.
+    """Add the generalized forces of external forces and moments on the links to t (N,) [N m], for the pose stored in
+    `work`.
 
     `load` (n + 1, 3, 5), in fixed axes, holds for each link (first the part before the first joint) the sums over its
     points of: force times aside, force times -across, force times along [N m], force [N], and free moment [N m].
@@ -84,7 +94,7 @@ def add_pose_loads(load, body, work, t):
 
 
 def add_link_loads(x, v, ahead, load, body, joints, work):
-    """Add the torques [N m] of forces at points of the links to work.tau (N,), at the coordinates x + ahead v.
+    """Add the generalized forces [N m] of external loads on the links to work.tau (N,), at the coordinates x + ahead v.
 
     `ahead` is in s. `add_pose_loads` describes `load`.
     """
@@ -95,7 +105,7 @@ def add_link_loads(x, v, ahead, load, body, joints, work):
 
 
 def kinetic_energy(x, v, body, work):
-    """Return the kinetic energy 1/2 v^T M v [J], summed over the links.
+    """Return the kinetic energy 1/2 v^T M v [J] of a chain in space, at coordinates x and rates v (N,).
 
     Each link contributes the motion of its centre of mass, the turn of its axis and the spin about it.
     """
@@ -130,7 +140,9 @@ def kinetic_energy(x, v, body, work):
 
 
 def gravity_energy(x, body, work):
-    """Return the potential energy -sum m g . r [J], 0 where every centre of mass lies at the origin."""
+    """Return the gravitational energy -sum m g . r [J] of a chain in space, 0 where every centre of mass is at the
+    origin.
+    """
     pose_links(x, body, work)
     value = 0.0 * x[0]
     for k in range(len(body.mass)):
@@ -146,7 +158,9 @@ def gravity_energy(x, body, work):
 
 
 def add_step_work(v, h, torque, joints, work, total):
-    """Add the input work and the loss of dampers and friction in one `spatial.step` to total (2,) [J].
+    """Add the work of the inputs, and the loss in dampers and tendon friction, over one time step to total (2,) [J].
+
+    The step is one of `spatial.step`.
 
     Both use the mid-step rates. `v` (N,) are the rates after the step, `work.a` still holds their change. For tendons,
     `work` is that of `tendon.step`.
@@ -158,7 +172,7 @@ def add_step_work(v, h, torque, joints, work, total):
 
 
 def observe(x, base_angle, places, seen):
-    """Write the positions of the observed points to seen (S, 3) [m], at coordinates x (N,).
+    """Write the positions [m] of the S observed points to seen (S, 3), at the coordinates x (N,) of a chain in space.
 
     The planar function is `observation.observe`. `base_angle` is not used.
     """
@@ -170,7 +184,8 @@ def observe(x, base_angle, places, seen):
 
 
 def static_forces(x, torque, body, joints, work, forces):
-    """Write the net force of actuation `torque` (N,), springs and gravity at rest at x to forces (N,) [N m].
+    """Write the net generalized force of actuation `torque` (N,), springs and gravity on a chain at rest at x to forces
+    (N,) [N m].
 
     It is zero in equilibrium.
     """

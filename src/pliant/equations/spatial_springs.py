@@ -1,4 +1,7 @@
-"""Springs and dampers of a chain in space: the law of `elastic`, for the size of a swing and for a twist.
+"""Springs and dampers of a chain in space: nonlinear springs for the swing and the twist of each joint, linear ones for
+strains.
+
+The nonlinear law is that of `elastic`, applied to the size of a swing and to a twist.
 
 The swing (a, b) of a joint has the energy K_a a^2 / 2 + K_b b^2 / 2 + W(m), m^2 = a^2 + (K_b / K_a) b^2. W is the
 nonlinear part of the law of the first coordinate. With K_a = K_b no direction is preferred, and with b = 0 and a > 0
@@ -22,13 +25,15 @@ MOST_SWING = 16.0  # rad^2: a swing of 4 rad, up to which `spatial.stumpff` is a
 
 
 def swing_size(i, joints, a, b):
-    """Return the size m [rad] of the swing (a, b) [rad] of coordinates i and i + 1, and the ratio K_b / K_a."""
+    """Return the stiffness-weighted size [rad] of a joint's swing (a, b) [rad], coordinates i and i + 1, and the
+    stiffness ratio K_b / K_a.
+    """
     ratio = joints.K[i + 1] / (joints.K[i] + NO_STIFFNESS)
     return np.sqrt(a * a + ratio * (b * b) + TINY), ratio
 
 
 def joint_torques(x, v, joints, torque, ahead, t):
-    """Write the net torques t (N,) [N m] of actuation, spring and damper along each coordinate.
+    """Write the net torque t (N,) [N m] of actuation, spring and damper along each coordinate of a chain in space.
 
     `torque` (N,) is the actuation torque. `ahead` [s] extrapolates x along the present rates v: half a step in the
     implicit midpoint rule, 0 elsewhere.
@@ -56,12 +61,17 @@ def joint_torques(x, v, joints, torque, ahead, t):
 
 
 def partner(i, n):
-    """Return the other coordinate of the swing to which coordinate i belongs; for a twist, i itself."""
+    """Return the index of the other swing coordinate of the same joint as coordinate i, for n joints; i itself for a
+    twist.
+    """
     return i + 1 - 2 * (i % 2) if i < 2 * n else i
 
 
 def add_spring_slopes(q, half, joints, A):
-    """Add the implicit terms h/2 D + h^2/4 K' of springs and dampers at q (N,) to the lower triangle of A (N, N).
+    """Add the stiffness and damping terms of springs and dampers to the lower triangle of the implicit step's matrix A
+    (N, N).
+
+    The terms are h/2 D + h^2/4 K' at the mid-step coordinates q (N,).
 
     The step is h = 2 `half` [s].
     """
@@ -88,7 +98,7 @@ def add_spring_slopes(q, half, joints, A):
 
 
 def elastic_energy(x, joints):
-    """Return the energy [J] of all springs at x (N,), 0 in the rest shape."""
+    """Return the energy [J] of all springs of a chain in space at the coordinates x (N,), 0 in the rest shape."""
     n = len(joints.unloaded)
     value = 0.0 * x[0]
     for i in range(0, 2 * n, 2):
@@ -104,7 +114,10 @@ def elastic_energy(x, joints):
 
 
 def follows(x, v, h, joints):
-    """Return whether the chain is in a range where a step of h [s] is valid, as `elastic.follows` in the plane.
+    """Return whether a time step of h [s] is valid for a chain in space in the state (x, v): no large motion, and every
+    spring stable.
+
+    The planar function is `elastic.follows`.
 
     The conditions are that no coordinate changes by more than 1 in the step, no joint swings by more than 4 rad, every
     spring has a positive slope, and no segment is compressed to below 5 % of its length. Only real parts are compared.

@@ -1,4 +1,4 @@
-"""Parameter records of the kernels: the symbol table of the equations as named tuples.
+"""Parameter records of the compiled kernels: named tuples with the symbols, shapes and units of the equations.
 
 Two coordinate sets describe the same motion: the joint angles q of the paper, relative to the rest shape, and
 the absolute link angles phi_i = base_angle + sum_{k<=i} (q_k + theta0_k), from the base tangent +y.
@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
 
 class Body(NamedTuple):
-    """Constants of the inertia of the planar chain in absolute angles, from `inertia.body_constants`.
+    """Constants of the inertia of a planar chain, in absolute link angles.
+
+    `inertia.body_constants` computes them.
 
     In absolute angles the kinetic energy is 1/2 sum_kl B_kl cos(phi_k - phi_l) w_k w_l + 1/2 sum_k I_k w_k^2 with
     constant B. Only the cosine depends on the shape (Sec. III-C; derived, see docs/equations.md).
@@ -27,7 +29,9 @@ class Body(NamedTuple):
 
 
 class ExtensibleBody(NamedTuple):
-    """Constants of the inertia of a planar chain whose segments lengthen, see `extension`.
+    """Constants of the inertia of a planar chain whose segments lengthen.
+
+    The module `equations.extension` uses them.
 
     Link 0 is the part before the first joint.
     """
@@ -41,7 +45,11 @@ class ExtensibleBody(NamedTuple):
 
 
 class SpatialBody(NamedTuple):
-    """Constants of a chain in space, see `spatial`. Links are bodies of revolution, the last one with a tip mass."""
+    """Constants of a chain in space: geometry and inertia of its links, gravity, and tendons. The last link carries a
+    tip mass.
+
+    Links are bodies of revolution. The module `equations.spatial` uses these constants.
+    """
 
     length: np.ndarray  # (n + 1,) m, the part before the first joint first
     mass: np.ndarray  # (n,)   kg, of the links behind joints; the part before the first joint is fixed
@@ -63,7 +71,7 @@ class SpatialBody(NamedTuple):
 
 
 class Links(NamedTuple):
-    """Constants of each link, as the paper's recursion needs them."""
+    """Length, rest angle, mass and inertia of each link of a planar chain, for the recursion of the paper."""
 
     l: np.ndarray  # (n,) m
     theta0: np.ndarray  # (n,) rad
@@ -77,7 +85,7 @@ class Links(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """Springs and dampers of the joints, and the base direction from which the first joint angle is measured.
+    """Springs and dampers of the joints of a planar chain, and the direction of the base tangent.
 
     For a body that lengthens, K and D (n + S,) hold the values of the joints and then of the segments: EA L [N m] and
     the damping times L [N m s].
@@ -93,7 +101,11 @@ class Joints(NamedTuple):
 
 
 class SpatialJoints(NamedTuple):
-    """Springs and dampers of a chain in space, as `Joints`; each of n joints has two or three of the N coordinates."""
+    """Springs and dampers of a chain in space, for N coordinates: two swings and optionally a twist of each of n
+    joints, then strains.
+
+    For the plane there is `Joints`.
+    """
 
     base_angle: float  # 0
     theta0: np.ndarray  # (N,) rad, 0
@@ -105,7 +117,10 @@ class SpatialJoints(NamedTuple):
 
 
 class ObservedChain(NamedTuple):
-    """Lengths from which the positions of points on a chain are computed, see `equations.observation`."""
+    """Lengths of base part and links, from which the positions of points on a planar chain are computed.
+
+    The module `equations.observation` uses them.
+    """
 
     base_length: float  # m, from the origin to the first joint
     length: np.ndarray  # (n,) m, of the links, unstretched
@@ -113,7 +128,9 @@ class ObservedChain(NamedTuple):
 
 
 class MemoryLaw(NamedTuple):
-    """Parameters of the creep, slip and Bouc-Wen branches, equal for all joints; stiffness as a fraction of K."""
+    """Parameters of the joints' hysteresis: creep, slip and Bouc-Wen branches, equal for all joints, with stiffness as
+    a fraction of K.
+    """
 
     creep_share: np.ndarray  # (P,) stiffness of each Prony branch, as a fraction of K
     creep_time: np.ndarray  # (P,) s, its relaxation time
@@ -126,7 +143,10 @@ class MemoryLaw(NamedTuple):
 
 
 class ChamberConstants(NamedTuple):
-    """Constants of one chamber: torque law, viscoelastic lag and inflation, see `equations.chamber`."""
+    """Constants of one pressure chamber: torque law, viscoelastic lag and inflation of the wall.
+
+    The module `equations.chamber` uses them.
+    """
 
     law: np.ndarray  # (k,) numbers of the static torque law; of the polynomial in N m/Pa^i
     swell_share: float  # lagging fraction of the growth of the lever arm with pressure
@@ -138,7 +158,10 @@ class ChamberConstants(NamedTuple):
 
 
 class ActuationConstants(NamedTuple):
-    """Constants of all chambers of a body, each as in `ChamberConstants`, and the gains of their torques."""
+    """Constants of all C pressure chambers of an actuator, and the gains of their torques at the n joints.
+
+    A row of `law` and of `rubber` together are a `ChamberConstants`.
+    """
 
     law: np.ndarray  # (C, k) numbers of the laws
     gain: np.ndarray  # (C, n) fraction of each chamber's torque at each joint; 1 by virtual work
@@ -146,7 +169,7 @@ class ActuationConstants(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """The pressure of a chamber [Pa] over a time interval: at its start, middle and end, and its mean."""
+    """The pressure [Pa] of a chamber over a time interval: its values at the start, middle and end, and its mean."""
 
     start: float
     middle: float
@@ -164,7 +187,11 @@ class Lag(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """Arrays written by `motion.acceleration_jacobian`; entry [l, k] of a matrix is da_k / dphi_l or da_k / dw_l."""
+    """Link accelerations of a planar chain, and their derivatives by link angles and rates. Row l holds the derivatives
+    by angle or rate l.
+
+    `motion.acceleration_jacobian` writes them: entry [l, k] of a matrix is da_k / dphi_l or da_k / dw_l.
+    """
 
     a: np.ndarray  # (n,) rad/s^2
     a_phi: np.ndarray  # (n, n)
@@ -172,7 +199,9 @@ class Slopes(NamedTuple):
 
 
 class Held(NamedTuple):
-    """Scratch arrays of one step with hysteresis: its start, its turn, and the modified springs of the step."""
+    """Scratch arrays of one time step with hysteresis of a planar chain: state at the start, joint turns, and modified
+    springs.
+    """
 
     phi: np.ndarray  # (n,) rad, at the start
     w: np.ndarray  # (n,) rad/s, at the start
@@ -188,7 +217,9 @@ class Held(NamedTuple):
 
 
 class SpatialHeld(NamedTuple):
-    """Scratch arrays of one step with hysteresis in space; m of the N coordinates have hysteresis states."""
+    """Scratch arrays of one time step with hysteresis of a chain in space, in which m of the N coordinates have
+    hysteresis states.
+    """
 
     x: np.ndarray  # (N,) rad, at the start
     v: np.ndarray  # (N,) rad/s, at the start
@@ -198,7 +229,7 @@ class SpatialHeld(NamedTuple):
 
 
 class Past(NamedTuple):
-    """Hysteresis law of a chain, its states, and scratch arrays."""
+    """Hysteresis law of a chain, the present hysteresis states of its joints, and scratch arrays of a step."""
 
     memory: MemoryLaw
     state: np.ndarray  # (n, branches) rad; in space (m, branches)
@@ -206,7 +237,9 @@ class Past(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Scratch arrays of one step, owned by the caller so that no kernel allocates."""
+    """Scratch arrays of one time step of a planar chain. The caller allocates them once, so that no kernel allocates
+    memory.
+    """
 
     A: np.ndarray  # (n, n)
     S: np.ndarray  # (n, n)
@@ -219,7 +252,9 @@ class Workspace(NamedTuple):
 
 
 class ExtensibleWorkspace(NamedTuple):
-    """Scratch arrays of one step of a body that lengthens, with N = n + S coordinates."""
+    """Scratch arrays of one time step of a planar chain of n links with S extensible segments, N =
+    n + S coordinates.
+    """
 
     A: np.ndarray  # (N, N)
     c: np.ndarray  # (N,) of which n + 1 hold cosines
@@ -238,7 +273,9 @@ class ExtensibleWorkspace(NamedTuple):
 
 
 class SpatialWorkspace(NamedTuple):
-    """Scratch arrays of one step of a chain in space, see `spatial`.
+    """Scratch arrays of one time step of a chain in space with n links, N coordinates and R tendons.
+
+    The module `equations.spatial` uses them.
 
     The first T = 2 n of its N coordinates (3 n with twist) are angles of joints, the last S are strains of segments.
     """
@@ -288,7 +325,10 @@ class SpatialWorkspace(NamedTuple):
 
 
 class SpatialSlopes(NamedTuple):
-    """The Jacobian written by `spatial_linearised.step_jacobian`, and its complex work arrays."""
+    """Jacobian of one time step of a chain in space, and the complex scratch arrays with which it is computed.
+
+    `spatial_linearised.step_jacobian` writes the Jacobian.
+    """
 
     J: np.ndarray  # (3N + R, 2N) by coordinates, rates, torques and commands of tendons
     x: np.ndarray  # (N,)

@@ -1,4 +1,4 @@
-"""Tendons of a chain in space: tension, slack, friction along the path, and a time step with them.
+"""Tendons of a chain in space: tension, slack, friction along the path, and a time step of the chain with tendons.
 
 A tendon r with constant lever arms g_r (N,) [m/rad] has the length l_0 - g_r . x, which is exact for a body that bends
 in arcs. When it is drawn in by u, its force is s = k (u - g_r . x) + T_0. A tendon cannot push, so that its tension is
@@ -26,7 +26,8 @@ FAR = 1e100  # rate after a step that did not converge
 
 
 def signed_tension(r, x, torque, body):
-    """Return the force s [N] of tendon r at coordinates x (N,), of either sign: its tension where it is taut.
+    """Return the signed force [N] of tendon r at coordinates x (N,). It is the tension where positive; the tendon is
+    slack where negative.
 
     `torque` (N + R,) holds behind the N torques the input of each tendon [N]: k u or a tension.
     """
@@ -37,14 +38,18 @@ def signed_tension(r, x, torque, body):
 
 
 def tension(s):
-    """Return the tension T = max(0, s) [N] from the force s [N] of `signed_tension`, and dT/ds."""
+    """Return the tension T = max(0, s) [N] of a tendon from its signed force s [N], and the derivative dT/ds.
+
+    `signed_tension` gives s.
+    """
     if s.real >= 0.0:
         return s, 1.0 + 0.0 * s
     return 0.0 * s, 0.0 * s
 
 
 def mean_tension(s0, s1):
-    """Return the mean tension [N] while s changes from s0 to s1 [N] at a constant rate, and its derivative by s1.
+    """Return the mean tension [N] of a tendon while its signed force goes from s0 to s1 [N] at a constant rate, and its
+    derivative by s1.
 
     The mean is (W(s1) - W(s0)) / (s1 - s0) with W = max(0, s)^2 / 2, so that over a step the tendon stores exactly the
     work done on it, slack or taut.
@@ -61,12 +66,13 @@ def mean_tension(s0, s1):
 
 
 def swing_angle(k, x):
-    """Return the size [rad] of the swing of joint k at coordinates x (N,)."""
+    """Return the size [rad] of the swing of joint k, sqrt(a^2 + b^2) of its two angles in the coordinates x (N,)."""
     return np.sqrt(x[2 * k] * x[2 * k] + x[2 * k + 1] * x[2 * k + 1] + TINY)
 
 
 def slip(r, x, v, body, work):
-    """Write the slip direction of tendon r at each joint to `run` (R, n), and its sensitivity to `ease` (R, n).
+    """Write the direction in which tendon r slips at each of n joints (1: to the base, -1: to the tip) to work.run[r],
+    and its sensitivity to work.ease[r].
 
     run = w / sqrt(w^2 + w_0^2), and ease is mu theta times d(run)/dw. Here w [m/s] is the rate at which the length from
     the middle of a joint's arc to the end of the tendon shortens, at rates v (N,), and w_0 is the slip rate. Without
@@ -85,7 +91,8 @@ def slip(r, x, v, body, work):
 
 
 def pass_on(r, x, body, work):
-    """Write the fractions of the tension of tendon r behind each joint to `kept`, and at each coordinate to `felt`.
+    """Write the fraction of the base tension of tendon r left by friction behind each joint to work.kept[r], and at
+    each coordinate to work.felt[r].
 
     kept is (R, n), felt is (R, N).
 
@@ -107,14 +114,20 @@ def pass_on(r, x, body, work):
 
 
 def clear_pull(work):
-    """Set the torques of tendons to 0: `pull` (N,) without friction, and `rub` (N,) of friction."""
+    """Set the torques of all tendons in `work` to 0: work.pull (N,) without friction, and work.rub (N,) due to
+    friction.
+    """
     for i in range(len(work.pull)):
         work.pull[i] = 0.0 * work.t[i]
         work.rub[i] = 0.0 * work.t[i]
 
 
 def add_pull(r, T, body, work):
-    """Add the torques of tendon r at the tension T [N] to `pull` and `rub` (N,) [N m]; call `pass_on` before."""
+    """Add the torques of tendon r at the tension T [N] to work.pull (N,), and their change by friction to work.rub (N,)
+    [N m].
+
+    `pass_on` must have written work.felt before.
+    """
     for i in range(len(work.pull)):
         torque = body.lever[r, i] * T
         work.pull[i] = work.pull[i] + torque
@@ -122,7 +135,8 @@ def add_pull(r, T, body, work):
 
 
 def tendon_torques(x, torque, body, work):
-    """Write the torques of all tendons at coordinates x (N,) to `pull` and `rub` (N,) [N m].
+    """Write the torques of all tendons at coordinates x (N,) to work.pull, and their change by friction to work.rub
+    (N,) [N m].
 
     `torque` (N + R,) holds behind the N torques the input [N] of each tendon. The slip direction is that of `work.run`.
     """
@@ -134,7 +148,9 @@ def tendon_torques(x, torque, body, work):
 
 
 def accelerate(x, v, torque, body, joints, work, a):
-    """Write the accelerations a (N,) [rad/s^2] of a chain with tendons, as `spatial.acceleration` without tendons.
+    """Write the accelerations a (N,) [rad/s^2] of a chain in space with tendons, at coordinates x and rates v (N,).
+
+    `spatial.acceleration` is the function for a chain without tendons.
 
     `torque` (N + R,) holds the torques [N m] of the coordinates, then the input [N] of each tendon.
     """
@@ -147,7 +163,8 @@ def accelerate(x, v, torque, body, joints, work, a):
 
 
 def forces_at_rest(x, torque, body, joints, work, forces):
-    """Write the net force of inputs (N + R,), tendons, springs and gravity at rest at x to forces (N,) [N m].
+    """Write the net generalized force of inputs, tendons, springs and gravity on a chain at rest at x (N,) to forces
+    (N,) [N m].
 
     It is zero in equilibrium. Friction acts as `work.run` says: 1 where a tendon was last pulled in, -1 where it was
     let out, 0 for none.
@@ -159,7 +176,8 @@ def forces_at_rest(x, torque, body, joints, work, forces):
 
 
 def pull_over_step(x, v, h, torque, body, work):
-    """Write the mean torques [N m] of all tendons over a step from x at rates v (N,) that change by work.a.
+    """Write the mean torques (N,) [N m] of all tendons over a time step to work.pull and work.rub, for the rate changes
+    work.a (N,).
 
     `slope` (R,) keeps the derivatives of the mean tensions by the force at the end of the step. Returns 1 if these are
     unchanged and there is no friction, in which case Newton's method has converged at work.a, else 0.
@@ -185,7 +203,7 @@ def pull_over_step(x, v, h, torque, body, work):
 
 
 def add_slopes(r, h, body, work):
-    """Add to B (N, N) the implicit terms of tendon r: -h times the derivative of its torques by work.a.
+    """Add the stiffness and friction terms of tendon r to the Newton matrix work.B (N, N) of an implicit time step.
 
     The torque of coordinate i is g_i T felt_i. A change of the slip at joint k changes the tension behind k and behind
     all joints beyond it, which is the part `left` of felt_i.
@@ -209,7 +227,7 @@ def add_slopes(r, h, body, work):
 
 
 def eliminate(B, b):
-    """Solve B x = b in place: b (N,) becomes x, and B (N, N) is overwritten.
+    """Solve B x = b in place by Gaussian elimination: b (N,) becomes x, and B (N, N) is overwritten.
 
     There is no pivoting, because B is close to a positive definite inertia.
     """
@@ -228,7 +246,8 @@ def eliminate(B, b):
 
 
 def next_move(h, body, work):
-    """Add one move of Newton's method for the residual work.v (N,) to work.a.
+    """Add one Newton move for the force residual work.v (N,) to the rate changes work.a (N,), and return |residual .
+    move|.
 
     Returns the absolute value of the product of residual and move (a real number).
     """
@@ -247,7 +266,8 @@ def next_move(h, body, work):
 
 
 def solve_step(x, v, h, torque, body, work):
-    """Improve work.a (N,), the change of v over a step of h [s], until it balances the forces work.f and the tendons.
+    """Iterate by Newton's method for the rate changes work.a (N,) of a step of h [s] that balance all forces. Return 1
+    on convergence, else 0.
 
     Newton's method. Without friction the residual is the slope of a convex energy. A move is halved while the slope
     along it, at its end, has changed sign and is more than half as large as at its start. Numbers with complex-step
@@ -292,7 +312,7 @@ def solve_step(x, v, h, torque, body, work):
 
 
 def rubs(body):
-    """Return 1 if any tendon has friction, else 0."""
+    """Return 1 if any tendon of the body has friction, else 0."""
     for r in range(len(body.friction)):
         if body.friction[r].real > 0.0:
             return 1.0
@@ -300,7 +320,8 @@ def rubs(body):
 
 
 def start_tensions(x, torque, body, work):
-    """Write the signed tensions [N] at the start of a step to work.start (R,), and set work.slope (R,) to -1.
+    """Write the signed forces [N] of all R tendons at the start of a step to work.start (R,), and reset work.slope (R,)
+    to -1.
 
     No tendon has the slope -1, so that the first comparison of slopes finds a change.
     """
@@ -310,7 +331,8 @@ def start_tensions(x, torque, body, work):
 
 
 def mean_tensions(v, h, body, work):
-    """Write the mean tensions [N] over a step from rates v (N,) that change by work.a to work.tension (R,).
+    """Write the mean tensions [N] of all R tendons over a step of h [s] to work.tension (R,), for the rate changes
+    work.a (N,).
 
     work.slope (R,) receives their slopes. Returns 1 if no slope has changed, else 0.
     """
@@ -330,7 +352,7 @@ def mean_tensions(v, h, body, work):
 
 
 def pull_without_friction(body, work):
-    """Write the torques of tendons at their mean tensions to work.pull (N,), N m."""
+    """Write the generalized torques (N,) [N m] of all tendons at their mean tensions to work.pull."""
     for i in range(len(work.a)):
         work.pull[i] = 0.0 * work.a[i]
     for r in range(len(body.friction)):
@@ -339,7 +361,9 @@ def pull_without_friction(body, work):
 
 
 def build_taut(h, body, work):
-    """Write A plus the implicit stiffness of tendons over a step of h [s] to the lower triangle of work.B (N, N)."""
+    """Write the step's matrix A plus the stiffness of all taut tendons over h [s] to the lower triangle of work.B (N,
+    N).
+    """
     for i in range(len(work.a)):
         for j in range(i + 1):
             work.B[i, j] = work.A[i, j]
@@ -353,12 +377,15 @@ def build_taut(h, body, work):
 
 
 def factor_taut(work):
-    """Replace the matrix work.B (N, N) of `build_taut` by its factors."""
+    """Replace the symmetric matrix work.B (N, N) of a step with taut tendons by its LDL^T factors, in place.
+
+    `build_taut` writes the matrix.
+    """
     ldl_factor(work.B)
 
 
 def solve_taut(h, work):
-    """Write the change of the rates over a step of h [s] to work.a (N,), with the factors in work.B (N, N).
+    """Write the rate changes over a step of h [s] to work.a (N,), with the factored step matrix in work.B (N, N).
 
     work.pull (N,) holds the torques of the tendons for unchanged rates. Exact while no tendon turns slack or taut.
     """
@@ -368,7 +395,10 @@ def solve_taut(h, work):
 
 
 def step(x, v, h, torque, body, joints, work):
-    """Advance x and v (N,) in place by h [s] under mean inputs `torque` (N + R,): `spatial.step` with tendons.
+    """Advance coordinates x (N,) and rates v (N,) of a chain with R tendons in place by one step h [s], under mean
+    inputs `torque` (N + R,).
+
+    `spatial.step` is the function for a chain without tendons.
 
     Tensions are means over the step, friction is evaluated at the mid-step rates. `work.a` keeps the change of v,
     `work.pull` the torques of the tendons without friction, and `work.rub` the change of these by friction. Without

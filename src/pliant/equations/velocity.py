@@ -1,4 +1,4 @@
-"""Velocities of the links, Eq. (4), with their Jacobians and Hessian, all in the links' own (body) frames."""
+"""Velocities of the links of a planar chain, Eq. (4), with their Jacobians and Hessians, in the frame of each link."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 
 
 def body_velocities(q, dq, theta0, l, omega, v):
-    """Write the angular velocity omega (n,) [rad/s] and tip velocity v (n, 2) [m/s] of each link, in its own frame.
+    """Write the angular velocity omega (n,) [rad/s] and tip velocity v (n, 2) [m/s] of each link, in its own frame,
+    from joint angles q and rates dq.
 
     Omega_i = R_i^T (Omega_{i-1} R_i + dR_i/dt)               ->  omega_i = omega_{i-1} + dq_i
     upsilon_i = R_i^T (upsilon_{i-1} + Omega_{i-1} p_i + dp_i/dt)  with p_i = R_i (0, l_i)
@@ -33,7 +34,8 @@ def body_velocities(q, dq, theta0, l, omega, v):
 
 
 def body_jacobian(q, theta0, l, c, J):
-    """Write the Jacobians J (n, 2, n) of the point at distance c_i [m] along each link, in the link's frame.
+    """Write the Jacobians J (n, 2, n) [m/rad] by the joint angles of the point at distance c_i [m] along each link i,
+    in the link's frame.
 
     v_i = J_i dq and J_i = R_i^T J_{i-1} - l_i e_x 1_{m<=i}, with c_i in place of l_i in the last step. The angular
     velocity is omega_i = sum_{m<=i} dq_m.
@@ -59,7 +61,8 @@ def body_jacobian(q, theta0, l, c, J):
 
 
 def body_hessian(q, theta0, l, c, H):
-    """Write the Hessian H (n, 2, n, n) [m/rad^2] of the point at distance c_i [m] along each link, in the link's frame.
+    """Write the Hessians H (n, 2, n, n) [m/rad^2] by the joint angles of the point at distance c_i [m] along each link
+    i, in the link's frame.
 
     H[i, :, m, k] = dJ_i[:, m] / dq_k
 
