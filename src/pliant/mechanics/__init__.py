@@ -1,4 +1,5 @@
-"""Mechanics of a chain: the interface `Mechanics`, and one class for each family of chains.
+"""Mechanics of a chain of links: one interface, `Mechanics`, with a class for planar chains and one for chains in
+space.
 
 Simulation, fits, filters, linearisation, control and exporters get positions, Jacobians, energies, equilibria and the
 parameter records of the compiled kernels from `mechanics_of(model)`.

@@ -1,4 +1,4 @@
-"""Derivatives of accelerations by complex steps, for kernels without analytic derivatives."""
+"""Derivatives of a chain's accelerations by complex steps, for chains without analytic derivatives."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ TINY = 1e-20  # imaginary step: its square vanishes beside 1
 def complex_slopes(
     accelerate: Callable[[Array, Array, Any, Array], None], x: Array, v: Array, work: Any, out: Slopes
 ) -> None:
-    """Write the acceleration and its derivatives by x and v (N,) to `out`; one row for each variable.
+    """Write the accelerations (N,) of a chain and their derivatives by its N coordinates x and rates v to `out`, by
+    complex steps.
 
     `work.A` keeps the factors of M.
 

@@ -1,4 +1,4 @@
-"""Coordinates of points along and across each link of a planar chain."""
+"""Positions of points relative to each link of a planar chain, as distances along and across the link."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = np.ndarray
 
 
 class LinkFrames(NamedTuple):
-    """Angles and lengths of the links, as floats or as complex numbers for derivatives."""
+    """Link angles, strains and lengths of a planar chain, as real numbers or as complex numbers for derivatives."""
 
     x: Any  # (n + S,) absolute angles, rad, strains behind them
     length: Any  # (n,) m
@@ -22,7 +22,10 @@ class LinkFrames(NamedTuple):
 
 
 def link_coordinates(chain: LinkFrames, points: Array) -> tuple[Array, Array]:
-    """Return the coordinates [m] of points (P, 2) along and across each link, as two arrays (P, n + 1), base first.
+    """Return the distances [m] of P points along and across the base part and each of n links, as two arrays (P, n +
+    1).
+
+    The points (P, 2) [m] are in the base frame. The base part is the first column.
 
     Coordinates along a link refer to the unstretched link.
     """

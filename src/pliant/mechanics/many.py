@@ -1,4 +1,4 @@
-"""Linearised dynamics of many planar chains at once, without a model object for each; the last axis is the sample."""
+"""Linearised dynamics of many planar chains at once, as arrays whose last axis is the chain."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ Array = np.ndarray
 def small_motions(
     constants: tuple[Array, Array, Array], gravity: Array, springs: Springs, q: Array, phi: Array,
 ) -> tuple[Array, Array]:
-    """Return inertia and stiffness (N, n, n) in joint angles for small motions about given shapes of N chains.
+    """Return the inertia and stiffness matrices (N, n, n), in joint angles, of N planar chains of n links for small
+    motions about given shapes.
 
     Parameters
     ----------

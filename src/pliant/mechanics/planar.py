@@ -1,4 +1,4 @@
-"""Chains in a plane: coordinates are absolute link angles phi (n,), then strains (S,) of segments that lengthen.
+"""Mechanics of chains in a plane, whose coordinates are n absolute link angles and S strains of segments that lengthen.
 
 Statics and geometry are the same code for any S, also 0. A body that lengthens uses the compiled kernels of
 `equations.extension`, others those of `equations.motion`, which are faster.
@@ -60,12 +60,12 @@ class PlanarChain(Mechanics):
 
     @cached_property
     def length(self) -> Array:
-        """Unstretched lengths (n + 1,) [m] of the part before the first joint and of the links."""
+        """Unstretched lengths (n + 1,) [m] of the rigid part before the first joint and of the n links."""
         return np.append(self.model.base_length, self.model.link_length)
 
     @cached_property
     def stretch_share(self) -> Array:
-        """Fraction (n + 1, S) of each link that lies in each segment."""
+        """Fraction (n + 1, S) of the base part and of each of n links that lies in each of S extensible segments."""
         return np.array(self.model.stretch_share)
 
     # arguments of the kernels
@@ -187,7 +187,8 @@ class PlanarChain(Mechanics):
     # positions
 
     def stretches(self, x: Array) -> Array:
-        """Return the stretch (..., n + 1) of the part before the first joint and of each link, at x (..., N).
+        """Return the stretch ratios (..., n + 1) of the part before the first joint and of the n links, at coordinates
+        x (..., N).
 
         Raises
         ------
@@ -199,7 +200,9 @@ class PlanarChain(Mechanics):
         return np.asarray(1.0 + x[..., self.n : self.size] @ self.stretch_share.T)
 
     def directions(self, x: Array) -> Array:
-        """Return unit vectors e = (-sin, cos) (..., n + 1, 2) along the base and the links."""
+        """Return the unit vectors e = (-sin, cos) (..., n + 1, 2) along the base part and the n links, at coordinates x
+        (..., N).
+        """
         return tangents(self.angles(x))
 
     def link_frames(self, x: Array) -> Array:
@@ -212,7 +215,7 @@ class PlanarChain(Mechanics):
         return np.asarray(arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0])
 
     def angles(self, x: Array) -> Array:
-        """Return the absolute angles (..., n + 1) [rad] of the base and of the links."""
+        """Return the absolute angles (..., n + 1) [rad] of the base part and the n links, at coordinates x (..., N)."""
         base = np.full((*x.shape[:-1], 1), self.joints.base_angle)
         return np.concatenate([base, x[..., : self.n]], axis=-1)
 
@@ -303,7 +306,10 @@ class PlanarChain(Mechanics):
         return total
 
     def weight(self) -> Array:
-        """Return the loads of gravity on the links [N m], in the shape of `no_loads`."""
+        """Return gravity as loads on the links [N m], in the same shape as external loads.
+
+        `no_loads` has this shape.
+        """
         load = np.outer(self.body.h, [self.body.gx, self.body.gy])
         return np.pad(load, ((0, 0), (0, self.no_loads().shape[1] - 2)))
 
@@ -366,7 +372,7 @@ class PlanarChain(Mechanics):
 
 
 def workspace(n: int, segments: int = 0, kind: type = float) -> Any:
-    """Return the scratch arrays of a step for n links and `segments` segments that lengthen.
+    """Return new scratch arrays for a time step of a planar chain with n links and `segments` extensible segments.
 
     `kind` is the type of their numbers.
     """
@@ -379,7 +385,9 @@ def workspace(n: int, segments: int = 0, kind: type = float) -> Any:
 
 
 def points_of(points: tuple[Station, ...]) -> tuple[Array, Array, Array]:
-    """Return the link index + 1, and the distances along and across the link [m], of observed points: arrays (S,)."""
+    """Return three arrays (S,) for S observed points: index of the link plus 1, and distances along and across the link
+    [m].
+    """
     return (
         np.array([p.link + 1 for p in points]), np.array([p.along for p in points]),
         np.array([p.across for p in points]),
@@ -387,7 +395,8 @@ def points_of(points: tuple[Station, ...]) -> tuple[Array, Array, Array]:
 
 
 def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, work: Any, out: Slopes) -> None:
-    """Write the acceleration and its derivatives by x and v to `out` by complex steps, for a body that lengthens.
+    """Write the accelerations of an extensible planar chain and their derivatives by x and v to `out`, by complex
+    steps.
 
     `motion.acceleration_jacobian` does the same for other bodies. `work.A` keeps the factors of M.
     """
@@ -398,7 +407,8 @@ def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any,
 
 
 def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
-    """Return the generalised forces (n + S,) [N m] of loads (n + 1, 4) at x, in absolute angles; all may be complex.
+    """Return the generalized forces (n + S,) [N m] of external loads (n + 1, 4) on a planar chain of n links with S
+    strains.
 
     A load keeps its direction when the body turns: its potential is -sum_k (st_k L_k + R_k) . e(phi_k).
     """
@@ -408,7 +418,9 @@ def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
 
 
 def stretched_loads(x: Array, load: Array, share: Array, base_angle: Any) -> tuple[Array, Array, Array]:
-    """Return cosines and sines (n + 1,) of the links at x, and their loads (n + 1, 2) [N m] including the stretch."""
+    """Return cosines and sines (n + 1,) of the base and link angles at x, and the loads (n + 1, 2) [N m] on the
+    stretched links.
+    """
     n = x.size - share.shape[1]
     angle = np.append(base_angle, x[:n])
     whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]

@@ -1,4 +1,4 @@
-"""Equilibrium of a chain under a load, by Newton's method."""
+"""Static equilibrium of a loaded chain, by Newton's method with a load that increases in steps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ NEAR = 1e-6  # rad and strains: tolerance of the equilibria under a part of the 
 
 
 def loaded_rest(residual: Callable[[Array, float], tuple[Array, Array]], q: Array, stiffest: float) -> Array:
-    """Return the equilibrium under a load, found by increasing the load in steps from the equilibrium q without it.
+    """Return the equilibrium coordinates (N,) under a load, found in load steps from the equilibrium q (N,) without the
+    load.
 
     ``residual(q, share)`` returns the net force (N,) and the stiffness (N, N) under the fraction `share` of the load.
 

@@ -1,4 +1,7 @@
-"""Chains in space: coordinates x (N,) are the swings (a, b) of the joints, interleaved, then their twists [rad].
+"""Mechanics of chains in space, whose coordinates are two swing angles of each joint, optional twist angles, and
+strains.
+
+The coordinates x (N,) are (a_1, b_1 ... a_n, b_n), then the twists [rad].
 
 Strains (S,) of segments that lengthen follow.
 """
@@ -26,7 +29,7 @@ Array = np.ndarray
 
 
 class SpatialChain(Mechanics):
-    """A chain of rigid links in space, with S >= 0 segments that lengthen; the base tangent is +z.
+    """A chain of n rigid links in space with S >= 0 segments that lengthen. The base tangent is along +z.
 
     Its coordinates x equal its joint coordinates: the `turns` angles of the joints, then the strains.
     """
@@ -35,12 +38,12 @@ class SpatialChain(Mechanics):
 
     @cached_property
     def turns(self) -> int:
-        """Number of angles of the joints, 2 n or 3 n."""
+        """Number of joint angles: 2 n for n joints that swing in two directions, 3 n if they also twist."""
         return self.size - len(self.model.extensions)
 
     @cached_property
     def space(self) -> Space:
-        """The spatial properties of the model."""
+        """Properties of the model that exist only in space, such as radius, stiffness ratios and base tilt."""
         return self.model.space or Space()
 
     @cached_property
@@ -80,7 +83,9 @@ class SpatialChain(Mechanics):
         return SpatialJoints(0.0, np.zeros(self.size), K, D, np.array(terms), np.zeros(self.n), np.zeros((0, 3)))
 
     def each_coordinate(self, x: Array, y: Array, twist: Array) -> Array:
-        """Return the values (T,) of all angles, from values (n,) for swings about x, swings about y, and twists."""
+        """Return one array of values for all joint angles, from values (n,) for swings about x, for swings about y, and
+        for twists.
+        """
         values = np.stack([x, y], axis=-1).ravel()
         return np.append(values, twist) if self.space.turns == 3 else values
 
@@ -146,7 +151,7 @@ class SpatialChain(Mechanics):
         return x
 
     def joint_angles(self, x: Array) -> Array:
-        """Return the sizes (..., n) of the joints' swings from the rest shape, rad."""
+        """Return the sizes (..., n) [rad] of the joints' swings from the rest shape, at coordinates x (..., N)."""
         return np.hypot(x[..., 0 : 2 * self.n : 2], x[..., 1 : 2 * self.n : 2])
 
     def rates(self, dq: Array) -> Array:
@@ -181,7 +186,8 @@ class SpatialChain(Mechanics):
     # positions
 
     def posed(self, x: Array) -> SpatialWorkspace:
-        """Return scratch arrays with the pose of the links at x (..., N); the leading axes of x are last in them.
+        """Return scratch arrays with the positions and orientations of the links at x (..., N). The leading axes of x
+        come last there.
 
         x may be complex.
         """
@@ -201,7 +207,10 @@ class SpatialChain(Mechanics):
         return from_back(self.posed(x).R, 3)
 
     def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:
-        """Return the moments (T, P, K, turns) [N m] of forces about the joints' axes, see `Mechanics.turning_moments`.
+        """Return the moments [N m] about all joint axes of K forces at each of P points, at T instants: an array (T, P,
+        K, joint axes).
+
+        `Mechanics.turning_moments` describes the arguments.
 
         Each is s . (a x f), with the axis s of a turn and the arm a from its joint.
         """
@@ -222,7 +231,9 @@ class SpatialChain(Mechanics):
         return from_back(np.concatenate([work.r, last[None]]), 2)
 
     def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:  # noqa: ARG002  of the interface
-        """Return positions (..., S, 3) [m] of observed points, and the angles (..., S) of their links from +z [rad]."""
+        """Return positions (..., S, 3) [m] of the S observed points, and angles (..., S) [rad] of
+        their links from +z.
+        """
         work, points = self.posed(x), self.model.points
         position = np.zeros((len(points), 3, *x.shape[:-1]), dtype=x.dtype)
         for point, place in zip(points, position, strict=True):
@@ -331,7 +342,8 @@ def rotation(vector: Any) -> Array:
 
 
 def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Array]:
-    """Return mass, centre, lateral and axial moment of inertia (n,) of the links; the last one has the tip mass.
+    """Return mass, centre of mass, lateral and axial moment of inertia of n links as arrays (n,). The last link carries
+    the tip mass.
 
     A link is a uniform round rod of the given `radius` [m]. The centre is measured from the joint [m], the moments are
     about the centre of mass [kg m^2].
@@ -345,19 +357,19 @@ def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Arr
 
 
 def from_back(a: Array, axes: int) -> Array:
-    """Return an array whose first `axes` axes are moved behind the others."""
+    """Return an array whose first `axes` axes are moved to the end."""
     return np.moveaxis(a, range(axes), range(-axes, 0))
 
 
 def of_kind(value: Any, kind: type) -> Any:
-    """Return a copy of a number, an array or a record of these, converted to the type `kind`."""
+    """Return a copy of a number, array or tuple of these, converted to the number type `kind` (float or complex)."""
     if isinstance(value, tuple):
         return type(value)(*(of_kind(entry, kind) for entry in value))
     return np.array(value, dtype=kind) if isinstance(value, np.ndarray) else kind(value)
 
 
 def spatial_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, work: Any, out: Slopes) -> None:
-    """Write the acceleration and its derivatives by x and v to `out` by complex steps, for a chain in space.
+    """Write the accelerations of a chain in space and their derivatives by x and v to `out`, by complex steps.
 
     `motion.acceleration_jacobian` does the same in the plane. `work.A` keeps the factors of M.
     """

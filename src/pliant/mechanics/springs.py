@@ -1,4 +1,4 @@
-"""Joint springs for whole arrays: torque, slope, angle under a torque, and the limit of a softening spring.
+"""Joint springs as arrays: torque, stiffness, angle under a given torque, and the largest torque of a softening spring.
 
 The law is `equations.elastic.spring_torque`, with the terms of `model.spring.SPRING_TERMS`. This module adds its
 inverse and its limits.
@@ -22,7 +22,7 @@ EVERY = slice(None)  # joint
 
 
 class Springs:
-    """The springs of n joints; further axes of the arrays are samples of a batch.
+    """Nonlinear springs of n joints. Further array axes are the samples of a batch.
 
     Attributes
     ----------
@@ -39,7 +39,11 @@ class Springs:
 
     @cached_property
     def hardening(self) -> Array:
-        """Coefficients (terms + 1, n, ...) of the nonlinear terms [N m/rad^2 ...] and bound R; see `symbols.Joints`."""
+        """Coefficients (terms + 1, n, ...) of the nonlinear spring terms: K2 [N m/rad^2], K3 [N m/rad^3], bound R
+        [1/rad^2].
+
+        `symbols.Joints` uses the same coefficients.
+        """
         with np.errstate(divide="ignore"):
             inverse = np.where(self.bound > 0, 1.0 / self.bound, 0.0)
         scale = (4.0 / 3.0 * self.terms[0] * inverse) ** 2
@@ -47,7 +51,7 @@ class Springs:
 
     @property
     def powers(self) -> Array:
-        """Coefficients (terms + 1, n, ...) of q, q^2 ... in the torque, N m/rad ..."""
+        """Coefficients (terms + 1, n, ...) of q, q^2, ... in the spring torque, in N m/rad, N m/rad^2, ..."""
         return np.concatenate([self.K[None], self.K * self.terms])
 
     def torque(self, q: Array) -> Array:
@@ -55,16 +59,20 @@ class Springs:
         return np.asarray(spring_torque(EVERY, self, q, q))
 
     def slope(self, q: Array) -> Array:
-        """Return the slopes d(torque)/d(angle) [N m/rad] of the springs at joint angles q (n, ...) [rad]."""
+        """Return the stiffness d(torque)/d(angle) [N m/rad] of the springs at joint angles q (n, ...) [rad]."""
         return np.asarray(spring_slope(EVERY, self, q))
 
     def towards(self, sign: Array) -> Springs:
-        """Return springs with K = 1, mirrored so that positive angles are those on the side of `sign` (n, ...)."""
+        """Return springs with unit stiffness, mirrored where `sign` (n, ...) is negative, so that only positive angles
+        need to be considered.
+        """
         turned = np.stack([term * sign**k for k, term in enumerate(self.terms, 1)])
         return Springs(np.ones_like(self.K), turned, self.bound)
 
     def turn(self) -> Array:
-        """Return the smallest positive angles [rad] at which the slope is 0, infinite where there is none."""
+        """Return the smallest positive angles [rad] at which the springs lose their stiffness, infinite where they
+        never do.
+        """
         s, a = self.terms  # roots of 1 + 2 s q + 3 a q^2
         inside = s * s - 3.0 * a
         inverse = np.where(inside > 0, np.sqrt(np.maximum(inside, 0.0)) - s, 0.0)
@@ -79,14 +87,18 @@ class Springs:
         return np.where(self.bound > 0, np.where(a < 0, low, np.inf), free)
 
     def most(self, torque: Array) -> Array:
-        """Return the size [N m] of the largest torque that each spring can hold on the side of `torque` (n, ...)."""
+        """Return the largest torque [N m] that each spring can hold in the direction of `torque` (n, ...), as an
+        absolute value.
+        """
         unit = self.towards(np.sign(torque))
         turn = unit.turn()
         at = np.where(np.isfinite(turn), turn, 0.0)
         return np.asarray(self.K * np.where(np.isfinite(turn), unit.torque(at), np.inf))
 
     def bend(self, torque: Array) -> Array:
-        """Return the angles [rad] at which the springs hold a torque, on the branch from 0; NaN where there is none."""
+        """Return the angles [rad] at which the springs balance `torque` [N m], on the branch through 0; NaN where they
+        cannot.
+        """
         x = np.asarray(torque / self.K)
         if not self.terms[1:].any() and not self.bound.any():
             root = 1.0 + 4.0 * self.terms[0] * x
@@ -106,7 +118,7 @@ class Springs:
 
 
 def springs_of(source: Model | Mapping[str, Any]) -> Springs:
-    """Return the springs of a model, or of a mapping of its fields, whose values may be arrays of samples."""
+    """Return the joint springs of a model, or of a mapping {field: array} with samples along further axes."""
     values = vars(source) if isinstance(source, Model) else source
     K = values["stiffness"]
     terms = np.reshape([values[name] for name in SPRING_TERMS], (TERMS, *np.shape(K)))
@@ -114,14 +126,17 @@ def springs_of(source: Model | Mapping[str, Any]) -> Springs:
 
 
 def stiffer_springs(model: Model, factor: Any) -> dict[str, Array]:
-    """Return the fields of a model with linear stiffness times `factor` (n,) and unchanged nonlinear terms."""
+    """Return the spring fields of a model with linear stiffness multiplied by `factor` (n,) and nonlinear torques
+    unchanged.
+    """
     terms = {name: getattr(model, name) / factor for name in SPRING_TERMS}
     bound = getattr(model, SPRING_BOUND) / factor
     return {"stiffness": model.stiffness * factor, **terms, SPRING_BOUND: bound}
 
 
 def angle_under(model: Model, torque: Array) -> Array:
-    """Return the joint angles (n,) [rad] at which the springs alone hold `torque` (n,) [N m], on the branch from 0.
+    """Return the joint angles (n,) [rad] at which the springs alone balance `torque` (n,) [N m], on the branch through
+    0.
 
     Raises
     ------
@@ -141,7 +156,9 @@ def angle_under(model: Model, torque: Array) -> Array:
 
 
 def softened(model: Model, q: Array, least: float = 0.0) -> str:
-    """Return a message on the first spring whose slope at q (n,) is at most `least` times K, or ''."""
+    """Return a message on the first spring whose stiffness at the angles q (n,) [rad] is at most `least` times K, or ''
+    if there is none.
+    """
     lost = np.flatnonzero(springs_of(model).slope(q) <= least * model.stiffness)
     if not lost.size:
         return ""
