@@ -1,4 +1,4 @@
-"""The reduced-order model: its parameters, observed points and model file."""
+"""The reduced-order model of a soft actuator: its parameters, observed points and model file."""
 
 from typing import TYPE_CHECKING, Any
 

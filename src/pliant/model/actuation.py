@@ -1,4 +1,4 @@
-"""The inputs of a body, and the joint torques and axial forces that they cause."""
+"""The inputs of an actuator (pressure chambers and tendons), and the joint torques and axial forces that they cause."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ LEAST = 1e-300  # N, less pretension of the second tendon of a pair, so that one
 
 @dataclass(frozen=True)
 class Actuation:
-    """All inputs of a body with `joints` joints: their names, kinds and units, and the joint torques that they cause.
+    """All inputs of an actuator, pressure chambers or tendons: their names, kinds and units, and the joint torques that
+    they cause.
+
+    `joints` is the number of joints.
 
     A model has it as `model.actuation`. A body with a single input is the case C = 1.
 
@@ -49,12 +52,12 @@ class Actuation:
 
     @property
     def count(self) -> int:
-        """Number C of inputs."""
+        """Number C of inputs: chambers, tendons and tendon pairs."""
         return len(self.inputs)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the inputs."""
+        """Names of the C inputs, in the order of the input values."""
         return tuple(c.name for c in self.inputs)
 
     @property
@@ -64,7 +67,7 @@ class Actuation:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """SI unit of each input."""
+        """SI unit of each of the C inputs, such as "Pa"."""
         return tuple(c.unit for c in self.inputs)
 
     @property
@@ -73,7 +76,7 @@ class Actuation:
         return ", ".join(self.names)
 
     def labels(self, quantity: str) -> list[str]:
-        """Return the names of a quantity of each input in tables, files and exports: ``pressure_NAME``.
+        """Return the column name of a quantity for each input in tables and files, such as ``pressure_left``.
 
         For a single input the name is just ``pressure``.
         """
@@ -81,7 +84,7 @@ class Actuation:
 
     @cached_property
     def gain(self) -> Array:
-        """Fraction (C, N) of each input's torque at each coordinate; the columns of twists and strains come last.
+        """Gain (C, N) of each input's torque at each of the N coordinates: joint angles, then twists and strains.
 
         The column of a strain is the axial force over the torque [1/m] times the segment's length [m].
         """
@@ -98,7 +101,7 @@ class Actuation:
 
     @cached_property
     def tendons(self) -> tuple[int, ...]:
-        """Indices of the inputs that act on a tendon or on a pair of tendons."""
+        """Indices of those inputs that pull a tendon or a pair of tendons."""
         return tuple(i for i, c in enumerate(self.inputs) if isinstance(c, Tendon))
 
     @cached_property
@@ -109,21 +112,29 @@ class Actuation:
 
     @cached_property
     def levers(self) -> Array:
-        """Lever arm (R, N) [m] of each tendon at each coordinate; the two of a pair have opposite signs."""
+        """Lever arm (R, N) [m] of each of R tendons at each of the N coordinates. The two tendons of a pair have
+        opposite signs.
+        """
         levers = np.reshape([self.gain[i] for i, *_ in self._cords], (-1, self.gain.shape[1]))
         levers[:, : self.turns * self.joints] *= np.reshape([sign for *_, sign in self._cords], (-1, 1))
         return levers
 
     @cached_property
     def tendon_constants(self) -> tuple[Array, Array, Array, Array]:
-        """Stiffness [N/m], pretension [N], friction and slip rate [m/s] of the tendons: four arrays (R,)."""
+        """Stiffness [N/m], pretension [N], friction coefficient and slip rate [m/s] of the R tendons, as four arrays
+        (R,).
+        """
         k, T0, mu, w0 = np.reshape([c.constants() for _, c, _ in self._cords], (-1, 4)).T.copy()
         T0 -= [LEAST if sign < 0.0 else 0.0 for *_, sign in self._cords]
         return k, T0, mu, w0
 
     @cached_property
     def columns(self) -> Array:
-        """The `gain` (C, N + R) of the kernels: columns of the N coordinates, then of the command of each tendon."""
+        """Gains (C, N + R) of the C inputs as the kernels take them: at the N coordinates, then at the R tendon
+        commands.
+
+        The N columns of the coordinates are those of `gain`.
+        """
         if not self.tendons:
             return self.gain
         gain, drawn = np.array(self.gain), np.zeros((self.count, len(self._cords)))
@@ -133,7 +144,11 @@ class Actuation:
         return np.hstack([gain, drawn])
 
     def axial_gains(self, chamber: Chamber) -> Array:
-        """Return the axial force (S,) of an input on each segment over its torque [1/m]; see `drawn_in` for tendons."""
+        """Return the axial force of one input on each of S extensible segments, divided by the input's torque: an array
+        (S,) [1/m].
+
+        For tendons see `drawn_in`.
+        """
         if isinstance(chamber, Tendon):
             return self.drawn_in(chamber)
         turned = np.broadcast_to((chamber.joint_gain != 0) | (chamber.cross_gain != 0), (self.joints,))
@@ -143,7 +158,8 @@ class Actuation:
         return np.broadcast_to(gain, (len(self.segment_length),))
 
     def drawn_in(self, tendon: Tendon) -> Array:
-        """Return the axial force (S,) of a tendon on each segment over its tension, -1 for a segment it fully spans.
+        """Return the axial force of a tendon on each of S extensible segments, divided by its tension: -1 where it
+        spans the whole segment.
 
         A tendon runs from the base to the last joint that it turns. The value of a segment is minus the fraction of its
         joints up to there. For a segment without joints it is -1 if the tendon turns a joint beyond it.
@@ -158,7 +174,7 @@ class Actuation:
 
     @property
     def remembers(self) -> bool:
-        """Whether a chamber has slow states (viscoelastic lag or inflation)."""
+        """Whether a chamber has slow states: lagged pressure or wall stretch."""
         return any(c.remembers for c in self.inputs)
 
     @property
@@ -167,13 +183,14 @@ class Actuation:
         return all(c.law == POLYNOMIAL for c in self.inputs)
 
     def kernel(self) -> symbols.ActuationConstants:
-        """Return the constants for the kernels; shorter laws are padded with zeros."""
+        """Return the constants of all inputs as a record for the compiled kernels."""
         longest = max(c.torque.size for c in self.inputs)
         law = np.stack([np.pad(c.torque, (0, longest - c.torque.size)) for c in self.inputs])
         return symbols.ActuationConstants(law, np.array(self.columns), np.array([c.kernel()[1:] for c in self.inputs]))
 
     def pressures(self, value: Any) -> Array:
-        """Return `value` as an array of pressures (C,) [Pa]; a number suffices for one input, and 0 means 0 for all.
+        """Return `value` as an array (C,) of input values [Pa]. One number is enough for a single input, and 0 for any
+        number of inputs.
 
         Raises
         ------
@@ -190,11 +207,12 @@ class Actuation:
         return p
 
     def torques(self, pressure: Any) -> Array:
-        """Return the static torque (C,) [N m] of each chamber at `pressure` (C,) [Pa]."""
+        """Return the static torque (C,) [N m] of each chamber at the gauge pressures `pressure` (C,) [Pa]."""
         return np.array([float(c.torque_at(p)) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
 
     def joint_torques(self, pressure: Any) -> Array:
-        """Return the static torques of the coordinates and commands of the tendons (N + R,) at `pressure` (C,) [Pa].
+        """Return static torques of the N coordinates [N m], then commands of the R tendons [N], at the inputs
+        `pressure` (C,) [Pa].
 
         Torques are in N m, commands in N. They are infinite where a hyperelastic wall has no equilibrium.
         """
@@ -204,12 +222,15 @@ class Actuation:
         return tau
 
     def no_rest(self, pressure: Any) -> str:
-        """Return a message on the first chamber whose wall has no equilibrium at `pressure` (C,) [Pa], or ''."""
+        """Return a message about the first chamber whose hyperelastic wall has no equilibrium at `pressure` (C,) [Pa],
+        or '' if all have one.
+        """
         said = (c.no_rest(p) for c, p in zip(self.inputs, self.pressures(pressure), strict=True))
         return next(filter(None, said), "")
 
     def rest_state(self, pressure: Any) -> Array:
-        """Return the slow states (C, 2) in equilibrium at `pressure` (C,) [Pa].
+        """Return the equilibrium of each chamber's slow states (C, 2) at `pressure` (C,) [Pa]: lagged pressure and wall
+        stretch.
 
         They are the lagged pressure [Pa] and the fourth power of the hoop stretch.
         """
@@ -217,7 +238,7 @@ class Actuation:
 
 
 def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamber, ...]:
-    """Return the chambers of a model: `given`, or the single chamber with the parameters `values`.
+    """Return the chambers of a model as a tuple: those in `given`, or a single chamber with the parameters `values`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Models of uniform bodies, divided into links."""
+"""Function that creates the model of a uniform actuator, divided into links."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pliant.options import full_signature
 def chain_model(
     *, length: float, mass: float, links: int = 5, joint_placement: str = "base", **parameters: Unpack[ChainValues],
 ) -> Model:
-    """Return the model of a uniform body of `length` [m] and `mass` [kg], divided into `links` links.
+    """Return the model of a uniform actuator of `length` [m] and `mass` [kg], divided into `links` rigid links.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ NOT_NEGATIVE = ("swell_share", "inflation_limit", "inflation_jm")
 
 
 class ChamberValues(TypedDict, total=False):
-    """The keyword arguments which describe the single chamber of a model; see `Chamber`."""
+    """Type of the keyword arguments of `Model` that describe its single chamber, as those of `Chamber`."""
 
     torque: Any
     joint_gain: Any
@@ -39,7 +39,8 @@ class ChamberValues(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class Chamber:
-    """A pressure chamber and its torque on the joints, all SI.
+    """A pressure chamber: the torque on the joints as a function of its gauge pressure, and the lag of this pressure.
+    SI units.
 
     `kind` and `unit` describe its input value, `valve` the lag of its pressure, and the gains the coordinates on which
     it acts.
@@ -119,7 +120,8 @@ class Chamber:
 
     @classmethod
     def at_offset(cls, area: float, offset: float, joints: Any, **more: Any) -> Chamber:
-        """Return a chamber of known geometry: `area` [m^2], its axis at a signed `offset` [m] from the neutral axis.
+        """Return a chamber of known cross-section `area` [m^2], whose axis is at a signed `offset` [m] from the neutral
+        axis.
 
         Parameters
         ----------
@@ -143,42 +145,49 @@ class Chamber:
 
     @property
     def swells(self) -> bool:
-        """Whether part of the torque lags behind the pressure (viscoelastic lag)."""
+        """Whether part of the chamber's torque lags behind the pressure (viscoelastic lag)."""
         return self.swell_share > 0
 
     @property
     def grows(self) -> bool:
-        """Whether the wall is hyperelastic."""
+        """Whether the chamber's wall is hyperelastic, so that it inflates."""
         return self.inflation_limit > 0
 
     @property
     def remembers(self) -> bool:
-        """Whether the torque depends on slow states besides the present pressure."""
+        """Whether the chamber's torque depends on slow states (lagged pressure, wall stretch) besides the present
+        pressure.
+        """
         return self.swells or self.grows
 
     @property
     def plain(self) -> bool:
-        """Whether the torque is a polynomial of the present pressure."""
+        """Whether the chamber's torque is a polynomial of the present pressure alone."""
         return self.law == laws.POLYNOMIAL and not self.remembers
 
     def rest_state(self, pressure: float) -> Array:
-        """Return the slow states (2,) in equilibrium at `pressure` [Pa].
+        """Return the equilibrium (2,) of the chamber's slow states at `pressure` [Pa]: lagged pressure and wall
+        stretch.
 
         They are the lagged pressure [Pa] and the fourth power of the hoop stretch.
         """
         return np.array([pressure, float(self.growth_at(pressure))])
 
     def torque_at(self, pressure: Any) -> Any:
-        """Return the static torque [N m] at gauge `pressure` [Pa] of any shape; infinite without equilibrium."""
+        """Return the static torque [N m] at gauge `pressure` [Pa], an array of any shape; infinite where the wall has
+        no equilibrium.
+        """
         torque = self.lever_at(pressure) * np.asarray(pressure, dtype=float)
         return torque * chamber.lever_growth(self.growth_at(pressure)) if self.inflation_limit else torque
 
     def lever_at(self, pressure: Any) -> Any:
-        """Return the torque of the law per pascal [N m/Pa] at gauge `pressure` [Pa] of any shape."""
+        """Return the torque per unit pressure [N m/Pa] at gauge `pressure` [Pa] of any shape, without inflation of the
+        wall.
+        """
         return laws.lever(np.asarray(pressure, dtype=float), self.torque, laws.NUMBERS[self.law])
 
     def no_rest(self, pressure: float) -> str:
-        """Return a message if the wall has no equilibrium at a pressure [Pa], else ''."""
+        """Return a message if the chamber's hyperelastic wall has no equilibrium at `pressure` [Pa], else ''."""
         if np.isfinite(self.torque_at(pressure)):
             return ""
         return (
@@ -187,11 +196,14 @@ class Chamber:
         )
 
     def growth_at(self, pressure: Any) -> Any:
-        """Return the fourth power of the hoop stretch in equilibrium at gauge `pressure` [Pa]; 1 for a rigid wall."""
+        """Return the equilibrium of the wall's hoop stretch to the fourth power at gauge `pressure` [Pa]; 1 for a rigid
+        wall.
+        """
         return rest_growth(np.asarray(pressure, dtype=float), self.inflation_limit, self.inflation_jm)
 
     def torque_slope(self, pressure: float) -> float:
-        """Return d(torque)/d(pressure) [N m/Pa] of the law at a pressure [Pa], with the lagged pressure held constant.
+        """Return d(torque)/d(pressure) [N m/Pa] of a chamber at `pressure` [Pa], with its lagged pressure held
+        constant.
 
         Raises
         ------
@@ -206,18 +218,22 @@ class Chamber:
         return float(self.law_slope(float(pressure)))
 
     def law_slope(self, pressure: Any) -> Any:
-        """Return the slope [N m/Pa] of the law at a pressure [Pa] of any shape, for a constant lagged pressure."""
+        """Return d(torque)/d(pressure) [N m/Pa] at a pressure [Pa] of any shape, for constant lagged pressure and a
+        rigid wall.
+        """
         p, form = np.asarray(pressure, dtype=float), laws.NUMBERS[self.law]
         rise = laws.lever_secant(p, p, self.torque, form)
         return self.lever_at(p) + p * (1.0 - self.swell_share) * rise
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Hashable key of everything that determines the torque of an input, except its joints."""
+        """Hashable key of all parameters that determine the input's torque, without the gains at the joints."""
         return (self.torque.tobytes(), self.valve, *self.kernel()[1:])
 
     def sentences(self, *, alone: bool) -> list[str]:
-        """Return sentences that describe law, valve and rubber; with `alone` they omit the chamber's name."""
+        """Return sentences that describe the chamber's torque law, valve and rubber. With `alone`,
+        they omit its name.
+        """
         powers = ("p", *(f"p^{k}" for k in range(2, self.torque.size + 1)))
         law = " + ".join(f"{a:.4g} {p}" for a, p in zip(self.torque, powers, strict=True))
         if self.law != laws.POLYNOMIAL:
@@ -239,7 +255,7 @@ class Chamber:
         return said
 
     def kernel(self) -> symbols.ChamberConstants:
-        """Return the constants for the kernels."""
+        """Return the chamber's constants as a record for the compiled kernels."""
         return symbols.ChamberConstants(
             self.torque, self.swell_share, self.swell_time, self.inflation_limit, self.inflation_time,
             self.inflation_jm, laws.NUMBERS[self.law],
@@ -247,7 +263,8 @@ class Chamber:
 
 
 def rest_growth(pressure: Array, limit: Any, jm: Any = 0.0) -> Array:
-    """Return the fourth power of the hoop stretch in equilibrium at `pressure` [Pa]; 1 where `limit` [Pa] is 0.
+    """Return the equilibrium of the wall's hoop stretch to the fourth power at `pressure` [Pa]; 1 where `limit` [Pa] is
+    0.
 
     With Gent's rubber (`jm` > 0) it is finite at every pressure. Otherwise it is infinite from the limit on.
     """
@@ -259,7 +276,9 @@ def rest_growth(pressure: Array, limit: Any, jm: Any = 0.0) -> Array:
 
 
 def rest_of_gent(push: float, jm: float) -> float:
-    """Return the fourth power of the hoop stretch of a Gent wall in equilibrium at `push` times its limit pressure."""
+    """Return the equilibrium of a Gent wall's hoop stretch to the fourth power, at a pressure of `push` times
+    `inflation_limit`.
+    """
     wall = symbols.ChamberConstants(np.zeros(1), 0.0, 1.0, 1.0, 1.0, jm, 0.0)
     y = 1.0 / (1.0 - push) if push < 0.5 else (jm * (1.0 + 0.02 * push) + 4.0) ** 2  # beyond the equilibrium
     for _ in range(100):  # from beyond the equilibrium Newton converges monotonically: the rate is concave in y
@@ -271,7 +290,8 @@ def rest_of_gent(push: float, jm: float) -> float:
 
 
 def grown(torque: Array, pressure: Array, values: Mapping[str, Array]) -> Array:
-    """Return static torques (N,) [N m] of many chambers, multiplied in place by the growth of their lever arms.
+    """Return the static torques (N,) [N m] of N chambers with inflating walls, from their torques without inflation, in
+    place.
 
     `torque` (N,) are those of the laws, `values` holds the chambers' parameters as arrays (N,).
     """
@@ -281,7 +301,7 @@ def grown(torque: Array, pressure: Array, values: Mapping[str, Array]) -> Array:
 
 
 def remembering(values: Mapping[str, Array]) -> Array:
-    """Return which of many chambers have slow states: booleans (N,)."""
+    """Return for each of N chambers whether it has slow states (viscoelastic lag or inflation), as booleans (N,)."""
     return np.asarray((values["swell_share"] != 0) | (values["inflation_limit"] != 0))
 
 
@@ -289,7 +309,7 @@ FIELDS = tuple(f.name for f in fields(Chamber) if f.name != "name")  # keyword a
 
 
 def check_chamber(made: Chamber) -> None:
-    """Raise InputError when a parameter of a chamber is not finite or not physical."""
+    """Raise InputError if a parameter of a chamber is not finite or not physical."""
     of = "model" if made.name == "chamber" else f"{type(made).__name__.lower()} {made.name!r}:"
     if made.swell_share > 1:
         raise InputError(f"{of} swell_share must be at most 1, because it is a fraction, got {made.swell_share}")
@@ -305,7 +325,7 @@ def check_chamber(made: Chamber) -> None:
 
 
 def check_law(made: Chamber, of: str) -> None:
-    """Raise InputError when a chamber's law is unknown or its numbers are outside the bounds of the law."""
+    """Raise InputError if the name of a chamber's torque law is unknown, or the law's parameters are out of bounds."""
     if made.law not in laws.NUMBERS:
         raise InputError(f"{of} law must be one of {', '.join(laws.NUMBERS)}, got {made.law!r:.60}")
     if made.law == laws.POLYNOMIAL:

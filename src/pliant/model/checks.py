@@ -1,4 +1,4 @@
-"""Checks of the numbers of a model or a chamber."""
+"""Checks that parameters of a model or a chamber are finite numbers of the right sign and size."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ def one_number(name: str, value: Any) -> float:
 def check_numbers(
     of: Any, what: str, positive: Sequence[str], not_negative: Sequence[str], free: Sequence[str],
 ) -> None:
-    """Raise InputError for attributes of `of` that are not finite, have the wrong sign or are out of physical limits.
+    """Raise InputError if a named attribute of the object `of` is not finite, has the wrong sign or exceeds its
+    physical limit.
 
     `what` begins the message. `positive`, `not_negative` and `free` are names of attributes; those in `free` may have
     any sign.

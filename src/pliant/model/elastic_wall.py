@@ -1,4 +1,5 @@
-"""Torque law of a chamber with an elastic wall: the lever arm grows with the cube of its radius, without delay.
+"""Torque law of a chamber whose radius grows linearly with the pressure, so that its lever arm grows with the cube of
+the radius.
 
 tau = a p (1 + c p)^3
 
@@ -17,12 +18,15 @@ Array = np.ndarray
 
 
 def coefficients(lever: float, compliance: float) -> Array:
-    """Return the coefficients (4,) [N m/Pa^i] of the polynomial a p (1 + c p)^3, a = `lever`, c = `compliance`."""
+    """Return the coefficients (4,) [N m/Pa^i] of p, p^2, p^3, p^4 in the elastic-wall law a p (1 + c p)^3.
+
+    a is `lever` [N m/Pa], c is `compliance` [1/Pa].
+    """
     return lever * np.array([1.0, 3.0 * compliance, 3.0 * compliance**2, compliance**3])
 
 
 def start(pressure: Array, torque: Array) -> dict[str, float]:
-    """Return starting values of a fit from pressures (T,) [Pa] and torques (T,) [N m] at rest.
+    """Return starting values for a fit of the elastic-wall law, from pressures (T,) [Pa] and static torques (T,) [N m].
 
     They follow from a straight line through the cube roots of torque over pressure.
     """

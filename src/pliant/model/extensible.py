@@ -1,4 +1,4 @@
-"""Checks of segments that lengthen, and their effect on the model's inertia."""
+"""Checks of the extensible segments of a model, and the inertia of a model with such segments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LEAST_SHARE = 1e-3  # a segment with less than this fraction of every link conta
 
 
 def joints_inside(model: ModelParameters) -> tuple[tuple[int, ...], ...]:
-    """Return the indices, from 0, of the joints that lie in each segment."""
+    """Return, for each extensible segment, the indices (from 0) of the joints that lie in it."""
     place = model.base_length + np.cumsum(model.link_length) - model.link_length
     slack = 1e-9 * model.length
     return tuple(
@@ -28,7 +28,7 @@ def joints_inside(model: ModelParameters) -> tuple[tuple[int, ...], ...]:
 
 
 def fixed_length(model: Parameters, refusal: str = "") -> Parameters:
-    """Return the model if it is planar and has no segments that lengthen, else raise InputError.
+    """Return the model unchanged if it is planar and has no extensible segments, else raise InputError.
 
     Raises
     ------
@@ -45,7 +45,10 @@ def fixed_length(model: Parameters, refusal: str = "") -> Parameters:
 
 
 def extensible_inertia(model: ModelParameters) -> tuple[Array, Array]:
-    """Return B (n + 1, n + 1) [kg m^2] and h (n + 1,) [kg m] of `symbols.ExtensibleBody`.
+    """Return the inertia constants of an extensible planar chain: B (n + 1, n + 1) [kg m^2] and first moments h (n +
+    1,) [kg m].
+
+    They are the fields of `symbols.ExtensibleBody`.
 
     The rotary inertia is on the diagonal of B. Index 0 is the part before the first joint.
     """
@@ -56,7 +59,8 @@ def extensible_inertia(model: ModelParameters) -> tuple[Array, Array]:
 
 
 def least_inertia(B: Array, share: Array) -> float:
-    """Return the smallest eigenvalue of the strains' inertia in the straight body, scaled to a diagonal of ones.
+    """Return the smallest eigenvalue of the normalised inertia matrix of the strains; near 0, two strains move the same
+    mass.
 
     It is 0 where some combination of strains moves no mass, so that the equations of motion have no solution.
     """
@@ -66,7 +70,9 @@ def least_inertia(B: Array, share: Array) -> float:
 
 
 def check_extensions(model: ModelParameters) -> None:
-    """Raise InputError when segments overlap, share a name or a mass, contain no link, or do not fit a chamber."""
+    """Raise InputError if a model's extensible segments overlap, share a name or a mass, contain no link, or do not fit
+    its chambers.
+    """
     if not (names := [e.name for e in model.extensions]):
         return
     if len(set(names)) < len(names):

@@ -1,4 +1,4 @@
-"""Segments of the body that lengthen."""
+"""Extensible segments of an actuator, each with one uniform axial strain."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Extension:
-    """A segment of the body that lengthens by one uniform strain.
+    """An extensible segment of the actuator, with one uniform axial strain.
 
     Parameters
     ----------
@@ -68,7 +68,11 @@ class Extension:
 
 
 def shares(links: Array, base_length: float, extensions: Sequence[Extension]) -> Array:
-    """Return the fraction (n + 1, S) of each link that lies in each segment; row 0 is before the first joint."""
+    """Return the fraction (n + 1, S) of the base part and of each of n links that lies in each of S extensible
+    segments.
+
+    Row 0 is the part before the first joint.
+    """
     edges = np.concatenate([[0.0, base_length], base_length + np.cumsum(links)])
     length, found = np.diff(edges), np.zeros((links.size + 1, len(extensions)))
     for s, extension in enumerate(extensions):

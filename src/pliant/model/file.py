@@ -1,4 +1,4 @@
-"""Reading and writing model files: JSON with a versioned schema, which preserves every number exactly."""
+"""Reading and writing of model files: JSON with a versioned schema, which preserves every number exactly."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ MIRRORED = (  # D4
 
 
 class StationEntry(BaseModel):
-    """An observed point in a model file."""
+    """Table of one observed point in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     name: str
@@ -52,7 +52,7 @@ class StationEntry(BaseModel):
 
 
 class SpaceEntry(BaseModel):
-    """The spatial properties of a chain in a model file."""
+    """Table of the parameters of a chain in space in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     stiffness_ratio: float = 1.0
@@ -63,7 +63,7 @@ class SpaceEntry(BaseModel):
 
 
 class ValveEntry(BaseModel):
-    """A valve in a model file."""
+    """Table of the valve parameters in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     rise_time: float = 0.0
@@ -80,7 +80,7 @@ class ValveEntry(BaseModel):
 
 
 class ChamberEntry(BaseModel):
-    """A chamber in a model file with several inputs."""
+    """Table of one pressure chamber in a model file that has several inputs."""
 
     model_config = ConfigDict(extra="forbid")
     name: str
@@ -98,7 +98,7 @@ class ChamberEntry(BaseModel):
 
 
 class TendonEntry(BaseModel):
-    """A tendon in a model file."""
+    """Table of one tendon in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     driven_by: Literal["tension", "displacement", "angle"]
@@ -116,7 +116,7 @@ class TendonEntry(BaseModel):
 
 
 class ExtensionEntry(BaseModel):
-    """A segment that lengthens in a model file."""
+    """Table of one extensible segment in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     name: str
@@ -127,7 +127,7 @@ class ExtensionEntry(BaseModel):
 
 
 class MemoryEntry(BaseModel):
-    """The hysteresis parameters of the joints in a model file."""
+    """Table of the joints' hysteresis parameters in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     creep_share: list[float] = []
@@ -141,7 +141,7 @@ class MemoryEntry(BaseModel):
 
 
 class ModelFile(BaseModel):
-    """The schema of a model file."""
+    """All entries of a model file, with their types and default values."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True, protected_namespaces=())
     schema_name: Literal["pliant-model"] = SCHEMA
@@ -183,7 +183,9 @@ class ModelFile(BaseModel):
     @field_validator("units")
     @classmethod
     def units_are_ours(cls, units: dict[str, str]) -> dict[str, str]:
-        """Check that the units in the file are those of the schema, since all numbers are read as SI."""
+        """Check that the units stated in a model file are those of its schema, because all numbers are read in these
+        units.
+        """
         wrong = {name: unit for name, unit in units.items() if UNITS.get(name) != unit}
         if wrong:
             raise ValueError(f"must be those of the schema, {UNITS}; these differ: {shown(wrong, 200)}")
@@ -211,7 +213,7 @@ def model_to_dict(model: Model) -> dict[str, Any]:
 
 
 def input_entries(law: Chamber) -> dict[str, Any]:
-    """Return the entries of one input; for a tendon, without those that follow from others."""
+    """Return the model-file entries of one chamber or tendon. A tendon's omit the values that follow from others."""
     entries = plain(law) | {"valve": dataclasses.asdict(law.valve)}
     if isinstance(law, Tendon):
         chamber = {field.name for field in dataclasses.fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}
@@ -220,19 +222,21 @@ def input_entries(law: Chamber) -> dict[str, Any]:
 
 
 def input_of(entries: dict[str, Any]) -> Chamber:
-    """Return the chamber or tendon described by entries of a model file."""
+    """Return the chamber or tendon described by the `entries` of its table in a model file."""
     own = {**entries, "valve": Valve(**entries["valve"])}
     return Tendon(**own) if "driven_by" in own else Chamber(**own)
 
 
 def plain(of: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass as a dict, with arrays as lists."""
+    """Return the fields of a dataclass instance as a dict, with arrays as lists."""
     values = {field.name: getattr(of, field.name) for field in dataclasses.fields(of)}
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
 
 
 def save_model(model: Model, path: str | Path) -> Path:
-    """Write `model` as JSON with a checksum to `path`, atomically; `load_model` reads an equal model from it.
+    """Write `model` to the file `path` as JSON with a checksum. `load_model` reads an equal model from it.
+
+    The file is replaced atomically.
 
     Raises
     ------
@@ -254,13 +258,13 @@ def save_model(model: Model, path: str | Path) -> Path:
 
 
 def checksum_of(content: dict[str, Any]) -> str:
-    """Return the SHA-256 of a model file's entries except the checksum, independent of their order and layout."""
+    """Return the SHA-256 of the entries of a model file, without its checksum, independent of order and layout."""
     entries = {name: value for name, value in content.items() if name != "checksum"}
     return sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 
 def load_model(path: str | Path) -> Model:
-    """Read a model from a model file.
+    """Read a `Model` from a model file.
 
     Parameters
     ----------
@@ -292,7 +296,7 @@ def load_model(path: str | Path) -> Model:
 
 
 def read_model(text: bytes | str, where: str) -> Model:
-    """Return the model in the text of a model file; `where` names the file at the start of error messages."""
+    """Return the `Model` described by the JSON text of a model file. `where` names the file in error messages."""
     try:
         entries = ModelFile.model_validate_json(text)
     except ValidationError as error:

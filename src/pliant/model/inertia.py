@@ -1,4 +1,4 @@
-"""Inertia constants of links, for one model or for a batch of samples."""
+"""Inertia constants of a chain's links, for one model or for a batch of models."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ Array = np.ndarray
 
 
 def inertia_constants(length: Array, mass: Array, tip_mass: Any, *, rod: bool) -> tuple[Array, Array, Array]:
-    """Return B (n, n, ...), rotary inertias (n, ...) [kg m^2] and first moments h (n, ...) [kg m] of links.
+    """Return coupling matrix B (n, n, ...) and rotary inertias (n, ...) [kg m^2], and first moments h (n, ...) [kg m],
+    of n links.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Physical limits of the parameters of a soft body, in one table.
+"""Physical limits of all model parameters, in one table.
 
 A number beyond its limits means a wrong unit or a damaged file, and could cause overflow, division by zero or endless
 loops. Each limit is at least a factor of a thousand from any body that was built. Where the lower bound of a fit is 0,
@@ -18,7 +18,7 @@ MOST_STATIONS = 4096
 
 
 class Limit(NamedTuple):
-    """Smallest and largest absolute value of a number, its unit, and whether 0 is allowed below the smallest."""
+    """Smallest and largest absolute value allowed for a parameter, its unit, and whether 0 is allowed as well."""
 
     least: float
     most: float
@@ -81,7 +81,7 @@ LIMITS = {
 
 
 def check_limit(what: str, name: str, value: float) -> None:
-    """Raise InputError when the absolute value of a parameter is outside its `LIMITS`.
+    """Raise InputError if the absolute value of a parameter is outside its physical limits.
 
     Parameters
     ----------

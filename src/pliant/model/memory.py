@@ -1,4 +1,4 @@
-"""Hysteresis of the joints: creep (Prony), internal friction (Maxwell-slip) and Bouc-Wen."""
+"""Parameters of the joints' hysteresis: creep (Prony), internal friction (Maxwell-slip) and Bouc-Wen."""
 
 from __future__ import annotations
 
@@ -93,11 +93,11 @@ class Memory:
 
     @property
     def instantaneous(self) -> float:
-        """Stiffness of all branches before any of them slips or relaxes, over the joint's K."""
+        """Stiffness that all hysteresis branches add before any of them slips or relaxes, divided by the joint's K."""
         return sum(self.creep_share) + sum(self.slip_share) + self.boucwen_share
 
     def law(self) -> symbols.MemoryLaw:
-        """Return the parameters as arrays for the kernels."""
+        """Return the hysteresis parameters as a record of arrays for the compiled kernels."""
         return symbols.MemoryLaw(
             np.array(self.creep_share), np.array(self.creep_time), np.array(self.slip_share), np.array(self.slip_angle),
             boucwen_share=self.boucwen_share, boucwen_beta=self.boucwen_beta, boucwen_gamma=self.boucwen_gamma,
@@ -106,7 +106,9 @@ class Memory:
 
 
 class Springpot(NamedTuple):
-    """A springpot approximated by Prony branches: shares and times for `Memory`, and a spring for its slow end."""
+    """Prony branches that approximate a springpot, as `creep_share` and `creep_time` for `Memory`, and an additional
+    spring.
+    """
 
     creep_share: tuple[float, ...]
     creep_time: tuple[float, ...]  # s
@@ -114,7 +116,8 @@ class Springpot(NamedTuple):
 
 
 def springpot(share: float, order: float, low: float, high: float) -> Springpot:
-    """Return Prony branches which approximate the stiffness ``share (i w / 1 rad/s)^order`` over a frequency band.
+    """Return Prony branches that approximate a springpot of stiffness ``share (i w / 1 rad/s)^order`` between two
+    frequencies [Hz].
 
     There are two branches a decade, from half a decade below the band to half a decade above it. Their rates w_j are
     evenly spaced by the ratio r on a logarithmic scale, and their shares are ``share sin(pi a) / pi  ln(r) w_j^a`` with
@@ -159,7 +162,9 @@ def springpot(share: float, order: float, low: float, high: float) -> Springpot:
 
 
 class Payne(NamedTuple):
-    """Payne's curve approximated by slip elements: shares and angles for `Memory`, and a spring that never slips."""
+    """Slip elements that approximate Payne's curve, as `slip_share` and `slip_angle` for `Memory`, and an additional
+    spring.
+    """
 
     slip_share: tuple[float, ...]
     slip_angle: tuple[float, ...]  # rad
@@ -167,7 +172,8 @@ class Payne(NamedTuple):
 
 
 def payne(share: float, angle: float, exponent: float, low: float, high: float) -> Payne:
-    """Return slip elements with the amplitude-dependent stiffness ``share / (1 + (A / angle)^(2 m))`` of Payne's curve.
+    """Return slip elements whose stiffness falls with the amplitude A as in Payne's curve, ``share / (1 + (A /
+    angle)^(2 exponent))``.
 
     A is the amplitude of an oscillation, m the exponent. The stiffness times A is the torque of first loading. The
     elements approximate it by a polygon, and by Masing's rule every later branch is the same curve twice as large, so
@@ -220,7 +226,11 @@ def payne(share: float, angle: float, exponent: float, low: float, high: float) 
 
 
 def checked(name: str, value: float | Sequence[float], row: bool) -> float | tuple[float, ...]:
-    """Return `value` as a number (`row` False) or a tuple of numbers, finite and, except for gamma, not negative."""
+    """Return a hysteresis parameter as a number (`row` False) or a tuple of numbers; raise InputError unless finite and
+    not negative.
+
+    Only boucwen_gamma may be negative.
+    """
     try:
         a = np.asarray(value, dtype=float)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""The class `Model`: a chain of rigid links with springs and dampers at its joints, actuated by chambers or tendons."""
+"""The class `Model`: a chain of rigid links with springs and dampers at its joints, driven by chambers or tendons."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SCALARS = ("tip_mass", "base_length", "base_angle")
 
 
 class ChainValues(ChamberValues, total=False):
-    """The keyword arguments of `Model` except the lengths and masses of links.
+    """Type of the keyword arguments of `Model`, without the lengths and masses of the links.
 
     Those of `Chamber` are for a model with a single chamber.
     """
@@ -60,7 +60,7 @@ class ChainValues(ChamberValues, total=False):
 
 
 class Values(ChainValues, total=False):
-    """The keyword arguments of `Model`."""
+    """Type of all keyword arguments of `Model`."""
 
     link_length: Any
     link_mass: Any
@@ -75,7 +75,10 @@ DEFAULTS: dict[str, Any] = {
 
 @dataclass(frozen=True, repr=False, init=False, eq=False)
 class Model(ModelParameters):
-    """Parameters of the reduced-order model, all SI, as they enter Eqs. (1)-(5) of the paper.
+    """Parameters of the reduced-order model of a soft actuator, a chain of n rigid links, in SI units: those of Eqs.
+    (1)-(5).
+
+    They enter Eqs. (1)-(5) of the paper.
 
     Parameters
     ----------
@@ -167,7 +170,7 @@ class Model(ModelParameters):
 
     @property
     def chamber(self) -> Chamber:
-        """The single chamber of this model.
+        """The single pressure chamber of this model.
 
         Raises
         ------
@@ -183,31 +186,40 @@ class Model(ModelParameters):
 
     @cached_property
     def actuation(self) -> Actuation:
-        """The inputs: their number, kinds and units, and their joint torques and axial forces."""
+        """The inputs of the model: their number, kinds and units, and the joint torques and axial forces that they
+        cause.
+        """
         turns = self.space.turns if self.space else 1
         return Actuation(self.chambers, self.n, tuple(self.segment_length.tolist()), joints_inside(self), turns)
 
     @property
     def torque(self) -> Array:
-        """Torque law (k,) [N m/Pa^i] of the single chamber."""
+        """Coefficients (k,) [N m/Pa^i] of the torque law of the model's single chamber."""
         return self.chamber.torque
 
     @property
     def joint_gain(self) -> Array:
-        """Fraction (n,) of the single chamber's torque at each joint."""
+        """Fraction (n,) of the single chamber's torque that acts at each joint."""
         return self.chamber.joint_gain
 
     @property
     def valve(self) -> Valve:
-        """The valve of the single chamber."""
+        """The valve of the model's single chamber."""
         return self.chamber.valve
 
     def torque_at(self, pressure: Any) -> Any:
-        """Return the static torque [N m] of the single chamber at gauge `pressure` [Pa]; see `Chamber.torque_at`."""
+        """Return the static torque [N m] of the model's single chamber at gauge `pressure` [Pa] of any shape.
+
+        It is that of `Chamber.torque_at`.
+        """
         return self.chamber.torque_at(pressure)
 
     def with_(self, **changes: Any) -> Model:
-        """Return a copy with some parameters changed and checked; parameters of a chamber change the single one."""
+        """Return a copy of the model with the given parameters changed and checked, for example
+        ``model.with_(stiffness=2.0)``.
+
+        Parameters of a `Chamber` change the single chamber of the model.
+        """
         if own := {k: v for k, v in changes.items() if k in FIELDS}:
             changes = {k: v for k, v in changes.items() if k not in FIELDS}
             changes["chambers"] = (replace(self.chamber, **own),)
@@ -227,14 +239,16 @@ Model.__signature__ = full_signature(Model, Values, KEYWORD_DEFAULTS)  # type: i
 
 
 def each_link(name: str, a: Array, n: int) -> Array:
-    """Return an array (1,) or (n,) as an array (n,), one number for each link."""
+    """Return a model parameter of one or n numbers as an array (n,), with one number for each link."""
     if n == 0 or a.size not in (1, n):
         raise InputError(f"model {name} must be one number or {n} (one for each link), got {a.size}")
     return np.repeat(a, n // a.size)
 
 
 def with_gains(chamber: Chamber, n: int) -> Chamber:
-    """Return the chamber with one `joint_gain` and one `cross_gain` for each of n joints."""
+    """Return the chamber with one `joint_gain` and one `cross_gain` for each of n joints, where a single number applied
+    to all.
+    """
     if chamber.joint_gain.size == n and chamber.cross_gain.size in (1, n):
         return chamber
     return replace(chamber, joint_gain=each_link("joint_gain", chamber.joint_gain, n),

@@ -1,4 +1,4 @@
-"""The parameters of a model, and quantities derived from them alone."""
+"""The parameters of a model, and the lengths, masses and counts derived from them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True, repr=False, init=False, eq=False)
 class ModelParameters(Shown):
-    """The parameters of a `Model` with derived lengths, masses and counts; `Model` describes and checks them."""
+    """The parameters of a `Model` and the lengths, masses and counts derived from them, without checks."""
 
     link_length: Array
     link_mass: Array
@@ -54,17 +54,19 @@ class ModelParameters(Shown):
 
     @cached_property
     def stretch_share(self) -> Array:
-        """Fraction (n + 1, S) of each link that lies in each segment; row 0 is the part before the first joint."""
+        """Fraction (n + 1, S) of the base part (row 0) and of each of n links that lies in each of S extensible
+        segments.
+        """
         return shares(self.link_length, self.base_length, self.extensions)
 
     @property
     def segment_length(self) -> Array:
-        """Unstretched length (S,) [m] of each segment that lengthens."""
+        """Unstretched lengths (S,) [m] of the S extensible segments."""
         return np.asarray(np.append(self.base_length, self.link_length) @ self.stretch_share)
 
     @property
     def length(self) -> float:
-        """Length [m] from the origin to the last tip along the chain."""
+        """Length [m] of the actuator along its links, from the origin to the tip."""
         return float(self.base_length + self.link_length.sum())
 
     @property
@@ -74,11 +76,11 @@ class ModelParameters(Shown):
 
     @property
     def points(self) -> tuple[Station, ...]:
-        """The observed points: `stations`, or else the link tips, named link_1 ... link_n."""
+        """The observed points: the model's `stations` or, if it has none, the link tips, named link_1 ... link_n."""
         tips = (Station(f"link_{i + 1}", i, float(length)) for i, length in enumerate(self.link_length))
         return self.stations or tuple(tips)
 
     @property
     def first_joint(self) -> Array:
-        """Position (2,) [m] of the first joint."""
+        """Position (2,) [m] of the first joint in the base frame."""
         return self.base_length * np.array([-np.sin(self.base_angle), np.cos(self.base_angle)])

@@ -20,7 +20,7 @@ OF_ANY_SIGN = ("rest_angle", *SPRING_TERMS, "gravity", "base_angle")
 
 
 def check_physical(model: ModelParameters, given: Collection[str]) -> None:
-    """Raise InputError when one of the `given` parameters of `model` is not finite or not physical."""
+    """Raise InputError if one of the `given` parameters of a model is not finite or not physical."""
     kinds = ([name for name in kind if name in given] for kind in (POSITIVE, NOT_NEGATIVE, OF_ANY_SIGN))
     check_numbers(model, "model", *kinds)
     if "link_mass" in given:
@@ -42,7 +42,7 @@ def check_physical(model: ModelParameters, given: Collection[str]) -> None:
 
 
 def check_stations(model: ModelParameters) -> None:
-    """Raise InputError when an observed point is not on the body, or two have the same name."""
+    """Raise InputError if an observed point of a model is not on one of its links, or two have the same name."""
     names = [s.name for s in model.stations]
     if len(names) > MOST_STATIONS:
         raise InputError(f"model must have at most {MOST_STATIONS} stations, got {len(names)}")

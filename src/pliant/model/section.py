@@ -1,4 +1,4 @@
-"""Bending stiffness EI of a model's cross-section, from the springs of its joints."""
+"""Bending stiffness EI of an actuator's cross-section, from the stiffness of a model's joints."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ PLACEMENT = {"base": "each joint at the base of its segment", "midsegment": "eac
 
 
 def joint_placement(model: ModelParameters) -> str:
-    """Return "midsegment" if the joints are in the middle of their segments, as in `chain_model`, else "base"."""
+    """Return "midsegment" if the model's joints are in the middle of its segments, or "base" if at the base of each.
+
+    `chain_model` describes the two placements.
+    """
     stub, last = model.base_length, float(model.link_length[-1])
     halves = model.n == 1 or float(model.link_length[0]) > (1.0 + SAME) * last
     return "midsegment" if halves and stub > 0 and abs(stub - last) < SAME * last else "base"
 
 
 def segments(model: ModelParameters) -> Array:
-    """Return the length of body (n,) [m] whose bending each joint represents.
+    """Return the length (n,) [m] of the actuator whose bending each of n joints represents.
 
     For joints at the base of segments it is the link behind the joint, else half of the links on both sides.
     """
@@ -31,7 +34,8 @@ def segments(model: ModelParameters) -> Array:
 
 
 def bending_stiffness(model: ModelParameters) -> Array:
-    """Return EI (n,) [N m^2] of the body at each joint: the joint's stiffness times the length of body it represents.
+    """Return the bending stiffness EI (n,) [N m^2] of the actuator at each of n joints: joint stiffness times segment
+    length.
 
     EI depends on the assumed `joint_placement`: with few links, fits of the same motion give springs that differ by
     tens of per cent between the two placements. The difference vanishes as the number of links grows.

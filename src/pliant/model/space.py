@@ -1,4 +1,4 @@
-"""Parameters of a chain in space which a planar chain does not have."""
+"""Parameters that only a chain in space has, such as stiffness ratios, radius and base tilt."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SCALARS = ("stiffness_ratio", "twist_ratio", "radius")
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Parameters of a chain in space, all SI: its joints bend in two directions, and may twist.
+    """Parameters that make a model a chain in space, whose joints bend in two directions and may twist. SI units.
 
     A chain in space has its base at the origin and its base tangent along +z. The joint before each link turns by a
     rotation vector (a, b, 0) in the cross-section, then by a twist c about the link. The planar chain is the case
@@ -80,16 +80,16 @@ class Space:
 
     @property
     def turns(self) -> int:
-        """Number of coordinates of each joint: 2, or 3 with twist."""
+        """Number of angles of each joint: 2 swing angles, and a third one if the chain twists."""
         return 3 if self.twist_ratio else 2
 
     def rest_of(self, n: int) -> Array:
-        """Return the rest rotation vectors (n, 3) [rad] of n joints."""
+        """Return the rotation vectors (n, 3) [rad] that describe the rest shape at each of n joints."""
         return np.array(np.broadcast_to(self.rest_turn, (n, 3)))
 
 
 def rows_of(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return `value` as a finite, read-only array of a `shape`, in which -1 stands for any length."""
+    """Return a parameter of `Space` as a finite, read-only array of the given `shape`, in which -1 means any length."""
     try:
         a = np.array(value, dtype=float)
         a = a.reshape(shape) if a.size else a
@@ -102,7 +102,7 @@ def rows_of(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 
 
 def space_of(value: Any) -> Space | None:
-    """Return `value` as a `Space`: a mapping gives its parameters, True the defaults; None and False give None.
+    """Return `value` as a `Space` or None. A mapping gives its parameters, True means the defaults, False means None.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def space_of(value: Any) -> Space | None:
 
 
 def require_planar(model: Any, what: str) -> None:
-    """Raise InputError if a model is in space; `what` names the function in the message."""
+    """Raise InputError if a model is a chain in space. `what` names the function that needs a planar one."""
     if model.space is not None:
         raise InputError(
             f"{what} needs a planar chain, but {model.name!r} is in space: use simulate, Stepper, equilibrium, modes, "
@@ -133,7 +133,9 @@ def require_planar(model: Any, what: str) -> None:
 
 
 def check_space(model: Any) -> None:
-    """Raise InputError when a planar model has a parameter of chains in space, or the reverse."""
+    """Raise InputError if a planar model has a parameter of chains in space, or a chain in space
+    one of planar models.
+    """
     size = 2 if model.space is None else 3
     if model.gravity.size != size:
         axes = "x, y" if size == 2 else "x, y, z"

@@ -1,4 +1,4 @@
-"""The nonlinear terms of the joints' springs: names, units and bounds in one table.
+"""The nonlinear terms of the joints' spring law: parameter names, units and bounds.
 
 A spring's torque is K q (1 + s q + a q^2 ...): the k-th term of the table, counted from 0, adds K c q^(k + 2). The law
 is in `equations.elastic`, whose `TERMS` is the number of terms. `SPRING_BOUND` is the parameter which bounds the change
@@ -11,7 +11,10 @@ from typing import NamedTuple
 
 
 class SpringTerm(NamedTuple):
-    """One term of the spring law, which is a field of `Model` and a parameter of a fit with the same name."""
+    """Symbol, unit and bounds of one nonlinear term of the spring law, such as `stiffening`.
+
+    Its name is that of a field of `Model` and of a parameter of a fit.
+    """
 
     letter: str  # symbol in messages
     unit: str

@@ -1,4 +1,4 @@
-"""Static torques for a time series of pressures."""
+"""Static chamber and joint torques for a time series of pressures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = np.ndarray
 
 
 def torques_over(actuation: Actuation, pressure: Any) -> Array:
-    """Return the static torque (T, C) [N m] of each chamber at pressures (T, C) [Pa]; (T,) suffices for one chamber.
+    """Return the static torques (T, C) [N m] of C chambers for gauge pressures (T, C) [Pa] at T instants.
 
     Raises
     ------
@@ -31,5 +31,7 @@ def torques_over(actuation: Actuation, pressure: Any) -> Array:
 
 
 def joint_torques_over(actuation: Actuation, pressure: Any) -> Array:
-    """Return the static torques (T, n) [N m] of the joints, for pressures as in `torques_over`."""
+    """Return the static torques (T, n) [N m] at n joints for gauge pressures (T, C) [Pa] of C
+    chambers at T instants.
+    """
     return np.asarray(torques_over(actuation, pressure) @ actuation.gain)

@@ -1,4 +1,4 @@
-"""Points of the body whose motion is observed."""
+"""Observed points that are fixed to the links of a model."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pliant.errors import InputError
 
 
 class Station(NamedTuple):
-    """A point fixed to the body whose motion is observed, such as a marker, a link tip or a point of a fibre.
+    """An observed point fixed to a link of the model, such as a marker, a link tip or a point of an optical fibre.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Station(NamedTuple):
 
 
 def station_of(entry: Any) -> Station:
-    """Return `entry` as a Station; raise InputError unless it has a name, an integer link and one to three lengths."""
+    """Return `entry` (name, link, along, ...) as a `Station`; raise InputError if it has not this form."""
     try:
         name, link, along, across, aside = Station(*entry)
         return Station(str(name), operator.index(link), float(along), float(across), float(aside))
@@ -48,5 +48,5 @@ def station_of(entry: Any) -> Station:
 
 
 def stations_of(entries: Iterable[Any]) -> tuple[Station, ...]:
-    """Return `entries` as a tuple of stations."""
+    """Return the `entries` (name, link, along, ...), one for each observed point, as a tuple of `Station` objects."""
     return tuple(station_of(entry) for entry in entries)

@@ -15,7 +15,7 @@ HEAD = ("link", "length mm", "mass g", "stiffness N m/rad", "damping N m s/rad",
 
 
 def model_card(model: ModelParameters) -> Card:
-    """Return the summary of a model: links, actuation, valve, hysteresis, gravity; equal links share one row."""
+    """Return the summary of a model as a printable card: links, actuation, valve, hysteresis and gravity."""
     table = np.column_stack([
         1e3 * model.link_length, 1e3 * model.link_mass, model.stiffness, model.damping, np.degrees(model.rest_angle)
     ])
@@ -28,14 +28,18 @@ def model_card(model: ModelParameters) -> Card:
 
 
 def chain(model: ModelParameters, turn: float) -> np.ndarray:
-    """Return base and link tips (n + 1, 2) [m] with every joint turned by `turn` [rad] from its rest angle."""
+    """Return the positions (n + 1, 2) [m] of the base and the link tips with every joint turned by `turn` [rad] from
+    its rest angle.
+    """
     angle = np.cumsum(model.rest_angle + turn)
     steps = model.link_length[:, None] * np.stack([-np.sin(angle), np.cos(angle)], axis=1)
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
 
 
 def sentences(model: ModelParameters) -> list[str]:
-    """Return the sentences of the summary: chambers, stiffness, hysteresis, masses, gravity and observed points."""
+    """Return the sentences of a model's summary: chambers, stiffness, hysteresis, masses, gravity
+    and observed points.
+    """
     said = [line for c in model.chambers for line in c.sentences(alone=len(model.chambers) == 1)]
     section = " to ".join(dict.fromkeys(f"{f(bending_stiffness(model)):.3g}" for f in (np.min, np.max)))
     said.append(f"bending stiffness EI = K l: {section} N m^2, {PLACEMENT[joint_placement(model)]}")

@@ -1,4 +1,4 @@
-"""Tendons as inputs of a chain in space, actuated by a force, by a displacement or by a motor angle."""
+"""Tendons as inputs of a chain in space, driven by a force, a displacement or a motor angle."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NUMBERS = ("lever", "line_stiffness", "pretension", "pulley", "friction", "slip_
 
 @dataclass(frozen=True, eq=False)
 class Tendon(Chamber):
-    """One tendon along a chain in space, or a pair of opposite tendons on one motor; all SI.
+    """One tendon along a chain in space, or a pair of opposite tendons on one motor. SI units.
 
     The tension is T = max(0, k (u - g . x) + T_0). g is the lever arm at each coordinate x, exact where the body bends
     in arcs, u the length drawn in, and k the stiffness of the tendon with its attachments. With driven_by = "tension",
@@ -87,7 +87,7 @@ class Tendon(Chamber):
 
     @classmethod
     def at_azimuth(cls, azimuth: float, joints: Any, **more: Any) -> Tendon:
-        """Return a tendon at an azimuth [rad], counted from x towards y.
+        """Return a tendon whose path lies at the `azimuth` [rad] on the cross-section, counted from x towards y.
 
         Parameters
         ----------
@@ -102,16 +102,20 @@ class Tendon(Chamber):
 
     @property
     def elastic(self) -> bool:
-        """Whether the tension depends on the tendon's length: then `torque` is the force per unit of the input."""
+        """Whether the tendon's tension depends on its length, because its end displacement or motor
+        angle is the input.
+
+        In this case `torque` is the force per unit of the input.
+        """
         return self.driven_by != "tension"
 
     def constants(self) -> tuple[float, float, float, float]:
-        """Return stiffness [N/m], pretension [N], friction and slip rate [m/s], for the kernels."""
+        """Return the tendon's stiffness [N/m], pretension [N], friction coefficient and slip rate [m/s]."""
         k, T0 = (self.line_stiffness, self.pretension) if self.elastic else (0.0, 0.0)
         return k, T0, self.friction, self.slip_rate
 
     def sentences(self, *, alone: bool) -> list[str]:  # noqa: ARG002  of the interface
-        """Return sentences that describe path and law."""
+        """Return sentences that describe the tendon's path, input, stiffness and lag."""
         azimuth = np.degrees(np.arctan2(-self.joint_gain, self.cross_gain)) % 360.0
         turned = np.flatnonzero(np.hypot(self.joint_gain, self.cross_gain))
         shown = ", ".join(dict.fromkeys(f"{azimuth[i % azimuth.size]:.3g}" for i in turned)) or "-"

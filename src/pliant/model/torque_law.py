@@ -1,4 +1,4 @@
-"""Torque laws by name: conversion of the parameters of a fit to the numbers that a chamber stores.
+"""Torque laws by name, and the conversion of their fit parameters to the coefficients of a chamber.
 
 A polynomial law is one file in this folder. Any other law has a kernel, in a file of `equations`. Other packages can
 add polynomial laws by an entry point of the group ``pliant.torque_laws`` that refers to a `TorqueLaw`.
@@ -23,7 +23,7 @@ BUILT_IN = {"elastic_wall": "pliant.model.elastic_wall:TORQUE_LAW"}
 
 @cache
 def torque_laws() -> tuple[TorqueLaw, ...]:
-    """Return all known laws: those with kernels, the built-in polynomials, then those of installed packages."""
+    """Return all known torque laws: the built-in ones, then those that other installed packages provide."""
     others = tuple(offered(GROUP, BUILT_IN, TorqueLaw).values())
     if strange := [law.name for law in others if law.lever is not None]:
         raise InputError(f"the torque law {strange[0]!r} of an installed package has a lever: it must be a polynomial")
@@ -32,12 +32,13 @@ def torque_laws() -> tuple[TorqueLaw, ...]:
 
 @cache
 def law_parameters() -> dict[str, LawParameter]:
-    """Return the parameters of all known laws, by their names in a fit."""
+    """Return the parameters of all known torque laws, by their names in a fit, such as "saturating_lever"."""
     return {f"{law.name}_{name}": row for law in torque_laws() for name, row in law.parameters.items()}
 
 
 def laid_torque(values: Mapping[str, float]) -> dict[str, str | Array]:
-    """Return the fields `law` and `torque` of a chamber from the parameters of its law in `values`; {} if none.
+    """Return the chamber parameters `law` and `torque` for the torque-law parameters among the fit values; {} if there
+    are none.
 
     Raises
     ------
@@ -58,5 +59,7 @@ def laid_torque(values: Mapping[str, float]) -> dict[str, str | Array]:
 
 
 def unfinished_law(name: str, wanted: set[str]) -> bool:
-    """Return whether the law of the parameter `name` also has a parameter in `wanted`, the names without values yet."""
+    """Return whether the torque law with the parameter `name` has another parameter in `wanted`, whose value is not yet
+    known.
+    """
     return any(law.own({name.rpartition(".")[2]: 0.0}) and law.own(dict.fromkeys(wanted, 0.0)) for law in torque_laws())

@@ -1,4 +1,4 @@
-"""The valve between commanded and actual pressure."""
+"""The valve or pressure regulator between commanded and actual pressure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pliant.model.limits import check_limit
 
 @dataclass(frozen=True)
 class Valve:
-    """A valve with dead time: ideal, of first order with its own rise and fall times, or of second order.
+    """A valve between commanded and actual pressure: dead time, then no lag, a first-order lag or a second-order lag.
 
     Parameters
     ----------
