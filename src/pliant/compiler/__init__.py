@@ -1,1 +1,3 @@
-"""Compilation of kernels: with Numba from the same source, as straight-line code, on SIMD vectors, and to C."""
+"""Compilation of numerical kernels: by Numba, as straight-line code, for SIMD vectors, for dual numbers, and
+translation to C.
+"""

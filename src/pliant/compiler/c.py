@@ -1,4 +1,5 @@
-"""Translation of kernels to C: the Python source of a kernel is interpreted on symbolic values, and C code is written.
+"""Translation of numerical Python kernels to C: the Python source is interpreted on symbolic values, and C code is
+written.
 
 Unlike `trace`, it keeps branches: a condition on numbers which are unknown at translation time becomes an ``if``, a
 ``goto`` or a loop of C. Shapes, indices and loops over links are known and are unrolled: every element of an array is a
@@ -26,28 +27,28 @@ LONG = 16  # a loop with more iterations than this, an early exit and no indexin
 
 
 class Stop(Exception):  # control flow of the interpreted source, known at translation time
-    """A `return` or `break` which is executed unconditionally."""
+    """Exception that ends the interpretation of a Python block at an unconditional `return` or `break`."""
 
 
 class Returned(Stop):
-    """An unconditional return."""
+    """Exception for an unconditional `return` in the interpreted Python source."""
 
 
 class Broken(Stop):
-    """An unconditional break."""
+    """Exception for an unconditional `break` in the interpreted Python source."""
 
 
 @cache
 def tree_of(kernel: FunctionType) -> ast.FunctionDef:
-    """Return the syntax tree of a kernel."""
+    """Return the syntax tree of the source code of a Python function."""
     return ast.parse(textwrap.dedent(inspect.getsource(kernel))).body[0]  # type: ignore[return-value]
 
 
 class CWriter(Expressions):
-    """Writer of the body of one C function from a kernel: calls, branches and loops."""
+    """Writer that translates a Python kernel, with its calls, branches and loops, to the body of one C function."""
 
     def call(self, kernel: Any, *arguments: Any) -> Any:
-        """Write the inlined body of a call of `kernel` with symbolic arguments, and return its symbolic result."""
+        """Write the C code of a call of `kernel` with symbolic arguments, inlined, and return the symbolic result."""
         self.count += 1
         kernel = self.instead.get(kernel, kernel)
         frame = CScope(self.count, {**kernel.__globals__, **self.constants})
@@ -65,7 +66,9 @@ class CWriter(Expressions):
         return frame.result
 
     def passed(self, value: Any, name: str, *, changes: bool) -> Any:
-        """Return an argument for an inlined call, copied to a new local variable where the callee might change it."""
+        """Return an argument of an inlined call as a C variable, which is a copy where the called function might change
+        it.
+        """
         if changes and isinstance(value, (Real, float)):
             held = self.local(name)
             self.say(f"{held} = {self.number(value)};")
@@ -78,7 +81,7 @@ class CWriter(Expressions):
         return self.keep(value, name)
 
     def block(self, frame: CScope, statements: list[ast.stmt]) -> None:
-        """Write the statements one after the other."""
+        """Write the C code of Python statements, one after the other."""
         for statement in statements:
             getattr(self, f"do_{type(statement).__name__}")(frame, statement)
 
@@ -92,7 +95,7 @@ class CWriter(Expressions):
             self.assign(frame, target, value)
 
     def assign(self, frame: CScope, target: ast.expr, value: Any) -> None:
-        """Write the assignment of a value to a name, an array element or a tuple of these."""
+        """Write the C code that assigns a value to a name, an array element or a tuple of these."""
         if isinstance(target, ast.Tuple):
             if len(target.elts) > 1:
                 value = self.keep(tuple(value), f"pair_{self.fresh()}")
@@ -122,7 +125,9 @@ class CWriter(Expressions):
         self.say(f"goto {frame.label};")
 
     def returned(self, value: Any, name: str) -> Any:
-        """Write the result of a call to variables common to every `return` of the call, and return these variables."""
+        """Copy the result of an inlined call to C variables that all its `return` statements share, and return these
+        variables.
+        """
         if isinstance(value, tuple):
             parts = [self.returned(v, f"{name}_{i}") for i, v in enumerate(value)]
             return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
@@ -149,7 +154,7 @@ class CWriter(Expressions):
         self.say("}")
 
     def branch(self, frame: CScope, statements: list[ast.stmt]) -> None:
-        """Write statements that are executed only under a condition.
+        """Write the C code of statements that are executed only under a condition.
 
         An array name which the branch binds to another array raises InputError, since C has no names for arrays here.
         """
@@ -184,7 +189,7 @@ class CWriter(Expressions):
             self.say(f"{mark[0]}:;")
 
     def loop(self, frame: CScope, node: ast.For, name: str, turns: range) -> None:
-        """Write a loop over the range `turns` as a `for` loop of C."""
+        """Write a Python loop over the range `turns` as a `for` loop of C."""
         turn = f"{name.strip('_') or 'turn'}_{self.fresh()}"
         self.say(f"for (int {turn} = {turns.start}; {turn} < {turns.stop}; {turn}++) {{")
         frame.names[name] = Turn(turn)
@@ -200,14 +205,17 @@ class CWriter(Expressions):
 
 
 def only_counts(loop: ast.For, name: str) -> bool:
-    """Return whether the counter `name` of a loop is used in comparisons only; array elements have no index in C."""
+    """Return whether a Python loop uses its counter `name` in comparisons only, not as an array index."""
     nodes = [node for statement in loop.body for node in ast.walk(statement)]
     compared = {id(node.left) for node in nodes if isinstance(node, ast.Compare)}
     return all(id(node) in compared for node in nodes if isinstance(node, ast.Name) and node.id == name)
 
 
 def cosine_and_sine(kind: str, prefix: str, *, single: bool) -> str:
-    """Return the source of a C function for cosine and sine, a translation of `numerics.trig.cos_sin`.
+    """Return the source of a C function that computes cosine and sine of one angle with the same operations as the
+    Python kernels.
+
+    The operations are those of `numerics.trig.cos_sin`.
 
     `kind` is the C type of its numbers, `prefix` the prefix of its name.
     """

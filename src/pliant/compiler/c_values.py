@@ -1,4 +1,7 @@
-"""Expressions of a kernel's source, translated to C; see `compiler.c`."""
+"""Translation of Python expressions in the source of a numerical kernel to C expressions.
+
+The module `compiler.c` translates statements.
+"""
 
 from __future__ import annotations
 
@@ -31,26 +34,26 @@ LIBRARY = {"exp": "exp", "expm1": "expm1", "sqrt": "sqrt", "floor": "floor", "ri
 
 
 class Real(str):
-    """A C expression for a number whose value is unknown at translation time."""
+    """A C expression for a number whose value is not known when the C code is written."""
 
     __slots__ = ()
 
 
 class Truth(str):
-    """A C expression for a condition which is unknown at translation time."""
+    """A C expression for a condition whose value is not known when the C code is written."""
 
     __slots__ = ()
 
 
 class Turn:
-    """The counter of a `for` loop in C."""
+    """The counter variable of a `for` loop in the written C code."""
 
     def __init__(self, name: str) -> None:
         self.name = name
 
 
 def cells(name: str, shape: tuple[int, ...], pattern: str = "[{}]") -> np.ndarray:
-    """Return an array of the C names of an array's elements: ``phi[0]``, ..."""
+    """Return an array of `shape` with the C expressions of an array's elements: ``phi[0]``, ``phi[1]``, ..."""
     made = np.empty(shape, dtype=object)
     for index in np.ndindex(*shape):
         made[index] = Real(name + "".join(pattern.format(i) for i in index))
@@ -58,7 +61,7 @@ def cells(name: str, shape: tuple[int, ...], pattern: str = "[{}]") -> np.ndarra
 
 
 class CScope:
-    """State of one inlined call: its local names, its return label, and its result."""
+    """State of one inlined function call in the C code: its local names, its return label and its result."""
 
     def __init__(self, number: int, scope: dict[str, Any]) -> None:
         self.number, self.scope = number, scope
@@ -71,7 +74,7 @@ class CScope:
 
 
 class Expressions:
-    """Writer of the expressions in the body of one C function."""
+    """Writer that translates the Python expressions of a kernel to C, and collects the lines of one C function."""
 
     def __init__(
         self, single: bool = False, constants: dict[str, float] | None = None, prefix: str = "",
@@ -88,11 +91,11 @@ class Expressions:
         self.angle: tuple[str, int, tuple[Real, Real]] = ("", -9, (Real(""), Real("")))
 
     def say(self, line: str) -> None:
-        """Append one line of C, indented."""
+        """Append one line to the C function, with the present indentation."""
         self.lines.append("    " * self.indent + line)
 
     def number(self, value: Any) -> str:
-        """Return `value` formatted as a C expression."""
+        """Return `value`, a number or a C expression, as the text of a C expression."""
         if isinstance(value, Real):
             return str(value)
         if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
@@ -100,12 +103,14 @@ class Expressions:
         return f"{float(value)!r}{self.suffix}" if value >= 0 else f"({float(value)!r}{self.suffix})"
 
     def local(self, name: str) -> Real:
-        """Declare a local variable and return it."""
+        """Declare the local C variable `name`, and return it as an expression."""
         self.locals[name] = None
         return Real(name)
 
     def scratch(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
-        """Declare a local variable for each element of a scratch array, and return the array of their names."""
+        """Declare one local C variable for each element of a scratch array, and return the variables as an array of
+        `shape`.
+        """
         made = cells(name, shape, "_{}")
         for cell in made.ravel():
             self.locals[cell] = None
@@ -113,7 +118,9 @@ class Expressions:
         return made
 
     def keep(self, value: Any, name: str) -> Any:
-        """Copy a value to a local variable and return it, so that it no longer changes with its source."""
+        """Copy a value to a new local C variable and return this variable, so that later changes of the source have no
+        effect.
+        """
         if isinstance(value, Real):
             held = self.local(name)
             self.say(f"{held} = {value};")
@@ -124,16 +131,18 @@ class Expressions:
         return value
 
     def fresh(self) -> int:
-        """Return a number which no variable name contains yet."""
+        """Return a number that is not yet part of any C variable's name."""
         self.count += 1
         return self.count
 
     def call(self, kernel: Any, *arguments: Any) -> Any:
-        """Write a call of a kernel inline; implemented by `compiler.c.CWriter`."""
+        """Write the C code of a kernel call; implemented by the subclass `compiler.c.CWriter`."""
         raise NotImplementedError
 
     def value(self, frame: CScope, node: ast.expr) -> Any:
-        """Translate an expression: return a known value, an array of names, or a C expression."""
+        """Translate a Python expression: return its value if it is known, else a C expression or an array of C
+        expressions.
+        """
         return getattr(self, f"of_{type(node).__name__}")(frame, node)
 
     def of_Constant(self, _frame: CScope, node: ast.Constant) -> Any:
@@ -175,7 +184,7 @@ class Expressions:
         return Real(f"({self.number(left)} {sign} {self.number(right)})")
 
     def power(self, base: Any, exponent: Any) -> Real:
-        """Return the C expression of a power; a square is a product."""
+        """Return the C expression of `base` to the power of `exponent`. A square is written as a product."""
         if exponent == 2:
             held = self.keep(base, f"square_{self.fresh()}")
             return Real(f"({held} * {held})")
@@ -187,7 +196,7 @@ class Expressions:
         return several[0] if len(several) == 1 else self.both(several)
 
     def compared(self, left: Any, operation: ast.cmpop, right: Any) -> Any:
-        """Return the result of a comparison: True or False if known, else a C condition."""
+        """Return the result of comparing two values: True or False if both are known, else a C condition."""
         sign, known = COMPARISONS[type(operation)]
         if isinstance(left, Turn):
             return Truth(f"{left.name} {sign} {int(right)}")
@@ -199,7 +208,9 @@ class Expressions:
         return self.both((self.value(frame, part) for part in node.values), stops=isinstance(node.op, ast.Or))
 
     def both(self, values: Iterable[Any], *, stops: bool = False) -> Any:
-        """Return the conjunction of conditions (with `stops`, the disjunction): a bool if known, else a C condition."""
+        """Return the logical "and" of conditions (with `stops`, the "or"): True or False if it is known, else a C
+        condition.
+        """
         open_ones = []
         for value in values:
             if isinstance(value, Truth):
@@ -229,7 +240,7 @@ class Expressions:
         return self.library(made.__name__, arguments)
 
     def library(self, name: str, arguments: list[Any]) -> Real:
-        """Return the C expression of a call of a math function (min, max, cos, sin, exp, sqrt ...)."""
+        """Return the C expression that calls the math function `name` (min, max, cos, sin, exp, sqrt, ...)."""
         if name in ("min", "max"):
             one, *others = (self.number(self.keep(a, f"of_{self.fresh()}")) for a in arguments)
             for other in others:
@@ -241,7 +252,9 @@ class Expressions:
         return Real(f"{LIBRARY[name if name != 'absolute' else 'abs']}{self.suffix}({self.number(arguments[0])})")
 
     def cosine_and_sine(self, angle: str) -> tuple[Real, Real]:
-        """Return the variables with cosine and sine of an angle, computed once for uses in direct succession."""
+        """Return two C variables with cosine and sine of `angle`, computed by one call when both are needed in
+        succession.
+        """
         if self.angle[0] != angle or len(self.lines) - self.angle[1] > 1:
             number = self.fresh()
             pair = self.local(f"cosine_{number}"), self.local(f"sine_{number}")
@@ -250,7 +263,7 @@ class Expressions:
         return self.angle[2]
 
     def unread(self) -> None:
-        """Remove assignments to local variables which are never read."""
+        """Remove assignments to local C variables that are never read from the written code."""
         while True:
             read = Counter(w for line in self.lines for w in NAMES.findall(ASSIGNED.sub(r"\1", line)))
             idle = {name for name in self.locals if not read[name]}
@@ -261,7 +274,9 @@ class Expressions:
         self.locals = {name: None for name in self.locals if read[name]}
 
     def body(self, kind: str) -> str:
-        """Return the C code written so far, behind the declarations of its local variables of the type `kind`."""
+        """Return the C code written so far, preceded by the declarations of its local variables of
+        the C type `kind`.
+        """
         self.unread()
         names = sorted(self.locals)
         rows = [f"    {kind} {', '.join(f'{n} = 0' for n in names[i : i + 8])};" for i in range(0, len(names), 8)]

@@ -1,4 +1,4 @@
-"""Compilation of kernels by Numba, with a cache on disk which is shared by the processes of a user.
+"""Compilation of kernels by Numba, with a cache on disk that all processes of a user share.
 
 `pliant.compiler.kernel_cache` describes the contents and the folder of this cache. It uses private names of Numba. With
 a version of Numba that lacks one of them, kernels are compiled again in every process, with one warning.
@@ -39,7 +39,8 @@ def has_array(kind: Any) -> bool:
 
 
 def kept(function: Any, **options: Any) -> Any:
-    """Return `function` compiled by Numba (nopython, fastmath off), at its first call or from the cache.
+    """Return `function` compiled by Numba, with the machine code loaded from the cache on disk, or compiled at the
+    first call.
 
     If several processes need the same kernel at once, one compiles it and the others wait. If the cache cannot be
     written, every process compiles the kernel, with one warning.
@@ -83,7 +84,7 @@ def kept(function: Any, **options: Any) -> Any:
 
 @cache
 def part(whole: Any) -> Any:
-    """Return a kernel of `kept`, compiled for calls from other compiled kernels only.
+    """Return a compiled kernel in a form that only other compiled kernels can call, which is faster to compile.
 
     It saves a third of the compile time: there is no interface for Python, and less optimisation, which is repeated
     where its callers are optimised.
@@ -99,7 +100,7 @@ def part(whole: Any) -> Any:
 
 @cache
 def tell_uncached() -> None:
-    """Warn, once, that the cache of compiled kernels cannot be written."""
+    """Warn once that compiled kernels cannot be stored on disk, because no cache folder can be written."""
     warn(
         "compiled kernels cannot be stored, so each start compiles them again, which takes seconds: set the "
         "environment variable NUMBA_CACHE_DIR to a folder that can be written",
@@ -109,7 +110,9 @@ def tell_uncached() -> None:
 
 @cache
 def warn_of_numba() -> None:
-    """Warn, once, that the installed version of Numba does not support the cache."""
+    """Warn once that compiled kernels cannot be stored on disk, because the installed Numba version
+    is not supported.
+    """
     warn(
         f"compiled kernels cannot be stored with Numba {numba.__version__}, so each start compiles them again, which "
         "takes seconds: install a version that pliant was tested with (pip install 'numba<0.69')",
@@ -119,7 +122,8 @@ def warn_of_numba() -> None:
 
 @contextmanager
 def alone(file: Path, wait: float | None = None) -> Iterator[bool]:
-    """Lock `file` in this process while the context runs, and yield True; yield False if this fails for `wait` seconds.
+    """Context manager that locks `file` against other processes; yields True if locked, False if the lock was not free
+    within `wait` seconds.
 
     `wait` None means `LONGEST_WAIT`. Systems without file locks always yield True.
     """
@@ -136,7 +140,7 @@ def alone(file: Path, wait: float | None = None) -> Iterator[bool]:
 
 
 def taken(handle: IO[bytes], wait: float) -> bool:
-    """Return whether an open file could be locked within `wait` seconds."""
+    """Return whether an open file could be locked against other processes within `wait` seconds."""
     end = monotonic() + wait
     while True:
         try:

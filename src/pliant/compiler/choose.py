@@ -1,4 +1,4 @@
-"""Choice of the compiled form of a kernel: `twin` returns the compiled kernel with the fastest step for its size.
+"""Choice of the compiled form of a kernel: `twin` returns it with the fastest time step for the number of links.
 
 Chains with few links use the dense step, long chains use articulated bodies. Both are compiled as straight-line code up
 to a number of links, beyond which compiling takes too long and loops are used.
@@ -72,7 +72,8 @@ SOURCES = (  # source files of a compiled kernel with replaced steps
 
 
 def twin(kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
-    """Return the compiled form of a plain `kernel`, with the same signature.
+    """Return the compiled form of a plain Python `kernel`, with the same arguments, optimised for a chain of the given
+    size.
 
     With a number of `links`, the steps inside it are the fastest for this number, see `substitutes`. If `segments` > 0
     segments lengthen, the steps are those of `equations.extension`. If each joint has 2 or 3 rotational coordinates
@@ -83,7 +84,7 @@ def twin(kernel: Any, links: int | None = None, segments: int = 0, turns: int = 
 
 @cache
 def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
-    """Return the compiled form of a kernel as `twin` does, cached by its arguments."""
+    """Return the compiled form of a plain Python kernel, created once for each chain size."""
     fast = substitutes(kernel, links, *sizes) if links else {}
     if kernel in fast:
         return fast[kernel]
@@ -99,7 +100,7 @@ def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
 def straight(
     kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
 ) -> Any:
-    """Return a kernel compiled as straight-line code for n links, with the same signature as the kernel.
+    """Return a kernel compiled as straight-line code, without loops, for a chain of n links. It has the same arguments.
 
     `trace.example_arguments` lists the arguments that a kernel may have. The kernel is recorded only if the cache on
     disk does not contain the result.
@@ -113,7 +114,9 @@ def straight(
 
 
 def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0) -> str:
-    """Return the size part of a compiled kernel's name: links, segments that lengthen, turns of each joint, tendons."""
+    """Return the part of a compiled kernel's name that states the chain size: links, extensible segments, joint angles,
+    tendons.
+    """
     behind = [segments, turns, tendons] if turns > 1 else [segments] * (segments > 0)
     return "_".join(map(str, [links or "n", *behind]))
 
@@ -121,7 +124,8 @@ def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0)
 def substitutes(
     kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, loops: bool = False,
 ) -> dict[Any, Any]:
-    """Return {plain kernel: compiled replacement} for `kernel` and the kernels that it calls, for a size of chain.
+    """Return {plain kernel: compiled replacement} for all functions called by `kernel` that have a faster form for this
+    chain size.
 
     Kernels which need no replacement are left out. `loops` replaces straight-line code in space by loops, since
     straight-line code on dual numbers takes minutes to compile.
@@ -145,7 +149,9 @@ def substitutes(
 
 
 def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> Any:
-    """Return the compiled form of a kernel of a chain in space, for `sizes` = (links, segments, turns, tendons)."""
+    """Return the compiled form of a kernel for chains in space of the given `sizes` (links,
+    segments, turns, tendons).
+    """
     lines = not loops and sizes[0] * sizes[2] + sizes[1] <= MOST_TURNS
     if kernel is spatial.step:
         return spatial_step(*sizes, lines=lines)
@@ -166,7 +172,7 @@ def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> 
 
 @cache
 def spatial_step(links: int, segments: int, turns: int, tendons: int, *, lines: bool, remembers: bool = False) -> Any:
-    """Return the compiled step of a chain in space, as straight-line code if `lines`, else as loops.
+    """Return the compiled time step of a chain in space, as straight-line code if `lines`, else as loops.
 
     With tendons, only the parts of the step without tendons are straight-line code.
     """
@@ -182,7 +188,7 @@ def spatial_step(links: int, segments: int, turns: int, tendons: int, *, lines: 
 
 
 def fast_step(links: int) -> Any:
-    """Return the fastest compiled `motion.step` for a chain of `links` links."""
+    """Return the fastest compiled time step for a planar chain of `links` links and constant length."""
     if links <= MOST_LINKS:
         return straight(motion.step, links)
     if links <= STRAIGHT_LINKS:
@@ -191,12 +197,12 @@ def fast_step(links: int) -> Any:
 
 
 def extensible_step(links: int, segments: int) -> Any:
-    """Return the compiled step of a planar chain of `links` links with `segments` segments that lengthen."""
+    """Return the compiled time step of a planar chain of `links` links with `segments` extensible segments."""
     if links + segments <= MOST_LINKS:
         return straight(extension.step, links, segments)
     return twin(extension.step)
 
 
 def tuples(record: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return a record and the records within it as plain tuples, which compiled kernels accept faster from Python."""
+    """Return a record, and all records in it, as plain tuples, which compiled kernels accept faster from Python."""
     return tuple(tuples(x) if isinstance(x, tuple) else x for x in record)

@@ -1,4 +1,6 @@
-"""The scalar type `dual` of `compiler.duals` for Numba: a float with derivatives, and its arithmetic.
+"""Numba type for dual numbers: a float with a vector of derivatives, and its arithmetic.
+
+The module `compiler.duals` compiles kernels for this type.
 
 Source: Griewank and Walther, Evaluating Derivatives (2008), Sec. 3.1, the vector forward mode
 """
@@ -31,14 +33,16 @@ _CONTRACT = ("contract",)  # LLVM may fuse the multiplications and additions of 
 
 
 class Dual(Wide):
-    """Numba type of a double with `WIDTH` derivatives; a float is converted to one with derivatives 0."""
+    """Numba type of a dual number: a double with `WIDTH` derivatives. A float is converted to one whose derivatives are
+    0.
+    """
 
     def __init__(self) -> None:
         super().__init__("dual", SLOTS)
 
     @property
     def cos_sin(self) -> Any:
-        """The function which `trig.pair` compiles for this type."""
+        """The function of cosine and sine that Numba compiles for dual numbers."""
         return lambda x: _cos_sin(x)  # noqa: PLW0108  Numba takes Python functions here
 
     mixes = True  # `llvm` does not convert float operands
@@ -58,7 +62,9 @@ make_attribute_wrapper(Dual, "slopes", "slopes")
 
 
 def parts(context: Any, builder: Any, kind: Any, value: Any) -> tuple[Any, Any]:
-    """Return the value and the derivatives of a dual number; None for the derivatives of a float."""
+    """Return the LLVM values of a dual number: its value and its derivatives, or None instead of the derivatives of a
+    float.
+    """
     if kind == dual:
         return builder.extract_value(value, 0), builder.extract_value(value, 1)
     return context.cast(builder, value, kind, types.float64), None
@@ -94,12 +100,12 @@ class _Rules:
         self.context, self.builder = context, builder
 
     def scaled(self, da: Any, x: Any) -> Any:
-        """Return derivatives times a float, or None for None."""
+        """Return LLVM code for the derivatives `da` times the float `x`; None stands for zero derivatives."""
         build, cast = self.builder, self.context.cast
         return None if da is None else build.fmul(da, cast(build, x, types.float64, vector), flags=_CONTRACT)
 
     def sum(self, da: Any, db: Any) -> Any:
-        """Return the sum of two sets of derivatives, either of which may be None."""
+        """Return LLVM code for the sum of two vectors of derivatives; None stands for zero derivatives."""
         if da is None or db is None:
             return da if db is None else db
         return self.builder.fadd(da, db, flags=_CONTRACT)

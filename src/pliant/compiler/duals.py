@@ -1,4 +1,4 @@
-"""Dual numbers: a value with `WIDTH` derivatives, so that compiled kernels compute exact derivatives.
+"""Kernels compiled for dual numbers, a value with `WIDTH` derivatives, so that they compute exact derivatives.
 
 Numba is given a scalar type `dual`, a float with a `vector` of derivatives. It has the four operations by the rules of
 differentiation, mixes with floats, and has sine, cosine, exponentials, roots and powers. Comparisons use the values,
@@ -92,7 +92,10 @@ def _run(*arguments):
 
 @cache
 def dual_twin(kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
-    """Return a kernel compiled for dual numbers: as `choose.twin`, with floats and arrays in the layout of `duals`.
+    """Return a kernel compiled for dual numbers: it takes arrays of floats (..., SLOTS), each row a value with its
+    derivatives.
+
+    The sizes are those of `choose.twin`. `duals` makes such arrays.
 
     Integers and arrays of integers are passed unchanged. If the kernel returns a dual number, its value is returned.
     """
@@ -118,7 +121,7 @@ def _inner(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
 
 
 def duals(values: Any, slopes: Array | None = None) -> Array:
-    """Return floats (..., SLOTS) for `dual_twin`, from `values` (...) and their derivatives `slopes` (..., P).
+    """Return dual numbers as floats (..., SLOTS), from values (...) and their derivatives by P variables (..., P).
 
     P is at most `WIDTH`.
     """

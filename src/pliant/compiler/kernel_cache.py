@@ -1,4 +1,4 @@
-"""Storage of compiled kernels between runs: Numba's cache on disk, with a checksum in each file.
+"""Storage of compiled kernels on disk between runs, as Numba's cache with a checksum in each file.
 
 The name of an entry contains a digest of everything that determines its machine code
 (`pliant.compiler.twin.fingerprint`). An entry is therefore never stale, and all installations, environments and
@@ -44,7 +44,7 @@ FORGOTTEN = 14 * 86400.0  # s, age at which the code of another version of a ker
 
 @cache
 def folder() -> Path | None:
-    """Return the folder of this user's compiled kernels, created if absent; None if it cannot be written."""
+    """Return the folder for this user's compiled kernels, created if absent; None if it cannot be written."""
     place = Path(config.CACHE_DIR or AppDirs(appname="pliant", appauthor=False).user_cache_dir)
     place = place / f"kernels-checked-numba{numba.__version__}-llvmlite{llvmlite.__version__}"
     try:
@@ -81,10 +81,10 @@ class _Place(CompileResultCacheImpl):
 
 
 class CheckedFiles(IndexDataCacheFile):
-    """Numba's index and data files, each with a checksum of its content in front."""
+    """Numba's index and data files of compiled kernels, with a checksum at the start of each file."""
 
     def load(self, key: Any) -> Any:
-        """Return the object stored under a key, or None if there is none or its file is damaged."""
+        """Return the compiled kernel stored under `key`, or None if it is absent or its file is damaged."""
         name = self._load_index().get(key)
         return None if name is None else self._read(Path(self._data_path(name)))
 
@@ -130,7 +130,7 @@ class CheckedFiles(IndexDataCacheFile):
 
 
 class KernelCache(FunctionCache):
-    """Numba's function cache in the shared folder; its keys include the order of the fields of records."""
+    """Numba's cache of one function's compiled code, in the folder shared by all processes of the user."""
 
     _impl_class = _Place
 
@@ -144,11 +144,11 @@ class KernelCache(FunctionCache):
 
     @property
     def index(self) -> Path:
-        """Path of the file which lists the stored versions of this kernel."""
+        """Path of the file that lists the stored compiled versions of this kernel."""
         return Path(self.cache_path) / f"{self._impl.filename_base}.nbi"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the stored code for a signature, or None, without initialising Numba's compiler.
+        """Return the stored machine code for a signature, or None, without the slow initialisation of Numba's compiler.
 
         Loading needs only the runtime for reference counts. The compiler is initialised when something must be
         compiled.
@@ -158,12 +158,12 @@ class KernelCache(FunctionCache):
             return self._load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Store compiled code, and remove old files of this kernel."""
+        """Store compiled machine code on disk, and remove outdated files of the same kernel."""
         super().save_overload(sig, data)
         self.sweep()
 
     def sweep(self) -> None:
-        """Remove files of earlier versions of this kernel which have not been changed for `FORGOTTEN` seconds."""
+        """Remove stored files of earlier versions of this kernel that have not changed for 14 days."""
         kernel, _, rest = self.index.name.rpartition("_")
         digest = rest.partition("-")[0]
         for file in self.index.parent.glob(f"{kernel}_????????????-*"):
@@ -173,17 +173,17 @@ class KernelCache(FunctionCache):
 
 
 def fields(kind: Any) -> Any:
-    """Return the field names of a record type in their order, and those of the records within it."""
+    """Return the field names of a Numba record type, in their order, followed by those of the record types in it."""
     parts: Any = kind if isinstance(kind, types.BaseTuple) else ()
     inside = tuple(map(fields, parts))
     return (*getattr(kind, "fields", ()), *inside)
 
 
 class Part(Compiler):
-    """Numba compiler for kernels which are inlined into others: only a first round of optimisation."""
+    """Numba compiler for kernels that are inlined into others, with only a first round of optimisation."""
 
     def define_pipelines(self) -> Any:
-        """Return Numba's pipelines, with a code library that is optimised little."""
+        """Return Numba's compiler pipelines, set up for code that is optimised only a little."""
         self.state.library = _PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         self.state.library.enable_object_caching()
         return super().define_pipelines()
@@ -199,5 +199,5 @@ class _PartLibrary(JITCodeLibrary):
 
 @cache
 def tell_damaged(place: Path) -> None:
-    """Warn, once, that kernels in this cache folder are damaged."""
+    """Warn once that damaged compiled kernels in the cache folder `place` are removed and compiled again."""
     warn(f"damaged kernels in the cache {place} are removed and compiled again", RuntimeWarning, stacklevel=2)

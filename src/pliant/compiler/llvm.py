@@ -1,4 +1,4 @@
-"""Compilation of a recording of `trace`: its operations are written as LLVM instructions.
+"""Compilation of a kernel's recorded operations (see `trace`), which are written directly as LLVM instructions.
 
 Numba compiles only the call. If the same operations were Python source, Numba would need up to six times as long. The
 operands may be floats, complex numbers and `simd` vectors: an operation is done in the wider type of its operands.
@@ -32,7 +32,7 @@ def square_root(x):
 
 
 class LlvmWriter:
-    """Writer of one recording into one LLVM function, for one set of argument types."""
+    """Writer of a kernel's recorded operations as LLVM instructions of one function, for given argument types."""
 
     def __init__(
         self, target: tuple[Any, Any], made: KernelProgram, arguments: dict[str, Value], *, fused: bool,
@@ -44,7 +44,7 @@ class LlvmWriter:
         self.angles: dict[int, Any] = {}
 
     def write(self) -> None:
-        """Write all needed operations, and store the results in their arrays."""
+        """Write all needed operations as LLVM instructions, and store the results in the arrays of the arguments."""
         for row in self.made.needed:
             self.values[row] = self.number(*self.made.rows[row])
         for where, mark in self.made.stores:
@@ -52,7 +52,7 @@ class LlvmWriter:
             self.builder.store(self.cast(self.values[mark.row], kind), pointer)
 
     def number(self, what: str, operands: tuple[Any, ...]) -> Value:
-        """Return the LLVM value of one row of the recording."""
+        """Return the LLVM value of one recorded operation, or of one number of the arguments."""
         if not operands:
             return self.given(what)
         if what in ("cos", "sin"):
@@ -73,15 +73,15 @@ class LlvmWriter:
         return kind, done(self.builder, made)
 
     def constant(self, value: float) -> Value:
-        """Return the LLVM constant of a number in the kernel's source."""
+        """Return a Python number as an LLVM constant with its Numba type."""
         return types.float64, self.context.get_constant(types.float64, float(value))
 
     def cast(self, value: Value, kind: Any) -> Any:
-        """Return `value` converted to the type `kind`."""
+        """Return an LLVM value converted to the Numba type `kind`."""
         return value[1] if value[0] == kind else self.context.cast(self.builder, value[1], value[0], kind)
 
     def cosine_and_sine(self, angle: Mark) -> Value:
-        """Return cosine and sine of an angle as one LLVM value, computed once for each angle."""
+        """Return cosine and sine of an angle as one LLVM value, computed once for each angle of the kernel."""
         kind, value = self.values[angle.row]
         if angle.row not in self.angles:
             found = signature(types.UniTuple(kind, 2), kind)
@@ -89,7 +89,7 @@ class LlvmWriter:
         return kind, self.angles[angle.row]
 
     def given(self, where: str) -> Value:
-        """Return the LLVM value of a number in the arguments: an array element, or a scalar argument."""
+        """Return the LLVM value of a number among the kernel's arguments: an array element or a scalar."""
         if "[" in where:
             kind, pointer = self.element(where)
             return kind, self.builder.load(pointer)
@@ -98,7 +98,9 @@ class LlvmWriter:
         return wide, self.cast((kind, value), wide)
 
     def argument(self, path: str) -> Value:
-        """Return Numba type and LLVM value of an argument or of a field of one: ``body.gx``."""
+        """Return Numba type and LLVM value of a kernel's argument or of a field in it, given by a path such as
+        ``body.gx``.
+        """
         name, *fields = path.split(".")
         kind, value = self.arguments[name]
         for field in fields:
@@ -107,7 +109,7 @@ class LlvmWriter:
         return kind, value
 
     def element(self, where: str) -> Value:
-        """Return the element type of an array and the pointer to one of its elements: ``body.B[2, 1]``."""
+        """Return the Numba type and the LLVM pointer of an array element, given by a path such as ``body.B[2, 1]``."""
         path, _, numbers = where.removesuffix("]").partition("[")
         if path not in self.arrays:
             from numba.np.arrayobj import make_array  # slow import, not needed for code from the cache
@@ -120,7 +122,7 @@ class LlvmWriter:
 
 
 def compiled(name: str, recorded: Callable[[], KernelProgram], *, fused: bool = False) -> Any:
-    """Return a recording as a compiled function, cached on disk under `name`.
+    """Return a kernel's recorded operations as a compiled function, stored in the cache on disk under `name`.
 
     `name` must identify everything on which the code depends. `recorded` returns the recording when it must be
     compiled.

@@ -1,4 +1,4 @@
-"""SIMD vectors: `WIDTH` numbers in one vector register, so that one call of a kernel advances `WIDTH` chains at once.
+"""SIMD vectors: `WIDTH` numbers in one processor register, so that one kernel call advances `WIDTH` chains at once.
 
 Numba is given a scalar type `vector`, which is an LLVM vector. It has the arithmetic of floats, mixes with floats, and
 has sine, cosine, floor and rounding. A kernel is compiled for arrays of such vectors from its own source. An array of
@@ -43,23 +43,23 @@ NUMBERS = (types.Float, types.Integer)
 
 
 class Wide(types.Type):
-    """Numba type of several doubles which act as one number; floats and integers are converted to it."""
+    """Numba type of several doubles that act as one number. Floats and integers are converted to it."""
 
     def __init__(self, name: str, doubles: int) -> None:
         super().__init__(name=f"{name}({WIDTH})")
         self.bitwidth = 64 * doubles
 
     def can_convert_from(self, _context: Any, other: Any) -> Any:
-        """Tell Numba that a float or an integer can be converted to this type."""
+        """Tell Numba that floats and integers can be converted to this type."""
         return Conversion.safe if isinstance(other, NUMBERS) else None
 
     def unify(self, _context: Any, other: Any) -> Any:
-        """Tell Numba that a variable which is a float on one path and this type on another has this type."""
+        """Tell Numba that a variable, which is a float on one path and of this type on another, has this type."""
         return self if isinstance(other, NUMBERS) else None
 
 
 class Lanes(Wide):
-    """Numba type of a vector of `WIDTH` doubles; a float is converted to `WIDTH` equal ones."""
+    """Numba type of a SIMD vector of `WIDTH` doubles. A float is converted to a vector of equal elements."""
 
     def __init__(self) -> None:
         super().__init__("vector", WIDTH)
@@ -154,7 +154,9 @@ def _np_cos(x):
 
 @intrinsic
 def within(_context: Any, x: Any, limit: Any) -> Any:
-    """Return an integer whose bit k is set where element k of |x| is at most `limit`; it is not set where x is NaN."""
+    """Return an integer whose bit k is 1 if element k of the SIMD vector |x| is at most `limit`,
+    else 0 (also for NaN).
+    """
 
     def generate(_target: Any, builder: Any, _sig: Any, args: Any) -> Any:
         size = _vector_function(builder, "fabs", args[0])
@@ -166,7 +168,10 @@ def within(_context: Any, x: Any, limit: Any) -> Any:
 
 @intrinsic
 def as_lanes(_context: Any, array: Any) -> Any:
-    """Return the float array (..., WIDTH) as an array (...) of vectors, sharing its memory; see `aligned`."""
+    """Return a float array (..., WIDTH) as an array (...) of SIMD vectors that shares its memory.
+
+    `aligned` makes such arrays.
+    """
     if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype == types.float64):
         return None
     result = types.Array(vector, array.ndim - 1, "C")
@@ -186,7 +191,7 @@ def as_lanes(_context: Any, array: Any) -> Any:
 
 
 def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty) -> np.ndarray:
-    """Return a float array of the given shape (..., WIDTH) whose memory is aligned to vector registers.
+    """Return a float array of `shape` (..., WIDTH) whose memory address is aligned to SIMD registers.
 
     It is not initialised unless `made` does so (np.zeros).
     """
@@ -198,7 +203,11 @@ def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty
 
 @cache
 def lane_twin(kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
-    """Return a kernel compiled for vectors, as `choose.twin`; it releases Python's global lock."""
+    """Return a kernel compiled for SIMD vectors, which advances `WIDTH` chains at once and releases Python's global
+    lock.
+
+    The sizes are those of `choose.twin`.
+    """
     sizes = links, segments, turns, tendons
     fast = choose.substitutes(kernel, *sizes)
     if kernel in fast:

@@ -1,4 +1,5 @@
-"""Straight-line code of kernels: a kernel is run once on symbols, which record its operations for n links.
+"""Recording of a kernel's operations: it is run once on symbols for n links, which gives straight-line code without
+loops.
 
 The recording has no loops over links, its intermediate results are local variables instead of array elements, and
 operations without effect on the result are dropped. The compiler sees no memory that might be shared, which halves the
@@ -31,14 +32,14 @@ KEPT = {"build_step": tuple(f"work.{name}" for name in POSE), "factor_taut": ("w
 
 
 class Tape:
-    """A list of recorded operations in order; an operation that occurs again is recorded only once."""
+    """Ordered list of the arithmetic operations of a kernel. An operation that occurs again is recorded only once."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[str, tuple[Any, ...]]] = []
         self.known: dict[tuple[str, tuple[Any, ...]], Mark] = {}
 
     def write(self, what: str, *operands: Any) -> Mark:
-        """Record an operation unless it is already on the tape, and return its mark."""
+        """Record one operation, unless it is recorded already, and return its symbolic result."""
         key = (what, tuple(float(o) if isinstance(o, (int, float, np.number)) else o for o in operands))
         if key not in self.known:
             self.known[key] = Mark(self, len(self.rows))
@@ -47,7 +48,7 @@ class Tape:
 
 
 class Mark:
-    """The symbolic result of a recorded operation; arithmetic on it is recorded on its tape."""
+    """The symbolic result of a recorded operation. Arithmetic on it is recorded as well."""
 
     __slots__ = ("row", "tape")
 
@@ -83,20 +84,20 @@ class Mark:
         return self.tape.write("-", self)
 
     def cos(self) -> Mark:
-        """Record a cosine; called by np.cos."""
+        """Record the cosine of this symbolic number; np.cos calls this method."""
         return self.tape.write("cos", self)
 
     def sin(self) -> Mark:
-        """Record a sine; called by np.sin."""
+        """Record the sine of this symbolic number; np.sin calls this method."""
         return self.tape.write("sin", self)
 
     def sqrt(self) -> Mark:
-        """Record a square root; called by np.sqrt."""
+        """Record the square root of this symbolic number; np.sqrt calls this method."""
         return self.tape.write("sqrt", self)
 
 
 def marks(tape: Tape, name: str, example: Any) -> Any:
-    """Return an argument with a mark in place of every number; it is a number, an array, or a NamedTuple of these."""
+    """Return an argument of a kernel (number, array or named tuple) with a symbol in place of every number."""
     if isinstance(example, tuple) and hasattr(example, "_fields"):
         return type(example)(*(marks(tape, f"{name}.{f}", v) for f, v in zip(example._fields, example, strict=True)))
     if isinstance(example, np.ndarray):
@@ -108,7 +109,9 @@ def marks(tape: Tape, name: str, example: Any) -> Any:
 
 
 def changed(argument: Any, before: Any, name: str, kept: tuple[str, ...]) -> list[tuple[str, Mark]]:
-    """Return (element, mark) for every array element which a kernel wrote, except in scratch arrays not in `kept`."""
+    """Return (element name, symbol) for every array element that a kernel has written, except in scratch arrays not in
+    `kept`.
+    """
     if isinstance(argument, tuple) and hasattr(argument, "_fields"):
         parts = zip(argument._fields, argument, before, strict=True)
         return [row for f, a, b in parts for row in changed(a, b, f"{name}.{f}", kept)]
@@ -129,7 +132,7 @@ class KernelProgram(NamedTuple):
 
 
 def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]) -> KernelProgram:
-    """Return the recording of `kernel` for arguments with the shapes of `examples`.
+    """Run `kernel` on symbols and return its recorded operations, for arguments with the shapes of `examples`.
 
     Of the scratch arrays, only those in `kept` are results.
     """
@@ -149,7 +152,7 @@ def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]
 
 
 def example_arguments(n: int) -> dict[str, Any]:
-    """Return arguments of zeros, by name, with the shapes that the kernels of a planar n-link chain take."""
+    """Return {name: zeros} with the shapes of all arguments that the kernels of a planar chain of n links may have."""
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -165,7 +168,11 @@ def example_arguments(n: int) -> dict[str, Any]:
 
 
 def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
-    """Return arguments as `example_arguments` does, for a chain with segments that lengthen (`equations.extension`)."""
+    """Return {name: zeros} with the shapes of all arguments that the kernels of an extensible planar chain of n links
+    may have.
+
+    These are the kernels of `equations.extension`, for `segments` segments.
+    """
     size = n + segments
 
     def zeros(*shape: int) -> np.ndarray:
@@ -184,7 +191,7 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
 def spatial_workspace(
     n: int, turns: int, segments: int = 0, tendons: int = 0, kind: type = float,
 ) -> SpatialWorkspace:
-    """Return scratch arrays for n links in space, with 2 or 3 rotational coordinates (`turns`) at each joint.
+    """Return new scratch arrays for a chain in space of n links, with 2 or 3 angles (`turns`) at each joint.
 
     `segments` is the number of segments that lengthen, `kind` the type of the numbers.
     """
@@ -205,7 +212,11 @@ def spatial_workspace(
 def spatial_arguments(
     n: int, segments: int, turns: int, tendons: int, *, remembers: bool = False,
 ) -> dict[str, Any]:
-    """Return arguments as `example_arguments` does, for a chain in space with 2 or 3 `turns` at each joint."""
+    """Return {name: zeros} with the shapes of all arguments that the kernels of a chain in space of
+    n links may have.
+
+    Each joint has 2 or 3 angles (`turns`).
+    """
     size = n * turns + segments
 
     def zeros(*shape: int) -> np.ndarray:
@@ -231,7 +242,8 @@ def spatial_arguments(
 def recording(
     kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
 ) -> KernelProgram:
-    """Return the recording of a kernel for n links; in space, with `turns` coordinates a joint and `tendons`.
+    """Return the recorded operations of a kernel for a chain of n links with the given numbers of segments, angles and
+    tendons.
 
     `segments` is the number of segments that lengthen.
 

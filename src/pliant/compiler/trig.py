@@ -1,4 +1,7 @@
-"""The compiled `cos_sin` for real and complex angles. This module is imported only when something is compiled."""
+"""Compiled function for cosine and sine of real and complex angles, with the same results as in Python.
+
+This module is imported only when something is compiled.
+"""
 
 from __future__ import annotations
 
@@ -31,5 +34,5 @@ def _choose(x):
 
 
 def pair(x):
-    """Return (cos x, sin x) of an angle of any type, for Numba's `compile_internal`."""
+    """Return (cos x, sin x) of a real or complex angle x, a SIMD vector or a dual number, in compiled code."""
     return _pair(x)

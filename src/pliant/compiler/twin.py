@@ -1,4 +1,4 @@
-"""Compiled kernels: copies of plain Python kernels, compiled by Numba from the same source and cached on disk.
+"""Compiled kernels: copies of plain Python functions, compiled by Numba from the same source and cached on disk.
 
 The kernels themselves are not decorated: a decorated kernel could not be recorded, differentiated by complex step or
 run on symbols, and a decorator inside a factory function never finds its cache. A copy is compiled instead, whose
@@ -20,7 +20,7 @@ ALLOCATORS = {"zeros", "empty"}
 
 
 def rebuild(kernel: FunctionType, wrap: Kernel, names: dict[str, Any] | None = None) -> Any:
-    """Return a copy of `kernel` in which it and every pliant kernel that it calls are passed through `wrap`.
+    """Return a copy of `kernel` in which it and every pliant function that it calls are replaced by ``wrap(function)``.
 
     `names` replaces globals by name, e.g. ``{"np": shim}`` to run a kernel on symbols.
     """
@@ -42,18 +42,20 @@ def rebuild(kernel: FunctionType, wrap: Kernel, names: dict[str, Any] | None = N
 
 
 def callees(kernel: FunctionType) -> list[FunctionType]:
-    """Return the pliant kernels that `kernel` calls by their global names."""
+    """Return the pliant functions that `kernel` calls directly by their global names."""
     found = (kernel.__globals__.get(name) for name in kernel.__code__.co_names)
     return [f for f in found if is_kernel(f)]
 
 
 def is_kernel(value: Any) -> TypeGuard[FunctionType]:
-    """Return whether a value is a plain function of this package."""
+    """Return whether a value is a plain Python function of the package pliant."""
     return isinstance(value, FunctionType) and value.__module__.startswith("pliant.")
 
 
 def reached(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> set[FunctionType]:
-    """Return the set of `kernel` and all pliant kernels that it calls, directly or not, except those in `replaced`."""
+    """Return the set of `kernel` and all pliant functions that it calls directly or indirectly, except those in
+    `replaced`.
+    """
     todo = [kernel]
     seen: set[FunctionType] = set()
     while todo:
@@ -65,7 +67,7 @@ def reached(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> se
 
 
 def options(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> dict[str, Any]:
-    """Return Numba's options for a kernel: inline it into its callers, and count references only if it needs to.
+    """Return Numba's compile options for a kernel: inlining, and reference counting only if it allocates arrays.
 
     References are counted if the kernel allocates arrays. A call which is not inlined copies every number of its record
     arguments, which can take several times as long as the step itself. Reference counting is not needed where the
@@ -77,7 +79,7 @@ def options(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> di
 
 @cache
 def makes_arrays(kernel: FunctionType) -> bool:
-    """Return whether a kernel allocates an array or writes to a slice of one, which Numba may do by a copy.
+    """Return whether a kernel's code allocates an array or writes to a slice, which Numba may do by a copy.
 
     Reading a slice does not count, because no kernel returns an array.
     """
@@ -89,7 +91,7 @@ def makes_arrays(kernel: FunctionType) -> bool:
 
 
 def fingerprint(kernel: FunctionType, *sources: str) -> str:
-    """Return a digest of everything that determines the machine code of `kernel`.
+    """Return a digest (12 hex digits) of everything that determines the machine code of `kernel`.
 
     This is the code of all kernels that it calls, the global values which they use, and the files `sources` of the
     modules which transform them. The code is that of this process, even if the source files have changed since it
@@ -102,31 +104,31 @@ def fingerprint(kernel: FunctionType, *sources: str) -> str:
 
 @cache
 def bytes_of(file: str) -> bytes:
-    """Return the content of a source file, read once in each process."""
+    """Return the content of a source file, which is read once in each process."""
     return Path(file).read_bytes()
 
 
 def contents(code: CodeType) -> tuple[Any, ...]:
-    """Return what determines the behaviour of a code object, without its position in the file."""
+    """Return a tuple of everything that determines the behaviour of a code object, without its line numbers."""
     constants = [contents(c) if isinstance(c, CodeType) else stable(c) for c in code.co_consts]
     names = (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
     return (code.co_code, code.co_flags, code.co_argcount, code.co_kwonlyargcount, names, constants)
 
 
 def frozen(kernel: FunctionType) -> list[tuple[str, Any]]:
-    """Return the global values, other than kernels, which compilation includes in a kernel's code as constants."""
+    """Return the global values, except functions, that compilation copies into a kernel's code as constants."""
     given = [(name, kernel.__globals__[name]) for name in mentioned(kernel.__code__) if name in kernel.__globals__]
     return [(name, stable(value)) for name, value in given if not is_kernel(value)]
 
 
 def mentioned(code: CodeType) -> list[str]:
-    """Return the names which a code object looks up, including those of nested expressions."""
+    """Return all names that a code object looks up, including those in nested expressions."""
     inner = (name for c in code.co_consts if isinstance(c, CodeType) for name in mentioned(c))
     return sorted({*code.co_names, *inner})
 
 
 def stable(value: Any) -> Any:
-    """Return a representation of a value that is the same in every process and changes with the value."""
+    """Return a representation of `value` that is equal in every process and differs for different values."""
     if isinstance(value, frozenset):
         return ("frozenset", sorted(map(repr, map(stable, value))))
     if isinstance(value, tuple):
@@ -145,7 +147,7 @@ def compiled_twin(
     kernel: FunctionType, tag: str, made: Kernel, sources: tuple[str, ...], *, replaced: Collection[FunctionType] = (),
     **more: Any,
 ) -> Any:
-    """Return a plain kernel compiled by Numba (nopython, cached on disk, fastmath off).
+    """Return a copy of the plain Python `kernel`, compiled by Numba and cached on disk.
 
     `made` returns the compiled form of a kernel that it calls. `sources` are the files that define the replacements of
     the kernels in `replaced`. `more` holds further options of Numba. `tag` distinguishes the compiled forms of one
