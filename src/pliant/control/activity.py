@@ -1,4 +1,4 @@
-"""Measures of a control run: the settling time of the tip and the activity of the command."""
+"""Measures of a control run: the settling time of the tip, and how much the command changes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ def settling_time(time: Array, tip: Array, wanted: float, step: float) -> float 
 
 
 def settling_times(time: Array, tip: Array, points: Sequence[tuple[float, float]]) -> list[float | None]:
-    """Return the settling time [s], or None, of every set-point (s, m) of a run; the first step begins at 0 m.
+    """Return the settling time [s] for each set-point (time s, displacement m) of a run; None where the tip does not
+    settle.
+
+    The first step begins at 0 m.
 
     Each set-point lasts up to the next one.
     """
@@ -54,7 +57,7 @@ def settling_times(time: Array, tip: Array, points: Sequence[tuple[float, float]
 
 
 def command_activity(time: Array, wanted: Array, command: Array) -> dict[str, float]:
-    """Return root-mean-square changes and standard deviation of a command, which measure a valve's wear and noise.
+    """Return root-mean-square changes and the standard deviation [Pa] of a command, at rest and in motion.
 
     Parameters
     ----------
@@ -83,5 +86,5 @@ def command_activity(time: Array, wanted: Array, command: Array) -> dict[str, fl
 
 
 def rms(x: Array) -> float:
-    """Return the root mean square of `x`, or NaN for an empty array."""
+    """Return the root mean square of the array `x`, or NaN if it is empty."""
     return float(np.sqrt(np.mean(x**2))) if x.size else float("nan")

@@ -1,4 +1,4 @@
-"""Least squares with bounds on the unknowns."""
+"""Solver of small least-squares problems with bounds on the unknowns."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Array = np.ndarray
 def bounded_least_squares(
     H: Array, b: Array, start: Array, highest: float | Array, lowest: float | Array = 0.0
 ) -> Array:
-    """Return x (F,) within lowest ... highest that minimises x H x / 2 - b x, by projected Newton steps.
+    """Return the x (F,) between `lowest` and `highest` that minimises 1/2 x^T H x - b^T x, by projected Newton steps.
 
     H (F, F) must be positive definite; `start` (F,) is the initial guess.
 

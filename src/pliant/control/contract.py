@@ -1,4 +1,4 @@
-"""Interface of a controller, which turns the estimated state of the body into a command."""
+"""Interface of a controller, which computes pressure commands from the estimated state of the actuator."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 class Controller(Protocol):
-    """Interface of a control law that turns an estimated state into commands.
+    """Interface of a control law, which computes the pressure commands of every period from the estimated state.
 
     Attributes
     ----------
@@ -35,22 +35,26 @@ class Controller(Protocol):
 
     @property
     def target(self) -> float | Array:
-        """Present target of the tip's displacement [m], or of each output (m,) [m, rad]."""
+        """Present target: displacement of the tip [m] for one chamber, or the values (m,) [m, rad] of m outputs for
+        several.
+        """
 
     @property
     def error(self) -> float | Array:
-        """Error of the tip along its path at the last step [m], or of each output (m,) [m, rad]."""
+        """Present control error: of the tip along its path [m] for one chamber, or of m outputs (m,) [m, rad] for
+        several.
+        """
 
     @property
     def saturated(self) -> int:
-        """Number of steps in which a limit changed the command."""
+        """Number of control steps in which a limit of pressure or slew rate changed the command."""
 
     @property
     def fault(self) -> str:
-        """Why the last command deviates from the control law; empty if it does not."""
+        """Sentence that explains why the last command deviates from the control law; empty if it does not."""
 
     def step(self, time: float, state: State, pressure: float | Array) -> Array:
-        """Return the commands (C,) [Pa] for the period that starts at `time` [s].
+        """Return the commands (C,) [Pa] of the C chambers for the control period that starts at `time` [s].
 
         They follow from the estimated state and the pressure readings (C,) [Pa].
         """
@@ -60,7 +64,9 @@ class Controller(Protocol):
 
 
 class Pipeline(NamedTuple):
-    """Measurement, estimator and controller, which turn a shape into a command in every period of the loop."""
+    """Measurement, state estimator and controller, which together compute the commands from the measured shape in every
+    period.
+    """
 
     measure: Measure
     estimator: Estimator
@@ -70,7 +76,7 @@ class Pipeline(NamedTuple):
 
 @dataclass(frozen=True)
 class ControllerKind:
-    """A registered type of controller: its constructor and its properties.
+    """A type of controller: its name, the function that creates it and the tasks that it supports.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Design of a linear-quadratic regulator of the outputs about a time series of reference equilibria.
+"""Design of a linear-quadratic regulator that makes outputs such as the tip position follow a reference.
 
 If the reference is a path that is known ahead, the optimal preview is added to the steady inputs.
 
@@ -31,7 +31,7 @@ SHOWN = 5  # equilibria whose margins are shown
 
 @dataclass(frozen=True)
 class LqrDesign:
-    """A reference for every period, the inputs that hold it, and the linear-quadratic regulator about it.
+    """A reference for every control period, the pressures that hold it, and the linear-quadratic regulator about it.
 
     Attributes
     ----------
@@ -85,19 +85,21 @@ class LqrDesign:
 
     @cached_property
     def waiting(self) -> tuple[int, ...]:
-        """Number of delayed commands on their way to each chamber."""
+        """Number of commands in transit to each chamber because of dead time and latency, in control periods."""
         late = (c.valve.dead_time + self.latency for c in self.model.chambers)
         return tuple(periods_late(t, self.period)[2] for t in late)
 
     @cached_property
     def orders(self) -> tuple[int, ...]:
-        """Number of states of each chamber's valve."""
+        """Number of valve states of each chamber: 0 (no lag), 1 (first order) or 2 (second order)."""
         valves = (c.valve for c in self.model.chambers)
         return tuple(2 if v.natural_frequency else int(v.rise_time + v.fall_time > 0) for v in valves)
 
     @cached_property
     def resting(self) -> Array:
-        """State (N, C) of valves and delayed commands under a constant pressure of 1 kPa in each chamber."""
+        """Steady regulator state (N, C) under a constant pressure of 1 kPa in each of C chambers, for valves and
+        commands in transit.
+        """
         made, first = np.zeros((self.gains[0].A.shape[0], len(self.orders))), 2 * self.model.size
         for sizes, held in ((self.orders, 1), (self.waiting, None)):  # the valve's pressure is 1, its rate is 0
             for c, size in enumerate(sizes):
@@ -106,11 +108,13 @@ class LqrDesign:
         return made
 
     def periods(self, first: int, count: int) -> Array:
-        """Return the indices (count,) of the periods from `first` on; the last known period is repeated."""
+        """Return the indices (count,) of `count` periods from `first` on. Beyond the end of the reference the last one
+        is repeated.
+        """
         return np.minimum(np.arange(first, first + count), len(self.at) - 1)
 
     def shift(self, k: int) -> Array:
-        """Return how much the state's deviation (N,) changes from period k to k + 1 because the reference moves."""
+        """Return the change (N,) of the state's deviation from period k to k + 1 that the moving reference causes."""
         then, n = min(k + 1, len(self.at) - 1), self.model.size
         out = self.gains[self.at[k]].A @ self.beside[k] - self.beside[then]
         out[:n] += self.angle[k] - self.angle[then]
@@ -118,13 +122,17 @@ class LqrDesign:
 
     @cached_property
     def margins(self) -> dict[int, tuple[Margins, ...]]:
-        """Stability margins of each chamber's loop, with the other loops closed, keyed by an index into `gains`."""
+        """Stability margins of each chamber's control loop with the other loops closed, for about five of the
+        regulator's equilibria.
+
+        The keys are indices into `gains`.
+        """
         some = np.unique(np.linspace(0, len(self.gains) - 1, SHOWN).round().astype(int))
         return {int(k): loop_margins(self.gains[k], self.period) for k in some}
 
     @property
     def least_margins(self) -> Margins:
-        """Smallest value of each stability margin over all loops."""
+        """The smallest gain, phase and delay margins over all chambers and equilibria."""
         return least_margins(m for each in self.margins.values() for m in each)
 
     def __str__(self) -> str:
@@ -139,7 +147,8 @@ def design_outputs(
     model: Model, outputs: tuple[str, ...], wanted: Array, limits: Limits, period: float, *,
     tuning: Tuning | None = None, latency: float = 0.0, path: bool = False,
 ) -> LqrDesign:
-    """Return a linear-quadratic regulator that makes the outputs follow a reference.
+    """Return a linear-quadratic regulator that makes outputs such as the tip position follow a reference, by one or
+    several pressures.
 
     Parameters
     ----------
@@ -200,7 +209,8 @@ def design_outputs(
 def design_lqr(
     model: Model, highest: float, period: float, *, tuning: Tuning | None = None, latency: float = 0.0, grid: int = 9,
 ) -> LqrDesign:
-    """Return the regulator of the tip about its equilibria under pressures from 0 to `highest` [Pa] of one chamber.
+    """Return a linear-quadratic regulator of the tip about its equilibria at pressures from 0 to `highest` [Pa], for
+    one chamber.
 
     Parameters
     ----------
@@ -247,7 +257,8 @@ def design_lqr(
 
 
 def posts(wanted: Array, apart: int) -> Array:
-    """Return the periods about whose equilibria the model is linearised.
+    """Return the indices of the periods about whose equilibria the model is linearised, from the reference `wanted` (K,
+    m).
 
     They are the first and last period, those where the reference starts or stops moving, and every `apart`-th one while
     it moves.
@@ -259,12 +270,12 @@ def posts(wanted: Array, apart: int) -> Array:
 
 
 def between(rows: Array, knots: Array, values: list[Array]) -> Array:
-    """Return values (K, ...) for every period in `rows`, interpolated linearly between those at the knots."""
+    """Return values (K, ...) for the periods `rows`, interpolated linearly from the `values` at the periods `knots`."""
     return np.stack([np.interp(rows, knots, column) for column in np.array(values).T], axis=1)
 
 
 def look_ahead(design: LqrDesign) -> None:
-    """Compute the preview terms `ahead` and `lead` of the design in place, backwards from the last period.
+    """Compute the preview of the later reference for each period, and write it to design.lead and design.ahead.
 
     s_k = (A - B K)' (P d_k + s_(k+1)), with d_k = `shift`.
     """

@@ -18,7 +18,8 @@ ROUNDING = 1e-12  # m
 
 @dataclass(frozen=True)
 class Equilibria:
-    """Equilibria of a model on a grid of pressures.
+    """Static equilibria of a planar model at increasing pressures: link angles, tip position and direction of the tip's
+    path.
 
     Attributes
     ----------
@@ -42,16 +43,17 @@ class Equilibria:
 
     @property
     def reach(self) -> float:
-        """Tip displacement at the highest pressure, m."""
+        """Displacement [m] of the tip from its unpressurised position at the highest pressure."""
         return float(self.displacement[-1])
 
     @property
     def displacement(self) -> Array:
-        """Distance (G,) of the tip from its position without pressure, m."""
+        """Distance (G,) [m] of the tip from its unpressurised position, at each of G pressures."""
         return np.linalg.norm(self.tip - self.tip[0], axis=1)
 
     def pressure_for(self, displacement: float) -> float:
-        """Return the pressure [Pa] that holds the tip `displacement` [m] away from its position without pressure.
+        """Return the pressure [Pa] at which the tip is `displacement` [m] away from its unpressurised position in
+        equilibrium.
 
         Raises
         ------
@@ -68,11 +70,13 @@ class Equilibria:
         return float(np.interp(displacement, far[:rising], self.pressure[:rising]))
 
     def moved(self, displacement: Array) -> Array:
-        """Return the changes (K, 2) [m] of the tip position for displacements (K,) [m] along its path."""
+        """Return the changes (K, 2) [m] of the tip position from rest for K displacements [m] along its path."""
         return np.array([self.at(self.pressure_for(float(d)))[1] for d in displacement]) - self.tip[0]
 
     def at(self, pressure: float) -> tuple[Array, Array, Array]:
-        """Return angles (n,) [rad], tip (2,) [m] and path direction (2,) at a pressure [Pa], interpolated linearly."""
+        """Return link angles (n,) [rad], tip position (2,) [m] and unit direction of the tip's path (2,) in equilibrium
+        at `pressure` [Pa].
+        """
         p = float(np.clip(pressure, self.pressure[0], self.pressure[-1]))
         k = min(int(np.searchsorted(self.pressure, p, side="right")) - 1, self.pressure.size - 2)
         share = (p - self.pressure[k]) / (self.pressure[k + 1] - self.pressure[k])

@@ -1,4 +1,6 @@
-"""Compiled arithmetic of one control step: the regulator before and after the limits, and the valve of a rig."""
+"""Compiled arithmetic of one control step: the linear-quadratic regulator, the limits of its commands, and a valve's
+equation.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ KILO = 1e3  # Pa in a kPa, the unit of pressures in states and gains
 
 
 def look(gains, row, geometry, known, rules, resting, memory):
-    """Compute the state's deviation from the reference and the regulator's commands before their limits, in place.
+    """Compute the regulator's state deviation from the reference, and its commands [Pa] before limits; both are written
+    to `memory`.
 
     `gains` are (K, slope, inverse, driven, row) of `Gains`, `row` is the row of an `LqrDesign` for this period, and
     `geometry` comes from `tip_geometry`. `memory` holds the workspace arrays (delayed commands, integrals, last
@@ -52,7 +55,9 @@ def look(gains, row, geometry, known, rules, resting, memory):
 
 
 def fill(away, first, scale, behind, queue, integral):
-    """Write the states of the valves, delayed commands and integrals into the state `away` (N,), from `first` on."""
+    """Write valve pressures [kPa], commands in transit and error integrals to the regulator's state `away` (N,), from
+    index `first` on.
+    """
     for i in range(len(behind)):
         away[first + i] = scale * behind[i]
     first = first + len(behind)
@@ -64,7 +69,9 @@ def fill(away, first, scale, behind, queue, integral):
 
 
 def ask(row, scale, more, away, wish):
-    """Subtract the reference from the state `away` (N,) in place and write the commands (C,) [Pa] to `wish`."""
+    """Subtract the reference from the regulator's state `away` (N,) in place, and write the unlimited commands (C,)
+    [Pa] to `wish`.
+    """
     K, pressure, lead, beside, resting = row
     for i in range(len(away)):
         away[i] = away[i] - beside[i]
@@ -78,7 +85,8 @@ def ask(row, scale, more, away, wish):
 
 
 def finish(gains, rules, memory):
-    """Apply the limits to the commands, integrate the errors without windup, and queue the commands.
+    """Apply the limits of pressure and slew rate to the commands, and integrate the output errors without windup.
+    Returns True if limited.
 
     Returns True if a limit changed a command. At a limit, only errors that lead away from the limit are integrated.
     """
@@ -117,7 +125,8 @@ def finish(gains, rules, memory):
 
 
 def within(command, before, highest, reach):
-    """Return the value nearest to `command` [Pa] within 0 ... highest and at most `reach` away from `before`.
+    """Return the command [Pa] closest to `command` that is in the range 0 ... `highest` and at most `reach` away from
+    `before`.
 
     NaN is returned unchanged.
     """
@@ -133,7 +142,8 @@ def within(command, before, highest, reach):
 
 
 def regulate(command, h, rise, fall, damping, held, out):
-    """Integrate a second-order valve under held commands and write its pressures [Pa] to `out`.
+    """Integrate the second-order equation of a valve under one command [Pa] per step, and write its pressures [Pa] to
+    `out`.
 
     The equation is p'' = omega^2 (u - p) - 2 zeta omega p' with p >= 0, where omega is `rise` [rad/s] for u > p and
     `fall` for u < p. Each command is held for a step of `h` [s], integrated by the midpoint rule. `held` = (p, dp/dt)
@@ -158,7 +168,10 @@ def regulate(command, h, rise, fall, damping, held, out):
 
 
 def follow_valve(asked, seen, valve, held, command, out):
-    """Advance a valve by `regulate` under one command [Pa], then correct its state with a gauge's reading [Pa].
+    """Advance the simulated pressure of a valve under one command [Pa], and correct it with the gauge's reading `seen`
+    [Pa].
+
+    `regulate` integrates the valve's equation.
 
     The command is held for len(command) steps. A reading that is not finite is ignored. `valve` holds (h, rise, fall,
     damping, gain): the step [s], the natural frequencies [rad/s] for filling and emptying, the damping ratio, and the

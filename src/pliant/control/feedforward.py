@@ -1,4 +1,6 @@
-"""Feedforward: the pressure at which the model holds a target displacement, including its hysteresis."""
+"""Feedforward control: the pressure at which the model holds a target displacement of its tip, including its
+hysteresis.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ Array = np.ndarray
 
 
 class Feedforward:
-    """Static inverse of the model: the pressure that holds a tip displacement, given the present hysteresis states.
+    """Static inverse of a model: the pressure that holds a tip displacement, for the present hysteresis states.
 
     The body is assumed to follow the reference through its equilibria. The hysteresis states, and the torque that they
     add to the springs' torque, are then known at every instant. The torque law is inverted for the sum of both torques.
@@ -50,13 +52,14 @@ class Feedforward:
         self.reset()
 
     def reset(self) -> None:
-        """Reset to the state after a long rest without pressure."""
+        """Reset the hysteresis states to those after a long rest without pressure."""
         self._q = state.equilibrium(self.model, 0.0)
         self._states = state.relaxed(self.model, self._q)
         self.saturated = 0
 
     def pressure(self, displacement: float, period: float) -> float:
-        """Return the pressure [Pa] that holds the tip `displacement` [m] from its rest after the next `period` [s].
+        """Return the pressure [Pa] at which the model's tip is displaced by `displacement` [m] from rest, and advance
+        the hysteresis by `period` [s].
 
         The pressure is clipped to 0 ... highest, and `saturated` counts how often. For a model without hysteresis it is
         the static inverse.

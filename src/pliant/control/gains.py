@@ -1,4 +1,4 @@
-"""Linear-quadratic regulator of the outputs by one or several pressures, about one equilibrium.
+"""Gains of the linear-quadratic regulator of outputs by one or several pressures, about one equilibrium.
 
 The state holds angles, rates, valve states, delayed commands and the integrals of the outputs' errors. Only those
 combinations of the outputs are integrated that the pressures can change at equilibrium: for a straight body only the
@@ -23,7 +23,8 @@ SQUARE = 1e6  # errors in mm and pressures in kPa: the Riccati equation's number
 
 
 class Gains(NamedTuple):
-    """Gains of the regulator about one equilibrium, for N states and C chambers.
+    """Gains and weights of the linear-quadratic regulator about one equilibrium, for N states, C chambers and m
+    outputs.
 
     The states are angles, rates, valve states, delayed commands and integrals. Pressures of state and command are in
     kPa, integrals in m s of the m weighted outputs.
@@ -43,7 +44,7 @@ class Gains(NamedTuple):
 
 
 def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, float], tuning: Tuning) -> Gains:
-    """Compute the regulator's gains about an equilibrium.
+    """Compute the gains of the linear-quadratic regulator about the equilibrium `rest`.
 
     `weight` (m,) is the length [m] that a unit of each output counts as, `highest` (C,) are the highest pressures [Pa],
     and `clock` holds control period and latency [s]. The cost weights the outputs' errors, speeds and integrals, and
@@ -89,7 +90,10 @@ def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, flo
 def with_integrals(
     A: Array, B: Array, Q: Array, tip: Array, period: float, worth: float
 ) -> tuple[Array, Array, Array]:
-    """Return A, B and Q extended by the integrals of the outputs `tip` (r, N) as last states, with weight `worth`."""
+    """Return the system matrices A, B and the weight Q extended by the integrals of r outputs as last states.
+
+    `tip` (r, N) are the outputs as rows of the state, and `worth` is the weight of the integrals.
+    """
     N, r = A.shape[0], tip.shape[0]
     more_A, more_Q = np.eye(N + r), np.zeros((N + r, N + r))
     more_A[:N, :N], more_A[N:, :N] = A, period * tip
@@ -98,7 +102,7 @@ def with_integrals(
 
 
 def loop_margins(gains: Gains, period: float) -> tuple[Margins, ...]:
-    """Return the stability margins of each chamber's loop, cut at its command, with the other loops closed."""
+    """Return the stability margins of each chamber's control loop with the other loops closed."""
     found = []
     for c in range(gains.B.shape[1]):
         others = np.delete(gains.B, c, axis=1) @ np.delete(gains.K, c, axis=0)

@@ -1,4 +1,4 @@
-"""Prediction of the model's motion over a horizon, with exact derivatives by the commands.
+"""Prediction of the model's motion over a time horizon, with exact derivatives by the commands, for predictive control.
 
 Commands are linear between nodes, so that a slew limit that holds between the nodes holds in every period. Valves and
 dead times are exact for commands held over a period. The body moves by the time steps of the model.
@@ -27,7 +27,7 @@ COARSE = 6e-3  # s, longest time step of the model
 
 
 class Ahead(NamedTuple):
-    """Predicted motion at the ends of K periods, and its derivatives by the commands at the nodes.
+    """Predicted motion at the ends of K periods, and its derivatives by the commands of C chambers at J nodes (times).
 
     Commands are in Pa. There are C chambers, J nodes and N coordinates; the derivatives by the commands of all chambers
     at one node are adjacent.
@@ -44,7 +44,7 @@ class Ahead(NamedTuple):
 
 
 class Horizon:
-    """Predicts the motion of a body under commands that are linear between nodes.
+    """Predictor of the motion under commands that vary linearly between J nodes, for predictive control.
 
     Parameters
     ----------
@@ -77,11 +77,13 @@ class Horizon:
         self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, *J.shape))
 
     def later(self, nodes: Array, age: int) -> Array:
-        """Return the commands (J, C) [Pa] at the nodes of a plan that was made `age` periods ago, shifted to now."""
+        """Return the node commands (J, C) [Pa] of an earlier plan, shifted by its age of `age`
+        periods to the present.
+        """
         return np.asarray(self.straight[np.minimum(age + self.stage * np.arange(self.nodes), self.periods - 1)] @ nodes)
 
     def predict(self, state: State, valves: list[Array], waiting: list[Array], nodes: Array) -> Ahead:
-        """Predict the motion from a state under the commands `nodes` (J, C) [Pa].
+        """Predict the motion from `state` under the commands `nodes` (J, C) [Pa] at J nodes for C chambers.
 
         `valves` are the states of each chamber's valve, `waiting` the delayed commands to each chamber, youngest first.
         """
@@ -128,7 +130,7 @@ class Horizon:
 
 
 class ValveLine:
-    """One chamber's valve and dead time in discrete time, exact for commands held over a period."""
+    """Discrete-time model of one chamber's valve and dead time, exact for commands that are constant in each period."""
 
     def __init__(self, chamber: Chamber, supply: SupplyValve | None, period: float, latency: float) -> None:
         whole, part, _ = periods_late(chamber.valve.dead_time + latency, period)
@@ -140,7 +142,8 @@ class ValveLine:
         self._march = twin(horizon_loops.valve_ahead)
 
     def ahead(self, sent: Array, by_node: Array, state: Array) -> tuple[Array, Array, Array, Array]:
-        """Return mean pressures (K,) [Pa] and final valve states (r,) for known commands, with their derivatives.
+        """Return the chamber's mean pressure in each of K periods (K,) [Pa] and the final valve states (r,), each with
+        its derivatives.
 
         Returns the mean pressure in each period, its derivatives (K, J) by the commands at the nodes, the states at the
         end and their derivatives (r, J). `sent` holds the delayed commands, oldest first, and those of the K periods;
@@ -164,7 +167,7 @@ class ValveLine:
 
 
 def sides(valve: Valve, supply: SupplyValve | None) -> tuple[Valve, Valve]:
-    """Return the valve while it empties and the valve while it fills."""
+    """Return two linear valves: the one while the chamber empties, and the one while it fills."""
     known = supply or supply_of(valve)
     if known is None:
         return valve, valve
@@ -175,12 +178,14 @@ def sides(valve: Valve, supply: SupplyValve | None) -> tuple[Valve, Valve]:
 
 
 def torque_and_slope(chamber: Chamber, pressure: Array) -> tuple[Array, Array]:
-    """Return the static torque [N m] of a chamber at pressures (K,) [Pa], and its derivative [N m/Pa]."""
+    """Return the static torque (K,) [N m] of a chamber at pressures (K,) [Pa], and its derivative (K,) [N m/Pa]."""
     return pressure * chamber.lever_at(pressure), chamber.law_slope(pressure)
 
 
 def alone(rows: Array, chamber: int, chambers: int) -> Array:
-    """Return derivatives (R, J) by the nodes of one chamber as derivatives (R, J C) by the nodes of all chambers."""
+    """Return derivatives (R, J C) by the commands of all C chambers from those (R, J) of one
+    chamber; the others are 0.
+    """
     out = np.zeros((*rows.shape, chambers))
     out[:, :, chamber] = rows
     return out.reshape(len(rows), rows.shape[1] * chambers)

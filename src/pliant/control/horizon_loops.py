@@ -1,4 +1,4 @@
-"""Compiled loops of the prediction over a horizon: a valve and a body under known commands."""
+"""Compiled loops that predict a valve's pressure and the motion of the actuator over a horizon."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from pliant.equations.linearised import step_jacobian
 
 
 def valve_ahead(sent, by_node, pieces, state, scratch, values, slopes):
-    """Compute a valve's states at the ends of K periods, and their derivatives by N command parameters.
+    """Write a valve's r states at the ends of K periods to `values` (K, r), and their derivatives by N command
+    parameters to `slopes`.
 
     Each period begins under the previous command and ends under the next one: `sent` (K + 1,) holds the commands in
     order, and `by_node` (K + 1, N) their derivatives. `pieces` are (A, B), of shapes (2, 2, r, r) and (2, 2, r): the
@@ -40,7 +41,8 @@ def valve_ahead(sent, by_node, pieces, state, scratch, values, slopes):
 
 
 def body_ahead(x, v, h, torque, chain, places, rates, jacobians):
-    """Integrate the body over K steps of `h` [s] and write positions and rates (K, N) to `places` and `rates`.
+    """Integrate the motion over K steps of `h` [s], and write positions, rates (K, N) and step Jacobians to the given
+    arrays.
 
     `x` and `v` (N,) are updated in place. `torque` (K, N + R) [N m] is held over each step, with tendon commands last.
     The Jacobians of `step_jacobian` are written to `jacobians` (K, 3 N + R, 2 N). `chain` holds (body, joints, work,

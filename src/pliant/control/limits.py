@@ -1,4 +1,4 @@
-"""Limits of a command: the range from 0 to the highest pressure, and the slew rate."""
+"""Limits of a pressure command: the range from 0 to the highest pressure, and the slew rate."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the commanded gauge pressure.
+    """Limits of the commanded gauge pressure: highest pressure and slew rate.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Limits:
             )
 
     def each(self, count: int) -> Array:
-        """Return the highest pressure (C,) [Pa] of each of `count` chambers.
+        """Return the highest pressures (C,) [Pa] of `count` chambers.
 
         Raises InputError when the limits are given for another number of chambers.
         """

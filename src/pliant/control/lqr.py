@@ -1,4 +1,4 @@
-"""Linear-quadratic regulator that controls outputs by pressures in each period.
+"""Linear-quadratic regulator that controls outputs, such as the tip position, by pressures in each period.
 
 It compensates what the estimator identifies: shifts of the joints' rest angles, and a common factor of all torques.
 """
@@ -27,7 +27,10 @@ Array = np.ndarray
 
 
 class Present(NamedTuple):
-    """Deviation of the state from the reference in one period; the N states are those of `Gains`."""
+    """Deviation of the estimated state from the reference in one control period.
+
+    The N states are those of `Gains`.
+    """
 
     k: int  # period of the design
     gains: Gains
@@ -36,7 +39,8 @@ class Present(NamedTuple):
 
 
 class Lqr:
-    """Controller that applies an `LqrDesign` within limits, with anti-windup.
+    """Linear-quadratic controller: applies the regulator of an `LqrDesign` within limits of pressure and slew rate,
+    with anti-windup.
 
     Parameters
     ----------
@@ -96,18 +100,24 @@ class Lqr:
 
     @property
     def target(self) -> float | Array:
-        """Present target: change (m,) of the outputs from rest [m, rad], or displacement of one chamber's tip [m]."""
+        """Present target: changes (m,) of m outputs from rest [m, rad] or, for one chamber, the displacement of the tip
+        [m].
+        """
         along = self.design.along
         return self.design.wanted[self.period].copy() if along is None else float(along[0][self.period])
 
     @property
     def error(self) -> float | Array:
-        """Error of the outputs at the last step (m,) [m, rad], or along the path of one chamber's tip [m]."""
+        """Control error at the last step: of m outputs (m,) [m, rad] or, for one chamber, of the tip along its path
+        [m].
+        """
         along = self.design.along
         return self._off.copy() if along is None else float(along[1][self.period] @ self._off)
 
     def step(self, time: float, state: State, pressure: float | Array) -> Array:
-        """Return the commands (C,) [Pa] for the period from `time` [s], for a state and pressure readings (C,) [Pa]."""
+        """Return the commands (C,) [Pa] for the period from `time` [s], for the estimated state and pressure readings
+        (C,) [Pa].
+        """
         now = self._present(time, state, pressure)
         self._wish(now, state)
         met = self._finish(self._tables[self.design.at[now.k]], self._rules, self._memory)

@@ -1,4 +1,4 @@
-"""A simulated plant from a model file, with any number of chambers."""
+"""A simulated plant (actuator, valves and sensors) from a model with any number of chambers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ POINTS = 41  # points of a shape
 
 
 class ModelPlant:
-    """A simulated model with valves and dead times that moves under one command for each of its chambers.
+    """A simulated actuator with valves, dead times and noisy sensors, moved by one pressure command for each chamber.
 
     Its sensors add white noise to the shape and the pressures. With the file of a different model than the
     controller's, it shows how the controller handles model errors. With the same model, it shows the best possible
@@ -81,11 +81,12 @@ class ModelPlant:
 
     @property
     def tip(self) -> Array:
-        """True position of the tip (2,), or (3,) in space, m."""
+        """True position of the simulated tip, (2,) in the plane or (3,) in space [m]."""
         return self._stepper.tips()[-1].copy()
 
     def advance(self, command: float | Array) -> tuple[float, Array, Array]:
-        """Hold the commands (C,) [Pa] for one period and return the sensors' readings.
+        """Hold the commands (C,) [Pa] for one period, and return the readings: time [s], shape points (S, 2 or 3) [m],
+        pressures (C,) [Pa].
 
         Returns the time of the shape [s], its points (S, 2), in space (S, 3) [m], and the pressures (C,) [Pa].
 
@@ -107,11 +108,15 @@ class ModelPlant:
 
     @property
     def position(self) -> Array:
-        """Absolute link angles (n,) [rad], followed by strains; in space the joint coordinates (N,)."""
+        """Coordinates of the simulated actuator: absolute link angles (n,) [rad], then strains; in space the joint
+        coordinates (N,).
+        """
         return self._stepper.position.copy()
 
     def displace(self, change: Array) -> None:
-        """Add `change` (n + S,) to angles and strains at once, as when a hand releases the body."""
+        """Add `change` to the simulated angles [rad] and strains instantly, as if a hand had displaced and released the
+        actuator.
+        """
         saved = self._stepper.snapshot()
         self._stepper.restore(saved._replace(angle=saved.angle + change))
 
@@ -137,6 +142,6 @@ class ModelPlant:
         return np.array([own[c] if v is None else self._held[c][0] for c, v in enumerate(self._valves)])
 
     def points(self) -> Array:
-        """Return the true points (S, 2), in space (S, 3), of the body [m] at `arc_length`."""
+        """Return the true positions (S, 2 or 3) [m] of the simulated shape at the arc lengths `arc_length`."""
         known = mechanics_of(self._stepper.model).nodes(self._stepper.position)[self._first]
         return np.stack([np.interp(self.arc_length, self._ends, column) for column in known.T], axis=1)

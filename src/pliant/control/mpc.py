@@ -1,4 +1,4 @@
-"""Nonlinear model predictive control of any number of inputs and outputs (extra ``mpc``).
+"""Nonlinear model predictive control of any number of outputs by any number of pressures (optional extra ``mpc``).
 
 In each period the controller predicts the model's motion under the last plan, with the exact Jacobians of the time
 steps. It then solves one quadratic program in the commands within the limits of pressure and slew (real-time
@@ -31,7 +31,8 @@ MILLI = SQUARE**0.5  # errors are counted in mm, pressures in kPa
 
 
 class Mpc(Lqr):
-    """Model predictive controller for an `LqrDesign` within limits.
+    """Nonlinear model predictive controller for the reference and weights of an `LqrDesign`, within limits of pressure
+    and slew rate.
 
     A period whose quadratic program was not solved is a fault. The controller then continues the last plan within the
     limits, and `fault` is set until a later program is solved.
@@ -209,7 +210,7 @@ class Mpc(Lqr):
 
 
 def speeds(rows: Array, period: float) -> Array:
-    """Return the time derivatives of the rows (K, ...) of a path; the last row repeats the one before."""
+    """Return the time derivatives, per second, of the rows (K, ...) of a path sampled at `period` [s]."""
     found = np.gradient(rows[:-1], period, axis=0)
     return np.concatenate([found, found[-1:]])
 

@@ -22,7 +22,8 @@ Array = np.ndarray
 
 
 class Pid:
-    """PI-D controller u = feedforward + P e + I int(e) - D dy/dt, within limits.
+    """PI-D controller within limits of the command: u = feedforward + P e + I int(e) dt - D dy/dt, with error e and
+    measurement y.
 
     At a limit the error is integrated only if that leads away from the limit. `start` sets the first command equal to
     the command that is already applied.
@@ -43,7 +44,7 @@ class Pid:
         self.start(0.0)
 
     def start(self, command: float, target: float = 0.0, measured: float = 0.0, feedforward: float = 0.0) -> None:
-        """Initialise the integral so that the next command continues `command` [Pa] without a jump."""
+        """Initialise the integral so that the next command equals the present `command` [Pa], without a jump."""
         self.command, self.saturated, self._slope = float(command), 0, 0.0
         self._last: float | None = None
         self.integral = command - feedforward - self.tuning.proportional * (target - measured)
@@ -67,7 +68,8 @@ class Pid:
 
 
 class PidControl:
-    """Controller that moves the tip to set-points by PI-D; planned tasks are shaped by ZVD.
+    """Controller that moves the tip of a one-chamber actuator to set-points by PI-D, with feedforward and shaped (ZVD)
+    set-points.
 
     Parameters
     ----------
@@ -96,12 +98,12 @@ class PidControl:
 
     @property
     def error(self) -> float:
-        """Error of the tip's displacement at the last step, m."""
+        """Error of the tip's displacement at the last control step [m], measured minus target."""
         return self._moved - self.target
 
     @property
     def saturated(self) -> int:
-        """Number of steps in which a limit changed the command."""
+        """Number of control steps in which a limit of pressure or slew rate changed the command."""
         return self.pid.saturated
 
     def reset(self) -> None:

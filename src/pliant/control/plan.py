@@ -1,4 +1,4 @@
-"""Convert a task to a reference for every period and to the regulator that follows it."""
+"""Conversion of a control task to a reference for every period, and to the regulator that follows it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TIP = ("tip_x", "tip_y")
 
 
 class SetPoint:
-    """Tip displacement as a function of time: constant levels joined by half a cosine.
+    """Target displacement of the tip as a function of time: constant levels joined by half-cosine ramps.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class SetPoint:
 
 @dataclass(frozen=True)
 class Task:
-    """The motion that the tip, or other outputs, should follow, and the controller to use.
+    """A control task: the motion that the tip or other outputs should follow, and the controller to use.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Plan:
-    """The settings from which a controller is constructed: task, model, limits, timing and valves.
+    """Everything from which a controller is created: task, model, limits, timing and valves.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class Plan:
 
     @property
     def several(self) -> bool:
-        """Whether the task has outputs: the body has several chambers, lengthens or moves in space.
+        """Whether the task controls named outputs. If not, one chamber moves the tip along its path.
 
         Otherwise one chamber moves the tip along its path.
         """
@@ -131,7 +131,7 @@ class Plan:
 
     @cached_property
     def family(self) -> Equilibria:
-        """Equilibria of the body without hysteresis under the pressure of its one chamber.
+        """Static equilibria of the actuator without hysteresis, at pressures from 0 to the limit, for one chamber.
 
         Raises InputError for a task with several outputs.
         """
@@ -143,7 +143,7 @@ class Plan:
 
     @property
     def levels(self) -> Array:
-        """Target values (k, m) of the task.
+        """Target values (k, m) of the task at its k times, for m outputs [m, rad].
 
         Raises InputError when they do not fit the body.
         """
@@ -163,7 +163,7 @@ class Plan:
         return float(self.wanted_at(np.array([time]))[0, 0])
 
     def wanted_at(self, times: Array) -> Array:
-        """Return the reference (K, m) at the times (K,) [s]."""
+        """Return the reference (K, m) of m outputs [m, rad] at K times [s]."""
         task = self.task
         if task.path:
             return np.stack([np.interp(times, task.time, column) for column in self.levels.T], axis=1)
@@ -172,13 +172,13 @@ class Plan:
 
     @cached_property
     def rows(self) -> Array:
-        """Reference (K, m) for each period; the last row is held."""
+        """Reference (K, m) of m outputs [m, rad] for each of K control periods; after the end the last one is kept."""
         task = self.task
         last = task.duration if task.path else max(task.duration, float(np.max(task.time)) + task.ramp)
         return self.wanted_at(np.arange(max(round(last / self.period), 1) + 1) * self.period)
 
     def planned(self) -> Trajectory | None:
-        """Return the planned motion of the tip, as fast as the limits allow, or None if none is to be planned."""
+        """Return the trajectory of the tip planned as fast as the limits allow, or None if the task needs none."""
         task = self.task
         if self.several or not task.planned or self.follows == "levels":
             return None
@@ -189,7 +189,7 @@ class Plan:
 
     @cached_property
     def design(self) -> LqrDesign:
-        """The regulator along the reference."""
+        """The linear-quadratic regulator that makes the outputs follow the task's reference."""
         if self.several:
             return self.designed(self.task.outputs, self.rows, path=self.task.path and self.task.planned)
         made, family, late = self.trajectory, self.family, round(self.latency / self.period)
@@ -210,7 +210,9 @@ class Plan:
         return replace(design, wanted=family.moved(far), beside=beside, lead=made.lead[:, -1:] / KILO, late=0)
 
     def designed(self, outputs: tuple[str, ...], rows: Array, *, path: bool) -> LqrDesign:
-        """Return the regulator of `outputs` along the reference `rows` (K, m), given as changes from rest."""
+        """Return the linear-quadratic regulator of the named `outputs` along the reference `rows` (K, m), given as
+        changes from rest.
+        """
         design = design_outputs(
             frozen(self.body), outputs, rows, self.limits, self.period, tuning=self.task.tuning, latency=self.latency,
             path=path,

@@ -1,4 +1,4 @@
-"""Prepare a matching estimator and controller from a model and a few frames of the body at rest."""
+"""Preparation of a control loop: estimator and controller from a model and some frames of the actuator at rest."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Prepared:
-    """The parts of a control loop, ready to run.
+    """The parts of a control loop, ready to run: calibrated model, measurement, estimator, controller and rehearsal.
 
     Attributes
     ----------
@@ -58,18 +58,18 @@ class Prepared:
 
     @property
     def summary(self) -> str:
-        """Stability margins of the linear loop and the result of the rehearsal, in one line."""
+        """Stability margins of the linear loop and the result of the simulated rehearsal, as one line of text."""
         margins = f"without limits {self.design.least_margins}" if self.design else "no linear design"
         return "; ".join([margins, *str(self.rehearsal or "").splitlines()])
 
     @property
     def pipeline(self) -> Pipeline:
-        """Measurement, estimator and controller for a `ControlLoop`."""
+        """Measurement, estimator and controller, as `ControlLoop` takes them."""
         return Pipeline(self.link_angles.frame, self.estimator, self.control, mechanics_of(self.body).dimension)
 
 
 class Rig(TypedDict, total=False):
-    """Keywords of `prepare_control`: the rig's delay and valves, and the estimator."""
+    """Type of the optional keyword arguments of `prepare_control`: delay, valves and estimator of the test rig."""
 
     late: int
     supply: SupplyValve | Mapping[str, SupplyValve] | None
@@ -146,7 +146,7 @@ def prepare_control(
 
 
 class Maker:
-    """Constructs a new estimator and controller of a body for each tuning of a task.
+    """Factory that creates a new estimator and controller of an actuator for each tuning of a task.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class Maker:
         self._setting = Setting(plan.body, plan.period, setting.late)
 
     def make(self, task: Task) -> Prepared:
-        """Return a new estimator and controller for `task`, without a rehearsal."""
+        """Return a new estimator and controller for `task`, without a simulated rehearsal of the loop."""
         plan = replace(self.plan, task=task)
         control, (first, estimator) = self.law.make(plan), (self.seeing.make(self._setting) for _ in range(2))
         warm_up(Pipeline(self.link_angles.frame, first, control), self._rest, plan.period)
@@ -181,7 +181,9 @@ class Maker:
 def calibration(
     model: Model, arc_length: Array, frames: Array, seeing: EstimatorKind, *, rides: bool,
 ) -> tuple[Model, LinkAngles | LinkTips]:
-    """Return the model with the measured rest shape, and the object that converts its shapes to measurements."""
+    """Return the model with the measured rest shape, and the object that converts measured shapes to link angles or
+    positions.
+    """
     if seeing.fixed_length and model.space is not None:
         raise InputError(
             f"model {model.name!r} moves in space, which the estimator {seeing.name!r} does not support: use filter"
@@ -205,7 +207,7 @@ def calibration(
 
 
 def supplies(model: Model, supply: SupplyValve | Mapping[str, SupplyValve] | None) -> tuple[SupplyValve | None, ...]:
-    """Return the rig's valve of each chamber, or None where the model's valve is used.
+    """Return the measured valve (`SupplyValve`) of the rig for each chamber, or None where the model's valve is used.
 
     Raises InputError for a chamber name that the model does not have.
     """
@@ -217,7 +219,9 @@ def supplies(model: Model, supply: SupplyValve | Mapping[str, SupplyValve] | Non
 
 
 def behind_rig(model: Model, each: tuple[SupplyValve | None, ...]) -> Model:
-    """Return the model with the rig's valves, each with the mean frequency that a linear design uses."""
+    """Return the model with the rig's valves in place of its own, each with one mean frequency for filling and
+    emptying.
+    """
     made = (c if s is None else replace(c, valve=s.mean) for c, s in zip(model.chambers, each, strict=True))
     rig = model.with_(chambers=tuple(made))
     check_followed(rig)
@@ -225,7 +229,9 @@ def behind_rig(model: Model, each: tuple[SupplyValve | None, ...]) -> Model:
 
 
 def warm_up(pipeline: Pipeline, shape: Array, period: float) -> None:
-    """Run two frames of a shape (S, 2) at rest, so that kernels are compiled before the loop's first period."""
+    """Run the control pipeline for two frames of the shape (S, 2 or 3) [m] at rest, so that its kernels are compiled
+    before use.
+    """
     measure, estimator, controller, _ = pipeline
     none = np.zeros(controller.chambers)
     for k in range(2):

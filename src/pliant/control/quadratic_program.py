@@ -1,4 +1,4 @@
-"""Strictly convex quadratic programs of a fixed size, solved repeatedly by OSQP (extra ``mpc``)."""
+"""Convex quadratic programs of constant size that are solved repeatedly by OSQP (optional extra ``mpc``)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ HUGE = 1e20  # limit of gradient and Hessian, beyond which the prediction counts
 
 
 class QuadraticProgram:
-    """Solver of min z H z / 2 + g z with 0 <= z <= highest and low <= D z <= high, set up once.
+    """Solver of min 1/2 z^T H z + g^T z with bounds 0 <= z <= highest and low <= D z <= high, set up once for many H,
+    g.
 
     Each solve starts from the last multipliers, and a second time from zero multipliers if it fails. The sparsity
     pattern never changes. The cost is divided by the geometric mean of its curvatures, so that a step size of 1 suits.
@@ -61,7 +62,7 @@ class QuadraticProgram:
         )
 
     def solve(self, H: Array, g: Array, low: Array, high: Array, start: Array) -> Array | None:
-        """Return the solution (Z,), or None when the solver did not reach its accuracy.
+        """Return the solution z (Z,) of the quadratic program, or None if OSQP did not reach its accuracy.
 
         `low` and `high` (R,) bound D z, and `start` (Z,) is the initial guess.
         """
@@ -87,7 +88,7 @@ class QuadraticProgram:
 
 
 def solver() -> Any:
-    """Return the module `osqp`; raise InputError when it is not installed."""
+    """Return the imported module `osqp`; raise InputError if it is not installed."""
     try:
         return import_module("osqp")
     except ImportError:

@@ -14,10 +14,12 @@ BUILT_IN = {
 
 
 def controllers() -> dict[str, ControllerKind]:
-    """Return all known controllers by name."""
+    """Return all known controllers, built-in or from installed packages, as {name: controller type}."""
     return offered(GROUP, BUILT_IN, ControllerKind)
 
 
 def controller_kind(name: str) -> ControllerKind:
-    """Return the controller with the given name; raise InputError, which lists the known names, for another one."""
+    """Return the controller type with the given name; raise InputError with a list of the known
+    names if there is none.
+    """
     return chosen(GROUP, BUILT_IN, ControllerKind, name)

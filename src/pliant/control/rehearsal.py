@@ -1,4 +1,5 @@
-"""Rehearsal: simulation of a designed loop on its own model with all limits, before it controls a real body.
+"""Rehearsal: simulation of a designed control loop on its own model with all limits, before it controls a real
+actuator.
 
 Stability margins describe a linear loop. A command that meets a limit of pressure or slew acts later and less than the
 law expects, so that the loop may oscillate and become unstable. The rehearsal simulates the task, then a disturbance as
@@ -34,7 +35,7 @@ RAISES = tuple(2.0**k for k in range(11))  # factors of the task's effort weight
 
 
 class RehearsalSetting(NamedTuple):
-    """The plant of a rehearsal: body, valves, period and delay.
+    """The simulated plant of a rehearsal: model, valves, control period and delay.
 
     Attributes
     ----------
@@ -59,7 +60,7 @@ class RehearsalSetting(NamedTuple):
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """Simulated response of the designed loop on its own model within its limits.
+    """Simulated response of a designed control loop on its own model, within its limits.
 
     Attributes
     ----------
@@ -97,12 +98,12 @@ class Rehearsal:
 
     @property
     def settles(self) -> bool:
-        """Whether the outputs settle within the band at the end of the task and after the disturbance."""
+        """Whether the simulated outputs settle at the end of the task, and again after the disturbance."""
         return self.final_error <= self.band and self.recovery is not None
 
     @property
     def summary(self) -> dict[str, float]:
-        """Numbers of the rehearsal for the summary of a run."""
+        """Main numbers of the rehearsal by name: settling time, final error, recovery time and effort weight."""
         times = [np.inf if t is None else t for t in self.settling]
         return {
             **({"rehearsed_settling_s": float(max(times))} if times else {}),
@@ -128,7 +129,7 @@ class Rehearsal:
 
 
 class Rehearsed:
-    """Simulation of a pipeline on the model of the body, period by period.
+    """Simulation of a control pipeline on the model of the actuator, period by period.
 
     Parameters
     ----------
@@ -157,11 +158,11 @@ class Rehearsed:
 
     @property
     def time(self) -> float:
-        """Present time of the simulation, s."""
+        """Present time [s] of the simulation."""
         return len(self.error) * self.period
 
     def go(self, periods: int) -> None:
-        """Simulate the given number of further periods."""
+        """Simulate the control loop for the given number of further periods."""
         measure, estimator, controller, _ = self.pipeline
         for _ in range(periods):
             now = self.time
@@ -176,13 +177,16 @@ class Rehearsed:
                 self.farthest = self.plant.position
 
     def displace(self) -> None:
-        """Displace the body at once to its start or to its farthest position, whichever is farther away."""
+        """Displace the simulated actuator instantly to its start or its farthest position,
+        whichever is farther away.
+        """
         now = self.plant.position
         ends = (self.start, self.farthest)
         self.plant.displace(max((end - now for end in ends), key=lambda change: float(np.abs(change).max())))
 
     def wait(self, band: float, longest: float) -> float | None:
-        """Simulate until the error stays within the band for `QUIET` s; return the time to reach it [s].
+        """Simulate until the control error stays within `band` [m] for 0.4 s, and return the time [s] to reach it; None
+        if it does not.
 
         Returns None if the error is not within the band after `longest` [s].
         """
@@ -198,7 +202,8 @@ class Rehearsed:
 
 
 def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: Limits, weight: Array) -> Rehearsal:
-    """Simulate the task, hold its last set-point, displace the body, and go on until the outputs have settled.
+    """Simulate the control task, then a displacement of the actuator by a disturbance, each until the outputs have
+    settled.
 
     Parameters
     ----------
@@ -249,7 +254,8 @@ def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: 
 
 
 def settling_of(error: Array, period: float, begins: Array, levels: Array) -> tuple[float | None, ...]:
-    """Return the settling time [s] of each set-point, or None where it is not reached, from the errors (T,) [m].
+    """Return the settling time [s] of each set-point from the control errors (T,) [m]; None where the outputs do not
+    settle.
 
     `begins` (k,) [s] and `levels` (k, m) [m] are the times and targets of the task.
     """
@@ -266,7 +272,8 @@ def limit_aware(
     make: Callable[[Task], Pipeline], setting: RehearsalSetting, task: Task, limits: Limits, weight: Array, *,
     tunable: bool,
 ) -> tuple[Task, Rehearsal]:
-    """Find the smallest effort weight, of 1, 2, 4 ... 1024 times the task's, with which the rehearsed loop settles.
+    """Find the smallest effort weight, of 1, 2, 4 ... 1024 times the task's, with which the simulated control loop
+    settles.
 
     Returns the task with this weight, and its rehearsal.
 

@@ -1,4 +1,4 @@
-"""Input shaping (ZV, ZVD): a command is split into impulses whose vibrations cancel."""
+"""Input shaping (ZV, ZVD): a command is split into delayed parts whose vibrations cancel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SAME = 1e-8  # s, offset at which a jump is evaluated on both of its sides
 
 @dataclass(frozen=True)
 class Shaper:
-    """Impulses with which a command is convolved, so that one mode does not vibrate.
+    """Impulses with which a command is convolved, so that it does not excite one vibration mode.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Shaper:
 
     @property
     def delay(self) -> float:
-        """Time by which the shaped command ends later [s]."""
+        """Time [s] by which the shaped command ends later than the original one."""
         return float(self.time[-1])
 
     def __call__(self, time: Array, command: Array) -> Trace:
@@ -53,7 +53,8 @@ class Shaper:
         return Trace(np.repeat(corners, 2), np.stack([before, after], axis=1).ravel())
 
     def residual(self, frequency: float, damping: float | None = None) -> float:
-        """Return the residual vibration of a mode at another frequency [Hz], relative to that of the unshaped command.
+        """Return the residual vibration of a mode at `frequency` [Hz] after shaping, as a fraction of that without
+        shaping.
 
         V = exp(-z w t_k) sqrt(C^2 + S^2), C + i S = sum A_i exp(z w t_i) exp(i w_d t_i).
         Source: Singer and Seering, J. Dyn. Sys. Meas. Control 112(1), 1990
@@ -65,7 +66,7 @@ class Shaper:
 
 
 def shaper(frequency: float, damping: float, kind: str = "ZV") -> Shaper:
-    """Return the impulses for one mode: two (ZV), or three (ZVD), which also tolerate an error of the frequency.
+    """Return the impulses that suppress one vibration mode: two (ZV) or three (ZVD, which tolerates a frequency error).
 
     Parameters
     ----------

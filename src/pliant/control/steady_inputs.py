@@ -1,4 +1,4 @@
-"""Steady inputs: the pressures of several chambers that hold the body's outputs at given values."""
+"""Steady inputs: the pressures of several chambers that hold outputs, such as the tip position, at given values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROUNDS = 40
 
 
 class Rest(NamedTuple):
-    """An equilibrium of the body under several pressures."""
+    """A static equilibrium under given pressures, with its linearisation and the output values."""
 
     pressure: Array  # (C,) Pa
     linear: LinearModel  # linearisation about the equilibrium
@@ -30,14 +30,16 @@ class Rest(NamedTuple):
 
 
 def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array:
-    """Return outputs (..., m) at coordinates (..., N): tip_x, tip_y, in space tip_z [m], in a plane angle_sum [rad]."""
+    """Return the m named outputs (..., m) at coordinates `angle` (..., N): tip_x, tip_y, tip_z [m]
+    or angle_sum [rad].
+    """
     tip = mechanics_of(model).tips(angle)[..., -1, :]
     last = tip if model.space is not None else np.concatenate([tip, angle[..., model.n - 1 : model.n]], axis=-1)
     return last[..., which_outputs(model, outputs)]
 
 
 def which_outputs(model: Model, outputs: tuple[str, ...]) -> list[int]:
-    """Return the indices of `outputs` among the outputs of a model; raise InputError for an unknown name."""
+    """Return the indices of the named outputs among those of a model; raise InputError for an unknown name."""
     known = ("tip_x", "tip_y", "angle_sum" if model.space is None else "tip_z")
     if strange := [name for name in outputs if name not in known]:
         raise InputError(f"unknown output {strange[0]!r}: use one or more of {', '.join(known)}")
@@ -45,7 +47,10 @@ def which_outputs(model: Model, outputs: tuple[str, ...]) -> list[int]:
 
 
 def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return the arguments `geometry` of `observation.tip_outputs` for a model and its outputs."""
+    """Return the lengths and output indices from which the compiled kernels compute the named outputs.
+
+    They are the argument `geometry` of `observation.tip_outputs`.
+    """
     which = np.array(which_outputs(model, outputs))
     if model.space is not None:
         return *mechanics_of(model).observed(), which
@@ -55,7 +60,7 @@ def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Any, ...]:
 
 
 def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """Return derivatives and rates of the outputs for angles and strains x (K, N) with rates v (K, N).
+    """Return the rates of m outputs, and the derivatives of outputs and rates, at coordinates x and rates v (K, N).
 
     Returns
     -------
@@ -76,12 +81,14 @@ def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> 
 
 
 def output_weights(model: Model, outputs: tuple[str, ...]) -> Array:
-    """Return the factors (m,) that convert outputs to lengths [m]: 1 for positions, the body's length for angles."""
+    """Return the factors (m,) that convert m outputs to lengths [m]: 1 for positions, the
+    actuator's length for angles.
+    """
     return np.array([model.length if name == "angle_sum" else 1.0 for name in outputs])
 
 
 def rest_under(model: Model, pressure: Array, outputs: tuple[str, ...]) -> Rest:
-    """Compute the equilibrium under the pressures (C,) [Pa]."""
+    """Return the static equilibrium of the model under the pressures (C,) [Pa], with its linearisation and outputs."""
     linear = linearise(model, pressure)
     row = np.array([linear.row(name) for name in outputs])
     return Rest(
@@ -91,7 +98,8 @@ def rest_under(model: Model, pressure: Array, outputs: tuple[str, ...]) -> Rest:
 
 
 def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Array, start: Array) -> Rest:
-    """Compute the equilibrium whose outputs are nearest to `wanted`, with pressures within 0 ... highest (C,) [Pa].
+    """Return the equilibrium whose outputs are closest to `wanted` (m,), at pressures between 0 and `highest` (C,)
+    [Pa].
 
     Parameters
     ----------
@@ -129,14 +137,16 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
 
 
 def written(model: Model, values: Array) -> str:
-    """Return the values (C,) of a model's inputs as text with units; pressures in kPa."""
+    """Return the input values (C,) of a model as text with units, pressures in kPa."""
     if set(model.actuation.units) == {"Pa"}:
         return ", ".join(f"{p * 1e-3:.4g}" for p in values) + " kPa"
     return ", ".join(f"{v:.4g} {unit}" for v, unit in zip(values, model.actuation.units, strict=True))
 
 
 def nearest(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Array, start: Array) -> Rest:
-    """Find the equilibrium nearest to the wanted outputs from one initial guess, by bounded Gauss-Newton steps."""
+    """Return the equilibrium whose outputs are closest to `wanted` (m,), by Gauss-Newton steps from the pressures
+    `start` (C,) [Pa].
+    """
     weight, rest = output_weights(model, outputs), rest_under(model, np.clip(start, 0.0, highest), outputs)
     for _ in range(ROUNDS):
         G, error = weight[:, None] * rest.gain * highest, weight * (wanted - rest.value)

@@ -1,4 +1,4 @@
-"""Entries of the task file (TOML) of `pliant control` and their checks. The names of the entries state the units."""
+"""Entries of the task file (TOML) of the command `pliant control`, and their checks."""
 
 from __future__ import annotations
 
@@ -79,13 +79,13 @@ LONGEST_MS = 5000.0  # longest hold time of a receiver, whatever its task says
 
 
 class Entry(BaseModel):
-    """Base class of the tables of a task file; an unknown key is an error."""
+    """Base class of the tables of a control task file. An unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class SetPointEntry(Entry):
-    """A set-point: the target from a time on, for the tip's displacement or for the outputs of several chambers."""
+    """Table ``[[setpoint]]`` of a control task file: the target values from a time on."""
 
     time_s: Number
     displacement_mm: Number | None = Field(None, description="displacement of the tip from rest, for one chamber")
@@ -101,7 +101,7 @@ class SetPointEntry(Entry):
 
 
 class PathEntry(Entry):
-    """A path: targets that are joined by straight lines, for the tip's displacement or for several outputs."""
+    """Table ``[path]`` of a control task file: target values at given times, joined by straight lines."""
 
     time_s: list[Number]
     displacement_mm: list[Number] | None = None
@@ -124,7 +124,8 @@ OUTPUTS = {
 
 
 def wanted(entry: SetPointEntry | PathEntry) -> tuple[str, ...]:
-    """Return the names of the targets that an entry gives: displacement_mm, or some of the outputs.
+    """Return the names of the target values that a set-point or path table contains: displacement_mm, or names of
+    outputs.
 
     Raises
     ------
@@ -138,7 +139,7 @@ def wanted(entry: SetPointEntry | PathEntry) -> tuple[str, ...]:
 
 
 class TaskValve(Entry):
-    """The rig's valve in a task file."""
+    """Table ``[valve]`` of a control task file: the test rig's pressure valve."""
 
     rise_hz: Positive = Field(description="natural frequency while it fills")
     fall_hz: Positive = Field(description="natural frequency while it empties")
@@ -152,7 +153,10 @@ class TaskValve(Entry):
 
 
 class ReceiverEntry(Entry):
-    """Limits of the receiver at the valve, see `pliant.loop.receiver_of`."""
+    """Table ``[receiver]`` of a control task file: settings of the program at the valves that receives the commands.
+
+    `pliant.loop.receiver_of` uses them.
+    """
 
     host: str = Field("127.0.0.1", min_length=1, description="address of this machine at which it listens")
     port: int = Field(5005, ge=1, le=65535)
@@ -178,7 +182,7 @@ class ReceiverEntry(Entry):
 
 
 class TaskFile(Entry):
-    """The content of a task file."""
+    """The entries of a control task file, with their default values."""
 
     period_ms: Positive = Field(4.0, description="period of frames and loop; it must equal the plant's")
     highest_kpa: Pressures = Field(
@@ -216,12 +220,12 @@ class TaskFile(Entry):
 
     @property
     def period(self) -> float:
-        """Period of the loop, s."""
+        """Period of the control loop [s]."""
         return 1e-3 * self.period_ms
 
     @property
     def limits(self) -> Limits:
-        """Limits of the command."""
+        """Limits of the pressure commands, in Pa and Pa/s."""
         slew, each = 1e3 * self.slew_kpa_per_s, self.highest_kpa
         if isinstance(each, list):
             return Limits(1e3 * max(each), slew, tuple(1e3 * p for p in each))
@@ -236,7 +240,7 @@ class TaskFile(Entry):
 
     @property
     def task(self) -> Task:
-        """The task of the tip in SI units."""
+        """The control task in SI units."""
         names = wanted(self.path or self.setpoint[0])
         columns = [[getattr(p, name) for p in self.setpoint] for name in names]
         time = [p.time_s for p in self.setpoint]
@@ -255,7 +259,7 @@ class TaskFile(Entry):
 
 
 def read_task(path: str | Path | None) -> TaskFile:
-    """Read and check a task file; without a path, return the example.
+    """Read and check a control task file (TOML). Without a path, return the built-in example.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Plan the command that moves the tip to a new position as fast as the limits allow, or along a path.
+"""Planning of the pressure commands that move the tip to a new position as fast as the limits allow, or along a path.
 
 The command is computed by optimisation on the model. The tip's motion follows from the sampled linear model about the
 target. What the linear model omits, hysteresis included, is corrected by simulating the full model under the command.
@@ -37,7 +37,8 @@ SMOOTH = 2e-3  # weight of a change of the command relative to its static effect
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A command and the motion of the model under it, for each period; the last row is the rest that is held.
+    """Planned pressure commands and the model's motion under them, for each control period. The last row is kept
+    afterwards.
 
     Attributes
     ----------
@@ -63,12 +64,12 @@ class Trajectory:
     period: float
 
     def at(self, time_s: float) -> int:
-        """Return the index of the row for a time [s]; after the end it is the last row."""
+        """Return the row index of the trajectory at a time [s]; the last row after its end."""
         return min(max(round(time_s / self.period), 0), self.target.size - 1)
 
 
 class Planner:
-    """Plans trajectories of the tip for one body.
+    """Planner of tip trajectories for one actuator with one chamber.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ class Planner:
         return row
 
     def steps(self, time: Array, displacement: Array, duration: float) -> Trajectory:
-        """Plan the trajectory of a set-point that jumps, where each change is as fast as the model allows.
+        """Plan the fastest trajectory of the tip to each of several set-points within the limits.
 
         Parameters
         ----------
@@ -141,7 +142,7 @@ class Planner:
         return self._followed(target, wanted, command)
 
     def path(self, displacement: Array) -> Trajectory:
-        """Plan the trajectory along a path, given by the tip's displacement (K,) [m] in every period.
+        """Plan the trajectory along a path, given as the tip's displacement (K,) [m] in each control period.
 
         Raises
         ------

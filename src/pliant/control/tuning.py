@@ -1,4 +1,4 @@
-"""Weights and gains of the controllers."""
+"""Weights and gains of the linear-quadratic, predictive and PI-D controllers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pliant.errors import InputError
 
 @dataclass(frozen=True)
 class Tuning:
-    """Weights of the quadratic cost, in units that are independent of the body.
+    """Weights of the linear-quadratic cost of a controller, in units that do not depend on the actuator.
 
     Parameters
     ----------
@@ -37,7 +37,9 @@ class Tuning:
 
 @dataclass(frozen=True)
 class MpcTuning:
-    """Horizon of the predictive controller; its weights are those of `Tuning`.
+    """Horizon of the predictive controller: number of nodes (times of free commands) and the time between them.
+
+    The weights are those of `Tuning`.
 
     Parameters
     ----------

@@ -1,4 +1,6 @@
-"""The valve of a rig, which fills faster than it empties, and its identification from command and gauge."""
+"""The pressure valve of a test rig, which fills faster than it empties, and its identification from commands and gauge
+readings.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ FINE = 5e-4  # s, time step of the valve's equation
 
 @dataclass(frozen=True)
 class SupplyValve:
-    """A second-order pressure regulator with dead time, and different frequencies for filling and emptying.
+    """A second-order pressure regulator with dead time, and different natural frequencies for filling and emptying.
 
     Parameters
     ----------
@@ -42,14 +44,15 @@ class SupplyValve:
 
     @property
     def mean(self) -> Valve:
-        """The valve with the geometric mean of both frequencies, for a linear design."""
+        """The valve with one natural frequency, the geometric mean of filling and emptying, for a linear design."""
         return Valve(
             natural_frequency=math.sqrt(self.rise_frequency * self.fall_frequency), damping_ratio=self.damping_ratio,
             dead_time=self.dead_time,
         )
 
     def march(self, command: Array, h: float, held: Array) -> Array:
-        """Return the pressures (K,) [Pa] at the ends of steps of `h` [s] under commands (K,) [Pa], without dead time.
+        """Return the valve's pressures (K,) [Pa] after each of K steps of `h` [s] under commands (K,) [Pa], without
+        dead time.
 
         `held` (2,) holds the pressure [Pa] and its rate [Pa/s], and is updated in place.
         """
@@ -61,7 +64,8 @@ class SupplyValve:
 
 
 def check_followed(model: Model) -> None:
-    """Raise InputError if a chamber's valve has a slow settling part, a dead band or an opening time.
+    """Raise InputError if a valve of the model has a property that controllers do not support: slow settling, dead band
+    or opening time.
 
     The controllers' models do not include these properties.
     """
@@ -74,7 +78,7 @@ def check_followed(model: Model) -> None:
 
 
 def supply_of(valve: Valve) -> SupplyValve | None:
-    """Return a model's second-order valve as a `SupplyValve`, or None for another or no valve."""
+    """Return the second-order valve of a model as a `SupplyValve`, or None if the valve is not of second order."""
     if not valve.natural_frequency:
         return None
     return SupplyValve(valve.natural_frequency, valve.natural_frequency, valve.damping_ratio, valve.dead_time)
@@ -82,7 +86,7 @@ def supply_of(valve: Valve) -> SupplyValve | None:
 
 @dataclass(frozen=True)
 class ValveRun:
-    """Commanded pressure steps and the readings of a gauge, for `identify_valve`.
+    """A recording for `identify_valve`: steps of the commanded pressure and the readings of a pressure gauge.
 
     Attributes
     ----------
@@ -100,7 +104,7 @@ class ValveRun:
 
 @dataclass(frozen=True)
 class ValveFit:
-    """Result of `identify_valve`: a valve, its fit error and standard errors.
+    """Result of `identify_valve`: the valve, its fit error [Pa] and standard errors of its parameters.
 
     Attributes
     ----------
@@ -179,7 +183,8 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
 
 
 def valve_response(valve: SupplyValve, edge_time: Array, level: Array, time: Array) -> Array:
-    """Return the pressure (T,) [Pa] at the times [s] of a valve that starts without pressure.
+    """Return a valve's pressures (T,) [Pa] at the given times [s] under steps of the command, starting without
+    pressure.
 
     From each of `edge_time` [s] on, the command is the corresponding `level` [Pa].
     """

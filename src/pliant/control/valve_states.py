@@ -1,4 +1,4 @@
-"""States of a valve: predicted from a series of commands, or estimated from commands and a gauge."""
+"""States of a valve: simulated from a time series of commands, or estimated from commands and a pressure gauge."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 class ValveObserver:
-    """Observer of the pressure behind a valve and its rate, from commands and a pressure gauge.
+    """Observer that estimates the pressure behind a valve, and its rate, from commands and a pressure gauge.
 
     Parameters
     ----------
@@ -64,12 +64,14 @@ class ValveObserver:
             self._numbers = (*numbers, self._gain)
 
     def reset(self) -> None:
-        """Reset to zero pressure without delayed commands."""
+        """Reset the estimated pressure and the commands in transit to zero."""
         self.value = np.zeros(max(self.order, 1))
         self._queue, self._readings = [0.0] * self._delay, [0.0] * self._late
 
     def update(self, command: float, reading: float) -> Array:
-        """Return the valve's states (order,) after a period under `command` [Pa], corrected by the `reading` [Pa]."""
+        """Return the estimated valve states [Pa, Pa/s] after a period under `command` [Pa], corrected by the gauge
+        `reading` [Pa].
+        """
         self._queue.append(command)
         self._readings.append(reading)
         asked, seen = self._queue.pop(0), self._readings.pop(0)
@@ -86,14 +88,18 @@ class ValveObserver:
 
 
 def behind_supply(valve: SupplyValve, command: Array, period: float) -> tuple[Array, Array]:
-    """Return times [s] and pressures [Pa] behind a valve without dead time, which starts without pressure."""
+    """Return times [s] and pressures [Pa] behind a valve under one command (K,) [Pa] per `period` [s], without dead
+    time.
+    """
     parts = max(1, round(period / FINE))
     pressure = valve.march(np.repeat(command, parts), period / parts, np.zeros(2))
     return np.arange(pressure.size + 1) * (period / parts), np.append(0.0, pressure)
 
 
 def valve_under(valve: Valve, supply: SupplyValve | None, command: Array, period: float, latency: float) -> Array:
-    """Return a valve's states (K, order) [Pa, Pa/s] at the beginning of every period, delayed by `latency` [s]."""
+    """Return a valve's states (K, order) [Pa, Pa/s] at the start of each of K periods under the commands (K,) [Pa],
+    delayed by `latency` [s].
+    """
     A, B, names = behind_valve(np.zeros((0, 0)), np.zeros(0), valve)
     out = np.zeros((command.size, len(names)))
     if supply is not None:
