@@ -50,7 +50,9 @@ class Pid:
         self.integral = command - feedforward - self.tuning.proportional * (target - measured)
 
     def step(self, target: float, measured: float, feedforward: float = 0.0) -> float:
-        """Return the command [Pa] for the next period; target and measured displacement are in m, feedforward in Pa."""
+        """Return the command [Pa] for the next period, from target and measured displacement [m] and the feedforward
+        pressure [Pa].
+        """
         error = target - measured
         if self._last is not None:
             self._slope = self._keep * self._slope + (1 - self._keep) * (measured - self._last) / self.period
@@ -113,7 +115,7 @@ class PidControl:
         self.forward.reset()
 
     def step(self, time: float, state: State, pressure: float | Array) -> Array:
-        """Return the command (1,) [Pa] for the next period; only the angles of `state` are used."""
+        """Return the command (1,) [Pa] for the next control period, from the link angles of the estimated `state`."""
         del pressure
         self.target = float(sum(a * self._setpoint(time - t) for a, t in self._impulses))
         self._moved = float(np.linalg.norm(mechanics_of(self.model).tips(state.angle)[-1] - self._still))

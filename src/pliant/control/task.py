@@ -148,7 +148,7 @@ class TaskValve(Entry):
 
     @property
     def supply(self) -> SupplyValve:
-        """The valve in SI units."""
+        """The test rig's valve in SI units."""
         return SupplyValve(self.rise_hz, self.fall_hz, self.damping_ratio, 1e-3 * self.dead_time_ms)
 
 
@@ -233,7 +233,7 @@ class TaskFile(Entry):
 
     @property
     def supply(self) -> SupplyValve | dict[str, SupplyValve] | None:
-        """The rig's valve, its valves by chamber name, or None if the task gives none."""
+        """The test rig's valve for all chambers, its valves by chamber name, or None to use the model's valves."""
         if self.valves:
             return {name: entry.supply for name, entry in self.valves.items()}
         return None if self.valve is None else self.valve.supply

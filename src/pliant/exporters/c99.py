@@ -1,4 +1,4 @@
-"""Export of a model as C99: one .c and one .h file without dependencies, memory allocation or global variables.
+"""Export of a model as C99 code: one .c and one .h file without dependencies, memory allocation or global variables.
 
 `compiler.c` runs the kernels of `pliant.Stepper` on symbolic names and records their operations as C code. A struct of
 parameters holds the numbers that a controller may change (stiffness, damping, masses, lengths, torque law, valve).
@@ -47,7 +47,9 @@ void @P@_linearise(const @P@_state *s, const @P@_parameters *p, @KIND@ A[@TWICE@
 
 
 class Code(NamedTuple):
-    """The text of the two exported files, and the prefix and queue length that the FMU needs."""
+    """Text of the exported C header and C source of a model, with the prefix of its names and the length of its command
+    queue.
+    """
 
     header: str
     source: str
@@ -56,7 +58,7 @@ class Code(NamedTuple):
 
 
 def defaults(text: Text) -> str:
-    """Return the C function that sets all parameters to the model's values."""
+    """Return the source of the C function that sets all parameters to the model's values."""
     w = text.writer()
     for field, value in parameters(text.model).items():
         if field not in (*DERIVED, "dead_time"):
@@ -67,7 +69,7 @@ def defaults(text: Text) -> str:
 
 
 def start(text: Text, pressure: float, queue: int) -> str:
-    """Return the C function that sets the state to the equilibrium under `pressure` [Pa]."""
+    """Return the source of the C function that sets the state to the equilibrium at `pressure` [Pa]."""
     model, w = text.model, text.writer()
     levels = np.full(model.actuation.count, pressure)
     q = state.equilibrium(model, levels)
@@ -88,7 +90,7 @@ def start(text: Text, pressure: float, queue: int) -> str:
 
 
 def delays(model: Model, h: float) -> tuple[list[int], list[float]]:
-    """Return each chamber's dead time as whole steps of `h` [s] and a remainder [s]."""
+    """Return each chamber's dead time as a number of whole steps of `h` [s] and a remainder [s], as two lists."""
     whole, rest = [], []
     for chamber in model.chambers:
         k, part = divmod(chamber.valve.dead_time, h)
@@ -102,7 +104,8 @@ def delays(model: Model, h: float) -> tuple[list[int], list[float]]:
 
 
 def public_step(text: Text, h: float) -> tuple[str, int]:
-    """Return the public C step function and the length of its queue of delayed commands.
+    """Return the source of the C function for one time step of `h` [s], and the length of its queue of delayed
+    commands.
 
     A step is split at the times at which delayed commands arrive.
     """
@@ -129,7 +132,7 @@ def public_step(text: Text, h: float) -> tuple[str, int]:
 
 
 def fields(text: Text, queue: int) -> tuple[str, str]:
-    """Return the members of the C structs of the state and of the parameters."""
+    """Return the members of the C struct of the state and those of the C struct of the parameters, as two texts."""
     N, C, kind = text.model.size, text.model.actuation.count, text.kind
     swings = ", ".join(mechanics_of(text.model).joint_names)
     angles = swings if text.model.space else "absolute angle of each link from the base tangent +y"
@@ -201,7 +204,7 @@ def code(model: Model, provenance: Provenance, *, step: float, precision: str, p
 
 
 def filled(template: str, words: Mapping[str, object]) -> str:
-    """Return a template with each ``@WORD@`` replaced by its value in `words`.
+    """Return a text template with each ``@WORD@`` replaced by its value in `words`.
 
     Values that contain such a word are not replaced again.
     """
@@ -209,7 +212,7 @@ def filled(template: str, words: Mapping[str, object]) -> str:
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the C source and a header of the same name next to it."""
+    """Write a model's C source to `path` and its C header next to it, and return both paths."""
     if not re.fullmatch(r"[\w .+-]+", path.name, re.ASCII):
         raise InputError(
             f"the C source includes its header by file name: use only letters, digits, ., -, + and _, got "

@@ -1,4 +1,4 @@
-"""Difference of the motion of two models under one reference input."""
+"""Difference between the tip motions of two models under a reference input."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ START, WIDTH, DURATION, STEP = 0.1, 1.0, 2.0, 1e-3  # s, of the reference input 
 
 
 class Difference(NamedTuple):
-    """Distance between the tips of two models under the reference input."""
+    """Distance between the tips of two models, the original and the exported one, under a reference input."""
 
     level: float  # Pa, height of the pulse; 0: both are released from joints bent by 0.1 rad
     travel: float  # m, peak displacement of the first model's tip
@@ -31,7 +31,7 @@ class Difference(NamedTuple):
 
     @property
     def input(self) -> str:
-        """The reference input in words."""
+        """Description of the reference input in words."""
         if not self.level:
             return f"release from 0.1 rad at every joint, {DURATION:g} s"
         level = f"{1e-3 * self.level:.4g} kPa" if self.unit == "Pa" else f"{self.level:.4g} {self.unit}"
@@ -45,7 +45,7 @@ class Difference(NamedTuple):
 
 
 def difference(one: Model, other: Model) -> Difference:
-    """Simulate both models under the reference input and compare the motion of their tips."""
+    """Simulate two models under a reference pulse of pressure, and return the distance between their tips."""
     level = typical_pressure(one)
     start = None if level else np.full(one.size, 0.1)
 
@@ -58,7 +58,7 @@ def difference(one: Model, other: Model) -> Difference:
 
 
 def of_tips(level: float, one: np.ndarray, other: np.ndarray) -> Difference:
-    """Return the difference of two tip paths (T, 2) or (T, 3) [m], for a pulse of the height `level`."""
+    """Return the difference of two tip paths (T, 2) or (T, 3) [m] under a pulse of height `level` [Pa]."""
     apart = np.linalg.norm(one - other, axis=1)
     travel = np.linalg.norm(one - one[0], axis=1).max()
     return Difference(level, float(travel), float(apart.max()), float(np.sqrt(np.mean(apart**2))))

@@ -1,4 +1,4 @@
-"""Features of a model that an export target may lack: their names, and how to remove each from a model."""
+"""Features of a model that an export target may not support, and how to remove each from a model."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pliant.simulation.state import equilibrium
 
 
 class Feature(NamedTuple):
-    """A property of a model that not every export target can express."""
+    """A property of a model that not every export target supports, such as creep or dead time."""
 
     title: str
     names: Callable[[Model], tuple[str, ...]]  # names of a model's parts with this feature; empty: none
@@ -28,44 +28,46 @@ class Feature(NamedTuple):
 
 
 def when(name: str, has: Callable[[Model], object]) -> Callable[[Model], tuple[str, ...]]:
-    """Return a function of a model that gives (`name`,) if `has` is true of the model, else ()."""
+    """Return a function that, called with a model, returns (`name`,) if ``has(model)`` is true, else ()."""
     return lambda model: (name,) if has(model) else ()
 
 
 def numbered(name: str, count: Callable[[Model], int]) -> Callable[[Model], tuple[str, ...]]:
-    """Return a function of a model that gives the names ``name 1`` ... ``name k``, with k = `count` of the model."""
+    """Return a function that, called with a model, returns the names ``name 1`` ... ``name k`` for k =
+    ``count(model)``.
+    """
     return lambda model: tuple(f"{name} {k + 1}" for k in range(count(model)))
 
 
 def lag(chamber: Chamber) -> bool:
-    """Return whether the pressure lags behind the command by more than a dead time."""
+    """Return whether a chamber's pressure lags behind its command by more than a dead time."""
     v = chamber.valve
     lagging = v.rise_time, v.fall_time, v.natural_frequency, v.rise_rate, v.fall_rate, v.opening_time, v.settle_share
     return any(lagging)
 
 
 def curved(chamber: Chamber) -> bool:
-    """Return whether the torque law is a polynomial of higher degree than a multiple of the pressure."""
+    """Return whether a chamber's torque law is a polynomial with terms beyond the linear one."""
     return chamber.law == POLYNOMIAL and bool(chamber.torque[1:].any())
 
 
 def of_chambers(change: Callable[[Chamber], Chamber]) -> Callable[[Model], Model]:
-    """Return a function of a model that applies `change` to each of its chambers."""
+    """Return a function that, called with a model, returns it with ``change(chamber)`` in place of each chamber."""
     return lambda model: model.with_(chambers=tuple(change(c) for c in model.chambers))
 
 
 def of_valve(**changes: float) -> Callable[[Model], Model]:
-    """Return a function of a model that changes the given fields of each chamber's valve."""
+    """Return a function that, called with a model, returns it with the given fields of each chamber's valve changed."""
     return of_chambers(lambda c: replace(c, valve=replace(c.valve, **changes)))
 
 
 def of_memory(**changes: Any) -> Callable[[Model], Model]:
-    """Return a function of a model that changes the given fields of its hysteresis."""
+    """Return a function that, called with a model, returns it with the given fields of its hysteresis changed."""
     return lambda model: model.with_(memory=replace(model.memory, **changes))
 
 
 def straight_law(model: Model) -> Model:
-    """Return the model with torques proportional to pressure, which are exact at half of the typical pressure."""
+    """Return the model with torques proportional to pressure, exact at half of the typical pressure."""
     level = 0.5 * (typical_pressure(model) or 1e5)
 
     def straight(chamber: Chamber) -> Chamber:
@@ -76,7 +78,7 @@ def straight_law(model: Model) -> Model:
 
 
 def unbounded(model: Model) -> Model:
-    """Return the model with springs K q (1 + s q + a q^2), fitted to its bounded springs.
+    """Return the model with polynomial springs K q (1 + s q + a q^2), fitted to its springs of bounded softening.
 
     The fit covers the bend up to that of the typical pressure.
     """
@@ -89,13 +91,13 @@ def unbounded(model: Model) -> Model:
 
 
 def one_lag(chamber: Chamber) -> Chamber:
-    """Return the chamber with one time constant for rise and fall, the mean of both."""
+    """Return the chamber with the mean of its valve's rise time and fall time in place of both."""
     mean = 0.5 * (chamber.valve.rise_time + chamber.valve.fall_time)
     return replace(chamber, valve=replace(chamber.valve, rise_time=mean, fall_time=mean))
 
 
 def first_order(chamber: Chamber) -> Chamber:
-    """Return the chamber with a first-order valve that has the same delay as its second-order valve."""
+    """Return the chamber with a first-order valve of the same delay in place of its second-order valve."""
     v = chamber.valve
     if not v.natural_frequency:
         return chamber
@@ -114,7 +116,7 @@ def untwisted(model: Model) -> Model:
 
 
 def no_plane(model: Model) -> Model:
-    """Raise InputError: a model in space has no nearest planar model."""
+    """Raise InputError, because a model in space cannot be exported to a target for planar models."""
     raise InputError(
         f"{model.name!r} is a model in space, but this target supports planar models only: export to mjcf, c99, fmu, "
         "state-space or urdf"
@@ -122,12 +124,12 @@ def no_plane(model: Model) -> Model:
 
 
 def of_tendons(change: Callable[[Tendon], Tendon]) -> Callable[[Model], Model]:
-    """Return a function of a model that applies `change` to each of its tendons."""
+    """Return a function that, called with a model, returns it with ``change(tendon)`` in place of each tendon."""
     return of_chambers(lambda chamber: change(chamber) if isinstance(chamber, Tendon) else chamber)
 
 
 def both_taut(tendon: Tendon) -> Tendon:
-    """Return a pair of tendons as one spring of twice the stiffness, which is exact while both are taut."""
+    """Return a pair of tendons as one linear spring of twice the stiffness, which is exact while both are taut."""
     if not tendon.pair:
         return tendon
     stiffness = tendon.line_stiffness * (2.0 if tendon.pretension > 0.0 else 1.0)
@@ -135,12 +137,13 @@ def both_taut(tendon: Tendon) -> Tendon:
 
 
 def no_tendons(model: Model) -> Model:
-    """Raise InputError: a model whose tendons are removed does not move."""
+    """Raise InputError, because a model without its tendons would not move."""
     raise InputError(f"{model.name!r} is driven by tendons, which the target cannot express: use mjcf, c99 or fmu")
 
 
 def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple[str, ...]]:
-    """Return a function of a model that gives `name` for each chamber with the property `has`.
+    """Return a function that, called with a model, returns `name` for each of its chambers for which ``has(chamber)``
+    is true.
 
     If the model has several chambers, the chamber's name is appended.
     """
@@ -153,7 +156,7 @@ def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple
 
 
 def spring_term(name: str) -> Feature:
-    """Return the feature of one nonlinear spring term, named like its field of `Model`."""
+    """Return the feature for one nonlinear spring term, such as `cubic_stiffening`."""
     return Feature(
         f"spring term {name}", when(f"spring term {name}", lambda m: getattr(m, name).any()),
         lambda m: m.with_(**{name: [0.0]}), (f"Model.{name}",),
@@ -161,7 +164,7 @@ def spring_term(name: str) -> Feature:
 
 
 def longer(model: Model) -> tuple[str, ...]:
-    """Return a name for each segment that lengthens."""
+    """Return a name for each extensible segment of a model, such as "segment tip that lengthens"."""
     return tuple(f"segment {e.name} that lengthens" for e in model.extensions)
 
 
@@ -319,7 +322,7 @@ RUBBER = frozenset({"swelling", "inflation"})
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:
-    """Return the keys of the features that `model` has and that are not in `can`.
+    """Return the keys of all features that `model` has and the export target, which supports `can`, does not support.
 
     Raises
     ------
@@ -335,7 +338,7 @@ def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:
 
 
 def unknown(part: Any) -> Iterator[str]:
-    """Yield the fields, as Part.field, of a model and its parts that belong to no feature and are not the default."""
+    """Yield the fields, as Part.field, of a model that belong to no known feature and differ from their default."""
     values = part._asdict() if hasattr(part, "_asdict") else {f.name: getattr(part, f.name) for f in fields(part)}
     for name, value in values.items():
         title = title_of(part, name)
@@ -349,7 +352,7 @@ def unknown(part: Any) -> Iterator[str]:
 
 
 def title_of(part: Any, name: str) -> str:
-    """Return the name of a field as Part.field.
+    """Return the name of a model's field as "Part.field", such as "Valve.dead_time".
 
     For a tendon's field that every chamber has, the part is Chamber.
     """
@@ -358,7 +361,7 @@ def title_of(part: Any, name: str) -> str:
 
 
 def default_of(part: Any, name: str) -> Any:
-    """Return the default of a field, or MISSING if it has none."""
+    """Return the default value of the field `name` of `part`, or MISSING if it has none."""
     if isinstance(part, Model):
         return DEFAULTS.get(name, MISSING)
     if hasattr(part, "_field_defaults"):
@@ -368,19 +371,19 @@ def default_of(part: Any, name: str) -> Any:
 
 
 def same(value: Any, default: Any) -> bool:
-    """Return whether a value equals its default, element by element for arrays."""
+    """Return whether a value equals a default value, with arrays compared element by element."""
     if default is MISSING:
         return False
     return bool(np.all(value == default)) if isinstance(value, np.ndarray) else bool(value == default)
 
 
 def named(model: Model, keys: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the model's parts with the features `keys`."""
+    """Return the names of the parts of a model that have the features with the given keys."""
     return tuple(name for key in keys for name in FEATURES[key].names(model))
 
 
 def without(model: Model, keys: tuple[str, ...]) -> Model:
-    """Return the model with the features `keys` removed one after the other."""
+    """Return the model without the features that have the given keys."""
     for key in keys:
         model = FEATURES[key].without(model)
     return model

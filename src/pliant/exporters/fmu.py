@@ -1,4 +1,4 @@
-"""Export of a model as an FMU for co-simulation (FMI 2.0 or 3.0), with C sources and binary.
+"""Export of a model as an FMU for co-simulation (FMI 2.0 or 3.0), with C sources and a binary.
 
 Inputs are the pressures. Outputs are the observed points, joint angles, pressures behind the valves and energies. Every
 parameter is tunable. Without a C compiler the FMU holds only the sources, which tools can compile.
@@ -36,7 +36,7 @@ STAMP = (1980, 1, 1, 0, 0, 0)  # time of the files in the archive, so that the s
 
 
 class Identity(NamedTuple):
-    """Name, FMI version, token, step and initial pressure of an FMU."""
+    """Name, FMI version, token, time step and initial pressure of an exported FMU."""
 
     name: str  # model identifier, in the names of file, functions and binary
     version: str  # FMI version
@@ -46,7 +46,7 @@ class Identity(NamedTuple):
 
 
 def root_of(provenance: Provenance, this: Identity) -> ET.Element:
-    """Return the root element of the model description, without the variables."""
+    """Return the root element of the FMU's model description (XML), without the variables."""
     root = ET.Element(
         "fmiModelDescription", fmiVersion=this.version, modelName=escaped(provenance.model.name, "line"),
         description="\n".join(provenance.lines("line")), generationTool=f"pliant {__version__}",
@@ -73,7 +73,7 @@ def root_of(provenance: Provenance, this: Identity) -> ET.Element:
 
 
 def description(model: Model, provenance: Provenance, this: Identity) -> bytes:
-    """Return the content of modelDescription.xml."""
+    """Return the content of the FMU's file modelDescription.xml."""
     root, rows = root_of(provenance, this), variables(model, this.pressure)
     unit_definitions(root, rows)
     ET.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize=repr(this.step))
@@ -94,7 +94,7 @@ def description(model: Model, provenance: Provenance, this: Identity) -> bytes:
 
 
 def structure(root: ET.Element, outputs: list[int], version: str) -> None:
-    """Add the element that lists the outputs and the variables that are unknown before initialisation."""
+    """Add the element ModelStructure to the FMU's model description: its outputs and initial unknowns."""
     own = ET.SubElement(root, "ModelStructure")
     if version == "2.0":
         for group in ("Outputs", "InitialUnknowns"):
@@ -108,7 +108,7 @@ def structure(root: ET.Element, outputs: list[int], version: str) -> None:
 
 
 def build_description(name: str) -> bytes:
-    """Return the content of sources/buildDescription.xml for FMI 3."""
+    """Return the content of the FMU's file sources/buildDescription.xml (FMI 3)."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     own = ET.SubElement(root, "BuildConfiguration", modelIdentifier=name)
     ET.SubElement(ET.SubElement(own, "SourceFileSet", language="C99"), "SourceFile", name="all.c")
@@ -116,7 +116,7 @@ def build_description(name: str) -> bytes:
 
 
 def sources(model: Model, provenance: Provenance, this: Identity) -> str:
-    """Return the whole FMU as one C source file."""
+    """Return all C code of the FMU as the text of one source file."""
     made = c99.code(model, provenance, step=this.step, precision="double", pressure=this.pressure, prefix=this.name)
     rows = variables(model, this.pressure)
     count = {kind: sum(v.causality == kind for v in rows) for kind in ("input", "output", "parameter")}
@@ -134,7 +134,7 @@ def sources(model: Model, provenance: Provenance, this: Identity) -> str:
 
 
 def functions_of(wrapper: str, number: str) -> list[str]:
-    """Return the names of the standard's functions that a template defines, including those made by its macros."""
+    """Return the names of the FMI functions that a C template defines, including those defined by its macros."""
     names = re.findall(rf"^FMI [\w *]*?\b(fmi{number}\w+)\(", wrapper, re.MULTILINE)
     names += re.findall(rf"^(?:NONE|REFUSE|REFUSE_PLAIN)\((fmi{number}\w+)", wrapper, re.MULTILINE)
     types = re.findall(r"^NONE\(([A-Z]\w+),", wrapper, re.MULTILINE)
@@ -142,7 +142,7 @@ def functions_of(wrapper: str, number: str) -> list[str]:
 
 
 def compiled(text: str, folder: Path, number: str) -> tuple[bytes | None, str]:
-    """Compile the source; return the binary and "", or None and the reason why there is no binary."""
+    """Compile the FMU's C source; return the binary and "", or None and the reason why there is none."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None or sys.platform not in ("linux", "darwin"):
         return None, "no C compiler was found: the FMU holds only its sources and no binary"
@@ -157,7 +157,7 @@ def compiled(text: str, folder: Path, number: str) -> tuple[bytes | None, str]:
 
 
 def places(version: str) -> tuple[str, str]:
-    """Return the folder and the file extension of this platform's binary in an FMU."""
+    """Return the folder and the file extension of this platform's binary inside an FMU."""
     ending = "dylib" if sys.platform == "darwin" else "so"
     if version == "2.0":
         return ("darwin64" if sys.platform == "darwin" else "linux64"), ending
@@ -166,7 +166,7 @@ def places(version: str) -> tuple[str, str]:
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the FMU."""
+    """Write a model as an FMU to `path`, and return the path."""
     version = {"2": "2.0", "2.0": "2.0", "3": "3.0", "3.0": "3.0"}.get(str(options["fmi"]))
     if version is None:
         raise InputError(f"fmu fmi must be 2.0 or 3.0, got {options['fmi']!r}")

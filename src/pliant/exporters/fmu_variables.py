@@ -1,4 +1,4 @@
-"""Variables of an FMU: their names by the standard's structured naming convention, and their units.
+"""Variables of an exported FMU: their names (structured naming convention), units and start values.
 
 Names and the order of value references match `templates/fmu.c`: time, inputs, outputs, parameters.
 """
@@ -48,7 +48,7 @@ class Variable(NamedTuple):
 
 
 def variables(model: Model, pressure: float) -> list[Variable]:
-    """Return all variables in the order of their value references, with unique names."""
+    """Return all variables of the FMU in the order of their value references, with unique names."""
     model = with_identifiers(model)
     chambers = model.actuation.labels("pressure")
     scalars = [
@@ -77,17 +77,17 @@ def variables(model: Model, pressure: float) -> list[Variable]:
 
 
 def pose_of(model: Model) -> list[tuple[str, str]]:
-    """Return the components of an observed point with their units: the position and an angle."""
+    """Return the components of an observed point as (name, unit): its coordinates and an angle."""
     return [*((axis, "m") for axis in "xyz"[: mechanics_of(model).dimension]), ("angle", "rad")]
 
 
 def coordinate_unit(name: str) -> str:
-    """Return the unit of a coordinate: "rad", or "" for a strain."""
+    """Return the FMU unit of a joint coordinate: "rad" for an angle, "" for a strain."""
     return "" if name.startswith("strain") else "rad"
 
 
 def unit_of(model: Model, field: str, index: tuple[int, ...]) -> str:
-    """Return the unit of one element of a parameter; "" for a dimensionless number."""
+    """Return the FMU unit of one element of the parameter `field`; "" for a dimensionless number."""
     if field == "torque":
         chamber = model.chambers[index[0]]
         if isinstance(chamber, Tendon):
@@ -101,7 +101,7 @@ def unit_of(model: Model, field: str, index: tuple[int, ...]) -> str:
 
 
 def unit_definitions(root: ET.Element, rows: list[Variable]) -> None:
-    """Add the units of the variables to the XML root, each with its exponents of SI base units."""
+    """Add the element UnitDefinitions, with the SI exponents of all units, to the FMU's model description."""
     group = ET.SubElement(root, "UnitDefinitions")
     for name in sorted({v.unit for v in rows if v.unit}):
         unit = ET.SubElement(group, "Unit", name=name)
@@ -111,7 +111,7 @@ def unit_definitions(root: ET.Element, rows: list[Variable]) -> None:
 
 
 def base_units(unit: str) -> tuple[int, int, int, int] | None:
-    """Return the exponents of kg, m, s and rad of a unit, or None if an exponent is itself a parameter."""
+    """Return the exponents of kg, m, s and rad of a unit, or None if an exponent is a model parameter."""
     if unit.startswith("N.m/Pa"):
         k = int(unit.removeprefix("N.m/Pa") or 1)
         return 1 - k, 2 + k, 2 * k - 2, 0

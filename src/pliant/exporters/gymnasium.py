@@ -1,4 +1,6 @@
-"""Gymnasium environments ``pliant/Reach-v0``, ``pliant/Track-v0`` and, with MuJoCo, ``pliant/Push-v0``.
+"""Gymnasium environments for learning to control the tip of a model: ``pliant/Reach-v0`` and ``pliant/Track-v0``.
+
+With MuJoCo there is also ``pliant/Push-v0``.
 
 Importing this module registers them. A model is a `Model` or a model file. If its fit is given, every episode uses
 another body, drawn from the fit's covariance. ``gymnasium.make_vec`` constructs one batch of the requested number of
@@ -35,7 +37,7 @@ LOST = -10.0  # reward if the simulation becomes unstable
 
 
 class EpisodeTask(NamedTuple):
-    """Length, period and observations of an episode."""
+    """Settings of a learning episode: time step, period of actions, duration, target and observations."""
 
     step: float = 1e-3  # s, time step of the model
     period: float = 0.02  # s, between actions
@@ -46,7 +48,7 @@ class EpisodeTask(NamedTuple):
 
 
 class TipVectorEnv(VectorEnv[Array, Array, Array]):
-    """Vectorised environment in which pressures move the tips of many planar bodies to their targets.
+    """Vectorised Gymnasium environment in which pressures move the tips of N planar actuators to their targets.
 
     Actions: pressures of the chambers (N, C), scaled so that -1 is 0 Pa and 1 is `highest`. Observations (N, 2 n + 4 +
     C): joint angles relative to the rest angles (n) [rad], their rates times the period (n), tip and target (2 each)
@@ -106,7 +108,9 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self, *, seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,  # noqa: ARG002  Gymnasium's own
     ) -> tuple[Array, dict[str, Any]]:
-        """Reset all environments to rest at zero pressure and draw targets; a seed draws model parameters, too."""
+        """Start new episodes in all environments, at rest without pressure and with new targets. A seed also draws new
+        models.
+        """
         if seed is not None:
             whole = seed if isinstance(seed, int) else [0 if s is None else s for s in seed]
             self._np_random = np.random.default_rng(whole)
@@ -134,12 +138,14 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self._before[which] = angle[which]
 
     def target_at(self, phase: Array) -> Array:
-        """Return points (N, 2) [m] of the reachable curve, from phase 0 at its beginning to 1 at its end."""
+        """Return N points (N, 2) [m] of the tip's reachable curve, for phases (N,) from 0 (its
+        start) to 1 (its end).
+        """
         along = np.linspace(0.0, 1.0, len(self._curve))
         return np.stack([np.interp(phase, along, self._curve[:, k]) for k in range(2)], axis=1)
 
     def tips(self, angle: Array, *, own: bool) -> Array:
-        """Return the tip positions (N, 2) [m] of chains at absolute link angles (N, n) [rad].
+        """Return the tip positions (N, 2) [m] of N chains at absolute link angles (N, n) [rad].
 
         With `own`, the lengths of the drawn bodies are used, else those of the model.
         """
@@ -150,7 +156,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return np.stack([x, first[..., 1] + (length * np.cos(angle)).sum(axis=1)], axis=1)
 
     def observations(self, angle: Array) -> Array:
-        """Return the observations of chains at absolute link angles (N, n) [rad]."""
+        """Return the observations (N, 2 n + 4 + C) of N chains at absolute link angles (N, n) [rad]."""
         m, fibre = self.model, self._fibre
         seen = fibre.see(angle, self.np_random) if fibre else angle
         q = np.diff(seen, axis=1, prepend=m.base_angle) - m.rest_angle
@@ -161,7 +167,9 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return np.concatenate(rows, axis=1).astype(np.float32)
 
     def info(self) -> dict[str, Any]:
-        """Return tips and targets (N, 2) [m], and the time of each episode (N,) [s]."""
+        """Return the information of Gymnasium: tips and targets (N, 2) [m], and times (N,) [s] since the start of each
+        episode.
+        """
         every = np.ones(self.num_envs, dtype=bool)
         info = {
             "tip": self.tips(self._chains.angle, own=True), "target": self._target.copy(),
@@ -170,7 +178,9 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return info | {f"_{name}": every for name in info}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
-        """Hold the pressures of the actions for one period; return observations, rewards, end flags and information."""
+        """Hold the pressures of the actions (N, C) for one period; return observations, rewards, two end flags and
+        information.
+        """
         if not self._bodies:
             raise gymnasium.error.ResetNeeded("reset the environments before the first step")
         self._command = 0.5 * (np.clip(np.asarray(actions, dtype=float), -1.0, 1.0) + 1.0) * self.highest
@@ -199,7 +209,11 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
 
 
 class TipEnv(gymnasium.Env[Array, Array]):
-    """Environment ``pliant/Reach-v0`` or ``pliant/Track-v0``: a single body, with the parameters of `TipVectorEnv`."""
+    """Gymnasium environment ``pliant/Reach-v0`` or ``pliant/Track-v0``: pressures move the tip of one planar actuator
+    to a target.
+
+    The parameters are those of `TipVectorEnv`.
+    """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  Gymnasium's own way
 
@@ -210,24 +224,28 @@ class TipEnv(gymnasium.Env[Array, Array]):
         self.observation_space = self._one.single_observation_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Reset the body to rest at zero pressure, with a new target and, if a fit is given, a new body."""
+        """Start a new episode, at rest without pressure and with a new target. If a fit is given, a
+        new model is drawn.
+        """
         super().reset(seed=seed)
         seen, info = self._one.reset(seed=seed, options=options)
         return seen[0], alone(info)
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Hold the pressures of the action for one period and return observation, reward, end flags and information."""
+        """Hold the pressures of the action (C,) for one period; return observation, reward, two end flags and
+        information.
+        """
         seen, reward, lost, late, info = self._one.step(np.asarray(action)[None])
         return seen[0], float(reward[0]), bool(lost[0]), bool(late[0]), alone(info)
 
 
 def alone(info: dict[str, Any]) -> dict[str, Any]:
-    """Return the information of the only environment of a batch."""
+    """Return the information of the first environment of a batch, as Gymnasium expects it for a single one."""
     return {name: value[0] for name, value in info.items() if not name.startswith("_")}
 
 
 def checked_task(task: EpisodeTask) -> EpisodeTask:
-    """Return the task; raise InputError if its settings are inconsistent."""
+    """Return the settings of an episode unchanged; raise InputError if they are inconsistent."""
     if task.observe not in ("perfect", "fibre"):
         raise InputError(f"observe must be 'perfect' or 'fibre', got {task.observe!r}")
     if not (0 < task.step <= task.period <= task.duration and task.bodies >= 1):
@@ -236,7 +254,9 @@ def checked_task(task: EpisodeTask) -> EpisodeTask:
 
 
 def reachable(model: Model, highest: float) -> Array:
-    """Return the tips (K, 2) [m] at rest under the first chamber's pressure, from 0 to 0.8 times `highest` [Pa]."""
+    """Return the static tip positions (K, 2) [m] as the first chamber's pressure rises from 0 to 0.8 times `highest`
+    [Pa].
+    """
     tips = []
     for level in np.linspace(0.0, 0.8 * highest, 33):
         try:

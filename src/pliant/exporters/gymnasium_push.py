@@ -1,4 +1,6 @@
-"""Gymnasium environment ``pliant/Push-v0``: a planar body pushes a puck to a target, simulated by MuJoCo."""
+"""Gymnasium environment ``pliant/Push-v0``, in which a planar actuator pushes a puck to a target,
+simulated by MuJoCo.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ NEAR = 0.1  # weight in the reward of the distance from the tip to the puck
 
 
 class PushEnv(gymnasium.Env[Array, Array]):
-    """Environment in which a planar body pushes a puck on a table to its target.
+    """Gymnasium environment in which pressures move a planar actuator that pushes a puck on a table to a target.
 
     Action: pressures of the chambers (C,), scaled so that -1 is 0 Pa and 1 is `highest`. Observation: joint angles (n,)
     [rad], their rates times the period (n,), then tip, puck, the puck's velocity times the period and the target (2
@@ -79,7 +81,8 @@ class PushEnv(gymnasium.Env[Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,  # noqa: ARG002  Gymnasium's own
     ) -> tuple[Array, dict[str, Any]]:
-        """Reset the body to rest, with the puck next to its tip and the target further along the tip's path.
+        """Start a new episode: the actuator at rest, the puck next to its tip, and the target further along the tip's
+        path.
 
         If a fit is given, a new body is used.
         """
@@ -109,7 +112,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return self.observation(self.angle()), self.info()
 
     def places(self, where: float, further: float) -> tuple[Array, Array]:
-        """Return start and target (2,) [m] of the puck.
+        """Return start and target (2,) [m] of the puck, from two fractions of the tip's path.
 
         The puck starts in front of the tip at the fraction `where` of the tip's path.
         """
@@ -123,16 +126,16 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return start, target
 
     def along(self, phase: float) -> Array:
-        """Return a point (2,) [m] of the tip's path, from phase 0 at its beginning to 1 at its end."""
+        """Return a point (2,) [m] of the tip's path, from phase 0 (its start) to 1 (its end)."""
         share = np.linspace(0.0, 1.0, len(self._curve))
         return np.array([np.interp(phase, share, self._curve[:, k]) for k in range(2)])
 
     def angle(self) -> Array:
-        """Return the present absolute link angles (n,) [rad] of the body."""
+        """Return the present absolute link angles (n,) [rad] of the simulated actuator."""
         return mechanics_of(self._own).coordinates(self._d.qpos[self._m.jnt_qposadr[self._joints]])
 
     def observation(self, angle: Array) -> Array:
-        """Return the observation for the body at absolute link angles (n,) [rad]."""
+        """Return the observation (2 n + 8 + C,) for absolute link angles (n,) [rad]."""
         m, fibre, L = self.model, self._fibre, self.model.length
         seen = fibre.see(angle[None], self.np_random)[0] if fibre else angle
         q = mechanics_of(m).joint_angles(seen)
@@ -145,7 +148,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return np.concatenate(rows).astype(np.float32)
 
     def info(self) -> dict[str, Any]:
-        """Return tip, puck and target (2,) [m], and the time [s]."""
+        """Return the information of Gymnasium: positions (2,) [m] of tip, puck and target, and the time [s]."""
         tip = mechanics_of(self._own).tips(self.angle())[-1]
         return {
             "tip": tip, "puck": self._d.qpos[self._puck].copy(), "target": self._target.copy(),
@@ -153,7 +156,9 @@ class PushEnv(gymnasium.Env[Array, Array]):
         }
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Hold the pressures of the action for one period and return observation, reward, end flags and information."""
+        """Hold the pressures of the action (C,) for one period; return observation, reward, two end flags and
+        information.
+        """
         self._command = 0.5 * (np.clip(np.asarray(action, dtype=float), -1.0, 1.0) + 1.0) * self.highest
         for name, chamber, power in self._controls:
             self._d.actuator(name).ctrl[0] = control(self._command[chamber], power)
@@ -169,7 +174,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
 
 
 def world(model: Model, timestep: float, highest: float) -> str:
-    """Return the MJCF text of the body with a puck on a table."""
+    """Return the MJCF text of a world with the actuator, and a puck on a table."""
     provenance = Provenance(model, "mjcf", "pliant/Push-v0")
     root = ET.fromstring(mjcf(model, provenance, timestep=timestep, radius=SKIN * model.length, highest=highest))  # noqa: S314  our own text
     radius, mass = PUCK * model.length, float(np.sum(model.link_mass))
@@ -186,7 +191,7 @@ def world(model: Model, timestep: float, highest: float) -> str:
 
 
 def imported() -> Any:
-    """Return the module `mujoco`; raise InputError if it is not installed."""
+    """Return the imported module `mujoco`; raise InputError if it is not installed."""
     try:
         import mujoco
     except ImportError:

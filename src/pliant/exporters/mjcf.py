@@ -1,4 +1,4 @@
-"""Export of a model as MJCF for MuJoCo: the chain as hinges, creep and slip as hidden hinges, inputs as actuators.
+"""Export of a model as MJCF for MuJoCo: joints as hinges, creep and slip as hidden hinges, inputs as actuators.
 
 In MJCF a joint's stiffness "K K2 K3" means the torque K q + K2 q^2 + K3 q^3. A fixed tendon whose coefficients are the
 joint gains converts one force to the torques of all joints. A branch of creep is a separate hinge, damped by K share
@@ -50,7 +50,7 @@ LEVEL = 1e5  # Pa: MuJoCo limits controls to 1e10, so the k-th one is p (p / LEV
 
 
 class Branch(NamedTuple):
-    """A spring between a joint and a hidden hinge, which a damper or dry friction holds back."""
+    """A creep or slip element in MJCF: a spring between a joint and a hidden hinge with damper or dry friction."""
 
     name: str
     share: float  # stiffness as a fraction of the joint's K
@@ -59,12 +59,12 @@ class Branch(NamedTuple):
 
 
 def number(*values: float) -> str:
-    """Return numbers as MJCF text that preserves every bit."""
+    """Return numbers as MJCF text, with enough digits to preserve every bit."""
     return " ".join(f"{float(v):.17g}" for v in values)
 
 
 def quaternion(turn: Array) -> str:
-    """Return a rotation vector (3,) [rad] as an MJCF quaternion: w, x, y, z."""
+    """Return a rotation vector (3,) [rad] as the text of an MJCF quaternion (w, x, y, z)."""
     from scipy.spatial.transform import Rotation
 
     return number(*Rotation.from_rotvec(turn).as_quat(scalar_first=True))
@@ -74,7 +74,7 @@ def mjcf(
     model: Model, provenance: Provenance, *, prefix: str = "", timestep: float = 0.0, radius: float = 0.0,
     integrator: str = INTEGRATORS[0], highest: float = 0.0,
 ) -> str:
-    """Return the MJCF text of a model that has only features that MJCF can express.
+    """Return the MJCF text of a model.
 
     The time step `timestep` [s] is checked against the stiffest mode; 0 chooses it. Controls reach up to the pressure
     `highest` [Pa]; 0 means twice the typical pressure. With a prefix, for worlds of several bodies, there is no
@@ -110,7 +110,8 @@ def mjcf(
 
 
 def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> ET.Element:
-    """Add link `i` to its parent: body in the rest shape, hinges, inertia, geometry and hidden hinges.
+    """Add link `i` to its parent in the MJCF: body, hinges, inertia, geometry and hidden hinges. Returns the body
+    element.
 
     Returns the new body element.
     """
@@ -136,7 +137,7 @@ def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tu
 def hidden_hinges(
     parent: ET.Element, model: Model, own: RigidLink, place: Mapping[str, str], prefix: str
 ) -> None:
-    """Add the hidden hinges of creep and slip for a link."""
+    """Add the hidden hinges of creep and slip elements before one link to the MJCF."""
     for branch in branches(model):
         for hinge in own.hinges:
             name, K = f"{prefix}{branch.name}_{hinge.link + 1}", hinge.stiffness
@@ -149,7 +150,7 @@ def hidden_hinges(
 
 
 def branches(model: Model) -> list[Branch]:
-    """Return the creep and slip elements, which are the same at every joint."""
+    """Return the creep and slip elements of a model, which are the same at every joint."""
     m = model.memory
     creep = zip(m.creep_share, m.creep_time, strict=True)
     slip = zip(m.slip_share, m.slip_angle, strict=True)
@@ -158,7 +159,9 @@ def branches(model: Model) -> list[Branch]:
 
 
 def capsule(body: ET.Element, name: str, reach: Array, size: float) -> None:
-    """Add a capsule from the start of a link to its end `reach` (3,) [m], for display and contact, without mass."""
+    """Add a massless capsule from the start of a link to its end `reach` (3,) [m] to the MJCF, for
+    display and contact.
+    """
     length = float(np.linalg.norm(reach))
     if length > 0:
         ET.SubElement(
@@ -168,7 +171,7 @@ def capsule(body: ET.Element, name: str, reach: Array, size: float) -> None:
 
 
 def sites(body: ET.Element, model: Model, carrier: int, prefix: str) -> None:
-    """Add the observed points on link `carrier` as sites."""
+    """Add the observed points on link `carrier` to the MJCF as sites."""
     for p in model.points:
         if p.link == carrier:
             ET.SubElement(
@@ -177,14 +180,14 @@ def sites(body: ET.Element, model: Model, carrier: int, prefix: str) -> None:
 
 
 def chamber_names(model: Model, prefix: str) -> list[tuple[Chamber, str, str]]:
-    """Return each chamber with the names of its tendon and of its first control."""
+    """Return each chamber of a model with the names of its tendon and its first control in the MJCF."""
     actuation = model.actuation
     names = ([prefix + label for label in actuation.labels(what)] for what in ("bend", "pressure"))
     return list(zip(actuation.inputs, *names, strict=True))
 
 
 def tendons(root: ET.Element, model: Model, prefix: str) -> None:
-    """Add the tendon of each input, and the springs between joints and hidden hinges."""
+    """Add a tendon for each input, and the springs between joints and hidden hinges, to the MJCF."""
     group = ET.SubElement(root, "tendon")
     hinges = rigid_chain(model).hinges
     for gain, (_, tendon, _) in zip(model.actuation.gain, chamber_names(model, prefix), strict=True):
@@ -203,7 +206,7 @@ def tendons(root: ET.Element, model: Model, prefix: str) -> None:
 
 
 def contacts(root: ET.Element, model: Model, prefix: str) -> None:
-    """Exclude contacts between the body's own links, which the model does not have either."""
+    """Exclude contacts between the links of the actuator in the MJCF, because the model has none."""
     group = ET.SubElement(root, "contact")
     names = [f"{prefix}base", *(f"{prefix}link_{i + 1}" for i in range(model.n))]
     for a in range(len(names)):
@@ -212,12 +215,15 @@ def contacts(root: ET.Element, model: Model, prefix: str) -> None:
 
 
 def control(pressure: float, power: int) -> float:
-    """Return the control value of a power of the pressure [Pa]: the pressure times (p / 100 kPa)^(power - 1)."""
+    """Return the MuJoCo control value for a power of the pressure [Pa]: p (p / 100 kPa)^(power - 1)."""
     return float(pressure * (pressure / LEVEL) ** (power - 1))
 
 
 def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
-    """Return the controls of an exported model: name, index of the chamber and power of its pressure, see `control`."""
+    """Return all controls of the exported model as (name, chamber index, power of the pressure).
+
+    `control` computes the control value.
+    """
     powers = [
         (name, c, k + 1) for c, (chamber, _, name) in enumerate(chamber_names(with_identifiers(model), prefix))
         for k, gain in enumerate(chamber.torque) if gain
@@ -227,7 +233,9 @@ def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
 
 
 def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, highest: float) -> None:
-    """Add one control for each input and each power of the pressure in its law, up to `highest` [Pa].
+    """Add one actuator for each input, and for each power of the pressure in its torque law, to the MJCF.
+
+    Controls reach up to the pressure `highest` [Pa].
 
     A tendon that is wound in and out takes controls of both signs.
     """
@@ -251,7 +259,7 @@ def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, high
 
 
 def of_tendon(tendon: Tendon) -> dict[str, str]:
-    """Return the MJCF attributes of an actuator for a tendon, with the force T_0 + k (u - length) or a given tension.
+    """Return the MJCF attributes of a tendon's actuator, with the force T_0 + k (u - length) or a given tension.
 
     The force of a single tendon is never negative. A pair without pretension has the force k (u - length), since one of
     the two is taut.
@@ -263,7 +271,7 @@ def of_tendon(tendon: Tendon) -> dict[str, str]:
 
 
 def sensors(root: ET.Element, model: Model, prefix: str) -> None:
-    """Add sensors of the observed points' positions and of the joint angles."""
+    """Add sensors of the observed points' positions and of the joint angles to the MJCF."""
     group = ET.SubElement(root, "sensor")
     for p in model.points:
         ET.SubElement(group, "framepos", name=f"{prefix}{p.name}_pos", objtype="site", objname=f"{prefix}{p.name}")
@@ -272,7 +280,7 @@ def sensors(root: ET.Element, model: Model, prefix: str) -> None:
 
 
 def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
-    """Add a keyframe at rest without pressure, under gravity and with relaxed creep."""
+    """Add a keyframe with the equilibrium without pressure, under gravity and with relaxed creep, to the MJCF."""
     try:
         rest = equilibrium(model, 0.0)
     except SimulationError as error:
@@ -284,7 +292,7 @@ def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the MJCF file."""
+    """Write a model as MJCF to `path`, and return the path."""
     if not min(options["timestep"], options["radius"], options["highest"]) >= 0:
         raise InputError(f"mjcf timestep (s), radius (m) and highest (Pa) must be >= 0, got {dict(options)}")
     if options["integrator"] not in INTEGRATORS:

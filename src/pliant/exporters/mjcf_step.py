@@ -1,4 +1,4 @@
-"""The largest time step at which MuJoCo's integrators are stable for an exported chain, from its stiffest mode."""
+"""The largest time step at which MuJoCo simulates an exported chain stably, from its stiffest mode."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHORTEST = 2.0**-7 * USUAL  # s
 
 
 class Hidden(NamedTuple):
-    """A hidden hinge at each joint, tied to the joint by a spring."""
+    """Constants of the hidden hinges of one creep or slip element, tied to every joint by a spring."""
 
     share: float  # stiffness as a fraction of the joint's
     time: float  # s, relaxation time of its damper; 0: held by dry friction
@@ -26,7 +26,7 @@ class Hidden(NamedTuple):
 
 
 class HingeChain(NamedTuple):
-    """An exported chain linearised about its rest shape, M a + D v + K q = 0."""
+    """Linearised equation of motion of an exported chain about its rest shape, M a + D v + K q = 0."""
 
     M: Array  # (N, N)
     D: Array  # (N, N)
@@ -34,7 +34,7 @@ class HingeChain(NamedTuple):
 
 
 def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
-    """Return inertia, damping and stiffness matrices of joints and hidden hinges.
+    """Return the inertia, damping and stiffness matrices of an exported chain's joints and hidden hinges.
 
     A hidden hinge that dry friction holds counts as a spring.
     """
@@ -58,7 +58,7 @@ def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
 
 
 def bounded_by(chain: HingeChain, integrator: str) -> Callable[[float], bool]:
-    """Return a function that checks whether an integrator is stable for all modes of the chain at a step [s].
+    """Return a function that returns whether MuJoCo's integrator is stable for the chain at a given time step [s].
 
     MuJoCo's Euler and implicit methods evaluate dampers at the end of the step and springs at its beginning: (M + h D)
     q_2 - (2 M + h D - h^2 K) q_1 + M q_0 = 0, which is stable while 4 M + 2 h D - h^2 K is positive definite. RK4
@@ -88,7 +88,7 @@ def is_definite(a: Array) -> bool:
 
 
 def checked_step(chain: HingeChain, integrator: str, step: float) -> float:
-    """Return the time step [s]: the given one if stable, or for 0 the longest stable one with a margin.
+    """Return a time step [s] at which MuJoCo is stable: the given one, or for 0 a suitable one with a margin.
 
     The steps tried are 1 ms, 0.5 ms, and so on.
 

@@ -1,4 +1,4 @@
-"""Convert the names in a model to valid identifiers, as every exporter needs them."""
+"""Conversion of the names in a model to valid identifiers, for all export targets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ KINDS = {"station": "stations", "chamber": "chambers", "segment": "extensions"}
 
 
 def with_identifiers(model: Model) -> Model:
-    """Return the model with valid identifiers as names of the model, stations, chambers and segments.
+    """Return the model with its own name, and those of its stations, chambers and segments, as valid identifiers.
 
     Names of one kind remain different from each other. Joints keep their names, ``q_1`` ... ``q_n`` in a plane, and no
     station receives one of them. A model whose names are valid is returned unchanged.
@@ -32,7 +32,7 @@ def with_identifiers(model: Model) -> Model:
 
 
 def changed_names(model: Model) -> tuple[str, ...]:
-    """Return a note for each name that an export changes, such as ``station 'a b' is named a_b``."""
+    """Return a note for each name that an export changes, such as "station 'a b' is named a_b"."""
     written = with_identifiers(model)
     return tuple(
         f"{kind} {escaped(repr(old.name), 'line')} is named {new.name}" for kind, field in KINDS.items()

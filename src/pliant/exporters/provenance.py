@@ -1,4 +1,4 @@
-"""The origin that every exported file states: version, command, units, frame, parameters and standard errors."""
+"""Origin of an exported model, which is written into the exported file: version, command, units, frame, parameters."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SPACE_FRAME = "base at the origin, its tangent along +z; pressure is gauge, in P
 
 @dataclass(frozen=True)
 class Provenance:
-    """Origin, omitted features and standard errors that an exported file states next to the model."""
+    """Origin of an exported model for its file: parameters, command, omitted features and standard errors."""
 
     model: Model  # the model before features were omitted
     target: str
@@ -37,7 +37,7 @@ class Provenance:
     messages: list[str] = field(default_factory=list)  # added by the writer of the target
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all information as a dict of plain values."""
+        """Return the origin of an exported model as a dict of plain values."""
         content = model_to_dict(self.model)
         for name in ("schema_name", "schema_version", "units", "source", "name"):
             content.pop(name)
@@ -51,11 +51,11 @@ class Provenance:
         }
 
     def json(self) -> str:
-        """Return all information as JSON text."""
+        """Return the origin of an exported model as JSON text."""
         return json.dumps(self.to_dict(), indent=1)
 
     def lines(self, form: Form) -> list[str]:
-        """Return all information as lines of text, escaped for a comment or an element of the given form."""
+        """Return the origin of an exported model as lines of text, escaped for comments of the given file format."""
         content = self.to_dict()
         first = [
             f"{content['name']}: {self.target} made by {content['made_by']}", f"command: {content['command']}",
@@ -70,7 +70,7 @@ class Provenance:
         return [escaped(line, form) for line in lines]
 
     def sentences(self) -> list[str]:
-        """Return sentences on omitted features, on the difference of motion, and the notes of the target."""
+        """Return sentences on the omitted features and the resulting difference of motion, and the target's notes."""
         left_out = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
         return [*left_out, *([str(self.difference)] if self.difference else []), *self.notes]
 
@@ -81,13 +81,13 @@ def indent(lines: list[str]) -> list[str]:
 
 
 def command_of(source: str, target: str, path: Path, options: Mapping[str, Any], *, approximate: bool) -> str:
-    """Return the command line that repeats an export."""
+    """Return the command line of `pliant export` that repeats an export."""
     parts = ["pliant", "export", source, "--to", target, "-o", str(path), *(["--approximate"] if approximate else [])]
     return shlex.join([*parts, *(part for k, v in options.items() for part in ("--set", f"{k}={v}"))])
 
 
 def standard_errors(path: str | Path) -> dict[str, float]:
-    """Return standard errors by parameter from `metrics.json` of `pliant run`, or from a fit's saved dictionary.
+    """Return {parameter: standard error} from the metrics.json of `pliant run`, or from a fit saved as JSON.
 
     For a file with several fits, the first one is used, which made the model.
 

@@ -1,4 +1,4 @@
-"""Domain randomisation: models drawn from the covariance of a fit."""
+"""Domain randomisation: random models drawn from the covariance of a fit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TRIES = 50  # consecutive draws without a valid model, after which drawing fails
 
 
 class Uncertainty(NamedTuple):
-    """Fitted parameters with their covariance (SI units)."""
+    """Fitted parameter values with their covariance matrix, in SI units."""
 
     names: tuple[str, ...]
     mean: Array  # (P,)
@@ -30,7 +30,7 @@ class Uncertainty(NamedTuple):
 
 
 def draw_models(model: Model, fit: Fit, count: int, rng: np.random.Generator | int = 0) -> list[Model]:
-    """Draw models at random from a fit's uncertainty, within the bounds of each parameter.
+    """Return `count` models with random parameters, drawn from the uncertainty of a fit.
 
     The parameters are normally distributed with the covariance of the fit.
 
@@ -72,13 +72,13 @@ def draw_models(model: Model, fit: Fit, count: int, rng: np.random.Generator | i
 
 
 def scaled(model: Model, errors: Mapping[str, float], rng: np.random.Generator) -> Model:
-    """Return the model with each field multiplied by an independent random factor."""
+    """Return the model with each given field multiplied by a random factor 1 + error * N(0, 1)."""
     factors = {name: 1.0 + error * rng.standard_normal() for name, error in errors.items()}
     return model.with_(**{name: factor * np.asarray(getattr(model, name)) for name, factor in factors.items()})
 
 
 def moved(model: Model, known: Uncertainty, rng: np.random.Generator) -> Model:
-    """Return the model with parameters drawn from the fit's covariance.
+    """Return the model with parameter values drawn at random from a fit's covariance.
 
     Raises InputError if a parameter is outside its bounds.
     """
@@ -94,7 +94,7 @@ def moved(model: Model, known: Uncertainty, rng: np.random.Generator) -> Model:
 
 
 def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
-    """Return the fitted parameters of the body and their covariance, without those of single recordings."""
+    """Return the fitted parameters of the actuator and their covariance, without parameters of single recordings."""
     content = fit.to_dict() if isinstance(fit, FitResult) else first_fit(Path(fit))
     if content.get("covariance") is None:
         raise InputError("models are drawn from a fit's covariance, and this fit has none: fit at least one parameter")
@@ -107,7 +107,7 @@ def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
 
 
 def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[str, Any]) -> Uncertainty:
-    """Return the body's parameters with their covariance from the tables of a fit."""
+    """Return the fitted parameters of the actuator and their covariance, from the tables of a saved fit."""
     chambers = {c.name for c in model.chambers}
     keep = [
         k for k, (name, hidden) in enumerate(zip(covariance["names"], covariance["hidden"], strict=True))
@@ -122,7 +122,7 @@ def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[
 
 
 def first_fit(path: Path) -> dict[str, Any]:
-    """Return the first fit of a metrics.json, which made the model."""
+    """Return the first fit in a metrics.json file of `pliant run`, which is that of the chosen model."""
     try:
         fits = json.loads(path.read_text(encoding="utf-8"))["fits"]
         first: dict[str, Any] = next(iter(fits.values()))
@@ -135,7 +135,7 @@ def first_fit(path: Path) -> dict[str, Any]:
 
 
 def checked_errors(model: Model, errors: Mapping[str, float]) -> dict[str, float]:
-    """Return the relative standard errors by field of the model."""
+    """Return the standard errors of the model's fields relative to the field's size, as {field: fraction}."""
     found = {}
     for name, error in errors.items():
         if name not in FIELDS:

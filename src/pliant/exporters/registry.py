@@ -1,4 +1,4 @@
-"""Registry of export targets, built-in ones and those of other packages, and the function `export`.
+"""Registry of export targets, built-in or from other packages, and the function `export`.
 
 Another package adds a target by an entry point of the group ``pliant.exporters`` that refers to an `Exporter`.
 """
@@ -32,7 +32,7 @@ BUILT_IN = {
 
 @dataclass(frozen=True)
 class Exporter:
-    """One export target.
+    """An export target: its name, file extensions, supported model features, options and writing function.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Exporter:
 
 @dataclass(frozen=True, repr=False)
 class Exported(Shown):
-    """Result of an export.
+    """Result of an export: the written files, the omitted features and the resulting difference of motion.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Exported(Shown):
 
 
 def exporters() -> dict[str, Exporter]:
-    """Return all known targets by name: built-in ones first, then those of installed packages."""
+    """Return all known export targets as {name: Exporter}, built-in ones first."""
     return offered(GROUP, BUILT_IN, Exporter)
 
 
@@ -181,7 +181,7 @@ def export(
 
 
 def exporter_of(target: str) -> Exporter:
-    """Return the exporter of a target; raise InputError, which lists the known ones, for an unknown name."""
+    """Return the exporter with the name `target`; raise InputError with a list of the known names if there is none."""
     known = exporters()
     if target not in known:
         raise InputError(f"unknown target {target!r}: use one of {', '.join(known)}")
@@ -189,7 +189,7 @@ def exporter_of(target: str) -> Exporter:
 
 
 def checked_options(exporter: Exporter, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of an exporter, where given values have the type of their defaults."""
+    """Return all options of an export target: defaults, replaced by the given values in the defaults' types."""
     known = dict(exporter.options)
     for name, value in given.items():
         if name not in known:

@@ -1,4 +1,4 @@
-"""Convert a model to rigid bodies joined by hinges, in a plane or in space, for MJCF and URDF.
+"""Conversion of a model to rigid bodies joined by hinges, in the plane or in space, for MJCF and URDF.
 
 In a plane a joint is one hinge about z. In space, a bending rotation vector becomes a hinge about x and one about y,
 and a twist becomes a hinge about z. Two successive hinges equal the rotation vector except for a twist of half the
@@ -23,7 +23,7 @@ BEND = 0.5  # rad, bend of the whole body at which hinges are compared with rota
 
 
 class Hinge(NamedTuple):
-    """One hinge of a joint; its angle is 0 in the rest shape."""
+    """One hinge of a joint: axis, spring and damper. Its angle is 0 in the rest shape."""
 
     name: str
     axis: Array  # (3,)
@@ -35,7 +35,7 @@ class Hinge(NamedTuple):
 
 
 class RigidLink(NamedTuple):
-    """Position of a link in the frame of the link before, its hinges, and its mass properties in its own frame."""
+    """One rigid link: its pose in the frame of the previous link, its hinges, mass and inertia."""
 
     place: Array  # (3,) m
     turn: Array  # (3,) rotation vector of the rest shape, rad
@@ -48,7 +48,7 @@ class RigidLink(NamedTuple):
 
 
 class RigidChain(NamedTuple):
-    """A body as a chain of rigid links: base part, links and gravity."""
+    """An actuator as a chain of rigid links on a base part, with gravity."""
 
     tangent: Array  # (3,) direction of a link in its own frame
     base_turn: Array  # (3,) rotation vector of the base part before the first joint, rad
@@ -58,12 +58,12 @@ class RigidChain(NamedTuple):
 
     @property
     def hinges(self) -> tuple[Hinge, ...]:
-        """All hinges, from the base on."""
+        """All hinges of the chain, from base to tip."""
         return tuple(hinge for link in self.links for hinge in link.hinges)
 
 
 def rigid_chain(model: Model) -> RigidChain:
-    """Return the rigid bodies and hinges of a model whose segments do not lengthen."""
+    """Return the rigid bodies and hinges of a model without extensible segments."""
     turns = rest_turns(model)
     masses, centre, across, along = inertias(model)
     hinges = hinges_of(model)
@@ -81,14 +81,14 @@ def rigid_chain(model: Model) -> RigidChain:
 
 
 def rest_turns(model: Model) -> Array:
-    """Return the rotation vectors (n + 1, 3) [rad] of the base part and of each joint in the rest shape."""
+    """Return the rotation vectors (n + 1, 3) [rad] of the base part and of each of n joints in the rest shape."""
     if model.space:
         return np.concatenate([[[*model.space.base_tilt, 0.0]], model.space.rest_of(model.n)])
     return np.outer([model.base_angle, *model.rest_angle], [0.0, 0.0, 1.0])
 
 
 def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:
-    """Return masses (n,), centres of mass, and moments of inertia across and along the links, with the cap.
+    """Return masses [kg], centres of mass [m], lateral and axial moments of inertia [kg m^2] of n links, each (n,).
 
     The moments are about the centres of mass. In a plane the moments along the links are None.
     """
@@ -104,7 +104,7 @@ def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:
 
 
 def hinges_of(model: Model) -> list[Hinge]:
-    """Return the hinges of all joints from the base on.
+    """Return the hinges of all joints of a model, from base to tip.
 
     In space each joint has a hinge about x, then y; in the second and third of every four joints y comes before x.
     """
@@ -120,13 +120,13 @@ def hinges_of(model: Model) -> list[Hinge]:
 
 
 def hinge(chain: Mechanics, row: int, axis: int, link: int) -> Hinge:
-    """Return the hinge of one coordinate with a linear spring."""
+    """Return the hinge of the coordinate number `row`, about axis 0, 1 or 2, with a linear spring."""
     K, D = float(chain.joints.K[row]), float(chain.joints.D[row])
     return Hinge(chain.joint_names[row], np.eye(3)[axis], row, link, np.array([K]), K, D)
 
 
 def moments(chain: RigidChain, link: RigidLink, size: float) -> Array:
-    """Return the moments of inertia (3,) [kg m^2] of a link about its axes.
+    """Return the moments of inertia (3,) [kg m^2] of a link about the x, y and z axes of its frame.
 
     In a plane, the moment along the link is that of a rod of radius `size` [m].
     """
@@ -142,7 +142,7 @@ def point_of(model: Model, point: Station) -> Array:
 
 
 def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
-    """Return the tip position (3,) [m] when each hinge is rotated by its coordinate in `x` (N,)."""
+    """Return the tip position (3,) [m] of a chain of hinges at the hinge angles `x` (N,) [rad]."""
     from scipy.spatial.transform import Rotation
 
     turn, place = Rotation.from_rotvec(chain.base_turn), np.zeros(3)
@@ -155,7 +155,7 @@ def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
 
 
 def hinge_difference(model: Model) -> float:
-    """Return the distance [m] between the tips of hinges and model when both bend diagonally by half a radian.
+    """Return the distance [m] between the tips of model and hinge chain when both bend diagonally by half a radian.
 
     The joint coordinates are equal: torques bend the springs of both by the same angles.
     """

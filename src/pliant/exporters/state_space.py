@@ -1,4 +1,4 @@
-"""Export of a model linearised about an equilibrium: matrices A, B, C, D, continuous or sampled.
+"""Export of a model, linearised about an equilibrium, as state-space matrices A, B, C, D, continuous or sampled.
 
 MATLAB, NumPy and python-control can read them. In addition to the states of `pliant.linearise`, every branch of creep
 adds its n states exactly: d xi/dt = (q - xi) / time.
@@ -33,7 +33,7 @@ CAN = ALL - RUBBER - {"points", "two_lags", "rates", "opening", "settling", "dea
 
 
 def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
-    """Return the model of `pliant.linearise` with additional states for creep.
+    """Return the model linearised about the equilibrium at a pressure [Pa], including the creep states of the joints.
 
     The additional states are the relaxed angles xi [rad] of every joint and branch, after all other states.
 
@@ -69,7 +69,7 @@ def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
 
 
 def control_system(model: Model, pressure: float | Array = 0.0, period: float = 0.0) -> Any:
-    """Return the model, linearised about an equilibrium, as a `control.StateSpace` of python-control.
+    """Return the model, linearised about an equilibrium, as a `control.StateSpace` object of python-control.
 
     `pressure` is in Pa, one for each chamber. If `period` > 0 [s], the system is sampled with a zero-order hold and
     includes the dead times. A continuous system does not include dead times: add that of each chamber's valve yourself.
@@ -91,7 +91,7 @@ def control_system(model: Model, pressure: float | Array = 0.0, period: float = 
 
 
 def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, Any]:
-    """Return A, B, C, D, operating point, names and units as a dict, in the form of the exported file."""
+    """Return A, B, C, D, operating point, names and units of a linearised model as a dict, as in the exported file."""
     model = with_identifiers(model)
     linear = linear_model(model, pressure)
     A, B, C, states, dead = linear.A, linear.B, linear.C, list(linear.states), linear.dead_times
@@ -112,18 +112,23 @@ def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, 
 
 
 def commands_on_their_way(model: Model, waiting: tuple[int, ...]) -> list[str]:
-    """Return the names of the states that hold delayed commands, in the order of `Sampled`."""
+    """Return the names of the states that hold past commands in transit because of dead times.
+
+    The order is that of `Sampled`.
+    """
     pairs = zip(model.actuation.labels("command"), waiting, strict=True)
     return [f"{label}_{k + 1}_periods_ago" for label, most in pairs for k in range(most)]
 
 
 def output_unit(name: str) -> str:
-    """Return the unit of an output."""
+    """Return the unit of an output of the linearised model, from its name."""
     return "m" if name.startswith("tip") else "1" if name.startswith("strain") else "rad"
 
 
 def operating_point(model: Model, linear: LinearModel, states: list[str]) -> tuple[Array, list[str]]:
-    """Return the values of the states at the equilibrium, from which the matrices take deviations, and their units."""
+    """Return the values (N,) of the states at the equilibrium, and their units. The matrices act on deviations from
+    these values.
+    """
     chain, zeros = mechanics_of(model), np.zeros(model.size)
     unit = ["1" if name.startswith("strain") else "rad" for name in chain.names]
     known = dict(zip(chain.names, zip(linear.position, unit, strict=True), strict=True))
@@ -140,7 +145,9 @@ def operating_point(model: Model, linear: LinearModel, states: list[str]) -> tup
 
 
 def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
-    """Return value and unit of an input's state at the equilibrium: valve pressure, its rate, or a delayed command."""
+    """Return value and unit at the equilibrium of a state that belongs to an input: pressure, its rate or a past
+    command.
+    """
     words = (model.actuation.labels(what) for what in ("pressure", "pressure_rate", "command"))
     for p, unit, held, rate, sent in zip(level, model.actuation.units, *words, strict=True):
         if name == held or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name):
@@ -151,7 +158,7 @@ def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
 
 
 def pressures_of(text: str) -> Array:
-    """Return the pressures (C,) [Pa] in a text: a number, or one for each chamber separated by commas."""
+    """Return the pressures (C,) [Pa] written in a text: one number, or one for each chamber separated by commas."""
     try:
         return np.array([float(part) for part in text.strip("[]() ").split(",")])
     except ValueError:
@@ -161,7 +168,7 @@ def pressures_of(text: str) -> Array:
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the matrices as a .mat or .npz file."""
+    """Write the state-space matrices of a model to a .mat or .npz file, and return its path."""
     if options["period"] < 0:
         raise InputError(f"state-space period must be 0 (continuous) or > 0 s, got {options['period']}")
     content = matrices(model, pressures_of(options["pressure"]), options["period"]) | {"pliant": provenance.json()}

@@ -1,4 +1,4 @@
-"""Export of a model as URDF: links, joints, inertia and dampers, for RViz and other tools without springs."""
+"""Export of a model as URDF: links, joints, inertia and dampers, without springs, for RViz and other tools."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TURN = 3.0  # rad, limit of a joint, which sets the range of RViz's sliders
 
 
 def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: float = 0.0) -> str:
-    """Return the URDF text of a model; joint angles are zero in the rest shape."""
+    """Return the URDF text of a model, with joint angles that are zero in the rest shape."""
     size = radius or 0.08 * model.length
     model = with_identifiers(model)
     bodies = rigid_chain(model)
@@ -56,7 +56,7 @@ def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: floa
 
 
 def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
-    """Add the hinges before link `i`, with a link without mass or length between two of them."""
+    """Add the hinges before link `i` to the URDF, with a massless link between each two of them."""
     own, parent = bodies.links[i], f"{prefix}link_{i}" if i else f"{prefix}base"
     turn, place = Rotation.from_rotvec(own.turn), own.place
     if i == 0:  # the frame of the base is not rotated by the base angle
@@ -78,7 +78,7 @@ def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
 
 
 def angles(turn: Rotation) -> Array:
-    """Return a rotation as URDF angles (3,) [rad] about fixed x, then y, then z.
+    """Return a rotation as the URDF angles (roll, pitch, yaw) (3,) [rad] about fixed x, y and z.
 
     In gimbal lock, one of the possible solutions is returned.
     """
@@ -88,13 +88,15 @@ def angles(turn: Rotation) -> Array:
 
 
 def turned(turn: Array, bodies: RigidChain) -> Rotation:
-    """Return the rotation from a cylinder's axis z to the axis of a link with the rotation vector `turn` (3,) [rad]."""
+    """Return the rotation from the z axis of a cylinder to the axis of a link with the rotation vector `turn` (3,)
+    [rad].
+    """
     upright = np.zeros(3) if bodies.tangent[2] else np.array([-0.5 * np.pi, 0.0, 0.0])
     return Rotation.from_rotvec(turn) * Rotation.from_rotvec(upright)
 
 
 def shape(link: ET.Element, along: Rotation, length: float, size: float) -> None:
-    """Add a cylinder along a link, for display and contact; `along` rotates z to the link's axis."""
+    """Add a cylinder along a link to the URDF, for display and contact. `along` rotates z to the link's axis."""
     if not length > 0:
         return
     middle = along.apply([0.0, 0.0, 0.5 * length])
@@ -106,7 +108,7 @@ def shape(link: ET.Element, along: Rotation, length: float, size: float) -> None
 
 
 def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: str) -> None:
-    """Add an observed point as a massless link, fixed to the link that carries it."""
+    """Add an observed point to the URDF as a massless link, fixed to the link that carries it."""
     turn, place = Rotation.identity(), point_of(model, point)
     if point.link < 0:  # the frame of the base is not rotated by the base angle
         turn = Rotation.from_rotvec(rigid_chain(model).base_turn)
@@ -119,7 +121,7 @@ def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: 
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the URDF file."""
+    """Write a model as URDF to `path`, and return the path."""
     if options["radius"] < 0:
         raise InputError(f"urdf radius must be >= 0 m, got {options['radius']}")
     return (write_text(path, urdf(model, provenance, **options)),)
