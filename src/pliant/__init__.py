@@ -1,10 +1,7 @@
-"""Turn recordings of a soft bending actuator's shape into a validated, real-time reduced-order model.
+"""Convert recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.
 
 The public functions and classes, in the order in which an analysis uses them. Each is imported when it is first used,
 so that ``import pliant`` loads nothing else.
-
-The public page, in the order of the journey. Names are loaded when they are first used, so that ``import pliant``
-costs nothing.
 """
 
 from __future__ import annotations
@@ -40,7 +37,7 @@ _PAGE = {
 }
 _HOME = {name: module for module, names in _PAGE.items() for name in names}
 
-__all__ = [  # noqa: RUF022  in the order of the journey
+__all__ = [  # noqa: RUF022  in the order of an analysis
     "read", "write", "align",
     "Model", "Chamber", "chain_model", "load_model", "save_model",
     "Pulse", "simulate", "Stepper", "equilibrium", "modes",

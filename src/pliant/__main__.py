@@ -1,4 +1,4 @@
-"""Entry point of `python -m pliant` and of the console script `pliant`."""
+"""Entry point of the command line: `python -m pliant` and the console script `pliant`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ GARBAGE = 1_000_000  # new objects between two garbage collections: imports crea
 
 
 def main() -> None:
-    """Run the command line with one BLAS thread and rare garbage collections."""
+    """Run pliant's command line, with one BLAS thread and rare garbage collections to make it start faster."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # on small matrices, threads cost more than they gain
     gc.set_threshold(GARBAGE)
     atexit.register(gc.freeze)  # skips the garbage collections when Python exits

@@ -1,4 +1,4 @@
-"""Number of processor cores that this process may use."""
+"""Number of processor cores that this Python process may use."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 
 
 def cores() -> int:
-    """Return the number of cores that the system allows this process, or of all cores if it sets no limit."""
+    """Return the number of processor cores that this process may use: the system's limit or, without one, all cores."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

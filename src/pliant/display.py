@@ -12,7 +12,7 @@ MOST_ROWS = 12
 
 
 class Card(NamedTuple):
-    """The content of a result's display: a title, sentences, a table and an SVG drawing for notebooks.
+    """The content of a printed result: a title, sentences, a table and an SVG drawing for notebooks.
 
     The first column of the table holds names.
     """
@@ -25,10 +25,13 @@ class Card(NamedTuple):
 
 
 class Shown:
-    """A base class for results that are displayed as a `Card`; for dataclasses with ``repr=False``."""
+    """Base class of results that are printed as a `Card`: text in a terminal, HTML in a notebook.
+
+    It is meant for dataclasses with ``repr=False``.
+    """
 
     def card(self) -> Card:
-        """Return the title, the sentences and the table to display; subclasses must override this method."""
+        """Return the title, sentences and table to print for this result. Subclasses must override this method."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -39,7 +42,7 @@ class Shown:
 
 
 def as_text(card: Card) -> str:
-    """Return the card as lines of text with aligned columns, numbers to the right."""
+    """Return the content of a card as lines of text, with its table in aligned columns."""
     table = [[escaped(cell, "line") for cell in row] for row in (card.head, *shortened(card)) if row]
     width = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []
     rows = []
@@ -51,7 +54,7 @@ def as_text(card: Card) -> str:
 
 
 def as_html(card: Card) -> str:
-    """Return the card as an HTML fragment that needs no style sheet."""
+    """Return the content of a card as an HTML fragment, for notebooks."""
     made = [f"<p><strong>{escape(card.title)}</strong></p>", card.drawing]
     if card.rows:
         head = "".join(f'<th scope="col">{escape(h)}</th>' for h in card.head)
@@ -66,9 +69,7 @@ def as_html(card: Card) -> str:
 
 
 def shortened(card: Card) -> list[Sequence[str]]:
-    """Return the rows of the card's table; of more than 12, the first 6, a row with the number left out, and the last
-    6.
-    """
+    """Return the rows of a card's table. If there are more than 12, the middle ones are replaced by their number."""
     rows = list(card.rows)
     if len(rows) <= MOST_ROWS:
         return rows

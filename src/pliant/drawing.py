@@ -1,4 +1,4 @@
-"""Small SVG drawings of bodies for notebooks.
+"""Small SVG drawings of an actuator's shape, for notebooks.
 
 The axes are equal; measured lines are thick and grey, modelled lines thin and dark.
 """
@@ -21,7 +21,7 @@ STYLES = {
 
 
 def body_svg(lines: Sequence[tuple[str, np.ndarray]], title: str) -> str:
-    """Return lines in the plane as an SVG element with a base at the origin; '' if no line has two finite points.
+    """Return an SVG drawing of planar shapes, with a base at the origin; '' if no shape has two finite points.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The errors that pliant raises on purpose, all derived from `PliantError`."""
+"""The exceptions that pliant raises, all derived from `PliantError`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pliant.text import escaped
 
 
 class PliantError(Exception):
-    """Base class of all errors that pliant raises on purpose.
+    """Base class of all exceptions that pliant raises for bad input or a failed computation.
 
     The message says what was expected, what was given and what to do. The command line prints
     it as one sentence and exits with ``exit_code``: 2 for bad input, 1 for a job that failed.
@@ -32,21 +32,21 @@ class PliantError(Exception):
 
 
 class InputError(PliantError, ValueError):
-    """An error for a file, an option or an argument that is not valid."""
+    """Exception for a file, an option or an argument that is not valid."""
 
     exit_code = 2
 
 
 class SimulationError(PliantError, ArithmeticError):
-    """An error for a simulation that cannot continue: the step is too long, or a value is no longer finite."""
+    """Exception for a simulation that cannot continue: the time step is too long, or a value is not finite."""
 
 
 class FitError(PliantError):
-    """An error for an identification that cannot start or does not end in a usable model."""
+    """Exception for a fit that cannot start or does not lead to a usable model."""
 
 
 def explain_validation(error: Any, what: str) -> InputError:
-    """Return an `InputError` which says which entry of `what` is wrong, why, and what was given."""
+    """Return an `InputError` that says which entry of the file or table `what` is wrong, why, and what was given."""
     first = error.errors()[0]
     where = clipped(".".join(str(part) for part in first["loc"])) or "the whole"
     more = len(error.errors()) - 1
@@ -60,7 +60,7 @@ def explain_validation(error: Any, what: str) -> InputError:
 
 
 def clipped(text: str, most: int = 80) -> str:
-    """Return `text` in one line of at most `most` characters, shortened with "..." if it is longer."""
+    """Return `text` on one line of at most `most` characters, with "..." at the end if it is shortened."""
     line = " ".join(text.split())
     return line if len(line) <= most else f"{line[: most - 3]}..."
 

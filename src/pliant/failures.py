@@ -1,4 +1,4 @@
-"""Results that cannot be computed: each is recorded as a sentence with its fit and recording, and the run goes on."""
+"""Record of results of a study that could not be computed, so that the rest of the study can go on."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FAILED = (PliantError, ArithmeticError, np.linalg.LinAlgError)  # errors of a co
 
 
 class NotComputed(NamedTuple):
-    """A fit, prediction, prediction interval or forecast that could not be computed, and the reason."""
+    """A result that could not be computed (a fit, prediction, prediction interval or forecast), and the reason."""
 
     what: str  # "fit", "prediction", "band", "forecast heavy", ...
     fit: str  # name of the fit; empty if no single fit is concerned
@@ -24,7 +24,7 @@ class NotComputed(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Return a sentence that says what could not be computed, and why."""
+        """Sentence that says which result could not be computed, and why."""
         reason = self.reason.rstrip(".")
         if self.what == "fit":
             return f"Fit {self.fit} could not be computed: {reason}."
@@ -34,12 +34,14 @@ class NotComputed(NamedTuple):
 
 
 def fit_failure(name: str, error: Exception) -> NotComputed:
-    """Return the entry for a fit that ended in `error`."""
+    """Return the record for the fit `name` that ended with the exception `error`."""
     return NotComputed("fit", name, "", " ".join((str(error) or type(error).__name__).split()))
 
 
 class Failures(list[NotComputed]):
-    """A list of the results of one fit that could not be computed; `attempt` runs a computation and adds its failure.
+    """List of the results of one fit that could not be computed.
+
+    `attempt` runs a computation and adds its failure.
 
     Parameters
     ----------
@@ -54,7 +56,9 @@ class Failures(list[NotComputed]):
         self.fit, self.warn = fit, warn
 
     def attempt(self, what: str, record: str, compute: Callable[[], T], role: str = "") -> T | None:
-        """Return the result of `compute()`; if it fails, add the failure to this list and return None."""
+        """Return ``compute()``; if it raises an exception, add the failed result `what` to this
+        list and return None.
+        """
         try:
             return compute()
         except FAILED as error:
@@ -62,7 +66,9 @@ class Failures(list[NotComputed]):
             return None
 
     def add(self, what: str, record: str, reason: str, role: str = "") -> None:
-        """Add a failure to this list, unless it is in it already, and warn of it."""
+        """Add a result that could not be computed to this list, and warn of it; a result already in the list is
+        ignored.
+        """
         failure = NotComputed(what, self.fit, record, " ".join(reason.split()), role)
         if failure not in self:
             self.append(failure)
@@ -71,7 +77,7 @@ class Failures(list[NotComputed]):
 
 
 def finite(values: np.ndarray, what: str) -> np.ndarray:
-    """Return `values` unchanged; raise ArithmeticError if any of them is not a finite number."""
+    """Return the array `values` unchanged; raise ArithmeticError if any element is NaN or infinite."""
     if not np.isfinite(values).all():
         raise ArithmeticError(f"{what} is not finite: the simulated motion diverges")
     return values

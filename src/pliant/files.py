@@ -1,4 +1,4 @@
-"""Functions that write files atomically and read TOML and JSON files within limits of size and depth."""
+"""Functions that write files atomically, and read TOML and JSON files within limits of size and nesting depth."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SEAL_BYTES = len(SEAL) + 64 + 1  # the digest and a line end
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary file beside `path`; it replaces `path` if the block succeeds and is removed otherwise."""
+    """Context manager that yields a temporary file, which replaces the file `path` if the block succeeds."""
     draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         yield draft
@@ -59,7 +59,7 @@ def writable(folder: str | Path) -> Path:
 
 @contextmanager
 def output_folder(folder: str | Path) -> Iterator[Path]:
-    """Yield a folder to write to, created if it is absent and removed after an error if it is still empty.
+    """Context manager that yields an output folder, created if absent and removed after an error if it is still empty.
 
     Raises
     ------
@@ -79,7 +79,8 @@ def output_folder(folder: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """Yield a temporary folder whose files then replace those of the same names in `folder`, all or none.
+    """Context manager that yields a temporary folder, whose files then replace those of the same names in `folder`, all
+    or none.
 
     The file with the last name marks a complete set. It is removed first and written last, so that a process killed at
     any moment leaves the old set, the new set, or no file of that name. Other files in `folder` are not touched.
@@ -110,7 +111,7 @@ def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 
 def on_disk(path: Path) -> None:
-    """Wait until the content of a file is stored on the disk.
+    """Wait until the content of the file `path` is physically stored on the disk.
 
     Otherwise a power cut may leave the file's name without its content.
     """
@@ -120,7 +121,7 @@ def on_disk(path: Path) -> None:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold an exclusive lock on a folder, if the system supports it, so that two processes do not mix their files."""
+    """Context manager that locks a folder, if the system supports it, so that two processes do not mix their files."""
     if fcntl is None:
         yield
         return
@@ -134,7 +135,7 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 
 def seal(path: Path) -> None:
-    """Append a SHA-256 checksum to a file whose format ignores bytes behind its end, such as HDF5."""
+    """Append a SHA-256 checksum to a file of a format that ignores additional bytes at its end, such as HDF5."""
     with path.open("rb") as file:
         digest = file_digest(file, "sha256").hexdigest()
     with path.open("ab") as file:
@@ -142,12 +143,12 @@ def seal(path: Path) -> None:
 
 
 def seal_of(content: bytes | memoryview) -> bytes:
-    """Return the checksum line that `seal` appends behind this content."""
+    """Return the line with the SHA-256 checksum of `content` that `seal` appends to a file."""
     return SEAL + sha256(content).hexdigest().encode() + b"\n"
 
 
 def is_sealed(path: Path) -> bool | None:
-    """Return True if a file matches the checksum at its end, False if it does not, and None if it has no checksum.
+    """Return True if a file matches the checksum appended to it, False if it does not, and None if it has no checksum.
 
     A damaged checksum counts as one: the header of an HDF5 file says where its content ends, so that more bytes are
     expected to be a checksum.
@@ -168,7 +169,7 @@ def is_sealed(path: Path) -> bool | None:
 
 
 def hdf5_bytes(head: bytes) -> int:
-    """Return the size [bytes] that the superblock of an HDF5 file states, or -1 if `head` is not of an HDF5 file.
+    """Return the size [bytes] of an HDF5 file as stated in its first bytes `head`, or -1 for another format.
 
     Source: HDF5 File Format Specification, version 3, section II.A (offsets of 8 bytes)
     """
@@ -179,7 +180,7 @@ def hdf5_bytes(head: bytes) -> int:
 
 
 def write_text(path: str | Path, text: str) -> Path:
-    """Write a text file atomically: a killed process leaves the old content or the new, never a part."""
+    """Write `text` to the file `path`, atomically: a killed process leaves the old content or the new."""
     path = Path(path)
     with whole(path) as draft:
         draft.write_text(text, encoding="utf-8")
@@ -187,7 +188,7 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def read_entries(path: str | Path, what: str) -> Any:
-    """Return the content of a TOML or JSON file that a person wrote, such as a study, a mapping or a task.
+    """Return the content of a TOML or JSON file written by a user, such as a study, a column mapping or a control task.
 
     Parameters
     ----------

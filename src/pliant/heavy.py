@@ -1,4 +1,4 @@
-"""Optional packages that are hidden from imports until a command needs them, to make commands start faster.
+"""Optional packages (Dask, coverage) that are hidden from imports until they are needed, so that commands start faster.
 
 Other packages import Dask and coverage wherever these are installed. Dask, which xarray imports, takes about 1 s;
 coverage, which Numba imports, takes 0.04 s.
@@ -14,7 +14,7 @@ _modules = cast("dict[str, Any]", sys.modules)
 
 
 def hide_heavy() -> None:
-    """Make imports of dask and coverage fail in this process, unless they are imported already.
+    """Make imports of the packages dask and coverage fail in this process, unless they are imported already.
 
     Python raises ImportError for a module whose entry in `sys.modules` is None.
     """
@@ -23,7 +23,7 @@ def hide_heavy() -> None:
 
 
 def show_heavy() -> None:
-    """Allow this process to import dask and coverage again, for example for a sweep on a cluster or a plug-in."""
+    """Allow this process to import the packages dask and coverage again."""
     for name in HEAVY:
         if name in _modules and _modules[name] is None:
             del _modules[name]

@@ -1,4 +1,4 @@
-"""Keyword options that a `TypedDict` declares (PEP 692): their defaults, and the signature of a function with them."""
+"""Support for functions whose keyword options are declared by a `TypedDict` (PEP 692)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Options = TypeVar("Options", bound=Mapping[str, object])
 
 
 def with_defaults(function: Callable[..., Any], given: Options, defaults: Options) -> Options:
-    """Return the options `given`, with those that are missing taken from `defaults`.
+    """Return the keyword options `given`, completed by `defaults`; raise TypeError for an option without a default.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def with_defaults(function: Callable[..., Any], given: Options, defaults: Option
 
 
 def full_signature(function: Callable[..., Any], options: Any, defaults: Mapping[str, object]) -> inspect.Signature:
-    """Return the signature of a function with the keywords of the `TypedDict` in place of its ``**options``.
+    """Return the signature of `function` with the keywords of a `TypedDict` listed in place of its ``**options``.
 
     A keyword without a default is required. Required keywords come first.
     """

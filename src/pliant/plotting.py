@@ -1,4 +1,4 @@
-"""Figures on matplotlib axes that are readable in greyscale: lines differ in dash and width as well as in colour."""
+"""Figures for papers on matplotlib axes, readable in greyscale: lines differ in dash and width as well as in colour."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ SMALL = {"font.size": 6.5, "axes.titlesize": 6.5, "axes.labelsize": 6.5, "legend
 
 @contextmanager
 def page(width: float) -> Iterator[None]:
-    """Draw all figures inside the block with this width [inches]."""
+    """Context manager within which all figures are drawn with this width [inches]."""
     token = WIDTH.set(width)
     try:
         yield
@@ -64,14 +64,14 @@ def page(width: float) -> Iterator[None]:
 
 
 def side_by_side(count: int, ratios: tuple[float, ...], height: float, **kw: Any) -> Any:
-    """Return a figure and its `count` axes in one row, or in one column if the page is narrower than 5 inches."""
+    """Return a figure and its `count` axes in one row, or in one column if the figures' width is below 5 inches."""
     if WIDTH.get() >= NARROW:
         return new_figure(1, count, width_ratios=ratios, height=height, **kw)
     return new_figure(count, 1, height=min(0.85 * count * height, TALLEST), **kw)
 
 
 def letter_panels(figure: Figure) -> None:
-    """Mark the panels of a figure (a), (b), ... above their upper left corners; a single panel is not marked."""
+    """Label the panels of a figure (a), (b), ... above their upper left corners; a single panel gets no label."""
     size = SMALL["font.size"] if WIDTH.get() < NARROW else RC["font.size"]
     for k, ax in enumerate(figure.axes if len(figure.axes) > 1 else ()):
         title = ax.get_title(loc="left")
@@ -80,7 +80,7 @@ def letter_panels(figure: Figure) -> None:
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Apply pliant's fonts, sizes and line styles to all figures drawn inside the block."""
+    """Context manager within which figures are drawn with pliant's fonts, sizes and line styles."""
     lines = cycler(color=COLOURS) + cycler(linestyle=DASHES)
     settings: Any = RC | {"axes.prop_cycle": lines} | (SMALL if WIDTH.get() < NARROW else {})
     with mpl.rc_context(settings):
@@ -90,15 +90,16 @@ def style() -> Iterator[None]:
 def new_figure(
     rows: int = 1, columns: int = 1, *, width: float | None = None, height: float = 2.6, **kw: Any
 ) -> Any:
-    """Return a new figure, independent of pyplot, and its axes: ``figure, axes = new_figure(2, 1)``. Sizes
-    are inches.
+    """Return a new matplotlib figure (not of pyplot) with `rows` by `columns` axes. Width and height are in inches.
+
+    ``figure, axes = new_figure(2, 1)``
     """
     figure = Figure(figsize=(width or WIDTH.get(), height), layout="constrained")
     return figure, figure.subplots(rows, columns, **kw)
 
 
 def save_figure(figure: Figure, path: str | Path) -> list[Path]:
-    """Save a figure; if `path` has no suffix, write both a vector (.svg) and a pixel (.png) file.
+    """Save a figure to `path`, or to both an .svg and a .png file if `path` has no suffix. Returns the paths.
 
     Returns
     -------
@@ -114,7 +115,7 @@ def save_figure(figure: Figure, path: str | Path) -> list[Path]:
 
 
 def decades(ax: Axes) -> None:
-    """Make the y axis logarithmic, with labels at 1, 2 and 5 of each decade only."""
+    """Make the y axis of `ax` logarithmic, with labels at 1, 2 and 5 of each decade only."""
     ax.set_yscale("log", subs=(3, 4, 6, 7, 8, 9))
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter("{x:g}")
@@ -122,7 +123,7 @@ def decades(ax: Axes) -> None:
 
 
 def curvature_fan(ax: Axes, s: ArrayLike, kappa: ArrayLike, rest: ArrayLike, *, most: int = 60) -> None:
-    """Draw the profiles of curvature along the body, with the rest profile thick and red.
+    """Draw the curvature profiles along the actuator of many frames, with the rest profile thick and red.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def curvature_fan(ax: Axes, s: ArrayLike, kappa: ArrayLike, rest: ArrayLike, *, 
 def error_by_order(
     ax: Axes, time: ArrayLike, errors: Mapping[int, ArrayLike], *, bound: float | None = None, most: int = 4
 ) -> None:
-    """Draw the largest error of each frame against time, one line for each order (number of segments).
+    """Draw the largest shape error of each frame against time, with one line for each number of segments.
 
     Parameters
     ----------
@@ -175,7 +176,8 @@ def error_by_order(
 
 
 def order_bars(ax: Axes, errors: Mapping[int, ArrayLike], *, bound: float | None = None) -> None:
-    """Draw for each order the median, the middle 90 % and the maximum of the frames' largest errors.
+    """Draw the distribution of the frames' largest shape errors for each number of segments: median, 90 % range,
+    maximum.
 
     Parameters
     ----------
@@ -201,7 +203,7 @@ def order_bars(ax: Axes, errors: Mapping[int, ArrayLike], *, bound: float | None
 def snapshots(
     ax: Axes, measured: ArrayLike, joints: ArrayLike, reconstructed: ArrayLike, *, every: int | None = None
 ) -> None:
-    """Draw measured points (+), joints (o) and the spline through the joints (line) for each given frame.
+    """Draw measured points, joints and the reconstructed spline for some frames of a shape recording.
 
     Parameters
     ----------
@@ -230,7 +232,7 @@ def snapshots(
 
 
 def recording_overview(recording: Any, *, most: int = 5) -> Figure:
-    """Return a figure of a recording: displacement or angle of its stations against time, and the pressure below.
+    """Return a figure of a recording: motion of its stations against time, and the pressure below.
 
     Displacements have one panel for each axis. At most `most` stations are drawn, evenly spread from base to tip.
     """
@@ -263,8 +265,7 @@ def recording_overview(recording: Any, *, most: int = 5) -> Figure:
 
 def clock_figure(time: ArrayLike, motion: ArrayLike, clock: ArrayLike, pressure: ArrayLike, delay: float,
                  drift: float = 0.0, title: str = "") -> Figure:
-    """Return a figure of motion and pressure on one time axis, with the pressure as logged and with its clock
-    corrected.
+    """Return a figure of motion and pressure against time, before and after the pressure's clock is corrected.
 
     The left panel shows the whole recording, the right one the steepest edge of the pressure.
 

@@ -1,4 +1,4 @@
-"""Plug-ins of installed packages: readers, estimators, controllers, exporters, torque laws.
+"""Plug-ins of installed packages, which add readers, estimators, controllers, exporters or torque laws to pliant.
 
 Another package adds a plug-in with an entry point, in the group of its kind, that names the object to load.
 """
@@ -19,12 +19,12 @@ T = TypeVar("T")
 
 @cache
 def installed(group: str) -> Mapping[str, str]:
-    """Return the entry points of a group as a mapping from name to ``module:attribute``. The result is cached."""
+    """Return {name: ``module:attribute``} of the plug-ins that installed packages declare in an entry-point group."""
     return {point.name: point.value for point in entry_points(group=group)}
 
 
 def offered(group: str, built_in: Mapping[str, str], kind: type[T]) -> dict[str, T]:
-    """Return all plug-ins of a kind by name: the built-in ones first, then those of installed packages.
+    """Return {name: object} of all plug-ins in a group: the built-in ones, then those of installed packages.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def offered(group: str, built_in: Mapping[str, str], kind: type[T]) -> dict[str,
 
 
 def chosen(group: str, built_in: Mapping[str, str], kind: type[T], name: str) -> T:
-    """Return the plug-in with the given name.
+    """Return the plug-in `name` of a group; raise InputError with the known names if there is none.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Functions that make names and other free text safe for generated code, markup and terminals.
+"""Functions that make names and other user text safe for generated code, markup and terminals.
 
 The names of a model, its stations, chambers and sources come from files that anybody may have written. Every exporter,
 figure, page, message and command passes such text through `escaped` before it is written.
@@ -16,7 +16,7 @@ LONGEST = 63  # characters of an identifier that every C99 compiler tells apart
 
 
 def escaped(text: object, form: Form) -> str:
-    r"""Return `text` as one line that cannot end the comment, string or element into which it is written.
+    r"""Return `text` as one line that is safe inside a comment, an XML element or an identifier of a generated file.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def escaped(text: object, form: Form) -> str:
 
 
 def is_line(text: str) -> bool:
-    """Return whether `text` is one printable line, so that `escaped` changes at most its blanks."""
+    """Return whether `text` is one line of printable characters."""
     return text.isprintable() or all(c.isprintable() or category(c) == "Zs" for c in text)
 
 

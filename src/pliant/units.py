@@ -1,4 +1,4 @@
-"""The only module that knows units other than SI; readers, commands and plots convert with its functions."""
+"""Conversion of units to and from SI. All other modules use SI units only."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ENDINGS = {  # of names that carry their unit, longer ones first
 
 
 def quantity(name: str) -> tuple[str, str]:
-    """Split a name that ends in a unit into words and unit: "largest_rate_rad_s" gives ("largest rate", "rad/s")."""
+    """Split a name that ends with a unit into words and unit: "largest_rate_rad_s" gives ("largest rate", "rad/s")."""
     for ending, unit in ENDINGS.items():
         if name.endswith(f"_{ending}"):
             return name.removesuffix(f"_{ending}").replace("_", " "), unit
@@ -33,22 +33,22 @@ def _factor(table: dict[str, float], unit: str, what: str) -> float:
 
 
 def pascal_per(unit: str) -> float:
-    """Return the number of pascals in one `unit` of gauge pressure; InputError if the unit is unknown."""
+    """Return the number of pascals in one `unit` of pressure ("kPa", "bar", "psi", ...)."""
     return _factor(PASCAL, unit, "pressure")
 
 
 def radian_per(unit: str) -> float:
-    """Return the number of radians in one `unit` of angle; InputError if the unit is unknown."""
+    """Return the number of radians in one `unit` of angle ("rad" or "deg")."""
     return _factor(RADIAN, unit, "angle")
 
 
 def newton_per(unit: str) -> float:
-    """Return the number of newtons in one `unit` of tension; InputError if the unit is unknown."""
+    """Return the number of newtons in one `unit` of force ("N", "mN" or "kN")."""
     return _factor(NEWTON, unit, "tension")
 
 
 def input_per(unit: str) -> float:
-    """Return the newtons, metres or radians in one `unit` of tension, displacement or angle.
+    """Return the number of newtons, metres or radians in one `unit` of tension, displacement or angle.
 
     Raises InputError if the unit is unknown.
     """
@@ -56,12 +56,12 @@ def input_per(unit: str) -> float:
 
 
 def shown_in(unit: str) -> tuple[float, str]:
-    """Return the unit in which plots show an SI `unit`, as (number of plot units in one SI unit, name of the plot
-    unit).
+    """Return the plot unit for an SI `unit` as (factor from SI, name): "Pa" gives (1e-3, "kPa"),
+    "m" gives (1e3, "mm").
     """
     return {"Pa": (1e-3, "kPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
 
 
 def metre_per(unit: str) -> float:
-    """Return the number of metres in one `unit` of length; InputError if the unit is unknown."""
+    """Return the number of metres in one `unit` of length ("m", "cm", "mm", "um" or "in")."""
     return _factor(METRE, unit, "length")

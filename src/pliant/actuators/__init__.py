@@ -1,1 +1,1 @@
-"""Published actuators with their sources, one file for each actuator."""
+"""Constants of published soft actuators with their sources, one module for each actuator."""

@@ -1,4 +1,4 @@
-"""The soft bending actuator of the paper with its printed numbers. Comments mark the numbers which are ambiguous.
+"""The soft bending actuator of the paper (Chen, Galloway and Godage), with the numbers printed there.
 
 Source: Y. Chen, K. C. Galloway, I. S. Godage, "Efficient Reduced-Order Models for Soft Actuators", Secs. II and III.
 """
@@ -35,7 +35,8 @@ BODY: dict[str, Any] = {
 
 
 def model(**changes: Any) -> Model:
-    """Return the paper's five-link model: K_b and D as printed, tau = p A d, masses at the link tips.
+    """Return the paper's five-link model of its soft bending actuator, with stiffness and damping as printed, masses at
+    the link tips.
 
     `changes` replaces any argument of `chain_model`, for example ``links=7``. The paper does not say where on a link
     its mass is. With the mass at the link tips, where the paper puts its frames, the first mode is at 5.006 Hz ("about
