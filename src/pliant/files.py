@@ -53,7 +53,9 @@ def writable(folder: str | Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()  # a name of its own: other runs may try the same folder
     except OSError as error:
-        raise InputError(f"cannot write into the output folder {folder}: {error.strerror or error}") from None
+        raise InputError(
+            f"cannot write into the output folder {folder}: {error.strerror or error}; choose another folder"
+        ) from None
     return folder
 
 
@@ -207,15 +209,21 @@ def read_entries(path: str | Path, what: str) -> Any:
     kind = "JSON" if path.suffix == ".json" else "TOML"
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{what} {path} has {path.stat().st_size} bytes: at most {LARGEST_FILE} are read")
+            raise InputError(
+                f"{what} {path} has {path.stat().st_size} bytes: at most {LARGEST_FILE} are read; make the file smaller"
+            )
         text = path.read_text(encoding="utf-8")
         if kind == "TOML" and (key := LONG_KEY.search(text)):  # the time to read a key grows as the square of its parts
-            raise InputError(f"{what} {path} has a key of more than {DEEPEST} parts: '{clipped(key.group(), 60)}'")
+            raise InputError(
+                f"{what} {path} has a key of more than {DEEPEST} parts: '{clipped(key.group(), 60)}'; shorten it"
+            )
         content = json.loads(text) if kind == "JSON" else tomllib.loads(text)
     except OSError as error:
         raise InputError(f"cannot read the {what} {path}: {error.strerror or error}") from None
     except RecursionError:
-        raise InputError(f"{what} {path} is nested deeper than {DEEPEST} levels") from None
+        raise InputError(
+            f"{what} {path} is nested deeper than {DEEPEST} levels: use fewer levels of tables and lists"
+        ) from None
     except ValueError as error:  # no UTF-8, no TOML, no JSON, an integer of thousands of digits, a NUL in the path
         if isinstance(error, InputError):
             raise

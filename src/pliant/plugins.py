@@ -73,7 +73,10 @@ def _load(group: str, name: str, target: str, kind: type[T]) -> T:
     try:
         plugin = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
-        raise InputError(f"the {_noun(group)} {name!r} of entry point {target!r} cannot be loaded: {error}") from None
+        raise InputError(
+            f"the {_noun(group)} {name!r} of entry point {target!r} cannot be loaded: {error}; update or remove its "
+            "package"
+        ) from None
     if not isinstance(plugin, kind):
         raise InputError(f"the entry point {target!r} must name an object of the class {kind.__name__} of pliant")
     return plugin

@@ -99,7 +99,7 @@ class Expressions:
         if isinstance(value, Real):
             return str(value)
         if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
-            raise InputError(f"the C writer expected a number, got {value!r:.60}")
+            raise InputError(f"C export: a kernel uses {value!r:.60} where C needs a number: use only numbers there")
         return f"{float(value)!r}{self.suffix}" if value >= 0 else f"({float(value)!r}{self.suffix})"
 
     def local(self, name: str) -> Real:

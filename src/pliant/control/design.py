@@ -176,7 +176,10 @@ def design_outputs(
     """
     wanted = np.asarray(wanted, dtype=float)
     if wanted.ndim != 2 or wanted.shape[1] != len(outputs) or not len(wanted) or not np.isfinite(wanted).all():
-        raise InputError(f"the reference must be finite rows of shape (K, {len(outputs)}), got shape {wanted.shape}")
+        raise InputError(
+            f"the reference must be finite numbers of shape (K, {len(outputs)}): a row for each of K periods and a "
+            f"column for each output, got shape {wanted.shape}"
+        )
     check_followed(model)
     tuning, highest = tuning or Tuning(), limits.each(model.actuation.count)
     weight = output_weights(model, outputs)

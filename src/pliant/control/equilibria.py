@@ -65,7 +65,8 @@ class Equilibria:
         if not (np.isfinite(displacement) and -ROUNDING <= displacement <= far[rising - 1]):
             raise InputError(
                 f"a tip displacement of {displacement * 1e3:.4g} mm is out of reach: up to "
-                f"{self.pressure[-1] * 1e-3:.4g} kPa the model's tip moves 0 ... {far[rising - 1] * 1e3:.4g} mm"
+                f"{self.pressure[-1] * 1e-3:.4g} kPa the model's tip moves 0 ... {far[rising - 1] * 1e3:.4g} mm; "
+                "choose a displacement in this range"
             )
         return float(np.interp(displacement, far[:rising], self.pressure[:rising]))
 
@@ -101,7 +102,10 @@ def equilibria(model: Model, highest: float, points: int = POINTS) -> Equilibria
     tip = mechanics_of(model).tips(angle)[:, -1]
     piece = np.linalg.norm(np.diff(tip, axis=0), axis=1)
     if not np.all(np.diff(angle[:, -1]) > 0) or not np.all(piece > 0):
-        raise InputError("more pressure does not bend the model further everywhere up to the highest: lower it")
+        raise InputError(
+            "the model does not bend further with every increase of the pressure up to the highest pressure: lower the "
+            "highest pressure"
+        )
     direction = np.gradient(tip, pressure, axis=0)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return Equilibria(pressure, angle, tip, np.concatenate([[0.0], np.cumsum(piece)]), direction)

@@ -37,7 +37,9 @@ class Feedforward:
 
     def __init__(self, model: Model, highest: float) -> None:
         if model.gravity.any():
-            raise InputError("the feedforward supports models without gravity only: use the controller lqr or mpc")
+            raise InputError(
+                "the feedforward does not support gravity, which this model has: use the controller lqr or mpc"
+            )
         self.model, self.highest = model, float(highest)
         self.equilibria: Equilibria = equilibria(model, highest)
         self._law = model.memory.law()

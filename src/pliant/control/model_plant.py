@@ -60,7 +60,10 @@ class ModelPlant:
         check_followed(model)
         self._parts = round(period / step)
         if self._parts < 1 or abs(self._parts * step - period) > 1e-9:
-            raise InputError(f"the period of {period:g} s is no whole number of steps of {step:g} s")
+            raise InputError(
+                f"the period of {period:g} s is no whole number of time steps of {step:g} s: choose a multiple of the "
+                "time step"
+            )
         self.period, self.time, self._step = period, 0.0, step
         bare = [
             replace(c, valve=Valve() if c.valve.natural_frequency else replace(c.valve, dead_time=0.0))

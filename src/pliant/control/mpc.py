@@ -63,7 +63,10 @@ class Mpc(Lqr):
 
     def __init__(self, design: LqrDesign, limits: Limits, tuning: MpcTuning | None = None) -> None:
         if others := [c.name for c in design.model.chambers if c.kind != "pressure"]:
-            raise InputError(f"predictive control supports pressures only, but input {others[0]!r} is none: use Lqr")
+            raise InputError(
+                f"predictive control supports pressures only, but input {others[0]!r} is no pressure: use the "
+                "controller lqr"
+            )
         self.tuning = tuning or MpcTuning()
         super().__init__(design, limits)
         J, C, stage = self.tuning.stages, self.chambers, max(1, round(self.tuning.stage / design.period))

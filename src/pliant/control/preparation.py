@@ -196,7 +196,8 @@ def calibration(
     if not rides:
         raise InputError(
             f"model {model.name!r} lengthens, and a dense curve does not show which points belong to which link: use a "
-            "plant with material points (`rides`), or a Pipeline of the stations, a KalmanFilter, and an Lqr or Mpc "
+            "plant whose points are material points (rides = True), or a Pipeline of the stations, a KalmanFilter, and "
+            "an Lqr or Mpc "
             "with design_outputs"
         )
     if seeing.fixed_length:
@@ -214,7 +215,9 @@ def supplies(model: Model, supply: SupplyValve | Mapping[str, SupplyValve] | Non
     if not isinstance(supply, Mapping):
         return (supply,) * model.actuation.count
     if unknown := set(supply) - {c.name for c in model.chambers}:
-        raise InputError(f"the rig's valves name chamber {min(unknown)!r}, the model has {model.actuation.listing}")
+        raise InputError(
+            f"the rig's valves name chamber {min(unknown)!r}, the model has {model.actuation.listing}: correct the name"
+        )
     return tuple(supply.get(c.name) for c in model.chambers)
 
 

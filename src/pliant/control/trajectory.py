@@ -94,7 +94,7 @@ class Planner:
         valve: SupplyValve | None = None, share: float = 0.9, slack: float = 1.25,
     ) -> None:
         if not (0.0 < share <= 1.0 and slack >= 1.0):
-            raise InputError(f"a trajectory needs 0 < share <= 1 and slack >= 1, got {share} and {slack}")
+            raise InputError(f"a planned trajectory needs 0 < share <= 1 and slack >= 1, got {share} and {slack}")
         self.model, self.family, self.limits, self.ceiling = model, family, limits, share * limits.highest
         self.period, self.latency, self.slack = period, latency, slack
         self.valve = valve or supply_of(model.valve)
@@ -132,7 +132,9 @@ class Planner:
         period, family = self.period, self.family
         at = np.rint(np.asarray(time, dtype=float) / period).astype(int)
         if at.size == 0 or at[0] < 0 or np.any(np.diff(at) <= 0):
-            raise InputError("the times of a set-point must begin at 0 s or later and increase by at least a period")
+            raise InputError(
+                "the times of the set-points must begin at 0 s or later and increase by at least one control period"
+            )
         K = max(round(duration / period), int(at[-1]) + 2)
         wanted = np.append(0.0, displacement)[np.searchsorted(at, np.arange(K), side="right")]
         target = np.array([family.pressure_for(float(d)) for d in wanted])

@@ -207,7 +207,9 @@ def _checked(run: ValveRun) -> ValveRun:
             f"{sizes[0]} edges, {sizes[1]} levels, {sizes[2]} times, {sizes[3]} readings"
         )
     if not made.level.max() > 0 or np.any(np.diff(made.edge_time) <= 0):
-        raise InputError("the edges of a run for a valve must increase in time, and a level must be > 0 Pa")
+        raise InputError(
+            "the times of the edges of a run for a valve must increase, and at least one level must be > 0 Pa"
+        )
     return made
 
 

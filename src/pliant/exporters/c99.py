@@ -168,7 +168,7 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
 def code(model: Model, provenance: Provenance, *, step: float, precision: str, pressure: float, prefix: str) -> Code:
     """Return the text of the C99 header and source of a model."""
     if precision not in ("double", "single"):
-        raise InputError(f"c99 precision must be double or single, got {precision!r}")
+        raise InputError(f"c99 option precision must be double or single, got {precision!r}")
     if model.n > MOST_LINKS:
         raise InputError(f"c99 supports at most {MOST_LINKS} links, got {model.n}: reduce the model's number of links")
     step = step or shared_step([model])

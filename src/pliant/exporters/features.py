@@ -138,7 +138,9 @@ def both_taut(tendon: Tendon) -> Tendon:
 
 def no_tendons(model: Model) -> Model:
     """Raise InputError, because a model without its tendons would not move."""
-    raise InputError(f"{model.name!r} is driven by tendons, which the target cannot express: use mjcf, c99 or fmu")
+    raise InputError(
+        f"{model.name!r} is driven by tendons, which this target cannot express: export to mjcf, c99 or fmu"
+    )
 
 
 def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple[str, ...]]:

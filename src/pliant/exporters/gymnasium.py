@@ -87,7 +87,10 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self.task = checked_task(task or EpisodeTask())
         self.highest = highest or 2.0 * typical_pressure(self.model)
         if not self.highest > 0:
-            raise InputError("pressure does not bend this model, so that it reaches no target: use another model")
+            raise InputError(
+                "pressure does not bend this model, so that it reaches no target: use a model whose chambers have a "
+                "torque"
+            )
         n, C, t = self.model.n, self.model.actuation.count, self.task
         self.single_action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
         self.single_observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 4 + C,), np.float32)
@@ -97,7 +100,10 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self._fibre = FibreView(self.model, num_envs, self._steps * t.step) if t.observe == "fibre" else None
         self._late = round(self._fibre.sensor.latency / t.step) if self._fibre else 0
         if self._late >= self._steps:
-            raise InputError(f"the period of {t.period:.3g} s must exceed the latency of the fibre: use a longer one")
+            raise InputError(
+                f"the period of {t.period:.3g} s between actions must exceed the latency of the fibre: use a longer "
+                "period"
+            )
         self._curve = reachable(self.model, self.highest)
         self._elapsed, self._done = np.zeros(num_envs, dtype=int), np.zeros(num_envs, dtype=bool)
         self._phase, self._target = np.zeros(num_envs), np.zeros((num_envs, 2))

@@ -67,7 +67,9 @@ class PushEnv(gymnasium.Env[Array, Array]):
                              "the puck: use a model without this feature")  # fmt: skip
         self.highest = highest or 2.0 * typical_pressure(self.model)
         if not self.highest > 0:
-            raise InputError("pressure does not bend this model, so that it cannot push: use another model")
+            raise InputError(
+                "pressure does not bend this model, so that it cannot push: use a model whose chambers have a torque"
+            )
         n, C, t = self.model.n, self.model.actuation.count, self.task
         self.action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 8 + C,), np.float32)

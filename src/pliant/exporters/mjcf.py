@@ -294,9 +294,11 @@ def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write a model as MJCF to `path`, and return the path."""
     if not min(options["timestep"], options["radius"], options["highest"]) >= 0:
-        raise InputError(f"mjcf timestep (s), radius (m) and highest (Pa) must be >= 0, got {dict(options)}")
+        raise InputError(f"mjcf options timestep (s), radius (m) and highest (Pa) must be >= 0, got {dict(options)}")
     if options["integrator"] not in INTEGRATORS:
-        raise InputError(f"mjcf integrator must be one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}")
+        raise InputError(
+            f"mjcf option integrator must be one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}"
+        )
     highest = options["highest"] or 2.0 * typical_pressure(model)
     if not options["highest"] and highest:
         unit = model.actuation.units[0]

@@ -102,7 +102,7 @@ def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
         return body_uncertainty(model, content["parameters"], content["covariance"])
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError):
         raise InputError(
-            f"parameters and covariance of the fit {fit} do not belong together: run the study again"
+            f"parameters and covariance of the fit {fit} do not match: run the study again to write a new metrics.json"
         ) from None
 
 
@@ -130,7 +130,10 @@ def first_fit(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, LookupError, TypeError, AttributeError, StopIteration, RecursionError):
         raise InputError(f"{path} is not the result of a fit: give the metrics.json of `pliant run`") from None
     if "covariance" not in first:
-        raise InputError(f"{path} was written by an older version of pliant and has no covariance: run the study again")
+        raise InputError(
+            f"{path} was written by an older version of pliant and has no covariance: run the study again with this "
+            "version"
+        )
     return first
 
 

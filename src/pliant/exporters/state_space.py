@@ -163,14 +163,15 @@ def pressures_of(text: str) -> Array:
         return np.array([float(part) for part in text.strip("[]() ").split(",")])
     except ValueError:
         raise InputError(
-            f"state-space pressure must be a number in Pa for each chamber, separated by commas, got {text!r:.60}"
+            "state-space option pressure must be a number in Pa for each chamber, separated by commas, got "
+            f"{text!r:.60}"
         ) from None
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write the state-space matrices of a model to a .mat or .npz file, and return its path."""
     if options["period"] < 0:
-        raise InputError(f"state-space period must be 0 (continuous) or > 0 s, got {options['period']}")
+        raise InputError(f"state-space option period must be 0 (continuous) or > 0 s, got {options['period']}")
     content = matrices(model, pressures_of(options["pressure"]), options["period"]) | {"pliant": provenance.json()}
     with whole(path) as draft, draft.open("wb") as file:
         if path.suffix == ".npz":

@@ -123,7 +123,7 @@ def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write a model as URDF to `path`, and return the path."""
     if options["radius"] < 0:
-        raise InputError(f"urdf radius must be >= 0 m, got {options['radius']}")
+        raise InputError(f"urdf option radius must be >= 0 m, got {options['radius']}")
     return (write_text(path, urdf(model, provenance, **options)),)
 
 

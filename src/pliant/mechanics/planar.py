@@ -355,7 +355,9 @@ class PlanarChain(Mechanics):
 
             q = loaded_rest(residual, q, float(np.abs(joints.K).max()))
         if (1.0 + self.stretch_share @ q[n:] <= LEAST_STRETCH).any():
-            raise SimulationError("a segment is compressed to nothing: raise its axial stiffness, or lower the load")
+            raise SimulationError(
+                "an extensible segment is compressed to nothing by its load: raise its stiffness, or lower the load"
+            )
         return q
 
     def _springs(self, q: Array) -> tuple[Array, Array]:

@@ -327,7 +327,9 @@ class SpatialChain(Mechanics):
 
         q = loaded_rest(residual, np.zeros(self.size), float(np.abs(self.joints.K).max()))
         if (self.stretches(q) <= LEAST_STRETCH).any():
-            raise SimulationError("a segment is compressed to nothing: raise its axial stiffness, or lower the load")
+            raise SimulationError(
+                "an extensible segment is compressed to nothing by its load: raise its stiffness, or lower the load"
+            )
         return q
 
     def linear_parts(self, q: Array) -> tuple[Array, Array]:

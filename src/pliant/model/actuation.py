@@ -246,7 +246,10 @@ def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamb
         When both are given, or neither.
     """
     if given and values:
-        raise InputError(f"give chambers, or {', '.join(sorted(values))} of a single chamber, not both")
+        raise InputError(
+            "give either chambers or the parameters of a single chamber, not both: leave out "
+            f"{', '.join(sorted(values))}"
+        )
     if given:
         made = tuple(given)
         if not all(isinstance(c, Chamber) for c in made):

@@ -212,7 +212,7 @@ class Chamber:
         """
         if self.inflation_limit:
             raise InputError(
-                "linear models and controllers need a chamber with a rigid wall: fit a torque law without "
+                "linear models and controllers do not support a hyperelastic wall: fit a torque law without "
                 "inflation_limit for them"
             )
         return float(self.law_slope(float(pressure)))

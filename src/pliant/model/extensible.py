@@ -80,7 +80,9 @@ def check_extensions(model: ModelParameters) -> None:
     share = model.stretch_share
     for s, name in enumerate(names):
         if share[:, s].max() < LEAST_SHARE:
-            raise InputError(f"extension {name!r} lies beyond the body, which is {model.length:.6g} m long")
+            raise InputError(
+                f"extension {name!r} lies beyond the body, which is {model.length:.6g} m long: change its start or stop"
+            )
     if (share.sum(axis=1) > 1.0 + 1e-6).any():
         raise InputError(f"extensions must not overlap, but {', '.join(names)} do: change their start or stop")
     if least_inertia(extensible_inertia(model)[0], share) < SINGULAR:

@@ -58,7 +58,10 @@ class Memory:
             row = field.type.startswith("tuple")
             object.__setattr__(self, field.name, checked(field.name, value, row))
         if (most := max(len(self.creep_share), len(self.slip_share))) > MOST_TERMS:
-            raise InputError(f"memory has at most {MOST_TERMS} branches of a kind, got {most}")
+            raise InputError(
+                f"memory (hysteresis) has at most {MOST_TERMS} branches of a kind, got {most}: use fewer creep or slip "
+                "branches"
+            )
         for shares, others in PAIRS:
             row, other = getattr(self, shares), getattr(self, others)
             if len(row) != len(other):

@@ -67,7 +67,10 @@ class Space:
         if not 0 <= self.radius < MOST_RADIUS:
             raise InputError(f"space radius must be 0 to {MOST_RADIUS:g} m, got {self.radius}")
         if self.twist_ratio and not self.radius:
-            raise InputError("space: a chain that twists needs a radius [m]: a thin rod has no inertia about its axis")
+            raise InputError(
+                "space: a chain that twists needs a radius [m], because a thin rod has no inertia about its axis: set "
+                "radius"
+            )
         if np.linalg.norm(self.rest_turn, axis=1).max() >= pi:
             raise InputError("space rest_turn must turn each joint by less than pi rad: use more links")
 
@@ -147,7 +150,10 @@ def check_space(model: Any) -> None:
             raise InputError(f"chamber {across!r} has a cross_gain, which needs a model in space: set space = Space()")
         return
     if len(model.space.rest_turn) not in (1, model.n):
-        raise InputError(f"space rest_turn must have one row or {model.n}, got {len(model.space.rest_turn)}")
+        raise InputError(
+            f"space rest_turn must have one row or {model.n}, got {len(model.space.rest_turn)}: give one row for each "
+            "joint"
+        )
     planar = {"rest_angle": model.rest_angle.any(), "base_angle": model.base_angle,
               "mass_at": model.mass_at == "tip"}  # fmt: skip
     remedy = {"rest_angle": "set rest_turn of its space", "base_angle": "set base_tilt of its space"}

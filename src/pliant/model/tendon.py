@@ -74,11 +74,13 @@ class Tendon(Chamber):
             object.__setattr__(self, name, one_number(name, getattr(self, name)))
         check_numbers(self, who, ("lever", "slip_rate"), ("line_stiffness", "pulley", "friction"), ("pretension",))
         if self.elastic and not self.line_stiffness:
-            raise InputError(f"{who} driven by its {self.driven_by}, it needs a line_stiffness [N/m]")
+            raise InputError(f"{who} driven by its {self.driven_by}, it needs a line_stiffness [N/m]: set it")
         if (self.driven_by == "angle") != (self.pulley > 0):
-            raise InputError(f"{who} give a pulley [m] if driven_by = 'angle', and only then")
+            raise InputError(f"{who} set a pulley radius [m] if driven_by = 'angle', and leave it out otherwise")
         if self.swell_share or self.inflation_limit or np.any(self.axial_gain) or self.law != Chamber.law:
-            raise InputError(f"{who} leave out law, swell_share, inflation_limit and axial_gain: they are of a Chamber")
+            raise InputError(
+                f"{who} leave out law, swell_share, inflation_limit and axial_gain: only a pressure chamber has them"
+            )
         object.__setattr__(self, "kind", self.driven_by)
         object.__setattr__(self, "unit", DRIVEN[self.driven_by])
         law = {"tension": 1.0, "displacement": self.line_stiffness, "angle": self.line_stiffness * self.pulley}

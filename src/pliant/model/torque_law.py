@@ -26,7 +26,10 @@ def torque_laws() -> tuple[TorqueLaw, ...]:
     """Return all known torque laws: the built-in ones, then those that other installed packages provide."""
     others = tuple(offered(GROUP, BUILT_IN, TorqueLaw).values())
     if strange := [law.name for law in others if law.lever is not None]:
-        raise InputError(f"the torque law {strange[0]!r} of an installed package has a lever: it must be a polynomial")
+        raise InputError(
+            f"the torque law {strange[0]!r} of an installed package has a function `lever`, but must be a polynomial: "
+            "give its `coefficients`"
+        )
     return (*LAWS, *others)
 
 
@@ -54,7 +57,10 @@ def laid_torque(values: Mapping[str, float]) -> dict[str, str | Array]:
     law = laws[0]
     own = law.own(values)
     if missing := [f"{law.name}_{p}" for p in law.parameters if p not in own]:
-        raise InputError(f"the torque law {law.name!r} needs all of its numbers: {', '.join(missing)} is missing")
+        raise InputError(
+            f"the torque law {law.name!r} needs all of its numbers: {', '.join(missing)} is missing; fit it or give "
+            "its value"
+        )
     return {"law": law.name if law.lever else POLYNOMIAL, "torque": law.numbers(own)}
 
 
