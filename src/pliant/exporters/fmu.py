@@ -169,7 +169,7 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
     """Write a model as an FMU to `path`, and return the path."""
     version = {"2": "2.0", "2.0": "2.0", "3": "3.0", "3.0": "3.0"}.get(str(options["fmi"]))
     if version is None:
-        raise InputError(f"fmu option fmi (the version of FMI) must be 2.0 or 3.0, got {options['fmi']!r}")
+        raise InputError(f"fmu option fmi must be 2.0 or 3.0, got {options['fmi']!r}")
     token = "{" + hashlib.sha256("\n".join([version, *provenance.lines("line")]).encode()).hexdigest()[:32] + "}"
     name = escaped(path.stem, "identifier")
     this = Identity(name, version, token, float(options["step"]) or shared_step([model]), float(options["pressure"]))

@@ -179,8 +179,8 @@ class Model(ModelParameters):
         """
         if self.actuation.count > 1:
             raise InputError(
-                f"this function needs a model with one chamber, but {self.name!r} has {self.actuation.count} ("
-                f"{self.actuation.listing}): use a model of a single one of them"
+                f"this function needs a model with one chamber, but {self.name!r} has {self.actuation.count}: "
+                f"{self.actuation.listing}; use a model with only one of them"
             )
         return self.chambers[0]
 
