@@ -1,4 +1,4 @@
-"""Display of results as text in a terminal and as HTML in a notebook, both from one `Card`."""
+"""Display of results as text in a terminal and as HTML in a notebook."""
 
 from __future__ import annotations
 
@@ -42,7 +42,10 @@ class Shown:
 
 
 def as_text(card: Card) -> str:
-    """Return the content of a card as lines of text, with its table in aligned columns."""
+    """Return the content of a card as lines of text, with its table in aligned columns.
+
+    Numbers are aligned to the right.
+    """
     table = [[escaped(cell, "line") for cell in row] for row in (card.head, *shortened(card)) if row]
     width = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []
     rows = []
@@ -54,7 +57,10 @@ def as_text(card: Card) -> str:
 
 
 def as_html(card: Card) -> str:
-    """Return the content of a card as an HTML fragment, for notebooks."""
+    """Return the content of a card as an HTML fragment, for notebooks.
+
+    The fragment needs no style sheet.
+    """
     made = [f"<p><strong>{escape(card.title)}</strong></p>", card.drawing]
     if card.rows:
         head = "".join(f'<th scope="col">{escape(h)}</th>' for h in card.head)
@@ -69,7 +75,10 @@ def as_html(card: Card) -> str:
 
 
 def shortened(card: Card) -> list[Sequence[str]]:
-    """Return the rows of a card's table. If there are more than 12, the middle ones are replaced by their number."""
+    """Return the rows of a card's table. If there are more than 12, the middle ones are replaced by their number.
+
+    The first 6 rows and the last 6 are kept.
+    """
     rows = list(card.rows)
     if len(rows) <= MOST_ROWS:
         return rows

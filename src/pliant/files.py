@@ -34,7 +34,10 @@ SEAL_BYTES = len(SEAL) + 64 + 1  # the digest and a line end
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Context manager that yields a temporary file, which replaces the file `path` if the block succeeds."""
+    """Context manager that yields a temporary file, which replaces the file `path` if the block succeeds.
+
+    If the block fails, the temporary file is removed.
+    """
     draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         yield draft

@@ -23,7 +23,10 @@ def hide_heavy() -> None:
 
 
 def show_heavy() -> None:
-    """Allow this process to import the packages dask and coverage again."""
+    """Allow this process to import the packages dask and coverage again.
+
+    A sweep on a cluster or a plug-in needs them, for example.
+    """
     for name in HEAVY:
         if name in _modules and _modules[name] is None:
             del _modules[name]

@@ -205,6 +205,8 @@ def snapshots(
 ) -> None:
     """Draw measured points, joints and the reconstructed spline for some frames of a shape recording.
 
+    Measured points are drawn as +, joints as o, and the spline through the joints as a line.
+
     Parameters
     ----------
     ax : Axes

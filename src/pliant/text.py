@@ -71,7 +71,7 @@ def is_identifier(name: str) -> bool:
 
 
 def identifiers(names: Iterable[object], taken: Iterable[str] = ()) -> tuple[str, ...]:
-    """Return an identifier for each name, all different from each other and from those already `taken`.
+    """Return a valid identifier for each of `names`, all different from each other and from those in `taken`.
 
     A name that is a valid identifier and not taken is kept. Any other name is converted, and gets a number at its end
     if the converted name is in use.

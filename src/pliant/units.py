@@ -33,17 +33,26 @@ def _factor(table: dict[str, float], unit: str, what: str) -> float:
 
 
 def pascal_per(unit: str) -> float:
-    """Return the number of pascals in one `unit` of pressure ("kPa", "bar", "psi", ...)."""
+    """Return the number of pascals in one `unit` of pressure ("kPa", "bar", "psi", ...).
+
+    Raises InputError if the unit is unknown.
+    """
     return _factor(PASCAL, unit, "pressure")
 
 
 def radian_per(unit: str) -> float:
-    """Return the number of radians in one `unit` of angle ("rad" or "deg")."""
+    """Return the number of radians in one `unit` of angle ("rad" or "deg").
+
+    Raises InputError if the unit is unknown.
+    """
     return _factor(RADIAN, unit, "angle")
 
 
 def newton_per(unit: str) -> float:
-    """Return the number of newtons in one `unit` of force ("N", "mN" or "kN")."""
+    """Return the number of newtons in one `unit` of force ("N", "mN" or "kN").
+
+    Raises InputError if the unit is unknown.
+    """
     return _factor(NEWTON, unit, "tension")
 
 
@@ -63,5 +72,8 @@ def shown_in(unit: str) -> tuple[float, str]:
 
 
 def metre_per(unit: str) -> float:
-    """Return the number of metres in one `unit` of length ("m", "cm", "mm", "um" or "in")."""
+    """Return the number of metres in one `unit` of length ("m", "cm", "mm", "um" or "in").
+
+    Raises InputError if the unit is unknown.
+    """
     return _factor(METRE, unit, "length")

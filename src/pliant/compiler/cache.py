@@ -42,6 +42,8 @@ def kept(function: Any, **options: Any) -> Any:
     """Return `function` compiled by Numba, with the machine code loaded from the cache on disk, or compiled at the
     first call.
 
+    Numba's options are nopython, and fastmath off.
+
     If several processes need the same kernel at once, one compiles it and the others wait. If the cache cannot be
     written, every process compiles the kernel, with one warning.
     """

@@ -123,6 +123,8 @@ def _inner(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
 def duals(values: Any, slopes: Array | None = None) -> Array:
     """Return dual numbers as floats (..., SLOTS), from values (...) and their derivatives by P variables (..., P).
 
+    `dual_twin` takes such arrays.
+
     P is at most `WIDTH`.
     """
     values = np.asarray(values, dtype=float)

@@ -149,6 +149,8 @@ def compiled_twin(
 ) -> Any:
     """Return a copy of the plain Python `kernel`, compiled by Numba and cached on disk.
 
+    Numba's options are nopython, and fastmath off.
+
     `made` returns the compiled form of a kernel that it calls. `sources` are the files that define the replacements of
     the kernels in `replaced`. `more` holds further options of Numba. `tag` distinguishes the compiled forms of one
     kernel.

@@ -13,7 +13,8 @@ STILL_S = 0.5  # s after the last change of the target, from which the command i
 
 
 def settling_time(time: Array, tip: Array, wanted: float, step: float) -> float | None:
-    """Return the time [s] from time[0] after which the tip stays within 2 % of the step, or None if it does not.
+    """Return the settling time [s] of a step: the time after which the tip stays within 2 % of the step; None if it
+    does not.
 
     Parameters
     ----------

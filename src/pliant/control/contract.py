@@ -60,7 +60,7 @@ class Controller(Protocol):
         """
 
     def reset(self) -> None:
-        """Reset the controller to its initial state, with zero pressure."""
+        """Reset the controller to its initial state, in which the commanded pressures are zero."""
 
 
 class Pipeline(NamedTuple):

@@ -1,4 +1,4 @@
-"""Equilibria of a model on a grid of pressures, and the pressure that holds a given tip displacement."""
+"""Static equilibria of a planar model at increasing pressures, and the pressure that holds a given tip displacement."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Equilibria:
 
 
 def equilibria(model: Model, highest: float, points: int = POINTS) -> Equilibria:
-    """Compute the equilibria of `model` on a grid of pressures from 0 to `highest` [Pa].
+    """Return the static equilibria of `model`, with one chamber, at `points` pressures from 0 to `highest` [Pa].
 
     Raises
     ------

@@ -44,7 +44,7 @@ class Gains(NamedTuple):
 
 
 def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, float], tuning: Tuning) -> Gains:
-    """Compute the gains of the linear-quadratic regulator about the equilibrium `rest`.
+    """Compute the gains of the linear-quadratic regulator of m outputs by C pressures, about the equilibrium `rest`.
 
     `weight` (m,) is the length [m] that a unit of each output counts as, `highest` (C,) are the highest pressures [Pa],
     and `clock` holds control period and latency [s]. The cost weights the outputs' errors, speeds and integrals, and

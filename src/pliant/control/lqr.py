@@ -84,7 +84,7 @@ class Lqr:
         self.reset()
 
     def reset(self) -> None:
-        """Reset the controller to its initial state, with zero pressure."""
+        """Reset the controller to its initial state, in which the commanded pressures are zero."""
         design, m, C, ends = self.design, len(self._weight), self.chambers, np.cumsum(self.design.waiting)
         self._began, self.saturated, self.period = math.nan, 0, 0
         self.command, self._integral, self._off = np.zeros(C), np.zeros(m), np.zeros(m)

@@ -82,7 +82,7 @@ class Mpc(Lqr):
         self.program = QuadraticProgram(np.tile(self._highest, J) / KILO, steps)
 
     def reset(self) -> None:
-        """Reset the controller to its initial state, with zero pressure."""
+        """Reset the controller to its initial state, in which the commanded pressures are zero."""
         super().reset()
         self.solved, self.failed, self.fault = 0, 0, ""
         self.plan, self.age = np.zeros((self.tuning.stages, self.chambers)), 0

@@ -1,4 +1,4 @@
-"""PI-D controller of the tip with feedforward: derivative of the measurement only, anti-windup, bumpless start."""
+"""PI-D controller of the tip displacement, with feedforward, anti-windup and a start without a jump of the command."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class PidControl:
         return self.pid.saturated
 
     def reset(self) -> None:
-        """Reset the controller to its initial state, with zero pressure."""
+        """Reset the controller to its initial state, in which the commanded pressure is zero."""
         self._moved = self.target = 0.0
         self.pid.start(0.0)
         self.forward.reset()

@@ -159,7 +159,7 @@ class Plan:
         return levels
 
     def setpoint(self, time: float) -> float:
-        """Return the target displacement [m] of a task for one chamber at a time [s]."""
+        """Return the target displacement [m] of the tip at a time [s], for a task of one chamber."""
         return float(self.wanted_at(np.array([time]))[0, 0])
 
     def wanted_at(self, times: Array) -> Array:

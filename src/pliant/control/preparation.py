@@ -84,7 +84,8 @@ def prepare_control(
     model: Model, arc_length: Array, frames: Array, task: Task, limits: Limits, period: float,
     **rig: Unpack[Rig],
 ) -> Prepared:
-    """Calibrate the rest shape, design the controller, prepare the estimator, and rehearse the loop in simulation.
+    """Return a control loop ready to run: rest shape calibrated, controller designed, estimator created, loop tested in
+    simulation.
 
     The rehearsal simulates the loop on the model of the body within its limits: the task, its end held, and a
     disturbance as large as the task's largest displacement. The effort weight is increased until the loop settles.

@@ -1,4 +1,4 @@
-"""Registry of controllers: built-in ones and those of other packages (entry points ``pliant.controllers``)."""
+"""Registry of controllers, built-in ones and those of other packages (entry-point group ``pliant.controllers``)."""
 
 from __future__ import annotations
 

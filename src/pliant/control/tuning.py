@@ -59,7 +59,7 @@ class MpcTuning:
 
 @dataclass(frozen=True)
 class PidTuning:
-    """Gains of the PI-D controller.
+    """Gains of the PI-D controller of the tip displacement, and the cutoff frequency of its derivative.
 
     Parameters
     ----------

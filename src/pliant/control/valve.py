@@ -126,7 +126,8 @@ LOW, HIGH = (0.2, 0.2, 0.2, 0.0), (100.0, 100.0, 5.0, 0.2)
 
 
 def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
-    """Fit the frequencies, damping ratio and dead time of a valve to a gauge's readings of commanded steps.
+    """Fit natural frequencies, damping ratio and dead time of a pressure valve to gauge readings under steps of the
+    command.
 
     Each run is scaled by its highest command. A constant offset of the gauge is removed from each run.
 

@@ -81,8 +81,8 @@ def folded_step(phi, w, h, torque, body, joints, work):
 
 
 def fold(c, s, first_moment, length, diagonal, armature, F):
-    """First sweep of the O(n) step: eliminate the n links from tip to base, and write three coefficients of each to
-    F[:3].
+    """First sweep of the O(n) step: eliminate the n links from tip to base, and write three coefficients of each link
+    to rows 0 to 2 of F.
 
     Rows 0, 1 and 2 of F receive R_x, R_y and 1/d of each link.
 

@@ -57,7 +57,11 @@ def absolute_angles(q, theta0, base_angle, phi):
 
 
 def relative_angles(phi, theta0, base_angle, q):
-    """Write the joint angles to q (n,) [rad], from absolute link angles phi (n,): the inverse of `absolute_angles`."""
+    """Write the joint angles to q (n,) [rad], measured from the rest shape, from the absolute link angles phi (n,)
+    [rad].
+
+    This is the inverse of `absolute_angles`.
+    """
     before = base_angle
     for i in range(len(phi)):
         q[i] = phi[i] - before - theta0[i]

@@ -40,7 +40,8 @@ def swollen_torque(p, slow, share, a, form):
 
 
 def slow_interval(h, p, slow, time):
-    """Return the lagged pressure [Pa] at the middle and at the end of an `Interval` p of length h [s].
+    """Return the lagged pressure [Pa] of a chamber at the middle and the end of a pressure `Interval` p of length h
+    [s].
 
     The lagged pressure obeys time slow' = p - slow, with the time constant `time` [s] and its value `slow` [Pa] at the
     start. The result is exact for a pressure that changes linearly from start to end. A pressure that curves in between

@@ -1,4 +1,4 @@
-"""Spring, damper, actuation and gravity torques of Eq. (5)."""
+"""Spring, damper, actuation and gravity torques of a planar chain, as they enter Eq. (5)."""
 
 from __future__ import annotations
 

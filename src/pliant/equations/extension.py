@@ -23,8 +23,8 @@ from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 
 def place(x, v, ahead, body, joints, work):
-    """Write the cosine, sine and stretch of each link, and of the part before joint 1, to the scratch arrays `work`, at
-    x + ahead v.
+    """Write cosine, sine and stretch of each link, and of the part before joint 1, to `work`, at the extrapolated
+    coordinates x + ahead v.
 
     `ahead` [s] extrapolates along the rates v.
     """

@@ -64,8 +64,12 @@ def step_jacobian(x, v, h, torque, body, joints, work, J):
 
 
 def other_rates(h, body, work, row):
-    """Subtract from row (N,) the change of h f due to a change work.t (N,) of the rates work.v (N,), where f are the
-    inertial forces.
+    """Subtract from row (N,) the change of the inertial impulse h f(v) [N m s] that a change work.t (N,) of the rates
+    causes.
+
+    work.t is overwritten.
+
+    work.v (N,) are the rates v, f the inertial forces at these rates, and h [s] the step.
 
     The change is h/2 (f(v + t) - f(v - t)), which is exact because f is quadratic in the rates.
     """
@@ -128,6 +132,8 @@ def met(k, h, a, body, work):
 
 def own_directions(h, a, body, work, J, o):
     """Add to the Jacobian J the effect of each link's own turn and stretch on the projection of the force on this link.
+
+    The force is b - h h_k g, projected on the link's own directions n_k and e_k.
 
     The derivative of gravity's slope is included.
 

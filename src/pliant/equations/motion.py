@@ -20,7 +20,8 @@ from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 
 def acceleration(phi, w, torque, body, joints, work, a):
-    """Write the angular accelerations a (n,) [rad/s^2] of the links, at absolute angles phi [rad] and rates w [rad/s].
+    """Write the angular accelerations a (n,) [rad/s^2] of the links at absolute link angles phi (n,) [rad] and rates w
+    (n,) [rad/s].
 
     `torque` (n,) [N m] is the actuation torque of each joint.
 

@@ -25,7 +25,7 @@ STABLE = 1e-9  # smallest pivot of a stable equilibrium, over the largest diagon
 
 
 class Settling(NamedTuple):
-    """Results and scratch arrays of the search for T static poses, each computed from the one before."""
+    """Results and scratch arrays of the search for T static poses of a chain, each computed from the one before."""
 
     x: np.ndarray  # (T + 1, N) coordinates, the start first
     K: np.ndarray  # (T + 1, N, N) stiffness at each pose: minus the derivative of the net force by x
@@ -37,8 +37,10 @@ class Settling(NamedTuple):
 
 
 def forces_after(x, last, torque, body, joints, work, push):
-    """Write the net generalized force at rest at x (N,) to push (N,) [N m]. The friction of tendons opposes the change
-    from `last` (N,) to x.
+    """Write the net generalized force on the chain at rest at x (N,) to push (N,) [N m], after a motion from `last`
+    (N,) to x.
+
+    The friction of tendons opposes this motion. The force is zero in equilibrium.
     """
     for i in range(len(x)):
         work.v[i] = x[i] - last[i]

@@ -15,8 +15,10 @@ from pliant.equations.law import LawParameter, TorqueLaw
 
 
 def saturating_lever(p, a):
-    """Return the torque per unit pressure [N m/Pa] of the saturating law at the pressure p [Pa], for its coefficients a
-    = (A d, p0).
+    """Return the torque per unit pressure [N m/Pa] of the saturating law at the pressure p [Pa], for its two
+    coefficients `a`.
+
+    `a` is (A d [N m/Pa], p0 [Pa]).
     """
     share = p / a[1]
     return a[0] / np.sqrt(1.0 + share * share)

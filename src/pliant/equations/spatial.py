@@ -307,6 +307,8 @@ def turn_on(axis, rate, work):
 def link_force(k, body, work):
     """Write the inertial and gravity force [N] of link k, and its moment about the joint [N m], to work.L[k] and
     work.M[k].
+
+    work.lift, the acceleration of the joint less gravity, is updated for the next link.
     """
     wx = work.omega[0]
     wy = work.omega[1]

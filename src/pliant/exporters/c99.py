@@ -166,7 +166,7 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
 
 
 def code(model: Model, provenance: Provenance, *, step: float, precision: str, pressure: float, prefix: str) -> Code:
-    """Return the text of the C99 header and source of a model."""
+    """Return the C header and C source of an exported model as text."""
     if precision not in ("double", "single"):
         raise InputError(f"c99 option precision must be double or single, got {precision!r}")
     if model.n > MOST_LINKS:

@@ -23,7 +23,7 @@ class Difference(NamedTuple):
     unit: str = "Pa"  # unit of the pulse
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers as a dict whose keys name the units."""
+        """Return the difference between the tip motions as a dict, whose keys name the units."""
         return {
             "input": self.input, "tip_travel_mm": 1e3 * self.travel, "largest_tip_difference_mm": 1e3 * self.largest,
             "rms_tip_difference_mm": 1e3 * self.rms,

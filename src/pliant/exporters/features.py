@@ -106,12 +106,12 @@ def first_order(chamber: Chamber) -> Chamber:
 
 
 def soft(model: Model) -> bool:
-    """Return whether the model's springs are nonlinear."""
+    """Return whether the model's joint springs are nonlinear (soften or stiffen with the angle)."""
     return bool(model.stiffening.any() or model.cubic_stiffening.any())
 
 
 def untwisted(model: Model) -> Model:
-    """Return the model in space with joints that do not twist."""
+    """Return the model in space without twist of its joints (twist_ratio = 0)."""
     return model.with_(space=replace(model.space or Space(), twist_ratio=0.0))
 
 

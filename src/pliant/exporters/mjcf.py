@@ -76,6 +76,8 @@ def mjcf(
 ) -> str:
     """Return the MJCF text of a model.
 
+    The model must have only features that MJCF can express.
+
     The time step `timestep` [s] is checked against the stiffest mode; 0 chooses it. Controls reach up to the pressure
     `highest` [Pa]; 0 means twice the typical pressure. With a prefix, for worlds of several bodies, there is no
     keyframe, since a keyframe holds the state of a whole world.

@@ -76,7 +76,7 @@ class Provenance:
 
 
 def indent(lines: list[str]) -> list[str]:
-    """Return the lines with two blanks in front of each."""
+    """Return the lines of text with two spaces in front of each."""
     return [f"  {line}" for line in lines]
 
 

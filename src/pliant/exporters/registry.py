@@ -88,13 +88,13 @@ class Exported(Shown):
     notes: tuple[str, ...]
 
     def card(self) -> Card:
-        """Return a summary card with the files, the omitted features and the difference of motion."""
+        """Return a printable summary of an export: the files, the omitted features and the difference of motion."""
         left = [f"left out: {', '.join(self.left_out)}"] if self.left_out else ["nothing was left out"]
         apart = [str(self.difference)] if self.difference else []
         return Card(f"Exported to {self.target}: {', '.join(map(str, self.files))}", [*left, *apart, *self.notes])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain values, for JSON."""
+        """Return the result of an export as plain values, for JSON."""
         return {
             "target": self.target, "files": [str(f) for f in self.files], "left_out": list(self.left_out),
             "difference": self.difference.to_dict() if self.difference else None, "notes": list(self.notes),

@@ -207,8 +207,8 @@ class Mechanics(ABC):
 
     @abstractmethod
     def coordinates(self, q: Array) -> Array:
-        """Return the kernels' coordinates x (..., N) for joint coordinates q (..., N): joint angles [rad], then
-        strains.
+        """Return the coordinates x (..., N) of the compiled kernels for joint coordinates q (..., N): joint angles
+        [rad], then strains.
         """
 
     @abstractmethod

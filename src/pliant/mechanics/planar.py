@@ -39,7 +39,7 @@ Array = np.ndarray
 
 
 class PlanarChain(Mechanics):
-    """A chain of rigid links in a plane, with S >= 0 segments that lengthen.
+    """Kinematics, forces and energies of a chain of n rigid links in a plane, with S >= 0 segments that lengthen.
 
     Attributes
     ----------

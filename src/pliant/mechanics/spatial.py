@@ -29,7 +29,9 @@ Array = np.ndarray
 
 
 class SpatialChain(Mechanics):
-    """A chain of n rigid links in space with S >= 0 segments that lengthen. The base tangent is along +z.
+    """Kinematics, forces and energies of a chain of n rigid links in space, with S >= 0 segments that lengthen.
+
+    The base tangent is +z.
 
     Its coordinates x equal its joint coordinates: the `turns` angles of the joints, then the strains.
     """
@@ -48,7 +50,7 @@ class SpatialChain(Mechanics):
 
     @cached_property
     def length(self) -> Array:
-        """Unstretched lengths (n + 1,) [m] of the part before the first joint and of the links."""
+        """Unstretched lengths (n + 1,) [m] of the rigid part before the first joint and of the n links."""
         return np.append(self.model.base_length, self.model.link_length)
 
     # arguments of the kernels
@@ -344,8 +346,8 @@ def rotation(vector: Any) -> Array:
 
 
 def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Array]:
-    """Return mass, centre of mass, lateral and axial moment of inertia of n links as arrays (n,). The last link carries
-    the tip mass.
+    """Return mass [kg], centre of mass [m], lateral and axial moment of inertia [kg m^2] of n links (n,); the last
+    includes the tip mass.
 
     A link is a uniform round rod of the given `radius` [m]. The centre is measured from the joint [m], the moments are
     about the centre of mass [kg m^2].

@@ -62,7 +62,7 @@ class Actuation:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kind of each input as in recordings: "pressure" (gauge), "tension", "displacement" or "angle"."""
+        """Kind of each of the C inputs: "pressure" (gauge), "tension", "displacement" or "angle"."""
         return tuple(c.kind for c in self.inputs)
 
     @property
@@ -72,7 +72,7 @@ class Actuation:
 
     @property
     def listing(self) -> str:
-        """Names of the inputs, joined by commas for messages."""
+        """Names of the C inputs as one text, separated by commas."""
         return ", ".join(self.names)
 
     def labels(self, quantity: str) -> list[str]:
@@ -179,7 +179,7 @@ class Actuation:
 
     @property
     def polynomial(self) -> bool:
-        """Whether all torque laws are polynomials."""
+        """Whether the torque laws of all chambers are polynomials of the pressure."""
         return all(c.law == POLYNOMIAL for c in self.inputs)
 
     def kernel(self) -> symbols.ActuationConstants:

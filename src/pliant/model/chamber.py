@@ -1,4 +1,6 @@
-"""A pressure chamber: its torque law, rubber and valve, the joints that it turns, and its axial force."""
+"""A pressure chamber of an actuator: its torque law, rubber and valve, the joints that it bends,
+and its axial force.
+"""
 
 from __future__ import annotations
 

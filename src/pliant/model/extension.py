@@ -63,7 +63,7 @@ class Extension:
             raise InputError(f"extension {self.name!r} must stop after its start at {self.start} m, got {self.stop}")
 
     def end(self, length: float) -> float:
-        """Return the position [m] of the segment's end on a body of a `length` [m]."""
+        """Return the position [m] of the segment's end along an actuator of the given `length` [m]."""
         return length if self.stop is None else self.stop
 
 
@@ -84,7 +84,7 @@ def shares(links: Array, base_length: float, extensions: Sequence[Extension]) ->
 
 
 def extensions_of(entries: Any) -> tuple[Extension, ...]:
-    """Return `entries`, one Extension or several, as a tuple; raise InputError for anything else."""
+    """Return one or several `Extension` objects as a tuple; raise InputError for anything else."""
     made = (entries,) if isinstance(entries, Extension) else tuple(entries)
     if not all(isinstance(e, Extension) for e in made):
         raise InputError(f"extensions must be Extension objects, got {entries!r:.80}")

@@ -193,7 +193,7 @@ class ModelFile(BaseModel):
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:
-    """Return the content of a model file as a dict."""
+    """Return the entries of a model file for `model` as a dict of plain values."""
     content: dict[str, Any] = {"schema_name": SCHEMA, "schema_version": SCHEMA_VERSION, "units": UNITS}
     content |= plain(model)
     chambers = [input_entries(c) for c in model.chambers]

@@ -19,7 +19,8 @@ PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"))
 
 @dataclass(frozen=True)
 class Memory:
-    """Hysteresis of every joint, as branches in parallel with its spring; stiffnesses are fractions of the joint's K.
+    """Hysteresis of every joint: creep, friction and Bouc-Wen branches in parallel with its spring, with stiffnesses as
+    fractions of K.
 
     Parameters
     ----------

@@ -165,7 +165,7 @@ class Model(ModelParameters):
     __hash__ = None  # type: ignore[assignment]
 
     def card(self) -> Card:
-        """Return a summary of the model to print: links, actuation, valve, hysteresis, gravity."""
+        """Return a printable summary of the model: links, actuation, valve, hysteresis and gravity."""
         return model_card(self)
 
     @property

@@ -44,7 +44,7 @@ class ModelParameters(Shown):
 
     @property
     def n(self) -> int:
-        """Number of links."""
+        """Number n of links, which equals the number of joints."""
         return self.link_length.size
 
     @property
@@ -71,7 +71,7 @@ class ModelParameters(Shown):
 
     @property
     def mass(self) -> float:
-        """Moving mass [kg], including the tip mass."""
+        """Moving mass [kg] of the actuator, the links and the tip mass."""
         return float(self.link_mass.sum() + self.tip_mass)
 
     @property

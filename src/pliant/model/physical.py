@@ -1,4 +1,4 @@
-"""Checks that the parameters of a model are physical."""
+"""Checks that the parameters of a model are physically possible."""
 
 from __future__ import annotations
 
