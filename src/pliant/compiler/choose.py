@@ -100,7 +100,8 @@ def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
 def straight(
     kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
 ) -> Any:
-    """Return a kernel compiled as straight-line code, without loops, for a chain of n links. It has the same arguments.
+    """Return a plain kernel compiled as straight-line code, without loops, for a chain of n links, with the same
+    arguments as the kernel.
 
     `trace.example_arguments` lists the arguments that a kernel may have. The kernel is recorded only if the cache on
     disk does not contain the result.

@@ -11,8 +11,8 @@ TWO_THIRDS = 2.0 / 3.0
 
 
 def spring_torque(i, joints, q, bend):
-    """Return the torque [N m] of the nonlinear spring of joint i, K q + K2 bend^2 + K3 bend^3, for scalars or arrays of
-    angles [rad].
+    """Return the torque K q + K2 bend^2 + K3 bend^3 [N m] of the nonlinear spring of joint i, for angles q and bend
+    [rad], scalars or arrays.
 
     `q` [rad] is the joint's angle from where its spring is unloaded, `bend` [rad] the angle from the unloaded rest
     shape. The two differ where hysteresis shifts the first. The number of terms beyond K q is `TERMS`. With K2 = K s

@@ -155,7 +155,7 @@ def step(phi, w, h, torque, body, joints, work):
 
 
 def centrifugal(S, square, r, a):
-    """Write the forces r (n,) less the centrifugal terms S square to a (n,), where `square` (n,) are squared rates and
+    """Write the forces r (n,) less the centrifugal terms, S times `square`, to a (n,). `square` (n,) are squared rates,
     S is skew-symmetric.
 
     a_k = r_k - sum_l S_kl square_l. S (n, n) is given by its lower triangle.

@@ -120,8 +120,8 @@ def twist(i, k, angle, work):
 
 
 def composites(body, work):
-    """Write first moment C (n, 3) [kg m] and inertia J (n, 3, 3) [kg m^2] of the rigid body of each link and all links
-    beyond it to `work`.
+    """Write first moment C (n, 3) [kg m] and inertia J (n, 3, 3) [kg m^2] of each link together with all links beyond
+    it to `work`.
 
     Both are about the joint at the start of the link. J is the link's own inertia plus
     J_next + m l^2 (1 - z z^T) + l (2 (z . C) 1 - z C^T - C z^T), with m the mass and C the first moment of the links

@@ -96,8 +96,8 @@ class Springs:
         return np.asarray(self.K * np.where(np.isfinite(turn), unit.torque(at), np.inf))
 
     def bend(self, torque: Array) -> Array:
-        """Return the angles [rad] at which the springs balance `torque` [N m], on the branch through 0; NaN where they
-        cannot.
+        """Return the angles [rad] at which the springs balance `torque` [N m], on the branch that starts at angle 0;
+        NaN where they cannot.
         """
         x = np.asarray(torque / self.K)
         if not self.terms[1:].any() and not self.bound.any():
@@ -135,8 +135,8 @@ def stiffer_springs(model: Model, factor: Any) -> dict[str, Array]:
 
 
 def angle_under(model: Model, torque: Array) -> Array:
-    """Return the joint angles (n,) [rad] at which the springs alone balance `torque` (n,) [N m], on the branch through
-    0.
+    """Return the joint angles (n,) [rad] at which the springs alone balance `torque` (n,) [N m], on the branch that
+    starts at angle 0.
 
     Raises
     ------

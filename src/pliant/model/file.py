@@ -213,7 +213,9 @@ def model_to_dict(model: Model) -> dict[str, Any]:
 
 
 def input_entries(law: Chamber) -> dict[str, Any]:
-    """Return the model-file entries of one chamber or tendon. A tendon's omit the values that follow from others."""
+    """Return the model-file entries of one chamber or tendon. For a tendon, values that follow from
+    others are omitted.
+    """
     entries = plain(law) | {"valve": dataclasses.asdict(law.valve)}
     if isinstance(law, Tendon):
         chamber = {field.name for field in dataclasses.fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}

@@ -22,7 +22,7 @@ def joint_placement(model: ModelParameters) -> str:
 
 
 def segments(model: ModelParameters) -> Array:
-    """Return the length (n,) [m] of the actuator whose bending each of n joints represents.
+    """Return, for each of n joints, the length (n,) [m] of the part of the actuator whose bending the joint represents.
 
     For joints at the base of segments it is the link behind the joint, else half of the links on both sides.
     """
