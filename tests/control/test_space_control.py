@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from pliant.control import (
     Limits,
     Lqr,
-    Mpc,
     Task,
     Tuning,
     design_lqr,
@@ -238,10 +237,8 @@ def test_what_does_not_fit_is_refused(tmp_path):
     wanted = read_task(tmp_path / "t.toml")
     assert wanted.task.outputs == ("tip_x", "tip_z")
     assert np.allclose(wanted.task.displacement, [[3e-3, -4e-3]])
-    with pytest.raises(InputError, match=r"a task commands pressures, and 'r' of .* is none"):
+    with pytest.raises(InputError, match=r"limits inputs by highest_kpa, and 'r' of .* takes a displacement"):
         run_task(pulled(), None, wanted, tmp_path)
-    with pytest.raises(InputError, match="predictive control takes pressures, and 'r' is none"):
-        Mpc(design_outputs(pulled(), ACROSS, np.zeros((1, 2)), Limits(4e-3), PERIOD), Limits(4e-3))
 
 
 def test_a_loop_takes_shapes_of_its_own_space_alone():

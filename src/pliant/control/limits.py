@@ -1,4 +1,4 @@
-"""Limits of a command: between 0 and the highest pressure, and no faster than the slew limit."""
+"""Limits of a command: between 0 and the highest pressure, or tension, and no faster than the slew limit."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the commanded gauge pressure.
+    """Limits of the commands: gauge pressures, or what tendons take, in the SI unit of the input.
 
     Parameters
     ----------
     highest : float
-        Pa. The lowest is 0: there is no vacuum.
+        Pa; of tendons N, m or rad. The lowest is 0: there is no vacuum, and no tendon pushes.
     slew : float
-        Fastest change, Pa/s; infinite by default.
+        Fastest change, Pa/s; of tendons N/s, m/s or rad/s. Infinite by default.
     chambers : tuple of float
-        Highest pressure of each of several chambers, Pa; `highest` for all by default.
+        Highest command of each of several inputs; `highest` for all by default.
 
     Raises
     ------

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from pliant.loop.sample import Sample
-from pliant.units import METRE, PASCAL
+from pliant.units import METRE, NEWTON, PASCAL, RADIAN
 
 Array = np.ndarray
+OF_INPUT = {"Pa": PASCAL, "N": NEWTON, "m": METRE, "rad": RADIAN}  # units that a reading of an input may have
 
 
 class Stream:
@@ -78,7 +79,7 @@ class Stream:
         return known and len(array) > 0 and self._points in (0, len(array))
 
 
-def streams(skew: int, now: int, axes: int = 2) -> tuple[Stream, Stream]:
-    """The streams of shapes, of so many coordinates a point, and of pressures of a loop that begins `now` [ns]."""
+def streams(skew: int, now: int, axes: int = 2, unit: str = "Pa") -> tuple[Stream, Stream]:
+    """The streams of shapes, of so many coordinates a point, and of inputs in `unit`; the loop begins `now` [ns]."""
     shapes = Stream(METRE, shape=True, skew=skew, now=now, axes=axes)
-    return shapes, Stream(PASCAL, shape=False, skew=skew, now=now)
+    return shapes, Stream(OF_INPUT[unit], shape=False, skew=skew, now=now)

@@ -17,6 +17,7 @@ from pliant.loop.log import LoopLog
 from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, Sink, Source, nanoseconds, sample
 from pliant.loop.watchdog import Watchdog
 from pliant.text import escaped
+from pliant.units import KIND_OF
 
 Array = np.ndarray
 MOST = 256  # samples read in one period: a flood cannot hold up the loop
@@ -27,19 +28,20 @@ COLUMNS = (
 )
 
 
-def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = ()) -> list[str]:
+def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = (), unit: str = "Pa") -> list[str]:
     """Columns of a loop's log: `COLUMNS`, pressure and command once for each chamber, angles, torques of touch.
 
     Target and error stand once for each output that several chambers bring to its place, such as tip_x or angle_sum.
 
+    `unit` is that of the inputs: what tendons take is named tension, displacement or angle, in N, m or rad.
     The torques are those of each joint that the model does not explain, with their standard deviation: of an estimator
     that finds them, NaN otherwise. In space `links` is the number of joint coordinates, which stand for the angles.
     """
-    names = list(COLUMNS)
-    if chambers > 1:
-        for name in ("command_pa", "pressure_pa"):
-            k = names.index(name)
-            names[k : k + 1] = [f"{name.removesuffix('_pa')}_{c + 1}_pa" for c in range(chambers)]
+    names, ending = list(COLUMNS), unit.lower()
+    for name, word in (("command_pa", "command"), ("pressure_pa", KIND_OF[unit])):
+        k = names.index(name)
+        each_input = [f"_{c + 1}" for c in range(chambers)] if chambers > 1 else [""]
+        names[k : k + 1] = [f"{word}{number}_{ending}" for number in each_input]
     if outputs:
         units = {"angle_sum": "rad"}
         for name in ("target", "error"):
@@ -120,7 +122,7 @@ class ControlLoop:
         self.command = self.pressure = self._vent
         self._began = clock.now()
         self.shapes, self.pressures = streams(
-            nanoseconds(watchdog.bounds.clock_skew), self._began, pipeline.axes
+            nanoseconds(watchdog.bounds.clock_skew), self._began, pipeline.axes, watchdog.bounds.unit
         )
         self._state: State | None = None
         self._fault_told = False
@@ -170,7 +172,7 @@ class ControlLoop:
             self._write(self.log, now, deadline)
 
     def _send(self, now: int) -> None:
-        self.sink.write(sample(COMMAND, self.command, now, hold=self.hold))
+        self.sink.write(sample(COMMAND, self.command, now, self.watchdog.bounds.unit, self.hold))
 
     def _look_at_log(self, now: int) -> None:
         """Tell a log that has stopped, once, and vent where it is needed."""
