@@ -112,7 +112,7 @@ def test_the_rest_of_the_body_at_hand_is_found_from_its_points(rng):
 
 
 def test_steady_inputs_bring_the_tip_where_it_is_wanted():
-    for model, share, unit in ((arm(), 1e5, "0, 100, 0 kPa|kPa"), (pulled(), 4e-3, "m")):
+    for model, share, unit in ((arm(), 1e5, "0, 100, 0 kPa|kPa"), (pulled(), 4e-3, "4, 0, 0 mm")):
         highest = np.full(3, share)
         level = rest_under(model, share * np.array([0.5, 0.2, 0.0]), ACROSS).value
         found = steady_inputs(model, ACROSS, level, highest, np.zeros(3))

@@ -1,4 +1,4 @@
-"""Settled poses of a chain in space, one after the other: each is at rest under the inputs of its row.
+"""Rests of a chain in space: of one load, and settled poses one after the other, each under the inputs of its row.
 
 Friction of tendons holds against the way from one pose to the next: `tendon.slip` sees the change of the coordinates as
 rates over one second. Slopes come from complex steps, so all but what is found is complex; imaginary parts of what is
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.equations.spatial_points import observe
+from pliant.equations.spatial_points import add_pose_loads, observe
 from pliant.equations.tendon import eliminate, forces_at_rest, slip
 
 STEP = 1e-30  # imaginary part: its square vanishes beside 1
@@ -33,22 +33,27 @@ class Settling(NamedTuple):
     torque: np.ndarray  # (N + R,) inputs on the way from one to the next
     push: np.ndarray  # (N,) what pulls
     move: np.ndarray  # (N,) of Newton's method
+    load: np.ndarray  # (n + 1, 3, 5) of forces on the links, as `add_pose_loads` takes it
 
 
-def forces_after(x, last, torque, body, joints, work, push):
-    """Write what pulls at x (N,) at rest, reached from `last` (N,): push (N,), zero in equilibrium, N m."""
+def forces_after(x, last, torque, load, body, joints, work, push):
+    """Write what pulls at x (N,) at rest, reached from `last` (N,): push (N,), zero in equilibrium, N m.
+
+    `load` (n + 1, 3, 5) is that of forces on the links.
+    """
     for i in range(len(x)):
         work.v[i] = x[i] - last[i]
     for r in range(len(body.friction)):
         slip(r, x, work.v, body, work)
     forces_at_rest(x, torque, body, joints, work, push)
+    add_pose_loads(load, body, work, push)
 
 
-def stiffness_at(x, last, torque, body, joints, work, K):
+def stiffness_at(x, last, torque, load, body, joints, work, K):
     """Write minus the slopes of `forces_after` by x to K (N, N), N m/rad."""
     for j in range(len(x)):
         x[j] = x[j] + complex(0.0, STEP)
-        forces_after(x, last, torque, body, joints, work, work.a)
+        forces_after(x, last, torque, load, body, joints, work, work.a)
         x[j] = x[j] - complex(0.0, STEP)
         for i in range(len(x)):
             K[i, j] = -work.a[i].imag / STEP
@@ -82,10 +87,10 @@ def settle(torque, body, joints, work, found, K):
     Newton's method; a move that makes matters worse is halved. Returns 1 where a stable rest is found, else 0.
     """
     x, last, push, move = found.at, found.last, found.push, found.move
-    forces_after(x, last, torque, body, joints, work, push)
+    forces_after(x, last, torque, found.load, body, joints, work, push)
     for _ in range(ROUNDS):
         before = largest_of(push)
-        stiffness_at(x, last, torque, body, joints, work, K)
+        stiffness_at(x, last, torque, found.load, body, joints, work, K)
         stiffest = 0.0
         for i in range(len(x)):
             stiffest = max(stiffest, abs(K[i, i]))
@@ -96,14 +101,14 @@ def settle(torque, body, joints, work, found, K):
         part = min(1.0, FARTHEST / max(far, 1e-300))
         for i in range(len(x)):
             x[i] = x[i] + part * move[i].real
-        forces_after(x, last, torque, body, joints, work, push)
+        forces_after(x, last, torque, found.load, body, joints, work, push)
         if far < SETTLED:
             return 1.0 if shift == 0.0 else 0.0
         while largest_of(push) > before and part > 1e-4:
             part = 0.5 * part
             for i in range(len(x)):
                 x[i] = x[i] - part * move[i].real
-            forces_after(x, last, torque, body, joints, work, push)
+            forces_after(x, last, torque, found.load, body, joints, work, push)
     return 0.0
 
 
@@ -131,7 +136,7 @@ def settle_all(torque, body, joints, work, found):
     size = found.x.shape[1]
     for i in range(size):
         found.last[i] = complex(found.x[0, i], 0.0)
-    stiffness_at(found.last, found.last, torque[0], body, joints, work, found.K[0])
+    stiffness_at(found.last, found.last, torque[0], found.load, body, joints, work, found.K[0])
     for row in range(1, len(found.x)):
         good = 0.0
         for parts in PARTS:
@@ -152,9 +157,9 @@ def show_all(torque, body, joints, work, found, places, seen):
         for i in range(size):
             found.at[i] = complex(found.x[row, i], 0.0)
         if row == 0:
-            forces_after(found.at, found.at, torque[row], body, joints, work, found.push)
+            forces_after(found.at, found.at, torque[row], found.load, body, joints, work, found.push)
         else:
-            forces_after(found.at, found.last, torque[row], body, joints, work, found.push)
+            forces_after(found.at, found.last, torque[row], found.load, body, joints, work, found.push)
         for i in range(size):
             found.push[i] = complex(0.0, found.push[i].imag)
         solved(found.K[row], 0.0, found.push, work, found.move)
