@@ -98,7 +98,7 @@ def test_what_the_loop_says_has_the_unit_of_the_input():
     assert dog.fault == "the tension of -2.0 N is outside -1.0 ... 12.0 N"
     dog.reset()
     dog.command(0, np.array([13.0]))
-    assert dog.fault == "a command of 13.0 N is out of limits"
+    assert dog.fault == "the command of 13.0 N is outside 0 ... 12.0 N"
     dog.reset()
     dog.frozen(0, 0, 251)
     assert dog.fault.startswith("frozen tension: 251 readings")

@@ -1,7 +1,7 @@
-"""URDF: links, joints, inertia and dampers, for RViz and for tools that know no springs.
+"""Export of a model as URDF: links, joints, inertia and dampers, for RViz and other tools without springs.
 
 The joint ``strain_NAME`` of a segment that lengthens moves an empty link by one metre for a strain of one; the
-prismatic joints along the links of that segment mimic it, each by its own length.
+prismatic joints along the links of that segment mimic it, each in proportion to its length.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
 from pliant.text import identifiers
 
-LOST = "URDF has no springs and no pressure: it carries links, joints, inertia and dampers, and its chain hangs loose"
-WORLD = "URDF has no gravity: the world that loads it has"
+LOST = "URDF has no springs and no pressure: it holds links, joints, inertia and dampers, and its joints are loose"
+WORLD = "URDF has no gravity: set gravity in the simulator that loads the file"
 CAN = frozenset({"points", "space", "twist", "lengthening", "space_lengthening"})
 BY_NATURE = dict.fromkeys(ALL - CAN - {"gravity"}, LOST) | {"gravity": WORLD}
 Array = np.ndarray
-TURN = 3.0  # rad, limit of a joint: RViz draws its sliders by it
+TURN = 3.0  # rad, limit of a joint, which sets the range of RViz's sliders
 STRAINS = -0.5, 1.0  # limits of a strain
 
 
 def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: float = 0.0) -> str:
-    """The XML of a body; joint angles are zero in the rest shape."""
+    """Return the URDF text of a model; joint angles are zero in the rest shape."""
     size = radius or 0.08 * model.length
     model = with_identifiers(model)
     bodies = rigid_chain(model)
@@ -136,7 +136,7 @@ def frame_of(bodies: RigidChain, parent: str, place: Array) -> tuple[Rotation, A
 
 
 def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
-    """Add the hinges before link `i`; between two of them lies a link without mass or length."""
+    """Add the hinges before link `i`, with a link without mass or length between two of them."""
     own, slides = bodies.links[i], bodies.links[i - 1].slides if i else bodies.base_slides
     before = slides[-1].name if slides else f"link_{i}" if i else "base"
     turn, place = frame_of(bodies, before, bodies.start(i))
@@ -157,20 +157,23 @@ def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
 
 
 def angles(turn: Rotation) -> Array:
-    """Return a rotation as URDF has it, (3,) [rad] about fixed x, then y, then z; any split of a turn that has many."""
+    """Return a rotation as URDF angles (3,) [rad] about fixed x, then y, then z.
+
+    In gimbal lock, one of the possible solutions is returned.
+    """
     with catch_warnings():
-        simplefilter("ignore", UserWarning)  # of a gimbal lock
+        simplefilter("ignore", UserWarning)  # gimbal lock
         return np.asarray(turn.as_euler("xyz"))
 
 
 def turned(turn: Array, bodies: RigidChain) -> Rotation:
-    """Return the rotation that takes the axis of a cylinder, z, to a link that is turned by a rotation vector (3,)."""
+    """Return the rotation from a cylinder's axis z to the axis of a link with the rotation vector `turn` (3,) [rad]."""
     upright = np.zeros(3) if bodies.tangent[2] else np.array([-0.5 * np.pi, 0.0, 0.0])
     return Rotation.from_rotvec(turn) * Rotation.from_rotvec(upright)
 
 
 def shape(link: ET.Element, along: Rotation, length: float, size: float, start: float = 0.0) -> None:
-    """Add a cylinder that `along` takes from z to a link, from `start` [m] on, to see and to touch."""
+    """Add a cylinder along a link from `start` [m], for display and contact; `along` rotates z to the link's axis."""
     if not length > 0:
         return
     middle = along.apply([0.0, 0.0, start + 0.5 * length])
@@ -182,7 +185,7 @@ def shape(link: ET.Element, along: Rotation, length: float, size: float, start: 
 
 
 def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: str) -> None:
-    """An observed point as a link of its own without mass, fixed to its carrier."""
+    """Add an observed point as a massless link, fixed to the link that carries it."""
     bodies = rigid_chain(model)
     carrier, place, slide = carrier_of(model, bodies, point)
     if slide:
@@ -197,9 +200,9 @@ def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: 
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the URDF."""
+    """Write the URDF file."""
     if options["radius"] < 0:
-        raise InputError(f"urdf radius must not be negative, m, got {options['radius']}")
+        raise InputError(f"urdf radius must be >= 0 m, got {options['radius']}")
     return (write_text(path, urdf(model, provenance, **options)),)
 
 
