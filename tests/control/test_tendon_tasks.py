@@ -101,7 +101,7 @@ def test_what_the_loop_says_has_the_unit_of_the_input():
     assert dog.fault == "the command of 13.0 N is outside 0 ... 12.0 N"
     dog.reset()
     dog.frozen(0, 0, 251)
-    assert dog.fault.startswith("frozen tension: 251 readings")
+    assert dog.fault.startswith("frozen tension: 251 consecutive readings")
     with pytest.raises(InputError, match="unit is one of Pa, N, m, rad"):
         Bounds(1.0, unit="kg")
     _, tensions = streams(0, 0, 3, "N")
