@@ -1,5 +1,5 @@
-"""Controllers that command one or several pressures: input shaping, feedforward, PI-D, linear-quadratic and predictive
-control.
+"""Controllers that command one or several pressures or tendons: shaping, feedforward, PI-D, linear-quadratic and
+predictive control.
 """
 
 from pliant.control.contract import Controller, ControllerKind, Pipeline

@@ -1,4 +1,6 @@
-"""Limits of a command: the range from 0 to the highest pressure or tension, and the slew rate."""
+"""Limits of the commands of a controller: the range from 0 to the highest pressure or tendon input,
+and the slew rate.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the commands: gauge pressures, or what tendons take, in the SI unit of the input.
+    """Highest value and slew rate of the commands: gauge pressures [Pa], or tendon inputs [N, m or rad].
 
     Parameters
     ----------
@@ -46,7 +48,7 @@ class Limits:
             )
 
     def each(self, count: int) -> Array:
-        """Return the highest pressures (C,) [Pa] of `count` chambers.
+        """Return the highest commands (C,) of `count` inputs, in their SI units.
 
         Raises InputError when the limits are given for another number of chambers.
         """

@@ -21,7 +21,7 @@ READING = {"Pa": 300.0, "N": 0.05, "m": 2e-5, "rad": 1e-3}  # noise of a reading
 
 
 class ModelPlant:
-    """A simulated actuator with valves, dead times and noisy sensors, moved by one pressure command for each chamber.
+    """A simulated actuator with valves, dead times and noisy sensors, moved by one command for each of its inputs.
 
     Its sensors add white noise to the shape and the pressures. With the file of a different model than the
     controller's, it shows how the controller handles model errors. With the same model, it shows the best possible
@@ -91,7 +91,8 @@ class ModelPlant:
         return self._stepper.tips()[-1].copy()
 
     def advance(self, command: float | Array) -> tuple[float, Array, Array]:
-        """Hold the commands (C,) for one period and return the sensors' readings.
+        """Hold the commands (C,) for one period, and return the readings: time [s], shape points (S, 2 or 3) [m],
+        pressures or tendon inputs (C,).
 
         Returns the time of the shape [s], its points (S, 2), in space (S, 3) [m], and the pressures (C,) [Pa].
 

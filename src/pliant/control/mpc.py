@@ -1,4 +1,5 @@
-"""Nonlinear model predictive control of any number of outputs by any number of pressures (optional extra ``mpc``).
+"""Nonlinear model predictive control of any number of outputs by any number of pressures or tendons (optional extra
+``mpc``).
 
 In each period the controller predicts the model's motion under the last plan, with the exact Jacobians of the time
 steps. It then solves one quadratic program in the commands within the limits of pressure and slew (real-time
@@ -31,7 +32,7 @@ HUNDRED = 100.0  # parts of its highest, in which a command that is no pressure 
 
 
 class Mpc(Lqr):
-    """Nonlinear model predictive controller for the reference and weights of an `LqrDesign`, within limits of pressure
+    """Nonlinear model predictive controller for the reference and weights of an `LqrDesign`, within limits of command
     and slew rate.
 
     A period whose quadratic program was not solved is a fault. The controller then continues the last plan within the

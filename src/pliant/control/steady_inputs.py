@@ -138,7 +138,7 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
 
 
 def written(model: Model, values: Array) -> str:
-    """Return the values (C,) of a model's inputs as text, in the units of plots."""
+    """Return the input values (C,) of a model as text with units as in plots, such as "12.5 kPa"."""
     units = model.actuation.units
     if len(set(units)) == 1:
         return in_words(values, units[0])

@@ -243,12 +243,12 @@ class TaskFile(Entry):
 
     @property
     def unit(self) -> str:
-        """Return the SI unit of the commands: "Pa", or "N", "m", "rad" of tendons."""
+        """SI unit of the commands: "Pa" for pressures; "N", "m" or "rad" for tendons."""
         return SCALES[self._scale][0]
 
     @property
     def limits(self) -> Limits:
-        """Limits of the command, in its SI unit."""
+        """Limits of the commands, in the commands' SI unit."""
         name, (_, factor) = self._scale, SCALES[self._scale]
         slew, each = factor * getattr(self, f"slew_{name}_per_s"), getattr(self, f"highest_{name}")
         if isinstance(each, list):

@@ -1,4 +1,5 @@
-"""Static poses of a chain in space: under one load, or one after the other, each in equilibrium under its inputs.
+"""Static poses of a chain in space, under one load or as a sequence, each in equilibrium under its own torques and
+tendon inputs.
 
 The friction of tendons acts against the motion from one pose to the next: `tendon.slip` receives the change of the
 coordinates as rates over one second. Derivatives are complex steps, so that all arrays except the resulting poses are
@@ -37,7 +38,10 @@ class Settling(NamedTuple):
 
 
 def forces_after(x, last, torque, load, body, joints, work, push):
-    """Write the net force at rest at x (N,), reached from `last` (N,), to push (N,) [N m]: zero in equilibrium.
+    """Write the net generalized force on the chain at rest at x (N,) to push (N,) [N m], after a motion from `last`
+    (N,) to x.
+
+    The friction of tendons opposes this motion. The force is zero in equilibrium.
 
     `load` (n + 1, 3, 5) holds the forces on the links.
     """
@@ -50,7 +54,10 @@ def forces_after(x, last, torque, load, body, joints, work, push):
 
 
 def stiffness_at(x, last, torque, load, body, joints, work, K):
-    """Write the stiffness K (N, N) [N m/rad] at x (N,): minus the derivative of the force of `forces_after` by x."""
+    """Write the stiffness K (N, N) [N m/rad] at the pose x (N,): minus the derivative of the net force at rest by x.
+
+    The net force is that of `forces_after`.
+    """
     for j in range(len(x)):
         x[j] = x[j] + complex(0.0, STEP)
         forces_after(x, last, torque, load, body, joints, work, work.a)

@@ -66,7 +66,7 @@ class Branch(NamedTuple):
 
 
 def number(*values: float) -> str:
-    """Return numbers as MJCF text that preserves every bit."""
+    """Return numbers as MJCF text, with enough digits to preserve every bit."""
     return " ".join(f"{float(v) + 0.0:.17g}" for v in values)
 
 
@@ -124,8 +124,7 @@ def mjcf(
 
 
 def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> ET.Element:
-    """Add link `i` to its parent in the MJCF: body, hinges, inertia, geometry and hidden hinges. Returns the body
-    element.
+    """Add link `i` to its parent in the MJCF: body, hinges, inertia, geometry and hidden hinges.
 
     Returns the new body element.
     """
@@ -147,7 +146,8 @@ def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tu
 
 
 def along(body: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> ET.Element:
-    """Add what link `i`, or the base for -1, has along itself: slides, looks, points; return what carries the next.
+    """Add slides, capsules and observed points along link `i` (-1: the base) to the MJCF, and return the body that
+    carries the next link.
 
     A capsule reaches from one body along a link to the next; where the link lengthens, half of it and a quarter to
     either side of its middle, so that no gap opens.
@@ -174,7 +174,9 @@ def along(body: ET.Element, model: Model, bodies: RigidChain, i: int, names: tup
 
 
 def sliding(parent: ET.Element, bodies: RigidChain, slide: Slide, prefix: str) -> ET.Element:
-    """Add a body that slides along a link, a point mass; its joint has the same name."""
+    """Add a point mass that slides along a link to the MJCF, with a slide joint of the same name,
+    and return its body.
+    """
     place = number(*(slide.step * bodies.tangent))
     body = ET.SubElement(parent, "body", name=f"{prefix}{slide.name}", pos=place)
     ET.SubElement(body, "joint", name=f"{prefix}{slide.name}", type="slide", axis=number(*bodies.tangent))
@@ -207,7 +209,9 @@ def branches(model: Model) -> list[Branch]:
 
 
 def capsule(body: ET.Element, name: str, reach: Array, size: float, start: Array | None = None) -> None:
-    """Add a capsule from `start` (default: the origin) to `reach` (3,) [m], for display and contact, without mass."""
+    """Add a massless capsule from `start` (default: the origin) to `reach` (3,) [m] to the MJCF, for display and
+    contact.
+    """
     start = 0.0 * reach if start is None else start
     length = float(np.linalg.norm(reach - start))
     if length > 0:
@@ -253,14 +257,14 @@ def tendons(root: ET.Element, model: Model, prefix: str) -> None:
 
 
 def add_slides(tendon: ET.Element, slides: Sequence[Slide], coefficients: Array, prefix: str) -> None:
-    """Add slides to a fixed tendon, those with a coefficient."""
+    """Add slides with their coefficients to a fixed tendon of the MJCF. Slides with the coefficient 0 are left out."""
     for slide, coefficient in zip(slides, coefficients, strict=True):
         if coefficient:
             ET.SubElement(tendon, "joint", joint=f"{prefix}{slide.name}", coef=number(coefficient))
 
 
 def together(root: ET.Element, group: ET.Element, model: Model, prefix: str) -> None:
-    """Keep the slides of a segment together: each is a multiple of one of them, the chief.
+    """Add constraints to the MJCF that couple all slides of an extensible segment to one of them, the chief.
 
     A slide that two segments move has a fixed tendon in `group`, which is its displacement less what their
     chiefs make of it.
@@ -292,7 +296,7 @@ def together(root: ET.Element, group: ET.Element, model: Model, prefix: str) -> 
 
 
 def contacts(root: ET.Element, prefix: str) -> None:
-    """Exclude contacts between the body's own links, which the model does not have either."""
+    """Exclude contacts between the links of the actuator in the MJCF, because the model has none."""
     group = ET.SubElement(root, "contact")
     names = [body.attrib["name"] for body in root.iter("body") if body.find("geom") is not None]
     names = list(dict.fromkeys([f"{prefix}base", *names]))
@@ -388,9 +392,11 @@ def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write a model as MJCF to `path`, and return the path."""
     if not min(options["timestep"], options["radius"], options["highest"]) >= 0:
-        raise InputError(f"mjcf timestep (s), radius (m) and highest (Pa) must be >= 0, got {dict(options)}")
+        raise InputError(f"mjcf options timestep (s), radius (m) and highest (Pa) must be >= 0, got {dict(options)}")
     if options["integrator"] not in ("", *INTEGRATORS):
-        raise InputError(f"mjcf integrator must be one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}")
+        raise InputError(
+            f"mjcf option integrator must be one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}"
+        )
     highest = options["highest"] or 2.0 * typical_pressure(model)
     if not options["highest"] and highest:
         unit = model.actuation.units[0]

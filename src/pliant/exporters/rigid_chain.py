@@ -1,4 +1,4 @@
-"""Conversion of a model to rigid bodies joined by hinges, in the plane or in space, for MJCF and URDF.
+"""Conversion of a model to rigid bodies joined by hinges and slides, in the plane or in space, for MJCF and URDF.
 
 In a plane a joint is one hinge about z. In space, a bending rotation vector becomes a hinge about x and one about y,
 and a twist becomes a hinge about z. Two successive hinges equal the rotation vector except for a twist of half the
@@ -38,7 +38,7 @@ class Hinge(NamedTuple):
 
 
 class Slide(NamedTuple):
-    """A body that slides along a link as it lengthens, a point mass."""
+    """A point mass that slides along a link when the link lengthens."""
 
     name: str
     place: float  # m, from the joint of the link, unstretched
@@ -73,23 +73,25 @@ class RigidChain(NamedTuple):
 
     @property
     def slides(self) -> tuple[Slide, ...]:
-        """All slides, base first."""
+        """All slides of the chain, from base to tip."""
         return (*self.base_slides, *(slide for link in self.links for slide in link.slides))
 
     @property
     def growth(self) -> Array:
-        """How far each slide moves for a unit of each strain, (K, S), m."""
+        """Displacement (K, S) [m] of each of K slides for a unit of each of S segment strains."""
         return np.array([slide.growth for slide in self.slides])
 
     @property
     def strain_of_slides(self) -> Array:
-        """Strains (S, K) of the displacements of the slides, 1/m: each strain is that of all that it moves together."""
+        """Matrix (S, K) [1/m] that gives the S segment strains from the displacements [m] of the K slides, as weighted
+        means.
+        """
         growth = self.growth
         weight = growth.T / growth.sum(axis=1)
         return np.asarray(np.linalg.solve(weight @ growth, weight))
 
     def start(self, i: int) -> Array:
-        """Return the place (3,) of joint i in the frame of the body that carries it, m."""
+        """Return the position (3,) [m] of joint i in the frame of the body that carries it."""
         slides = self.links[i - 1].slides if i else self.base_slides
         return np.zeros(3) if slides else self.links[i].place
 
@@ -100,7 +102,7 @@ class RigidChain(NamedTuple):
 
 
 def rigid_chain(model: Model) -> RigidChain:
-    """Return the rigid bodies, hinges and slides of a model."""
+    """Return the rigid bodies, hinges and slides that represent a model."""
     turns = rest_turns(model)
     masses, centre, across, along = inertias(model)
     hinges = hinges_of(model)
@@ -119,7 +121,9 @@ def rigid_chain(model: Model) -> RigidChain:
 
 
 def lengthening(model: Model, chain: RigidChain) -> RigidChain:
-    """Return the chain with the masses of those links that lengthen on slides, and a slide at the end of the base."""
+    """Return the chain with slides on its extensible links, which carry their masses, and a slide at the end of an
+    extensible base.
+    """
     share, links = model.stretch_share, []
     for i, link in enumerate(chain.links):
         rod, cap = float(model.link_mass[i]), model.tip_mass * (i + 1 == model.n)
@@ -143,7 +147,8 @@ def lengthening(model: Model, chain: RigidChain) -> RigidChain:
 
 
 def carrier_of(model: Model, chain: RigidChain, point: Station) -> tuple[str, Array, Slide | None]:
-    """Return the body that carries an observed point, the point's place (3,) in its frame [m], and its slide, if any.
+    """Return the body that carries an observed point, the point's position (3,) [m] in its frame, and the point's own
+    slide or None.
 
     A point at the joint of a link that lengthens, in its middle or at its end moves with a body that is there; any
     other gets a slide of its own, which the body at the joint carries.

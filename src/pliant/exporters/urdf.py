@@ -1,4 +1,4 @@
-"""Export of a model as URDF: links, joints, inertia and dampers, for RViz and other tools without springs.
+"""Export of a model as URDF: links, joints, inertia and dampers, without springs, for RViz and other tools.
 
 The joint ``strain_NAME`` of a segment that lengthens moves an empty link by one metre for a strain of one; the
 prismatic joints along the links of that segment mimic it, each in proportion to its length.
@@ -71,7 +71,7 @@ def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: floa
 
 
 def inertia(link: ET.Element, centre: Array, mass: float, about: Mapping[str, str]) -> None:
-    """Add mass [kg], its centre (3,) [m] and moments of inertia about it to a link."""
+    """Add mass [kg], centre of mass (3,) [m] and moments of inertia to a link of the URDF."""
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", xyz=number(*centre))
     ET.SubElement(inertial, "mass", value=number(mass))
@@ -79,7 +79,9 @@ def inertia(link: ET.Element, centre: Array, mass: float, about: Mapping[str, st
 
 
 def strains(root: ET.Element, model: Model, prefix: str) -> None:
-    """Add the joint whose value is the strain of each segment that lengthens; it moves an empty link."""
+    """Add a prismatic joint for each extensible segment to the URDF, whose value is the segment's strain. It moves an
+    empty link.
+    """
     dampers = mechanics_of(model).joints.D[model.size - len(model.extensions) :]
     for segment, damping in zip(model.extensions, dampers, strict=True):
         name = f"{prefix}strain_{segment.name}"
@@ -94,7 +96,7 @@ def strains(root: ET.Element, model: Model, prefix: str) -> None:
 
 
 def along(root: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> None:
-    """Add what slides along link `i`, or along the base for -1, as it lengthens."""
+    """Add the slides of link `i` (-1: the base), which move when the link lengthens, to the URDF."""
     prefix, size = names
     own = bodies.links[i] if i >= 0 else None
     slides, length = (own.slides, own.length) if own else (bodies.base_slides, bodies.base_length)
@@ -108,7 +110,9 @@ def along(root: ET.Element, model: Model, bodies: RigidChain, i: int, names: tup
 
 
 def sliding(root: ET.Element, model: Model, bodies: RigidChain, slide: Slide, names: tuple[str, str]) -> ET.Element:
-    """Add the link of a slide, moved by one prismatic joint for each segment that moves it; return it."""
+    """Add the link of a slide to the URDF, with one prismatic joint for each segment that moves it, and return the
+    link.
+    """
     prefix, parent = names
     turn, place = frame_of(bodies, parent, slide.step * bodies.tangent)
     movers = np.flatnonzero(slide.growth)
@@ -130,13 +134,15 @@ def sliding(root: ET.Element, model: Model, bodies: RigidChain, slide: Slide, na
 
 
 def frame_of(bodies: RigidChain, parent: str, place: Array) -> tuple[Rotation, Array]:
-    """Return turn and place (3,) of what a body carries, in its frame; the base's does not turn with its tangent."""
+    """Return rotation and position (3,) [m] of a part on a body, in the body's frame. The base frame is not turned by
+    the base angle.
+    """
     base = Rotation.from_rotvec(bodies.base_turn)
     return (base, np.asarray(base.apply(place))) if parent == "base" else (Rotation.identity(), place)
 
 
 def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
-    """Add the hinges before link `i`, with a link without mass or length between two of them."""
+    """Add the hinges before link `i` to the URDF, with a massless link between each two of them."""
     own, slides = bodies.links[i], bodies.links[i - 1].slides if i else bodies.base_slides
     before = slides[-1].name if slides else f"link_{i}" if i else "base"
     turn, place = frame_of(bodies, before, bodies.start(i))
@@ -175,7 +181,9 @@ def turned(turn: Array, bodies: RigidChain) -> Rotation:
 
 
 def shape(link: ET.Element, along: Rotation, length: float, size: float, start: float = 0.0) -> None:
-    """Add a cylinder along a link from `start` [m], for display and contact; `along` rotates z to the link's axis."""
+    """Add a cylinder along a link, from `start` [m] on, to the URDF for display and contact. `along` rotates z to the
+    link's axis.
+    """
     if not length > 0:
         return
     middle = along.apply([0.0, 0.0, start + 0.5 * length])
@@ -187,7 +195,7 @@ def shape(link: ET.Element, along: Rotation, length: float, size: float, start: 
 
 
 def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: str) -> None:
-    """Add an observed point as a massless link, fixed to the link that carries it."""
+    """Add an observed point to the URDF as a massless link, fixed to the link that carries it."""
     bodies = rigid_chain(model)
     carrier, place, slide = carrier_of(model, bodies, point)
     if slide:

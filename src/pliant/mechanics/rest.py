@@ -1,4 +1,7 @@
-"""Equilibrium of a chain under a load, by Newton's method: in a plane here, in space by `equations.poses`."""
+"""Static equilibrium of a loaded chain, by Newton's method with a load that increases in steps.
+
+It is for chains in a plane; `equations.poses` does this in space.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,10 @@ def loaded_rest(residual: Callable[[Array, float], tuple[Array, Array]], q: Arra
 
 
 def settling(poses: int, size: int, inputs: int, load: Array) -> Settling:
-    """Return arrays for so many poses of a chain in space of `size` coordinates, at rest in its unloaded shape first.
+    """Return the arrays for a search of `poses` static poses of a chain in space, starting at rest in the unloaded
+    shape.
+
+    The chain has `size` coordinates.
 
     `inputs` counts the torques of coordinates and the commands of tendons; `load` is that of forces on the links.
     """
