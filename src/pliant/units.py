@@ -78,7 +78,7 @@ KIND_OF = {"Pa": "pressure", "N": "tension", "m": "displacement", "rad": "angle"
 
 
 def in_words(values: Any, unit: str) -> str:
-    """Return values of inputs in an SI unit as words, in the unit that plots show: "2.5, 3 N", "190 kPa"."""
+    """Return input values in the SI unit `unit` as text in the unit used by plots, such as "190 kPa" or "2.5, 3 N"."""
     factor, word = shown_in(unit)
     return ", ".join(f"{factor * value:.4g}" for value in np.ravel(values)) + f" {word}"
 

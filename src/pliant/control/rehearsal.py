@@ -257,7 +257,9 @@ def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: 
 
 
 def range_of(limits: Limits, unit: str) -> str:
-    """Return the range of commands in an SI unit, and their fastest change, as words."""
+    """Return the range of the commands and their slew limit as text with units, such as "0 ... 190
+    kPa and 500 kPa/s".
+    """
     slew = "" if np.isinf(limits.slew) else f" and {in_words(limits.slew, unit)}/s"
     return f"0 ... {in_words(limits.highest, unit)}{slew}"
 

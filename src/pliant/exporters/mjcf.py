@@ -96,8 +96,8 @@ def mjcf(
     integrator = integrator or INTEGRATORS[2 if bodies.slides else 0]
     if bodies.slides and integrator.startswith("implicit"):
         raise InputError(
-            f"mjcf: with integrator={integrator} MuJoCo finds the forces that hold a segment's slides together without "
-            "its dampers, and the body may come apart: take integrator=Euler or integrator=RK4"
+            f"mjcf: with integrator={integrator} MuJoCo ignores the dampers of an extensible segment in its constraint "
+            "forces, so that the parts of the segment may drift apart: take integrator=Euler or integrator=RK4"
         )
     linear = linear_chain(model, [Hidden(b.share, b.time, ARMATURE) for b in branches(model)])
     timestep = checked_step(linear, integrator, timestep)
