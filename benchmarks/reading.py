@@ -24,7 +24,7 @@ CODE = re.compile(r"^(```|:::).*?^\1[^\n]*$|\A---\n.*?^---$|^\$\$.*?\$\$[^\n]*$|
                   re.MULTILINE | re.DOTALL)  # also the head of a page, formulas and remarks  # fmt: skip
 NO_TEXT = re.compile(r"^(?:\||#|\(\S+\)=$|<)[^\n]*$|^!\[[^\]]*\]\([^)]*\)", re.MULTILINE)  # table, heading, picture
 ITEM = re.compile(r"\n\s*(?:[-*]|\d+\.) +")  # begins an item of a list
-RUN_IN = re.compile(r"^\*\*[^*]*(?:[.:!?]\*\*|\*\*(?: \([^)]*\))?[.:])\s*")  # a heading that begins a paragraph
+RUN_IN = re.compile(r"^\*\*[^*]*(?:[.:!?]\*\*|\*\*(?: \([^)]*\))?\.)\s*")  # a heading that begins a paragraph
 END = re.compile(r"[.!?][*)\"]*\s+(?=\S)")  # of a sentence
 KEPT = re.compile(r"(?:\b[A-Z]|\b(?:Sec|Secs|Eq|Eqs|Fig|Figs|Ref|No|vs|cf|e\.g|i\.e|et al)|\.\.)\.$")  # no end of one
 VERBS = ("is are was were has have had does do did can cannot must may shows? gives? holds? takes? prints? measures? "
