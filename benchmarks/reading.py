@@ -23,7 +23,7 @@ SHORTEST = 25  # characters of a sentence
 CODE = re.compile(r"^(```|:::).*?^\1[^\n]*$|\A---\n.*?^---$|^\$\$.*?\$\$[^\n]*$|<!--.*?-->",
                   re.MULTILINE | re.DOTALL)  # also the head of a page, formulas and remarks  # fmt: skip
 NO_TEXT = re.compile(r"^(?:\||#|\(\S+\)=$|<)[^\n]*$|^!\[[^\]]*\]\([^)]*\)", re.MULTILINE)  # table, heading, picture
-ITEM = re.compile(r"\n\s*(?:[-*]|\d+\.) +")  # begins an item of a list
+ITEM = re.compile(r"\n\s*(?:[-*]|\d+\.) +|\n(?=\[\^)")  # begins an item of a list or a footnote
 RUN_IN = re.compile(r"^\*\*[^*]*(?:[.:!?]\*\*|\*\*(?: \([^)]*\))?\.)\s*")  # a heading that begins a paragraph
 END = re.compile(r"[.!?][*)\"]*\s+(?=\S)")  # of a sentence
 KEPT = re.compile(r"(?:\b[A-Z]|\b(?:Sec|Secs|Eq|Eqs|Fig|Figs|Ref|No|vs|cf|e\.g|i\.e|et al)|\.\.)\.$")  # no end of one
