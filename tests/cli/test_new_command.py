@@ -15,8 +15,8 @@ from pliant.errors import InputError
 from pliant.recording import make_recording, write
 from pliant.study.draft import draft_study
 from pliant.study.new import clusters, look_at
-from pliant.study.questions import open_entries, refuse_open
 from pliant.study.schema import Study
+from pliant.study.shorthand import open_entries, refuse_open
 from pliant.study.toml_text import relative, toml
 from pliant.testbed.bundle import FOLDER
 

@@ -158,7 +158,7 @@ def test_a_wiring_of_an_unknown_chamber_or_fit_is_refused(folder: Path) -> None:
 
 
 def test_a_rigid_part_lies_before_the_first_segment() -> None:
-    from pliant.study.prepare import study_model
+    from pliant.study.body import study_model
     from pliant.study.schema import ActuatorEntry
 
     entry = ActuatorEntry(length=0.12, base_length=0.05, mass=0.05, links=2, joint_placement="midsegment")

@@ -129,7 +129,7 @@ def test_a_band_that_cannot_be_computed_leaves_the_prediction(
     def fail(*_: Any, **__: Any) -> Any:
         raise error
 
-    monkeypatch.setattr("pliant.study.record_outcomes.prediction_band", fail)
+    monkeypatch.setattr("pliant.study.fits.prediction_band", fail)
     outcome = run_study(load_study(write_study(tmp_path, study_of(good=FIT))), tmp_path / "out")
     (record,) = (r for r in outcome.fits[0].records if r.role == "held_out")
     assert record.band is None
@@ -143,9 +143,9 @@ def test_a_band_that_cannot_be_computed_leaves_the_prediction(
 
 def test_a_motion_that_is_not_finite_is_no_small_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames of NaN count as not seen: a diverged motion would look like a good one."""
-    from pliant.study import record_outcomes
+    from pliant.study import fits
 
-    predict = record_outcomes.predict
+    predict = fits.predict
 
     def diverging(model: Any, exp: Any, values: Any, step: float) -> Any:
         told = predict(model, exp, values, step)
@@ -153,7 +153,7 @@ def test_a_motion_that_is_not_finite_is_no_small_error(tmp_path: Path, monkeypat
             told["compared"][90:] = float("nan")
         return told
 
-    monkeypatch.setattr(record_outcomes, "predict", diverging)
+    monkeypatch.setattr(fits, "predict", diverging)
     outcome = run_study(load_study(write_study(tmp_path, study_of(good=FIT))))
     assert [m.record for m in outcome.fits[0].missing] == ["high"]
     assert "not finite" in outcome.fits[0].missing[0].reason

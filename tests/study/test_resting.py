@@ -8,7 +8,7 @@ import pytest
 from pliant.errors import InputError
 from pliant.preprocessing.align import align
 from pliant.recording import make_recording
-from pliant.study.resting import Aligned, at_one_rest
+from pliant.study.aligned import Aligned, at_one_rest
 
 TIME = np.arange(60) / 100.0
 

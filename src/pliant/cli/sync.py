@@ -36,7 +36,7 @@ def sync(
     from pliant.preprocessing.sync import shift_pressure
     from pliant.preprocessing.sync import sync as find
     from pliant.recording import write
-    from pliant.study.clocks import with_pressure
+    from pliant.study.aligned import with_pressure
 
     recording = read_with_mapping(shape, mapping)
     if pressure is not None:

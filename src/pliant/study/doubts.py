@@ -5,33 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib import import_module
-from pkgutil import iter_modules
-from typing import Any
 
 import xarray as xr
 
-from pliant import actuators
 from pliant.errors import InputError
 from pliant.model import Model
 from pliant.preprocessing.plausibility import CHECKS, UNITS, Case, doubts
 from pliant.preprocessing.plausibility.together import beside
-from pliant.study.resting import Aligned
+from pliant.study.aligned import Aligned
+from pliant.study.body import preset
 from pliant.study.schema import ActuatorEntry
 
 OF_RECORDINGS = {c.name for c in CHECKS if c.subject == "recording"}
-
-
-def presets() -> list[str]:
-    """Return the names of the actuator presets in `pliant.actuators`."""
-    return [m.name for m in iter_modules(actuators.__path__)]
-
-
-def preset(name: str) -> Any:
-    """Return the module of an actuator preset; its BODY holds the arguments of `chain_model`."""
-    if name not in presets():
-        raise InputError(f"unknown actuator preset {name!r}: use one of {', '.join(presets())}")
-    return import_module(f"pliant.actuators.{name}")
 
 
 def stated_case(actuator: ActuatorEntry) -> Case:

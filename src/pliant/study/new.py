@@ -27,7 +27,7 @@ from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
 from pliant.recording import read
 from pliant.recording.inputs import RecordedInput, inputs_at, recorded_inputs
-from pliant.study.clocks import with_pressure
+from pliant.study.aligned import with_pressure
 from pliant.study.doubts import units_first
 from pliant.study.first_reading import read_or_guess, several
 from pliant.units import PASCAL, pascal_per

@@ -21,18 +21,16 @@ from pliant.identification import Experiment, ModelSelection
 from pliant.identification.drives import at_rest
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
-from pliant.study.angles import supported_links
-from pliant.study.azimuths import with_azimuths
+from pliant.study.aligned import Aligned
+from pliant.study.body import study_model, with_azimuths
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import of_models, of_study, units_first
 from pliant.study.fits import run_model_selection, selection_fit, stages_of
 from pliant.study.forecast import check_forecasts, run_forecasts
-from pliant.study.headline import headline
-from pliant.study.prepare import all_aligned, hardly_moved, study_experiment, study_model, without
-from pliant.study.resting import Aligned
+from pliant.study.prepare import all_aligned, hardly_moved, study_experiment, supported_links, without
 from pliant.study.schema import ActuatorEntry, Study
 from pliant.study.side_by_side import run_fits
-from pliant.study.verdict import verdict
+from pliant.study.verdict import headline, verdict
 from pliant.study.wiring import compare_wirings, doubts_of
 from pliant.validation.axes import in_recorded_axes
 from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome

@@ -16,8 +16,7 @@ from pliant.identification.from_recording import Angles
 from pliant.identification.recorded import Excitation
 from pliant.model import Station
 from pliant.simulation.forces import PointForce
-from pliant.study.questions import refuse_mapping, refuse_open
-from pliant.study.shorthand import written_out
+from pliant.study.shorthand import refuse_mapping, refuse_open, written_out
 from pliant.sweep.spec import Sweep
 
 Weighting = Literal["travel", "metre", "noise"]

@@ -1,11 +1,12 @@
-"""Abbreviations in study files: `[recordings.defaults]`, one entry for many trials, and a fit like another.
+"""Text of a study file before its entries are checked: abbreviations, and open questions marked "?".
 
-A file is expanded before it is checked. The study that a run writes is the expanded one.
+The abbreviations are `[recordings.defaults]`, one entry for many trials, and a fit like another. They are expanded
+before the file is checked. The study that a run writes is the expanded one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from pliant.errors import InputError, shown
 
 Table = dict[str, Any]
 DEFAULTS = "defaults"
+OPEN = "?"
 
 
 def written_out(content: Any, path: Path) -> Any:
@@ -121,3 +123,31 @@ def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: P
     if without:
         own["parameters"] = {p: entry for p, entry in parameters.items() if p not in without}
     return own
+
+
+def open_entries(content: Any, where: str = "") -> Iterator[str]:
+    """Yield the names of the entries that hold "?", such as ``actuator.mass``."""
+    if content == OPEN:
+        yield where
+    elif isinstance(content, Mapping):
+        for name, value in content.items():
+            yield from open_entries(value, f"{where}.{name}" if where else str(name))
+    elif isinstance(content, list):
+        for value in content:
+            yield from open_entries(value, where)
+
+
+def refuse_open(content: Mapping[str, Any], path: Path) -> None:
+    """Raise InputError with the names of all open questions, if the study file `path` has any."""
+    if found := list(open_entries(content)):
+        many = f"{len(found)} open questions" if len(found) > 1 else "one open question"
+        raise InputError(f'study {path} has {many}: replace the "?" at {", ".join(found)} with values')
+
+
+def refuse_mapping(content: Mapping[str, Any], path: Path) -> None:
+    """Raise InputError if the file is a mapping (the columns and units of a table) instead of a study."""
+    if {"points", "stations", "length_unit", "pressure", "delimiter"} & set(content) and not {
+        "actuator", "recordings"
+    } & set(content):
+        raise InputError(f"{path} is a mapping, which describes the columns of a table, not a study: pass it with "
+                         f"--mapping, as in pliant order TABLE --mapping {path.name}")  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.testbed.rod.rod_loops import (
+from pliant.testbed.rod_loops import (
     add_bending,
     add_contact,
     add_edges,
