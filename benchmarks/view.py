@@ -18,7 +18,7 @@ from playwright.sync_api import sync_playwright
 from pliant.study import demo_study, load_study, run_study
 from pliant.validation.store import save_results
 from pliant.view import write_report
-from pliant.view.played import played_from
+from pliant.view.live import played_from
 from pliant.view.server import Server
 
 CHROMIUM = next(p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p)

@@ -19,7 +19,7 @@ from pliant.study.prepare import all_aligned
 from pliant.testbed.bundle import LOGGED, angle_log, bundled_log
 from pliant.validation.draw import figures_of
 from pliant.validation.metrics_file import MetricsFile
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 STARTS = "[fits.first]\nstarts = 1"  # the others end where the first does
 UNITS = {"angle_unit": "deg", "pressure_unit": "kPa"}

@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.model import Chamber, Station, chain_model, load_model
 from pliant.simulation import Trace, simulate
 from pliant.study import load_study, run_study
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 LAWS = {"left": 6e-7, "right": 4e-7}
 LEVELS = {"l": (90.0, 0.0), "r": (0.0, 110.0), "both": (80.0, 60.0)}  # kPa, of the left and the right chamber

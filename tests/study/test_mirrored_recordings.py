@@ -13,8 +13,8 @@ from pliant.recording import make_recording, write
 from pliant.study import load_study, run_study
 from pliant.study.prepare import all_aligned
 from pliant.validation.outcome import StudyOutcome
-from pliant.validation.stored import load_outcome
-from pliant.view.played import played_from
+from pliant.validation.store import load_outcome
+from pliant.view.live import played_from
 
 MIRROR = np.array([-1.0, 1.0])
 GRAVITY = np.array([0.5, -9.0])

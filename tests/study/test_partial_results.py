@@ -20,7 +20,7 @@ from pliant.study.run import prepare_all
 from pliant.validation.draw import draw_figures
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.outcome import FitOutcome
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 FIT: dict[str, Any] = STUDY["fits"]["linear"] | {"train": ["low", "middle"], "held_out": ["high"]}
 KNOWN = {"stiffness": {"value": 0.5, "free": False}, "damping": {"value": 3e-3, "free": False}}

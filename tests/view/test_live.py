@@ -21,8 +21,7 @@ from pliant.loop.run import log_columns
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, chain_model, save_model
 from pliant.simulation import Stepper, equilibrium
-from pliant.view.live import Live, Played, Pull, Wish, sliders_of
-from pliant.view.played import played_from
+from pliant.view.live import Live, Played, Pull, Wish, played_from, sliders_of
 from pliant.view.watched import WatchedLoop
 
 

@@ -17,9 +17,8 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Space, Tendon, chain_model
 from pliant.simulation import equilibrium
 from pliant.validation.outcome import RecordOutcome
-from pliant.view.data import modelled_of
+from pliant.view.data import Pack, modelled_of, unpack
 from pliant.view.live import Live, Played, Pull, Wish, sliders_of
-from pliant.view.packing import Pack, unpack
 from pliant.view.report import report_page
 from pliant.view.server import live_page
 

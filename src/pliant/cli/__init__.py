@@ -23,13 +23,12 @@ from pliant.cli.figures import figures
 from pliant.cli.inspect import inspect
 from pliant.cli.new import new
 from pliant.cli.order import order
-from pliant.cli.progress import ExampleCommand, can_be_quiet
 from pliant.cli.run import run as run_command
 from pliant.cli.shape import shape
 from pliant.cli.simulate import simulate
 from pliant.cli.sweep import sweep
 from pliant.cli.sync import sync
-from pliant.cli.terminal import say
+from pliant.cli.terminal import ExampleCommand, can_be_quiet, say
 from pliant.cli.testbed import run_testbed
 from pliant.cli.track import track
 from pliant.cli.view import view

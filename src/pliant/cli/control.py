@@ -69,7 +69,7 @@ def control(
     Example: pliant control --plant testbed:b --model results/demo/model.json --task task.toml
     """
     from pliant.cli.output import print_numbers, write_figure
-    from pliant.cli.progress import telling
+    from pliant.cli.terminal import telling
     from pliant.control.task import read_task
     from pliant.files import output_folder, write_text
     from pliant.loop.task import make_plant, run_task

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.progress import telling
-from pliant.cli.terminal import say
+from pliant.cli.terminal import say, telling
 
 if TYPE_CHECKING:
     from pliant.identification.design import Design

@@ -53,8 +53,8 @@ def estimate(
     Example: pliant estimate arm.nc --model results/arm/model.json --latency-ms 4 -o states.nc --figure states.png
     """
     from pliant.cli.output import print_numbers, save_trajectory, write_figure
-    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
     from pliant.estimation import estimate as filter_recording
     from pliant.model import load_model
     from pliant.simulation import Pulse

@@ -38,8 +38,8 @@ def new(
 
     Example: pliant new arm.toml --from 100mbar.c3d 200mbar.c3d --mass 0.15
     """
-    from pliant.cli.progress import busy
     from pliant.cli.reading import load_mapping
+    from pliant.cli.terminal import busy
     from pliant.errors import InputError
     from pliant.study.draft import draft_study
 

@@ -9,8 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from pliant.cli.progress import busy, mention
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, mention, say
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.units import quantity

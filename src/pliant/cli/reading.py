@@ -6,8 +6,7 @@ import json as jsonlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pliant.cli.progress import busy
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, say
 from pliant.files import read_entries
 from pliant.text import escaped
 

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.progress import telling
-from pliant.cli.terminal import say
+from pliant.cli.terminal import say, telling
 
 
 def run(

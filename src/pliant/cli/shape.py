@@ -35,8 +35,8 @@ def shape(
 
     Example: pliant shape fibre.nc -o clean.nc --cap-curvature 50 --cap-length 0.03 --body-length 0.17
     """
-    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
     from pliant.errors import InputError
     from pliant.preprocessing.align import align
     from pliant.preprocessing.quality import quality

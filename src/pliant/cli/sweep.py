@@ -35,7 +35,7 @@ def sweep(
     import json as jsonlib
 
     from pliant.cli.output import aligned, write_figure
-    from pliant.cli.progress import busy, counting, mention
+    from pliant.cli.terminal import busy, counting, mention
     from pliant.sweep.sweep import run_sweep
 
     with busy("preparing the model"):

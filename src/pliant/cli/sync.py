@@ -31,8 +31,8 @@ def sync(
     Example: pliant sync points.csv log.csv --pressure-mapping log.toml --figure clocks.png
     """
     from pliant.cli.output import write_figure
-    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
     from pliant.preprocessing.sync import shift_pressure
     from pliant.preprocessing.sync import sync as find
     from pliant.recording import write

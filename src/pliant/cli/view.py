@@ -34,7 +34,7 @@ def view(
     """
     import webbrowser
 
-    from pliant.view.played import played_from
+    from pliant.view.live import played_from
     from pliant.view.server import Server
 
     server = Server(played_from(source, loop, 1e-3 * touch_mn_m), port)

@@ -17,8 +17,7 @@ from pliant.identification.error_propagation import half_widths
 from pliant.simulation import Trace
 from pliant.study.schema import ForecastEntry, Study
 from pliant.units import pascal_per
-from pliant.validation.extension import NAMES, growth
-from pliant.validation.metrics import response
+from pliant.validation.metrics import NAMES, growth, response
 from pliant.validation.outcome import Forecast
 
 WIDE = 1.959964  # standard errors to each side of a 95 % interval

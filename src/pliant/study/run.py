@@ -32,8 +32,7 @@ from pliant.study.schema import ActuatorEntry, Study
 from pliant.study.side_by_side import run_fits
 from pliant.study.verdict import headline, verdict
 from pliant.study.wiring import compare_wirings, doubts_of
-from pliant.validation.axes import in_recorded_axes
-from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome
+from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome, in_recorded_axes
 from pliant.validation.store import save_results
 from pliant.version import __version__
 

@@ -14,11 +14,12 @@ from pliant.errors import InputError, SimulationError
 from pliant.identification import Experiment
 from pliant.identification.parameters import apply
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Station
+from pliant.model import Model, Station, load_model
 from pliant.simulation import Stepper
 from pliant.simulation.balance import EnergyWarning
 from pliant.simulation.time_step import shared_step
 from pliant.units import shown_in
+from pliant.validation.store import load_outcome
 
 Array = np.ndarray
 SHORTEST = 1e-4  # s, shortest step, since the page cannot show more
@@ -273,3 +274,37 @@ class Live:
         return {"t": round(t, 6), "body": np.round(1e3 * joints, 3).tolist(), "message": message, "measured": measured,
                 "kpa": np.round(self.factor * self.stepper.pressure, 4).tolist(),
                 "command": np.round(self.factor * self.command, 4).tolist(), "force": np.round(self.force, 5).tolist()}
+
+
+def played_from(source: Path, log: Path | None = None, touch: float = 0.0) -> Played:
+    """Return the content of the live page for a model file or a results folder.
+
+    For a folder it is the model of the first fit, with sliders for its parameters and its recordings.
+
+    Parameters
+    ----------
+    source : Path
+        Model file, or folder written by `pliant run`.
+    log : Path, optional
+        log.csv of a control loop of the same body, to be watched.
+    touch : float
+        Unexplained joint torque [N m] above which a touch is shown; see `pliant.view.watched.WatchedLoop`.
+
+    Raises
+    ------
+    InputError
+        When the file or folder cannot be read.
+    """
+    if not source.is_dir():
+        model = load_model(source)
+        return Played(model, sliders_of(model), {}, log=log, touch=touch)
+    outcome = load_outcome(source)
+    first = outcome.fits[0]
+    recordings = {r.name: in_base_frame(r.experiment) for r in first.records}
+    return Played(outcome.model, sliders_of(outcome.model, first.result.parameters), recordings,
+                  first.result.values.get("start", 0.0), log, touch)
+
+
+def in_base_frame(experiment: Experiment) -> Experiment:
+    """Return a stored experiment, which is in the axes of its recording, in the base frame of the model."""
+    return experiment.turned() if experiment.x_sign < 0 else experiment

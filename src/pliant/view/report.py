@@ -16,8 +16,7 @@ from pliant.validation.draw import moves_torque
 from pliant.validation.metrics import definitions
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import NO_PLACES, ROLE, digits, metric_label
-from pliant.view.data import page_data
-from pliant.view.packing import Pack
+from pliant.view.data import Pack, page_data
 from pliant.view.rows import (
     DETAILS,
     PAIRS,
