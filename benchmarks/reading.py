@@ -17,7 +17,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "pliant"
 ERRORS = ("InputError", "PliantError", "FitError", "SimulationError", "Refused")
-CALLS = {"tell": "progress", "mention": "progress", "warn": "warning", "say": "output"}
+CALLS = {"notify": "progress", "mention": "progress", "warn": "warning", "say": "output"}
 VERDICT = ("study/verdict.py", "failures.py")
 SHORTEST = 25  # characters of a sentence
 CODE = re.compile(r"^(```|:::).*?^\1[^\n]*$|^---\n.*?^---$", re.MULTILINE | re.DOTALL)

@@ -15,7 +15,7 @@ from pliant.cli import app
 from pliant.errors import FitError, InputError, SimulationError
 from pliant.identification import Parameter, Stage, select_model
 from pliant.identification.fit import parameters_from
-from pliant.study import load_study, run_study, side_by_side
+from pliant.study import load_study, parallel_fits, run_study
 from pliant.study.run import prepare_all
 from pliant.validation.draw import draw_figures
 from pliant.validation.metrics_file import MetricsFile
@@ -195,15 +195,15 @@ def test_a_fit_that_fails_in_a_helper_is_one_result_among_others(
             helped.set()
 
     if workers == 2:  # this process begins its first fit when the helper has failed in the second
-        own = side_by_side.ended
+        own = parallel_fits.fit_or_error
 
-        def ended(*arguments: Any) -> Any:
+        def fit_or_error(*arguments: Any) -> Any:
             assert helped.wait(60.0)
             return own(*arguments)
 
-        monkeypatch.setattr(side_by_side, "HEAD_START", 0.0)
-        monkeypatch.setattr(side_by_side, "ended", ended)
-    ends = dict(side_by_side.run_fits(study, ready.experiments, ready.model, tell, workers=workers))
+        monkeypatch.setattr(parallel_fits, "HEAD_START", 0.0)
+        monkeypatch.setattr(parallel_fits, "fit_or_error", fit_or_error)
+    ends = dict(parallel_fits.run_fits(study, ready.experiments, ready.model, tell, workers=workers))
     assert list(ends) == ["good", "fixed", "soft"]
     assert isinstance(ends["fixed"], FitError)
     assert isinstance(ends["good"], FitOutcome)

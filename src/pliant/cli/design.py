@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.terminal import say, telling
+from pliant.cli.terminal import progress_lines, say
 
 if TYPE_CHECKING:
     from pliant.identification.design import Design
@@ -32,8 +32,8 @@ def design(
     from pliant.study.design import design_study
 
     highest = None if max_kpa is None else max_kpa * 1e3
-    with telling() as tell:
-        found = design_study(load_study(study), highest=highest, criterion=criterion, progress=tell)
+    with progress_lines() as notify:
+        found = design_study(load_study(study), highest=highest, criterion=criterion, progress=notify)
     if json:
         say(json_format.dumps(found.to_dict(), indent=2))
         return

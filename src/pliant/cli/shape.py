@@ -61,10 +61,10 @@ def shape(
         with busy("aligning"):
             clean = align(raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space)
     write(clean, output)
-    tell(found.splitlines(), status, str(clean.attrs["history"]).splitlines(), output, as_json=json)
+    print_result(found.splitlines(), status, str(clean.attrs["history"]).splitlines(), output, as_json=json)
 
 
-def tell(found: list[str], status: str, history: list[str], output: Path, *, as_json: bool) -> None:
+def print_result(found: list[str], status: str, history: list[str], output: Path, *, as_json: bool) -> None:
     """Print the quality of the raw recording, how the tip was found, the processing steps and the file written."""
     if as_json:
         import json

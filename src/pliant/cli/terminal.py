@@ -83,7 +83,7 @@ def busy(what: str) -> Iterator[None]:
 
 
 @contextmanager
-def telling() -> Iterator[Callable[[str], None]]:
+def progress_lines() -> Iterator[Callable[[str], None]]:
     """Yield a function that prints a line of progress to standard error, with a clock if that is a terminal.
 
     With `--quiet` the function prints nothing.
@@ -100,12 +100,12 @@ def telling() -> Iterator[Callable[[str], None]]:
     with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bar:
         task = bar.add_task("reading", total=None)
 
-        def tell(line: str) -> None:
+        def notify(line: str) -> None:
             line = escaped(line, "line")
             console.print(line, markup=False, highlight=False)
             bar.update(task, description=f"after: {line[:60]}")
 
-        yield tell
+        yield notify
 
 
 def mention(line: str) -> None:

@@ -38,7 +38,7 @@ def rest_place(name: str, recording: xr.Dataset) -> Array:
     return np.asarray(np.nanmean(recording["position"].values[window], axis=0))
 
 
-def at_one_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
+def at_common_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
     """Return every recording shifted, station by station, to the rest position of the first one.
 
     Raises

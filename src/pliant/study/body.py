@@ -74,7 +74,7 @@ def study_model(
         values["chambers"] = named_chambers(chambers, joints, space=bool(actuator.space)) + drawn
     else:
         values.setdefault("torque", [0.0])
-    return fitted_out(chain_model(**values), actuator) if links is None else measured_chain(values, links)
+    return with_masses_and_stations(chain_model(**values), actuator) if links is None else measured_chain(values, links)
 
 
 def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool = False) -> tuple[Chamber, ...]:
@@ -242,7 +242,7 @@ def stations_of(entries: Sequence[StationTable], length: float, link_length: Arr
 def tapered(actuator: ActuatorEntry, segments: Sequence[Extension]) -> dict[str, Any]:
     """Return the stiffness, mass and extensible segments of an actuator whose radius changes along it.
 
-    The masses of the single links are set later, by `fitted_out`.
+    The masses of the single links are set later, by `with_masses_and_stations`.
     """
     taper, length, links = actuator.taper, actuator.length, actuator.links
     if taper is None or length is None or links is None or actuator.stiffness or actuator.mass:
@@ -253,7 +253,7 @@ def tapered(actuator: ActuatorEntry, segments: Sequence[Extension]) -> dict[str,
             "extensions": tapered_extensions(taper, length, segments, links)}  # fmt: skip
 
 
-def fitted_out(model: Model, actuator: ActuatorEntry) -> Model:
+def with_masses_and_stations(model: Model, actuator: ActuatorEntry) -> Model:
     """Return the model with the link masses of a tapered body, and with the stations that its study states."""
     changes: dict[str, Any] = {}
     if actuator.taper:
@@ -271,7 +271,7 @@ def training(study: Study) -> list[str]:
 
 
 def with_azimuths(
-    study: Study, experiments: Mapping[str, Experiment], tell: Callable[[str], None],
+    study: Study, experiments: Mapping[str, Experiment], notify: Callable[[str], None],
 ) -> ActuatorEntry:
     """Return the study's actuator with every missing `azimuth_deg` estimated from the training recordings.
 
@@ -291,7 +291,7 @@ def with_azimuths(
     names = [t.name for t in tendons]
     moves = tip_moves([experiments[n] for n in training(study) if n in experiments], names)
     degrees = dict(zip(names, np.degrees(np.arctan2(moves[:, 1], moves[:, 0])) % 360.0, strict=True))
-    tell("estimated azimuths: " + ", ".join(f"{name} {degrees[name]:.0f} deg" for name in unknown))
+    notify("estimated azimuths: " + ", ".join(f"{name} {degrees[name]:.0f} deg" for name in unknown))
     stated = [
         t.model_copy(update={"azimuth_deg": float(degrees[t.name])}) if t.name in unknown else t for t in tendons
     ]

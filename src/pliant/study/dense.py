@@ -113,7 +113,7 @@ def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
     return np.asarray(order.node_arc_length[order.orders.index(n)])
 
 
-def on_body(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
+def scaled_nodes(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
     """Return nodes (n + 1,) [m] scaled to the length of this recording's body, if it differs by less than 1 %."""
     if "arc_length" not in body.coords:
         return nodes
@@ -124,7 +124,7 @@ def on_body(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
 def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacement) -> Experiment:
     """Return the experiment that observes the link tips of a dense shape, with nodes as in `chain`."""
     entry = study.recordings[name]
-    links = links_of(body, node_arc_length=on_body(chain.node_arc_length, body))
+    links = links_of(body, node_arc_length=scaled_nodes(chain.node_arc_length, body))
     base = links.base if chain.node_arc_length[0] == 0 else 0.0  # else links.base is the first joint, not the base
     tips = make_recording(
         links.time, links.tips - base, station=[f"link_{i + 1}" for i in range(links.n)], frame=body.attrs["frame"],

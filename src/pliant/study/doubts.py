@@ -29,13 +29,13 @@ def stated_case(actuator: ActuatorEntry) -> Case:
     )
 
 
-def of_body(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
+def body_warnings(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
     """Return warnings about the stated body compared with one recording of it, by the name of the check."""
     return doubts(replace(case, recording=stations, aligned=aligned), "body")
 
 
 @contextmanager
-def units_first(doubted: Mapping[str, str]) -> Iterator[None]:
+def unit_warning_first(doubted: Mapping[str, str]) -> Iterator[None]:
     """Prefix an InputError raised inside the block with the warning about units, if there is one.
 
     A wrong unit is often the cause of another error, such as a base that seems to move by metres.
@@ -54,7 +54,7 @@ def units_first(doubted: Mapping[str, str]) -> Iterator[None]:
         raise InputError(f"{unit}{'' if unit.endswith('?') else '.'} Then: {error}") from None
 
 
-def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
+def recording_warnings(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
     """Return the warnings about a study's recordings and body, each once.
 
     A warning about a recording begins with its name. A warning about the body is taken from the first recording that
@@ -69,7 +69,7 @@ def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
     return tuple(f"{line.rstrip('.')}." if not line.endswith("?") else line for line in lines)
 
 
-def of_models(models: Sequence[tuple[str, Model]], actuator: ActuatorEntry) -> tuple[str, ...]:
+def model_warnings(models: Sequence[tuple[str, Model]], actuator: ActuatorEntry) -> tuple[str, ...]:
     """Return warnings about implausible fitted models; each begins with the title of its fit."""
     said: dict[str, str] = {}
     for title, model in models:

@@ -37,12 +37,12 @@ from pliant.study.schema import Fit, SelectionEntry, Study
 from pliant.validation.metrics import compare
 from pliant.validation.outcome import FitOutcome, RecordOutcome, Role
 
-Tell = Callable[[str], None]
+Notify = Callable[[str], None]
 Array = np.ndarray
 
 
 def run_fit(
-    study: Study, name: str, entry: Fit, experiments: Mapping[str, Experiment], model: Model, tell: Tell,
+    study: Study, name: str, entry: Fit, experiments: Mapping[str, Experiment], model: Model, notify: Notify,
 ) -> FitOutcome:
     """Fit the model to the training recordings and predict the held-out ones.
 
@@ -51,16 +51,16 @@ def run_fit(
     began = clock.perf_counter()
     training = [experiments[r] for r in entry.train]
     result = fit(
-        training, placed(study, entry, model), parameters_from(entry.parameters), step=study.step,
+        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), step=study.step,
         loss=entry.loss, starts=entry.starts,
         weighting=entry.weighting, regularise=entry.regularise, section_area=study.actuator.section_area,
-        rng=study.seed, progress=lambda line: tell(f"fit {name}: {line}"),
+        rng=study.seed, progress=lambda line: notify(f"fit {name}: {line}"),
     )
     seconds = clock.perf_counter() - began
-    return whole_fit(study, name, entry.title or name, entry, result, seconds, experiments, tell)
+    return fit_outcome(study, name, entry.title or name, entry, result, seconds, experiments, notify)
 
 
-def placed(study: Study, entry: Fit, model: Model) -> Model:
+def model_for_fit(study: Study, entry: Fit, model: Model) -> Model:
     """Return the study's model with the number of links and the joint placement of this fit."""
     if entry.joint_placement is None and entry.links is None:
         return model
@@ -69,23 +69,23 @@ def placed(study: Study, entry: Fit, model: Model) -> Model:
     return study_model(study.actuator.model_copy(update=same), None)
 
 
-def whole_fit(
+def fit_outcome(
     study: Study, name: str, title: str, entry: Fit | SelectionEntry, result: FitResult, seconds: float,
-    experiments: Mapping[str, Experiment], tell: Tell,
+    experiments: Mapping[str, Experiment], notify: Notify,
 ) -> FitOutcome:
     """Return the outcome of a fit: its predictions of each recording, and bootstrap standard errors if the study asks.
 
     Results that cannot be computed (a recording, a band, the bootstrap) are listed in `not_computed` of the outcome.
     """
-    failures = Failures(name, tell)
+    failures = Failures(name, notify)
     train, held_out = ([experiments[r] for r in names] for names in (entry.train, entry.held_out))
     if entry.bootstrap and result.covariance is not None:
-        tell(f"fit {name}: {entry.bootstrap} replicates of a block bootstrap")
+        notify(f"fit {name}: {entry.bootstrap} replicates of a block bootstrap")
         drawn = partial(bootstrapped, train, result, replicates=entry.bootstrap, step=study.step,
                         weighting=entry.weighting, loss=entry.loss, rng=study.seed)
         result = failures.attempt("bootstrap of standard errors", "", drawn) or result
     records = records_of(train, held_out, result, study.step, entry.weighting, failures)
-    tell(f"fit {name}: {result.status}")
+    notify(f"fit {name}: {result.status}")
     return FitOutcome(name, title, result, records, seconds, tuple(failures))
 
 
@@ -100,7 +100,7 @@ def stages_of(entry: SelectionEntry) -> Sequence[Stage]:
 
 
 def run_model_selection(
-    study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell,
+    study: Study, experiments: Mapping[str, Experiment], model: Model, notify: Notify,
 ) -> ModelSelection | None:
     """Run the study's model selection and return its result; None if the study has none."""
     entry = study.model_selection
@@ -110,19 +110,19 @@ def run_model_selection(
         [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
         common=parameters_from(entry.common), stages=stages_of(entry), step=study.step,
         weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
-        progress=lambda line: tell(f"model selection: {line}"),
+        progress=lambda line: notify(f"model selection: {line}"),
     )
 
 
 def selection_fit(
-    study: Study, selection: ModelSelection, experiments: Mapping[str, Experiment], tell: Tell,
+    study: Study, selection: ModelSelection, experiments: Mapping[str, Experiment], notify: Notify,
 ) -> FitOutcome:
     """Return the outcome of the selected stage, in the form of a fit of the study."""
     entry = study.model_selection or SelectionEntry(train=[], starts=1)
     step = selection.step
-    return whole_fit(
+    return fit_outcome(
         study, "model_selection", f"Model selection, {step.stage.title}", entry, selection.result, step.seconds,
-        experiments, tell,
+        experiments, notify,
     )
 
 
@@ -157,7 +157,7 @@ def records_of(
             records.append(made)
             warn_of_step(made, result, result.values, step, failures)
     for exp in held_out:
-        predicted = failures.attempt("prediction", exp.name, partial(held_out_of, exp, result, step), "held_out")
+        predicted = failures.attempt("prediction", exp.name, partial(predicted_outcome, exp, result, step), "held_out")
         if predicted is None:
             continue
         made, own = predicted
@@ -192,7 +192,7 @@ def warn_of_step(
         )
 
 
-def held_out_of(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:
+def predicted_outcome(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:
     """Return the outcome of a held-out recording, and the fit of its edge times."""
     _, own = predict_held_out(exp, result, step=step)
     made = outcome_of(exp, "held_out", own, own.values, step)

@@ -25,9 +25,9 @@ from pliant.recording import read
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.published import PREFIX
 from pliant.sensing import read_shape
-from pliant.study.aligned import Aligned, at_one_rest, on_one_clock, with_pressure
+from pliant.study.aligned import Aligned, at_common_rest, on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
-from pliant.study.doubts import of_body, stated_case, units_first
+from pliant.study.doubts import body_warnings, stated_case, unit_warning_first
 from pliant.study.schema import AlignmentEntry, Recording, Study
 from pliant.units import pascal_per
 
@@ -41,11 +41,11 @@ MEANT = {"pressure": "gauge pressure, Pa", "tension": "tension, N", "displacemen
 def load_recording(study: Study, name: str) -> xr.Dataset:
     """Read one recording of the study, with its pressure log and its nominal pressure if the study states them."""
     entry = study.recordings[name]
-    path = located(study, entry.file)
-    mapping = {**seen_by(study, entry.file), **study.mapping, **(entry.mapping or {})}
+    path = path_of(study, entry.file)
+    mapping = {**camera_mapping(study, entry.file), **study.mapping, **(entry.mapping or {})}
     recording = read_shape(path, mapping or None, format=entry.format)
     if entry.pressure_file is not None:
-        log = read(located(study, entry.pressure_file), mapping=entry.pressure_mapping)
+        log = read(path_of(study, entry.pressure_file), mapping=entry.pressure_mapping)
         recording = with_pressure(recording, log, name, Path(entry.pressure_file).name)
     if entry.nominal_pressure is not None:
         recording = recording.assign_attrs(nominal_pressure=entry.nominal_pressure * pascal_per(entry.pressure_unit))
@@ -54,12 +54,12 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     return recording
 
 
-def seen_by(study: Study, file: str) -> dict[str, Any]:
+def camera_mapping(study: Study, file: str) -> dict[str, Any]:
     """Return the study's camera as a mapping entry for a file; empty for pliant's own files, which are in metres."""
     return {} if study.camera is None or file.endswith((".nc", ".nc4")) else {"camera": study.camera}
 
 
-def located(study: Study, file: str) -> Path:
+def path_of(study: Study, file: str) -> Path:
     """Return the path of a file of the study; a relative name starts from the study's folder."""
     path = Path(file)
     return path if path.is_absolute() or file.startswith(PREFIX) else Path(study.folder) / path
@@ -93,7 +93,7 @@ def all_aligned(study: Study) -> dict[str, Aligned]:
         if normal is None and shared and "alignment" in attributes:
             normal = np.array(alignment_of(made[name].body).normal)
     made = on_one_side(study, made)
-    return at_one_rest(made) if study.alignment.common_rest else made
+    return at_common_rest(made) if study.alignment.common_rest else made
 
 
 def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
@@ -122,7 +122,7 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
     With `normal` (3,) the plane of bending is that with this normal.
     """
     entry = study.recordings[name]
-    alignment = combined(study.alignment, entry.alignment)
+    alignment = merged_alignment(study.alignment, entry.alignment)
     raw, clocks, findings = on_one_clock(load_recording(study, name), entry, name)
     raw = raw if entry.window is None else cut_time(raw, *entry.window)
     raw = raw if entry.part is None else part_of(name, raw, *entry.part)
@@ -133,14 +133,14 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
     raw = raw if entry.poses else leave_out_frozen(raw)  # a pose may equal the previous one
     if entry.staircase == "lines":
         raw = lines_between_changes(raw)
-    with units_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
+    with unit_warning_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
     found = [*findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
     if tip:
         found.append(tip)
     elif body is not raw or alignment.swaps:
         found += str(body.attrs.get("history", "")).splitlines()[before:]
-    doubts = {**looked.doubts, **of_body(stated_case(study.actuator), stations, body)}
+    doubts = {**looked.doubts, **body_warnings(stated_case(study.actuator), stations, body)}
     return Aligned(body, tuple(found), tip, clocks, doubts)
 
 
@@ -188,7 +188,7 @@ def check_frame(name: str, raw: xr.Dataset, *, space: bool) -> None:
                          "or use the tracker's recording before alignment")  # fmt: skip
 
 
-def combined(shared: AlignmentEntry, own: AlignmentEntry | None) -> AlignmentEntry:
+def merged_alignment(shared: AlignmentEntry, own: AlignmentEntry | None) -> AlignmentEntry:
     """Return the study's alignment, with the entries that a recording states itself taking precedence."""
     if own is None:
         return shared
@@ -267,7 +267,7 @@ def supported_links(experiments: Mapping[str, Experiment]) -> int | None:
     return max(len(e.stations) for e in experiments.values())
 
 
-def hardly_moved(experiments: Mapping[str, Experiment], length: float) -> dict[str, str]:
+def without_motion(experiments: Mapping[str, Experiment], length: float) -> dict[str, str]:
     """Return the recordings in which the body hardly moved, each with a sentence that says so.
 
     A fit to such a recording would fit its noise.

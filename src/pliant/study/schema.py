@@ -16,7 +16,7 @@ from pliant.identification.from_recording import Angles
 from pliant.identification.recorded import Excitation
 from pliant.model import Station
 from pliant.simulation.forces import PointForce
-from pliant.study.shorthand import refuse_mapping, refuse_open, written_out
+from pliant.study.shorthand import expanded, refuse_mapping, refuse_open
 from pliant.sweep.spec import Sweep
 
 Weighting = Literal["travel", "metre", "noise"]
@@ -324,7 +324,7 @@ def load_study(path: str | Path) -> Study:
         content = read_entries(path, "study")
         refuse_open(content, path)
         refuse_mapping(content, path)
-        study = Study.model_validate(written_out(content, path))
+        study = Study.model_validate(expanded(content, path))
     except ValidationError as error:
         raise explain_validation(error, f"study {path}") from None
     check_names(study, path)

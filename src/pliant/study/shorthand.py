@@ -17,7 +17,7 @@ DEFAULTS = "defaults"
 OPEN = "?"
 
 
-def written_out(content: Any, path: Path) -> Any:
+def expanded(content: Any, path: Path) -> Any:
     """Return the content of the study file `path` with all abbreviations expanded.
 
     Raises

@@ -15,7 +15,7 @@ from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Model
 from pliant.model.file import model_to_dict
 from pliant.options import with_defaults
-from pliant.sweep.scheduler import Account, Count, Tell, executor_of, run_campaign
+from pliant.sweep.scheduler import Account, Count, Notify, executor_of, run_campaign
 from pliant.sweep.spec import PULSE, Sweep, sweep_from
 from pliant.sweep.store import Store, write_dataset
 from pliant.sweep.tasks import Campaign
@@ -72,7 +72,7 @@ def run_sweep(
     experiments: Sequence[Experiment] = (),
     parameters: Sequence[Parameter] = (),
     fit_options: dict[str, Any] | None = None,
-    progress: Tell | None = None,
+    progress: Notify | None = None,
     **who: Unpack[Workers],
 ) -> SweepResult:
     """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit, or continue an interrupted one.

@@ -13,8 +13,6 @@ from pliant.testbed.contact import Circle, Wall
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-WAVES = ("steps", "triangle", "chirp", "multisine")
-
 
 @dataclass(frozen=True)
 class Command:

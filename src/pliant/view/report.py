@@ -33,8 +33,8 @@ from pliant.view.rows import (
     not_shown,
     order_rows,
     parameter_row,
+    points_text,
     record_row,
-    seen_text,
     selection_rows,
 )
 
@@ -114,7 +114,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
     return {
         "axes": outcome.axes, "in_space": len(outcome.axes) == 3, "unit": "°" if turns else "mm",
         "no_places": NO_PLACES if turns else "",
-        "first_look": first_look(outcome), "outcome": outcome, "headline": headline, "sign": sign, "word": word,
+        "worst_record": worst_record(outcome), "outcome": outcome, "headline": headline, "sign": sign, "word": word,
         "records": {
             "held_out": [row for f in outcome.fits for row in (
                 *(record_row(f, r) for r in f.records if r.role == "held_out"),
@@ -123,7 +123,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
                 missing_row(f, m) for f in outcome.fits for m in f.missing if m.role == "train"],
         },
         "details": [detail_row(f, r) for f, r in main], "detail_columns": DETAILS,
-        "seen": {r.name: seen_text(r) for _, r in main},
+        "seen": {r.name: points_text(r) for _, r in main},
         "several": len(outcome.fits) > 1,
         "fits": fit_table(outcome.fits, list(outcome.findings)),
         "band_json": script_json({
@@ -144,7 +144,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
     }
 
 
-def first_look(outcome: StudyOutcome) -> str:
+def worst_record(outcome: StudyOutcome) -> str:
     """Return a sentence on what to look at first: the first fit's worst held-out record, or its worst record."""
     records = outcome.fits[0].records
     shown = [r for r in records if r.role == "held_out"] or list(records)

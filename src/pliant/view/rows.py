@@ -79,7 +79,7 @@ def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
     return {"name": record.name, "fit": fit.title, "pairs": pairs, "joints": [", ".join(row) for row in joints]}
 
 
-def seen_text(record: RecordOutcome) -> str:
+def points_text(record: RecordOutcome) -> str:
     """Return a sentence on how much of a recording was compared."""
     m, exp = record.metrics, record.experiment
     frames, missing = m.get("frames", exp.time.size), m.get("points_not_seen", 0)
