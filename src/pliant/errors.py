@@ -22,7 +22,7 @@ class PliantError(Exception):
     ...     pliant.read("absent.csv")
     ... except pliant.PliantError as error:
     ...     print(error)
-    no recording can be read from absent.csv: it is absent
+    cannot read a recording from absent.csv: there is no such file
     """
 
     exit_code = 1

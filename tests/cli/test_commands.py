@@ -244,7 +244,7 @@ def test_a_wrong_unit_shows_in_an_inspection(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "psi.csv", columns, [HEADER[0], "p_pa", *HEADER[2:]])
     result = invoke("inspect", path)
     assert result.exit_code == 0
-    assert "was it kPa, mbar or psi read as Pa?" in result.output
+    assert "was a pressure in kPa, mbar or psi read as Pa?" in result.output
 
 
 def test_results_go_where_they_are_asked_to_go_and_nowhere_else(study: Path, tmp_path: Path) -> None:

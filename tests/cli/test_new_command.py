@@ -308,7 +308,7 @@ def test_points_in_pixels_ask_for_the_camera(pixels, tmp_path):
 def test_a_mapping_names_the_format_of_a_file_that_does_not_show_it(pixels, tmp_path):
     file = pixels.rename(tmp_path / "push_30kPa.txt")
     refused = invoke(tmp_path / "s.toml", "--from", file)
-    assert 'looks like a file of deeplabcut: state format = "deeplabcut"' in str(refused.exception)
+    assert 'looks like a file of deeplabcut: set format = "deeplabcut"' in str(refused.exception)
     (tmp_path / "dlc.toml").write_text('format = "deeplabcut"\n')
     result = invoke(tmp_path / "s.toml", "--from", file, "--mapping", tmp_path / "dlc.toml", "--mass", 0.1)
     assert result.exit_code == 0, result.output

@@ -59,7 +59,8 @@ def test_what_angles_cannot_tell_is_told(ran):
     assert "shapes, order and path are left out" in said
     assert "One angle supports one link, as many as the chain has." in said
     assert "do not determine the mass" in said
-    assert "comes in steps of 0.8 degrees: 0.23 degrees of noise" in " ".join(outcome.findings["angle_pulse_60"])
+    said = " ".join(outcome.findings["angle_pulse_60"])
+    assert "has a resolution of 0.8 degrees, which acts as 0.23 degrees of noise" in said
     page = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert "shapes, order and path are left out" in page
     assert 'id="plot-angle"' in page
@@ -91,8 +92,8 @@ def test_zero_and_sign_of_a_sensor_are_taken_off_and_told():
     ds = read(bundled_log("pulse_119"), mapping=UNITS)
     backward = ds.assign(angle=ds["angle"].copy(data=1.0 - ds["angle"].values))
     np.testing.assert_allclose(from_rest(backward)["angle"].values, from_rest(ds)["angle"].values, atol=1e-12)
-    assert "the sign is turned" in from_rest(backward).attrs["history"]
-    assert "degrees taken off: tip 42.4" in from_rest(ds).attrs["history"]
+    assert "the sign was changed" in from_rest(backward).attrs["history"]
+    assert "subtracted degrees: tip 42.4" in from_rest(ds).attrs["history"]
     assert quality(ds).step_deg["tip"] == pytest.approx(0.8)
 
 

@@ -39,8 +39,8 @@ def exchange(columns):
     (None, add_atmosphere, "low: the pressure reads 101.3 kPa"),
     (changed("actuator", mass=50.0), None, "mass = 50 kg"),
     (changed("actuator", length=0.03, mass=0.001), None, "length = 0.03 m, but the recording reaches 0.12 m"),
-    (changed("actuator", gravity=(9.81 * AXES[:, 2]).tolist()), None, "across the plane of bending and are dropped"),
-    (None, exchange, "low: labels are exchanged: base-tip in 20 frames"),
+    (changed("actuator", gravity=(9.81 * AXES[:, 2]).tolist()), None, "across the plane of bending and are ignored"),
+    (None, exchange, "low: stations exchange their labels: base-tip in 20 frames"),
 ], ids=["absolute", "grams", "length", "gravity", "labels"])  # fmt: skip
 def test_a_run_names_what_is_wrong(tmp_path, content, edit, named):
     outcome, told = headline(tmp_path, content, edit)
@@ -171,8 +171,9 @@ EARLY = changed("alignment", "options", value={"base": "nobody"})
 
 @pytest.mark.parametrize("content", [EARLY, LATER], ids=["alignment", "experiment"])
 @pytest.mark.parametrize(("edit", "unit"), [
-    (in_millimetres, r"recording low: the stations lie within 12\d m: check the unit of length\. Then: "),
-    (in_milliseconds, r"recording low: the frames are 10 s apart: are the times ms or us, .* time_unit .*\. Then: "),
+    (in_millimetres, (r"recording low: all positions are within 12\d m, implausible for a soft body: check the unit "
+                      r"of length\. Then: ")),
+    (in_milliseconds, r"recording low: the frames are 10 s apart: were times in ms or us .* time_unit .*\. Then: "),
     (None, "(?!.*unit)"),
 ])
 def test_a_wrong_unit_is_named_before_what_may_follow_from_it(tmp_path, content, edit, unit):
@@ -188,4 +189,5 @@ def test_a_draft_names_the_unit_before_the_alignment(tmp_path, monkeypatch):
     columns = table(60.0).copy()
     in_millimetres(columns)
     trial = inspect_trial(write_recording(tmp_path / "a.csv", columns))
-    assert trial.problem == "the stations lie within 123 m: check the unit of length. Then: the base moves by 3 m"
+    assert trial.problem == ("all positions are within 123 m, implausible for a soft body: check the unit of length. "
+                             "Then: the base moves by 3 m")

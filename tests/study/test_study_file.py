@@ -162,7 +162,7 @@ def test_units_are_not_echoed_whole() -> None:
 
 
 def test_a_file_name_that_no_disk_takes_is_one_sentence() -> None:
-    with pytest.raises(InputError, match="no recording can be read"):
+    with pytest.raises(InputError, match="cannot read a recording"):
         read("a" * 3000 + ".csv")
 
 

@@ -1,4 +1,4 @@
-"""From the strain of a multicore fibre to curvature and shape."""
+"""Compute curvature and shape from the strain of a multicore fibre."""
 
 from pliant.numerics.curve import planar_curve, spatial_curve
 from pliant.sensing.cores import read_shape
